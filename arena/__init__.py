@@ -1,0 +1,3 @@
+"""One YAML file becomes a flying arena."""
+
+__version__ = "0.1.0"

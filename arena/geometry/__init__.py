@@ -1,0 +1,43 @@
+"""Frames and rotations: the one place where their conventions live. Pure numpy, batched over leading axes.
+
+| letter | frame       | axes                                   |
+|--------|-------------|----------------------------------------|
+| n      | local NED   | north, east, down                      |
+| b      | body FRD    | forward, right, down                   |
+| w      | arena world | x east, y north, z up (z-up capture)   |
+| f      | body FLU    | forward, left, up                      |
+
+`q_nb` is a unit Hamilton quaternion, wxyz, with v_n = q_nb * v_b * conj(q_nb); read it "n from b".
+Inner letters cancel: q_nf = q_nw * q_wf.  Every array is float64; vectors (..., 3), quaternions (..., 4).
+"""
+
+from arena.geometry.frames import (
+    frd_from_flu,
+    q_nb_from_q_wf,
+    q_wf_from_q_nb,
+    ned_from_world,
+    world_from_ned,
+    wxyz_from_xyzw,
+    xyzw_from_wxyz,
+)
+from arena.geometry.quaternion import (
+    euler_from_quat,
+    quat_conj,
+    quat_exp,
+    quat_from_euler,
+    quat_from_matrix,
+    quat_log,
+    quat_multiply,
+    quat_normalize,
+    quat_rotate,
+    quat_slerp,
+    matrix_from_quat,
+    wrap_pi,
+    yaw_from_quat,
+)
+
+__all__ = [
+    "euler_from_quat", "frd_from_flu", "matrix_from_quat", "ned_from_world", "q_nb_from_q_wf", "q_wf_from_q_nb",
+    "quat_conj", "quat_exp", "quat_from_euler", "quat_from_matrix", "quat_log", "quat_multiply", "quat_normalize",
+    "quat_rotate", "quat_slerp", "world_from_ned", "wrap_pi", "wxyz_from_xyzw", "xyzw_from_wxyz", "yaw_from_quat",
+]

@@ -1,0 +1,154 @@
+"""Unit Hamilton quaternions, wxyz, shape (..., 4), batched. No frames here: see frames.py."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_TINY = 1e-8
+
+
+def wrap_pi(angle: ArrayLike) -> Array:
+    """angle [rad] (...) -> the same angle in [-pi, pi)."""
+    return np.asarray((np.asarray(angle, float) + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
+    """Hamilton product a * b [-] wxyz (..., 4): rotate by b, then by a."""
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = aw * bw - ax * bx - ay * by - az * bz
+    out[..., 1] = aw * bx + ax * bw + ay * bz - az * by
+    out[..., 2] = aw * by - ax * bz + ay * bw + az * bx
+    out[..., 3] = aw * bz + ax * by - ay * bx + az * bw
+    return out
+
+
+def quat_conj(q: ArrayLike) -> Array:
+    """Conjugate, which is the inverse of a unit quaternion [-] wxyz (..., 4)."""
+    return np.asarray(q, float) * (1.0, -1.0, -1.0, -1.0)
+
+
+def quat_normalize(q: ArrayLike) -> Array:
+    """q scaled to unit length [-] wxyz (..., 4). Raises ValueError where the norm is zero or not finite."""
+    q = np.asarray(q, float)
+    norm = np.sqrt((q * q).sum(-1, keepdims=True))
+    if not np.all(np.isfinite(norm)) or np.any(norm < _TINY):
+        raise ValueError(f"a quaternion of norm {norm.ravel()} is no rotation")
+    return np.asarray(q / norm)
+
+
+def matrix_from_quat(q: ArrayLike) -> Array:
+    """R [-] (..., 3, 3) with R @ v_b = q * v_b * conj(q)."""
+    q = np.asarray(q, float)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    m = np.empty((*q.shape[:-1], 3, 3))
+    m[..., 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    m[..., 0, 1] = 2.0 * (x * y - w * z)
+    m[..., 0, 2] = 2.0 * (x * z + w * y)
+    m[..., 1, 0] = 2.0 * (x * y + w * z)
+    m[..., 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    m[..., 1, 2] = 2.0 * (y * z - w * x)
+    m[..., 2, 0] = 2.0 * (x * z - w * y)
+    m[..., 2, 1] = 2.0 * (y * z + w * x)
+    m[..., 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return m
+
+
+def quat_from_matrix(m: ArrayLike) -> Array:
+    """The quaternion of a rotation matrix, w >= 0 [-] wxyz (..., 4). Largest component first (Shepperd, 1978)."""
+    m = np.asarray(m, float)
+    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    # Four times the outer product q q^T; the row of the largest diagonal entry is q up to scale and sign.
+    k = np.empty((*m.shape[:-2], 4, 4))
+    k[..., 0, 0], k[..., 1, 1] = 1 + xx + yy + zz, 1 + xx - yy - zz
+    k[..., 2, 2], k[..., 3, 3] = 1 - xx + yy - zz, 1 - xx - yy + zz
+    k[..., 0, 1] = k[..., 1, 0] = m[..., 2, 1] - m[..., 1, 2]
+    k[..., 0, 2] = k[..., 2, 0] = m[..., 0, 2] - m[..., 2, 0]
+    k[..., 0, 3] = k[..., 3, 0] = m[..., 1, 0] - m[..., 0, 1]
+    k[..., 1, 2] = k[..., 2, 1] = m[..., 1, 0] + m[..., 0, 1]
+    k[..., 1, 3] = k[..., 3, 1] = m[..., 0, 2] + m[..., 2, 0]
+    k[..., 2, 3] = k[..., 3, 2] = m[..., 2, 1] + m[..., 1, 2]
+    best = np.argmax(np.diagonal(k, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(k, best[..., None, None], axis=-2)[..., 0, :]
+    q = q * np.where(q[..., :1] < 0, -1.0, 1.0)
+    return quat_normalize(q)
+
+
+def quat_rotate(q: ArrayLike, v: ArrayLike) -> Array:
+    """q * v * conj(q): with q_nb it turns v_b into v_n; (..., 4), (..., 3) -> (..., 3)."""
+    q, v = np.asarray(q, float), np.asarray(v, float)
+    u, w = q[..., 1:], q[..., :1]
+    t = 2.0 * _cross(u, v)
+    return np.asarray(v + w * t + _cross(u, t))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """np.cross without its overhead, which is ten times the arithmetic for small arrays."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return out
+
+
+def quat_exp(rotation_vector: ArrayLike) -> Array:
+    """rotation_vector: axis times angle [rad] (..., 3) -> unit quaternion wxyz (..., 4)."""
+    v = np.asarray(rotation_vector, float)
+    half = 0.5 * np.sqrt((v * v).sum(-1, keepdims=True))
+    scale = 0.5 * np.sinc(half / np.pi)  # sin(half) / angle, exact at zero
+    return np.concatenate([np.cos(half), scale * v], axis=-1)
+
+
+def quat_log(q: ArrayLike) -> Array:
+    """The rotation vector of q, shortest way round [rad] (..., 3)."""
+    q = np.asarray(q, float)
+    q = q * np.where(q[..., :1] < 0, -1.0, 1.0)
+    v = q[..., 1:]
+    norm = np.sqrt((v * v).sum(-1, keepdims=True))
+    angle = 2.0 * np.arctan2(norm, q[..., :1])
+    small = norm < _TINY
+    return np.asarray(v * np.where(small, 2.0, angle / np.where(small, 1.0, norm)))
+
+
+def quat_slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
+    """From a (fraction 0) to b (fraction 1) at constant rate, shortest way round [-] wxyz (..., 4)."""
+    step = quat_log(quat_multiply(quat_conj(a), b))
+    return quat_multiply(a, quat_exp(np.asarray(fraction, float)[..., None] * step))
+
+
+def quat_from_euler(rpy: ArrayLike) -> Array:
+    """rpy: roll, pitch, yaw [rad] (..., 3), intrinsic z-y'-x'' as in aviation -> wxyz (..., 4)."""
+    half = 0.5 * np.asarray(rpy, float)
+    (cr, cp, cy), (sr, sp, sy) = np.moveaxis(np.cos(half), -1, 0), np.moveaxis(np.sin(half), -1, 0)
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def euler_from_quat(q: ArrayLike) -> Array:
+    """Roll, pitch, yaw [rad] (..., 3) of wxyz (..., 4), intrinsic z-y'-x''."""
+    q = np.asarray(q, float)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    out = np.empty((*q.shape[:-1], 3))
+    out[..., 0] = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    out[..., 1] = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    out[..., 2] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return out
+
+
+def yaw_from_quat(q: ArrayLike) -> Array:
+    """Yaw alone [rad] (...) of wxyz (..., 4)."""
+    q = np.asarray(q, float)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
