@@ -1,0 +1,204 @@
+"""Wall clock and simulation clock behind one face. Code that flies asks a Clock, never the time module.
+
+The simulation clock is served by the world: a page of shared memory tells the time, a local socket wakes sleepers.
+    client -> server   first packet: the client's name, utf-8;  later: the time to be woken at, one native double [s]
+    server -> client   the time now, one native double [s], when that time has come
+A lockstep server does not move past the earliest wake-up until that client sleeps again (`may_pass`), and strikes off
+one that has not slept for a second of wall time, until it sleeps again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import os
+import selectors
+import socket
+import struct
+import time
+from pathlib import Path
+from typing import Protocol
+
+from arena.errors import RunError
+
+_DOUBLE = struct.Struct("=d")
+_PAGE_BYTES = 64
+_HUNG_AFTER_S = 1.0
+
+
+class Clock(Protocol):
+    """now: seconds, monotonic. Only differences mean anything."""
+
+    def now(self) -> float: ...
+
+    def sleep_until(self, t: float) -> float: ...
+
+    def rate(self, hz: float) -> Rate: ...
+
+
+class Rate:
+    """Sleeps to absolute deadlines 1/hz apart; deadlines missed are skipped, not caught up in a burst."""
+
+    def __init__(self, clock: Clock, hz: float) -> None:
+        self._clock, self._period_s = clock, 1.0 / hz
+        self._next = clock.now() + self._period_s
+
+    def sleep(self) -> float:
+        """Sleep to the next deadline; returns the time now [s]."""
+        now = self._clock.sleep_until(self._next)
+        self._next = max(self._next + self._period_s, now)
+        return now
+
+
+class WallClock:
+    """The computer's monotonic clock."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def sleep_until(self, t: float) -> float:
+        while (left := t - time.monotonic()) > 0:
+            time.sleep(left)
+        return time.monotonic()
+
+    def rate(self, hz: float) -> Rate:
+        return Rate(self, hz)
+
+
+class SimClock:
+    """A client of the world's clock. path: the stem of `<path>.page` and `<path>.sock`.
+
+    Raises RunError when the world is not there, or ends while one sleeps.
+    """
+
+    def __init__(self, path: str | Path, name: str) -> None:
+        try:
+            with Path(f"{path}.page").open("rb") as file:
+                self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES, prot=mmap.PROT_READ)).cast("d")
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            self._socket.connect(f"{path}.sock")
+            self._socket.send(name.encode())
+        except OSError as error:
+            raise RunError(f"no simulation clock at {path} ({error.strerror}): is the arena up?") from error
+
+    def now(self) -> float:
+        return self._page[0]
+
+    def sleep_until(self, t: float) -> float:
+        try:
+            self._socket.send(_DOUBLE.pack(t))
+            told = self._socket.recv(_DOUBLE.size)
+        except OSError as error:
+            raise RunError("the world that serves the simulation clock has ended") from error
+        if len(told) != _DOUBLE.size:
+            raise RunError("the world that serves the simulation clock has ended")
+        return float(_DOUBLE.unpack(told)[0])
+
+    def rate(self, hz: float) -> Rate:
+        return Rate(self, hz)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Sleeper:
+    """One client as the server sees it. wake: the time it asked for [s], None while it is awake."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.connection = connection
+        self.name = ""
+        self.wake: float | None = None
+        self.gates = False
+        self.awake_since = 0.0
+
+
+class ClockServer:
+    """The world's side. Call `tick(now)` after each step; in lockstep ask `may_pass` before the next."""
+
+    def __init__(self, path: str | Path) -> None:
+        self._stem = Path(path)
+        page, sock = Path(f"{path}.page"), Path(f"{path}.sock")
+        for stale in (page, sock):
+            stale.unlink(missing_ok=True)
+        with page.open("w+b") as file:
+            file.truncate(_PAGE_BYTES)
+            self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES)).cast("d")
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.bind(str(sock))
+        os.chmod(sock, 0o600)
+        self._socket.listen(512)
+        self._socket.setblocking(False)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._socket, selectors.EVENT_READ)
+        self._sleepers: dict[int, _Sleeper] = {}
+        self.struck_off: list[str] = []
+
+    def tick(self, now: float) -> None:
+        """Publish the time [s], hear the clients and wake whoever is due."""
+        self._page[0] = now
+        self.poll()
+        for sleeper in list(self._sleepers.values()):
+            if sleeper.wake is not None and sleeper.wake <= now + 1e-9:
+                self._tell(sleeper, now)
+
+    def poll(self, timeout_s: float = 0.0) -> None:
+        """Accept and read whatever has arrived."""
+        for key, _ in self._selector.select(timeout_s):
+            if key.fileobj is self._socket:
+                self._accept()
+            else:
+                self._hear(self._sleepers[key.fd])
+
+    def may_pass(self, now: float, wall: float) -> bool:
+        """Lockstep: is every gating client asleep? One awake for over a second of wall time is struck off by name."""
+        passing = True
+        for sleeper in self._sleepers.values():
+            if sleeper.gates and sleeper.wake is None:
+                if wall - sleeper.awake_since > _HUNG_AFTER_S:
+                    sleeper.gates = False
+                    self.struck_off.append(sleeper.name)
+                else:
+                    passing = False
+        return passing
+
+    def close(self) -> None:
+        for sleeper in list(self._sleepers.values()):
+            self._drop(sleeper)
+        self._socket.close()
+        for ending in ("page", "sock"):
+            Path(f"{self._stem}.{ending}").unlink(missing_ok=True)
+
+    def _accept(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            connection, _ = self._socket.accept()
+            connection.setblocking(False)
+            self._sleepers[connection.fileno()] = _Sleeper(connection)
+            self._selector.register(connection, selectors.EVENT_READ)
+
+    def _hear(self, sleeper: _Sleeper) -> None:
+        try:
+            packet = sleeper.connection.recv(256)
+        except BlockingIOError:
+            return
+        except OSError:
+            packet = b""
+        if not packet:
+            self._drop(sleeper)
+        elif not sleeper.name:
+            sleeper.name = packet.decode(errors="replace")
+        elif len(packet) == _DOUBLE.size:
+            sleeper.wake, sleeper.gates = _DOUBLE.unpack(packet)[0], True
+            if sleeper.wake <= self._page[0]:
+                self._tell(sleeper, self._page[0])
+
+    def _tell(self, sleeper: _Sleeper, now: float) -> None:
+        sleeper.wake, sleeper.awake_since = None, time.monotonic()
+        try:
+            sleeper.connection.send(_DOUBLE.pack(now))
+        except OSError:
+            self._drop(sleeper)
+
+    def _drop(self, sleeper: _Sleeper) -> None:
+        self._selector.unregister(sleeper.connection)
+        self._sleepers.pop(sleeper.connection.fileno(), None)
+        sleeper.connection.close()

@@ -1,0 +1,122 @@
+"""The truth page: what the simulated world knows, in shared memory, for the rooms that may look at it.
+
+A ring of samples, so that a reader can interpolate to an instant between two of them. One writer (the world), any number
+of readers (motion-capture emulator, logger, judge). Layout, native doubles:
+
+    [0] samples written so far   [1] vehicles V   [2] ring length K   [3] unused
+    K rows of: time [s], then per vehicle 20 numbers:
+        p_n (3) [m] [NED], q_nb (4) [-] wxyz, v_n (3) [m/s] [NED], omega_b (3) [rad/s] [FRD],
+        accel_b (3) specific force [m/s2] [FRD], motors (4) what the first four rotors do, 0..1 [-]
+
+The writer fills a row, then raises the count; a reader that finds the count K - 1 or more ahead of what it read, reads again.
+"""
+
+from __future__ import annotations
+
+import mmap
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.errors import RunError, WireError
+from arena.geometry import quat_slerp
+
+Array = NDArray[np.float64]
+
+_HEAD = 4
+_PER_VEHICLE = 20
+_RING = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """One instant of the world, batched over its V vehicles.
+
+    time_s: simulation time [s].  p_n: position of the body origin [m] [NED] (V, 3).  q_nb: attitude [-] wxyz (V, 4).
+    v_n: velocity [m/s] [NED] (V, 3).  omega_b: body rates [rad/s] [FRD] (V, 3).
+    accel_b: specific force [m/s2] [FRD] (V, 3).  motors: what the first four rotors do, 0..1 [-] (V, 4).
+    """
+
+    time_s: float
+    p_n: Array
+    q_nb: Array
+    v_n: Array
+    omega_b: Array
+    accel_b: Array
+    motors: Array
+
+    @classmethod
+    def from_row(cls, row: Array) -> Truth:
+        b = row[1:].reshape(-1, _PER_VEHICLE)
+        return cls(time_s=float(row[0]), p_n=b[:, 0:3], q_nb=b[:, 3:7], v_n=b[:, 7:10], omega_b=b[:, 10:13],
+                   accel_b=b[:, 13:16], motors=b[:, 16:20])
+
+
+class TruthWriter:
+    """Owned by the world. path: the page's file, made anew."""
+
+    def __init__(self, path: str | Path, vehicles: int) -> None:
+        width = 1 + vehicles * _PER_VEHICLE
+        Path(path).unlink(missing_ok=True)
+        with Path(path).open("w+b") as file:
+            file.truncate(8 * (_HEAD + _RING * width))
+            self._all = np.frombuffer(mmap.mmap(file.fileno(), 0), dtype=np.float64)
+        self._all[1:3] = vehicles, _RING
+        self._rows = self._all[_HEAD:].reshape(_RING, width)
+        self._count = 0
+
+    def write(self, truth: Truth) -> None:
+        """Append one sample."""
+        row = self._rows[self._count % _RING]
+        row[0] = truth.time_s
+        body = row[1:].reshape(-1, _PER_VEHICLE)
+        body[:, 0:3], body[:, 3:7], body[:, 7:10] = truth.p_n, truth.q_nb, truth.v_n
+        body[:, 10:13], body[:, 13:16], body[:, 16:20] = truth.omega_b, truth.accel_b, truth.motors
+        self._count += 1
+        self._all[0] = self._count
+
+
+class TruthReader:
+    """Any other room. Raises RunError when there is no page, WireError when it is not one."""
+
+    def __init__(self, path: str | Path) -> None:
+        try:
+            with Path(path).open("rb") as file:
+                self._all = np.frombuffer(mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ), dtype=np.float64)
+        except (OSError, ValueError) as error:
+            raise RunError(f"no truth page at {path}: is the world up?") from error
+        vehicles, ring = int(self._all[1]), int(self._all[2])
+        width = 1 + vehicles * _PER_VEHICLE
+        if self._all.size != _HEAD + ring * width:
+            raise WireError(f"{path}: {self._all.size} numbers, expected {_HEAD + ring * width} for {vehicles} vehicles")
+        self._rows, self._ring = self._all[_HEAD:].reshape(ring, width), ring
+
+    def newest(self) -> Truth | None:
+        """The last sample written, or None before the first."""
+        while count := int(self._all[0]):
+            row = self._rows[(count - 1) % self._ring].copy()
+            if int(self._all[0]) - count < self._ring - 1:
+                return Truth.from_row(row)
+        return None
+
+    def at(self, time_s: float) -> Truth | None:
+        """The world at time_s [s], interpolated between its two neighbours; None when they are not both in the ring."""
+        count = int(self._all[0])
+        rows = self._rows.copy()
+        held = min(count, self._ring - 1)
+        if held < 2 or int(self._all[0]) - count >= 1 + self._ring - held:
+            return None if held < 2 else self.at(time_s)
+        order = np.arange(count - held, count) % self._ring
+        times = rows[order, 0]
+        i = int(np.searchsorted(times, time_s, side="right"))
+        if i == 0 or (i == held and time_s > times[-1] + 1e-9):
+            return None
+        i = min(i, held - 1)
+        before, after = rows[order[i - 1]], rows[order[i]]
+        fraction = (time_s - before[0]) / (after[0] - before[0])
+        mixed = before + fraction * (after - before)
+        a, b = Truth.from_row(before), Truth.from_row(after)
+        Truth.from_row(mixed).q_nb[:] = quat_slerp(a.q_nb, b.q_nb, np.full(len(a.q_nb), fraction))
+        return Truth.from_row(mixed)
