@@ -37,14 +37,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if debug:
             raise
-        print(f"arena: {type(error).__name__}: {error}. This is a fault of arena; --debug shows where.", file=sys.stderr)
+        print(
+            f"arena: {type(error).__name__}: {error}. This is a fault of arena; --debug shows where.",
+            file=sys.stderr,
+        )
         return EXIT_FAILED
 
 
 def build(arguments: Sequence[str]) -> typer.Typer:
     """The app with the verb that the arguments name, or with every verb when they name none (`--help`)."""
     app = typer.Typer(
-        name="arena", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+        name="arena",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback(help="One YAML file becomes a flying arena.")(_nothing)

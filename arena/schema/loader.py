@@ -1,0 +1,237 @@
+"""Strict YAML: text -> plain values and the line of each. YAML 1.2 scalars, no duplicate keys, no tags that run code.
+
+Built on PyYAML's composer, which keeps the marks; its constructor is not used. All duplicates are reported at once.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from yaml.composer import Composer
+from yaml.parser import Parser
+from yaml.reader import Reader
+from yaml.resolver import BaseResolver
+from yaml.scanner import Scanner
+
+from arena.errors import InputError, Problem
+
+YamlPath = tuple[str | int, ...]
+
+_MOST_VALUES = 100_000  # aliases can make a small file unfold into a huge one
+
+
+@dataclass(frozen=True, kw_only=True)
+class Document:
+    """data: mappings as dict, sequences as tuple.  lines: path -> the line (1-based) of its key or item."""
+
+    file: str
+    data: Any
+    lines: dict[YamlPath, int] = field(default_factory=dict)
+
+    def line(self, path: YamlPath) -> int:
+        """The line of the path, or of the nearest thing around it that is in the file."""
+        for end in range(len(path), -1, -1):
+            if path[:end] in self.lines:
+                return self.lines[path[:end]]
+        return 1
+
+
+def load_yaml(path: str | Path) -> Document:
+    """Raises InputError: the file cannot be read, or is not YAML, or says something twice."""
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(
+            Problem(file=str(path), line=0, field="", message=f"cannot be read: {error.strerror}")
+        ) from error
+    except UnicodeDecodeError as error:
+        said = f"byte {error.start} is not UTF-8 text. Save the file as UTF-8"
+        raise InputError(Problem(file=str(path), line=0, field="", message=said)) from error
+    return parse_yaml(text, str(path))
+
+
+def parse_yaml(text: str, file: str) -> Document:
+    """The same from text; file is only a name here."""
+    node = _compose(text, file)
+    if node is None:
+        raise InputError(
+            Problem(
+                file=file, line=0, field="", message="is empty. Start with `vehicles:`, or run `arena init`"
+            )
+        )
+    walk = _Walk(file)
+    try:
+        data = walk.value(node, ())
+    except RecursionError as error:
+        raise InputError(Problem(file=file, line=1, field="", message="is nested too deeply")) from error
+    if walk.problems:
+        raise InputError(walk.problems)
+    return Document(file=file, data=data, lines=walk.lines)
+
+
+def parse_scalar(text: str) -> Any:
+    """One value as a person types it after `--set key=`: a YAML scalar or flow collection."""
+    return parse_yaml(text, "--set").data if text.strip() else None
+
+
+def _compose(text: str, file: str) -> yaml.Node | None:
+    try:
+        loader = _Loader(text)
+        node = loader.get_single_node()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        said = " ".join(part for part in (error.problem, error.context) if part)
+        hint = ". Indent with spaces, not tabs" if "\\t" in said else ""
+        line = mark.line + 1 if mark else 0
+        raise InputError(
+            Problem(file=file, line=line, field="", message=f"is not YAML: {said}{hint}")
+        ) from error
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, int(error.position)) + 1
+        said = f"holds the character {error.character!r}, which YAML does not allow"
+        raise InputError(Problem(file=file, line=line, field="", message=said)) from error
+    except RecursionError as error:
+        raise InputError(Problem(file=file, line=1, field="", message="is nested too deeply")) from error
+    return node
+
+
+class _Resolver(BaseResolver):
+    """The core schema of YAML 1.2: `no`, `on` and `12:30` are text, 010 is ten, 1e-3 is a number, `<<` is a key."""
+
+
+class _Loader(Reader, Scanner, Parser, Composer, _Resolver):
+    def __init__(self, stream: str) -> None:
+        Reader.__init__(self, stream)
+        Scanner.__init__(self)
+        Parser.__init__(self)
+        Composer.__init__(self)
+        _Resolver.__init__(self)
+
+
+_TAG = "tag:yaml.org,2002:"
+
+
+def _float(text: str) -> float:
+    plain = text.lower().replace(".inf", "inf").replace(".nan", "nan")
+    return float(plain)
+
+
+def _int(text: str) -> int:
+    if text.startswith(("0o", "0x")):
+        return int(text, 0)
+    return int(text)
+
+
+_KINDS: tuple[tuple[str, str, Callable[[str], Any]], ...] = (
+    ("null", r"~|null|Null|NULL|", lambda text: None),
+    ("bool", r"true|True|TRUE|false|False|FALSE", lambda text: text.lower() == "true"),
+    ("int", r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", _int),
+    (
+        "float",
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        _float,
+    ),
+)
+for _name, _pattern, _ in _KINDS:
+    _Resolver.add_implicit_resolver(_TAG + _name, re.compile(f"^(?:{_pattern})$"), None)
+
+_MAKERS: dict[str, Callable[[str], Any]] = {_TAG + name: make for name, _, make in _KINDS} | {
+    _TAG + "str": str
+}
+
+
+class _Walk:
+    """One pass over the composed nodes: values, lines and problems."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.lines: dict[YamlPath, int] = {}
+        self.problems: list[Problem] = []
+        self._open: set[int] = set()
+        self._count = 0
+
+    def value(self, node: yaml.Node, path: YamlPath) -> Any:
+        self._count += 1
+        if self._count > _MOST_VALUES:
+            raise InputError(
+                Problem(
+                    file=self.file,
+                    line=_line(node),
+                    field="",
+                    message=f"unfolds to more than {_MOST_VALUES} values",
+                )
+            )
+        if id(node) in self._open:
+            self._complain(node, path, "holds itself through an alias")
+            return None
+        self._open.add(id(node))
+        try:
+            return self._inside(node, path)
+        finally:
+            self._open.discard(id(node))
+
+    def _inside(self, node: yaml.Node, path: YamlPath) -> Any:
+        if isinstance(node, yaml.MappingNode) and node.tag == _TAG + "map":
+            return self._mapping(node, path)
+        if isinstance(node, yaml.SequenceNode) and node.tag == _TAG + "seq":
+            return self._sequence(node, path)
+        if isinstance(node, yaml.ScalarNode) and node.tag in _MAKERS:
+            return self._scalar(node, path)
+        self._complain(
+            node, path, f"got the tag {node.tag.replace(_TAG, '!!')}, expected plain values. Remove the tag"
+        )
+        return None
+
+    def _scalar(self, node: yaml.ScalarNode, path: YamlPath) -> Any:
+        try:
+            return _MAKERS[node.tag](node.value)
+        except ValueError:
+            self._complain(node, path, f"got {node.value[:40]!r}, which is no {node.tag.removeprefix(_TAG)}")
+            return None
+
+    def _sequence(self, node: yaml.SequenceNode, path: YamlPath) -> tuple[Any, ...]:
+        for i, item in enumerate(node.value):
+            self.lines[(*path, i)] = _line(item)
+        return tuple(self.value(item, (*path, i)) for i, item in enumerate(node.value))
+
+    def _mapping(self, node: yaml.MappingNode, path: YamlPath) -> dict[str, Any]:
+        made: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            key = self._key(key_node, path)
+            if key is None:
+                continue
+            here = (*path, key)
+            if key in made:
+                said = f"is given twice, on lines {self.lines[here]} and {_line(key_node)}. Keep one of them"
+                self._complain(key_node, here, said)
+                continue
+            self.lines[here] = _line(key_node)
+            made[key] = self.value(value_node, here)
+        return made
+
+    def _key(self, node: yaml.Node, path: YamlPath) -> str | None:
+        if isinstance(node, yaml.ScalarNode) and node.tag == _TAG + "str":
+            return str(node.value)
+        shown = repr(node.value) if isinstance(node, yaml.ScalarNode) else "a collection"
+        self._complain(node, path, f"got the key {shown}, expected a word. Quote it if it is meant as a name")
+        return None
+
+    def _complain(self, node: yaml.Node, path: YamlPath, message: str) -> None:
+        self.problems.append(Problem(file=self.file, line=_line(node), field=dotted(path), message=message))
+
+
+def _line(node: yaml.Node) -> int:
+    return int(node.start_mark.line) + 1
+
+
+def dotted(path: YamlPath) -> str:
+    """`("start", "position", 0)` -> `start.position[0]`."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text

@@ -1,0 +1,144 @@
+"""A vehicle's profile: its mass, rotors, thrust and noise, as data. Files in `profiles/`, each figure with its source."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from arena.schema.base import NotNegative, Positive, PositiveVector, Strict, Vector
+from arena.thrust import ThrustCurve, thrust_curve
+
+G_M_S2 = 9.80665
+
+
+class Rotor(Strict):
+    """One rotor, in PX4's motor order."""
+
+    position_m: Vector
+    """Where it is [m] [FRD], from the body origin."""
+    direction: Literal["cw", "ccw"]
+    """How it turns, seen from above; the reaction torque on the body is opposite."""
+
+
+class QuadraticCurve(Strict):
+    """Total thrust T = a u^2 + b u [N]."""
+
+    kind: Literal["quadratic"]
+    a: Positive
+    b: NotNegative
+    fade_speed_m_s: Positive | None = None
+    """In flight at speed v the rotors give the share 1 - v / fade_speed of it [m/s]."""
+
+
+class TangentCurve(Strict):
+    """u = (tan((T - offset) / scale) + phase) / gain, a line from the origin below low_u."""
+
+    kind: Literal["tangent"]
+    offset_n: float
+    scale_n: Positive
+    phase: float
+    gain: Positive
+    low_u: Annotated[float, Field(gt=0, lt=1)]
+    fade_speed_m_s: Positive | None = None
+
+
+class Imu(Strict):
+    """Noise is rms per axis at 250 Hz; biases are drawn once per flight."""
+
+    accel_noise_m_s2: NotNegative
+    accel_bias_m_s2: NotNegative
+    gyro_noise_rad_s: NotNegative
+    gyro_bias_rad_s: NotNegative
+
+
+class Baro(Strict):
+    """Barometer."""
+
+    noise_m: NotNegative
+
+
+class Mag(Strict):
+    """Magnetometer, rms per axis."""
+
+    noise_gauss: NotNegative
+
+
+class Gps(Strict):
+    """Satellite receiver, rms per axis."""
+
+    horizontal_noise_m: NotNegative
+    vertical_noise_m: NotNegative
+    velocity_noise_m_s: NotNegative
+    rate_hz: Positive
+
+
+class Sensors(Strict):
+    """What the vehicle carries."""
+
+    imu: Imu
+    baro: Baro
+    mag: Mag
+    gps: Gps
+
+
+class Battery(Strict):
+    """A simple pack: a voltage that falls with the charge and with the current through its resistance."""
+
+    cells: Annotated[int, Field(ge=1, le=14)]
+    capacity_mah: Positive
+    full_cell_v: Positive
+    empty_cell_v: Positive
+    resistance_ohm: NotNegative
+    idle_a: NotNegative
+    hover_a: Positive
+
+
+class Profile(Strict):
+    """One vehicle type. `model_dump(mode="json")` is what the slices carry."""
+
+    name: str
+    mass_kg: Positive
+    inertia_kg_m2: PositiveVector
+    """Principal moments Ixx, Iyy, Izz [kg m2] about the body axes."""
+    radius_m: Positive
+    """From the origin to the farthest point, horizontally [m]."""
+    height_m: Positive
+    ground_clearance_m: Positive
+    """Body origin above the vehicle's lowest point [m]."""
+    num_rotors: Annotated[int, Field(ge=3, le=8)]
+    rotors: tuple[Rotor, ...]
+    moment_ratio_m: Positive
+    """Reaction torque per thrust [m]."""
+    motor_up_s: Positive
+    motor_down_s: Positive
+    thrust_curve: Annotated[QuadraticCurve | TangentCurve, Field(discriminator="kind")]
+    drag_kg_s: tuple[NotNegative, NotNegative, NotNegative]
+    """Linear drag force per airspeed along x, y, z [N s/m] [FRD]."""
+    sensors: Sensors
+    battery: Battery
+    params: dict[str, int | float] = Field(default_factory=dict)
+    """PX4 parameters of this airframe."""
+
+    @property
+    def curve(self) -> ThrustCurve:
+        return thrust_curve(self.thrust_curve.model_dump())
+
+    @property
+    def hover_command(self) -> float:
+        """The command u at which the static thrust carries the vehicle [-]: PX4's MPC_THR_HOVER."""
+        return round(float(self.curve.command(self.mass_kg * G_M_S2)), 4)
+
+    def problems(self) -> list[str]:
+        """What no single field can tell."""
+        found = []
+        if len(self.rotors) != self.num_rotors:
+            found.append(f"num_rotors: got {self.num_rotors}, but {len(self.rotors)} rotors are listed")
+        if not math.isfinite(most := self.curve.max_newtons) or most <= self.mass_kg * G_M_S2:
+            found.append(f"thrust_curve: gives {most:.1f} N at most, which does not lift {self.mass_kg} kg")
+        return found
+
+    def slice(self) -> dict[str, Any]:
+        """As plain JSON."""
+        return self.model_dump(mode="json")
