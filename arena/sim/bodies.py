@@ -1,0 +1,232 @@
+"""pybullet and its conventions, undone here and nowhere else: vectors in and out are NED and FRD, quaternions wxyz.
+
+pybullet's own: quaternions xyzw, a z-up world (the `w` frame), links in FLU, and angular velocity in *world* axes. It damps
+linear and angular velocity by 0.04 unless told not to, and computes inertia from the collision shape unless given one.
+There is a floor without end and a wall on each side, as high as the arena; there is no ceiling.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.errors import InputError, NotInstalledError
+from arena.geometry import (
+    frd_from_flu,
+    matrix_from_quat,
+    ned_from_world,
+    q_nb_from_q_wf,
+    q_wf_from_q_nb,
+    world_from_ned,
+    wxyz_from_xyzw,
+    xyzw_from_wxyz,
+)
+from arena.sim.fleet import GRAVITY, Fleet
+
+Array = NDArray[np.float64]
+
+_FRICTION = 0.8
+_WALL_M = 1.0
+# Deeper than what bullet lets a resting body sink, less than anyone would call a gap.
+_TOUCH_M = 1e-3
+_ORIGIN = (0.0, 0.0, 0.0)
+# The conversions are linear, so each is the matrix of its action on a basis: x_n = x_w @ _NED_W.
+_NED_W = ned_from_world(np.eye(3))
+_FRD_F = frd_from_flu(np.eye(3))
+_Q_NB_XYZW = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
+
+
+def _quadratic() -> Array:
+    """T (16, 9) with vec(R) = vec(q q^T) @ T for unit q: matrix_from_quat in two numpy calls. Found by polarisation."""
+    eye, out = np.eye(4), np.zeros((4, 4, 9))
+
+    def form(q: Array) -> Array:
+        # matrix_from_quat is I + (a form of q); the identity is |q|^2 times I for a unit quaternion.
+        return (matrix_from_quat(q) + (q @ q - 1.0) * np.eye(3)).ravel()
+
+    for i in range(4):
+        for j in range(4):
+            out[i, j] = (form(eye[i] + eye[j]) - form(eye[i]) - form(eye[j])) / 2.0
+    return out.reshape(16, 9)
+
+
+_MATRIX_QQ = _quadratic()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contacts:
+    """floor: does each vehicle touch the floor (V,) bool. others: what else it touches, by vehicle: a wall's or vehicle's name."""
+
+    floor: NDArray[np.bool_]
+    others: dict[int, str]
+
+
+class Bodies:
+    """The rigid bodies of a fleet in a room.
+
+    After construction and each `step`: p_n [m] [NED] (V, 3), q_nb [-] wxyz (V, 4), r_nb: its matrix (V, 3, 3),
+    v_n [m/s] [NED] (V, 3), omega_b [rad/s] [FRD] (V, 3).
+    """
+
+    def __init__(self, fleet: Fleet, *, size_m: Sequence[float], step_s: float, gui: bool = False) -> None:
+        self._bullet = _import()
+        self._client = _connect(self._bullet, gui)
+        self._fleet = fleet
+        self._bullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self._client)
+        self._bullet.setTimeStep(step_s, physicsClientId=self._client)
+        self._bullet.setPhysicsEngineParameter(numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client)
+        self._things = {self._floor(): "floor"} | self._walls(size_m)
+        self._ids = [self._vehicle(i) for i in range(fleet.size)]
+        self._index = {body: i for i, body in enumerate(self._ids)}
+        self._read()
+
+    def push(self, force_b: Array, torque_b: Array) -> None:
+        """Apply to each body, at its centre of mass, for one step: force [N] [FRD] (V, 3) and torque [N m] [FRD] (V, 3)."""
+        bullet, client = self._bullet, self._client
+        frame = bullet.LINK_FRAME
+        forces, torques = (force_b @ _FRD_F).tolist(), (torque_b @ _FRD_F).tolist()
+        for body, force, torque in zip(self._ids, forces, torques, strict=True):
+            bullet.applyExternalForce(body, -1, force, _ORIGIN, frame, client)
+            bullet.applyExternalTorque(body, -1, torque, frame, client)
+
+    def step(self) -> None:
+        """One physics step, under the wrenches pushed since the last."""
+        self._bullet.stepSimulation(self._client)
+        self._read()
+
+    def contacts(self) -> Contacts:
+        """Who touches what, as the last step left it."""
+        floor = np.zeros(self._fleet.size, bool)
+        others: dict[int, str] = {}
+        for point in self._bullet.getContactPoints(physicsClientId=self._client):
+            if point[8] > _TOUCH_M:
+                continue
+            for one, other in ((point[1], point[2]), (point[2], point[1])):
+                if one in self._index:
+                    what = self._things.get(other) or self._fleet.names[self._index[other]]
+                    if what == "floor":
+                        floor[self._index[one]] = True
+                    else:
+                        others[self._index[one]] = what
+        return Contacts(floor=floor, others=others)
+
+    def place(self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None) -> None:
+        """Put one vehicle somewhere, for tests and experiments: p_n [m], q_nb [-], v_n [m/s], omega_b [rad/s], (3,) or (4,)."""
+        body, client = self._ids[index], self._client
+        r_nb = matrix_from_quat(q_nb)
+        omega_n = r_nb @ (np.zeros(3) if omega_b is None else omega_b)
+        position, quat = world_from_ned(p_n).tolist(), xyzw_from_wxyz(q_wf_from_q_nb(q_nb)).tolist()
+        self._bullet.resetBasePositionAndOrientation(body, position, quat, physicsClientId=client)
+        velocity = world_from_ned(np.zeros(3) if v_n is None else v_n).tolist()
+        self._bullet.resetBaseVelocity(body, velocity, world_from_ned(omega_n).tolist(), physicsClientId=client)
+        self._read()
+
+    def close(self) -> None:
+        if self._bullet.isConnected(self._client):
+            self._bullet.disconnect(self._client)
+
+    def _read(self) -> None:
+        bullet, client = self._bullet, self._client
+        pose, velocity = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
+        rows = []
+        for body in self._ids:
+            (x, y, z), (qx, qy, qz, qw) = pose(body, client)
+            (vx, vy, vz), (wx, wy, wz) = velocity(body, client)
+            rows.append((x, y, z, vx, vy, vz, wx, wy, wz, qx, qy, qz, qw))
+        found = np.array(rows)
+        vectors = found[:, :9].reshape(-1, 3, 3) @ _NED_W
+        self.p_n, self.v_n = vectors[:, 0], vectors[:, 1]
+        self.q_nb = found[:, 9:] @ _Q_NB_XYZW
+        self.r_nb = ((self.q_nb[:, :, None] * self.q_nb[:, None, :]).reshape(-1, 16) @ _MATRIX_QQ).reshape(-1, 3, 3)
+        self.omega_b = (vectors[:, 2:3] @ self.r_nb)[:, 0]  # a row vector times R is R^T times the vector: b from n
+
+    def _floor(self) -> int:
+        return self._fixed(self._bullet.createCollisionShape(self._bullet.GEOM_PLANE, physicsClientId=self._client), _ORIGIN)
+
+    def _walls(self, size_m: Sequence[float]) -> dict[int, str]:
+        north, east, height = (float(x) for x in size_m)
+        walls = {}
+        for name, axis, sign in (("north", 0, 1), ("south", 0, -1), ("east", 1, 1), ("west", 1, -1)):
+            centre_n, half_n = np.zeros(3), np.array([north, east, height]) / 2.0 + _WALL_M
+            centre_n[axis] = sign * ((north, east)[axis] / 2.0 + _WALL_M / 2.0)
+            half_n[axis], half_n[2] = _WALL_M / 2.0, height / 2.0
+            centre_n[2] = -height / 2.0
+            half_w = np.abs(world_from_ned(half_n)).tolist()
+            shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half_w, physicsClientId=self._client)
+            walls[self._fixed(shape, world_from_ned(centre_n).tolist())] = f"the {name} wall"
+        return walls
+
+    def _fixed(self, shape: int, position_w: Sequence[float]) -> int:
+        body = self._bullet.createMultiBody(0.0, shape, basePosition=position_w, physicsClientId=self._client)
+        self._bullet.changeDynamics(body, -1, restitution=0.0, lateralFriction=_FRICTION, physicsClientId=self._client)
+        return int(body)
+
+    def _vehicle(self, i: int) -> int:
+        bullet, client, fleet = self._bullet, self._client, self._fleet
+        # The origin is the centre of mass; the cylinder hangs so that its bottom is origin_height below it.
+        up = float(fleet.height[i] / 2.0 - fleet.origin_height[i])
+        shape = bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=float(fleet.radius[i]), height=float(fleet.height[i]),
+                                            collisionFramePosition=(0.0, 0.0, up), physicsClientId=client)
+        body = bullet.createMultiBody(
+            float(fleet.mass[i]), shape, basePosition=world_from_ned(fleet.start_p_n[i]).tolist(),
+            baseOrientation=xyzw_from_wxyz(q_wf_from_q_nb(fleet.start_q_nb[i])).tolist(), physicsClientId=client)
+        bullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0, restitution=0.0, lateralFriction=_FRICTION,
+                              localInertiaDiagonal=fleet.inertia[i].tolist(), physicsClientId=client,
+                              activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING)
+        return int(body)
+
+
+def _import() -> Any:
+    """pybullet, without the line it prints when imported."""
+    try:
+        with Path(os.devnull).open("w") as null:
+            kept = os.dup(1)
+            os.dup2(null.fileno(), 1)
+            try:
+                import pybullet
+            finally:
+                os.dup2(kept, 1)
+                os.close(kept)
+    except ImportError as error:
+        raise NotInstalledError("the simulated world needs pybullet: install flying-arena[sim]") from error
+    return pybullet
+
+
+def _connect(bullet: Any, gui: bool) -> int:
+    """A private physics server; with a window when asked. bullet would end the process where it finds no display: ask first."""
+    if gui and not display_answers(os.environ.get("DISPLAY", "")):
+        shown = os.environ.get("DISPLAY") or "not set"
+        raise InputError(f"--gui needs an X display, and none answers (DISPLAY is {shown}): start without --gui, or set DISPLAY")
+    client = bullet.connect(bullet.GUI if gui else bullet.DIRECT)
+    if client < 0:
+        raise InputError("pybullet could not start" + (" its window: start without --gui" if gui else ""))
+    return int(client)
+
+
+def display_answers(display: str) -> bool:
+    """display: what $DISPLAY says, `[host]:number[.screen]`. Is an X server listening there?"""
+    host, colon, rest = display.rpartition(":")
+    number = rest.split(".")[0]
+    if not colon or not number.isdigit():
+        return False
+    if host and host != "unix":
+        return _reaches(socket.AF_INET, (host, 6000 + int(number)))
+    path = f"/tmp/.X11-unix/X{number}"
+    return _reaches(socket.AF_UNIX, path) or _reaches(socket.AF_UNIX, "\0" + path)
+
+
+def _reaches(family: Literal[socket.AddressFamily.AF_INET, socket.AddressFamily.AF_UNIX], address: Any) -> bool:
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.settimeout(2.0)
+        try:
+            probe.connect(address)
+        except OSError:
+            return False
+    return True

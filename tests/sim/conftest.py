@@ -1,0 +1,24 @@
+"""Worlds that are closed after the test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+from sim_slices import slice_of
+
+from arena.sim.world import World
+
+
+@pytest.fixture
+def build() -> Iterator[Callable[..., World]]:
+    """build(*vehicles, **changes of the slice) -> World, closed after the test."""
+    made: list[World] = []
+
+    def make(*vehicles: dict[str, Any], **changes: Any) -> World:
+        made.append(World(slice_of(*vehicles, **changes)))
+        return made[-1]
+
+    yield make
+    for world in made:
+        world.close()
