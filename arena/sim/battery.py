@@ -1,9 +1,11 @@
-"""Batteries of a whole fleet: charge used by the motors, voltage that sags under load. Pure, batched, and simple on purpose.
+"""Batteries of a whole fleet: charge used by the motors, voltage that sags under load. Pure, batched, and
+simple on purpose.
 
     current = idle + (hover - idle) * mean((spin / spin at hover)^2)
     voltage = cells * (empty + (full - empty) * remaining) - resistance * current
 
-Electrical power goes with thrust to the 3/2, which lies near the square of the command for the curves we have.
+Electrical power goes with thrust to the 3/2, which lies near the square of the command for the curves we
+have.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class _Pack:
-    """The `battery` of a profile: charge [mA h], voltages of a cell at no load [V], inner resistance [Ohm], currents [A]."""
+    """The `battery` of a profile: charge [mA h], voltages of a cell at no load [V], inner resistance [Ohm],
+    currents [A].
+    """
 
     cells: float = 4
     capacity_mah: float = 5000.0
@@ -38,11 +42,16 @@ class Battery:
 
     def __init__(self, fleet: Fleet, *, step_s: float) -> None:
         packs = [_Pack(**profile.get("battery", {})) for profile in fleet.profiles]
-        of: dict[str, Any] = {f.name: np.array([getattr(p, f.name) for p in packs], float) for f in fields(_Pack)}
+        of: dict[str, Any] = {
+            f.name: np.array([getattr(p, f.name) for p in packs], float) for f in fields(_Pack)
+        }
         rotors = np.array([len(profile["rotors"]) for profile in fleet.profiles], float)
         self._idle, self._resistance = of["idle_a"], of["resistance_ohm"]
         self._per_square = (of["hover_a"] - of["idle_a"]) / (rotors * fleet.hover**2)
-        self._empty, self._span = of["cells"] * of["empty_cell_v"], of["cells"] * (of["full_cell_v"] - of["empty_cell_v"])
+        self._empty, self._span = (
+            of["cells"] * of["empty_cell_v"],
+            of["cells"] * (of["full_cell_v"] - of["empty_cell_v"]),
+        )
         self._used_per_a = step_s / (3.6 * of["capacity_mah"])
         self.remaining: Array = of["remaining"]
         self.step(np.zeros((fleet.size, 1)))

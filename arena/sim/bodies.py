@@ -1,8 +1,10 @@
-"""pybullet and its conventions, undone here and nowhere else: vectors in and out are NED and FRD, quaternions wxyz.
+"""pybullet and its conventions, undone here and nowhere else: vectors in and out are NED and FRD,
+quaternions wxyz.
 
-pybullet's own: quaternions xyzw, a z-up world (the `w` frame), links in FLU, and angular velocity in *world* axes. It damps
-linear and angular velocity by 0.04 unless told not to, and computes inertia from the collision shape unless given one.
-There is a floor without end and a wall on each side, as high as the arena; there is no ceiling.
+pybullet's own: quaternions xyzw, a z-up world (the `w` frame), links in FLU, and angular velocity in *world*
+axes. It damps linear and angular velocity by 0.04 unless told not to, and computes inertia from the
+collision shape unless given one. There is a floor without end and a wall on each side, as high as the arena;
+there is no ceiling.
 """
 
 from __future__ import annotations
@@ -44,7 +46,9 @@ _Q_NB_XYZW = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
 
 
 def _quadratic() -> Array:
-    """T (16, 9) with vec(R) = vec(q q^T) @ T for unit q: matrix_from_quat in two numpy calls. Found by polarisation."""
+    """T (16, 9) with vec(R) = vec(q q^T) @ T for unit q: matrix_from_quat in two numpy calls. Found by
+    polarisation.
+    """
     eye, out = np.eye(4), np.zeros((4, 4, 9))
 
     def form(q: Array) -> Array:
@@ -62,7 +66,9 @@ _MATRIX_QQ = _quadratic()
 
 @dataclass(frozen=True, kw_only=True)
 class Contacts:
-    """floor: does each vehicle touch the floor (V,) bool. others: what else it touches, by vehicle: a wall's or vehicle's name."""
+    """floor: does each vehicle touch the floor (V,) bool. others: what else it touches, by vehicle: a wall's
+    or vehicle's name.
+    """
 
     floor: NDArray[np.bool_]
     others: dict[int, str]
@@ -71,8 +77,8 @@ class Contacts:
 class Bodies:
     """The rigid bodies of a fleet in a room.
 
-    After construction and each `step`: p_n [m] [NED] (V, 3), q_nb [-] wxyz (V, 4), r_nb: its matrix (V, 3, 3),
-    v_n [m/s] [NED] (V, 3), omega_b [rad/s] [FRD] (V, 3).
+    After construction and each `step`: p_n [m] [NED] (V, 3), q_nb [-] wxyz (V, 4), r_nb: its matrix (V, 3,
+    3), v_n [m/s] [NED] (V, 3), omega_b [rad/s] [FRD] (V, 3).
     """
 
     def __init__(self, fleet: Fleet, *, size_m: Sequence[float], step_s: float, gui: bool = False) -> None:
@@ -81,14 +87,18 @@ class Bodies:
         self._fleet = fleet
         self._bullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self._client)
         self._bullet.setTimeStep(step_s, physicsClientId=self._client)
-        self._bullet.setPhysicsEngineParameter(numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client)
+        self._bullet.setPhysicsEngineParameter(
+            numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client
+        )
         self._things = {self._floor(): "floor"} | self._walls(size_m)
         self._ids = [self._vehicle(i) for i in range(fleet.size)]
         self._index = {body: i for i, body in enumerate(self._ids)}
         self._read()
 
     def push(self, force_b: Array, torque_b: Array) -> None:
-        """Apply to each body, at its centre of mass, for one step: force [N] [FRD] (V, 3) and torque [N m] [FRD] (V, 3)."""
+        """Apply to each body, at its centre of mass, for one step: force [N] [FRD] (V, 3) and torque [N m]
+        [FRD] (V, 3).
+        """
         bullet, client = self._bullet, self._client
         frame = bullet.LINK_FRAME
         forces, torques = (force_b @ _FRD_F).tolist(), (torque_b @ _FRD_F).tolist()
@@ -117,15 +127,21 @@ class Bodies:
                         others[self._index[one]] = what
         return Contacts(floor=floor, others=others)
 
-    def place(self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None) -> None:
-        """Put one vehicle somewhere, for tests and experiments: p_n [m], q_nb [-], v_n [m/s], omega_b [rad/s], (3,) or (4,)."""
+    def place(
+        self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
+    ) -> None:
+        """Put one vehicle somewhere, for tests and experiments: p_n [m], q_nb [-], v_n [m/s], omega_b
+        [rad/s], (3,) or (4,).
+        """
         body, client = self._ids[index], self._client
         r_nb = matrix_from_quat(q_nb)
         omega_n = r_nb @ (np.zeros(3) if omega_b is None else omega_b)
         position, quat = world_from_ned(p_n).tolist(), xyzw_from_wxyz(q_wf_from_q_nb(q_nb)).tolist()
         self._bullet.resetBasePositionAndOrientation(body, position, quat, physicsClientId=client)
         velocity = world_from_ned(np.zeros(3) if v_n is None else v_n).tolist()
-        self._bullet.resetBaseVelocity(body, velocity, world_from_ned(omega_n).tolist(), physicsClientId=client)
+        self._bullet.resetBaseVelocity(
+            body, velocity, world_from_ned(omega_n).tolist(), physicsClientId=client
+        )
         self._read()
 
     def close(self) -> None:
@@ -144,11 +160,17 @@ class Bodies:
         vectors = found[:, :9].reshape(-1, 3, 3) @ _NED_W
         self.p_n, self.v_n = vectors[:, 0], vectors[:, 1]
         self.q_nb = found[:, 9:] @ _Q_NB_XYZW
-        self.r_nb = ((self.q_nb[:, :, None] * self.q_nb[:, None, :]).reshape(-1, 16) @ _MATRIX_QQ).reshape(-1, 3, 3)
-        self.omega_b = (vectors[:, 2:3] @ self.r_nb)[:, 0]  # a row vector times R is R^T times the vector: b from n
+        self.r_nb = ((self.q_nb[:, :, None] * self.q_nb[:, None, :]).reshape(-1, 16) @ _MATRIX_QQ).reshape(
+            -1, 3, 3
+        )
+        self.omega_b = (vectors[:, 2:3] @ self.r_nb)[
+            :, 0
+        ]  # a row vector times R is R^T times the vector: b from n
 
     def _floor(self) -> int:
-        return self._fixed(self._bullet.createCollisionShape(self._bullet.GEOM_PLANE, physicsClientId=self._client), _ORIGIN)
+        return self._fixed(
+            self._bullet.createCollisionShape(self._bullet.GEOM_PLANE, physicsClientId=self._client), _ORIGIN
+        )
 
     def _walls(self, size_m: Sequence[float]) -> dict[int, str]:
         north, east, height = (float(x) for x in size_m)
@@ -159,27 +181,48 @@ class Bodies:
             half_n[axis], half_n[2] = _WALL_M / 2.0, height / 2.0
             centre_n[2] = -height / 2.0
             half_w = np.abs(world_from_ned(half_n)).tolist()
-            shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half_w, physicsClientId=self._client)
+            shape = self._bullet.createCollisionShape(
+                self._bullet.GEOM_BOX, halfExtents=half_w, physicsClientId=self._client
+            )
             walls[self._fixed(shape, world_from_ned(centre_n).tolist())] = f"the {name} wall"
         return walls
 
     def _fixed(self, shape: int, position_w: Sequence[float]) -> int:
         body = self._bullet.createMultiBody(0.0, shape, basePosition=position_w, physicsClientId=self._client)
-        self._bullet.changeDynamics(body, -1, restitution=0.0, lateralFriction=_FRICTION, physicsClientId=self._client)
+        self._bullet.changeDynamics(
+            body, -1, restitution=0.0, lateralFriction=_FRICTION, physicsClientId=self._client
+        )
         return int(body)
 
     def _vehicle(self, i: int) -> int:
         bullet, client, fleet = self._bullet, self._client, self._fleet
         # The origin is the centre of mass; the cylinder hangs so that its bottom is origin_height below it.
         up = float(fleet.height[i] / 2.0 - fleet.origin_height[i])
-        shape = bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=float(fleet.radius[i]), height=float(fleet.height[i]),
-                                            collisionFramePosition=(0.0, 0.0, up), physicsClientId=client)
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_CYLINDER,
+            radius=float(fleet.radius[i]),
+            height=float(fleet.height[i]),
+            collisionFramePosition=(0.0, 0.0, up),
+            physicsClientId=client,
+        )
         body = bullet.createMultiBody(
-            float(fleet.mass[i]), shape, basePosition=world_from_ned(fleet.start_p_n[i]).tolist(),
-            baseOrientation=xyzw_from_wxyz(q_wf_from_q_nb(fleet.start_q_nb[i])).tolist(), physicsClientId=client)
-        bullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0, restitution=0.0, lateralFriction=_FRICTION,
-                              localInertiaDiagonal=fleet.inertia[i].tolist(), physicsClientId=client,
-                              activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING)
+            float(fleet.mass[i]),
+            shape,
+            basePosition=world_from_ned(fleet.start_p_n[i]).tolist(),
+            baseOrientation=xyzw_from_wxyz(q_wf_from_q_nb(fleet.start_q_nb[i])).tolist(),
+            physicsClientId=client,
+        )
+        bullet.changeDynamics(
+            body,
+            -1,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            restitution=0.0,
+            lateralFriction=_FRICTION,
+            localInertiaDiagonal=fleet.inertia[i].tolist(),
+            physicsClientId=client,
+            activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+        )
         return int(body)
 
 
@@ -200,10 +243,15 @@ def _import() -> Any:
 
 
 def _connect(bullet: Any, gui: bool) -> int:
-    """A private physics server; with a window when asked. bullet would end the process where it finds no display: ask first."""
+    """A private physics server; with a window when asked. bullet would end the process where it finds no
+    display: ask first.
+    """
     if gui and not display_answers(os.environ.get("DISPLAY", "")):
         shown = os.environ.get("DISPLAY") or "not set"
-        raise InputError(f"--gui needs an X display, and none answers (DISPLAY is {shown}): start without --gui, or set DISPLAY")
+        raise InputError(
+            f"--gui needs an X display, and none answers (DISPLAY is {shown}): "
+            "start without --gui, or set DISPLAY"
+        )
     client = bullet.connect(bullet.GUI if gui else bullet.DIRECT)
     if client < 0:
         raise InputError("pybullet could not start" + (" its window: start without --gui" if gui else ""))
@@ -222,7 +270,9 @@ def display_answers(display: str) -> bool:
     return _reaches(socket.AF_UNIX, path) or _reaches(socket.AF_UNIX, "\0" + path)
 
 
-def _reaches(family: Literal[socket.AddressFamily.AF_INET, socket.AddressFamily.AF_UNIX], address: Any) -> bool:
+def _reaches(
+    family: Literal[socket.AddressFamily.AF_INET, socket.AddressFamily.AF_UNIX], address: Any
+) -> bool:
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.settimeout(2.0)
         try:

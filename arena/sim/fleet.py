@@ -1,4 +1,5 @@
-"""The vehicles of the world slice as arrays over the fleet, so that a step costs a few numpy calls whatever their number.
+"""The vehicles of the world slice as arrays over the fleet, so that a step costs a few numpy calls whatever
+their number.
 
 Each figure has a default, so that a slice written by hand may leave out what it does not care for.
 """
@@ -27,11 +28,13 @@ GRAVITY = 9.80665  # standard gravity, the value PX4 uses [m/s2]
 class Fleet:
     """V vehicles with at most R rotors; absent rotors push nothing.
 
-    mass [kg] (V,). inertia about the body axes [kg m2] (V, 3). radius, height of the collision cylinder [m] (V,); origin_height of
-    the body origin above its lowest point [m] (V,). start_p_n: body origin [m] [NED] (V, 3); start_q_nb [-] wxyz (V, 4).
-    wrench: thrusts (R,) -> torque x, y, z [N m] and force z [N], FRD, (V, 4, R).
-    thrust: thrust of one rotor at GRID + 1 equally spaced commands from 0 to 1, at rest [N] (V, GRID + 1); speed_loss: fraction of it lost per
-    m/s of airspeed [s/m] (V,). hover: the command that carries it at rest [-] (V,). tau_up, tau_down: rotor lag [s] (V, 1). drag: force per airspeed along FRD [N s/m] (V, 3).
+    mass [kg] (V,). inertia about the body axes [kg m2] (V, 3). radius, height of the collision cylinder [m]
+    (V,); origin_height of the body origin above its lowest point [m] (V,). start_p_n: body origin [m] [NED]
+    (V, 3); start_q_nb [-] wxyz (V, 4). wrench: thrusts (R,) -> torque x, y, z [N m] and force z [N], FRD,
+    (V, 4, R). thrust: thrust of one rotor at GRID + 1 equally spaced commands from 0 to 1, at rest [N] (V,
+    GRID + 1); speed_loss: fraction of it lost per m/s of airspeed [s/m] (V,). hover: the command that
+    carries it at rest [-] (V,). tau_up, tau_down: rotor lag [s] (V, 1). drag: force per airspeed along FRD
+    [N s/m] (V, 3).
     """
 
     names: tuple[str, ...]
@@ -95,14 +98,20 @@ def _column(rows: Any, key: str, default: Callable[[Any], float] | None = None) 
     return np.array([row[key] if key in row or default is None else default(row) for row in rows], float)
 
 
-def _origin(vehicles: list[dict[str, Any]], q_nb: Array, profiles: tuple[dict[str, Any], ...], origin_height: Array) -> Array:
-    """The body origin above `position`, which is that of the lowest point, the vehicle leaning as it may [m] [NED] (V, 3)."""
+def _origin(
+    vehicles: list[dict[str, Any]], q_nb: Array, profiles: tuple[dict[str, Any], ...], origin_height: Array
+) -> Array:
+    """The body origin above `position`, which is that of the lowest point, the vehicle leaning as it may [m]
+    [NED] (V, 3).
+    """
     p_n = np.array([v.get("position", (0.0, 0.0, 0.0)) for v in vehicles], float)
     for i, profile in enumerate(profiles):
         angle = np.linspace(0.0, 2.0 * np.pi, 73)
         bottom, radius = origin_height[i], float(profile["radius_m"])
-        rims = [np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full_like(angle, z)], axis=-1)
-                for z in (bottom, bottom - float(profile["height_m"]))]
+        rims = [
+            np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full_like(angle, z)], axis=-1)
+            for z in (bottom, bottom - float(profile["height_m"]))
+        ]
         p_n[i, 2] -= quat_rotate(q_nb[i], np.concatenate(rims))[:, 2].max()
     return p_n
 
@@ -110,7 +119,8 @@ def _origin(vehicles: list[dict[str, Any]], q_nb: Array, profiles: tuple[dict[st
 def _wrench(profile: Mapping[str, Any], most: int) -> Array:
     """Each thrust pushes along -z of FRD at r: torque r x (0, 0, -T) = (-y T, x T, 0).
 
-    A propeller that turns counter-clockwise seen from above is turned back by the air, and the body with it, clockwise: +z.
+    A propeller that turns counter-clockwise seen from above is turned back by the air, and the body with it,
+    clockwise: +z.
     """
     out = np.zeros((4, most))
     ratio = float(profile.get("moment_ratio_m", 0.016))

@@ -1,6 +1,7 @@
 """The verdict on each vehicle, from the truth alone. Pure.
 
-A crash is a contact with anything but the floor, a touchdown above 1.5 m/s, or a tilt above 60 degrees. The first one stands.
+A crash is a contact with anything but the floor, a touchdown above 1.5 m/s, or a tilt above 60 degrees. The
+first one stands.
 """
 
 from __future__ import annotations
@@ -25,8 +26,9 @@ _FLIGHT_S = 0.1
 class Verdict:
     """One vehicle. crashed: the reason, with its time, or "".
 
-    touchdown_m_s: speed at the last landing [m/s] and landed_p_n where that was, body origin [m] [NED]; None before the first.
-    airborne_s: time off the floor so far [s]. max_tilt_rad: of the body's z axis from the vertical. max_height_m: of its origin.
+    touchdown_m_s: speed at the last landing [m/s] and landed_p_n where that was, body origin [m] [NED]; None
+    before the first. airborne_s: time off the floor so far [s]. max_tilt_rad: of the body's z axis from the
+    vertical. max_height_m: of its origin.
     """
 
     name: str
@@ -43,10 +45,14 @@ class Verdict:
     def to_json(self) -> dict[str, Any]:
         """What the room tells of it: SI, rounded; the tilt in degrees."""
         return {
-            "crashed": self.crashed, "airborne": self.airborne, "airborne_s": round(self.airborne_s, 3), "landings": self.landings,
+            "crashed": self.crashed,
+            "airborne": self.airborne,
+            "airborne_s": round(self.airborne_s, 3),
+            "landings": self.landings,
             "touchdown_m_s": None if self.touchdown_m_s is None else round(self.touchdown_m_s, 3),
             "landed_p_n": None if self.landed_p_n is None else [round(x, 4) for x in self.landed_p_n],
-            "max_tilt_deg": round(math.degrees(self.max_tilt_rad), 2), "max_height_m": round(self.max_height_m, 3),
+            "max_tilt_deg": round(math.degrees(self.max_tilt_rad), 2),
+            "max_height_m": round(self.max_height_m, 3),
         }
 
 
@@ -62,18 +68,32 @@ class Judge:
         self._aloft_s = np.zeros(len(names))
         self._floor = np.ones(len(names), bool)
 
-    def watch(self, *, now: float, p_n: Array, v_n: Array, cos_tilt: Array, floor: NDArray[np.bool_], others: Mapping[int, str]) -> None:
-        """now [s]; p_n [m] (V, 3), v_n [m/s] (V, 3), NED; cos_tilt: body z along down [-] (V,); floor: does it touch the floor (V,);
-        others: what else it touches, by vehicle.
+    def watch(
+        self,
+        *,
+        now: float,
+        p_n: Array,
+        v_n: Array,
+        cos_tilt: Array,
+        floor: NDArray[np.bool_],
+        others: Mapping[int, str],
+    ) -> None:
+        """now [s]; p_n [m] (V, 3), v_n [m/s] (V, 3), NED; cos_tilt: body z along down [-] (V,); floor: does
+        it touch the floor (V,); others: what else it touches, by vehicle.
         """
         for i, what in others.items():
             self._crash(i, now, f"touched {what}")
         np.minimum(self._cos_tilt, cos_tilt, out=self._cos_tilt)
         np.minimum(self._down, p_n[:, 2], out=self._down)
-        for i in np.flatnonzero(cos_tilt < math.cos(TILT_RAD)):
-            self._crash(int(i), now, f"tilted {math.degrees(math.acos(max(-1.0, float(cos_tilt[i])))):.0f} degrees")
-        for i in np.flatnonzero(floor != self._floor):
-            self._take_off(int(i), now) if self._floor[i] else self._touch_down(int(i), now, p_n[i])
+        for i in np.flatnonzero(cos_tilt < math.cos(TILT_RAD)).tolist():
+            self._crash(
+                i, now, f"tilted {math.degrees(math.acos(max(-1.0, float(cos_tilt[i])))):.0f} degrees"
+            )
+        for i in np.flatnonzero(floor != self._floor).tolist():
+            if floor[i]:
+                self._touch_down(i, now, p_n[i])
+            else:
+                self.verdicts[i]._aloft_since = now
         self._floor = floor
         self._aloft_s += ~floor * self._step_s
         self._speed = np.sqrt((v_n * v_n).sum(axis=1))
@@ -90,9 +110,6 @@ class Judge:
             v.max_tilt_rad = math.acos(float(np.clip(self._cos_tilt[i], -1.0, 1.0)))
             v.max_height_m = -float(self._down[i]) if math.isfinite(self._down[i]) else 0.0
         return {v.name: v.to_json() for v in self.verdicts}
-
-    def _take_off(self, i: int, now: float) -> None:
-        self.verdicts[i]._aloft_since = now
 
     def _touch_down(self, i: int, now: float, p_n: Array) -> None:
         """The speed is that of the step before: the contact has already taken it out of this one's."""

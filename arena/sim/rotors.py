@@ -1,8 +1,9 @@
 """Rotors of a whole fleet: lag of the command, thrust, reaction torque, drag of the air. Pure, batched.
 
-Thrust follows the profile's static curve at the lagged command and fades with airspeed as that curve says (rotors in fast air
-bite less). Drag is linear in the airspeed, which is what spinning rotors feel (Mahony, Kumar and Corke, 2012, section III-B);
-fuselage drag, ground effect and the rotors' own angular momentum are left out.
+Thrust follows the profile's static curve at the lagged command and fades with airspeed as that curve says
+(rotors in fast air bite less). Drag is linear in the airspeed, which is what spinning rotors feel (Mahony,
+Kumar and Corke, 2012, section III-B); fuselage drag, ground effect and the rotors' own angular momentum are
+left out.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Rotors:
         place = self.spin * GRID
         cell = place.astype(np.intp)
         at = cell + self._row
-        thrust = self._table[at] + (place - cell) * self._slope[at]
+        thrust: Array = self._table[at] + (place - cell) * self._slope[at]
         if self._fades:
             lost = np.sqrt((air_b * air_b).sum(axis=1)) * self._fleet.speed_loss
             thrust *= np.maximum(1.0 - lost, _LEAST_SHARE)[:, None]

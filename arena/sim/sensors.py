@@ -1,7 +1,9 @@
-"""Sensors of a whole fleet: what the vehicle would measure, drawn on a copy of the truth. Pure, batched, seeded.
+"""Sensors of a whole fleet: what the vehicle would measure, drawn on a copy of the truth. Pure, batched,
+seeded.
 
-Every vehicle draws from streams of its own, seeded by the arena's seed and its id: one more vehicle changes nobody's noise.
-White noise on each sample; a bias drawn once. The arena's heading turns the magnetometer and the global position, nothing else.
+Every vehicle draws from streams of its own, seeded by the arena's seed and its id: one more vehicle changes
+nobody's noise. White noise on each sample; a bias drawn once. The arena's heading turns the magnetometer and
+the global position, nothing else.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ _BLOCK = 256
 
 @dataclass(frozen=True, kw_only=True)
 class _Channel:
-    """A group of a profile, and standard deviations of one sample and of the bias. The last is the range, symmetric."""
+    """A group of a profile, and standard deviations of one sample and of the bias. The last is the range,
+    symmetric.
+    """
 
     group: str
     noise: str
@@ -39,11 +43,29 @@ class _Channel:
 
 
 _CHANNELS = (
-    _Channel(group="imu", noise="accel_noise_m_s2", bias="accel_bias_m_s2", axes=3, default_noise=0.05, default_bias=0.03,
-             range="accel_range_m_s2", default_range=156.9),
-    _Channel(group="imu", noise="gyro_noise_rad_s", bias="gyro_bias_rad_s", axes=3, default_noise=0.003, default_bias=0.002,
-             range="gyro_range_rad_s", default_range=34.9),
-    _Channel(group="mag", noise="noise_gauss", bias="bias_gauss", axes=3, default_noise=0.002, default_bias=0.002),
+    _Channel(
+        group="imu",
+        noise="accel_noise_m_s2",
+        bias="accel_bias_m_s2",
+        axes=3,
+        default_noise=0.05,
+        default_bias=0.03,
+        range="accel_range_m_s2",
+        default_range=156.9,
+    ),
+    _Channel(
+        group="imu",
+        noise="gyro_noise_rad_s",
+        bias="gyro_bias_rad_s",
+        axes=3,
+        default_noise=0.003,
+        default_bias=0.002,
+        range="gyro_range_rad_s",
+        default_range=34.9,
+    ),
+    _Channel(
+        group="mag", noise="noise_gauss", bias="bias_gauss", axes=3, default_noise=0.002, default_bias=0.002
+    ),
     _Channel(group="baro", noise="noise_m", bias="bias_m", axes=1, default_noise=0.05, default_bias=0.2),
 )
 _WIDTH = sum(c.axes for c in _CHANNELS)
@@ -59,7 +81,9 @@ class Origin:
 
 
 class Sensors:
-    """Accelerometer, gyroscope, magnetometer and barometer in one row of ten numbers per vehicle, and GPS when asked."""
+    """Accelerometer, gyroscope, magnetometer and barometer in one row of ten numbers per vehicle, and GPS
+    when asked.
+    """
 
     def __init__(self, fleet: Fleet, *, seed: int, heading_rad: float, origin: Origin | None) -> None:
         self._origin, self._heading = origin, heading_rad
@@ -75,7 +99,8 @@ class Sensors:
         self._altitude = origin.alt_m if origin else 0.0
 
     def sense(self, *, accel_b: Array, omega_b: Array, r_nb: Array, p_n: Array) -> dict[str, Array]:
-        """accel_b: specific force [m/s2] [FRD] (V, 3); omega_b [rad/s] [FRD] (V, 3); r_nb: body to NED (V, 3, 3); p_n [m] (V, 3).
+        """accel_b: specific force [m/s2] [FRD] (V, 3); omega_b [rad/s] [FRD] (V, 3); r_nb: body to NED (V,
+        3, 3); p_n [m] (V, 3).
 
         Returns accel_b [m/s2] [FRD] (V, 3), gyro_b [rad/s] [FRD] (V, 3), mag_b [gauss] [FRD] (V, 3) and
         baro_alt_m, above mean sea level [m] (V,).
@@ -90,7 +115,8 @@ class Sensors:
         return {"accel_b": row[:, 0:3], "gyro_b": row[:, 3:6], "mag_b": row[:, 6:9], "baro_alt_m": row[:, 9]}
 
     def gps(self, *, p_n: Array, v_n: Array) -> dict[str, Array]:
-        """p_n [m] [NED] (V, 3), v_n [m/s] [NED] (V, 3) -> lat_deg, lon_deg, alt_m (V,), v_true_n: velocity, true north [m/s] (V, 3).
+        """p_n [m] [NED] (V, 3), v_n [m/s] [NED] (V, 3) -> lat_deg, lon_deg, alt_m (V,), v_true_n: velocity,
+        true north [m/s] (V, 3).
 
         Without an origin there is no GPS: an empty dict.
         """
@@ -107,7 +133,9 @@ class Sensors:
         }
 
     def _true_north(self, v_n: Array) -> Array:
-        """The arena's north lies `heading` clockwise of true north: turn vectors back to the map's axes (V, 3)."""
+        """The arena's north lies `heading` clockwise of true north: turn vectors back to the map's axes (V,
+        3).
+        """
         c, s = math.cos(self._heading), math.sin(self._heading)
         return np.stack([c * v_n[:, 0] - s * v_n[:, 1], s * v_n[:, 0] + c * v_n[:, 1], v_n[:, 2]], axis=-1)
 
@@ -126,11 +154,18 @@ def _rows(fleet: Fleet, what: str) -> Array:
 
 
 def _figure(profile: Mapping[str, Any], channel: _Channel, what: str) -> list[float]:
-    found = profile.get("sensors", {}).get(channel.group, {}).get(getattr(channel, what), getattr(channel, f"default_{what}"))
+    found = (
+        profile.get("sensors", {})
+        .get(channel.group, {})
+        .get(getattr(channel, what), getattr(channel, f"default_{what}"))
+    )
     return [float(found)] * channel.axes
 
 
 def _gps_sigma(profile: Mapping[str, Any]) -> list[float]:
     gps = profile.get("sensors", {}).get("gps", {})
-    level, up, speed = (float(gps.get(k, d)) for k, d in (("horizontal_noise_m", 0.8), ("vertical_noise_m", 1.8), ("velocity_noise_m_s", 0.1)))
+    level, up, speed = (
+        float(gps.get(k, d))
+        for k, d in (("horizontal_noise_m", 0.8), ("vertical_noise_m", 1.8), ("velocity_noise_m_s", 0.1))
+    )
     return [level, level, up, speed, speed, speed]

@@ -1,8 +1,8 @@
 """The world: one object that turns motor commands into motion and measurements. No socket, no clock, no file.
 
-    world = World(settings)            settings: the world slice of the plan
-    world.step(motors)                 one sensor period, in physics steps of which it holds a whole number
-    world.truth(), world.sense()       what is, and what the vehicles would measure
+world = World(settings)            settings: the world slice of the plan
+world.step(motors)                 one sensor period, in physics steps of which it holds a whole number
+world.truth(), world.sense()       what is, and what the vehicles would measure
 """
 
 from __future__ import annotations
@@ -29,18 +29,27 @@ _G_N = np.array([0.0, 0.0, GRAVITY])
 
 
 class World:
-    """period_s: the sensor period [s]. steps: how many have passed. Raises InputError where the slice makes no world."""
+    """period_s: the sensor period [s]. steps: how many have passed. Raises InputError where the slice makes
+    no world.
+    """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
         self._substeps = substeps(float(settings["physics_hz"]), float(settings["sensor_hz"]))
         self.period_s, self._h = 1.0 / float(settings["sensor_hz"]), 1.0 / float(settings["physics_hz"])
         self.fleet = read_fleet(list(settings["vehicles"]))
-        self.bodies = Bodies(self.fleet, size_m=settings["size_m"], step_s=self._h, gui=bool(settings.get("gui")))
+        self.bodies = Bodies(
+            self.fleet, size_m=settings["size_m"], step_s=self._h, gui=bool(settings.get("gui"))
+        )
         self._rotors = Rotors(self.fleet, step_s=self._h)
         self._battery = Battery(self.fleet, step_s=self.period_s)
         self._judge = Judge(self.fleet.names, step_s=self.period_s)
         origin, heading = settings.get("origin"), math.radians(float(settings.get("heading_deg", 0.0)))
-        self._sensors = Sensors(self.fleet, seed=int(settings["seed"]), heading_rad=heading, origin=Origin(**origin) if origin else None)
+        self._sensors = Sensors(
+            self.fleet,
+            seed=int(settings["seed"]),
+            heading_rad=heading,
+            origin=Origin(**origin) if origin else None,
+        )
         self.wind_n: Array = np.array(settings.get("wind_m_s") or (0.0, 0.0, 0.0), float)
         self.steps = 0
         # Before the first step every vehicle is held at its start, which feels like standing: 1 g.
@@ -61,11 +70,19 @@ class World:
         self._battery.step(self._rotors.spin)
         self.steps += 1
         bodies, contacts = self.bodies, self.bodies.contacts()
-        self._judge.watch(now=self.now, p_n=bodies.p_n, v_n=bodies.v_n, cos_tilt=bodies.r_nb[:, 2, 2], floor=contacts.floor,
-                          others=contacts.others)
+        self._judge.watch(
+            now=self.now,
+            p_n=bodies.p_n,
+            v_n=bodies.v_n,
+            cos_tilt=bodies.r_nb[:, 2, 2],
+            floor=contacts.floor,
+            others=contacts.others,
+        )
 
     def _substep(self, motors: Array) -> Array:
-        """Returns the specific force: all that moved the body but gravity, contacts too [m/s2] [FRD] (V, 3)."""
+        """Returns the specific force: all that moved the body but gravity, contacts too [m/s2] [FRD] (V,
+        3).
+        """
         bodies = self.bodies
         r_nb, v_n = bodies.r_nb, bodies.v_n
         bodies.push(*self._rotors.step(motors, _b_from_n(r_nb, v_n - self.wind_n)))
@@ -74,16 +91,25 @@ class World:
 
     def truth(self) -> Truth:
         bodies, motors = self.bodies, np.zeros((self.fleet.size, 4))
-        motors[:, :min(4, self.fleet.rotors)] = self._rotors.spin[:, :4]
-        return Truth(time_s=self.now, p_n=bodies.p_n, q_nb=bodies.q_nb, v_n=bodies.v_n, omega_b=bodies.omega_b, accel_b=self._accel_b,
-                     motors=motors)
+        motors[:, : min(4, self.fleet.rotors)] = self._rotors.spin[:, :4]
+        return Truth(
+            time_s=self.now,
+            p_n=bodies.p_n,
+            q_nb=bodies.q_nb,
+            v_n=bodies.v_n,
+            omega_b=bodies.omega_b,
+            accel_b=self._accel_b,
+            motors=motors,
+        )
 
     def sense(self) -> dict[str, Array]:
-        """One draw of every sensor; call it once a step. See Sensors.sense, and battery_v [V], battery_current_a [A],
-        battery_remaining 0..1 [-], each (V,).
+        """One draw of every sensor; call it once a step. See Sensors.sense, and battery_v [V],
+        battery_current_a [A], battery_remaining 0..1 [-], each (V,).
         """
         bodies, battery = self.bodies, self._battery
-        found = self._sensors.sense(accel_b=self._accel_b, omega_b=bodies.omega_b, r_nb=bodies.r_nb, p_n=bodies.p_n)
+        found = self._sensors.sense(
+            accel_b=self._accel_b, omega_b=bodies.omega_b, r_nb=bodies.r_nb, p_n=bodies.p_n
+        )
         found["battery_v"], found["battery_current_a"] = battery.voltage, battery.current
         found["battery_remaining"] = battery.remaining
         return found
@@ -108,11 +134,13 @@ def substeps(physics_hz: float, sensor_hz: float) -> int:
     """Physics steps in a sensor period. Raises InputError when that is not a whole number of at least one."""
     ratio = physics_hz / sensor_hz if sensor_hz > 0 else 0.0
     if ratio < 1.0 or abs(ratio - round(ratio)) > 1e-9:
-        raise InputError(f"physics_hz: got {physics_hz:g}, must be a whole multiple of sensor_hz ({sensor_hz:g}). "
-                         f"Try {max(1, round(ratio)) * sensor_hz:g}.")
+        raise InputError(
+            f"physics_hz: got {physics_hz:g}, must be a whole multiple of sensor_hz ({sensor_hz:g}). "
+            f"Try {max(1, round(ratio)) * sensor_hz:g}."
+        )
     return round(ratio)
 
 
 def _b_from_n(r_nb: Array, v_n: Array) -> Array:
     """Body axes from NED (V, 3): as a row vector, v R is R^T v."""
-    return np.matmul(v_n[:, None, :], r_nb)[:, 0]
+    return np.asarray(np.matmul(v_n[:, None, :], r_nb)[:, 0])

@@ -1,0 +1,184 @@
+"""The world's step loop: autopilots and bodies step together, between the sockets and the wall clock. The
+only shell of this room.
+
+Each step: hear the links, step the autopilots on what the sensors say, step the world, publish truth and
+time, answer, wait.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.clock import ClockServer
+from arena.room import Afterlife, Room
+from arena.sim.links import Links
+from arena.sim.pacing import Pacer, speed_of
+from arena.sim.world import World
+from arena.wire.truth import TruthWriter
+
+Array = NDArray[np.float64]
+
+_LOOK_UP_S = 0.1  # how often the loop looks at its supervisor and passes events on
+_STATS_S = 1.0
+_DRAIN_SHARE = 0.3  # of a period's wall time, at most, for reading the links
+_LONGEST_WAIT_S = 0.1
+_MILLI_S = 1e-3
+
+
+class Pilots(Protocol):
+    """The autopilots of all vehicles of this world, as `arena.autopilot` makes them."""
+
+    @property
+    def armed(self) -> NDArray[np.bool_]: ...
+
+    def receive(self, vehicle: int, link: str, data: bytes) -> None: ...
+
+    def step(self, now: float, sensors: dict[str, Array]) -> Array: ...
+
+    def transmit(self) -> list[tuple[int, str, bytes]]: ...
+
+    def stats(self) -> dict[str, Any]: ...
+
+    def events(self) -> list[str]: ...
+
+
+MakePilots = Callable[[dict[str, Any], float], Pilots]
+
+
+class Loop:
+    """Owns everything that must be closed. `run` returns when the room is told to stop, or when its
+    afterlife is over.
+    """
+
+    def __init__(self, room: Room, make_pilots: MakePilots) -> None:
+        settings = room.settings
+        self._room, self._speed = room, speed_of(settings.get("speed", 1.0))
+        self._world = World(settings)
+        self._pilots = make_pilots(settings, self._world.period_s)
+        period_s = (
+            self._world.period_s / max(self._speed, 1.0)
+            if math.isfinite(self._speed)
+            else self._world.period_s
+        )
+        self._links = Links(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
+        self._truth_path = Path(settings["truth"])
+        self._truth = TruthWriter(self._truth_path, self._world.fleet.size)
+        self._clock = ClockServer(settings["clock"])
+        self._afterlife = Afterlife()
+        self._struck_off = 0
+
+    def run(self) -> None:
+        self._publish()
+        self._step()
+        # Everything made so far lives as long as the process: collections need not look at it again.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        self._room.ready()
+        self._serve()
+
+    def close(self) -> None:
+        """Tell the last figures and leave nothing behind: no socket, no page."""
+        self._clock.close()
+        self._links.close()
+        self._truth_path.unlink(missing_ok=True)
+        self._world.close()
+
+    def _serve(self) -> None:
+        now = time.monotonic()
+        pacer = Pacer(period_s=self._world.period_s, speed=self._speed, now=now)
+        next_look, next_stats = now, now + _STATS_S
+        while not self._room.stopping:
+            now = self._wait(pacer)
+            pacer.begin(now)
+            self._step()
+            if now >= next_look:
+                next_look = now + _LOOK_UP_S
+                if self._look_up(now):
+                    break
+            if now >= next_stats:
+                next_stats = now + _STATS_S
+                self._room.stats(self._stats(pacer))
+                gc.collect()
+        self._look_up(now)
+        self._room.stats(self._stats(pacer))
+
+    def _step(self) -> None:
+        world, pilots = self._world, self._pilots
+        self._links.drain(pilots.receive)
+        world.step(pilots.step(world.now, world.sense()))
+        self._publish()
+        self._links.send(pilots.transmit())
+
+    def _publish(self) -> None:
+        """Truth first: who is woken may read it."""
+        self._truth.write(self._world.truth())
+        self._clock.tick(self._world.now)
+
+    def _wait(self, pacer: Pacer) -> float:
+        """Until the next step may begin; returns the wall time then [s]. The clock's clients are served
+        meanwhile.
+        """
+        now = time.monotonic()
+        while not self._room.stopping:
+            if (left := pacer.wait_s(now)) > 0.0:
+                self._idle(min(left, _LONGEST_WAIT_S))
+            elif self._speed != 1.0 and not self._clock.may_pass(self._world.now, now):
+                self._clock.poll(_MILLI_S)
+            else:
+                break
+            now = time.monotonic()
+        return now
+
+    def _idle(self, left_s: float) -> None:
+        """Wait on the clock's sockets for whole milliseconds, which is what they can, and sleep the rest,
+        which is sharp.
+        """
+        if left_s > 2.0 * _MILLI_S:
+            self._clock.poll((math.floor(left_s / _MILLI_S) - 1) * _MILLI_S)
+        else:
+            time.sleep(left_s)
+
+    def _look_up(self, now: float) -> bool:
+        """Pass events on; True when the supervisor has died and no vehicle needs this world any more."""
+        for text in (*self._world.events(), *self._pilots.events(), *self._strikes()):
+            self._room.event(text)
+        return self._afterlife.over(
+            orphaned=self._room.orphaned, any_armed=bool(np.any(self._pilots.armed)), now=now
+        )
+
+    def _strikes(self) -> list[str]:
+        names = self._clock.struck_off[self._struck_off :]
+        self._struck_off += len(names)
+        return [
+            f"{name} has not slept on the clock for a second: the world no longer waits for it"
+            for name in names
+        ]
+
+    def _stats(self, pacer: Pacer) -> dict[str, Any]:
+        return {
+            **pacer.stats(),
+            "steps": self._world.steps,
+            "sim_time_s": round(self._world.now, 3),
+            "links": self._links.stats(),
+            "vehicles": self._world.judge(),
+            "autopilot": self._pilots.stats(),
+        }
+
+
+def serve(make_pilots: MakePilots, argv: list[str] | None = None) -> None:
+    """Enter the room named by the slice in argv, and serve until told to stop. Raises ArenaError."""
+    room = Room.enter(argv)
+    loop = Loop(room, make_pilots)
+    try:
+        loop.run()
+    finally:
+        loop.close()

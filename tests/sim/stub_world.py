@@ -1,0 +1,44 @@
+"""`python stub_world.py slice.json`: the world with autopilots that hover from the start and echo what they
+hear.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from arena.sim.__main__ import main
+
+
+class Echo:
+    """Answers each datagram on the link it came by. Armed while the slice says so."""
+
+    def __init__(self, settings: dict[str, Any], dt: float) -> None:
+        self._count = len(settings["vehicles"])
+        self._command = float(settings.get("stub_command", 0.0))
+        self.armed = np.full(self._count, bool(settings.get("stub_armed", False)))
+        self._out: list[tuple[int, str, bytes]] = []
+        self._heard = 0
+
+    def receive(self, vehicle: int, link: str, data: bytes) -> None:
+        self._heard += 1
+        self._out.append((vehicle, link, data))
+
+    def step(self, now: float, sensors: dict[str, Any]) -> Any:
+        return np.full((self._count, 4), self._command)
+
+    def transmit(self) -> list[tuple[int, str, bytes]]:
+        out, self._out = self._out, []
+        return out
+
+    def stats(self) -> dict[str, Any]:
+        return {"heard": self._heard}
+
+    def events(self) -> list[str]:
+        return []
+
+
+if __name__ == "__main__":
+    sys.exit(main(make_pilots=Echo))
