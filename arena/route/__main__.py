@@ -1,0 +1,130 @@
+"""`python -m arena.route slice.json`: the router's sockets and clock."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import select
+import socket
+import sys
+import time
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.errors import ArenaError, RunError
+from arena.room import Afterlife, Room
+from arena.route.router import Out, Router
+from arena.route.table import Address, Table
+
+SYSTEM, COMPONENT = 254, 190
+_BUFFER_BYTES = 1 << 20
+_DATAGRAM_BYTES = 1 << 16
+_TICK_S, _SECOND_S = 0.25, 1.0
+
+
+class Shell:
+    """Owns the sockets. One datagram of each waiting socket is taken in turn, so that a flood on one starves no other."""
+
+    def __init__(self, room: Room, table: Table) -> None:
+        self._room, self._router = room, Router(table)
+        self._sockets = [_bind(address) for address in self._router.sockets]
+        self._key = {s.fileno(): key for key, s in enumerate(self._sockets)}
+        self._poll = select.epoll()
+        for fd in self._key:
+            self._poll.register(fd, select.EPOLLIN)
+        self._buffer = memoryview(bytearray(_DATAGRAM_BYTES))
+        self._voice = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
+        self._afterlife = Afterlife(limit_s=60.0 if table.simulated else None)
+        self._next_tick = self._next_second = time.monotonic()
+        self._ready = False
+        self._over = False
+
+    def run(self) -> None:
+        """Until told to stop, or until the afterlife is over."""
+        while not (self._room.stopping or self._over):
+            for fd, _ in self._poll.poll(max(0.0, self._next_tick - time.monotonic())):
+                self._take(self._key[fd])
+            if news := self._router.news():
+                self._room.facts(news)
+            now = time.monotonic()
+            if now >= self._next_tick:
+                self._tick(now)
+        self._room.stats(self._stats())
+
+    def close(self) -> None:
+        self._poll.close()
+        for s in self._sockets:
+            s.close()
+
+    def _take(self, key: int) -> None:
+        try:
+            size, sender = self._sockets[key].recvfrom_into(self._buffer)
+        except OSError:  # nothing there after all
+            return
+        self._send(self._router.on_datagram(key, sender, self._buffer[:size], time.monotonic()))
+
+    def _send(self, out: list[Out]) -> None:
+        for key, dest, data in out:
+            try:
+                self._sockets[key].sendto(data, dest)
+            except OSError:  # a full queue or a network that is away: the next message will be newer
+                self._router.counts.dropped["not sent"] += 1
+            else:
+                self._router.counts.bytes_out += len(data)
+
+    def _tick(self, now: float) -> None:
+        self._next_tick = max(self._next_tick + _TICK_S, now)
+        self._router.tick(now)
+        orphaned = self._room.orphaned
+        self._over = self._afterlife.over(orphaned=orphaned, any_armed=self._router.any_armed, now=now)
+        if not self._ready and self._router.all_heard:
+            self._ready = True
+            self._room.ready()
+        if now >= self._next_second:
+            self._next_second = max(self._next_second + _SECOND_S, now)
+            if self._router.table.heartbeat and (not orphaned or self._router.gcs_alive(now)):
+                self._send(self._router.heartbeat(self._heartbeat()))
+            self._room.stats(self._stats())
+
+    def _heartbeat(self) -> bytes:
+        beat = mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+        )
+        packed: bytes = beat.pack(self._voice)
+        self._voice.seq = (self._voice.seq + 1) % 256
+        return packed
+
+    def _stats(self) -> dict[str, Any]:
+        return dataclasses.asdict(self._router.counts)
+
+
+def _bind(address: Address) -> socket.socket:
+    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    s.setblocking(False)
+    with contextlib.suppress(OSError):
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+    try:
+        s.bind(address)
+    except OSError as error:
+        s.close()
+        raise RunError(f"the router cannot listen on UDP {address[0]}:{address[1]}: {error.strerror}") from error
+    return s
+
+
+def main(argv: list[str] | None = None) -> int:
+    try:
+        room = Room.enter(argv)
+        shell = Shell(room, Table.from_slice(room.settings))
+    except ArenaError as error:
+        print(f"arena:router: {error}", file=sys.stderr)
+        return error.exit_code
+    try:
+        shell.run()
+    finally:
+        shell.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

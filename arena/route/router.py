@@ -1,0 +1,286 @@
+"""The router's core: datagrams in, datagrams out, by table and target. No sockets, no clocks, no decoding.
+
+What goes where:
+    vehicle -> everybody      its clients, tools and logger, and all ground stations
+    vehicle -> one target     where that system and component has been heard, and the logger
+    client, tool -> vehicle   its own vehicle's link, when meant for it or for everybody
+    ground station -> vehicle the vehicle it names, or all
+Never back to the sender, and never TIMESYNC replies towards a vehicle: they would move the stamps of the poses.
+What is not forwarded is counted by reason in `dropped`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
+
+from arena.route.seen import AUTOPILOT, EXTENDED_SYS_STATE, HEARTBEAT, Fact, Seen
+from arena.route.table import Address, Table, Vehicle
+from arena.wire.mavframe import Buffer, Cut, Frame, cut
+
+TOOL_LIFE_S = 10.0  # a tool is forgotten this long after its last frame
+MAX_TOOLS = 16      # per vehicle: when one more speaks, the one silent for longest makes room
+MAX_HEARD = 32      # speakers remembered per endpoint
+MAX_ROUTES = 256    # cached ways per vehicle
+GCS_ALIVE_S = 3.0
+RUN_BYTES = 1472    # consecutive frames leave as one datagram up to what an Ethernet frame holds
+
+_TIMESYNC = 111
+_PEEKED = (HEARTBEAT, EXTENDED_SYS_STATE)
+_EVERYBODY = 0
+_NOBODY = -1
+
+
+class Out(NamedTuple):
+    """One datagram to send. socket: index in `Router.sockets`. data: a slice of what came in."""
+
+    socket: int
+    dest: Address
+    data: Buffer
+
+
+@dataclass(kw_only=True)
+class Endpoint:
+    """One client. heard: (system << 8 | component) of those who spoke from there, oldest first."""
+
+    socket: int
+    address: Address
+    heard: dict[int, None] = field(default_factory=dict)
+    last: float = 0.0
+
+    def serves(self, target: int) -> bool:
+        """target: system << 8 | component, component 0 for any of that system."""
+        return target in self.heard or (not target & 0xFF and any(h >> 8 == target >> 8 for h in self.heard))
+
+
+@dataclass(kw_only=True)
+class Line:
+    """One vehicle's side of the router. routes: target -> destinations, emptied whenever an endpoint changes."""
+
+    vehicle: Vehicle
+    seen: Seen
+    link: int
+    serve: int
+    tools: int
+    clients: dict[Address, Endpoint]
+    guests: dict[Address, Endpoint] = field(default_factory=dict)
+    routes: dict[int, tuple[tuple[int, Address], ...]] = field(default_factory=dict)
+
+
+@dataclass(kw_only=True)
+class Counts:
+    """Frames and bytes since the start. Frames out count once per destination."""
+
+    frames_from_vehicles: int = 0
+    frames_from_clients: int = 0
+    frames_to_vehicles: int = 0
+    frames_to_clients: int = 0
+    bytes_in: int = 0
+    bytes_out: int = 0
+    unknown: int = 0
+    dropped: Counter[str] = field(default_factory=Counter)
+
+
+class Router:
+    """Feed it datagrams with `on_datagram`, time with `tick`; send what both return."""
+
+    def __init__(self, table: Table) -> None:
+        self.table, self.counts = table, Counts()
+        self.sockets: list[Address] = [table.gcs_local]
+        self._handlers: list[Callable[[Address, Buffer, float], list[Out]]] = [self._from_gcs]
+        self._gcs = {address: Endpoint(socket=0, address=address) for address in table.gcs}
+        self._gcs_heard_at = float("-inf")
+        self._lines = [self._open(vehicle) for vehicle in table.vehicles]
+        self._by_id = {line.vehicle.id: line for line in self._lines}
+
+    def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
+        """socket: index in `sockets`.  data: as received; the answer holds slices of it.  now: monotonic [s]."""
+        self.counts.bytes_in += len(data)
+        return self._handlers[socket](sender, memoryview(data), now)
+
+    def tick(self, now: float) -> None:
+        """A few times a second: forget silent tools, notice silent vehicles."""
+        for line in self._lines:
+            line.seen.tick(now)
+            silent = [address for address, guest in line.guests.items() if now - guest.last > TOOL_LIFE_S]
+            for address in silent:
+                del line.guests[address]
+                line.routes.clear()
+
+    def heartbeat(self, frame: bytes) -> list[Out]:
+        """The same frame to every vehicle."""
+        return [Out(line.link, line.vehicle.remote, frame) for line in self._lines]
+
+    def news(self) -> dict[str, Fact]:
+        """Facts that changed since the last call."""
+        found: dict[str, Fact] = {}
+        for line in self._lines:
+            if line.seen.news:
+                found.update(line.seen.news)
+                line.seen.news.clear()
+        return found
+
+    @property
+    def any_armed(self) -> bool:
+        return any(line.seen.armed for line in self._lines)
+
+    @property
+    def all_heard(self) -> bool:
+        return all(line.seen.ever_heard for line in self._lines)
+
+    def gcs_alive(self, now: float) -> bool:
+        return now - self._gcs_heard_at <= GCS_ALIVE_S
+
+    def _open(self, vehicle: Vehicle) -> Line:
+        link, serve, tools = range(len(self.sockets), len(self.sockets) + 3)
+        clients = {address: Endpoint(socket=serve, address=address) for address in vehicle.clients}
+        seen = Seen(name=vehicle.name)
+        line = Line(vehicle=vehicle, seen=seen, link=link, serve=serve, tools=tools, clients=clients)
+        self.sockets += [vehicle.local, vehicle.serve, vehicle.tools]
+        self._handlers += [partial(self._from_vehicle, line), partial(self._from_client, line),
+                           partial(self._from_tool, line)]
+        return line
+
+    # vehicle -> clients
+
+    def _from_vehicle(self, line: Line, sender: Address, data: Buffer, now: float) -> list[Out]:
+        if sender != line.vehicle.remote:
+            return self._refuse("stranger on a vehicle's link")
+        found = self._cut(data)
+        self.counts.frames_from_vehicles += len(found.frames)
+        verdicts = [self._verdict_down(line, data, frame, now) for frame in found.frames]
+        out = []
+        for target, start, end, count in _runs(found.frames, verdicts):
+            destinations = self._destinations(line, target)
+            if not destinations:
+                self.counts.dropped["no listener"] += count
+            self.counts.frames_to_clients += count * len(destinations)
+            out += [Out(socket, dest, data[start:end]) for socket, dest in destinations]
+        return out
+
+    def _verdict_down(self, line: Line, data: Buffer, frame: Frame, now: float) -> int:
+        """The target, system << 8 | component."""
+        if frame.sysid != line.vehicle.id:
+            self.counts.dropped["foreign system on a vehicle's link"] += 1
+            return _NOBODY
+        if frame.msgid in _PEEKED and frame.compid == AUTOPILOT:
+            line.seen.hear(data, frame, now)
+        return frame.target_sys << 8 | frame.target_comp if frame.target_sys else _EVERYBODY
+
+    def _destinations(self, line: Line, target: int) -> tuple[tuple[int, Address], ...]:
+        known = line.routes.get(target)
+        if known is None:
+            if len(line.routes) >= MAX_ROUTES:
+                line.routes.clear()
+            known = line.routes[target] = tuple(self._listeners(line, target))
+        return known
+
+    def _listeners(self, line: Line, target: int) -> Iterable[tuple[int, Address]]:
+        if line.vehicle.logger is not None:
+            yield line.serve, line.vehicle.logger
+        for endpoints in (line.clients, line.guests, self._gcs):
+            for endpoint in endpoints.values():
+                if target == _EVERYBODY or endpoint.serves(target):
+                    yield endpoint.socket, endpoint.address
+
+    # clients -> vehicle
+
+    def _from_client(self, line: Line, sender: Address, data: Buffer, now: float) -> list[Out]:
+        endpoint = line.clients.get(sender)
+        if endpoint is None:
+            return self._refuse("stranger on a serving socket")
+        return self._up(line, endpoint, self._cut(data), data)
+
+    def _from_tool(self, line: Line, sender: Address, data: Buffer, now: float) -> list[Out]:
+        if not (sender[0].startswith("127.") or sender[0] == line.vehicle.tools[0]):
+            return self._refuse("tool on another computer")
+        found = self._cut(data)
+        if not found.frames:
+            return []
+        endpoint = line.guests.pop(sender, None)
+        if endpoint is None:
+            endpoint = Endpoint(socket=line.tools, address=sender)
+            line.routes.clear()
+            if len(line.guests) >= MAX_TOOLS:
+                del line.guests[next(iter(line.guests))]
+        line.guests[sender] = endpoint
+        endpoint.last = now
+        return self._up(line, endpoint, found, data)
+
+    def _from_gcs(self, sender: Address, data: Buffer, now: float) -> list[Out]:
+        endpoint = self._gcs.get(sender)
+        if endpoint is None:
+            return self._refuse("stranger on the ground stations' socket")
+        found = self._cut(data)
+        if found.frames:
+            self._gcs_heard_at = now
+        return self._up(None, endpoint, found, data)
+
+    def _up(self, line: Line | None, endpoint: Endpoint, found: Cut, data: Buffer) -> list[Out]:
+        """line: the only vehicle this endpoint may speak to; None for ground stations."""
+        self.counts.frames_from_clients += len(found.frames)
+        verdicts = [self._verdict_up(line, endpoint, data, frame) for frame in found.frames]
+        out = []
+        for target, start, end, count in _runs(found.frames, verdicts):
+            lines = self._lines if target == _EVERYBODY else [self._by_id[target]]
+            self.counts.frames_to_vehicles += count * len(lines)
+            out += [Out(to.link, to.vehicle.remote, data[start:end]) for to in lines]
+        return out
+
+    def _verdict_up(self, line: Line | None, endpoint: Endpoint, data: Buffer, frame: Frame) -> int:
+        """The system id of the vehicle it goes to."""
+        if frame.compid == AUTOPILOT and frame.sysid in self._by_id:
+            self.counts.dropped["vehicle's own message come back"] += 1
+            return _NOBODY
+        self._learn(line, endpoint, frame.sysid << 8 | frame.compid)
+        if frame.msgid == _TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
+            self.counts.dropped["TIMESYNC reply"] += 1
+            return _NOBODY
+        if line is not None and frame.target_sys in (0, line.vehicle.id):
+            return line.vehicle.id
+        if line is None and (frame.target_sys == 0 or frame.target_sys in self._by_id):
+            return frame.target_sys
+        self.counts.dropped["for a system not served here"] += 1
+        return _NOBODY
+
+    def _learn(self, line: Line | None, endpoint: Endpoint, speaker: int) -> None:
+        if speaker in endpoint.heard:
+            return
+        if len(endpoint.heard) >= MAX_HEARD:
+            del endpoint.heard[next(iter(endpoint.heard))]
+        endpoint.heard[speaker] = None
+        for changed in self._lines if line is None else (line,):
+            changed.routes.clear()
+
+    # both
+
+    def _cut(self, data: Buffer) -> Cut:
+        found = cut(data)
+        if found.garbage or found.unknown or not found.frames:
+            self.counts.unknown += found.unknown
+            self.counts.dropped["garbage bytes"] += found.garbage
+            self.counts.dropped["wrong CRC"] += found.bad_crc
+        return found
+
+    def _refuse(self, why: str) -> list[Out]:
+        self.counts.dropped[why] += 1
+        return []
+
+
+def _runs(frames: list[Frame], verdicts: list[int]) -> list[tuple[int, int, int, int]]:
+    """(verdict, start, end, frames) of whole runs of adjoining frames with one verdict; _NOBODY's are left out."""
+    runs: list[tuple[int, int, int, int]] = []
+    verdict, start, end, count = _NOBODY, 0, 0, 0
+    for frame, own in zip(frames, verdicts, strict=True):
+        if own == verdict and frame.start == end and frame.end - start <= RUN_BYTES:
+            end, count = frame.end, count + 1
+            continue
+        if verdict != _NOBODY:
+            runs.append((verdict, start, end, count))
+        verdict, start, end, count = own, frame.start, frame.end, 1
+    if verdict != _NOBODY:
+        runs.append((verdict, start, end, count))
+    return runs

@@ -1,0 +1,136 @@
+"""Cuts datagrams into MAVLink 1 and 2 frames by their headers. Decodes nothing but the bytes that name a target.
+
+    MAVLink 1   FE len seq sys comp id                          payload  crc lo, hi
+    MAVLink 2   FD len incompat compat seq sys comp id id id    payload  crc lo, hi  [13 bytes of signature]
+
+The CRC is X.25 (mcrf4xx) over what stands between the magic byte and the CRC, then the message's own seed byte.
+A datagram holds whole frames: a tail that is not complete is garbage. MAVLink 2 cuts trailing zeros off the payload,
+so a byte beyond its end is 0. Work is bounded: after `TRIES` false starts the rest of a datagram is given up.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from fastcrc import crc16
+
+from arena.wire.mavtargets import CRC_EXTRA, TARGETS
+
+TRIES = 32
+_V1, _V2 = 0xFE, 0xFD
+_V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
+_SIGNED = 0x01
+_MAGIC = re.compile(rb"[\xfd\xfe]")
+_SEED = {number: bytes([extra]) for number, extra in CRC_EXTRA.items()}
+_crc = crc16.mcrf4xx
+
+Buffer = bytes | bytearray | memoryview
+
+
+class Frame(NamedTuple):
+    """Where one frame stands in its buffer, who sent it and to whom.
+
+    start, end: byte range with magic, CRC and signature.
+    payload, size: offset and length of the payload as sent.
+    target_sys, target_comp: 0 when the message names none, or means everybody.
+    """
+
+    start: int
+    end: int
+    payload: int
+    size: int
+    sysid: int
+    compid: int
+    msgid: int
+    target_sys: int
+    target_comp: int
+
+
+class Cut(NamedTuple):
+    """All frames of one datagram.
+
+    garbage: bytes that belong to no frame.
+    bad_crc: false starts whose message is known but whose CRC is wrong.
+    unknown: frames of messages that are not in the table, passed on their lengths alone.
+    """
+
+    frames: list[Frame]
+    garbage: int
+    bad_crc: int
+    unknown: int
+
+
+def cut(data: Buffer) -> Cut:
+    """Every frame of a datagram, in order. Never raises, whatever the bytes."""
+    frames: list[Frame] = []
+    size, at, used, bad_crc, unknown, tries = len(data), 0, 0, 0, 0, 0
+    while at < size:
+        frame = _frame_at(data, at, size)
+        if frame is not None:
+            known = frame.msgid in _SEED
+            if _crc_fits(data, frame) if known else _plausible(data, frame, at == used, size):
+                frames.append(frame)
+                at = frame.end
+                used += frame.end - frame.start
+                unknown += not known
+                continue
+            bad_crc += known
+        tries += 1
+        found = _MAGIC.search(data, at + 1) if tries < TRIES else None
+        if found is None:
+            break
+        at = found.start()
+    return Cut(frames, size - used, bad_crc, unknown)
+
+
+def byte_at(data: Buffer, frame: Frame, offset: int) -> int:
+    """One byte of the payload; 0 beyond its end."""
+    return data[frame.payload + offset] if offset < frame.size else 0
+
+
+def uint_at(data: Buffer, frame: Frame, offset: int, width: int) -> int:
+    """A little-endian unsigned number of the payload; zeros beyond its end."""
+    end = frame.payload + min(offset + width, frame.size)
+    return int.from_bytes(data[frame.payload + offset : end], "little")
+
+
+def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
+    """The frame whose magic byte stands at `at`, by its lengths alone; None when there is none or it is cut off."""
+    magic = data[at]
+    if magic == _V2 and at + _V2_HEAD + _CRC <= size:
+        length, flags, payload = data[at + 1], data[at + 2], at + _V2_HEAD
+        end = payload + length + _CRC + (_SIGNATURE if flags & _SIGNED else 0)
+        if flags & ~_SIGNED or end > size:  # a frame with a flag one does not know must not be read
+            return None
+        sysid, compid = data[at + 5], data[at + 6]
+        msgid = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+    elif magic == _V1 and at + _V1_HEAD + _CRC <= size:
+        length, payload = data[at + 1], at + _V1_HEAD
+        end = payload + length + _CRC
+        if end > size:
+            return None
+        sysid, compid, msgid = data[at + 3], data[at + 4], data[at + 5]
+    else:
+        return None
+    place = TARGETS.get(msgid)
+    if place is None:
+        return Frame(at, end, payload, length, sysid, compid, msgid, 0, 0)
+    system, component = place
+    target_sys = data[payload + system] if system < length else 0
+    target_comp = data[payload + component] if 0 <= component < length else 0
+    return Frame(at, end, payload, length, sysid, compid, msgid, target_sys, target_comp)
+
+
+def _crc_fits(data: Buffer, frame: Frame) -> bool:
+    at = frame.payload + frame.size
+    expected: int = _crc(_SEED[frame.msgid], _crc(data[frame.start + 1 : at]))
+    return expected == data[at] | data[at + 1] << 8
+
+
+def _plausible(data: Buffer, frame: Frame, clean: bool, size: int) -> bool:
+    """Without its seed a CRC proves nothing: only frames that leave no byte over on either side are believed.
+
+    clean: everything before it in the datagram was frames.
+    """
+    return clean and frame.sysid != 0 and (frame.end == size or data[frame.end] in (_V1, _V2))
