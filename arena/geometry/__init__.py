@@ -13,15 +13,17 @@ Inner letters cancel: q_nf = q_nw * q_wf.  Every array is float64; vectors (...,
 
 from arena.geometry.frames import (
     frd_from_flu,
+    ned_from_world,
     q_nb_from_q_wf,
     q_wf_from_q_nb,
-    ned_from_world,
     world_from_ned,
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
 from arena.geometry.quaternion import (
+    Array,
     euler_from_quat,
+    matrix_from_quat,
     quat_conj,
     quat_exp,
     quat_from_euler,
@@ -31,13 +33,12 @@ from arena.geometry.quaternion import (
     quat_normalize,
     quat_rotate,
     quat_slerp,
-    matrix_from_quat,
     wrap_pi,
     yaw_from_quat,
 )
 
 __all__ = [
-    "euler_from_quat", "frd_from_flu", "matrix_from_quat", "ned_from_world", "q_nb_from_q_wf", "q_wf_from_q_nb",
+    "Array", "euler_from_quat", "frd_from_flu", "matrix_from_quat", "ned_from_world", "q_nb_from_q_wf", "q_wf_from_q_nb",
     "quat_conj", "quat_exp", "quat_from_euler", "quat_from_matrix", "quat_log", "quat_multiply", "quat_normalize",
     "quat_rotate", "quat_slerp", "world_from_ned", "wrap_pi", "wxyz_from_xyzw", "xyzw_from_wxyz", "yaw_from_quat",
 ]

@@ -1,0 +1,271 @@
+"""One vehicle's mode, arming and failsafes: plain decisions on plain values, no arrays, no messages.
+
+The fleet asks `update` some fifty times a second with what is sensed; the MAVLink face calls `request_mode`, `arm`, `disarm`.
+Words that a person should read are left in `texts` as (severity, text), in PX4's manner.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
+PREFLIGHT_REPEAT_S = 2.0
+
+
+class Mode(Enum):
+    """PX4's flight modes: (main, sub) of its custom_mode, and the words of its ground stations."""
+
+    MANUAL = (1, 0, "MANUAL")
+    ALTCTL = (2, 0, "ALTCTL")
+    POSCTL = (3, 0, "POSCTL")
+    TAKEOFF = (4, 2, "AUTO.TAKEOFF")
+    HOLD = (4, 3, "AUTO.LOITER")
+    MISSION = (4, 4, "AUTO.MISSION")
+    RTL = (4, 5, "AUTO.RTL")
+    LAND = (4, 6, "AUTO.LAND")
+    ACRO = (5, 0, "ACRO")
+    OFFBOARD = (6, 0, "OFFBOARD")
+    STABILIZED = (7, 0, "STABILIZED")
+    DESCEND = (4, 106, "DESCEND")  # inside only: told to the world as AUTO.LAND
+    TERMINATE = (4, 107, "TERMINATION")  # inside only
+
+    @property
+    def custom_mode(self) -> int:
+        """The number in HEARTBEAT."""
+        main, sub, _ = self.value
+        return main << 16 | (sub % 100) << 24
+
+    @property
+    def words(self) -> str:
+        return self.value[2]
+
+
+def mode_of(main: int, sub: int) -> Mode | None:
+    """None: no such mode."""
+    return next((m for m in Mode if m.value[:2] == (main, sub if main == 4 else 0) and sub < 100), None)
+
+
+_FLOWN = {Mode.TAKEOFF, Mode.HOLD, Mode.LAND, Mode.OFFBOARD}
+_NEEDS_POSITION = {Mode.TAKEOFF, Mode.HOLD, Mode.LAND}
+_NO_ARMING = {Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
+
+
+@dataclass(slots=True, kw_only=True)
+class Sensed:
+    """What the commander decides on. now [s]; battery remaining 0..1; offboard_age: since the last setpoint [s]."""
+
+    now: float
+    xy_valid: bool
+    z_valid: bool
+    yaw_valid: bool
+    landed: bool
+    flying: bool
+    tilt_rad: float
+    battery: float
+    offboard_age: float
+    offboard_needs_position: bool
+    gcs_age: float
+    aligned: bool
+
+
+@dataclass(slots=True, kw_only=True)
+class Limits:
+    """The parameters that decide, by PX4's names in lower case."""
+
+    com_of_loss_t: float
+    com_obl_rc_act: int
+    com_fail_act_t: float
+    com_disarm_land: float
+    com_disarm_prflt: float
+    com_low_bat_act: int
+    bat_low_thr: float
+    bat_crit_thr: float
+    bat_emergen_thr: float
+    nav_dll_act: int
+    com_dl_loss_t: float
+    cbrk_flightterm: int
+    fd_fail_rad: float
+    com_posctl_navl: int = 0
+
+
+@dataclass(slots=True)
+class Commander:
+    """State of one vehicle. `mode` is what it flies; `armed_since` and `took_off` belong to the present arming."""
+
+    name: str
+    mode: Mode = Mode.HOLD
+    armed: bool = False
+    armed_since: float = float("inf")
+    took_off: bool = False
+    failsafe: str = ""
+    texts: list[tuple[int, str]] = field(default_factory=list)
+    mode_since: float = 0.0
+    _landed_since: float | None = None
+    _pending: tuple[float, Mode] | None = None
+    _battery_level: int = 0
+    _complained: float = -1e9
+
+    # -- asked for from outside ----------------------------------------------------------------------------------------
+
+    def request_mode(self, mode: Mode | None, s: Sensed, limits: Limits) -> str:
+        """Change mode, or return why not."""
+        if mode is None or mode not in _FLOWN:
+            why = f"mode {mode.words} is not there in the built-in autopilot" if mode else "no such mode"
+        elif self.mode in (Mode.TERMINATE,) and self.armed:
+            why = "flight is terminated"
+        elif mode is Mode.OFFBOARD and s.offboard_age > limits.com_of_loss_t:
+            why = "no offboard setpoints: stream them at 2 Hz or more first"
+        elif (mode in _NEEDS_POSITION or (mode is Mode.OFFBOARD and s.offboard_needs_position)) and not _position_ok(s):
+            why = "no valid local position"
+        else:
+            why = ""
+        if why:
+            self.say(CRITICAL, f"Mode change denied: {why}")
+        else:
+            self._enter(mode or Mode.HOLD, s.now, "")
+        return why
+
+    def arm_checks(self, s: Sensed, limits: Limits) -> list[str]:
+        """Every reason not to arm, in words; empty when it may."""
+        offboard = self.mode is Mode.OFFBOARD
+        position = self.mode in _NEEDS_POSITION or (offboard and s.offboard_needs_position)
+        checks = [
+            (not s.aligned, "Attitude not valid: waiting for external vision"),
+            (position and not s.xy_valid, "Horizontal position not valid: no external vision"),
+            (position and not s.z_valid, "Height not valid: no external vision"),
+            (s.aligned and not s.yaw_valid, "Heading not valid: vision yaw rejected"),
+            (offboard and s.offboard_age > limits.com_of_loss_t, "No offboard signal"),
+            (self.mode in _NO_ARMING, f"Mode {self.mode.words} does not allow arming"),
+            (s.battery <= limits.bat_crit_thr, f"Battery too low: {100 * s.battery:.0f} %"),
+            (s.tilt_rad > limits.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
+        ]
+        return [words for failed, words in checks if failed]
+
+    def arm(self, s: Sensed, limits: Limits, *, force: bool = False) -> str:
+        """Arm, or return why not."""
+        reasons = [] if force and s.aligned else self.arm_checks(s, limits)
+        if self.armed:
+            return ""
+        if reasons:
+            self.say(CRITICAL, f"Arming denied: {reasons[0]}")
+            return "; ".join(reasons)
+        self.armed, self.armed_since, self.took_off, self._landed_since = True, s.now, False, None
+        self._pending, self._battery_level = None, 0
+        self.failsafe = ""
+        self.say(INFO, "Armed by external command")
+        return ""
+
+    def disarm(self, s: Sensed, *, force: bool = False, why: str = "by external command") -> str:
+        """Disarm, or return why not: never in the air but by force."""
+        if not self.armed:
+            return ""
+        if not force and not s.landed:
+            self.say(CRITICAL, "Disarming denied: not landed")
+            return "not landed"
+        self.armed, self.armed_since, self.took_off, self._pending = False, float("inf"), False, None
+        self.say(INFO, f"Disarmed {why}")
+        if self.mode in _NO_ARMING:
+            self._enter(Mode.HOLD, s.now, "")
+        return ""
+
+    def terminate(self, now: float, why: str) -> None:
+        """Motors off, whatever it is doing."""
+        if self.mode is not Mode.TERMINATE:
+            self._enter(Mode.TERMINATE, now, why)
+            self.say(EMERGENCY, f"Flight termination: {why}")
+
+    def say(self, severity: int, text: str) -> None:
+        self.texts.append((severity, text))
+
+    # -- by itself -----------------------------------------------------------------------------------------------------
+
+    def update(self, s: Sensed, limits: Limits) -> None:
+        """Failsafes, take-off bookkeeping, automatic disarming."""
+        if not self.armed:
+            return
+        self.took_off |= s.flying and not s.landed
+        self._check_attitude(s, limits)
+        self._check_position(s)
+        self._check_battery(s, limits)
+        self._check_offboard(s, limits)
+        self._check_data_link(s, limits)
+        self._run_pending(s)
+        self._auto_disarm(s, limits)
+
+    def _check_attitude(self, s: Sensed, limits: Limits) -> None:
+        if limits.cbrk_flightterm == 0 and s.tilt_rad > limits.fd_fail_rad and self.took_off:
+            self.terminate(s.now, "attitude failure")
+
+    def _check_position(self, s: Sensed) -> None:
+        needs = self.mode in _NEEDS_POSITION or (self.mode is Mode.OFFBOARD and s.offboard_needs_position)
+        if needs and not _position_ok(s):
+            what = "position" if not s.xy_valid else "heading" if not s.yaw_valid else "height"
+            self._act(Mode.DESCEND, s.now, f"external vision lost, no valid {what}: blind land")
+
+    def _check_battery(self, s: Sensed, limits: Limits) -> None:
+        below = [s.battery <= t for t in (limits.bat_low_thr, limits.bat_crit_thr, limits.bat_emergen_thr)]
+        level = sum(below)
+        if level <= self._battery_level:
+            return
+        self._battery_level = level
+        self.say((WARNING, CRITICAL, EMERGENCY)[level - 1], f"{('Low', 'Critical', 'Emergency')[level - 1]} battery: {100 * s.battery:.0f} %")
+        if (level >= 2 and limits.com_low_bat_act in (2, 3)) and self.mode not in (Mode.LAND, *_NO_ARMING):
+            self._act(Mode.LAND, s.now, "battery")
+
+    def _check_offboard(self, s: Sensed, limits: Limits) -> None:
+        if self.mode is not Mode.OFFBOARD or s.offboard_age <= limits.com_of_loss_t:
+            return
+        action = {5: Mode.HOLD, 6: Mode.TERMINATE}.get(limits.com_obl_rc_act, Mode.LAND)
+        if limits.com_obl_rc_act == 7:
+            self.say(EMERGENCY, "Failsafe activated: offboard control lost: disarming")
+            self.disarm(s, force=True, why="by failsafe")
+        elif limits.com_fail_act_t > 0 and action is not Mode.HOLD and _position_ok(s):
+            self._act(Mode.HOLD, s.now, "offboard control lost")
+            self._pending = (s.now + limits.com_fail_act_t, action)
+        else:
+            self._act(action, s.now, "offboard control lost")
+
+    def _check_data_link(self, s: Sensed, limits: Limits) -> None:
+        if limits.nav_dll_act and s.gcs_age > limits.com_dl_loss_t and self.mode not in (*_NO_ARMING, Mode.LAND) and not self.failsafe:
+            action = {1: Mode.HOLD, 5: Mode.TERMINATE}.get(limits.nav_dll_act, Mode.LAND)
+            self._act(action, s.now, "data link lost")
+
+    def _run_pending(self, s: Sensed) -> None:
+        if self._pending and self.mode is Mode.HOLD and s.now >= self._pending[0]:
+            _, mode = self._pending
+            self._pending = None
+            self._act(mode, s.now, self.failsafe)
+        elif self._pending and self.mode is not Mode.HOLD:
+            self._pending = None
+
+    def _auto_disarm(self, s: Sensed, limits: Limits) -> None:
+        if not s.landed:
+            self._landed_since = None
+            return
+        if self._landed_since is None:
+            self._landed_since = s.now
+            if self.took_off:
+                self.say(INFO, "Landing detected")
+        wait = limits.com_disarm_land if self.took_off else limits.com_disarm_prflt
+        if wait > 0 and s.now - self._landed_since >= wait and s.now - self.armed_since >= wait:
+            self.disarm(s, why="by landing" if self.took_off else "by auto preflight disarming")
+
+    def _act(self, mode: Mode, now: float, why: str) -> None:
+        if mode in (Mode.LAND, Mode.HOLD) and self.mode is Mode.DESCEND:
+            return
+        self.failsafe = why
+        if mode is Mode.TERMINATE:
+            self.terminate(now, why)
+        else:
+            self._enter(mode, now, why)
+            self.say(EMERGENCY, f"Failsafe activated: {why}: {mode.words}")
+
+    def _enter(self, mode: Mode, now: float, failsafe: str) -> None:
+        if mode is not self.mode:
+            self.mode, self.mode_since = mode, now
+        self.failsafe = failsafe
+
+
+def _position_ok(s: Sensed) -> bool:
+    return s.xy_valid and s.z_valid and s.yaw_valid

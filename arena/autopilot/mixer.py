@@ -1,0 +1,54 @@
+"""Torques and thrust -> motor commands, batched. Rows are normalised so that gains mean what they mean on PX4:
+
+for a symmetric quadrotor X:  u = thrust +- 0.707 roll +- 0.707 pitch +- yaw.  When motors saturate, thrust gives way first
+(downwards only), then roll and pitch shrink together, then yaw takes what is left: an upright vehicle before a heading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def mixing_rows(rotors: Sequence[dict[str, Any]]) -> Array:
+    """(R, 3) weights of roll, pitch and yaw for rotors given by `position_m` [m] [FRD] and `direction` (cw or ccw from above)."""
+    position = np.array([r["position_m"] for r in rotors], float)
+    turning = np.array([1.0 if r["direction"] == "ccw" else -1.0 for r in rotors])
+    # Thrust pulls up (-z): torque = r x (0, 0, -T) = (-y, x, 0) T. A rotor turning ccw from above turns the body cw: +yaw.
+    effect = np.stack([-position[:, 1], position[:, 0], turning], axis=-1)
+    inverse = np.linalg.pinv(np.column_stack([effect, np.ones(len(effect))]).T)[:, :3]
+    count = max(int((np.abs(inverse[:, 0]) > 1e-6).sum()), 1)
+    tilt_scale = max(float(np.sqrt((inverse[:, a] ** 2).sum() / (count / 2.0))) for a in (0, 1))
+    scale = np.array([tilt_scale, tilt_scale, float(np.abs(inverse[:, 2]).max())])
+    return np.asarray(inverse / np.maximum(scale, 1e-9))
+
+
+class Mixer:
+    """rows: (V, R, 3) from mixing_rows, one per vehicle; unused rotors of smaller vehicles have zero rows."""
+
+    def __init__(self, rows: Array, present: NDArray[np.bool_]) -> None:
+        self.rows, self.present = rows, present
+
+    def mix(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
+        """torque [-] (V, 3), thrust 0..1 (V,) -> commands 0..1 (V, R), and the signs of torque not delivered (V, 3)."""
+        tilt = (self.rows[:, :, :2] @ torque[:, :2, None])[:, :, 0]
+        high, low = tilt.max(1), tilt.min(1)
+        fit = np.minimum(1.0, 1.0 / np.maximum(high - low, 1e-9))
+        tilt = tilt * fit[:, None]
+        lift = np.minimum(thrust, 1.0 - high * fit)  # give way downwards only
+        # Without airmode roll and pitch shrink when lift is low, rather than lift rising.
+        room = np.minimum(1.0, np.maximum(lift, 0.0) / np.maximum(-low * fit, 1e-9))
+        base = np.maximum(lift, 0.0)[:, None] + tilt * room[:, None]
+        yaw = self.rows[:, :, 2] * torque[:, 2:]
+        up, down = np.where(yaw > 0, (1.0 - base) / np.maximum(yaw, 1e-9), np.inf), np.where(
+            yaw < 0, base / np.maximum(-yaw, 1e-9), np.inf
+        )
+        yaw_fit = np.clip(np.minimum(up, down).min(1, initial=1.0), 0.0, 1.0)
+        u = np.clip(base + yaw * yaw_fit[:, None], 0.0, 1.0) * self.present
+        kept = np.stack([fit * room, fit * room, yaw_fit], axis=-1)
+        return u, np.sign(torque) * (kept < 0.999)
