@@ -1,0 +1,223 @@
+"""All processes of one plan: carries out what `life.step` decides, and gathers what the children tell.
+
+Knows processes and facts, not why a run ends. Called by the loop only.
+"""
+
+from __future__ import annotations
+
+import selectors
+import signal
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from arena.plan.model import Plan, ProcessSpec
+from arena.supervise import children, ending, proc
+from arena.supervise.children import Child
+from arena.supervise.journal import Journal
+from arena.supervise.life import ALIVE, Action, Exit, Life, Seen, State, step
+from arena.supervise.meter import Meter
+from arena.supervise.runfolder import Member, RunFolder
+
+_MOST_NAMES = 2000
+
+
+@dataclass(kw_only=True)
+class Orders:
+    """What is wanted now. starts_on: processes may start.  stop, kill: names; why: the reason given."""
+
+    starts_on: bool = True
+    stop: set[str] = field(default_factory=set)
+    kill: set[str] = field(default_factory=set)
+    why: str = ""
+
+
+class Fleet:
+    """facts: told by processes that still run.  told: the last of every fact ever.  stats: per process, key by key.
+
+    changed: something happened that the next round of decisions should see at once.
+    """
+
+    def __init__(self, plan: Plan, folder: RunFolder, journal: Journal, selector: selectors.BaseSelector) -> None:
+        self.plan, self.folder, self.journal = plan, folder, journal
+        self.specs = {spec.name: spec for spec in plan.processes}
+        self.lives: dict[str, Life] = {name: Life(since=time.monotonic()) for name in self.specs}
+        self.children: dict[str, Child] = {}
+        self.meters = {name: Meter() for name in self.specs}
+        self.facts: dict[str, Any] = {}
+        self.told: dict[str, Any] = {}
+        self.stats: dict[str, dict[str, Any]] = {name: {} for name in self.specs}
+        self.changed = True
+        self._selector = selector
+        self._teller: dict[str, str] = {}
+        self._ready: set[str] = set()
+        self._exits: dict[str, Exit] = {}
+        self._restarts: set[str] = set()
+
+    @property
+    def alive(self) -> list[str]:
+        return [name for name, life in self.lives.items() if life.state in ALIVE]
+
+    def ask_restart(self, name: str) -> None:
+        """Raises KeyError when there is no such process."""
+        self._restarts.add(self.specs[name].name)
+        self.changed = True
+
+    def reconcile(self, orders: Orders, now: float) -> None:
+        """One round: reap, then a step for every process, again while something changed (an order of starts is a chain)."""
+        for _ in range(2 + len(self.specs)):
+            self.changed = False
+            self._reap(now)
+            for name, spec in self.specs.items():
+                self._step(spec, self._see(name, spec, orders), now)
+            if not self.changed:
+                return
+
+    def sample(self, now: float) -> None:
+        """CPU and memory of all, about once a second."""
+        for name, child in self.children.items():
+            self.meters[name].sample(child.pid, now)
+
+    def cut_logs(self, now: float) -> None:
+        for name, child in self.children.items():
+            if child.cut_log() and child.cut == 1:
+                limit = children.LOG_LIMIT_BYTES >> 20
+                self.journal.event(now, name, f"its log passed {limit} MiB and was cut: it keeps its first MiB and the newest lines")
+
+    def members(self) -> dict[str, Member]:
+        """For state.json."""
+        return {n: Member(pid=c.pid, pgid=c.pid, create_time_s=c.create_s) for n, c in self.children.items()}
+
+    def _see(self, name: str, spec: ProcessSpec, orders: Orders) -> Seen:
+        life = self.lives[name]
+        exit = self._exits.pop(name, None)
+        if life.state is State.READY and exit is None and not (orders.stop or orders.kill or self._restarts):
+            return _NOTHING
+        needs = [(self.specs[n], self.lives[n]) for n in spec.needs if n in self.specs]
+        restart = name in self._restarts
+        self._restarts.discard(name)
+        return Seen(
+            needs_ready=all(ending.is_served(*need) for need in needs),
+            needs_dead=next((need.name for need, its in needs if ending.is_dead(need, its)), ""),
+            proof=self._proof(name, spec) if life.state is State.STARTING and exit is None else "",
+            exit=exit, starts_on=orders.starts_on, stop=name in orders.stop, kill=name in orders.kill, restart=restart,
+            why="restart asked" if restart and orders.starts_on else orders.why,
+        )
+
+    def _proof(self, name: str, spec: ProcessSpec) -> str:
+        if spec.ready == "told":
+            return "it says so" if name in self._ready else ""
+        if spec.ready == "started":
+            return "started" if name in self.children else ""
+        served = name in self.children and proc.serves_port(self.children[name].pid, spec.ready_port)
+        return f"serves port {spec.ready_port}" if served else ""
+
+    def _step(self, spec: ProcessSpec, seen: Seen, now: float) -> None:
+        before = self.lives[spec.name]
+        life, action = step(spec, before, seen, now)
+        self.lives[spec.name] = life
+        if life.state is not before.state:
+            self.journal.transition(now, spec.name, before.state, life.state, life.reason)
+            self.changed = True
+        match action:
+            case Action.START:
+                self._start(spec, now)
+            case Action.TERMINATE:
+                self._signal(spec.name, signal.Signals[spec.stop_signal])
+            case Action.KILL:
+                self._signal(spec.name, signal.SIGKILL)
+                if life.state is before.state:
+                    self.journal.event(now, spec.name, f"did not end within {spec.stop_timeout_s:g} s: SIGKILL")
+
+    def _signal(self, name: str, number: int) -> None:
+        if name in self.children:
+            self.children[name].signal(number)
+
+    def _start(self, spec: ProcessSpec, now: float) -> None:
+        self.changed = True
+        self._ready.discard(spec.name)
+        try:
+            child = children.start(self.folder.spec(spec), self.folder.log(spec.name), str(self.folder.path))
+        except (OSError, ValueError) as error:
+            what = getattr(error, "strerror", None) or str(error)
+            where = getattr(error, "filename", None) or spec.argv[0]
+            self._exits[spec.name] = Exit(code=127, words=f"could not start: {where}: {what}", ran=False)
+            return
+        self.children[spec.name] = child
+        self.meters[spec.name].started(now)
+        if child.line is not None:
+            self._selector.register(child.line, selectors.EVENT_READ, lambda: self._hear(child))
+
+    def _hear(self, child: Child) -> None:
+        line, garbage, name = child.line, child.garbage, child.spec.name
+        if line is None:
+            return
+        fd = line.fileno()
+        for packet in child.hear():
+            self._take(name, packet)
+        now = time.monotonic()
+        if child.line is None:
+            self._selector.unregister(fd)
+        if child.garbage and not garbage:
+            self.journal.event(now, name, "sent something on its line that is not a JSON object: ignored, counted")
+
+    def _take(self, name: str, packet: Mapping[str, Any]) -> None:
+        if packet.get("ready") is True and name not in self._ready:
+            self._ready.add(name)
+            self.changed = True
+        if isinstance(facts := packet.get("facts"), dict):
+            self._take_facts(name, facts)
+        if isinstance(stats := packet.get("stats"), dict) and len(self.stats[name]) < _MOST_NAMES:
+            self.stats[name].update(stats)
+        if isinstance(event := packet.get("event"), str):
+            self.journal.event(time.monotonic(), name, event)
+
+    def _take_facts(self, name: str, facts: dict[str, Any]) -> None:
+        """A program may not say what is armed: landing depends on it."""
+        program = self.specs[name].kind == "program"
+        for key, value in facts.items():
+            if len(self.told) >= _MOST_NAMES or (program and key.endswith((".armed", ".landed"))):
+                continue
+            self.changed = self.changed or self.facts.get(key) != value
+            self.facts[key] = self.told[key] = value
+            self._teller[key] = name
+
+    def _reap(self, now: float) -> None:
+        for name, child in list(self.children.items()):
+            if (exit := child.reap()) is not None:
+                self._bury(name, child, exit, now)
+
+    def _bury(self, name: str, child: Child, exit: Exit, now: float) -> None:
+        """Its last words, its CPU, and its facts, which nobody vouches for any more."""
+        self._hear(child)
+        if child.line is not None:
+            self._selector.unregister(child.line)
+            child.close()
+        del self.children[name]
+        self.meters[name].ended(child.cpu_s, now)
+        for key in [key for key, teller in self._teller.items() if teller == name]:
+            del self._teller[key]
+            self.facts.pop(key, None)
+        self._exits[name] = exit
+        self.changed = True
+
+    def table(self, now: float) -> dict[str, dict[str, Any]]:
+        """Every process as `arena ps`, the live table and outcome.json show it."""
+        return {name: self._row(name, spec, now) for name, spec in self.specs.items()}
+
+    def _row(self, name: str, spec: ProcessSpec, now: float) -> dict[str, Any]:
+        life, meter = self.lives[name], self.meters[name]
+        child = self.children.get(name)
+        return {
+            "kind": spec.kind, "vehicle": spec.vehicle, "state": str(life.state), "reason": life.reason,
+            "exit_code": life.exit.code if life.exit else None, "exit": life.exit.words if life.exit else None,
+            "pid": child.pid if child else None, "starts": life.started, "restarts": life.restarts,
+            "alive_s": round(meter.alive_s(now), 3), "cpu_s": round(meter.cpu_s, 3), "cpu_mean": round(meter.cpu_mean(now), 4),
+            "cpu_now": round(meter.now_cpu, 4), "rss_mb": round(meter.now_mb, 1), "rss_peak_mb": round(meter.peak_mb, 1),
+            "over_budget": meter.over_budget(spec, now), "stats": self.stats[name],
+        }
+
+
+_NOTHING = Seen()
+

@@ -1,0 +1,47 @@
+"""Signals become a queue and a file descriptor to wake the loop. Handlers do nothing but append."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from types import FrameType
+from typing import Any
+
+_HEARD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGCHLD)
+
+
+class SignalQueue:
+    """A context: takes the signals over on entry, gives them back on exit. fd: readable when something waits."""
+
+    def __init__(self) -> None:
+        self._queue: list[int] = []
+        self._before: dict[int, Any] = {}
+        self.fd, self._wake = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+
+    def __enter__(self) -> SignalQueue:
+        self._old_fd = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
+        self._before = {number: signal.signal(number, self._append) for number in _HEARD}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(self._old_fd)
+        os.close(self.fd)
+        os.close(self._wake)
+
+    def drain(self) -> None:
+        """Empty the pipe, so that it can wake again."""
+        with contextlib.suppress(BlockingIOError):
+            while os.read(self.fd, 4096):
+                pass
+
+    def take(self) -> Iterator[int]:
+        """The signals since the last call, in order."""
+        while self._queue:
+            yield self._queue.pop(0)
+
+    def _append(self, number: int, frame: FrameType | None) -> None:
+        self._queue.append(number)

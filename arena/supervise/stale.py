@@ -1,0 +1,105 @@
+"""Runs whose supervisor has gone: land what may fly, then end what is left, by recorded identity and never by name."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from arena.errors import RunError
+from arena.plan.model import Plan
+from arena.supervise import runfolder
+from arena.supervise.journal import Say
+from arena.supervise.landing import TIMEOUT_S
+from arena.supervise.runfolder import RunFolder, RunState
+
+_GRACE_S = 5.0
+
+
+def sweep_all(say: Say) -> None:
+    """Every stale run of this user. Raises RunError when one cannot be swept without risk to a real vehicle."""
+    for state in runfolder.active_runs():
+        if not state.live:
+            sweep(state, say)
+
+
+def sweep(state: RunState, say: Say) -> None:
+    """One stale run: land, end, remove its runtime folder. say: told what is found and done."""
+    plan = runfolder.plan_of(state)
+    if left := state.survivors():
+        say(f"the supervisor of {state.run} has died; still running: {', '.join(left)}")
+        landed = _land(state, plan, left, say)
+        if not landed and plan is not None and any(not v.simulated for v in plan.vehicles):
+            raise RunError(
+                f"{state.run}: a real vehicle is not confirmed on the ground, so what serves it goes on running. "
+                f"Land it by hand, or try `arena land-all`, then `arena down --run {state.run}` again"
+            )
+        _end(state, plan, say)
+    _forget(state)
+
+
+def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say) -> bool:
+    """Run the land task if anything may be in the air. True when it is confirmed, or nothing can be."""
+    if not _may_fly(plan, set(left)):
+        return True
+    folder = RunFolder(path=Path(state.run), rt=Path(state.rt))
+    argv, cwd = [sys.executable, "-m", "arena.safety.land_all", "--run", state.run], state.run
+    env = dict(os.environ)
+    if plan is not None and plan.land is not None:
+        spec = folder.spec(plan.land)
+        argv, cwd, env = list(spec.argv), spec.cwd, {**env, **dict(spec.env)}
+    say(f"landing first: {' '.join(argv)}")
+    try:
+        return subprocess.run(argv, cwd=cwd, env=env, timeout=TIMEOUT_S, check=False, stdin=subprocess.DEVNULL).returncode == 0
+    except (OSError, subprocess.TimeoutExpired) as error:
+        say(f"the landing did not work: {error}")
+        return False
+
+
+def _may_fly(plan: Plan | None, left: set[str]) -> bool:
+    """A simulated vehicle flies as long as its world runs; of a real one nothing is known."""
+    if plan is None:
+        return True
+    world = any(spec.kind == "world" and spec.name in left for spec in plan.processes)
+    return any(world or not vehicle.simulated for vehicle in plan.vehicles)
+
+
+def _end(state: RunState, plan: Plan | None, say: Say) -> None:
+    """Programs and tools first, then the rest; those that do not end are killed."""
+    late = {spec.name for spec in plan.processes if spec.outlives} if plan is not None else set()
+    for names in (set(state.processes) - late, late):
+        _signal(state, names, signal.SIGTERM)
+        if not _wait(lambda names=names: not names & set(state.survivors()), _GRACE_S):  # type: ignore[misc]
+            say(f"did not end: {', '.join(sorted(names & set(state.survivors())))}; killing")
+            _signal(state, names, signal.SIGKILL)
+            _wait(lambda names=names: not names & set(state.survivors()), _GRACE_S)  # type: ignore[misc]
+
+
+def _signal(state: RunState, names: set[str], number: int) -> None:
+    """To every survivor whose identity holds at this moment."""
+    for name, pids in state.survivors().items():
+        for pid in pids if name in names else []:
+            try:
+                os.kill(pid, number)
+            except (ProcessLookupError, PermissionError):
+                continue
+
+
+def _wait(over: Callable[[], bool], limit_s: float) -> bool:
+    deadline = time.monotonic() + limit_s
+    while not over():
+        if time.monotonic() >= deadline:
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def _forget(state: RunState) -> None:
+    (Path(state.run) / "state.json").unlink(missing_ok=True)
+    if Path(state.rt, "run").is_file():
+        shutil.rmtree(state.rt, ignore_errors=True)

@@ -1,0 +1,144 @@
+"""Programs that do not behave. `misfit.py KIND [argument]`; each says its pid on stdout so that a test can look for it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+
+def line() -> socket.socket:
+    return socket.socket(fileno=int(os.environ["ARENA_FD"]))
+
+
+def tell(**packet: object) -> None:
+    if not hasattr(tell, "line"):
+        tell.line = line()
+    tell.line.send(json.dumps(packet).encode())
+
+
+def forever() -> None:
+    while True:
+        signal.pause()
+
+
+def good() -> None:
+    """Ready at once, ends on SIGTERM."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    tell(ready=True)
+    forever()
+
+
+def ignores_sigterm() -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    tell(ready=True)
+    forever()
+
+
+def never_ready() -> None:
+    forever()
+
+
+def dies_at_once() -> None:
+    sys.exit(3)
+
+
+def dies_after_ready() -> None:
+    tell(ready=True)
+    sys.exit(4)
+
+
+def exits() -> None:
+    sys.exit(int(sys.argv[2]))
+
+
+def kills_itself() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def grandchild() -> None:
+    """Leaves a grandchild in its group, and one in a session of its own, then ends."""
+    code = "import os, signal, sys; print('grandchild', os.getpid(), flush=True); signal.signal(15, signal.SIG_IGN); signal.pause()"
+    subprocess.Popen([sys.executable, "-c", code])
+    subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
+    tell(ready=True)
+    if sys.argv[2:] == ["stay"]:
+        forever()
+    time.sleep(0.3)
+
+
+def floods() -> None:
+    """As much output as it can."""
+    block = b"flood " * 10_000 + b"\n"
+    while True:
+        os.write(1, block)
+
+
+def closes_its_line() -> None:
+    tell(ready=True)
+    tell.line.close()
+    forever()
+
+
+def garbage() -> None:
+    mine = line()
+    for packet in (b"\xff\x00\xfe", b"[1, 2]", b"{", b"[" * 60_000, b"null", b'{"facts": 3, "stats": [], "event": {}, "ready": "yes"}'):
+        mine.send(packet)
+    mine.send(b'{"ready": true, "stats": {"after": 1}}')
+    forever()
+
+
+def chatters() -> None:
+    """Packets as fast as they go."""
+    tell(ready=True)
+    tell.line.setblocking(True)
+    while True:
+        tell(event="so", stats={"n": 1}, facts={"x": time.monotonic()})
+
+
+def serves() -> None:
+    """Listens on the TCP address HOST PORT and tells nobody."""
+    server = socket.create_server((sys.argv[2], int(sys.argv[3])))
+    server.listen()
+    forever()
+
+
+def world() -> None:
+    """Ready; tells facts as its argument says (JSON); goes on without a supervisor until its line ends, then says so and ends."""
+    mine = line()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    facts = json.loads(sys.argv[2]) if len(sys.argv) > 2 else {}
+    mine.send(json.dumps({"ready": True, "facts": facts, "stats": json.loads(sys.argv[3]) if len(sys.argv) > 3 else {}}).encode())
+    watched = sys.argv[4] if len(sys.argv) > 4 else ""
+    mine.settimeout(0.05)
+    while True:
+        try:
+            if mine.recv(10) == b"":
+                print("saw the end of the line", flush=True)
+                return
+        except TimeoutError:
+            pass
+        if watched and os.path.exists(watched):
+            mine.send(json.dumps({"facts": {name: False for name in facts}}).encode())
+            watched = ""
+
+
+def lands() -> None:
+    """A land task: waits for the file of its argument if any, touches `landed`, ends."""
+    print("landing all", flush=True)
+    deadline = time.monotonic() + 20
+    while len(sys.argv) > 2 and not os.path.exists(sys.argv[2]):
+        if time.monotonic() > deadline:
+            sys.exit(1)
+        time.sleep(0.02)
+    open("landed", "w").close()
+    print("landed all", flush=True)
+
+
+if __name__ == "__main__":
+    print("pid", os.getpid(), flush=True)
+    globals()[sys.argv[1]]()

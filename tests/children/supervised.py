@@ -1,0 +1,20 @@
+"""Runs a plan from a file under the real supervisor: `supervised.py PLAN RUNS [until_done] [limit=S]`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from arena.plan.model import Plan
+from arena.supervise import Lines, Options, Supervisor, create
+
+
+def main() -> int:
+    plan = Plan.from_json(Path(sys.argv[1]).read_text())
+    limits = [float(a[6:]) for a in sys.argv[3:] if a.startswith("limit=")]
+    options = Options(until_done="until_done" in sys.argv, time_limit_s=limits[0] if limits else None, adopt=True)
+    return Supervisor(plan, create(plan, Path(sys.argv[2])), Lines(), options).run()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
