@@ -39,6 +39,15 @@ def ignores_sigterm() -> None:
     forever()
 
 
+def sleeps() -> None:
+    forever()
+
+
+def burns() -> None:
+    while True:
+        pass
+
+
 def never_ready() -> None:
     forever()
 

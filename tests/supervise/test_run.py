@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from .conftest import Run, eventually, plan_of, program, spec, world
+import json
+import signal
+import socket
+import sys
+import time
+
+from arena.plan.model import Restart
+
+from .conftest import Run, eventually, is_running, plan_of, program, spec, world
 
 
 def test_a_run_of_good_programs_ends_by_itself_with_0(start):
@@ -11,3 +19,171 @@ def test_a_run_of_good_programs_ends_by_itself_with_0(start):
     assert [e["to"] for e in run.events("world")] == ["STARTING", "READY", "STOPPING", "EXITED"]
     assert run.outcome["processes"]["p"]["exit_code"] == 0
     assert not (run.folder / "state.json").exists()
+
+
+def test_what_needs_another_starts_only_after_that_one_has_proven_to_be_ready(start):
+    run = start(plan_of(spec("a", "good"), program("p", "exits", "0", needs=("a",))), "until_done")
+    assert run.wait() == 0
+    order = [(e["process"], e["to"]) for e in run.events() if e.get("to")]
+    assert order.index(("a", "READY")) < order.index(("p", "STARTING"))
+
+
+def test_every_transition_has_a_reason_and_two_times(start):
+    run = start(plan_of(program("p", "exits", "3")), "until_done")
+    assert run.wait() == 1
+    assert all(e["reason"] and e["t"] and e["mono"] for e in run.events() if "to" in e)
+    assert run.outcome["failed"] == ["p: exit 3"]
+
+
+def test_a_program_killed_by_a_signal_is_named_so_and_fails_the_run(start):
+    run = start(plan_of(program("p", "kills_itself"), program("q", "exits", "0")), "until_done")
+    assert run.wait() == 1
+    assert run.outcome["failed"] == ["p: killed by SIGKILL"]
+
+
+def test_a_program_that_cannot_be_started_says_why(start):
+    run = start(plan_of(spec("p", "x", kind="program", ready="started", argv=("/no/such/program",))), "until_done")
+    assert run.wait() == 1
+    assert run.until("p", "FATAL")["reason"] == "could not start: /no/such/program: No such file or directory"
+
+
+def test_never_ready_is_terminated_then_retried_then_given_up(start):
+    child = spec("n", "never_ready", start_timeout_s=0.3, restart=Restart(mode="on_failure", limit=2, backoff_s=0.05))
+    run = start(plan_of(child, program("p", "exits", "0", needs=("n",))), "until_done")
+    assert run.wait() == 1
+    assert [e["to"] for e in run.events("n")] == ["STARTING", "STOPPING", "BACKOFF", "STARTING", "STOPPING", "FATAL"]
+    assert "not ready within 0.3 s" in run.until("n", "FATAL")["reason"]
+
+
+def test_what_dies_after_it_was_ready_is_started_again_up_to_its_limit(start):
+    child = spec("d", "dies_after_ready", restart=Restart(mode="on_failure", limit=3, backoff_s=0.02))
+    run = start(plan_of(child, program("p", "sleeps", needs=("d",))), "until_done")
+    assert run.wait() == 1
+    assert run.until("d", "READY", times=3)
+    assert "gave up after 3 starts" in run.until("d", "FATAL")["reason"]
+
+
+def test_a_death_in_one_vehicles_chain_leaves_the_other_flying(start):
+    forward = spec("forward.uav1", "dies_at_once", kind="forward", vehicle="uav1", restart=Restart(mode="never"))
+    run = start(plan_of(
+        world(), forward,
+        program("program.uav1", "exits", "0", vehicle="uav1", needs=("world", "forward.uav1")),
+        program("program.uav2", "exits", "0", vehicle="uav2", needs=("world",)),
+    ), "until_done")
+    assert run.wait() == 1
+    assert "needs forward.uav1" in run.until("program.uav1", "FATAL")["reason"]
+    assert run.outcome["processes"]["program.uav2"]["exit_code"] == 0
+    assert run.outcome["cause"] == "done"
+
+
+def test_a_port_is_proof_only_when_the_process_itself_serves_it(start):
+    taken = socket.create_server(("127.53.0.9", 0))
+    port = taken.getsockname()[1]
+    wrong = spec("wrong", "sleeps", ready="port", ready_port=port, start_timeout_s=0.3, restart=Restart(mode="never"))
+    right = spec("right", "serves", "127.53.0.10", str(port), ready="port", ready_port=port)
+    run = start(plan_of(wrong, right))
+    assert run.until("wrong", "FATAL") and run.until("right", "READY")["reason"] == f"serves port {port}"
+    taken.close()
+    run.signal(signal.SIGTERM)
+    run.wait()
+
+
+def test_what_ignores_sigterm_is_killed_and_said_so(start):
+    run = start(plan_of(spec("i", "ignores_sigterm", stop_timeout_s=0.3)))
+    run.until("i", "READY")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert run.outcome["processes"]["i"]["exit"] == "killed by SIGKILL"
+    assert any("did not end within 0.3 s" in e.get("event", "") for e in run.events("i"))
+
+
+def test_grandchildren_end_with_their_program_even_from_a_session_of_their_own(start):
+    run = start(plan_of(spec("g", "grandchild", restart=Restart(mode="never")), spec("other", "good")))
+    run.until("g", "EXITED")
+    eventually(lambda: len(run.sessions() & {run.pid("g")}) == 1)
+    grand = [int(w.split()[1]) for w in run.log("g").splitlines() if w.startswith("grandchild")]
+    assert len(grand) == 2
+    eventually(lambda: not any(map(is_running, grand)), what="end of the grandchildren")
+    assert run.process.poll() is None
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_a_flood_of_output_is_cut_and_said_so_once(start):
+    run = start(plan_of(spec("f", "floods", ready="started")))
+    eventually(lambda: any("MiB" in e.get("event", "") for e in run.events("f")), limit_s=20)
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert (run.folder / "logs" / "f.log").stat().st_size < 1 << 30
+    assert len([e for e in run.events("f") if "MiB" in e.get("event", "")]) == 1
+    (run.folder / "logs" / "f.log").unlink()
+
+
+def test_garbage_on_the_line_is_ignored_and_the_next_packet_heard(start):
+    run = start(plan_of(spec("g", "garbage")))
+    run.until("g", "READY")
+    assert run.control().ask(do="ps")["processes"]["g"]["stats"] == {"after": 1}
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert len([e for e in run.events("g") if "not a JSON object" in e.get("event", "")]) == 1
+
+
+def test_a_child_that_closes_its_line_stays_ready(start):
+    run = start(plan_of(spec("c", "closes_its_line")))
+    run.until("c", "READY")
+    assert run.control().ask(do="ps")["processes"]["c"]["state"] == "READY"
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_a_chatterbox_neither_stops_the_loop_nor_fills_the_disk(start):
+    run = start(plan_of(spec("c", "chatters", nice=10), spec("quiet", "good")))
+    eventually(lambda: any("further events are dropped" in e.get("event", "") for e in run.events("c")), limit_s=20)
+    began = time.monotonic()
+    assert run.control().ask(do="ps")["processes"]["quiet"]["state"] == "READY"
+    assert time.monotonic() - began < 2.0
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_the_time_limit_ends_a_run_and_fails_one_that_waits_for_programs(start, tmp_path):
+    run = start(plan_of(program("p", "sleeps")), "until_done", "limit=0.5")
+    assert run.wait() == 1
+    assert run.outcome["cause"] == "time limit"
+
+
+def test_a_time_limit_without_until_done_is_a_good_end(start):
+    assert start(plan_of(program("p", "sleeps")), "limit=0.5").wait() == 0
+
+
+def test_layers_stop_in_reverse_of_their_needs(start):
+    run = start(plan_of(spec("a", "good"), spec("b", "good", needs=("a",)), spec("c", "good", needs=("b",))))
+    run.until("c", "READY")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    ends = [e["process"] for e in run.events() if e.get("to") == "EXITED"]
+    stops = [(e["process"], e["to"]) for e in run.events() if e.get("to") in ("STOPPING", "EXITED")]
+    assert ends == ["c", "b", "a"]
+    assert stops.index(("c", "EXITED")) < stops.index(("b", "STOPPING"))
+
+
+def test_cpu_and_memory_are_measured_and_budgets_reported(start):
+    run = start(plan_of(spec("f", "burns", ready="started", cpu_budget=0.01, memory_budget_mb=1.0)), "limit=2.5")
+    assert run.wait() == 0
+    row = run.outcome["processes"]["f"]
+    assert row["cpu_s"] > 0.2 and row["rss_peak_mb"] > 2 and len(row["over_budget"]) == 2
+
+
+def test_a_crash_told_by_the_world_fails_the_run(start):
+    crashed = json.dumps({"vehicles": {"uav1": {"crashed": "touched a wall"}, "uav2": {"crashed": ""}}})
+    run = start(plan_of(world("{}", crashed), program("p", "exits", "0", needs=("world",))), "until_done")
+    assert run.wait() == 1
+    assert run.outcome["failed"] == ["uav1 crashed: touched a wall"]
+
+
+def test_the_report_runs_after_the_outcome_is_written_and_is_shown(start):
+    code = "import json; print('verdict', json.load(open('outcome.json'))['exit_code'])"
+    report = spec("report", "", argv=(sys.executable, "-c", code), kind="task")
+    run = start(plan_of(program("p", "exits", "0"), report=report), "until_done")
+    assert run.wait() == 0
+    assert "report: verdict 0" in run.said()
