@@ -187,11 +187,6 @@ def gps_global_origin(f: Face, s: Snapshot) -> Any:
     return mavlink.MAVLink_gps_global_origin_message(int(lat * 1e7), int(lon * 1e7), int(alt * 1e3), _us(s))
 
 
-def current_mode(f: Face, s: Snapshot) -> Any:
-    number = f.commander.mode.custom_mode
-    return mavlink.MAVLink_current_mode_message(mavlink.MAV_STANDARD_MODE_NON_STANDARD, number, number)
-
-
 def estimator_status(f: Face, s: Snapshot) -> Any:
     i = f.i
     flags = mavlink.ESTIMATOR_ATTITUDE if f.aligned else 0
@@ -229,7 +224,7 @@ BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_ALTITUDE: altitude, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: odometry, mavlink.MAVLINK_MSG_ID_CURRENT_MODE: current_mode,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: odometry,
 }  # fmt: skip
 
 _SLOW = {
@@ -244,7 +239,7 @@ _ONBOARD = _SLOW | {
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 10.0, mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 10.0,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: 10.0, mavlink.MAVLINK_MSG_ID_VFR_HUD: 10.0,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5, mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
-    mavlink.MAVLINK_MSG_ID_CURRENT_MODE: 0.5, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 0.5,
 }  # fmt: skip
 
 # Messages per second by link. Vision and panic links carry what their one partner decides on.
