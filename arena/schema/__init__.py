@@ -1,0 +1,18 @@
+"""What a user may write in arena.yaml: strict loader, models, profiles, one merge, cross-checks. Starts nothing."""
+
+from arena.schema.arena import Arena, Origin, Program, Vehicle
+from arena.schema.library import data_folder, load_profile, profile_names
+from arena.schema.load import load_arena
+from arena.schema.profile import Profile
+
+__all__ = [
+    "Arena",
+    "Origin",
+    "Profile",
+    "Program",
+    "Vehicle",
+    "data_folder",
+    "load_arena",
+    "load_profile",
+    "profile_names",
+]

@@ -118,7 +118,7 @@ class Profile(Strict):
     """Linear drag force per airspeed along x, y, z [N s/m] [FRD]."""
     sensors: Sensors
     battery: Battery
-    params: dict[str, int | float] = Field(default_factory=dict)
+    params: dict[str, float] = Field(default_factory=dict)
     """PX4 parameters of this airframe."""
 
     @property

@@ -1,0 +1,379 @@
+"""Cross-checks of a whole arena: what no single field can tell. Pure but for `Files`, which is injected; all problems at once."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from arena.errors import Problem
+from arena.schema.arena import Arena, Vehicle
+from arena.schema.loader import YamlPath
+from arena.schema.models import NOT_YET, Tool
+from arena.schema.ports import GROUND_STATION, LINK_BASE, SDK_ABOVE, WHAT
+from arena.schema.source import Source, near
+
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+_PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
+_LEAST_POSE_RATE_HZ = 10.0  # PX4's estimator stops fusing after gaps of 0.2 s
+
+
+class Files(Protocol):
+    """The file system, as far as the checks look at it. Paths are absolute."""
+
+    def is_file(self, path: str) -> bool: ...
+
+    def is_executable(self, path: str) -> bool: ...
+
+    def names(self, folder: str) -> list[str]: ...
+
+
+class RealFiles:
+    """The one of this machine."""
+
+    def is_file(self, path: str) -> bool:
+        return Path(path).is_file()
+
+    def is_executable(self, path: str) -> bool:
+        return os.access(path, os.X_OK)
+
+    def names(self, folder: str) -> list[str]:
+        try:
+            return sorted(path.name for path in Path(folder).iterdir())
+        except OSError:
+            return []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """What every check looks at. pruned: paths that were wrong by themselves and must not be judged again."""
+
+    arena: Arena
+    source: Source
+    pruned: frozenset[YamlPath]
+    files: Files
+
+    def where(self, vehicle: str, *key: str) -> YamlPath:
+        """The path at which a vehicle's key is written: its own, else that of `defaults`."""
+        own: YamlPath = ("vehicles", vehicle, *key)
+        common: YamlPath = ("defaults", *key)
+        return common if not self.source.given(own) and self.source.given(common) else own
+
+    def problem(self, vehicle: str, key: tuple[str | int, ...], message: str) -> Problem:
+        words = tuple(str(k) for k in key)
+        return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
+
+    def sound(self, vehicle: Vehicle, *keys: str) -> bool:
+        """Whether nothing of these keys of the vehicle was wrong by itself."""
+        roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
+        return not any(path[: len(root)] == root for path in self.pruned for root in roots)
+
+
+def check(c: Check) -> list[Problem]:
+    """Every problem of the arena."""
+    found = [p for one in _CHECKS for p in one(c)]
+    return list(dict.fromkeys(p for p in found if p is not None))
+
+
+def _names(c: Check) -> Iterator[Problem]:
+    """Names become file names, process names and rigid bodies."""
+    said = "expected a name of lower-case letters, digits and _, a letter first, 32 at most"
+    for vehicle in c.arena.vehicles:
+        if not _NAME.fullmatch(vehicle.name):
+            yield c.source.problem(
+                ("vehicles", vehicle.name), f"got {vehicle.name!r}, {said}. Try {_tamed(vehicle.name)}."
+            )
+        for tool in vehicle.tools:
+            if not _NAME.fullmatch(tool):
+                yield c.problem(vehicle.name, ("tools", tool), f"got {tool!r}, {said}. Try {_tamed(tool)}.")
+    for tool in c.arena.tools:
+        if not _NAME.fullmatch(tool):
+            yield c.source.problem(("tools", tool), f"got {tool!r}, {said}. Try {_tamed(tool)}.")
+
+
+def _tamed(name: str) -> str:
+    kept = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    return (kept if kept[:1].isalpha() else f"uav{kept}")[:32]
+
+
+def _not_yet(c: Check) -> Iterator[Problem]:
+    scopes: list[YamlPath] = [(), ("defaults",), *(("vehicles", v.name) for v in c.arena.vehicles)]
+    for (key, only), instead in NOT_YET.items():
+        for scope in scopes:
+            path = (*scope, *key.split("."))
+            value = _value(c.source.data, path)
+            if value not in (None, {}) and (only is None or value == only):
+                shown = f" {value}" if only else ""
+                yield c.source.problem(path, f"{path[-1]}{shown} is not supported yet. {instead}.")
+
+
+def _value(data: object, path: YamlPath) -> object:
+    for part in path:
+        data = data.get(part) if isinstance(data, dict) else None
+    return data
+
+
+def _ids(c: Check) -> Iterator[Problem]:
+    for a, b in itertools.combinations(c.arena.vehicles, 2):
+        if a.id == b.id and c.sound(a, "id") and c.sound(b, "id"):
+            yield c.problem(
+                b.name,
+                ("id",),
+                f"got {b.id}, which {a.name} ({_place(c, a, 'id')}) has too. Try {_free_id(c.arena)}.",
+            )
+    for vehicle in c.arena.vehicles:
+        if vehicle.id > 250:
+            yield c.source.problem(("vehicles", vehicle.name), "is one vehicle too many: ids end at 250.")
+
+
+def _place(c: Check, vehicle: Vehicle, key: str) -> str:
+    file, line = c.source.place(c.where(vehicle.name, key))
+    return f"{file}:{line}" if line else file
+
+
+def _free_id(arena: Arena) -> int:
+    taken = {v.id for v in arena.vehicles}
+    return next(i for i in range(1, len(taken) + 2) if i not in taken)
+
+
+def _ports(c: Check) -> Iterator[Problem]:
+    """Every port has one owner. Vehicles of one id clash everywhere: `_ids` has said so."""
+    owners: dict[int, tuple[str, YamlPath]] = {}
+    told: set[tuple[str, ...]] = set()
+    for port, words, path in _claims(c):
+        if port not in owners:
+            owners[port] = (words, path)
+            continue
+        other, other_path = owners[port]
+        pair = (str(path[:2]), str(other_path[:2]))
+        if pair not in told:
+            told.add(pair)
+            yield _clash(c, port, (words, path), (other, other_path))
+
+
+def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlPath]) -> Problem:
+    """Told at whichever of the two a person wrote."""
+    (words, path), (other, other_path) = (
+        (one, two) if c.source.given(one[1]) or not c.source.given(two[1]) else (two, one)
+    )
+    file, line = c.source.place(other_path)
+    at = f" ({file}:{line})" if other_path and line else ""
+    rule = "Remove it to get a port by rule." if c.source.given(path) else "Change one of the two."
+    return c.source.problem(path, f"port {port} for {words} is also {other}{at}. {rule}")
+
+
+def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
+    yield LINK_BASE, "the router's socket for ground stations", ()
+    yield GROUND_STATION, "a ground station's", ()
+    yield c.arena.mocap.command_port, "the motion capture's commands", ("mocap", "command_port")
+    yield c.arena.mocap.data_port, "the motion capture's data", ("mocap", "data_port")
+    seen: set[int] = set()
+    for vehicle in c.arena.vehicles:
+        if vehicle.id in seen or not c.sound(vehicle, "id", "port"):
+            continue
+        seen.add(vehicle.id)
+        for key, (who, _) in WHAT.items():
+            yield (
+                getattr(vehicle.ports, key),
+                f"{vehicle.name}'s {_short(key, who)}",
+                ("vehicles", vehicle.name, "port"),
+            )
+
+
+def _short(key: str, who: str) -> str:
+    return {"program": "program", "sdk": "SDK (port + 6000)"}.get(
+        key, f"{key.partition('_')[0]} port of {who}"
+    )
+
+
+def _port_range(c: Check) -> Iterator[Problem]:
+    for vehicle in c.arena.vehicles:
+        if vehicle.ports.sdk > 65535:
+            most = 65535 - SDK_ABOVE
+            yield c.problem(
+                vehicle.name,
+                ("port",),
+                f"got {vehicle.ports.program}, expected at most {most}: the SDK's is 6000 above.",
+            )
+
+
+def _start(c: Check) -> Iterator[Problem]:
+    """Every vehicle stands inside the room, with its whole body."""
+    north, east, height = c.arena.world.size
+    for v in c.arena.vehicles:
+        if not c.sound(v, "start", "profile") or ("world", "size") in c.pruned:
+            continue
+        key, (n, e, d), r = ("start", "position"), v.position, v.profile.radius_m
+        for axis, value, length in (("N", n, north), ("E", e, east)):
+            room = length / 2 - r
+            if abs(value) > room:
+                said = f"got {axis} {value:g}, expected {-room:.2f} .. {room:.2f}: the arena is {length:g} m long there and the vehicle {r:g} m in radius"
+                yield c.problem(
+                    v.name,
+                    key,
+                    f"starts outside the arena: {said}. Try {math.copysign(max(math.floor(room * 100) / 100, 0.0), value):g}.",
+                )
+        if d > 0:
+            yield c.problem(
+                v.name,
+                key,
+                f"starts below the floor: got D {d:g}, expected 0 or less: D points down. Try {-d:g} or 0.",
+            )
+        elif -d > height - v.profile.height_m:
+            yield c.problem(
+                v.name,
+                key,
+                f"starts outside the arena: got D {d:g}, expected {v.profile.height_m - height:.2f} .. 0.",
+            )
+
+
+def _overlap(c: Check) -> Iterator[Problem]:
+    for a, b in itertools.combinations(c.arena.vehicles, 2):
+        apart, needed = math.dist(a.position, b.position), a.profile.radius_m + b.profile.radius_m
+        if apart < needed and c.sound(a, "start", "profile") and c.sound(b, "start", "profile"):
+            said = f"overlaps {a.name} ({_place(c, a, 'start')}): got {apart:.2f} m between their centres, expected at least {needed:.2f} m"
+            yield c.problem(b.name, ("start", "position"), f"{said}. Try another position.")
+
+
+def _rates(c: Check) -> Iterator[Problem]:
+    sim, mocap = c.arena.sim, c.arena.mocap
+    if sim.physics_hz % sim.sensor_hz:
+        near_by = [sim.physics_hz // n for n in range(1, 200) if sim.physics_hz % n == 0]
+        best = min(near_by, key=lambda hz: abs(hz - sim.sensor_hz))
+        yield c.source.problem(
+            ("sim", "sensor_hz"),
+            f"got {sim.sensor_hz}, must divide sim.physics_hz ({sim.physics_hz}). Try {best}.",
+        )
+    least_ms = 1000.0 / sim.sensor_hz
+    if mocap.latency_ms < least_ms:
+        said = f"got {mocap.latency_ms:g}, expected at least one sensor step ({least_ms:g} ms at {sim.sensor_hz} Hz)"
+        yield c.source.problem(("mocap", "latency_ms"), f"{said}. Try {math.ceil(least_ms)}.")
+    if ("mocap", "rate_hz") in c.pruned:
+        return
+    for vehicle in c.arena.vehicles:
+        if vehicle.forward and c.sound(vehicle, "pose_rate_hz"):
+            yield from _pose_rate(c, vehicle, mocap.rate_hz)
+
+
+def _pose_rate(c: Check, vehicle: Vehicle, frames: float) -> Iterator[Problem]:
+    rate = vehicle.pose_rate_hz
+    every = frames / rate
+    if abs(every - round(every)) > 1e-6 or every < 1:
+        slower, faster = frames / math.ceil(every), frames / max(math.floor(every), 1)
+        tries = " or ".join(f"{hz:g}" for hz in dict.fromkeys((slower, faster)) if hz >= _LEAST_POSE_RATE_HZ)
+        yield c.problem(
+            vehicle.name,
+            ("pose_rate_hz",),
+            f"got {rate:g}, must divide mocap.rate_hz ({frames:g}). Try {tries or f'{frames:g}'}.",
+        )
+    elif rate < _LEAST_POSE_RATE_HZ:
+        said = f"got {rate:g}, expected at least {_LEAST_POSE_RATE_HZ:g}: the estimator gives up after gaps of 0.2 s"
+        yield c.problem(vehicle.name, ("pose_rate_hz",), f"{said}. Try {frames / math.ceil(frames / 60):g}.")
+
+
+def _programs(c: Check) -> Iterator[Problem]:
+    for v in c.arena.vehicles:
+        if v.program is None:
+            if c.source.given(c.where(v.name, "args")) and c.sound(v, "program"):
+                yield c.problem(v.name, ("args",), "is given without a program. Add `program`.")
+            continue
+        path = Path(v.program.path)
+        if not c.files.is_file(str(path)):
+            names = [n for n in c.files.names(str(path.parent)) if n.endswith(path.suffix or ".py")]
+            hint = near(path.name, names) if names else f"Put it into {path.parent}."
+            yield c.problem(
+                v.name, ("program",), f"got {path.name!r}, expected a file in {path.parent}. {hint}"
+            )
+        elif path.suffix != ".py" and not c.files.is_executable(str(path)):
+            yield c.problem(
+                v.name,
+                ("program",),
+                f"got {path.name!r}, expected a .py file or an executable. Try chmod +x {path}.",
+            )
+
+
+def _neighbours(c: Check) -> Iterator[Problem]:
+    names = [v.name for v in c.arena.vehicles]
+    for v in c.arena.vehicles:
+        common = not c.source.given(("vehicles", v.name, "neighbours"))
+        for i, other in enumerate(v.neighbours):
+            if other == v.name and not common:
+                yield c.problem(
+                    v.name, ("neighbours", i), f"got {other!r}, which is the vehicle itself. Remove it."
+                )
+            elif other not in names:
+                yield c.problem(
+                    v.name, ("neighbours", i), f"got {other!r}, expected a vehicle. {near(other, names)}"
+                )
+
+
+def _bodies(c: Check) -> Iterator[Problem]:
+    for a, b in itertools.combinations(c.arena.vehicles, 2):
+        if a.mocap_body == b.mocap_body:
+            said = f"got {b.mocap_body!r}, which is also the body of {a.name} ({_place(c, a, 'mocap_body')})"
+            yield c.problem(b.name, ("mocap_body",), f"{said}. Give each vehicle a body of its own.")
+
+
+def _gcs(c: Check) -> Iterator[Problem]:
+    for v in c.arena.vehicles:
+        for i, address in enumerate(v.gcs):
+            if address == c.arena.address:
+                yield c.problem(
+                    v.name,
+                    ("gcs", i),
+                    f"got {address}, which is the arena's own address and served anyway. Remove it.",
+                )
+            elif address in v.gcs[:i]:
+                yield c.problem(v.name, ("gcs", i), f"got {address} a second time. Remove it.")
+
+
+def _capture(c: Check) -> Iterator[Problem]:
+    first, second = (int(part) for part in c.arena.group.split(".")[:2])
+    if c.arena.mocap.transport == "multicast" and not (224 <= first <= 239 and second >= 0):
+        yield c.source.problem(
+            ("mocap", "group"), f"got {c.arena.group}, expected a multicast address. Try 239.255.42.99."
+        )
+
+
+def _params(c: Check) -> Iterator[Problem]:
+    for v in c.arena.vehicles:
+        for name in v.params:
+            if not _PARAM.fullmatch(name):
+                said = f"got {name!r}, expected a PX4 name: capitals, digits and _, 16 at most"
+                yield c.problem(v.name, ("params", name), f"{said}. Try {name.upper()[:16]}.")
+        if v.params["MAV_SYS_ID"] != v.id:
+            yield c.problem(
+                v.name,
+                ("params", "MAV_SYS_ID"),
+                f"got {v.params['MAV_SYS_ID']:g}, but the vehicle's id is {v.id}. Write `id` instead.",
+            )
+
+
+def _tools(c: Check) -> Iterator[Problem]:
+    """A tool may need what is not a tool, or a tool named before it: so nothing waits in a circle."""
+    names = c.arena.process_names
+    before = [n for n in names if not n.startswith("tool.")]
+    own: list[tuple[str, Tool, YamlPath]] = [
+        (f"tool.{t}", tool, ("tools", t)) for t, tool in c.arena.tools.items()
+    ]
+    for v in c.arena.vehicles:
+        own += [(f"tool.{v.name}.{t}", tool, c.where(v.name, "tools", t)) for t, tool in v.tools.items()]
+    for process, tool, path in own:
+        for need in tool.needs or ():
+            if need not in before:
+                hint = "Name it after what it needs." if need in names else near(need, before)
+                yield c.source.problem(
+                    (*path, "needs"), f"got {need!r}, expected a process before it. {hint}"
+                )
+        before.append(process)
+
+
+_CHECKS = (
+    _names, _not_yet, _ids, _ports, _port_range, _start, _overlap, _rates, _programs, _neighbours, _bodies, _gcs, _capture,
+    _params, _tools,
+)  # fmt: skip

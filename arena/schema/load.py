@@ -1,0 +1,54 @@
+"""`load_arena`: arena.yaml and overrides -> Arena, or an InputError with every problem found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from arena.errors import InputError, Problem
+from arena.schema.arena import Arena
+from arena.schema.checks import Check, Files, RealFiles, check
+from arena.schema.library import load_profile, read_profile
+from arena.schema.loader import YamlPath, load_yaml
+from arena.schema.models import ArenaFile
+from arena.schema.profile import Profile
+from arena.schema.resolve import DEFAULT_PROFILE, resolve
+from arena.schema.source import Source, with_overrides
+from arena.schema.validate import validate
+
+
+def load_arena(path: str | Path, overrides: Sequence[str] = (), files: Files | None = None) -> Arena:
+    """overrides: `key=value` texts of `--set`. Raises InputError; its `problems` are in the order of the file."""
+    if Path(path).is_dir():
+        path = Path(path) / "arena.yaml"
+    source = with_overrides(load_yaml(path), overrides)
+    found = validate(ArenaFile, source)
+    if found.model is None:
+        raise InputError(found.problems)
+    profiles, problems = _profiles(found.model, source)
+    arena = resolve(found.model, source, profiles)
+    problems += found.problems
+    problems += check(Check(arena=arena, source=source, pruned=found.pruned, files=files or RealFiles()))
+    if problems:
+        raise InputError(sorted(problems, key=lambda p: (p.file, p.line)))
+    return arena
+
+
+def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], list[Problem]]:
+    """Every profile that a vehicle asks for, and the default one; problems: those that cannot be had, told once each."""
+    profiles, problems = {DEFAULT_PROFILE: load_profile(DEFAULT_PROFILE)}, []
+    asked: dict[YamlPath, str] = {
+        ("vehicles", name, "profile"): v.profile for name, v in model.vehicles.items() if v.profile
+    }
+    if model.defaults.profile:
+        asked["defaults", "profile"] = model.defaults.profile
+    folder = Path(source.document.file).parent
+    for path, name in asked.items():
+        try:
+            profiles.setdefault(
+                name, read_profile(folder / name) if name.endswith(".yaml") else load_profile(name)
+            )
+        except InputError as error:
+            said = "; ".join(p.message for p in error.problems) or f"{error}"
+            problems.append(source.problem(path, said))
+    return profiles, problems

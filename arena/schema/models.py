@@ -1,0 +1,276 @@
+"""What a user may write in arena.yaml, key by key. Defaults of the sections are here; those of a vehicle in `resolve`.
+
+A docstring under a key is its line in the reference page and in the JSON schema. Keys that are known but not built yet are in
+`NOT_YET` with what to use instead: they are refused, never ignored.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
+
+from arena.schema.base import NotNegative, Port, Positive, PositiveVector, Strict, Vector
+
+
+def _numeric(text: str) -> str:
+    try:
+        return str(ipaddress.IPv4Address(text))
+    except ValueError as error:
+        raise ValueError("a numeric IPv4 address such as 127.0.0.1") from error
+
+
+def _speed(value: Any) -> float | Literal["max"]:
+    if value == "max":
+        return "max"
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and 0.0 < value <= 1000.0:
+        return float(value)
+    raise ValueError("a number from 0 to 1000, or max")
+
+
+def _program(value: Any) -> Any:
+    if value is None or isinstance(value, (dict, Program)):
+        return value
+    if isinstance(value, str):
+        return {"path": value}
+    raise ValueError("a path, or a mapping of path, args and restart")
+
+
+Address = Annotated[str, AfterValidator(_numeric)]
+Speed = Annotated[
+    float | Literal["max"],
+    BeforeValidator(_speed),
+    WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0, "maximum": 1000}, {"const": "max"}]}),
+]
+Words = tuple[str, ...]
+RestartMode = Literal["never", "on_failure", "always"]
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+
+
+class Origin(Strict):
+    """The global position of the arena's origin."""
+
+    lat_deg: Annotated[float, Field(ge=-90, le=90)] = 47.397742
+    """Latitude [deg]."""
+    lon_deg: Annotated[float, Field(ge=-180, le=180)] = 8.545594
+    """Longitude [deg]."""
+    alt_m: Annotated[float, Field(ge=-500, le=9000)] = 488.0
+    """Height above the sea [m]."""
+
+
+class World(Strict):
+    """The room that the vehicles fly in."""
+
+    size: PositiveVector = (7.0, 4.0, 3.0)
+    """North, east and height of the room [m]."""
+    heading_deg: Degrees = 0.0
+    """Where the arena's north points [deg]; turns only magnetometer, GPS and global position."""
+    origin: Origin = Origin()
+    """Where on the earth the floor's centre is."""
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    """Seed of every simulated noise of the world."""
+    wind_m_s: Vector = (0.0, 0.0, 0.0)
+    """Steady wind, north, east, down [m/s]."""
+
+
+class Sim(Strict):
+    """How the world is simulated."""
+
+    physics_hz: Annotated[int, Field(ge=100, le=10000)] = 500
+    """Physics steps per second."""
+    sensor_hz: Annotated[int, Field(ge=50, le=1000)] = 250
+    """Sensor samples and autopilot steps per second; divides physics_hz."""
+    speed: Speed = 1.0
+    """Simulated seconds per second, or `max`."""
+    gui: bool = False
+    """Show pybullet's window."""
+
+
+class MocapNoise(Strict):
+    """Noise of one camera measurement, rms per axis."""
+
+    position_mm: NotNegative = 0.3
+    """[mm]."""
+    rotation_deg: NotNegative = 0.05
+    """[deg]."""
+
+
+class Mocap(Strict):
+    """The motion-capture system."""
+
+    source: Literal["emulator", "natnet", "vrpn"] = "emulator"
+    """Where poses come from."""
+    server: Address | None = None
+    """The vendor's server, when the source is not the emulator."""
+    rate_hz: Annotated[float, Field(ge=10, le=1000)] = 180.0
+    """Frames per second."""
+    noise: MocapNoise = MocapNoise()
+    """Noise that the emulator adds."""
+    latency_ms: Annotated[float, Field(ge=0, le=1000)] = 10.0
+    """From exposure to the frame on the network [ms]; at least one sensor step."""
+    version: Literal["3.1", "4.1"] = "3.1"
+    """NatNet version that is served."""
+    transport: Literal["multicast", "unicast"] = "multicast"
+    """How frames travel."""
+    group: Address | None = None
+    """Multicast group; by rule from `address` when not given."""
+    command_port: Port = 1510
+    """NatNet command port."""
+    data_port: Port = 1511
+    """NatNet data port."""
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    """Seed of the camera noise."""
+
+
+class Failsafe(Strict):
+    """What vehicles do when something is lost."""
+
+    offboard_loss: Literal["land", "hold", "return", "disarm"] | None = None
+    """When setpoints stop."""
+    position_loss: Literal["land", "disarm"] | None = None
+    """When the pose is lost."""
+    low_battery: Literal["warn", "land", "return"] | None = None
+    """When the battery is low."""
+
+
+class Geofence(Strict):
+    """A box that vehicles must stay in."""
+
+    margin_m: NotNegative = 0.0
+    """Distance kept from the walls [m]."""
+    action: Literal["warn", "hold", "land"] = "land"
+    """What a vehicle does that leaves it."""
+
+
+class Host(Strict):
+    """Another computer that runs part of the arena."""
+
+    address: Address
+    """Its numeric address."""
+    user: str | None = None
+    """Who logs in there."""
+
+
+class Tool(Strict):
+    """Any command that is to run beside the arena."""
+
+    argv: Annotated[Words, Field(min_length=1)]
+    """The command and its arguments, as a list."""
+    env: dict[str, str] = Field(default_factory=dict)
+    """Further environment variables."""
+    cwd: str | None = None
+    """Where it runs; by default the folder of arena.yaml."""
+    restart: RestartMode = "never"
+    """Whether it is started again when it ends."""
+    needs: Words | None = None
+    """Names of processes that must be ready first; by default the router."""
+
+
+class Program(Strict):
+    """The user's program of one vehicle."""
+
+    path: str
+    """The program's file, relative to arena.yaml."""
+    args: Words = ()
+    """Its arguments."""
+    restart: RestartMode = "never"
+    """Whether it is started again when it ends."""
+
+
+class Start(Strict):
+    """Where a vehicle stands when the arena comes up."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    """North, east, down of its lowest point [m]; D = 0 stands on the floor."""
+    rpy_deg: tuple[Degrees, Degrees, Degrees] = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw [deg]."""
+
+
+class VehicleDefaults(Strict):
+    """Keys of a vehicle that `defaults` may give to all of them. None: not given here."""
+
+    profile: str | None = None
+    """Vehicle type: a name in `profiles/`. Default `iris`."""
+    autopilot: Literal["auto", "builtin", "px4", "hardware", "hitl"] | None = None
+    """Which autopilot flies it. Default `auto`."""
+    start: Start | None = None
+    """Where it stands at first. Default: at the origin."""
+    gcs: tuple[Address, ...] | None = None
+    """Further computers with a ground station: each gets the vehicle's program port, SDK port and UDP 14550."""
+    params_file: str | None = None
+    """A file of PX4 parameters."""
+    params: dict[str, float] | None = None
+    """PX4 parameters by name; merged name by name."""
+    forward: bool | None = None
+    """Whether a pose forwarder feeds the autopilot. Default true."""
+    pose_rate_hz: Positive | None = None
+    """Poses per second to the autopilot; divides mocap.rate_hz. Default: the highest that does, up to 60."""
+    program: Annotated[Program | None, BeforeValidator(_program)] = None
+    """The user's program: a path, or a mapping of path, args and restart. Default: none."""
+    args: Words | None = None
+    """Arguments of the program."""
+    neighbours: Words | None = None
+    """Names of vehicles whose poses the program reads."""
+    tools: dict[str, Tool] | None = None
+    """Commands that run beside this vehicle."""
+
+
+class VehicleKeys(VehicleDefaults):
+    """One vehicle."""
+
+    id: Annotated[int | None, Field(ge=1, le=250)] = None
+    """MAV_SYS_ID. Default: the lowest that is free, in order of appearance."""
+    port: Port | None = None
+    """UDP port of its MAVLink for the program; the SDK's is 6000 above. Default: 16000 + id."""
+    mocap_body: str | None = None
+    """Its rigid body's name in the motion capture. Default: its own name."""
+    url: str | None = None
+    """How a hardware autopilot is reached."""
+    baud: Annotated[int | None, Field(ge=1200, le=12_000_000)] = None
+    """Baud rate of a serial autopilot."""
+
+
+class ArenaFile(Strict):
+    """A whole arena.yaml."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] | None = None
+    """What the arena is called. Default: the name of its folder."""
+    address: Address = "127.0.0.1"
+    """The numeric address that everything local binds; another one makes room for a second arena."""
+    world: World = World()
+    """The room."""
+    sim: Sim = Sim()
+    """The simulation."""
+    mocap: Mocap = Mocap()
+    """The motion capture."""
+    failsafe: Failsafe | None = None
+    """What happens when something is lost."""
+    geofence: Geofence | None = None
+    """Where vehicles may be."""
+    hosts: dict[str, Host] = Field(default_factory=dict)
+    """Other computers."""
+    defaults: VehicleDefaults = VehicleDefaults()
+    """Keys that every vehicle has unless it says otherwise."""
+    tools: dict[str, Tool] = Field(default_factory=dict)
+    """Commands that run beside the arena."""
+    vehicles: Annotated[dict[str, VehicleKeys], Field(min_length=1)]
+    """The vehicles, by name."""
+
+
+# known, and not built yet: (where, value or None for any) -> what to use instead. `*` stands for any vehicle
+NOT_YET: Mapping[tuple[str, str | None], str] = {
+    ("failsafe", None): "Set the autopilot's own parameters under `params`, such as COM_OBL_RC_ACT",
+    ("geofence", None): "Remove it; the walls of the simulated room hold the vehicles",
+    ("hosts", None): "Remove it; everything runs on this computer",
+    ("mocap.source", "natnet"): "Use emulator",
+    ("mocap.source", "vrpn"): "Use emulator",
+    ("mocap.server", None): "Remove it; the emulator serves on `address`",
+    ("autopilot", "px4"): "Use auto or builtin",
+    ("autopilot", "hardware"): "Use auto or builtin",
+    ("autopilot", "hitl"): "Use auto or builtin",
+    ("params_file", None): "Write the parameters under `params`",
+    ("url", None): "Remove it; it is for hardware autopilots",
+    ("baud", None): "Remove it; it is for hardware autopilots",
+}

@@ -1,0 +1,187 @@
+"""Model + source -> Arena: the one merge, defaults -> profile -> `defaults` -> vehicle -> `--set`, with the origin of each value.
+
+Never fails: what is missing or wrong has been reported by `validate` or will be by `checks`, which judge the result.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from arena.schema.arena import Arena, Origin, Program, Vehicle
+from arena.schema.loader import YamlPath, dotted
+from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
+from arena.schema.ports import MOST_ID, capture_group, vehicle_ports
+from arena.schema.profile import Profile
+from arena.schema.source import Source
+
+DEFAULT_PROFILE = "iris"
+MOST_POSE_RATE_HZ = 60.0
+_FORWARD_MS = 1.0
+
+# What an arena without sticks and satellites needs of any PX4. Sources: PX4's parameter reference and its guide to external
+# vision; land when setpoints stop (COM_OBL_RC_ACT 4, at once), no sticks (COM_RC_IN_MODE 4, COM_RCL_EXCEPT bit 2).
+ARENA_PARAMS: Mapping[str, float] = {
+    "COM_OBL_RC_ACT": 4, "COM_FAIL_ACT_T": 0.0, "COM_RC_IN_MODE": 4, "COM_RCL_EXCEPT": 4, "SYS_HAS_GPS": 0,
+}  # fmt: skip
+# Noise: floors under the covariance that the forwarder sends. NOAID: a room is a second and a half long.
+VISION_PARAMS: Mapping[str, float] = {
+    "EKF2_EV_CTRL": 15, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_BARO_CTRL": 0, "EKF2_MAG_TYPE": 5,
+    "EKF2_EVP_NOISE": 0.01, "EKF2_EVA_NOISE": 0.05, "EKF2_NOAID_TOUT": 1_000_000,
+}  # fmt: skip
+
+
+def resolve(model: ArenaFile, source: Source, profiles: Mapping[str, Profile]) -> Arena:
+    """profiles: by the name that vehicles ask for; a name that is not in it falls back to the default, and `checks` says so."""
+    folder = Path(source.document.file).absolute().parent
+    origins: dict[str, Origin] = {}
+    for key in ("address", "world", "sim", "mocap"):
+        _trace(origins, source, (key,), getattr(model, key))
+    name = model.name or _name_from(folder.name)
+    group = model.mocap.group or capture_group(model.address)
+    _note(origins, "name", name, source.origin(("name",)) if model.name else "the folder's name")
+    _note(
+        origins,
+        "mocap.group",
+        group,
+        source.origin(("mocap", "group")) if model.mocap.group else "rule: from address",
+    )
+    ids = _ids(model.vehicles)
+    vehicles = tuple(
+        _Merge(model, source, profiles, origins, v, folder).vehicle(ids[v]) for v in model.vehicles
+    )
+    return Arena(
+        name=name, file=source.document.file, folder=str(folder), address=model.address, world=model.world, sim=model.sim,
+        mocap=model.mocap, group=group, tools=model.tools, vehicles=vehicles, origins=origins,
+    )  # fmt: skip
+
+
+def _name_from(folder: str) -> str:
+    kept = "".join(c if c.isalnum() or c in "_-." else "-" for c in folder if ord(c) < 128).strip("-._")
+    return kept[:64] or "arena"
+
+
+def _ids(vehicles: Mapping[str, VehicleKeys]) -> dict[str, int]:
+    taken = {v.id for v in vehicles.values() if v.id is not None}
+    free = iter(i for i in range(1, MOST_ID + len(vehicles) + 1) if i not in taken)
+    return {name: v.id if v.id is not None else next(free) for name, v in vehicles.items()}
+
+
+def pose_rate_hz(frame_rate_hz: float) -> float:
+    """The highest rate up to 60 Hz that divides the frame rate."""
+    return frame_rate_hz / math.ceil(frame_rate_hz / MOST_POSE_RATE_HZ - 1e-9)
+
+
+class _Merge:
+    """One vehicle's layers. Each `_take` notes where the value came from."""
+
+    def __init__(self, model: ArenaFile, source: Source, profiles: Mapping[str, Profile], origins: dict[str, Origin],
+                 name: str, folder: Path) -> None:  # fmt: skip
+        self.model, self.source, self.profiles = model, source, profiles
+        self.origins, self.name, self.folder = origins, name, folder
+        self.own, self.common = model.vehicles[name], model.defaults
+
+    def vehicle(self, vehicle_id: int) -> Vehicle:
+        name, own = self.name, self.own
+        wanted = self._take("profile", DEFAULT_PROFILE)
+        profile = self.profiles.get(wanted, self.profiles[DEFAULT_PROFILE])
+        ports = vehicle_ports(vehicle_id, own.port)
+        self._own("id", vehicle_id, "rule: lowest free, in order of appearance")
+        self._own("port", ports.program, "rule: 16000 + id")
+        self._note("sdk_port", ports.sdk, "rule: port + 6000")
+        asked = self._take("autopilot", "auto")
+        start = self._start()
+        forward = bool(self._take("forward", True))
+        rate = self._take(
+            "pose_rate_hz",
+            pose_rate_hz(self.model.mocap.rate_hz),
+            "default: the highest divisor of mocap.rate_hz up to 60",
+        )
+        return Vehicle(
+            name=name, id=vehicle_id, profile=profile, autopilot="builtin", asked=asked, position=start.position,
+            rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()), params=self._params(profile, vehicle_id, forward),
+            mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
+            pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),
+        )  # fmt: skip
+
+    def _take(self, key: str, default: Any, words: str = "default") -> Any:
+        """The vehicle's value, else that of `defaults`, else the default."""
+        for layer, path in ((self.own, ("vehicles", self.name, key)), (self.common, ("defaults", key))):
+            value = getattr(layer, key)
+            if value is not None:
+                return self._note(key, value, self.source.origin(path))
+        return self._note(key, default, words)
+
+    def _own(self, key: str, value: Any, words: str) -> Any:
+        """A key that `defaults` cannot give."""
+        path = ("vehicles", self.name, key)
+        return self._note(key, value, self.source.origin(path) if self.source.given(path) else words)
+
+    def _start(self) -> Start:
+        layers: dict[str, Any] = {}
+        for key in Start.model_fields:
+            layers[key], words = Start.model_fields[key].default, "default"
+            for layer, path in (
+                (self.common.start, ("defaults", "start", key)),
+                (self.own.start, ("vehicles", self.name, "start", key)),
+            ):
+                if layer is not None and key in layer.model_fields_set:
+                    layers[key], words = getattr(layer, key), self.source.origin(path)
+            self._note(f"start.{key}", layers[key], words)
+        return Start(**layers)
+
+    def _params(self, profile: Profile, vehicle_id: int, forward: bool) -> dict[str, float]:
+        delay_ms = self.model.mocap.latency_ms + _FORWARD_MS
+        computed = {"MAV_SYS_ID": (vehicle_id, "rule: id"),
+                    "MPC_THR_HOVER": (profile.hover_command, f"thrust curve of profile {profile.name}")}  # fmt: skip
+        if forward:
+            computed["EKF2_EV_DELAY"] = (delay_ms, "mocap.latency_ms + 1 ms of forwarding")
+        layers: list[tuple[str, float, str]] = [(k, v, "arena's default") for k, v in ARENA_PARAMS.items()]
+        layers += [(k, v, "arena's default with motion capture") for k, v in VISION_PARAMS.items() if forward]
+        layers += [(k, float(v), words) for k, (v, words) in computed.items()]
+        layers += [(k, v, f"profile {profile.name}") for k, v in profile.params.items()]
+        for given, path in (
+            (self.common.params, ("defaults", "params")),
+            (self.own.params, ("vehicles", self.name, "params")),
+        ):
+            layers += [(k, v, self.source.origin((*path, k))) for k, v in (given or {}).items()]
+        for key, value, words in layers:
+            self._note(f"params.{key}", value, words)
+        return {key: float(value) for key, value, _ in layers}
+
+    def _program(self) -> Program | None:
+        given = self._take("program", None)
+        args = self._take("args", ())
+        if given is None:
+            return None
+        path = (self.folder / given.path).absolute()
+        return Program(path=str(path), args=(*given.args, *args), restart=given.restart)
+
+    def _tools(self) -> dict[str, Tool]:
+        tools = {**(self.common.tools or {}), **(self.own.tools or {})}
+        for name, tool in tools.items():
+            layer = ("vehicles", self.name) if name in (self.own.tools or {}) else ("defaults",)
+            self._note(f"tools.{name}", tool, self.source.origin((*layer, "tools", name)))
+        return tools
+
+    def _note(self, key: str, value: Any, words: str) -> Any:
+        _note(self.origins, f"vehicles.{self.name}.{key}", value, words)
+        return value
+
+
+def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: Any) -> None:
+    """Note every leaf of a section."""
+    if isinstance(value, BaseModel):
+        for key in type(value).model_fields:
+            _trace(origins, source, (*path, key), getattr(value, key))
+    else:
+        _note(origins, dotted(path), value, source.origin(path))
+
+
+def _note(origins: dict[str, Origin], key: str, value: Any, words: str) -> None:
+    plain = value.model_dump(mode="json", exclude_none=True) if isinstance(value, BaseModel) else value
+    origins[key] = Origin(value=plain, source=words)

@@ -1,0 +1,107 @@
+"""Where a value of the arena was written: the document with the `--set` overrides laid over it, and the words for its problems."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+from arena.errors import InputError, Problem
+from arena.schema.loader import Document, YamlPath, dotted, parse_scalar
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """document: as read.  data: with the overrides.  overrides: the paths that `--set` gave."""
+
+    document: Document
+    data: Any
+    overrides: tuple[YamlPath, ...] = ()
+
+    def given(self, path: YamlPath) -> bool:
+        """Whether a value, not null, is written at this path."""
+        here = self.data
+        for part in path:
+            in_dict = isinstance(here, dict) and part in here
+            if in_dict or (isinstance(here, tuple) and isinstance(part, int) and part < len(here)):
+                here = here[part]
+            else:
+                return False
+        return here is not None
+
+    def place(self, path: YamlPath) -> tuple[str, int]:
+        """The file and line of a path, or of the nearest thing around it; `--set` and 0 for an override."""
+        if any(path[: len(o)] == o for o in self.overrides):
+            return "--set", 0
+        return self.document.file, self.document.line(path)
+
+    def origin(self, path: YamlPath) -> str:
+        """The same in words: `arena.yaml:14`, `--set` or `default`."""
+        if not self.given(path):
+            return "default"
+        file, line = self.place(path)
+        return f"{file}:{line}" if line else file
+
+    def problem(self, path: YamlPath, message: str, at: YamlPath | None = None) -> Problem:
+        """at: where the value was written, when that is not at the path itself (`defaults`)."""
+        file, line = self.place(path if at is None else at)
+        return Problem(file=file, line=line, field=dotted(path), message=message)
+
+
+def with_overrides(document: Document, overrides: Sequence[str]) -> Source:
+    """Lay `key=value` texts over the document. Raises InputError naming every override that cannot be laid."""
+    data, paths, problems = copy.deepcopy(document.data), [], []
+    for text in overrides:
+        try:
+            paths.append(_lay(data, text))
+        except InputError as error:
+            why = error.problems[0].message if error.problems else str(error)
+            problems.append(Problem(file=f"--set {text}", line=0, field="", message=why))
+    if problems:
+        raise InputError(problems)
+    return Source(document=document, data=data, overrides=tuple(paths))
+
+
+def _lay(data: Any, text: str) -> YamlPath:
+    key, equals, value = text.partition("=")
+    path = tuple(key.strip().split("."))
+    if not equals or not all(path):
+        raise InputError("expected key=value with a dotted key, such as mocap.rate_hz=120")
+    here = data
+    for i, part in enumerate(path):
+        if not isinstance(here, dict):
+            raise InputError(f"{'.'.join(path[:i]) or 'the file'} is no mapping, so it has no {part}")
+        if i == len(path) - 1:
+            here[part] = parse_scalar(value)
+        else:
+            if here.get(part) is None:
+                here[part] = {}
+            here = here[part]
+    return path
+
+
+def near(name: str, known: Sequence[str]) -> str:
+    """A hint that ends a sentence: the nearest of the known names, or all of them."""
+    close = (
+        get_close_matches(name, list(known), n=1, cutoff=0.6) or [k for k in known if name and name in k][:1]
+    )
+    return f"Did you mean {close[0]}?" if close else f"Known: {', '.join(known)}."
+
+
+def show(value: Any) -> str:
+    """A value as the user wrote it, short."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict):
+        return "a mapping" if value else "{}"
+    if isinstance(value, tuple):
+        text = "[" + ", ".join(show(item) for item in value) + "]"
+        return text if len(text) <= 60 else f"a list of {len(value)}"
+    if isinstance(value, float) and not math.isfinite(value):
+        return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
+    return repr(value) if len(repr(value)) <= 60 else repr(value)[:57] + "..."

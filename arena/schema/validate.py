@@ -1,0 +1,146 @@
+"""Document -> model, with every problem as one clear line.
+
+What is wrong is reported and left out, and the rest is validated again, so that one wrong type does not hide the checks that
+come after it. `pruned` tells those checks what they must not judge.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from arena.errors import Problem
+from arena.schema.base import Strict
+from arena.schema.loader import YamlPath
+from arena.schema.source import Source, near, show
+
+_MOST_ROUNDS = 20
+
+M = TypeVar("M", bound=Strict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validated(Generic[M]):
+    """model: None when too much is wrong.  pruned: paths that were left out because they are wrong."""
+
+    model: M | None
+    problems: tuple[Problem, ...]
+    pruned: frozenset[YamlPath]
+
+
+def validate(kind: type[M], source: Source) -> Validated[M]:
+    data, problems, pruned = copy.deepcopy(source.data), [], set[YamlPath]()
+    model: M | None = None
+    for _ in range(_MOST_ROUNDS):
+        try:
+            model = kind.model_validate(data)
+            break
+        except ValidationError as error:
+            details = error.errors(include_url=False)
+        for detail in details:
+            path = tuple(part for part in detail["loc"] if part != "[key]")
+            if detail["type"] in ("missing", "too_short") and any(p[: len(path)] == path for p in pruned):
+                pruned.add(
+                    _prune(data, path, missing=detail["type"] == "missing")
+                )  # it is missing because it was wrong
+                continue
+            problems.append(source.problem(path, _sentence(kind, path, detail)))
+            pruned.add(_prune(data, path, missing=detail["type"] == "missing"))
+        if () in pruned:
+            break
+    return Validated(model=model, problems=tuple(dict.fromkeys(problems)), pruned=frozenset(pruned))
+
+
+def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:
+    """Remove the mapping key that holds the path's value; returns the path removed."""
+    end = len(path) - (1 if missing else 0)
+    while end and not isinstance(path[end - 1], str):
+        end -= 1
+    here = data
+    for part in path[: max(end - 1, 0)]:
+        here = here[part] if isinstance(here, dict) and part in here else None
+    if end == 0 or not isinstance(here, dict):
+        return () if end == 0 else path[:end]
+    here.pop(path[end - 1], None)
+    return path[:end]
+
+
+def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> str:
+    type_, got = detail["type"], detail["input"]
+    if type_ == "extra_forbidden":
+        return f"unknown key. {near(str(path[-1]), keys_at(kind, path[:-1]))}"
+    if (type_ == "missing" and isinstance(path[-1], int)) or type_ == "too_long":
+        return f"got {show(got)}, expected a list of 3."
+    if type_ == "missing":
+        return "is missing" + (". Give at least one vehicle" if path == ("vehicles",) else "")
+    expected = _expected(kind, path, detail)
+    hint = f" {near(got, _choices(detail))}" if type_ == "literal_error" and isinstance(got, str) else ""
+    if type_ == "tuple_type" and isinstance(got, str):
+        hint = f" Did you mean [{', '.join(got.split())}]?"
+    return f"got {show(got)}, expected {expected}." + (hint if hint.startswith(" Did") else "")
+
+
+def _choices(detail: ErrorDetails) -> list[str]:
+    return [
+        part.strip("'")
+        for part in str(detail.get("ctx", {}).get("expected", "")).replace(" or ", ", ").split(", ")
+    ]
+
+
+_EXPECTED = {
+    "string_type": "text", "int_type": "a whole number", "int_from_float": "a whole number", "float_type": "a number",
+    "bool_type": "true or false", "finite_number": "a finite number", "dict_type": "a mapping of names",
+    "tuple_type": "a list", "int_parsing_size": "a smaller number",
+    "greater_than": "more than {gt:g}", "greater_than_equal": "at least {ge:g}", "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}", "string_pattern_mismatch": "letters, digits, _ . and - only, a letter or digit first",
+}  # fmt: skip
+
+
+def _expected(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> str:
+    context: dict[str, Any] = detail.get("ctx", {})
+    type_ = detail["type"]
+    if type_ == "literal_error":
+        return ", ".join(_choices(detail)[:-1]) + f" or {_choices(detail)[-1]}"
+    if type_ == "value_error":
+        return str(context["error"])
+    if type_ in ("model_type", "model_attributes_type"):
+        return f"a mapping with keys such as {', '.join(keys_at(kind, path)[:4])}"
+    if type_ in ("too_short",):
+        return f"at least {context['min_length']} in it"
+    return _EXPECTED[type_].format(**context) if type_ in _EXPECTED else detail["msg"]
+
+
+def keys_at(kind: Any, path: YamlPath) -> list[str]:
+    """The keys that the model knows at this path; of a mapping by name, those of what it holds."""
+    for part in path:
+        model = _model_of(kind)
+        field = model.model_fields.get(str(part)) if model is not None else None
+        if field is not None:
+            kind = field.annotation
+        elif _value_type(kind) is not None:
+            kind = _value_type(kind)
+        else:
+            return []
+    found = _model_of(kind)
+    return list(found.model_fields) if found is not None else []
+
+
+def _model_of(kind: Any) -> type[BaseModel] | None:
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return kind
+    return (
+        next((arg for arg in get_args(kind) if isinstance(arg, type) and issubclass(arg, BaseModel)), None)
+        if not _value_type(kind)
+        else None
+    )
+
+
+def _value_type(kind: Any) -> Any:
+    for option in (kind, *get_args(kind)):
+        if getattr(option, "__origin__", None) is dict:
+            return get_args(option)[1]
+    return None
