@@ -1,0 +1,140 @@
+"""The sockets of a program: what the autopilot and the cameras say comes in here, what the program says goes out.
+
+A background thread receives and sends the 1 Hz heartbeat that tells the vehicle "a computer is on board". It never sends a
+setpoint: those leave in the caller's own call, so that a hung program goes silent and meets the offboard failsafe.
+"""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.clock import Clock
+from arena.errors import ArenaError, InputError, NotConfirmedError
+from arena.uav.poses import Poses
+from arena.wire.telemetry import Telemetry
+
+COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+_WAKE_S = 0.01  # wall time between looks at the sockets: a hundred wake-ups a second instead of six hundred
+_FRESH_S = 0.001
+_HEARTBEAT_S = 1.0
+_MOST = 2000  # datagrams at a look: a flood must not keep the caller
+
+
+class Link:
+    """url: "udpin:HOST:PORT" (wait to be spoken to) or "udpout:HOST:PORT". capture: settings of `arena.capture`, or None."""
+
+    def __init__(
+        self, url: str, system_id: int, clock: Clock, poses: Poses, capture: Mapping[str, Any] | None = None
+    ) -> None:
+        self.telemetry = Telemetry(system_id)
+        self.poses = poses
+        self.unsent = 0
+        self.fault = ""
+        self._clock = clock
+        self._codec = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=COMPONENT)
+        self._socket, self._partner = _open(url)
+        self._capture = _capture(capture, poses) if capture and poses.bodies else None
+        self._receiving, self._sending = threading.Lock(), threading.Lock()
+        self._looked = -1.0
+        self._heartbeat_due = 0.0
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="arena.uav link", daemon=True)
+        self._thread.start()
+
+    def refresh(self) -> None:
+        """Take in what has arrived, unless that was done in the last millisecond."""
+        if time.monotonic() - self._looked > _FRESH_S:
+            self._look()
+
+    def send(self, message: mavlink.MAVLink_message) -> None:
+        """Raises NotConfirmedError while nobody has spoken here yet, so that there is no address to answer."""
+        if self._partner is None:
+            raise NotConfirmedError("nothing has been heard on the vehicle's link yet, so there is nobody to send to")
+        with self._sending:
+            data = message.pack(self._codec)
+            self._codec.seq = (self._codec.seq + 1) % 256
+        try:
+            self._socket.sendto(data, self._partner)
+        except OSError:  # a full buffer or a network that is away: the silence that follows is what gets reported
+            self.unsent += 1
+
+    def close(self) -> None:
+        """Nothing is commanded: a vehicle in the air meets its failsafe."""
+        self._ending.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(1.0)
+        with self._receiving:
+            self._socket.close()
+            if self._capture is not None:
+                self._capture.close()
+
+    def _run(self) -> None:
+        while not self._ending.wait(_WAKE_S):
+            self._look()
+            now = self._clock.now()
+            if self._partner is not None and not 0.0 <= self._heartbeat_due - now <= _HEARTBEAT_S:
+                self._heartbeat_due = now + _HEARTBEAT_S
+                self.send(_HEARTBEAT)
+
+    def _look(self) -> None:
+        with self._receiving:
+            if self._ending.is_set():
+                return
+            self._looked = time.monotonic()
+            now = self._clock.now()
+            self._hear_autopilot(now)
+            if self._capture is not None:
+                self._hear_capture(now)
+
+    def _hear_autopilot(self, now: float) -> None:
+        for _ in range(_MOST):
+            try:
+                datagram, sender = self._socket.recvfrom(65535)
+            except OSError:
+                return
+            if self.telemetry.hear(datagram, now):
+                self._partner = sender
+
+    def _hear_capture(self, now: float) -> None:
+        assert self._capture is not None
+        try:
+            for frame in self._capture.poll(now):
+                for pose in frame.poses:
+                    self.poses.hear(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
+        except (ArenaError, OSError) as error:
+            self.fault = str(error)
+
+
+_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
+    mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+)
+
+
+def _open(url: str) -> tuple[socket.socket, tuple[str, int] | None]:
+    kind, _, rest = url.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind not in ("udpin", "udpout") or not host or not port.isdecimal():
+        raise InputError(f"link: got {url!r}, expected udpin:HOST:PORT or udpout:HOST:PORT, as in udpin:127.0.0.1:16001")
+    address = host, int(port)
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    found.setblocking(False)
+    if kind == "udpout":
+        return found, address
+    try:
+        found.bind(address)
+    except OSError as error:
+        found.close()
+        raise InputError(f"link: cannot listen on {host}:{port}: {error.strerror}. Does another program hold it?") from error
+    return found, None
+
+
+def _capture(settings: Mapping[str, Any], poses: Poses) -> Any:
+    from arena.capture import open_capture
+
+    return open_capture({**settings, "bodies": poses.bodies})

@@ -1,0 +1,62 @@
+"""The newest motion-capture pose of one's own body and of each neighbour's. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from arena.geometry import Array
+
+_TRAIL = 9  # at 180 Hz and 0.3 mm of noise a slope over nine poses is good to some 7 mm/s
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pose:
+    """heard: when it arrived [s]; p_n [m] [NED] (3,); q_nb [-] wxyz (4,); trail: (time [s], p_n) of the last poses."""
+
+    heard: float
+    p_n: Array
+    q_nb: Array
+    trail: tuple[tuple[float, Array], ...]
+
+    @property
+    def v_n(self) -> Array:
+        """Velocity [m/s] [NED] (3,): least-squares slope of the trail; zero while there is one pose only."""
+        times = np.array([t for t, _ in self.trail])
+        times -= times.mean()
+        spread = float(times @ times)
+        return times @ np.array([p for _, p in self.trail]) / spread if spread > 0.0 else np.zeros(3)
+
+
+class Poses:
+    """own, neighbours: the newest poses, None before the first. body: one's own name in the capture system."""
+
+    def __init__(self, body: str | None, neighbours: Sequence[tuple[str, str]] = ()) -> None:
+        self.neighbour_names = tuple(name for name, _ in neighbours)
+        self.neighbours: tuple[Pose | None, ...] = (None,) * len(neighbours)
+        self.own: Pose | None = None
+        self._body = body
+        self._rows = {b: i for i, (_, b) in enumerate(neighbours)}
+
+    @property
+    def bodies(self) -> list[str]:
+        """The bodies worth asking the capture system for."""
+        return [*([] if self._body is None else [self._body]), *self._rows]
+
+    def hear(self, body: str, p_n: Array, q_nb: Array, time_s: float, now: float) -> None:
+        """One tracked pose. time_s: when it was taken, by the capture system's clock [s]; now: when it arrived [s]."""
+        if body == self._body:
+            self.own = _next(self.own, p_n, q_nb, time_s, now)
+        row = self._rows.get(body)
+        if row is not None:
+            pose = _next(self.neighbours[row], p_n, q_nb, time_s, now)
+            self.neighbours = (*self.neighbours[:row], pose, *self.neighbours[row + 1 :])
+
+
+def _next(last: Pose | None, p_n: Array, q_nb: Array, time_s: float, now: float) -> Pose:
+    trail = () if last is None else last.trail[1 - _TRAIL :]
+    if trail and not trail[-1][0] < time_s < trail[-1][0] + 0.25:
+        trail = ()  # the capture system restarted, or lost the body: the old slope says nothing
+    return Pose(heard=now, p_n=p_n, q_nb=q_nb, trail=(*trail, (time_s, p_n)))

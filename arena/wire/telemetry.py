@@ -1,0 +1,320 @@
+"""What a PX4-style autopilot tells of itself: MAVLink datagrams -> values, by group. No sockets, no clocks.
+
+Only the messages of `_HEARD` are decoded: the rest, more than half of an onboard stream, is skipped by its header.
+Units are SI and radians, frames NED and FRD, quaternions wxyz; each value keeps the time at which it was heard.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mavlink
+
+Array = NDArray[np.float64]
+
+_V1, _V2 = 0xFE, 0xFD
+_SIGNED = 0x01
+_GAUSS_T = 1e-4
+_HPA_PA = 100.0
+_HIGHRES_MAG = 0x01C0
+_HIGHRES_BARO = 0x1A00
+
+_MAIN = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED", 8: "RATTITUDE"}
+_AUTO = {1: "READY", 2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND", 8: "FOLLOW_TARGET", 9: "PRECLAND"}
+
+
+def mode_words(custom_mode: int) -> str:
+    """PX4's custom mode (main in bits 16 to 23, sub in 24 to 31) -> "OFFBOARD", "AUTO.LAND", ..."""
+    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+    words = _MAIN.get(main, f"mode {main}")
+    return f"AUTO.{_AUTO.get(sub, sub)}" if main == 4 else words
+
+
+def mode_numbers(words: str) -> tuple[int, int]:
+    """The inverse: PX4's main and sub mode. Raises KeyError for words that are no mode."""
+    main, _, sub = words.partition(".")
+    return {v: k for k, v in _MAIN.items()}[main], {v: k for k, v in _AUTO.items()}[sub] if sub else 0
+
+
+def frames(datagram: bytes) -> Iterator[tuple[int, int, int, int, int]]:
+    """(message id, system, component, start, end) of each whole frame; bytes that belong to none are passed over."""
+    at, size = 0, len(datagram)
+    while at + 8 <= size:
+        if datagram[at] == _V2 and at + 12 <= size:
+            end = at + 12 + datagram[at + 1] + (13 if datagram[at + 2] & _SIGNED else 0)
+            number = datagram[at + 7] | datagram[at + 8] << 8 | datagram[at + 9] << 16
+            who = datagram[at + 5], datagram[at + 6]
+        elif datagram[at] == _V1:
+            end, number, who = at + 8 + datagram[at + 1], datagram[at + 5], (datagram[at + 3], datagram[at + 4])
+        else:
+            at += 1
+            continue
+        if end > size:
+            at += 1
+            continue
+        yield number, *who, at, end
+        at = end
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Local:
+    """LOCAL_POSITION_NED. heard: time [s]; boot_s: the autopilot's time [s]; pos [m] [NED] (3,); vel [m/s] [NED] (3,)."""
+
+    heard: float
+    boot_s: float
+    pos: Array
+    vel: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Attitude:
+    """ATTITUDE_QUATERNION. q_nb [-] wxyz (4,); ang_vel: body rates [rad/s] [FRD] (3,)."""
+
+    heard: float
+    boot_s: float
+    q_nb: Array
+    ang_vel: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Imu:
+    """HIGHRES_IMU. acc_body: specific force [m/s2] [FRD] (3,); ang_vel [rad/s] [FRD] (3,)."""
+
+    heard: float
+    acc_body: Array
+    ang_vel: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Mag:
+    """HIGHRES_IMU. mag: magnetic field [T] [FRD] (3,)."""
+
+    heard: float
+    mag: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Baro:
+    """HIGHRES_IMU. pressure [Pa], temperature [deg C], alt: pressure altitude [m]."""
+
+    heard: float
+    pressure: float
+    temperature: float
+    alt: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Gps:
+    """GPS_RAW_INT. pos: latitude [deg], longitude [deg], altitude above mean sea level [m] (3,)."""
+
+    heard: float
+    pos: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Actuators:
+    """What the motors are told. group: mixer group or output port; output: 0..1 [-] (8,), unused ones zero."""
+
+    heard: float
+    group: int
+    output: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Heart:
+    """HEARTBEAT. mode: PX4's words."""
+
+    heard: float
+    mode: str
+    armed: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Status:
+    """SYS_STATUS. prearm: may it be armed; None where the autopilot does not tell. battery: remaining [%], or nan."""
+
+    heard: float
+    prearm: bool | None
+    battery: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ground:
+    """EXTENDED_SYS_STATE. landed: on the ground, by the land detector."""
+
+    heard: float
+    landed: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Reference:
+    """POSITION_TARGET_LOCAL_NED: pos [m] (3,), vel [m/s] (3,) [NED], yaw [rad]; nan where it is not controlled."""
+
+    heard: float
+    pos: Array
+    vel: Array
+    yaw: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class AttitudeReference:
+    """ATTITUDE_TARGET: q_nb [-] wxyz (4,), ang_vel [rad/s] [FRD] (3,), thrust: normalised 0..1 [-]."""
+
+    heard: float
+    q_nb: Array
+    ang_vel: Array
+    thrust: float
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Text:
+    """STATUSTEXT. severity: 0 emergency .. 7 debug."""
+
+    heard: float
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ack:
+    """COMMAND_ACK, and whom it answers."""
+
+    heard: float
+    command: int
+    result: int
+    target: tuple[int, int]
+
+
+class Telemetry:
+    """The newest of each group, None before the first. Feed it with `hear`; each value is replaced as a whole."""
+
+    def __init__(self, system_id: int) -> None:
+        self._system = system_id
+        self._codec = mavlink.MAVLink(None)
+        self.heard: float | None = None
+        self.local: Local | None = None
+        self.attitude: Attitude | None = None
+        self.imu: Imu | None = None
+        self.mag: Mag | None = None
+        self.baro: Baro | None = None
+        self.gps: Gps | None = None
+        self.actuators: Actuators | None = None
+        self.heart: Heart | None = None
+        self.status: Status | None = None
+        self.ground: Ground | None = None
+        self.reference: Reference | None = None
+        self.attitude_reference: AttitudeReference | None = None
+        self.version: tuple[int, int, int] | None = None
+        self.texts: deque[Text] = deque(maxlen=32)
+        self.acks: deque[Ack] = deque(maxlen=32)
+        self.refused = 0
+        self._text_id = 0
+
+    def hear(self, datagram: bytes, now: float) -> bool:
+        """now: [s], of any clock. True when the vehicle's autopilot spoke in it."""
+        spoke = False
+        for number, system, component, start, end in frames(datagram):
+            handler = _HEARD.get(number)
+            if handler is None or system != self._system or component != 1:
+                continue
+            try:
+                handler(self, self._codec.decode(bytearray(datagram[start:end])), now)
+                spoke = True
+            except (mavlink.MAVError, ValueError, TypeError, struct.error):
+                self.refused += 1  # a damaged frame says nothing, whatever its header claims
+        if spoke:
+            self.heard = now
+        return spoke
+
+    def recent_texts(self, since: float, worst: int = mavlink.MAV_SEVERITY_INFO) -> list[str]:
+        """What the autopilot has said since then, of this severity or a graver one, each sentence once."""
+        return list(dict.fromkeys(t.text for t in self.texts if t.heard >= since and t.severity <= worst))
+
+    def _heartbeat(self, m: mavlink.MAVLink_heartbeat_message, now: float) -> None:
+        armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.heart = Heart(heard=now, mode=mode_words(m.custom_mode), armed=armed)
+
+    def _sys_status(self, m: mavlink.MAVLink_sys_status_message, now: float) -> None:
+        bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        told = bool(m.onboard_control_sensors_present & bit)
+        battery = float(m.battery_remaining) if m.battery_remaining >= 0 else np.nan
+        prearm = bool(m.onboard_control_sensors_health & bit) if told else None
+        self.status = Status(heard=now, prearm=prearm, battery=battery)
+
+    def _extended(self, m: mavlink.MAVLink_extended_sys_state_message, now: float) -> None:
+        self.ground = Ground(heard=now, landed=m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND)
+
+    def _local(self, m: mavlink.MAVLink_local_position_ned_message, now: float) -> None:
+        self.local = Local(heard=now, boot_s=m.time_boot_ms * 1e-3, pos=np.array((m.x, m.y, m.z)),
+                           vel=np.array((m.vx, m.vy, m.vz)))
+
+    def _attitude(self, m: mavlink.MAVLink_attitude_quaternion_message, now: float) -> None:
+        self.attitude = Attitude(heard=now, boot_s=m.time_boot_ms * 1e-3, q_nb=np.array((m.q1, m.q2, m.q3, m.q4)),
+                                 ang_vel=np.array((m.rollspeed, m.pitchspeed, m.yawspeed)))
+
+    def _highres(self, m: mavlink.MAVLink_highres_imu_message, now: float) -> None:
+        self.imu = Imu(heard=now, acc_body=np.array((m.xacc, m.yacc, m.zacc)),
+                       ang_vel=np.array((m.xgyro, m.ygyro, m.zgyro)))
+        if m.fields_updated & _HIGHRES_MAG or self.mag is None:
+            self.mag = Mag(heard=now, mag=np.array((m.xmag, m.ymag, m.zmag)) * _GAUSS_T)
+        if m.fields_updated & _HIGHRES_BARO or self.baro is None:
+            self.baro = Baro(heard=now, pressure=m.abs_pressure * _HPA_PA, temperature=m.temperature, alt=m.pressure_alt)
+
+    def _gps(self, m: mavlink.MAVLink_gps_raw_int_message, now: float) -> None:
+        if m.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX:
+            self.gps = Gps(heard=now, pos=np.array((m.lat * 1e-7, m.lon * 1e-7, m.alt * 1e-3)))
+
+    def _servos(self, m: mavlink.MAVLink_servo_output_raw_message, now: float) -> None:
+        raw = np.array([getattr(m, f"servo{i}_raw") for i in range(1, 9)], float)
+        self.actuators = Actuators(heard=now, group=m.port, output=np.clip((raw - 1000.0) / 1000.0, 0.0, 1.0))
+
+    def _controls(self, m: mavlink.MAVLink_actuator_control_target_message, now: float) -> None:
+        self.actuators = Actuators(heard=now, group=m.group_mlx, output=np.array(m.controls, float))
+
+    def _reference(self, m: mavlink.MAVLink_position_target_local_ned_message, now: float) -> None:
+        ignored = [bool(m.type_mask & 1 << bit) for bit in range(12)]
+        pos = np.where(ignored[0:3], np.nan, (m.x, m.y, m.z))
+        vel = np.where(ignored[3:6], np.nan, (m.vx, m.vy, m.vz))
+        self.reference = Reference(heard=now, pos=pos, vel=vel, yaw=np.nan if ignored[10] else m.yaw)
+
+    def _attitude_reference(self, m: mavlink.MAVLink_attitude_target_message, now: float) -> None:
+        rates = np.array((m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate))
+        self.attitude_reference = AttitudeReference(heard=now, q_nb=np.array(m.q), ang_vel=rates, thrust=m.thrust)
+
+    def _text(self, m: mavlink.MAVLink_statustext_message, now: float) -> None:
+        text = m.text if isinstance(m.text, str) else m.text.decode(errors="replace")
+        if m.id and m.id == self._text_id and m.chunk_seq and self.texts:
+            text = self.texts.pop().text + text
+        self._text_id = m.id
+        self.texts.append(Text(heard=now, severity=m.severity, text=text.rstrip("\0")))
+
+    def _ack(self, m: mavlink.MAVLink_command_ack_message, now: float) -> None:
+        target = m.target_system, m.target_component
+        self.acks.append(Ack(heard=now, command=m.command, result=m.result, target=target))
+
+    def _version(self, m: mavlink.MAVLink_autopilot_version_message, now: float) -> None:
+        number = m.flight_sw_version
+        self.version = number >> 24 & 0xFF, number >> 16 & 0xFF, number >> 8 & 0xFF
+
+
+_HEARD: dict[int, Callable[[Telemetry, mavlink.MAVLink_message, float], None]] = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: Telemetry._heartbeat,
+    mavlink.MAVLINK_MSG_ID_SYS_STATUS: Telemetry._sys_status,
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: Telemetry._gps,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Telemetry._attitude,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Telemetry._local,
+    mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: Telemetry._servos,
+    mavlink.MAVLINK_MSG_ID_COMMAND_ACK: Telemetry._ack,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: Telemetry._attitude_reference,
+    mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Telemetry._reference,
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: Telemetry._highres,
+    mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: Telemetry._controls,
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Telemetry._version,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Telemetry._extended,
+    mavlink.MAVLINK_MSG_ID_STATUSTEXT: Telemetry._text,
+}

@@ -1,0 +1,257 @@
+"""What can hurt someone first: who sends setpoints and when, and what happens when the vehicle is taken away."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.errors import CommandRefusedError, NotConfirmedError, OffboardLostError, StaleDataError
+from arena.uav import UAV, pilot
+from .conftest import make_uav
+from .fake import FakeAutopilot, free_address, until
+
+
+def gaps(autopilot: FakeAutopilot) -> np.ndarray:
+    return np.diff([t for t, _ in autopilot.setpoints])
+
+
+def test_no_setpoint_leaves_while_the_program_does_not_call(autopilot, uav):
+    uav.start_offboard_mission()
+    for _ in range(5):
+        uav.set_vel_yaw([0, 0, -1], 0.0, 50)
+    autopilot.let_pass(3)
+    beats, sent = len(autopilot.heartbeats), len(autopilot.setpoints)
+    until(lambda: len(autopilot.heartbeats) >= beats + 1)  # the program hangs, its link lives
+    autopilot.let_pass(25)
+    assert len(autopilot.setpoints) == sent
+
+
+def test_a_program_that_only_looks_sends_no_setpoint(autopilot, uav):
+    until(lambda: len(autopilot.heartbeats) >= 2)
+    assert autopilot.setpoints == []
+    assert autopilot.heartbeats[0].type == mavlink.MAV_TYPE_ONBOARD_CONTROLLER
+    assert (autopilot.heartbeats[0].get_srcSystem(), autopilot.heartbeats[0].get_srcComponent()) == (1, 191)
+
+
+def test_the_stream_never_pauses_while_a_mission_starts(autopilot, uav):
+    autopilot.prearm = False
+    until(lambda: uav._source.telemetry.status.prearm is False)
+    threading.Timer(0.5, lambda: setattr(autopilot, "prearm", True)).start()
+    uav.start_offboard_mission()
+    uav.set_pos_yaw(uav.ekf.pos, 0.0, 0.2)
+    assert (autopilot.mode, autopilot.armed) == ("OFFBOARD", True)
+    assert len(autopilot.setpoints) > 40
+    assert gaps(autopilot).max() < 0.1
+
+
+def test_a_mission_starts_in_the_order_offboard_then_arm_at_the_place_where_it_stands(autopilot, uav):
+    uav.start_offboard_mission()
+    assert [c.command for c in autopilot.commands] == [mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM]
+    first = autopilot.setpoints[0][1]
+    assert (first.x, first.y, first.z) == pytest.approx(autopilot.pos, abs=1e-6)
+    assert first.yaw == pytest.approx(np.radians(30), abs=1e-5)
+
+
+def test_a_refused_arming_raises_with_the_autopilots_own_words(autopilot, uav):
+    autopilot.refuse[mavlink.MAV_CMD_COMPONENT_ARM_DISARM] = (1, b"Arming denied: throttle above center")
+    with pytest.raises(CommandRefusedError, match=r"uav1.*arming.*temporarily rejected.*throttle above center"):
+        uav.start_offboard_mission()
+    assert gaps(autopilot).max() < 0.1
+
+
+def test_a_refused_mode_is_asked_for_again_then_raises(autopilot, uav, monkeypatch):
+    monkeypatch.setattr(pilot, "_CONFIRM_TIMEOUT_S", 0.8)
+    autopilot.refuse[mavlink.MAV_CMD_DO_SET_MODE] = (2, b"No offboard signal")
+    with pytest.raises(CommandRefusedError, match="denied.*No offboard signal"):
+        uav.start_offboard_mode()
+    assert len(autopilot.commands) >= 2
+
+
+def test_a_vehicle_that_is_not_ready_is_not_armed_and_says_why(autopilot, uav, monkeypatch):
+    monkeypatch.setattr(pilot, "READY_TIMEOUT_S", 0.4)
+    autopilot.prearm = False
+    until(lambda: uav._source.telemetry.status.prearm is False)
+    autopilot.say(b"Preflight Fail: Compass not calibrated")
+    with pytest.raises(NotConfirmedError, match="not ready.*pre-arm checks fail.*Compass not calibrated"):
+        uav.start_offboard_mission()
+    assert autopilot.commands == []
+
+
+def test_no_estimate_means_no_mission(monkeypatch):
+    monkeypatch.setattr(pilot, "READY_TIMEOUT_S", 0.4)
+    with FakeAutopilot(free_address(), position=False) as autopilot, make_uav(autopilot.to) as uav:
+        with pytest.raises(NotConfirmedError, match="no position estimate"):
+            uav.start_offboard_mission()
+        autopilot.let_pass(3)
+        assert autopilot.setpoints == [] and autopilot.commands == []
+
+
+def test_a_command_that_nobody_answers_is_sent_again_with_a_counter(autopilot, uav):
+    autopilot.ignore.add(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
+    with pytest.raises(NotConfirmedError, match="did not answer to arming, asked 5 times"):
+        uav.arm_drone()
+    assert [c.confirmation for c in autopilot.commands] == [0, 1, 2, 3, 4]
+
+
+def test_an_answer_to_somebody_else_is_not_ours(autopilot, uav, monkeypatch):
+    monkeypatch.setattr(pilot, "_TRIES", 1)
+    autopilot.ack_to = (253, 190)
+    with pytest.raises(NotConfirmedError, match="did not answer"):
+        uav.arm_drone()
+
+
+@pytest.mark.parametrize(
+    "setter",
+    [
+        lambda u: u.set_pos_yaw([0, 0, -1], 0.0, 5.0),
+        lambda u: u.set_vel_yaw([0, 0, 0], 0.0, 50),
+        lambda u: u.set_vel_body_yaw_rate([0, 0, 0], 0.0, 50),
+        lambda u: u.set_att_thrust([0, 0, 0], "euler", 14.0, 50),
+        lambda u: u.set_ang_vel_thrust([0, 0, 0], 14.0, 50),
+    ],
+)
+def test_every_setter_raises_once_the_pilot_took_over_and_goes_on_raising(autopilot, uav, setter):
+    uav.start_offboard_mission()
+    setter_thread_sees = threading.Timer(0.1, lambda: (autopilot.say(b"Pilot took over using sticks"), take(autopilot)))
+    setter_thread_sees.start()
+    began = time.monotonic()
+    with pytest.raises(OffboardLostError, match="POSCTL.*Pilot took over using sticks"):
+        while time.monotonic() < began + 3.0:
+            setter(uav)
+    assert time.monotonic() - began < 1.0
+    autopilot.mode = "OFFBOARD"  # the pilot's own doing: it does not give the vehicle back to the program
+    until(lambda: uav.info.flight_mode == "OFFBOARD")
+    sent = len(autopilot.setpoints)
+    with pytest.raises(OffboardLostError):
+        setter(uav)
+    assert len(autopilot.setpoints) <= sent
+
+
+def take(autopilot: FakeAutopilot) -> None:
+    autopilot.mode = "POSCTL"
+
+
+def test_setters_raise_when_something_else_disarmed(autopilot, uav):
+    uav.start_offboard_mission()
+    autopilot.armed = False
+    with pytest.raises(OffboardLostError, match="disarmed"):
+        uav.set_pos_yaw([0, 0, -1], 0.0, 2.0)
+
+
+def test_a_pilot_who_takes_over_while_a_mission_starts_keeps_it(autopilot, uav):
+    autopilot.ignore.add(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
+    watch = threading.Thread(target=lambda: (until(lambda: len(autopilot.commands) >= 2), take(autopilot)))
+    watch.start()
+    with pytest.raises(OffboardLostError, match="POSCTL"):
+        uav.start_offboard_mission()
+    watch.join()
+    assert autopilot.mode == "POSCTL"
+
+
+def test_a_silent_link_makes_setters_raise(autopilot, uav):
+    uav.start_offboard_mission()
+    autopilot.mute = True
+    with pytest.raises(StaleDataError, match="silent"):
+        uav.set_pos_yaw([0, 0, -1], 0.0, 5.0)
+
+
+def test_disarming_oneself_is_not_a_loss(autopilot, uav):
+    uav.start_offboard_mission()
+    uav.disarm_drone()
+    uav.set_vel_yaw([0, 0, 0], 0.0, 50)
+    assert not autopilot.armed
+
+
+def test_landing_returns_when_the_vehicle_is_down_and_disarmed(autopilot, uav):
+    uav.start_offboard_mission()
+    autopilot.landed = False
+    until(lambda: not uav.info.is_landed)
+    done = threading.Event()
+
+    def touch_down() -> None:
+        until(lambda: autopilot.mode == "AUTO.LAND")
+        autopilot.landed = True
+        assert not done.wait(0.3), "landed but armed is not landed"
+        autopilot.armed = False
+
+    ground = threading.Thread(target=touch_down)
+    ground.start()
+    uav.auto_land()
+    done.set()
+    ground.join()
+    assert not autopilot.armed and autopilot.mode == "AUTO.LAND"
+
+
+def test_a_landing_that_is_not_confirmed_says_what_is_known(autopilot, uav, monkeypatch):
+    monkeypatch.setattr(pilot, "LAND_TIMEOUT_S", 0.3)
+    uav.start_offboard_mission()
+    autopilot.landed = False
+    until(lambda: not uav.info.is_landed)
+    with pytest.raises(NotConfirmedError, match=r"landing not confirmed.*AUTO\.LAND, armed, in the air"):
+        uav.auto_land()
+
+
+def test_a_landing_taken_over_by_the_pilot_ends(autopilot, uav):
+    uav.start_offboard_mission()
+    autopilot.landed = False
+    until(lambda: not uav.info.is_landed)
+    watch = threading.Thread(target=lambda: (until(lambda: autopilot.mode == "AUTO.LAND"), until(lambda: uav.info.flight_mode == "AUTO.LAND"), take(autopilot)))
+    watch.start()
+    with pytest.raises((OffboardLostError, NotConfirmedError), match="POSCTL"):
+        uav.auto_land()
+    watch.join()
+
+
+def test_leaving_with_an_exception_commands_nothing(autopilot):
+    with pytest.raises(ZeroDivisionError), make_uav(autopilot.to) as uav:
+        until(lambda: uav.ekf.age_s < 0.5)
+        uav.start_offboard_mission()
+        autopilot.let_pass(3)
+        asked, sent = len(autopilot.commands), len(autopilot.setpoints)
+        raise ZeroDivisionError
+    autopilot.let_pass(10)
+    assert (len(autopilot.commands), len(autopilot.setpoints)) == (asked, sent)
+    assert autopilot.armed
+
+
+def test_a_rate_is_kept_without_drift(autopilot, uav):
+    began = time.monotonic()
+    for _ in range(100):
+        uav.set_vel_yaw([0, 0, 0], 0.0, 200)
+    assert time.monotonic() - began == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_position_setpoint_blocks_for_its_time_at_50_hz(autopilot, uav):
+    began = time.monotonic()
+    uav.set_pos_yaw([[0], [0], [-1]], 0.0, 0.5)
+    assert time.monotonic() - began == pytest.approx(0.5, abs=0.03)
+    until(lambda: len(autopilot.setpoints) >= 24)
+    assert len(autopilot.setpoints) <= 26
+
+
+def test_motors_cannot_be_set_where_the_autopilot_would_ignore_it(autopilot, uav):
+    with pytest.raises(CommandRefusedError, match=r"v1\.13.*v1\.16\.0"):
+        uav.set_act(0, [0.1, 0.1, 0.1, 0.5], 50)
+    assert autopilot.setpoints == []
+
+
+def test_motors_can_be_set_on_an_old_autopilot(autopilot, uav):
+    autopilot.version = 0x01090200
+    uav.set_act(0, [0.1, 0.2, 0.3, 0.5], 50)
+    until(lambda: autopilot.setpoints and autopilot.setpoints[-1][1].get_type() == "SET_ACTUATOR_CONTROL_TARGET")
+    assert list(autopilot.setpoints[-1][1].controls[:4]) == pytest.approx([0.1, 0.2, 0.3, 0.5])
+
+
+def test_nothing_can_be_sent_before_anything_was_heard():
+    with make_uav(free_address()) as uav, pytest.raises(NotConfirmedError, match="nothing has been heard"):
+        uav.set_vel_yaw([0, 0, 0], 0.0, 50)
+
+
+def test_a_second_program_on_the_same_port_is_told_so():
+    address = free_address()
+    with make_uav(address), pytest.raises(Exception, match="Does another program hold it"):
+        UAV("uav1", 1, 1, 1, 4, {"kind": "quadratic", "a": 1.0, "b": 1.0}, link=f"udpin:{address[0]}:{address[1]}", system_id=1)
