@@ -201,7 +201,7 @@ class Pilot:
             return "no heartbeat of the autopilot has been heard" + (f" ({self._link.fault})" if self._link.fault else "")
         if self._source.age(t.local) > self._source.stale_s:
             return f"the autopilot has no position estimate{self._texts()}"
-        return f"the autopilot's pre-arm checks fail{self._texts(READY_TIMEOUT_S)}"
+        return f"the autopilot's pre-arm checks fail{self._texts(READY_TIMEOUT_S + _TEXTS_S)}"
 
     def _heart_says(self, *, mode: str | None = None, armed: bool | None = None) -> bool:
         heart = self._source.telemetry.heart
