@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import select
 import socket
 import sys
@@ -96,7 +95,8 @@ class Shell:
         return packed
 
     def _stats(self) -> dict[str, Any]:
-        return dataclasses.asdict(self._router.counts)
+        counts = self._router.counts
+        return {**vars(counts), "dropped": {why: n for why, n in counts.dropped.items() if n}}
 
 
 def _bind(address: Address) -> socket.socket:
