@@ -42,9 +42,7 @@ class Battery:
 
     def __init__(self, fleet: Fleet, *, step_s: float) -> None:
         packs = [_Pack(**profile.get("battery", {})) for profile in fleet.profiles]
-        of: dict[str, Any] = {
-            f.name: np.array([getattr(p, f.name) for p in packs], float) for f in fields(_Pack)
-        }
+        of: dict[str, Any] = {f.name: np.array([getattr(p, f.name) for p in packs], float) for f in fields(_Pack)}
         rotors = np.array([len(profile["rotors"]) for profile in fleet.profiles], float)
         self._idle, self._resistance = of["idle_a"], of["resistance_ohm"]
         self._per_square = (of["hover_a"] - of["idle_a"]) / (rotors * fleet.hover**2)

@@ -9,6 +9,7 @@ there is no ceiling.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import socket
 from collections.abc import Sequence
@@ -87,9 +88,7 @@ class Bodies:
         self._fleet = fleet
         self._bullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self._client)
         self._bullet.setTimeStep(step_s, physicsClientId=self._client)
-        self._bullet.setPhysicsEngineParameter(
-            numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client
-        )
+        self._bullet.setPhysicsEngineParameter(numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client)
         self._things = {self._floor(): "floor"} | self._walls(size_m)
         self._ids = [self._vehicle(i) for i in range(fleet.size)]
         self._index = {body: i for i, body in enumerate(self._ids)}
@@ -127,9 +126,7 @@ class Bodies:
                         others[self._index[one]] = what
         return Contacts(floor=floor, others=others)
 
-    def place(
-        self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
-    ) -> None:
+    def place(self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None) -> None:
         """Put one vehicle somewhere, for tests and experiments: p_n [m], q_nb [-], v_n [m/s], omega_b
         [rad/s], (3,) or (4,).
         """
@@ -139,9 +136,7 @@ class Bodies:
         position, quat = world_from_ned(p_n).tolist(), xyzw_from_wxyz(q_wf_from_q_nb(q_nb)).tolist()
         self._bullet.resetBasePositionAndOrientation(body, position, quat, physicsClientId=client)
         velocity = world_from_ned(np.zeros(3) if v_n is None else v_n).tolist()
-        self._bullet.resetBaseVelocity(
-            body, velocity, world_from_ned(omega_n).tolist(), physicsClientId=client
-        )
+        self._bullet.resetBaseVelocity(body, velocity, world_from_ned(omega_n).tolist(), physicsClientId=client)
         self._read()
 
     def close(self) -> None:
@@ -160,17 +155,11 @@ class Bodies:
         vectors = found[:, :9].reshape(-1, 3, 3) @ _NED_W
         self.p_n, self.v_n = vectors[:, 0], vectors[:, 1]
         self.q_nb = found[:, 9:] @ _Q_NB_XYZW
-        self.r_nb = ((self.q_nb[:, :, None] * self.q_nb[:, None, :]).reshape(-1, 16) @ _MATRIX_QQ).reshape(
-            -1, 3, 3
-        )
-        self.omega_b = (vectors[:, 2:3] @ self.r_nb)[
-            :, 0
-        ]  # a row vector times R is R^T times the vector: b from n
+        self.r_nb = ((self.q_nb[:, :, None] * self.q_nb[:, None, :]).reshape(-1, 16) @ _MATRIX_QQ).reshape(-1, 3, 3)
+        self.omega_b = (vectors[:, 2:3] @ self.r_nb)[:, 0]  # a row vector times R is R^T times the vector: b from n
 
     def _floor(self) -> int:
-        return self._fixed(
-            self._bullet.createCollisionShape(self._bullet.GEOM_PLANE, physicsClientId=self._client), _ORIGIN
-        )
+        return self._fixed(self._bullet.createCollisionShape(self._bullet.GEOM_PLANE, physicsClientId=self._client), _ORIGIN)
 
     def _walls(self, size_m: Sequence[float]) -> dict[int, str]:
         north, east, height = (float(x) for x in size_m)
@@ -181,17 +170,13 @@ class Bodies:
             half_n[axis], half_n[2] = _WALL_M / 2.0, height / 2.0
             centre_n[2] = -height / 2.0
             half_w = np.abs(world_from_ned(half_n)).tolist()
-            shape = self._bullet.createCollisionShape(
-                self._bullet.GEOM_BOX, halfExtents=half_w, physicsClientId=self._client
-            )
+            shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half_w, physicsClientId=self._client)
             walls[self._fixed(shape, world_from_ned(centre_n).tolist())] = f"the {name} wall"
         return walls
 
     def _fixed(self, shape: int, position_w: Sequence[float]) -> int:
         body = self._bullet.createMultiBody(0.0, shape, basePosition=position_w, physicsClientId=self._client)
-        self._bullet.changeDynamics(
-            body, -1, restitution=0.0, lateralFriction=_FRICTION, physicsClientId=self._client
-        )
+        self._bullet.changeDynamics(body, -1, restitution=0.0, lateralFriction=_FRICTION, physicsClientId=self._client)
         return int(body)
 
     def _vehicle(self, i: int) -> int:
@@ -235,6 +220,7 @@ def _import() -> Any:
             try:
                 import pybullet
             finally:
+                ctypes.CDLL(None).fflush(None)  # its line waits in C's buffer
                 os.dup2(kept, 1)
                 os.close(kept)
     except ImportError as error:
@@ -248,10 +234,7 @@ def _connect(bullet: Any, gui: bool) -> int:
     """
     if gui and not display_answers(os.environ.get("DISPLAY", "")):
         shown = os.environ.get("DISPLAY") or "not set"
-        raise InputError(
-            f"--gui needs an X display, and none answers (DISPLAY is {shown}): "
-            "start without --gui, or set DISPLAY"
-        )
+        raise InputError(f"--gui needs an X display, and none answers (DISPLAY is {shown}): start without --gui, or set DISPLAY")
     client = bullet.connect(bullet.GUI if gui else bullet.DIRECT)
     if client < 0:
         raise InputError("pybullet could not start" + (" its window: start without --gui" if gui else ""))
@@ -270,9 +253,7 @@ def display_answers(display: str) -> bool:
     return _reaches(socket.AF_UNIX, path) or _reaches(socket.AF_UNIX, "\0" + path)
 
 
-def _reaches(
-    family: Literal[socket.AddressFamily.AF_INET, socket.AddressFamily.AF_UNIX], address: Any
-) -> bool:
+def _reaches(family: Literal[socket.AddressFamily.AF_INET, socket.AddressFamily.AF_UNIX], address: Any) -> bool:
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.settimeout(2.0)
         try:

@@ -98,9 +98,7 @@ def _column(rows: Any, key: str, default: Callable[[Any], float] | None = None) 
     return np.array([row[key] if key in row or default is None else default(row) for row in rows], float)
 
 
-def _origin(
-    vehicles: list[dict[str, Any]], q_nb: Array, profiles: tuple[dict[str, Any], ...], origin_height: Array
-) -> Array:
+def _origin(vehicles: list[dict[str, Any]], q_nb: Array, profiles: tuple[dict[str, Any], ...], origin_height: Array) -> Array:
     """The body origin above `position`, which is that of the lowest point, the vehicle leaning as it may [m]
     [NED] (V, 3).
     """

@@ -86,9 +86,7 @@ class Judge:
         np.minimum(self._cos_tilt, cos_tilt, out=self._cos_tilt)
         np.minimum(self._down, p_n[:, 2], out=self._down)
         for i in np.flatnonzero(cos_tilt < math.cos(TILT_RAD)).tolist():
-            self._crash(
-                i, now, f"tilted {math.degrees(math.acos(max(-1.0, float(cos_tilt[i])))):.0f} degrees"
-            )
+            self._crash(i, now, f"tilted {math.degrees(math.acos(max(-1.0, float(cos_tilt[i])))):.0f} degrees")
         for i in np.flatnonzero(floor != self._floor).tolist():
             if floor[i]:
                 self._touch_down(i, now, p_n[i])

@@ -97,9 +97,7 @@ class Links:
         for _ in range(_PER_TURN):
             try:
                 size = link.socket.recv_into(self._page)
-            except (
-                OSError
-            ):  # nothing left, or an answer of the network to something sent before: neither is a datagram
+            except OSError:  # nothing left, or an answer of the network to something sent before: neither is a datagram
                 return False
             self.received += 1
             receive(link.vehicle, link.link, bytes(self._page[:size]))
@@ -117,8 +115,7 @@ class Links:
         except OSError as error:
             made.close()
             raise RunError(
-                f"{vehicle}: {name} link: cannot bind {local[0]}:{local[1]} ({error.strerror}): "
-                "does another arena run here?"
+                f"{vehicle}: {name} link: cannot bind {local[0]}:{local[1]} ({error.strerror}): does another arena run here?"
             ) from error
         link = _Link(vehicle=i, link=name, socket=made, remote=remote)
         self._by_fd[made.fileno()] = self._by_name[i, name] = link
@@ -130,6 +127,4 @@ def _address(settings: Mapping[str, Any], key: str, what: str) -> tuple[str, int
         host, port = settings[key]
         return str(host), int(port)
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"links of {what}: {key}: got {settings.get(key)!r}, expected [host, port]"
-        ) from error
+        raise InputError(f"links of {what}: {key}: got {settings.get(key)!r}, expected [host, port]") from error

@@ -63,11 +63,7 @@ class Loop:
         self._room, self._speed = room, speed_of(settings.get("speed", 1.0))
         self._world = World(settings)
         self._pilots = make_pilots(settings, self._world.period_s)
-        period_s = (
-            self._world.period_s / max(self._speed, 1.0)
-            if math.isfinite(self._speed)
-            else self._world.period_s
-        )
+        period_s = self._world.period_s / max(self._speed, 1.0) if math.isfinite(self._speed) else self._world.period_s
         self._links = Links(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
         self._truth_path = Path(settings["truth"])
         self._truth = TruthWriter(self._truth_path, self._world.fleet.size)
@@ -151,17 +147,12 @@ class Loop:
         """Pass events on; True when the supervisor has died and no vehicle needs this world any more."""
         for text in (*self._world.events(), *self._pilots.events(), *self._strikes()):
             self._room.event(text)
-        return self._afterlife.over(
-            orphaned=self._room.orphaned, any_armed=bool(np.any(self._pilots.armed)), now=now
-        )
+        return self._afterlife.over(orphaned=self._room.orphaned, any_armed=bool(np.any(self._pilots.armed)), now=now)
 
     def _strikes(self) -> list[str]:
         names = self._clock.struck_off[self._struck_off :]
         self._struck_off += len(names)
-        return [
-            f"{name} has not slept on the clock for a second: the world no longer waits for it"
-            for name in names
-        ]
+        return [f"{name} has not slept on the clock for a second: the world no longer waits for it" for name in names]
 
     def _stats(self, pacer: Pacer) -> dict[str, Any]:
         return {

@@ -63,9 +63,7 @@ _CHANNELS = (
         range="gyro_range_rad_s",
         default_range=34.9,
     ),
-    _Channel(
-        group="mag", noise="noise_gauss", bias="bias_gauss", axes=3, default_noise=0.002, default_bias=0.002
-    ),
+    _Channel(group="mag", noise="noise_gauss", bias="bias_gauss", axes=3, default_noise=0.002, default_bias=0.002),
     _Channel(group="baro", noise="noise_m", bias="bias_m", axes=1, default_noise=0.05, default_bias=0.2),
 )
 _WIDTH = sum(c.axes for c in _CHANNELS)
@@ -154,18 +152,13 @@ def _rows(fleet: Fleet, what: str) -> Array:
 
 
 def _figure(profile: Mapping[str, Any], channel: _Channel, what: str) -> list[float]:
-    found = (
-        profile.get("sensors", {})
-        .get(channel.group, {})
-        .get(getattr(channel, what), getattr(channel, f"default_{what}"))
-    )
+    found = profile.get("sensors", {}).get(channel.group, {}).get(getattr(channel, what), getattr(channel, f"default_{what}"))
     return [float(found)] * channel.axes
 
 
 def _gps_sigma(profile: Mapping[str, Any]) -> list[float]:
     gps = profile.get("sensors", {}).get("gps", {})
     level, up, speed = (
-        float(gps.get(k, d))
-        for k, d in (("horizontal_noise_m", 0.8), ("vertical_noise_m", 1.8), ("velocity_noise_m_s", 0.1))
+        float(gps.get(k, d)) for k, d in (("horizontal_noise_m", 0.8), ("vertical_noise_m", 1.8), ("velocity_noise_m_s", 0.1))
     )
     return [level, level, up, speed, speed, speed]

@@ -37,9 +37,7 @@ class World:
         self._substeps = substeps(float(settings["physics_hz"]), float(settings["sensor_hz"]))
         self.period_s, self._h = 1.0 / float(settings["sensor_hz"]), 1.0 / float(settings["physics_hz"])
         self.fleet = read_fleet(list(settings["vehicles"]))
-        self.bodies = Bodies(
-            self.fleet, size_m=settings["size_m"], step_s=self._h, gui=bool(settings.get("gui"))
-        )
+        self.bodies = Bodies(self.fleet, size_m=settings["size_m"], step_s=self._h, gui=bool(settings.get("gui")))
         self._rotors = Rotors(self.fleet, step_s=self._h)
         self._battery = Battery(self.fleet, step_s=self.period_s)
         self._judge = Judge(self.fleet.names, step_s=self.period_s)
@@ -107,9 +105,7 @@ class World:
         battery_current_a [A], battery_remaining 0..1 [-], each (V,).
         """
         bodies, battery = self.bodies, self._battery
-        found = self._sensors.sense(
-            accel_b=self._accel_b, omega_b=bodies.omega_b, r_nb=bodies.r_nb, p_n=bodies.p_n
-        )
+        found = self._sensors.sense(accel_b=self._accel_b, omega_b=bodies.omega_b, r_nb=bodies.r_nb, p_n=bodies.p_n)
         found["battery_v"], found["battery_current_a"] = battery.voltage, battery.current
         found["battery_remaining"] = battery.remaining
         return found

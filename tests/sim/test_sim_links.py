@@ -1,0 +1,125 @@
+"""The links hear anyone, answer their partner alone, and a flood on one costs the others nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+
+import pytest
+
+from arena.errors import InputError, RunError
+from arena.sim.links import Links
+
+HOST = "127.55.2.1"
+
+
+@contextlib.contextmanager
+def opened(budget_s=1.0, count=1, **changes):
+    """`count` vehicles with a router and a vision link each, and the partners' sockets by (vehicle, link)."""
+    partners, vehicles = {}, []
+    for i in range(count):
+        links = {}
+        for name in ("router", "vision"):
+            partner = partners[i, name] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            partner.bind((HOST, 0))
+            partner.settimeout(5.0)
+            links[name] = {"local": [HOST, free_port()], "remote": list(partner.getsockname())}
+        vehicles.append({"name": f"uav{i + 1}", "links": links})
+    made = Links(vehicles, budget_s=budget_s, **changes)
+    try:
+        yield made, partners, vehicles
+    finally:
+        made.close()
+        for partner in partners.values():
+            partner.close()
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((HOST, 0))
+        return probe.getsockname()[1]
+
+
+def local(vehicles, i, name):
+    return tuple(vehicles[i]["links"][name]["local"])
+
+
+def drained(links):
+    heard = []
+    links.drain(lambda vehicle, link, data: heard.append((vehicle, link, data)))
+    return heard
+
+
+def test_datagrams_arrive_with_their_vehicle_and_link():
+    with opened(count=2) as (links, partners, vehicles):
+        partners[1, "vision"].sendto(b"pose", local(vehicles, 1, "vision"))
+        partners[0, "router"].sendto(b"command", local(vehicles, 0, "router"))
+        assert sorted(drained(links)) == [(0, "router", b"command"), (1, "vision", b"pose")]
+        assert drained(links) == []
+
+
+def test_anyone_is_heard_but_only_the_partner_is_answered():
+    with opened() as (links, partners, vehicles), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.bind((HOST, 0))
+        stranger.setblocking(False)
+        stranger.sendto(b"x" * 60_000, local(vehicles, 0, "router"))
+        assert drained(links) == [(0, "router", b"x" * 60_000)]
+        links.send([(0, "router", b"answer")])
+        assert partners[0, "router"].recv(100) == b"answer"
+        with pytest.raises(BlockingIOError):
+            stranger.recv(100)
+
+
+def test_an_empty_datagram_is_a_datagram():
+    with opened() as (links, partners, vehicles):
+        partners[0, "router"].sendto(b"", local(vehicles, 0, "router"))
+        partners[0, "router"].sendto(b"after", local(vehicles, 0, "router"))
+        assert [data for _, _, data in drained(links)] == [b"", b"after"]
+
+
+def test_a_flood_is_read_in_bounded_bites_and_the_other_link_is_heard_at_once():
+    with opened() as (links, partners, vehicles):
+        for _ in range(150):
+            partners[0, "router"].sendto(b"flood", local(vehicles, 0, "router"))
+        partners[0, "vision"].sendto(b"pose", local(vehicles, 0, "vision"))
+        heard = drained(links)
+        assert (0, "vision", b"pose") in heard
+        assert len(heard) == 65
+        assert links.stats()["cut_short"] == 1
+
+
+def test_slow_readers_are_cut_off_by_time_after_every_link_had_a_turn():
+    with opened(budget_s=0.01) as (links, partners, vehicles):
+        for _ in range(50):
+            partners[0, "router"].sendto(b"flood", local(vehicles, 0, "router"))
+            partners[0, "vision"].sendto(b"pose", local(vehicles, 0, "vision"))
+        heard = []
+
+        def busy(vehicle, link, data):
+            heard.append(link)
+            until = time.monotonic() + 0.004
+            while time.monotonic() < until:
+                pass
+
+        links.drain(busy)
+        assert heard.count("router") == heard.count("vision") == 4
+
+
+def test_a_partner_that_is_not_there_is_no_error():
+    with opened() as (links, partners, vehicles):
+        partners[0, "router"].close()
+        for _ in range(3):
+            links.send([(0, "router", b"heartbeat"), (0, "vision", b"x"), (0, "panic", b"no such link")])
+            drained(links)
+        assert links.stats()["sent"] == 6
+
+
+def test_a_port_in_use_is_a_sentence_that_names_it():
+    with opened() as (_, _, vehicles), pytest.raises(RunError, match=f"uav1: vision link: cannot bind {HOST}:"):
+        Links([{"name": "uav1", "links": {"vision": vehicles[0]["links"]["vision"]}}], budget_s=1.0)
+
+
+def test_an_address_that_is_none_is_a_sentence():
+    with pytest.raises(InputError, match=r"links of uav1.router: local: got 'x', expected \[host, port\]"):
+        Links([{"name": "uav1", "links": {"router": {"local": "x", "remote": [HOST, 1]}}}], budget_s=1.0)

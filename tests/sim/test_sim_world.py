@@ -1,0 +1,237 @@
+"""The world as a vehicle meets it: hover, fall, torques, floor, walls, wind, and the same again with the
+same seed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sim_slices import PROFILE, slice_of, vehicle
+
+from arena.errors import InputError
+from arena.geometry import euler_from_quat, matrix_from_quat, quat_from_euler
+from arena.sim.fleet import GRAVITY
+from arena.sim.world import World, substeps
+
+ALOFT = [0.0, 0.0, -2.5]
+GENERIC_RPY = np.radians([10.0, -20.0, 35.0]).tolist()
+QUIET = {
+    "imu": {"accel_noise_m_s2": 0, "accel_bias_m_s2": 0, "gyro_noise_rad_s": 0, "gyro_bias_rad_s": 0},
+    "baro": {"noise_m": 0, "bias_m": 0},
+    "mag": {"noise_gauss": 0, "bias_gauss": 0},
+}
+
+
+def hover(world, add=0.0):
+    """The command that carries every vehicle, and a little more on some rotors (V, R)."""
+    return np.repeat(world.fleet.hover[:, None], world.fleet.rotors, axis=1) + np.array(add)
+
+
+def fly(world, motors, seconds):
+    for _ in range(round(seconds / world.period_s)):
+        world.step(motors)
+
+
+def settled(world):
+    """Rotors at hover speed and the vehicle back where it began, at rest."""
+    fly(world, hover(world), 0.3)
+    for i in range(world.fleet.size):
+        world.bodies.place(i, p_n=world.fleet.start_p_n[i], q_nb=world.fleet.start_q_nb[i])
+    return world
+
+
+def test_hover_thrust_carries_the_vehicle(build):
+    world = settled(build(vehicle(position=ALOFT)))
+    before = world.bodies.p_n.copy()
+    fly(world, hover(world), 2.0)
+    assert world.bodies.p_n == pytest.approx(before, abs=2e-3)
+    assert world.truth().accel_b[0] == pytest.approx([0, 0, -GRAVITY], abs=1e-3)
+
+
+def test_motors_off_is_free_fall_at_exactly_g_and_weightless(build):
+    world = build(vehicle(position=[0, 0, -4]))
+    fly(world, np.zeros((1, 4)), 0.5)
+    assert world.truth().v_n[0] == pytest.approx([0, 0, 0.5 * GRAVITY], rel=1e-9)
+    assert world.truth().accel_b[0] == pytest.approx([0, 0, 0], abs=1e-9)
+
+
+# PX4's quadrotor x: 1 front right ccw, 2 rear left ccw, 3 front left cw, 4 rear right cw.
+@pytest.mark.parametrize(
+    ("more", "axis"),
+    [((0, 1, 1, 0), 0), ((1, 0, 1, 0), 1), ((1, 1, 0, 0), 2)],
+    ids=["left rotors roll it right", "front rotors pitch it up", "ccw rotors yaw it right"],
+)
+def test_torque_signs(build, more, axis):
+    world = settled(build(vehicle(position=ALOFT)))
+    fly(world, hover(world, 0.02 * np.array(more) - 0.02 * (1 - np.array(more))), 0.1)
+    turned = euler_from_quat(world.truth().q_nb[0])
+    assert turned[axis] > 1e-3
+    assert np.delete(turned, axis) == pytest.approx([0, 0], abs=1e-4)
+    assert world.truth().omega_b[0, axis] > 0.01
+
+
+def test_the_imu_feels_thrust_along_its_own_axis_at_a_generic_attitude(build):
+    world = settled(build(vehicle(position=ALOFT, rpy=GENERIC_RPY, sensors=QUIET)))
+    fly(world, hover(world), 0.02)
+    assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY], abs=1e-4)
+    expected_n = matrix_from_quat(quat_from_euler(GENERIC_RPY)) @ [0, 0, -GRAVITY] + [0, 0, GRAVITY]
+    assert world.truth().v_n[0] / 0.02 == pytest.approx(expected_n, abs=1e-4)
+
+
+def test_gyro_is_in_body_axes_at_a_generic_attitude(build):
+    world = settled(build(vehicle(position=ALOFT, rpy=GENERIC_RPY, sensors=QUIET)))
+    omega_b = np.array([0.5, -0.6, 0.7])
+    world.bodies.place(0, p_n=np.array(ALOFT), q_nb=quat_from_euler(GENERIC_RPY), omega_b=omega_b)
+    assert world.sense()["gyro_b"][0] == pytest.approx(omega_b)
+
+
+def test_before_and_after_the_first_steps_a_standing_vehicle_feels_one_g_upwards(build):
+    world = build(vehicle(sensors=QUIET))
+    assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY])
+    fly(world, np.zeros((1, 4)), 1.0)
+    assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY], abs=1e-3)
+
+
+@pytest.mark.parametrize("command", [0.0, 0.15])
+def test_standing_for_ten_seconds_neither_moves_nor_turns(build, command):
+    world = build(vehicle(position=[1, 2, 0], rpy=[0, 0, 0.7]), vehicle("uav2", 2, position=[-1, 0, 0]))
+    before, attitude = world.bodies.p_n.copy(), world.bodies.q_nb.copy()
+    fly(world, np.full((2, 4), command), 10.0)
+    assert world.bodies.p_n == pytest.approx(before, abs=1e-3)
+    assert np.abs((world.bodies.q_nb * attitude).sum(axis=1)) == pytest.approx([1.0, 1.0], abs=1e-7)
+    assert world.judge()["uav1"]["crashed"] == ""
+    assert world.judge()["uav1"]["airborne_s"] < 0.1
+
+
+def test_start_position_is_that_of_the_lowest_point(build):
+    world = build(vehicle(position=[0, 0, 0]), vehicle("uav2", 2, position=[2, 0, -1], rpy=[0.3, 0, 0]))
+    assert world.bodies.p_n[0, 2] == pytest.approx(-PROFILE["ground_clearance_m"])
+    leaning = 0.05 * np.cos(0.3) + 0.275 * np.sin(0.3)
+    assert world.bodies.p_n[1, 2] == pytest.approx(-1 - leaning, abs=1e-3)
+
+
+def test_ground_clearance_below_a_tall_body_is_where_it_stands(build):
+    world = build(vehicle(height_m=0.3, ground_clearance_m=0.1))
+    fly(world, np.zeros((1, 4)), 1.0)
+    assert world.bodies.p_n[0, 2] == pytest.approx(-0.1, abs=1e-3)
+
+
+def test_two_vehicles_that_meet_have_both_crashed_and_each_names_the_other(build):
+    world = settled(build(vehicle(position=ALOFT), vehicle("uav2", 2, position=[1.0, 0.1, -2.5])))
+    world.bodies.place(0, p_n=np.array(ALOFT), q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([2.0, 0, 0]))
+    fly(world, hover(world), 0.5)
+    verdicts = world.judge()
+    assert "touched uav2 at" in verdicts["uav1"]["crashed"]
+    assert "touched uav1 at" in verdicts["uav2"]["crashed"]
+    assert world.bodies.v_n[1, 0] > 0.5, "it was pushed"
+    assert sorted(line.split()[0] for line in world.events()) == ["uav1", "uav2"]
+    assert world.events() == []
+
+
+@pytest.mark.parametrize(("towards", "wall"), [((1, 0), "north"), ((-1, 0), "south"), ((0, 1), "east"), ((0, -1), "west")])
+def test_a_wall_stops_a_vehicle_and_is_named(build, towards, wall):
+    world = settled(build(vehicle(position=ALOFT)))
+    edge = np.array([6.0, 4.0]) * towards
+    start = np.array([*(edge - 0.6 * np.array(towards)), -2.5])
+    world.bodies.place(0, p_n=start, q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([*towards, 0]) * 3.0)
+    fly(world, hover(world), 0.5)
+    assert f"touched the {wall} wall" in world.judge()["uav1"]["crashed"]
+    assert np.abs(world.bodies.p_n[0, :2]).max() < 6.0
+
+
+@pytest.mark.parametrize(("speed", "crashes"), [(0.7, False), (1.3, False), (1.8, True)])
+def test_touchdown_speed_decides(build, speed, crashes):
+    world = settled(build(vehicle(position=[0, 0, -0.5])))
+    world.bodies.place(0, p_n=np.array([0.5, 0.2, -0.5]), q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([0, 0, speed]))
+    for _ in range(500):
+        world.step(hover(world) if not world.judge()["uav1"]["landings"] else np.zeros((1, 4)))
+    verdict = world.judge()["uav1"]
+    assert verdict["touchdown_m_s"] == pytest.approx(speed, abs=0.05)
+    assert bool(verdict["crashed"]) is crashes
+    assert verdict["landed_p_n"] == pytest.approx([0.5, 0.2, -0.05], abs=0.01)
+    assert world.bodies.p_n[0] == pytest.approx([0.5, 0.2, -0.05], abs=2e-3), "it does not bounce away"
+
+
+def test_tilt_is_a_crash(build):
+    world = build(vehicle(position=[0, 0, -4]))
+    world.bodies.place(0, p_n=np.array([0, 0, -4.0]), q_nb=quat_from_euler([0, 0, 0]), omega_b=np.array([6.0, 0, 0]))
+    fly(world, np.zeros((1, 4)), 0.3)
+    assert "tilted 6" in world.judge()["uav1"]["crashed"]
+
+
+def test_wind_pushes_what_has_drag(build):
+    world = settled(build(vehicle(position=ALOFT, drag_kg_s=[0.5, 0.5, 0.0]), wind_m_s=[1.0, -2.0, 0.0]))
+    fly(world, hover(world), 0.5)
+    assert world.bodies.v_n[0, 0] > 0.1
+    assert world.bodies.v_n[0, 1] == pytest.approx(-2 * world.bodies.v_n[0, 0])
+
+
+def test_thrust_fades_with_speed(build):
+    curve = {**PROFILE["thrust_curve"], "fade_speed_m_s": 25.0}
+    world = settled(build(vehicle(position=ALOFT, thrust_curve=curve)))
+    world.bodies.place(0, p_n=np.array(ALOFT), q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([5.0, 0, 0]))
+    world.step(hover(world))
+    assert world.truth().accel_b[0, 2] == pytest.approx(-GRAVITY * (1 - 5 / 25), rel=1e-3)
+
+
+def test_rotors_follow_the_command_with_their_lag(build):
+    world = build(vehicle(position=[0, 0, -4]))
+    world.step(np.full((1, 4), 0.8))
+    assert world.truth().motors[0] == pytest.approx([0.8 * (1 - np.exp(-0.004 / 0.0125))] * 4)
+    fly(world, np.full((1, 4), 0.8), 0.2)
+    world.step(np.zeros((1, 4)))
+    assert world.truth().motors[0] == pytest.approx([0.8 * np.exp(-0.004 / 0.025)] * 4, rel=1e-4)
+
+
+def test_commands_beyond_reason_are_clamped(build):
+    world = build(vehicle(position=[0, 0, -4]))
+    world.step(np.array([[np.nan, np.inf, -3.0, 7.0]]))
+    assert np.isfinite(world.truth().p_n).all()
+    assert (world.truth().motors >= 0).all() and (world.truth().motors <= 1).all()
+
+
+def test_the_same_seed_gives_the_same_world_bit_for_bit():
+    def run(seed):
+        world = World(slice_of(vehicle(), vehicle("uav2", 2, position=[0.7, 0, 0]), seed=seed))
+        heard = []
+        for k in range(500):
+            sensed = world.sense()
+            world.step(np.clip(0.6 + 0.1 * sensed["gyro_b"][:, :1] * [1, -1, 1, -1] - 0.001 * k, 0, 1))
+            truth = world.truth()
+            heard.append(np.concatenate([truth.p_n, truth.q_nb, truth.omega_b, sensed["accel_b"]], axis=1))
+        world.close()
+        return np.array(heard)
+
+    first, again, other = run(3), run(3), run(4)
+    assert (first == again).all()
+    assert (first != other).any()
+
+
+def test_vehicles_of_different_rotor_counts_live_together(build):
+    six = [
+        {"position_m": [0.2 * np.cos(a), 0.2 * np.sin(a), 0], "direction": "cw" if i % 2 else "ccw"}
+        for i, a in enumerate(np.radians(np.arange(30, 390, 60)))
+    ]
+    world = settled(build(vehicle(position=ALOFT), vehicle("hexa", 2, position=[2, 0, -2.5], rotors=six, num_rotors=6)))
+    assert world.fleet.rotors == 6
+    fly(world, hover(world), 1.0)
+    assert world.bodies.p_n[:, 2] == pytest.approx([-2.55, -2.55], abs=2e-3)
+    assert world.truth().motors.shape == (2, 4)
+
+
+def test_the_battery_empties_as_the_profile_says(build):
+    world = settled(build(vehicle(position=ALOFT)))
+    assert world.sense()["battery_v"][0] < 3 * 4.2
+    before = world.sense()["battery_remaining"][0]
+    fly(world, hover(world), 1.0)
+    sensed = world.sense()
+    assert sensed["battery_current_a"][0] == pytest.approx(20.0, rel=1e-3)
+    assert before - sensed["battery_remaining"][0] == pytest.approx(20.0 / 3600 / 5.1, rel=1e-3)
+
+
+def test_physics_must_divide_into_sensor_periods_and_the_error_shows_both():
+    assert substeps(500, 250) == 2
+    with pytest.raises(InputError, match=r"physics_hz: got 600, must be a whole multiple of sensor_hz \(250\)\. Try 500"):
+        substeps(600, 250)
+    with pytest.raises(InputError, match="physics_hz"):
+        substeps(100, 250)
