@@ -1,0 +1,26 @@
+"""Velocity setpoints: a square of 1.5 m, one side north, one east, one south, one west, with the nose along the way.
+
+A velocity setpoint is sent once by each call, which then waits for its turn: 50 calls a second here. When the calls
+stop, the vehicle notices within a second and lands by itself. Try it: put an endless loop at the end of this file.
+"""
+
+from math import pi
+
+import numpy as np
+
+from arena import UAV
+
+SPEED_M_S = 0.5
+SIDE_S = 3.0
+FREQ_HZ = 50
+SIDES = [([1, 0, 0], 0.0), ([0, 1, 0], pi / 2), ([-1, 0, 0], pi), ([0, -1, 0], -pi / 2)]  # north, east, down; yaw [rad]
+
+with UAV.from_args() as uav:
+    uav.start_offboard_mission()
+    above = uav.ekf.pos + [0.0, 0.0, -1.2]
+    uav.set_pos_yaw(above, 0.0, 5.0)
+    for direction, yaw in SIDES:
+        for _ in range(int(SIDE_S * FREQ_HZ)):
+            uav.set_vel_yaw(SPEED_M_S * np.array(direction), yaw, FREQ_HZ)
+    uav.set_pos_yaw(above, 0.0, 4.0)
+    uav.auto_land()
