@@ -3,16 +3,10 @@
 from arena.schema.arena import Arena, Origin, Program, Vehicle
 from arena.schema.library import data_folder, load_profile, profile_names
 from arena.schema.load import load_arena
+from arena.schema.machine import Machine, Probe, check_machine
 from arena.schema.profile import Profile
 
 __all__ = [
-    "Arena",
-    "Origin",
-    "Profile",
-    "Program",
-    "Vehicle",
-    "data_folder",
-    "load_arena",
-    "load_profile",
-    "profile_names",
-]
+    "Arena", "Machine", "Origin", "Probe", "Profile", "Program", "Vehicle", "check_machine", "data_folder", "load_arena",
+    "load_profile", "profile_names",
+]  # fmt: skip

@@ -34,6 +34,7 @@ class Program:
 class Vehicle:
     """One vehicle, everything decided.
 
+    profile_key: how the profile is found, a name or an absolute path.
     autopilot: what will fly it; asked: what the YAML said.  position: N, E, D of its lowest point [m] [NED].
     rpy_deg: roll, pitch, yaw [deg].  params: PX4 name -> value, all that differ from PX4's own defaults.
     """
@@ -41,6 +42,7 @@ class Vehicle:
     name: str
     id: int
     profile: Profile
+    profile_key: str
     autopilot: Literal["builtin"]
     asked: str
     position: tuple[float, float, float]

@@ -79,6 +79,13 @@ def parse_scalar(text: str) -> Any:
     return parse_yaml(text, "--set").data if text.strip() else None
 
 
+def dump_yaml(data: Any) -> str:
+    """Plain values as YAML that `parse_yaml` reads back equal (lists come back as tuples)."""
+    return yaml.dump(
+        data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
+    )
+
+
 def _compose(text: str, file: str) -> yaml.Node | None:
     try:
         loader = _Loader(text)
@@ -139,6 +146,16 @@ _KINDS: tuple[tuple[str, str, Callable[[str], Any]], ...] = (
 )
 for _name, _pattern, _ in _KINDS:
     _Resolver.add_implicit_resolver(_TAG + _name, re.compile(f"^(?:{_pattern})$"), None)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes what our resolver, not YAML 1.1's, would read as something else."""
+
+    yaml_implicit_resolvers = _Resolver.yaml_implicit_resolvers
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
 
 _MAKERS: dict[str, Callable[[str], Any]] = {_TAG + name: make for name, _, make in _KINDS} | {
     _TAG + "str": str

@@ -30,7 +30,7 @@ ARENA_PARAMS: Mapping[str, float] = {
 }  # fmt: skip
 # Noise: floors under the covariance that the forwarder sends. NOAID: a room is a second and a half long.
 VISION_PARAMS: Mapping[str, float] = {
-    "EKF2_EV_CTRL": 15, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_BARO_CTRL": 0, "EKF2_MAG_TYPE": 5,
+    "EKF2_EV_CTRL": 15, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_MAG_TYPE": 5,
     "EKF2_EVP_NOISE": 0.01, "EKF2_EVA_NOISE": 0.05, "EKF2_NOAID_TOUT": 1_000_000,
 }  # fmt: skip
 
@@ -102,7 +102,8 @@ class _Merge:
             "default: the highest divisor of mocap.rate_hz up to 60",
         )
         return Vehicle(
-            name=name, id=vehicle_id, profile=profile, autopilot="builtin", asked=asked, position=start.position,
+            name=name, id=vehicle_id, profile=profile,
+            profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted, autopilot="builtin", asked=asked, position=start.position,
             rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()), params=self._params(profile, vehicle_id, forward),
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
             pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),

@@ -1,0 +1,162 @@
+"""`make_plan`: Arena -> Plan. Pure: the same arena and interpreter always give the same plan."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from arena.plan import rooms
+from arena.plan.model import Kind, Listen, Plan, ProcessSpec, Restart, VehiclePlan
+from arena.plan.text import arena_yaml
+from arena.schema import Arena, Vehicle
+from arena.schema.models import Tool
+from arena.schema.ports import LINK_BASE
+
+# numpy's own threads would steal the second core from the arena
+ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
+
+# kind -> (module, cpu budget [cores], memory budget [MB], further fields)
+_ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
+    "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0}),
+    "mocap": ("arena.mocap", 0.3, 150.0, {}),
+    "forward": ("arena.forward", 0.1, 120.0, {}),
+    "router": ("arena.route", 0.4, 120.0, {}),
+    "logger": ("arena.record", 0.15, 200.0, {"nice": 5, "stop_timeout_s": 10.0}),
+}
+
+
+def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
+    """python: the interpreter that runs the rooms and the `.py` programs."""
+    slices = dict(_slices(arena))
+    return Plan(
+        name=arena.name,
+        address=arena.address,
+        vehicles=tuple(_vehicle(arena, v) for v in arena.vehicles),
+        processes=tuple(_processes(arena, python)),
+        slices={f"{name}.json": slice_ for name, slice_ in slices.items()},
+        land=_land(arena, python),
+        report=_task(
+            "report",
+            (python, "-m", "arena.record.report", "{run}"),
+            nice=10,
+            cpu_budget=1.0,
+            memory_budget_mb=500.0,
+        ),
+        yaml=arena_yaml(arena),
+    )
+
+
+def _slices(arena: Arena) -> Iterator[tuple[str, dict[str, Any]]]:
+    made = [rooms.world(arena), rooms.mocap(arena), rooms.router(arena)]
+    for v in arena.vehicles:
+        made += [rooms.forward(arena, v)] if v.forward else []
+        made += [rooms.logger(arena, v), rooms.program(arena, v)]
+    for one in made:
+        yield one["name"], one
+
+
+def _vehicle(arena: Arena, v: Vehicle) -> VehiclePlan:
+    return VehiclePlan(
+        name=v.name, id=v.id, autopilot=v.autopilot, profile=v.profile.name, simulated=True,
+        router=rooms.link_of(arena, v, "router"), vision=rooms.link_of(arena, v, "vision"),
+        panic=rooms.link_of(arena, v, "panic"), port=v.ports.program, sdk_port=v.ports.sdk, tools_port=v.ports.tools,
+        logger_port=v.ports.logger, mocap_body=v.mocap_body,
+    )  # fmt: skip
+
+
+def _processes(arena: Arena, python: str) -> Iterator[ProcessSpec]:
+    """In start order: a process stands after all that it needs."""
+    yield _room(arena, python, "world", "world")
+    yield _room(arena, python, "mocap", "mocap", needs=("world",))
+    for v in arena.vehicles:
+        if v.forward:
+            yield _room(arena, python, "forward", f"forward.{v.name}", v, needs=("world", "mocap"))
+    yield _room(arena, python, "router", "router", needs=("world",))
+    for v in arena.vehicles:
+        yield _room(arena, python, "logger", f"logger.{v.name}", v, needs=("router",))
+    for v in arena.vehicles:
+        if v.program is not None:
+            yield _program(arena, python, v)
+    yield from _tools(arena)
+
+
+def _room(
+    arena: Arena, python: str, kind: Kind, name: str, v: Vehicle | None = None, needs: tuple[str, ...] = ()
+) -> ProcessSpec:
+    module, cpu, memory, more = _ROOMS[kind]
+    fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), **more}
+    return ProcessSpec(
+        name=name, kind=kind, vehicle=v.name if v else None, argv=(python, "-m", module, f"{{run}}/slices/{name}.json"),
+        env=ENV, needs=needs, outlives=True, cpu_budget=cpu, memory_budget_mb=memory,
+        listens=tuple(_listens(arena, kind, v)), **fields,
+    )  # fmt: skip
+
+
+def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[Listen]:
+    """Every UDP port that a process binds for itself; receivers of multicast share theirs and are not listed."""
+    found: list[tuple[int, str]] = []
+    of = arena.vehicles if vehicle is None else (vehicle,)
+    if kind == "mocap":
+        found.append((arena.mocap.command_port, "NatNet commands"))
+    if kind == "router":
+        found.append((LINK_BASE, "ground stations"))
+    for v in of:
+        found += [(getattr(v.ports, key), f"{words} of {v.name}") for key, words in _BOUND.get(kind, ())]
+    for port, words in found:
+        yield Listen(protocol="udp", address=arena.address, port=port, what=words)
+
+
+_BOUND: dict[str, tuple[tuple[str, str], ...]] = {
+    "world": (
+        ("router_autopilot", "router link"),
+        ("vision_autopilot", "vision link"),
+        ("panic_autopilot", "panic link"),
+    ),
+    "forward": (("vision_forwarder", "vision link"),),
+    "router": (("router_router", "router link"), ("tools", "tools"), ("serve", "programs")),
+    "logger": (("logger", "log stream"),),
+    "program": (("program", "MAVLink"),),
+    "task": (("panic_land_all", "panic link"),),
+}
+
+
+def _program(arena: Arena, python: str, v: Vehicle) -> ProcessSpec:
+    """The user's program: a `.py` file under our interpreter, anything else as it is."""
+    program, name = v.program, f"program.{v.name}"
+    if program is None:
+        raise ValueError(f"{v.name} has no program")
+    start = (python, program.path) if program.path.endswith(".py") else (program.path,)
+    needs = (f"forward.{v.name}",) if v.forward else ("world",)
+    return ProcessSpec(
+        name=name, kind="program", vehicle=v.name, argv=(*start, "--uav", f"{{run}}/slices/{name}.json", *program.args),
+        cwd=arena.folder, env=ENV, needs=(*needs, "router", f"logger.{v.name}"), ready="started",
+        restart=Restart(mode=program.restart), cpu_budget=0.3, memory_budget_mb=300.0,
+        listens=tuple(_listens(arena, "program", v)),
+    )  # fmt: skip
+
+
+def _tools(arena: Arena) -> Iterator[ProcessSpec]:
+    for name, tool in arena.tools.items():
+        yield _tool(arena, f"tool.{name}", tool, None)
+    for v in arena.vehicles:
+        for name, tool in v.tools.items():
+            yield _tool(arena, f"tool.{v.name}.{name}", tool, v.name)
+
+
+def _tool(arena: Arena, name: str, tool: Tool, vehicle: str | None) -> ProcessSpec:
+    return ProcessSpec(
+        name=name, kind="tool", vehicle=vehicle, argv=tool.argv, cwd=str(Path(arena.folder) / (tool.cwd or "")),
+        env=(*ENV, *sorted(tool.env.items())), needs=("router",) if tool.needs is None else tool.needs, ready="started",
+        restart=Restart(mode=tool.restart),
+    )  # fmt: skip
+
+
+def _land(arena: Arena, python: str) -> ProcessSpec:
+    argv = (python, "-m", "arena.safety.land_all", "--run", "{run}")
+    return _task("land", argv, listens=tuple(_listens(arena, "task", None)))
+
+
+def _task(name: str, argv: tuple[str, ...], **more: Any) -> ProcessSpec:
+    return ProcessSpec(name=name, kind="task", argv=argv, env=ENV, ready="started", **more)

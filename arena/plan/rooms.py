@@ -1,0 +1,146 @@
+"""The slice of each room, as docs/architecture.md lists them. Pure: Arena -> JSON objects."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from arena.plan.model import Link
+from arena.schema import Arena, Vehicle
+from arena.schema.ports import GROUND_STATION, LINK_BASE
+
+CLOCK, TRUTH = "{rt}/clock", "{rt}/truth"
+LOG_RATE_HZ = 30.0
+POSE_STALE_S = 0.1
+PROGRAM_STALE_S = 0.5
+
+Json = dict[str, Any]
+Address = list[Any]
+
+
+def link_of(arena: Arena, vehicle: Vehicle, name: str) -> Link:
+    """name: router, vision or panic."""
+    ports, ends = vehicle.ports, {"router": "router", "vision": "forwarder", "panic": "land_all"}
+    return Link(
+        autopilot_host=arena.address,
+        autopilot_port=getattr(ports, f"{name}_autopilot"),
+        partner_host=arena.address,
+        partner_port=getattr(ports, f"{name}_{ends[name]}"),
+    )
+
+
+def autopilot_end(link: Link) -> Json:
+    """The link as the autopilot sees it."""
+    return {
+        "local": [link.autopilot_host, link.autopilot_port],
+        "remote": [link.partner_host, link.partner_port],
+    }
+
+
+def partner_end(link: Link) -> Json:
+    """The link as its fixed partner sees it."""
+    return {
+        "local": [link.partner_host, link.partner_port],
+        "remote": [link.autopilot_host, link.autopilot_port],
+    }
+
+
+def world(arena: Arena) -> Json:
+    w, s = arena.world, arena.sim
+    return {
+        "name": "world", "address": arena.address, "seed": w.seed, "size_m": list(w.size), "heading_deg": w.heading_deg,
+        "origin": _origin(arena), "physics_hz": s.physics_hz, "sensor_hz": s.sensor_hz, "speed": s.speed, "gui": s.gui,
+        "clock": CLOCK, "truth": TRUTH, "wind_m_s": list(w.wind_m_s),
+        "vehicles": [_body(arena, v) for v in arena.vehicles],
+    }  # fmt: skip
+
+
+def _body(arena: Arena, v: Vehicle) -> Json:
+    links = {name: autopilot_end(link_of(arena, v, name)) for name in ("router", "vision", "panic")}
+    return {
+        "name": v.name, "id": v.id, "profile": v.profile.slice(), "position": list(v.position),
+        "rpy": [math.radians(a) for a in v.rpy_deg], "params": dict(v.params), "links": links,
+    }  # fmt: skip
+
+
+def _origin(arena: Arena) -> Json:
+    return arena.world.origin.model_dump()
+
+
+def mocap(arena: Arena) -> Json:
+    m = arena.mocap
+    bodies = [{"name": v.mocap_body, "streaming_id": v.id, "index": i} for i, v in enumerate(arena.vehicles)]
+    return {
+        "name": "mocap", "address": arena.address, "version": m.version, "transport": m.transport, "group": arena.group,
+        "command_port": m.command_port, "data_port": m.data_port, "rate_hz": m.rate_hz, "noise": _noise(arena),
+        "latency_ms": m.latency_ms, "seed": m.seed, "clock": CLOCK, "truth": TRUTH, "bodies": bodies,
+    }  # fmt: skip
+
+
+def _noise(arena: Arena) -> Json:
+    n = arena.mocap.noise
+    return {"position_m": n.position_mm / 1000.0, "rotation_deg": n.rotation_deg}
+
+
+def capture(arena: Arena, bodies: list[str] | None) -> Json:
+    """How a receiver reaches the motion capture. bodies: names wanted, None for all."""
+    m = arena.mocap
+    return {
+        "kind": "natnet", "server": arena.address, "local": arena.address, "group": arena.group, "transport": m.transport,
+        "command_port": m.command_port, "data_port": m.data_port, "bodies": bodies,
+    }  # fmt: skip
+
+
+def forward(arena: Arena, v: Vehicle) -> Json:
+    return {
+        "name": f"forward.{v.name}", "vehicle": v.name, "id": v.id, "body": v.mocap_body,
+        "capture": capture(arena, [v.mocap_body]), "frame_rate_hz": arena.mocap.rate_hz, "rate_hz": v.pose_rate_hz,
+        "stale_s": POSE_STALE_S, "noise": _noise(arena), "origin": _origin(arena),
+        "link": partner_end(link_of(arena, v, "vision")), "simulated": True,
+    }  # fmt: skip
+
+
+def router(arena: Arena) -> Json:
+    stations = list(dict.fromkeys(a for v in arena.vehicles for a in v.gcs))
+    gcs = [{"name": "gcs", "address": [arena.address, GROUND_STATION]}]
+    gcs += [{"name": f"gcs@{a}", "address": [a, GROUND_STATION]} for a in stations]
+    return {
+        "name": "router", "vehicles": [_routed(arena, v) for v in arena.vehicles],
+        "gcs_local": [arena.address, LINK_BASE], "gcs": gcs, "heartbeat": True, "simulated": True,
+    }  # fmt: skip
+
+
+def _routed(arena: Arena, v: Vehicle) -> Json:
+    here, ports = arena.address, v.ports
+    clients = [
+        {"name": "program", "address": [here, ports.program]},
+        {"name": "sdk", "address": [here, ports.sdk]},
+    ]
+    for station in v.gcs:
+        clients.append({"name": f"program@{station}", "address": [station, ports.program]})
+        clients.append({"name": f"sdk@{station}", "address": [station, ports.sdk]})
+    return {
+        "name": v.name, "id": v.id, "link": partner_end(link_of(arena, v, "router")), "serve": [here, ports.serve],
+        "clients": clients, "logger": [here, ports.logger], "tools": [here, ports.tools],
+    }  # fmt: skip
+
+
+def logger(arena: Arena, v: Vehicle) -> Json:
+    return {
+        "name": f"logger.{v.name}", "vehicle": v.name, "id": v.id, "body": v.mocap_body,
+        "index": arena.vehicles.index(v), "listen": [arena.address, v.ports.logger],
+        "capture": capture(arena, [v.mocap_body]), "truth": TRUTH, "clock": CLOCK, "rate_hz": LOG_RATE_HZ,
+        "folder": "{run}/csv", "simulated": True,
+    }  # fmt: skip
+
+
+def program(arena: Arena, v: Vehicle) -> Json:
+    neighbours = [{"name": n, "body": arena.vehicle(n).mocap_body} for n in v.neighbours if n != v.name]
+    bodies = [v.mocap_body, *(n["body"] for n in neighbours)]
+    kept = ("mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")
+    return {
+        "name": f"program.{v.name}", "vehicle": v.name, "id": v.id, "link": f"udpin:{arena.address}:{v.ports.program}",
+        "capture": capture(arena, bodies), "body": v.mocap_body, "clock": CLOCK,
+        "profile": {k: x for k, x in v.profile.slice().items() if k in kept}, "neighbours": neighbours,
+        "stale_s": PROGRAM_STALE_S,
+    }  # fmt: skip

@@ -1,0 +1,50 @@
+"""The arena and its plan as text: the resolved YAML of a run folder."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from arena.schema import Arena, Vehicle
+from arena.schema.loader import dump_yaml
+from arena.schema.models import Tool
+
+
+def arena_yaml(arena: Arena) -> str:
+    """The resolved arena as a YAML that loads to the same plan, with nothing left to a default."""
+    return f"# resolved from {arena.file}\n" + dump_yaml(
+        {
+            "name": arena.name,
+            "address": arena.address,
+            "world": _plain(arena.world.model_dump()),
+            "sim": _plain(arena.sim.model_dump()),
+            "mocap": _plain({**arena.mocap.model_dump(exclude_none=True), "group": arena.group}),
+            "tools": {name: _tool(tool) for name, tool in arena.tools.items()},
+            "vehicles": {v.name: _vehicle(v) for v in arena.vehicles},
+        }
+    )
+
+
+def _vehicle(v: Vehicle) -> dict[str, Any]:
+    program = (
+        {"path": v.program.path, "args": list(v.program.args), "restart": v.program.restart}
+        if v.program
+        else None
+    )
+    made = {
+        "id": v.id, "profile": v.profile_key, "autopilot": v.autopilot,
+        "start": {"position": v.position, "rpy_deg": v.rpy_deg}, "port": v.ports.program, "gcs": v.gcs,
+        "mocap_body": v.mocap_body, "forward": v.forward, "pose_rate_hz": v.pose_rate_hz, "program": program,
+        "neighbours": v.neighbours, "tools": {name: _tool(tool) for name, tool in v.tools.items()}, "params": dict(v.params),
+    }  # fmt: skip
+    return {key: _plain(value) for key, value in made.items() if value is not None}
+
+
+def _tool(tool: Tool) -> dict[str, Any]:
+    return {key: _plain(value) for key, value in tool.model_dump(exclude_none=True).items()}
+
+
+def _plain(value: Any) -> Any:
+    """Tuples as lists, all the way down."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, (tuple, list)) else value

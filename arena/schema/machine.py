@@ -1,0 +1,115 @@
+"""What this machine must have before an arena starts: free ports, pybullet, the tools' commands. The probe is injected."""
+
+from __future__ import annotations
+
+import errno
+import importlib.util
+import shutil
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+from arena.errors import InputError, NotInstalledError
+from arena.schema.arena import Arena
+from arena.schema.models import Tool
+from arena.schema.ports import LINK_BASE, WHAT
+
+# ports of the rule table that no process of a running arena binds: another program may hold them rightly
+_FOREIGN = ("sdk", "panic_land_all")
+
+
+class Probe(Protocol):
+    """The machine, as far as the check looks at it."""
+
+    def has_module(self, name: str) -> bool: ...
+
+    def has_command(self, name: str, folder: str) -> bool: ...
+
+    def refusal(self, address: str, port: int) -> str:
+        """Why this UDP port cannot be bound: "" when it can be."""
+        ...
+
+    def holder(self, address: str, port: int) -> str:
+        """Who holds it: `pid 123 (qgroundcontrol)`, or "" when that cannot be told."""
+        ...
+
+
+class Machine:
+    """This computer."""
+
+    def has_module(self, name: str) -> bool:
+        return importlib.util.find_spec(name) is not None
+
+    def has_command(self, name: str, folder: str) -> bool:
+        return shutil.which(name if "/" not in name else str(Path(folder) / name)) is not None
+
+    def refusal(self, address: str, port: int) -> str:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind((address, port))
+            except OSError as error:
+                return (
+                    "is in use" if error.errno == errno.EADDRINUSE else f"cannot be bound ({error.strerror})"
+                )
+        return ""
+
+    def holder(self, address: str, port: int) -> str:
+        import psutil
+
+        try:
+            pids = {
+                (c.laddr[0], c.pid)
+                for c in psutil.net_connections("udp4")
+                if c.laddr and c.laddr[1] == port and c.pid
+            }
+            exact = sorted(pid for ip, pid in pids if ip in (address, "0.0.0.0"))
+            return f"pid {exact[0]} ({psutil.Process(exact[0]).name()})" if exact else ""
+        except psutil.Error:
+            return ""
+
+
+def check_machine(arena: Arena, probe: Probe | None = None) -> None:
+    """Raises NotInstalledError when only software is missing, else InputError; either names everything that was found."""
+    probe = probe or Machine()
+    missing, taken = list(_missing(arena, probe)), list(_taken(arena, probe))
+    text = "\n".join(missing + taken)
+    if taken:
+        raise InputError(text)
+    if missing:
+        raise NotInstalledError(text)
+
+
+def _missing(arena: Arena, probe: Probe) -> Iterator[str]:
+    if arena.vehicles and not probe.has_module("pybullet"):
+        names = ", ".join(v.name for v in arena.vehicles)
+        yield f"pybullet is not installed, and {names} would be simulated. Try: pip install 'flying-arena[sim]'"
+    for words, tool in _tools(arena):
+        folder = str(Path(arena.folder) / (tool.cwd or ""))
+        if not probe.has_command(tool.argv[0], folder):
+            yield f"{arena.file}: {words}.argv: the command {tool.argv[0]!r} is not on this machine. Install it or remove the tool."
+
+
+def _tools(arena: Arena) -> Iterator[tuple[str, Tool]]:
+    for name, tool in arena.tools.items():
+        yield f"tools.{name}", tool
+    for vehicle in arena.vehicles:
+        for name, tool in vehicle.tools.items():
+            yield f"vehicles.{vehicle.name}.tools.{name}", tool
+
+
+def _taken(arena: Arena, probe: Probe) -> Iterator[str]:
+    for port, words in _wanted(arena):
+        if why := probe.refusal(arena.address, port):
+            by = probe.holder(arena.address, port) if why == "is in use" else ""
+            held = f"{why} by {by}" if by else why
+            yield f"{arena.file}: UDP port {port} of {arena.address}, for {words}, {held}. End that, or give the arena another `address`."
+
+
+def _wanted(arena: Arena) -> Iterator[tuple[int, str]]:
+    yield LINK_BASE, "the router's ground stations"
+    yield arena.mocap.command_port, "the motion capture's commands"
+    for vehicle in arena.vehicles:
+        for key, (who, what) in WHAT.items():
+            if key not in _FOREIGN:
+                yield getattr(vehicle.ports, key), f"{who} of {vehicle.name} ({what})"
