@@ -16,7 +16,7 @@ _PER_PROCESS = 2000
 class Say(Protocol):
     """Where lines for the person go. Never raises: a dead terminal must not end a flight."""
 
-    def __call__(self, text: str) -> None: ...
+    def __call__(self, text: str, /) -> None: ...
 
 
 class Journal:

@@ -16,7 +16,7 @@ from arena.supervise.task import Task
 
 TIMEOUT_S = 90.0
 ATTEMPTS = 3
-_PAUSE_S = 2.0
+_PAUSE_S = 1.0
 _NOTICE_S = 5.0
 
 

@@ -56,7 +56,7 @@ class Show(Protocol):
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None: ...
 
-    def started(self) -> None: ...
+    def started(self, failed: list[str]) -> None: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ class Supervisor:
         self._began, self._began_wall = time.monotonic(), datetime.now().astimezone()
         self._quiet_since: float | None = None
         self._next_turn = self._next_sample = 0.0
-        self._recorded: set[int] = set()
+        self._recorded: set[int] | None = None
         self._all_started = False
         self._exit_code = EXIT_OK
 
@@ -165,7 +165,6 @@ class Supervisor:
     # -- RUN
 
     def _running(self, now: float) -> None:
-        self._tell_started()
         lives, limit = self._fleet.lives, self.options.time_limit_s
         if lost := ending.lost(self.plan, lives):
             self._begin_end(Cause.LOST, lost)
@@ -173,13 +172,15 @@ class Supervisor:
             self._begin_end(Cause.TIME_LIMIT, f"the time limit of {limit:g} s is over")
         elif self.options.until_done and self._is_quiet(now):
             self._begin_end(Cause.DONE, "every program has ended and every vehicle is disarmed")
+        else:
+            self._tell_started()
 
     def _tell_started(self) -> None:
         begun = all(life.started or life.state in ENDED for life in self._fleet.lives.values())
         waiting = any(life.state is State.STARTING for life in self._fleet.lives.values())
         if begun and not waiting and not self._all_started:
             self._all_started = True
-            self._show.started()
+            self._show.started([f"{n}: {x.reason}" for n, x in self._fleet.lives.items() if x.state is State.FATAL])
 
     def _is_quiet(self, now: float) -> bool:
         if not ending.is_done(self.plan, self._fleet.lives, self._fleet.facts):

@@ -31,7 +31,7 @@ class Lines:
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
         return
 
-    def started(self) -> None:
+    def started(self, failed: list[str]) -> None:
         return
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 from arena.errors import RunError
@@ -71,13 +71,15 @@ def _may_fly(plan: Plan | None, left: set[str]) -> bool:
 
 def _end(state: RunState, plan: Plan | None, say: Say) -> None:
     """Programs and tools first, then the rest; those that do not end are killed."""
-    late = {spec.name for spec in plan.processes if spec.outlives} if plan is not None else set()
+    specs = plan.processes if plan is not None else ()
+    late = {spec.name for spec in specs if spec.outlives}
+    grace_s = max((spec.stop_timeout_s for spec in specs), default=_GRACE_S)
     for names in (set(state.processes) - late, late):
         _signal(state, names, signal.SIGTERM)
-        if not _wait(lambda names=names: not names & set(state.survivors()), _GRACE_S):  # type: ignore[misc]
-            say(f"did not end: {', '.join(sorted(names & set(state.survivors())))}; killing")
+        if left := _wait(state, names, grace_s):
+            say(f"did not end: {', '.join(left)}; killing")
             _signal(state, names, signal.SIGKILL)
-            _wait(lambda names=names: not names & set(state.survivors()), _GRACE_S)  # type: ignore[misc]
+            _wait(state, names, _GRACE_S)
 
 
 def _signal(state: RunState, names: set[str], number: int) -> None:
@@ -90,13 +92,12 @@ def _signal(state: RunState, names: set[str], number: int) -> None:
                 continue
 
 
-def _wait(over: Callable[[], bool], limit_s: float) -> bool:
+def _wait(state: RunState, names: set[str], limit_s: float) -> list[str]:
+    """Wait so long for these to end; returns those that did not."""
     deadline = time.monotonic() + limit_s
-    while not over():
-        if time.monotonic() >= deadline:
-            return False
+    while (left := sorted(names & set(state.survivors()))) and time.monotonic() < deadline:
         time.sleep(0.05)
-    return True
+    return left
 
 
 def _forget(state: RunState) -> None:

@@ -1,0 +1,66 @@
+"""`arena logs NAME`: what a process of a running arena, or of a run folder, has printed."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections import deque
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from arena.cli._running import RunOption, find
+from arena.errors import InputError
+from arena.supervise import RunState, open_run
+
+_LOOK_S = 0.1
+
+
+def register(app: typer.Typer) -> None:
+    @app.command()
+    def logs(
+        name: Annotated[str, typer.Argument(help="as `arena ps` shows it")],
+        follow: Annotated[bool, typer.Option("--follow", "-f", help="go on until the run ends")] = False,
+        lines: Annotated[int, typer.Option("--lines", "-n", min=0, help="how many of the last lines")] = 50,
+        run: RunOption = None,
+    ) -> None:
+        """Print the log of one process."""
+        folder = run.resolve() if run is not None else Path(find(None, stale=True).run)
+        log = _log(folder, name)
+        with log.open("rb") as file:
+            for line in deque(file, maxlen=lines):
+                _out(line)
+            if follow:
+                _follow(file.fileno(), log, folder)
+
+
+def _log(folder: Path, name: str) -> Path:
+    log = folder / "logs" / f"{name}.log"
+    if "/" in name or not log.is_file():
+        there = ", ".join(sorted(p.stem for p in folder.glob("logs/*.log"))) or "none yet"
+        raise InputError(f"{folder}: no log of {name!r}; there are: {there}")
+    return log
+
+
+def _follow(fd: int, log: Path, folder: Path) -> None:
+    """Print what is appended, until the run has ended and all of it is printed. A log that was cut is read on from its end."""
+    while True:
+        over = not _is_up(open_run(folder))
+        if log.stat().st_size < os.lseek(fd, 0, os.SEEK_CUR):
+            os.lseek(fd, 0, os.SEEK_END)
+        while new := os.read(fd, 1 << 16):
+            _out(new)
+        if over:
+            return
+        time.sleep(_LOOK_S)
+
+
+def _is_up(state: RunState | None) -> bool:
+    return state is not None and (state.live or bool(state.survivors()))
+
+
+def _out(data: bytes) -> None:
+    sys.stdout.buffer.write(data)
+    sys.stdout.buffer.flush()

@@ -1,0 +1,31 @@
+"""`arena ps`: the processes and vehicles of a running arena."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from arena.cli._running import RunOption, connect, find
+
+
+def register(app: typer.Typer) -> None:
+    @app.command()
+    def ps(
+        run: RunOption = None,
+        as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    ) -> None:
+        """Show the processes and vehicles of a running arena."""
+        state = find(run)
+        status = connect(state).ask(do="ps")
+        if as_json:
+            print(json.dumps(status, indent=1))
+            return
+        from rich.console import Console
+
+        from arena.supervise.show import picture
+
+        Console().print(picture(status))
+        print(f"run folder: {Path(state.run)}")

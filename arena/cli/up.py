@@ -1,0 +1,159 @@
+"""`arena up`: start an arena, watch it, land it, stop it.
+
+Exit codes: 0 all good; 1 a program, vehicle, process or the landing failed; 2 the input is wrong; 130 after a Ctrl-C. `arena down` and
+SIGTERM are a normal end (0) unless `--until-done` was still waiting for a program.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from arena.errors import EXIT_FAILED, EXIT_OK, RunError
+from arena.plan.model import Plan
+from arena.supervise import Lines, LiveTable, Options, RunFolder, Supervisor, active_runs, create, plan_of, sweep_all
+
+File = Annotated[Path, typer.Argument(help="the arena to start")]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")]
+
+
+def register(app: typer.Typer) -> None:
+    @app.command()
+    def up(
+        file: File = Path("arena.yaml"),
+        set_: Set = None,
+        detach: Annotated[bool, typer.Option("--detach", help="return once all programs are started")] = False,
+        headless: Annotated[bool, typer.Option("--headless", help="no window, no live table")] = False,
+        gui: Annotated[bool, typer.Option("--gui", help="open pybullet's window")] = False,
+        until_done: Annotated[bool, typer.Option("--until-done", help="end when every program has ended and every vehicle is disarmed")] = False,
+        time_limit: Annotated[float | None, typer.Option("--time-limit", metavar="S", min=0.0, help="end after S seconds")] = None,
+        runs: Annotated[Path | None, typer.Option("--runs", metavar="DIR", help="where run folders go; else `runs` beside the YAML")] = None,
+    ) -> None:
+        """Start an arena and watch it until it is done or told to stop. Ctrl-C lands the vehicles first."""
+        overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
+        plan = _plan(file, overrides)
+        folder = create(plan, runs if runs is not None else file.parent / "runs")
+        options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True)
+        if detach:
+            raise SystemExit(_detached(plan, folder, options))
+        live = not headless and sys.stdout.isatty()
+        raise SystemExit(_run(plan, folder, LiveTable() if live else Lines(), options))
+
+
+def _plan(file: Path, overrides: list[str]) -> Plan:
+    """Everything that can be found wrong, before anything is started. Raises InputError, RunError."""
+    from arena.plan import make_plan
+    from arena.schema import check_machine, load_arena
+
+    arena = load_arena(file, overrides)
+    sweep_all(_say)
+    plan = make_plan(arena)
+    _refuse_second(plan)
+    check_machine(arena)
+    return plan
+
+
+def _refuse_second(plan: Plan) -> None:
+    """Two arenas cannot share a socket. Raises RunError that names the one which is up."""
+    wanted = {(x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
+    for state in active_runs():
+        other = plan_of(state)
+        held = {(x.protocol, x.address, x.port) for spec in other.processes for x in spec.listens} if other else set()
+        if state.live and (state.address == plan.address or wanted & held):
+            raise RunError(
+                f"the arena {state.name!r} is up on {state.address} (supervisor {state.supervisor.pid}, {state.run}): "
+                f"`arena down --run {state.run}` ends it, or give this one another `address`, 127.0.0.2 for instance"
+            )
+
+
+def _run(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:
+    """In the main thread of this process. Prints the run folder and, when the report made one, the summary."""
+    _set_title(plan)
+    show.say(f"{plan.name}: {len(plan.processes)} processes, run folder {folder.path}")
+    try:
+        code = Supervisor(plan, folder, show, options).run()
+    finally:
+        show.close()
+    summary = folder.path / "summary.txt"
+    with contextlib.suppress(OSError):
+        show.say(summary.read_text().rstrip())
+    show.say(f"run folder: {folder.path}")
+    return code
+
+
+class _Piped(Lines):
+    """The show of a detached run: lines go to its log; the waiting parent hears of the start, or of the end."""
+
+    def __init__(self, pipe: int) -> None:
+        self._pipe = pipe
+
+    def tell(self, **packet: Any) -> None:
+        if self._pipe >= 0:
+            with contextlib.suppress(OSError):
+                os.write(self._pipe, json.dumps(packet).encode() + b"\n")
+                os.close(self._pipe)
+            self._pipe = -1
+
+    def started(self, failed: list[str]) -> None:
+        self.tell(started=True, failed=failed)
+
+
+def _detached(plan: Plan, folder: RunFolder, options: Options) -> int:
+    """Fork the supervisor into a session of its own; wait until all has started, or until it ended before that."""
+    reading, writing = os.pipe2(os.O_CLOEXEC)
+    log = folder.log("supervisor")
+    pid = os.fork()
+    if pid == 0:
+        os.close(reading)
+        _become_daemon(log)
+        os._exit(_whole_life(plan, folder, options, _Piped(writing)))
+    os.close(writing)
+    with os.fdopen(reading) as pipe:
+        told = json.loads(pipe.readline() or "{}")
+    if told.get("started"):
+        print(f"{plan.name} is up, supervisor {pid}\nrun folder: {folder.path}\nstop it with: arena down --run {folder.path}")
+        for words in told["failed"]:
+            print(f"arena: {words}", file=sys.stderr)
+        return EXIT_FAILED if told["failed"] else EXIT_OK
+    os.waitpid(pid, 0)
+    print(log.read_text(errors="replace").rstrip(), file=sys.stderr)
+    return int(told.get("ended", EXIT_FAILED))
+
+
+def _whole_life(plan: Plan, folder: RunFolder, options: Options, show: _Piped) -> int:
+    code = EXIT_FAILED
+    try:
+        code = _run(plan, folder, show, options)
+    except BaseException:
+        import traceback
+
+        traceback.print_exc()  # into the supervisor's log: there is nobody to raise to
+    show.tell(ended=code)
+    sys.stdout.flush()
+    return code
+
+
+def _become_daemon(log: Path) -> None:
+    os.setsid()
+    nowhere, file = os.open(os.devnull, os.O_RDONLY), os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for fd, target in ((nowhere, 0), (file, 1), (file, 2)):
+        os.dup2(fd, target)
+
+
+def _set_title(plan: Plan) -> None:
+    with contextlib.suppress(ImportError):
+        import setproctitle
+
+        setproctitle.setproctitle(f"arena:up {plan.name}")
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
