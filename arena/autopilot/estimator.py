@@ -35,6 +35,7 @@ _P, _V, _TH, _BG, _BA = (slice(i, i + 3) for i in range(0, 15, 3))
 _COVARIANCE_EVERY = 4
 _RING = 96
 _NEVER = -1e9
+_SETTLE_S = 1.0  # after alignment, before the estimate may be flown on
 _UNUSED_VARIANCE = 1e9
 _EYE = np.eye(15)
 
@@ -52,6 +53,7 @@ class Estimator:
         self.omega_b = np.zeros((v, 3))
         self.cov = np.zeros((v, 15, 15))
         self.aligned = np.zeros(v, bool)
+        self.aligned_at = np.full(v, np.inf)
         self.last_xy, self.last_z, self.last_yaw = np.full(v, _NEVER), np.full(v, _NEVER), np.full(v, _NEVER)
         self.rejected = np.zeros(v, int)
         self.reset_counter = np.zeros(v, int)
@@ -76,18 +78,19 @@ class Estimator:
 
     def xy_valid(self, now: float) -> Bool:
         """Horizontal position and velocity may be flown on: fused within EKF2_NOAID_TOUT, and converged."""
-        return np.asarray(self.aligned & (now - self.last_xy < self._timeout_s) & self._converged())
+        return np.asarray(self.aligned & (now - self.last_xy < self._timeout_s) & self._converged(now))
 
     def z_valid(self, now: float) -> Bool:
         """Height may be flown on (the barometer carries it when vision is lost)."""
-        return self.aligned & ((now - self.last_z < self._timeout_s) | self._baro_seen)
+        return np.asarray(self.aligned & ((now - self.last_z < self._timeout_s) | self._baro_seen))
 
     def yaw_valid(self, now: float) -> Bool:
-        return self.aligned & ((now - self.last_yaw < self._timeout_s) | (self._ctrl & 8 == 0))
+        return np.asarray(self.aligned & ((now - self.last_yaw < self._timeout_s) | (self._ctrl & 8 == 0)))
 
-    def _converged(self) -> Bool:
+    def _converged(self, now: float) -> Bool:
         d = np.diagonal(self.cov, axis1=1, axis2=2)
-        return np.asarray((d[:, _P].max(1) < 0.25) & (d[:, _V].max(1) < 0.16) & (d[:, _TH].max(1) < 0.01))
+        sure = (d[:, _P].max(1) < 0.25) & (d[:, _V].max(1) < 0.16) & (d[:, _TH].max(1) < 0.01)
+        return np.asarray(sure & (now - self.aligned_at > _SETTLE_S))
 
     # -- prediction ----------------------------------------------------------------------------------------------------
 
@@ -252,7 +255,7 @@ class Estimator:
         self._ring_p[:, idx], self._ring_q[:, idx] = p_n, self.q_nb[idx]
         sigma = np.array([0.1] * 3 + [0.1] * 3 + [0.05, 0.05, 0.1] + [0.02] * 3 + [0.1] * 3)
         self.cov[idx] = np.diag(sigma**2)
-        self.aligned[idx] = True
+        self.aligned[idx], self.aligned_at[idx] = True, now
         self.last_xy[idx] = self.last_z[idx] = self.last_yaw[idx] = now
 
     def _past(self, idx: Index, delay_s: Array) -> tuple[Array, Array]:

@@ -26,6 +26,7 @@ ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 FORCE_MAGIC = 21196.0
 _PARAMS_PER_STEP = 8
 _QUEUE_LIMIT = 256
+_TEXT_BYTES = 50
 Wgs = tuple[float, float, float]
 
 
@@ -64,6 +65,7 @@ class Face:
         self.limits: Limits | None = None
         self._q_nb = [1.0, 0.0, 0.0, 0.0]
         self._now = 0.0
+        self._text_id = 0
         self._links = {name: self._open(name) for name in streams.LINK_RATES}
 
     def _open(self, name: str) -> _Link:
@@ -295,10 +297,18 @@ class Face:
         for link in self._links.values():
             if texts and now - link.gcs_heard < 10.0:
                 for severity, text in texts:
-                    self.send(link, mavlink.MAVLink_statustext_message(severity, text.encode()[:50]))
+                    self._say(link, severity, text)
             for _ in range(min(_PARAMS_PER_STEP, len(link.params_left))):
                 self._send_param(link, self.params.names[link.params_left.popleft()])
             self._speak_due(link, s, now)
+
+    def _say(self, link: _Link, severity: int, text: str) -> None:
+        """A text longer than one message holds goes out in numbered chunks, as the STATUSTEXT of MAVLink 2 allows."""
+        raw = text.encode(errors="replace")
+        chunks = [raw[k : k + _TEXT_BYTES] for k in range(0, len(raw), _TEXT_BYTES)]
+        self._text_id = self._text_id % 65535 + 1
+        for k, chunk in enumerate(chunks):
+            self.send(link, mavlink.MAVLink_statustext_message(severity, chunk, self._text_id if len(chunks) > 1 else 0, k))
 
     def _speak_due(self, link: _Link, s: Snapshot, now: float) -> None:
         due = link.due

@@ -1,0 +1,133 @@
+"""Modes, arming and failsafes as plain decisions."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from arena.autopilot.commander import Commander, Limits, Mode, Sensed, mode_of
+
+OK = Sensed(
+    now=100.0, xy_valid=True, z_valid=True, yaw_valid=True, landed=True, flying=False, tilt_rad=0.0, battery=0.9, offboard_age=0.02,
+    offboard_needs_position=True, gcs_age=0.1, aligned=True,
+)  # fmt: skip
+LIMITS = Limits(
+    com_of_loss_t=1.0, com_obl_rc_act=4, com_fail_act_t=0.0, com_disarm_land=2.0, com_disarm_prflt=10.0, com_low_bat_act=0,
+    bat_low_thr=0.15, bat_crit_thr=0.07, bat_emergen_thr=0.05, nav_dll_act=0, com_dl_loss_t=10.0, cbrk_flightterm=121212, fd_fail_rad=1.05,
+)  # fmt: skip
+
+
+def sensed(**changes) -> Sensed:
+    return dataclasses.replace(OK, **changes)
+
+
+def limits(**changes) -> Limits:
+    return dataclasses.replace(LIMITS, **changes)
+
+
+def flying() -> tuple[Commander, dict]:
+    c = Commander("uav1")
+    assert c.request_mode(Mode.OFFBOARD, OK, LIMITS) == ""
+    assert c.arm(OK, LIMITS) == ""
+    up = {"landed": False, "flying": True}
+    c.update(sensed(now=105.0, **up), LIMITS)
+    return c, up
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"aligned": False}, "Attitude"), ({"xy_valid": False}, "position"), ({"z_valid": False}, "Height"), ({"yaw_valid": False}, "Heading"),
+        ({"battery": 0.05}, "Battery"), ({"tilt_rad": 1.5}, "tilted"), ({"offboard_age": 2.0}, "offboard"),
+    ],
+)  # fmt: skip
+def test_each_reason_alone_refuses_arming_and_is_named(change, word):
+    c = Commander("uav1", mode=Mode.OFFBOARD)
+    why = c.arm(sensed(**change), LIMITS)
+    assert word.lower() in why.lower()
+    assert not c.armed
+
+
+def test_arming_is_refused_in_modes_that_only_come_down():
+    for mode in (Mode.LAND, Mode.DESCEND, Mode.TERMINATE):
+        c = Commander("uav1", mode=mode)
+        assert c.arm(OK, LIMITS)
+        assert not c.armed
+
+
+@pytest.mark.parametrize(("action", "mode"), [(0, Mode.LAND), (4, Mode.LAND), (5, Mode.HOLD), (6, Mode.TERMINATE)])
+def test_each_offboard_loss_action(action, mode):
+    c, up = flying()
+    c.update(sensed(now=106.0, offboard_age=1.5, **up), limits(com_obl_rc_act=action))
+    assert c.mode is mode
+    assert c.armed
+
+
+def test_offboard_loss_action_disarm_disarms():
+    c, up = flying()
+    c.update(sensed(now=106.0, offboard_age=1.5, **up), limits(com_obl_rc_act=7))
+    assert not c.armed
+
+
+def test_offboard_loss_waits_in_hold_for_the_action_delay():
+    c, up = flying()
+    slow = limits(com_fail_act_t=5.0)
+    c.update(sensed(now=106.0, offboard_age=1.5, **up), slow)
+    assert c.mode is Mode.HOLD
+    c.update(sensed(now=110.9, offboard_age=6.0, **up), slow)
+    assert c.mode is Mode.HOLD
+    c.update(sensed(now=111.1, offboard_age=6.0, **up), slow)
+    assert c.mode is Mode.LAND
+
+
+def test_a_pilots_mode_change_cancels_a_pending_failsafe():
+    c, up = flying()
+    slow = limits(com_fail_act_t=5.0)
+    c.update(sensed(now=106.0, offboard_age=1.5, **up), slow)
+    c.request_mode(Mode.OFFBOARD, sensed(now=107.0, **up), slow)
+    c.update(sensed(now=112.0, **up), slow)
+    assert c.mode is Mode.OFFBOARD
+
+
+def test_position_loss_in_attitude_offboard_is_no_failsafe_but_in_position_offboard_it_is():
+    c, up = flying()
+    c.update(sensed(now=106.0, xy_valid=False, offboard_needs_position=False, **up), LIMITS)
+    assert c.mode is Mode.OFFBOARD
+    c.update(sensed(now=106.1, xy_valid=False, **up), LIMITS)
+    assert c.mode is Mode.DESCEND
+
+
+def test_data_link_loss_acts_only_when_asked_to():
+    c, up = flying()
+    c.update(sensed(now=120.0, gcs_age=20.0, **up), LIMITS)
+    assert c.mode is Mode.OFFBOARD
+    c.update(sensed(now=120.1, gcs_age=20.0, **up), limits(nav_dll_act=3))
+    assert c.mode is Mode.LAND
+
+
+def test_attitude_failure_terminates_only_with_the_breaker_open():
+    c, up = flying()
+    c.update(sensed(now=106.0, tilt_rad=1.3, **up), LIMITS)
+    assert c.mode is Mode.OFFBOARD
+    c.update(sensed(now=106.1, tilt_rad=1.3, **up), limits(cbrk_flightterm=0))
+    assert c.mode is Mode.TERMINATE
+
+
+def test_landing_disarms_after_its_delay_and_goes_back_to_hold():
+    c, up = flying()
+    c.request_mode(Mode.LAND, sensed(now=110.0, **up), LIMITS)
+    c.update(sensed(now=112.0), LIMITS)
+    assert c.armed
+    c.update(sensed(now=114.1), LIMITS)
+    assert not c.armed
+    assert c.mode is Mode.HOLD
+
+
+def test_custom_modes_are_px4s_numbers():
+    assert Mode.OFFBOARD.custom_mode == 6 << 16
+    assert Mode.LAND.custom_mode == 4 << 16 | 6 << 24
+    assert Mode.DESCEND.custom_mode == Mode.LAND.custom_mode
+    assert mode_of(4, 6) is Mode.LAND
+    assert mode_of(6, 0) is Mode.OFFBOARD
+    assert mode_of(9, 0) is None

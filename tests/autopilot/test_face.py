@@ -1,0 +1,158 @@
+"""The MAVLink face: acknowledgements, parameters, streams, and bytes that mean harm."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+
+import numpy as np
+from flight import Flight
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+PX4_ONBOARD_HZ = {
+    "ATTITUDE": 100, "ATTITUDE_QUATERNION": 50, "HIGHRES_IMU": 50, "LOCAL_POSITION_NED": 30, "ODOMETRY": 30, "ALTITUDE": 10,
+    "SERVO_OUTPUT_RAW": 10, "TIMESYNC": 10, "VFR_HUD": 10, "EXTENDED_SYS_STATE": 5, "SYS_STATUS": 5, "HEARTBEAT": 1, "SYSTEM_TIME": 1,
+}  # fmt: skip
+
+
+def ready() -> Flight:
+    flight = Flight(1)
+    flight.until(lambda f: f.pilots.faces[0].ready_to_arm, 20)
+    return flight
+
+
+def test_streams_have_px4s_rates():
+    flight = ready()
+    flight.run(1.0)
+    flight.heard[0].clear()
+    flight.run(10.0)
+    counted = Counter(m.get_type() for m in flight.heard[0])
+    for name, hz in PX4_ONBOARD_HZ.items():
+        assert abs(counted[name] / 10.0 - hz) <= max(0.1, 0.02 * hz), name
+
+
+def test_message_intervals_can_be_set_asked_for_and_set_back():
+    flight = ready()
+    assert flight.command(0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 30, 500_000) == 0
+    flight.heard[0].clear()
+    flight.run(4.0)
+    assert 7 <= sum(m.get_type() == "ATTITUDE" for m in flight.heard[0]) <= 9
+    assert flight.command(0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 30, -1) == 0
+    flight.heard[0].clear()
+    flight.run(1.0)
+    assert not any(m.get_type() == "ATTITUDE" for m in flight.heard[0])
+    assert flight.command(0, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == 0
+    assert any(m.get_type() == "AUTOPILOT_VERSION" for m in flight.heard[0])
+
+
+def test_parameters_are_listed_read_written_and_unknown_ones_met_with_silence():
+    flight = ready()
+    codec = flight.codec[0]
+    flight.heard[0].clear()
+    flight.send(0, codec.param_request_list_encode(1, 1))
+    flight.run(1.0)
+    values = [m for m in flight.heard[0] if m.get_type() == "PARAM_VALUE"]
+    assert len({m.param_id for m in values}) == values[0].param_count
+    packed = struct.unpack("<f", struct.pack("<i", 5))[0]
+    flight.send(0, codec.param_set_encode(1, 1, b"COM_OBL_RC_ACT", packed, mavlink.MAV_PARAM_TYPE_INT32))
+    flight.send(0, codec.param_set_encode(1, 1, b"MPC_XY_P", 1.1, mavlink.MAV_PARAM_TYPE_REAL32))
+    assert flight.pilots.params["COM_OBL_RC_ACT"][0] == 5
+    assert abs(flight.pilots.params["MPC_XY_P"][0] - 1.1) < 1e-6
+    flight.run(0.05)
+    flight.heard[0].clear()
+    flight.send(0, codec.param_request_read_encode(1, 1, b"NO_SUCH_NAME", -1))
+    flight.run(0.1)
+    assert not any(m.get_type() == "PARAM_VALUE" for m in flight.heard[0])
+
+
+def test_a_parameter_out_of_range_or_not_finite_is_not_taken():
+    flight = ready()
+    before = float(flight.pilots.params["MPC_XY_P"][0])
+    for value in (float("nan"), float("inf"), 1e9, -1.0):
+        flight.send(0, flight.codec[0].param_set_encode(1, 1, b"MPC_XY_P", value, mavlink.MAV_PARAM_TYPE_REAL32))
+    assert flight.pilots.params["MPC_XY_P"][0] == before
+
+
+def test_arming_is_refused_with_its_reason_without_vision():
+    flight = Flight(1)
+    flight.vision_on[:] = False
+    flight.run(1.0)
+    flight.send(0, mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
+    assert flight.arm(0) == 1
+    assert "external vision" in "".join(m.text for m in flight.heard[0] if m.get_type() == "STATUSTEXT")
+
+
+def test_offboard_is_refused_without_a_stream_of_setpoints():
+    flight = ready()
+    assert flight.offboard(0) == 1
+    assert flight.mode(0) == "AUTO.LOITER"
+
+
+def test_messages_for_others_are_not_obeyed():
+    flight = ready()
+    flight.send(0, mavlink.MAVLink_command_long_message(7, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    flight.send(0, mavlink.MAVLink_command_long_message(1, 51, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    flight.run(0.1)
+    assert not flight.armed(0)
+
+
+def test_motion_capture_estimator_type_and_nan_poses_are_not_fused():
+    flight = Flight(1)
+    flight.vision_on[:] = False
+    nan = float("nan")
+    for estimator, x in ((mavlink.MAV_ESTIMATOR_TYPE_MOCAP, 0.0), (2, nan), (2, float("inf")), (2, 1e9)):
+        m = mavlink.MAVLink_odometry_message(0, 1, 12, x, 0, 0, [1, 0, 0, 0], *[nan] * 6, [nan] * 21, [nan] * 21, 0, estimator, 0)
+        flight.send(0, m, "vision")
+    flight.run(0.1)
+    assert not flight.pilots.est.aligned[0]
+
+
+def test_a_global_origin_makes_global_and_home_position_valid_on_vision_alone():
+    flight = ready()
+    flight.send(0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision")
+    flight.heard[0].clear()
+    flight.run(3.0)
+    found = {m.get_type(): m for m in flight.heard[0]}
+    assert abs(found["GLOBAL_POSITION_INT"].lat - 38.7e7) < 100
+    assert abs(found["HOME_POSITION"].altitude - 100_050) < 200
+
+
+def test_offboard_setpoints_that_are_infinite_or_empty_do_not_count_as_a_stream():
+    flight = ready()
+    for mask, x in ((0b100111111000, float("inf")), (0b111111111111, 0.0)):
+        flight.send(0, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, mask, x, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
+    assert flight.offboard(0) == 1
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.binary(max_size=300), max_size=20))
+def test_random_bytes_change_nothing(chunks):
+    flight = _SHARED
+    for chunk in chunks:
+        for link in ("router", "vision", "panic"):
+            flight.pilots.receive(0, link, chunk)
+    flight.run(0.02)
+    assert not flight.armed(0)
+
+
+def test_valid_frames_with_random_fields_never_break_or_arm_it():
+    flight = ready()
+    rng = np.random.default_rng(3)
+    codec = mavlink.MAVLink(None, srcSystem=250, srcComponent=1)
+    kinds = [c for k, c in mavlink.mavlink_map.items() if k not in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)]
+    for n in range(6000):
+        kind = kinds[rng.integers(len(kinds))]
+        payload = rng.bytes(struct.calcsize(kind.unpacker.format))
+        message = kind.__new__(kind)
+        mavlink.MAVLink_message.__init__(message, kind.id, kind.msgname)
+        flight.pilots.receive(0, ("router", "vision", "panic")[n % 3], message._pack(codec, kind.crc_extra, payload))
+        if n % 500 == 0:
+            flight.run(0.02)
+    assert not flight.armed(0)
+    assert np.isfinite(flight.motors).all()
+    assert np.all(flight.motors == 0.0)
+
+
+_SHARED = Flight(1)

@@ -1,0 +1,87 @@
+"""Mixer, attitude from thrust, setpoints off the wire: the places where a sign or an order goes wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.autopilot.control import AttitudeControl, attitude_from_thrust
+from arena.autopilot.mixer import Mixer, mixing_rows
+from arena.autopilot.offboard import from_attitude_target, from_position_target
+from arena.autopilot.params import Params
+from arena.autopilot.setpoint import Level
+from arena.geometry import euler_from_quat, quat_exp, quat_from_euler, quat_multiply, quat_rotate
+
+QUAD_X = [
+    {"position_m": [0.2, 0.2, 0.0], "direction": "ccw"}, {"position_m": [-0.2, -0.2, 0.0], "direction": "ccw"},
+    {"position_m": [0.2, -0.2, 0.0], "direction": "cw"}, {"position_m": [-0.2, 0.2, 0.0], "direction": "cw"},
+]  # fmt: skip
+GENERIC_RPY = np.radians([10.0, -20.0, 35.0])
+
+
+def mixer() -> Mixer:
+    return Mixer(mixing_rows(QUAD_X)[None], np.ones((1, 4), bool))
+
+
+def test_the_rows_of_a_symmetric_quad_are_px4s():
+    assert np.allclose(np.abs(mixing_rows(QUAD_X)), [[0.7071, 0.7071, 1.0]] * 4, atol=1e-4)
+
+
+def test_roll_lifts_the_left_rotors_pitch_the_front_and_yaw_the_ccw_ones():
+    u, _ = mixer().mix(np.array([[0.1, 0.0, 0.0]]), np.array([0.5]))
+    assert u[0, 1] > 0.5 > u[0, 0]
+    assert u[0, 2] > 0.5 > u[0, 3]
+    u, _ = mixer().mix(np.array([[0.0, 0.1, 0.0]]), np.array([0.5]))
+    assert u[0, 0] > 0.5 > u[0, 1]
+    u, _ = mixer().mix(np.array([[0.0, 0.0, 0.1]]), np.array([0.5]))
+    assert u[0, 0] > 0.5 > u[0, 2]
+
+
+@given(st.lists(st.floats(-3, 3), min_size=3, max_size=3), st.floats(0, 1))
+def test_commands_stay_in_range_and_yaw_gives_way_to_tilt(torque, thrust):
+    u, _ = mixer().mix(np.array([torque]), np.array([thrust]))
+    assert np.all((u >= 0) & (u <= 1))
+    no_yaw, _ = mixer().mix(np.array([[*torque[:2], 0.0]]), np.array([thrust]))
+    rows = mixing_rows(QUAD_X)[:, :2]
+    assert np.allclose(u @ rows, no_yaw @ rows, atol=1e-9)
+
+
+@given(st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=2), st.floats(-3.1, 3.1))
+def test_attitude_from_thrust_opposes_the_thrust_and_keeps_the_heading(tilt, yaw):
+    thrust = np.array([[*tilt, -1.0]])
+    q = attitude_from_thrust(thrust, np.array([yaw]))
+    assert np.allclose(quat_rotate(q, [0, 0, -1.0]), thrust / np.linalg.norm(thrust))
+    nose = quat_rotate(q, [1.0, 0, 0])[0]
+    assert abs(np.arctan2(np.sin(np.arctan2(nose[1], nose[0]) - yaw), np.cos(np.arctan2(nose[1], nose[0]) - yaw))) < 0.35
+
+
+def test_attitude_control_turns_towards_the_setpoint_at_a_generic_attitude():
+    control = AttitudeControl(Params(3))
+    q = np.tile(quat_from_euler(GENERIC_RPY), (3, 1))
+    q_sp = np.stack([quat_multiply(q[0], quat_exp(0.1 * axis)) for axis in np.eye(3)])
+    rates = control.update(q, q_sp, np.zeros(3))
+    assert np.all(np.diag(rates) > 0.2)
+    # Roll and pitch errors are met along their own axis; yaw, weighted down, may lag.
+    assert np.abs(rates[0, 1:]).max() < 0.2 * rates[0, 0]
+    assert np.abs(rates[1, [0, 2]]).max() < 0.2 * rates[1, 1]
+
+
+def test_body_setpoints_turn_by_yaw_alone_and_their_position_is_ignored():
+    q = quat_from_euler([0.3, -0.2, np.pi / 2]).tolist()
+    m = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 0b010111000000, 9, 9, 9, 1, 0, 0.5, 0, 0, 0, 0, 0.2)
+    o = from_position_target(m, q)
+    assert np.all(np.isnan(o.p_n))
+    assert np.allclose(o.v_n, [0, 1, 0.5], atol=1e-9)
+
+
+def test_attitude_targets_are_normalised_and_nonsense_refused():
+    q = quat_from_euler(GENERIC_RPY)
+    o = from_attitude_target(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, (1.5 * q).tolist(), 0, 0, 0, 2.0))
+    assert o.level is Level.ATTITUDE
+    assert np.allclose(euler_from_quat(np.array(o.q_nb)), GENERIC_RPY)
+    assert o.thrust == 1.0
+    for bad in ([0, 0, 0, 0], [float("nan"), 0, 0, 1], [9, 0, 0, 0]):
+        assert isinstance(from_attitude_target(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, bad, 0, 0, 0, 0.5)), str)
+    assert isinstance(from_attitude_target(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 71, q.tolist(), 0, 0, 0, 0.5)), str)
