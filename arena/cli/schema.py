@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import typer
 
 
@@ -9,4 +11,6 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def schema() -> None:
         """Print the JSON schema of arena.yaml, for editors."""
-        raise KeyboardInterrupt
+        from arena.schema.json_schema import json_schema
+
+        print(json.dumps(json_schema(), indent=2))

@@ -1,0 +1,32 @@
+"""What the verbs that read an arena share: their options, and saying what would run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from arena.plan import Plan
+    from arena.schema import Arena
+
+File = Annotated[Path, typer.Argument(help="the arena's YAML, or its folder")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
+]
+
+
+def what_would_run(arena: Arena, plan: Plan) -> list[str]:
+    """A line per vehicle, then one for the processes."""
+    lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
+    programs = sum(p.kind == "program" for p in plan.processes)
+    return [*lines, f"{len(plan.processes)} processes, {programs} of them programs"]
+
+
+def _vehicle_line(arena: Arena, name: str) -> str:
+    v = arena.vehicle(name)
+    asked = "" if v.asked == v.autopilot else f" ({v.asked}: no PX4 in this version)"
+    n, e, d = v.position
+    flies = Path(v.program.path).name if v.program else "no program"
+    return f"{v.name}: id {v.id}, {v.profile.name}, autopilot {v.autopilot}{asked}, at N {n:g} E {e:g} D {d:g}, port {v.ports.program}, {flies}"

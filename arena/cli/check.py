@@ -1,0 +1,32 @@
+"""`arena check`: every problem of an arena at once, or `ok` and what would run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from arena.cli._arena import File, Set, what_would_run
+
+
+def register(app: typer.Typer) -> None:
+    @app.command()
+    def check(
+        file: File = Path("arena.yaml"),
+        set_: Set = None,
+        machine: Annotated[
+            bool, typer.Option(help="also look at this machine: free ports, pybullet, the tools' commands")
+        ] = True,
+    ) -> None:
+        """Tell every problem of an arena at once, or `ok` and what would run. Starts nothing."""
+        from arena.plan import make_plan
+        from arena.schema import check_machine, load_arena
+
+        arena = load_arena(file, set_ or [])
+        plan = make_plan(arena)
+        if machine:
+            check_machine(arena)
+        print(f"ok: {arena.name} ({arena.file})")
+        for line in what_would_run(arena, plan):
+            print(f"  {line}")

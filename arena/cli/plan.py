@@ -1,0 +1,96 @@
+"""`arena plan`: the process table, ports and needs of an arena, as a table or JSON; where a value came from."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from arena.cli._arena import File, Set, what_would_run
+from arena.errors import InputError
+
+if TYPE_CHECKING:
+    from arena.plan import Plan, ProcessSpec
+    from arena.schema import Arena
+
+
+COLUMNS = ("name", "needs", "ready", "ports", "command")
+
+
+def register(app: typer.Typer) -> None:
+    @app.command()
+    def plan(
+        file: File = Path("arena.yaml"),
+        set_: Set = None,
+        json: Annotated[bool, typer.Option("--json", help="the whole plan as JSON")] = False,
+        explain: Annotated[
+            str, typer.Option("--explain", metavar="KEY", help="where a value, or all below a key, came from")
+        ] = "",
+    ) -> None:
+        """Print the process table of an arena: who needs whom, ports, commands. Starts nothing."""
+        from arena.plan import make_plan
+        from arena.schema import load_arena
+
+        arena = load_arena(file, set_ or [])
+        if explain:
+            print("\n".join(explained(arena, explain)))
+            return
+        made = make_plan(arena)
+        print(made.to_json()) if json else _show(arena, made)
+
+
+def explained(arena: Arena, key: str) -> list[str]:
+    """A line per value at or below the dotted key. Raises InputError, with the near key."""
+    from arena.schema.source import near
+
+    found = {k: o for k, o in arena.origins.items() if k == key or k.startswith((f"{key}.", f"{key}["))}
+    if not found:
+        raise InputError(f"--explain {key}: no such value in {arena.file}. {near(key, list(arena.origins))}")
+    return [f"{k} = {_text(o.value)} {_from(o.source)}" for k, o in found.items()]
+
+
+def _text(value: object) -> str:
+    return (
+        dumps(value)
+        if isinstance(value, (tuple, list, dict, str))
+        else "none"
+        if value is None
+        else str(value)
+    )
+
+
+def _from(source: str) -> str:
+    """A place in a file or on the command line, or else a reason."""
+    return f"from {source}" if source == "--set" or source.rpartition(":")[2].isdigit() else f"({source})"
+
+
+def _show(arena: Arena, made: Plan) -> None:
+    from rich.box import SIMPLE
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{made.name} on {made.address}", box=SIMPLE, title_justify="left")
+    for column in COLUMNS:
+        table.add_column(column, no_wrap=column in ("name", "ready"), overflow="fold")
+    for spec in made.processes:
+        table.add_row(*row(spec))
+    console = Console() if sys.stdout.isatty() else Console(width=200)
+    console.print(table)
+    for line in what_would_run(arena, made):
+        print(line)
+
+
+def row(spec: ProcessSpec) -> tuple[str, ...]:
+    """One process, in words."""
+    ports = ", ".join(str(x.port) for x in spec.listens)
+    return spec.name, ", ".join(spec.needs), spec.ready, ports, command(spec)
+
+
+def command(spec: ProcessSpec) -> str:
+    """The command line, the interpreter by its bare name."""
+    first = Path(spec.argv[0]).name
+    return " ".join((first, *(arg if "{run}" in arg else shlex.quote(arg) for arg in spec.argv[1:])))
