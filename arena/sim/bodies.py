@@ -9,18 +9,18 @@ there is no ceiling.
 
 from __future__ import annotations
 
-import ctypes
+import contextlib
+import io
 import os
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.errors import InputError, NotInstalledError
+from arena.errors import InputError, NotInstalledError, RunError
 from arena.geometry import (
     frd_from_flu,
     matrix_from_quat,
@@ -106,9 +106,14 @@ class Bodies:
             bullet.applyExternalTorque(body, -1, torque, frame, client)
 
     def step(self) -> None:
-        """One physics step, under the wrenches pushed since the last."""
-        self._bullet.stepSimulation(self._client)
-        self._read()
+        """One physics step, under the wrenches pushed since the last. Raises RunError when bullet's window
+        was closed.
+        """
+        try:
+            self._bullet.stepSimulation(self._client)
+            self._read()
+        except self._bullet.error as error:
+            raise RunError(f"the physics has ended ({error}): was its window closed?") from error
 
     def contacts(self) -> Contacts:
         """Who touches what, as the last step left it."""
@@ -214,15 +219,8 @@ class Bodies:
 def _import() -> Any:
     """pybullet, without the line it prints when imported."""
     try:
-        with Path(os.devnull).open("w") as null:
-            kept = os.dup(1)
-            os.dup2(null.fileno(), 1)
-            try:
-                import pybullet
-            finally:
-                ctypes.CDLL(None).fflush(None)  # its line waits in C's buffer
-                os.dup2(kept, 1)
-                os.close(kept)
+        with contextlib.redirect_stderr(io.StringIO()):
+            import pybullet
     except ImportError as error:
         raise NotInstalledError("the simulated world needs pybullet: install flying-arena[sim]") from error
     return pybullet

@@ -35,6 +35,7 @@ class Verdict:
     crashed: str = ""
     touchdown_m_s: float | None = None
     landed_p_n: tuple[float, float, float] | None = None
+    p_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
     airborne_s: float = 0.0
     airborne: bool = False
     landings: int = 0
@@ -51,6 +52,7 @@ class Verdict:
             "landings": self.landings,
             "touchdown_m_s": None if self.touchdown_m_s is None else round(self.touchdown_m_s, 3),
             "landed_p_n": None if self.landed_p_n is None else [round(x, 4) for x in self.landed_p_n],
+            "p_n": [round(x, 4) for x in self.p_n],
             "max_tilt_deg": round(math.degrees(self.max_tilt_rad), 2),
             "max_height_m": round(self.max_height_m, 3),
         }
@@ -67,6 +69,7 @@ class Judge:
         self._cos_tilt, self._down = np.ones(len(names)), np.full(len(names), math.inf)
         self._aloft_s = np.zeros(len(names))
         self._floor = np.ones(len(names), bool)
+        self._p_n: Array = np.full((len(names), 3), math.nan)
 
     def watch(
         self,
@@ -92,7 +95,7 @@ class Judge:
                 self._touch_down(i, now, p_n[i])
             else:
                 self.verdicts[i]._aloft_since = now
-        self._floor = floor
+        self._floor, self._p_n = floor, p_n
         self._aloft_s += ~floor * self._step_s
         self._speed = np.sqrt((v_n * v_n).sum(axis=1))
 
@@ -105,6 +108,7 @@ class Judge:
         """Vehicle name -> its verdict as JSON."""
         for i, v in enumerate(self.verdicts):
             v.airborne, v.airborne_s = not bool(self._floor[i]), float(self._aloft_s[i])
+            v.p_n = _triple(self._p_n[i])
             v.max_tilt_rad = math.acos(float(np.clip(self._cos_tilt[i], -1.0, 1.0)))
             v.max_height_m = -float(self._down[i]) if math.isfinite(self._down[i]) else 0.0
         return {v.name: v.to_json() for v in self.verdicts}
@@ -114,7 +118,7 @@ class Judge:
         verdict, speed = self.verdicts[i], float(self._speed[i])
         if now - verdict._aloft_since >= _FLIGHT_S:
             verdict.touchdown_m_s, verdict.landings = speed, verdict.landings + 1
-            verdict.landed_p_n = (float(p_n[0]), float(p_n[1]), float(p_n[2]))
+            verdict.landed_p_n = _triple(p_n)
         if speed > TOUCHDOWN_M_S:
             self._crash(i, now, f"touched down at {speed:.1f} m/s")
 
@@ -122,3 +126,7 @@ class Judge:
         if not self.verdicts[i].crashed:
             self.verdicts[i].crashed = f"{what} at {now:.2f} s"
             self._told.append(f"{self.verdicts[i].name} crashed: {self.verdicts[i].crashed}")
+
+
+def _triple(v: Array) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])

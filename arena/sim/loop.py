@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.clock import ClockServer
+from arena.errors import InputError, RunError
 from arena.room import Afterlife, Room
 from arena.sim.links import Links
 from arena.sim.pacing import Pacer, speed_of
@@ -66,8 +67,7 @@ class Loop:
         period_s = self._world.period_s / max(self._speed, 1.0) if math.isfinite(self._speed) else self._world.period_s
         self._links = Links(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
         self._truth_path = Path(settings["truth"])
-        self._truth = TruthWriter(self._truth_path, self._world.fleet.size)
-        self._clock = ClockServer(settings["clock"])
+        self._truth, self._clock = self._pages(settings["clock"])
         self._afterlife = Afterlife()
         self._struck_off = 0
 
@@ -87,6 +87,14 @@ class Loop:
         self._links.close()
         self._truth_path.unlink(missing_ok=True)
         self._world.close()
+
+    def _pages(self, clock: str) -> tuple[TruthWriter, ClockServer]:
+        try:
+            return TruthWriter(self._truth_path, self._world.fleet.size), ClockServer(clock)
+        except OSError as error:
+            for page in (self._truth_path, Path(f"{clock}.page"), Path(f"{clock}.sock")):
+                page.unlink(missing_ok=True)
+            raise RunError(f"cannot serve truth at {self._truth_path} and time at {clock}: {error}") from error
 
     def _serve(self) -> None:
         now = time.monotonic()
@@ -168,7 +176,10 @@ class Loop:
 def serve(make_pilots: MakePilots, argv: list[str] | None = None) -> None:
     """Enter the room named by the slice in argv, and serve until told to stop. Raises ArenaError."""
     room = Room.enter(argv)
-    loop = Loop(room, make_pilots)
+    try:
+        loop = Loop(room, make_pilots)
+    except KeyError as error:
+        raise InputError(f"the slice of {room.name}: {error} is missing (docs/architecture.md, Slices)") from error
     try:
         loop.run()
     finally:

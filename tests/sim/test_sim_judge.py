@@ -32,6 +32,7 @@ def test_a_vehicle_that_never_leaves_the_floor_has_no_landing():
         "landings": 0,
         "touchdown_m_s": None,
         "landed_p_n": None,
+        "p_n": [0.0, 0.0, -1.0],
         "max_tilt_deg": 0.0,
         "max_height_m": 1.0,
     }

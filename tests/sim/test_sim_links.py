@@ -107,7 +107,7 @@ def test_slow_readers_are_cut_off_by_time_after_every_link_had_a_turn():
 
 
 def test_a_partner_that_is_not_there_is_no_error():
-    with opened() as (links, partners, vehicles):
+    with opened() as (links, partners, _):
         partners[0, "router"].close()
         for _ in range(3):
             links.send([(0, "router", b"heartbeat"), (0, "vision", b"x"), (0, "panic", b"no such link")])
