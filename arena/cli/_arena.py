@@ -12,9 +12,7 @@ if TYPE_CHECKING:
     from arena.schema import Arena
 
 File = Annotated[Path, typer.Argument(help="the arena's YAML, or its folder")]
-Set = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
-]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")]
 
 
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:
@@ -29,4 +27,5 @@ def _vehicle_line(arena: Arena, name: str) -> str:
     asked = "" if v.asked == v.autopilot else f" ({v.asked}: no PX4 in this version)"
     n, e, d = v.position
     flies = Path(v.program.path).name if v.program else "no program"
-    return f"{v.name}: id {v.id}, {v.profile.name}, autopilot {v.autopilot}{asked}, at N {n:g} E {e:g} D {d:g}, port {v.ports.program}, {flies}"
+    what = f"id {v.id}, {v.profile.name}, autopilot {v.autopilot}{asked}"
+    return f"{v.name}: {what}, at N {n:g} E {e:g} D {d:g}, port {v.ports.program}, {flies}"

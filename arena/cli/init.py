@@ -16,9 +16,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 def register(app: typer.Typer) -> None:
     @app.command()
     def init(
-        folder: Annotated[
-            Path, typer.Argument(metavar="NAME", help="the folder to make; its name names the arena")
-        ],
+        folder: Annotated[Path, typer.Argument(metavar="NAME", help="the folder to make; its name names the arena")],
     ) -> None:
         """Make a folder with arena.yaml, a ten-line program and a README."""
         for path in scaffold(folder):
@@ -34,9 +32,8 @@ def scaffold(folder: Path) -> list[Path]:
 
     name = folder.resolve().name
     if not _NAME.fullmatch(name):
-        raise InputError(
-            f"got the name {name!r}, expected letters, digits, _ . and -. Try {re.sub('[^A-Za-z0-9]+', '_', name).strip('_') or 'lab1'}."
-        )
+        tamed = re.sub("[^A-Za-z0-9]+", "_", name).strip("_") or "lab1"
+        raise InputError(f"got the name {name!r}, expected letters, digits, _ . and -. Try {tamed}.")
     templates = sorted((data_folder("templates") / "init").glob("*.j2"))
     targets = {template: folder / template.stem for template in templates}
     if there := [str(target) for target in targets.values() if target.exists()]:
@@ -44,9 +41,7 @@ def scaffold(folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for template, target in targets.items():
-            text = jinja2.Template(
-                template.read_text(), keep_trailing_newline=True, undefined=jinja2.StrictUndefined
-            )
+            text = jinja2.Template(template.read_text(), keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
             target.write_text(text.render(name=name))
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from error

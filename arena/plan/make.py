@@ -82,9 +82,7 @@ def _processes(arena: Arena, python: str) -> Iterator[ProcessSpec]:
     yield from _tools(arena)
 
 
-def _room(
-    arena: Arena, python: str, kind: Kind, name: str, v: Vehicle | None = None, needs: tuple[str, ...] = ()
-) -> ProcessSpec:
+def _room(arena: Arena, python: str, kind: Kind, name: str, v: Vehicle | None = None, needs: tuple[str, ...] = ()) -> ProcessSpec:
     module, cpu, memory, more = _ROOMS[kind]
     fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), **more}
     return ProcessSpec(

@@ -25,11 +25,7 @@ def arena_yaml(arena: Arena) -> str:
 
 
 def _vehicle(v: Vehicle) -> dict[str, Any]:
-    program = (
-        {"path": v.program.path, "args": list(v.program.args), "restart": v.program.restart}
-        if v.program
-        else None
-    )
+    program = {"path": v.program.path, "args": list(v.program.args), "restart": v.program.restart} if v.program else None
     made = {
         "id": v.id, "profile": v.profile_key, "autopilot": v.autopilot,
         "start": {"position": v.position, "rpy_deg": v.rpy_deg}, "port": v.ports.program, "gcs": v.gcs,

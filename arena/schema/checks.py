@@ -85,9 +85,7 @@ def _names(c: Check) -> Iterator[Problem]:
     said = "expected a name of lower-case letters, digits and _, a letter first, 32 at most"
     for vehicle in c.arena.vehicles:
         if not _NAME.fullmatch(vehicle.name):
-            yield c.source.problem(
-                ("vehicles", vehicle.name), f"got {vehicle.name!r}, {said}. Try {_tamed(vehicle.name)}."
-            )
+            yield c.source.problem(("vehicles", vehicle.name), f"got {vehicle.name!r}, {said}. Try {_tamed(vehicle.name)}.")
         for tool in vehicle.tools:
             if not _NAME.fullmatch(tool):
                 yield c.problem(vehicle.name, ("tools", tool), f"got {tool!r}, {said}. Try {_tamed(tool)}.")
@@ -158,9 +156,7 @@ def _ports(c: Check) -> Iterator[Problem]:
 
 def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlPath]) -> Problem:
     """Told at whichever of the two a person wrote."""
-    (words, path), (other, other_path) = (
-        (one, two) if c.source.given(one[1]) or not c.source.given(two[1]) else (two, one)
-    )
+    (words, path), (other, other_path) = (one, two) if c.source.given(one[1]) or not c.source.given(two[1]) else (two, one)
     file, line = c.source.place(other_path)
     at = f" ({file}:{line})" if other_path and line else ""
     rule = "Remove it to get a port by rule." if c.source.given(path) else "Change one of the two."
@@ -186,9 +182,7 @@ def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
 
 
 def _short(key: str, who: str) -> str:
-    return {"program": "program", "sdk": "SDK (port + 6000)"}.get(
-        key, f"{key.partition('_')[0]} port of {who}"
-    )
+    return {"program": "program", "sdk": "SDK (port + 6000)"}.get(key, f"{key.partition('_')[0]} port of {who}")
 
 
 def _port_range(c: Check) -> Iterator[Problem]:
@@ -208,36 +202,32 @@ def _start(c: Check) -> Iterator[Problem]:
     for v in c.arena.vehicles:
         if not c.sound(v, "start", "profile") or ("world", "size") in c.pruned:
             continue
-        key, (n, e, d), r = ("start", "position"), v.position, v.profile.radius_m
-        for axis, value, length in (("N", n, north), ("E", e, east)):
-            room = length / 2 - r
-            if abs(value) > room:
-                said = f"got {axis} {value:g}, expected {-room:.2f} .. {room:.2f}: the arena is {length:g} m long there and the vehicle {r:g} m in radius"
-                yield c.problem(
-                    v.name,
-                    key,
-                    f"starts outside the arena: {said}. Try {math.copysign(max(math.floor(room * 100) / 100, 0.0), value):g}.",
-                )
+        (n, e, d), radius = v.position, v.profile.radius_m
+        yield from _beside(c, v, "N", n, north / 2 - radius)
+        yield from _beside(c, v, "E", e, east / 2 - radius)
         if d > 0:
-            yield c.problem(
-                v.name,
-                key,
-                f"starts below the floor: got D {d:g}, expected 0 or less: D points down. Try {-d:g} or 0.",
-            )
+            said = f"got D {d:g}, expected 0 or less: D points down. Try {-d:g} or 0."
+            yield c.problem(v.name, ("start", "position"), f"starts below the floor: {said}")
         elif -d > height - v.profile.height_m:
-            yield c.problem(
-                v.name,
-                key,
-                f"starts outside the arena: got D {d:g}, expected {v.profile.height_m - height:.2f} .. 0.",
-            )
+            said = f"got D {d:g}, expected {v.profile.height_m - height:.2f} .. 0. Try 0."
+            yield c.problem(v.name, ("start", "position"), f"starts outside the arena: {said}")
+
+
+def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Iterator[Problem]:
+    """room: how far from the middle the vehicle's centre may stand [m]."""
+    if abs(value) > room:
+        best = math.copysign(max(math.floor(room * 100) / 100, 0.0), value)
+        why = f"the walls, less the vehicle's radius of {v.profile.radius_m:g} m"
+        said = f"starts outside the arena: got {axis} {value:g}, expected {-room:.2f} .. {room:.2f}: {why}"
+        yield c.problem(v.name, ("start", "position"), f"{said}. Try {best:g}.")
 
 
 def _overlap(c: Check) -> Iterator[Problem]:
     for a, b in itertools.combinations(c.arena.vehicles, 2):
         apart, needed = math.dist(a.position, b.position), a.profile.radius_m + b.profile.radius_m
         if apart < needed and c.sound(a, "start", "profile") and c.sound(b, "start", "profile"):
-            said = f"overlaps {a.name} ({_place(c, a, 'start')}): got {apart:.2f} m between their centres, expected at least {needed:.2f} m"
-            yield c.problem(b.name, ("start", "position"), f"{said}. Try another position.")
+            said = f"got {apart:.2f} m between their centres, expected at least {needed:.2f} m. Try another position."
+            yield c.problem(b.name, ("start", "position"), f"overlaps {a.name} ({_place(c, a, 'start')}): {said}")
 
 
 def _rates(c: Check) -> Iterator[Problem]:
@@ -286,9 +276,7 @@ def _programs(c: Check) -> Iterator[Problem]:
         if not c.files.is_file(str(path)):
             names = [n for n in c.files.names(str(path.parent)) if n.endswith(path.suffix or ".py")]
             hint = near(path.name, names) if names else f"Put it into {path.parent}."
-            yield c.problem(
-                v.name, ("program",), f"got {path.name!r}, expected a file in {path.parent}. {hint}"
-            )
+            yield c.problem(v.name, ("program",), f"got {path.name!r}, expected a file in {path.parent}. {hint}")
         elif path.suffix != ".py" and not c.files.is_executable(str(path)):
             yield c.problem(
                 v.name,
@@ -303,13 +291,9 @@ def _neighbours(c: Check) -> Iterator[Problem]:
         common = not c.source.given(("vehicles", v.name, "neighbours"))
         for i, other in enumerate(v.neighbours):
             if other == v.name and not common:
-                yield c.problem(
-                    v.name, ("neighbours", i), f"got {other!r}, which is the vehicle itself. Remove it."
-                )
+                yield c.problem(v.name, ("neighbours", i), f"got {other!r}, which is the vehicle itself. Remove it.")
             elif other not in names:
-                yield c.problem(
-                    v.name, ("neighbours", i), f"got {other!r}, expected a vehicle. {near(other, names)}"
-                )
+                yield c.problem(v.name, ("neighbours", i), f"got {other!r}, expected a vehicle. {near(other, names)}")
 
 
 def _bodies(c: Check) -> Iterator[Problem]:
@@ -335,9 +319,7 @@ def _gcs(c: Check) -> Iterator[Problem]:
 def _capture(c: Check) -> Iterator[Problem]:
     first, second = (int(part) for part in c.arena.group.split(".")[:2])
     if c.arena.mocap.transport == "multicast" and not (224 <= first <= 239 and second >= 0):
-        yield c.source.problem(
-            ("mocap", "group"), f"got {c.arena.group}, expected a multicast address. Try 239.255.42.99."
-        )
+        yield c.source.problem(("mocap", "group"), f"got {c.arena.group}, expected a multicast address. Try 239.255.42.99.")
 
 
 def _params(c: Check) -> Iterator[Problem]:
@@ -358,18 +340,14 @@ def _tools(c: Check) -> Iterator[Problem]:
     """A tool may need what is not a tool, or a tool named before it: so nothing waits in a circle."""
     names = c.arena.process_names
     before = [n for n in names if not n.startswith("tool.")]
-    own: list[tuple[str, Tool, YamlPath]] = [
-        (f"tool.{t}", tool, ("tools", t)) for t, tool in c.arena.tools.items()
-    ]
+    own: list[tuple[str, Tool, YamlPath]] = [(f"tool.{t}", tool, ("tools", t)) for t, tool in c.arena.tools.items()]
     for v in c.arena.vehicles:
         own += [(f"tool.{v.name}.{t}", tool, c.where(v.name, "tools", t)) for t, tool in v.tools.items()]
     for process, tool, path in own:
         for need in tool.needs or ():
             if need not in before:
                 hint = "Name it after what it needs." if need in names else near(need, before)
-                yield c.source.problem(
-                    (*path, "needs"), f"got {need!r}, expected a process before it. {hint}"
-                )
+                yield c.source.problem((*path, "needs"), f"got {need!r}, expected a process before it. {hint}")
         before.append(process)
 
 

@@ -37,17 +37,13 @@ def load_arena(path: str | Path, overrides: Sequence[str] = (), files: Files | N
 def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], list[Problem]]:
     """Every profile that a vehicle asks for, and the default one; problems: those that cannot be had, told once each."""
     profiles, problems = {DEFAULT_PROFILE: load_profile(DEFAULT_PROFILE)}, []
-    asked: dict[YamlPath, str] = {
-        ("vehicles", name, "profile"): v.profile for name, v in model.vehicles.items() if v.profile
-    }
+    asked: dict[YamlPath, str] = {("vehicles", name, "profile"): v.profile for name, v in model.vehicles.items() if v.profile}
     if model.defaults.profile:
         asked["defaults", "profile"] = model.defaults.profile
     folder = Path(source.document.file).parent
     for path, name in asked.items():
         try:
-            profiles.setdefault(
-                name, read_profile(folder / name) if name.endswith(".yaml") else load_profile(name)
-            )
+            profiles.setdefault(name, read_profile(folder / name) if name.endswith(".yaml") else load_profile(name))
         except InputError as error:
             said = "; ".join(p.message for p in error.problems) or f"{error}"
             problems.append(source.problem(path, said))

@@ -46,9 +46,7 @@ def load_yaml(path: str | Path) -> Document:
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise InputError(
-            Problem(file=str(path), line=0, field="", message=f"cannot be read: {error.strerror}")
-        ) from error
+        raise InputError(Problem(file=str(path), line=0, field="", message=f"cannot be read: {error.strerror}")) from error
     except UnicodeDecodeError as error:
         said = f"byte {error.start} is not UTF-8 text. Save the file as UTF-8"
         raise InputError(Problem(file=str(path), line=0, field="", message=said)) from error
@@ -59,11 +57,7 @@ def parse_yaml(text: str, file: str) -> Document:
     """The same from text; file is only a name here."""
     node = _compose(text, file)
     if node is None:
-        raise InputError(
-            Problem(
-                file=file, line=0, field="", message="is empty. Start with `vehicles:`, or run `arena init`"
-            )
-        )
+        raise InputError(Problem(file=file, line=0, field="", message="is empty. Start with `vehicles:`, or run `arena init`"))
     walk = _Walk(file)
     try:
         data = walk.value(node, ())
@@ -81,9 +75,7 @@ def parse_scalar(text: str) -> Any:
 
 def dump_yaml(data: Any) -> str:
     """Plain values as YAML that `parse_yaml` reads back equal (lists come back as tuples)."""
-    return yaml.dump(
-        data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
-    )
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
 
 
 def _compose(text: str, file: str) -> yaml.Node | None:
@@ -95,9 +87,7 @@ def _compose(text: str, file: str) -> yaml.Node | None:
         said = " ".join(part for part in (error.problem, error.context) if part)
         hint = ". Indent with spaces, not tabs" if "\\t" in said else ""
         line = mark.line + 1 if mark else 0
-        raise InputError(
-            Problem(file=file, line=line, field="", message=f"is not YAML: {said}{hint}")
-        ) from error
+        raise InputError(Problem(file=file, line=line, field="", message=f"is not YAML: {said}{hint}")) from error
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, int(error.position)) + 1
         said = f"holds the character {error.character!r}, which YAML does not allow"
@@ -157,9 +147,7 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-_MAKERS: dict[str, Callable[[str], Any]] = {_TAG + name: make for name, _, make in _KINDS} | {
-    _TAG + "str": str
-}
+_MAKERS: dict[str, Callable[[str], Any]] = {_TAG + name: make for name, _, make in _KINDS} | {_TAG + "str": str}
 
 
 class _Walk:
@@ -199,9 +187,7 @@ class _Walk:
             return self._sequence(node, path)
         if isinstance(node, yaml.ScalarNode) and node.tag in _MAKERS:
             return self._scalar(node, path)
-        self._complain(
-            node, path, f"got the tag {node.tag.replace(_TAG, '!!')}, expected plain values. Remove the tag"
-        )
+        self._complain(node, path, f"got the tag {node.tag.replace(_TAG, '!!')}, expected plain values. Remove the tag")
         return None
 
     def _scalar(self, node: yaml.ScalarNode, path: YamlPath) -> Any:

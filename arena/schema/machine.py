@@ -49,20 +49,14 @@ class Machine:
             try:
                 probe.bind((address, port))
             except OSError as error:
-                return (
-                    "is in use" if error.errno == errno.EADDRINUSE else f"cannot be bound ({error.strerror})"
-                )
+                return "is in use" if error.errno == errno.EADDRINUSE else f"cannot be bound ({error.strerror})"
         return ""
 
     def holder(self, address: str, port: int) -> str:
         import psutil
 
         try:
-            pids = {
-                (c.laddr[0], c.pid)
-                for c in psutil.net_connections("udp4")
-                if c.laddr and c.laddr[1] == port and c.pid
-            }
+            pids = {(c.laddr[0], c.pid) for c in psutil.net_connections("udp4") if c.laddr and c.laddr[1] == port and c.pid}
             exact = sorted(pid for ip, pid in pids if ip in (address, "0.0.0.0"))
             return f"pid {exact[0]} ({psutil.Process(exact[0]).name()})" if exact else ""
         except psutil.Error:
@@ -87,7 +81,7 @@ def _missing(arena: Arena, probe: Probe) -> Iterator[str]:
     for words, tool in _tools(arena):
         folder = str(Path(arena.folder) / (tool.cwd or ""))
         if not probe.has_command(tool.argv[0], folder):
-            yield f"{arena.file}: {words}.argv: the command {tool.argv[0]!r} is not on this machine. Install it or remove the tool."
+            yield f"{arena.file}: {words}.argv: the command {tool.argv[0]!r} is not on this machine. Install it."
 
 
 def _tools(arena: Arena) -> Iterator[tuple[str, Tool]]:
@@ -103,7 +97,8 @@ def _taken(arena: Arena, probe: Probe) -> Iterator[str]:
         if why := probe.refusal(arena.address, port):
             by = probe.holder(arena.address, port) if why == "is in use" else ""
             held = f"{why} by {by}" if by else why
-            yield f"{arena.file}: UDP port {port} of {arena.address}, for {words}, {held}. End that, or give the arena another `address`."
+            wanted = f"UDP port {port} of {arena.address}, for {words}"
+            yield f"{arena.file}: {wanted}, {held}. End that, or give the arena another `address`."
 
 
 def _wanted(arena: Arena) -> Iterator[tuple[int, str]]:

@@ -51,9 +51,7 @@ def resolve(model: ArenaFile, source: Source, profiles: Mapping[str, Profile]) -
         source.origin(("mocap", "group")) if model.mocap.group else "rule: from address",
     )
     ids = _ids(model.vehicles)
-    vehicles = tuple(
-        _Merge(model, source, profiles, origins, v, folder).vehicle(ids[v]) for v in model.vehicles
-    )
+    vehicles = tuple(_Merge(model, source, profiles, origins, v, folder).vehicle(ids[v]) for v in model.vehicles)
     return Arena(
         name=name, file=source.document.file, folder=str(folder), address=model.address, world=model.world, sim=model.sim,
         mocap=model.mocap, group=group, tools=model.tools, vehicles=vehicles, origins=origins,
@@ -103,7 +101,8 @@ class _Merge:
         )
         return Vehicle(
             name=name, id=vehicle_id, profile=profile,
-            profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted, autopilot="builtin", asked=asked, position=start.position,
+            profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted,
+            autopilot="builtin", asked=asked, position=start.position,
             rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()), params=self._params(profile, vehicle_id, forward),
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
             pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),

@@ -44,9 +44,7 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
         for detail in details:
             path = tuple(part for part in detail["loc"] if part != "[key]")
             if detail["type"] in ("missing", "too_short") and any(p[: len(path)] == path for p in pruned):
-                pruned.add(
-                    _prune(data, path, missing=detail["type"] == "missing")
-                )  # it is missing because it was wrong
+                pruned.add(_prune(data, path, missing=detail["type"] == "missing"))  # it is missing because it was wrong
                 continue
             problems.append(source.problem(path, _sentence(kind, path, detail)))
             pruned.add(_prune(data, path, missing=detail["type"] == "missing"))
@@ -85,10 +83,7 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
 
 
 def _choices(detail: ErrorDetails) -> list[str]:
-    return [
-        part.strip("'")
-        for part in str(detail.get("ctx", {}).get("expected", "")).replace(" or ", ", ").split(", ")
-    ]
+    return [part.strip("'") for part in str(detail.get("ctx", {}).get("expected", "")).replace(" or ", ", ").split(", ")]
 
 
 _EXPECTED = {
