@@ -1,0 +1,38 @@
+# make demo    installs into .venv, flies the first example, says where the run and its picture are
+# make test    installs into .venv, checks style and types, runs every test
+# make bench   the benchmarks, as tables
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: demo test lint unit flights bench docs clean
+
+demo: .venv/ready
+	$(BIN)/arena up examples/01_two_quads/arena.yaml --headless --until-done --time-limit 120
+
+test: lint unit flights
+
+lint: .venv/ready
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+# Tests without an arena share the cores; whole arenas fly one after another, for they keep real time.
+unit: .venv/ready
+	$(BIN)/python -m pytest -m "not flight" -n 2 -q
+
+flights: .venv/ready
+	$(BIN)/python -m pytest -m flight -q
+
+bench: .venv/ready
+	for each in benchmarks/*.py; do $(BIN)/python $$each || exit 1; done
+
+docs: .venv/ready
+	$(BIN)/python -m arena.cli.reference
+
+.venv/ready: pyproject.toml
+	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("arena needs Python 3.11 or newer: make PYTHON=python3.11")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[sim,test]'
+	touch $@
+
+clean:
+	rm -rf .venv build runs examples/*/runs *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

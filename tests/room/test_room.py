@@ -1,0 +1,90 @@
+"""The line to the supervisor, and when a room may end without it."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+
+import pytest
+
+from arena.errors import InputError
+from arena.room import LIFELINE, Afterlife, Room, lifeline
+
+
+@pytest.fixture
+def line():
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.settimeout(2)
+    theirs.setblocking(False)
+    yield ours, theirs
+    ours.close()
+    theirs.close()
+
+
+def test_what_a_room_tells_arrives_packet_by_packet(line):
+    ours, theirs = line
+    room = Room("x", {}, theirs)
+    room.ready(**{"uav1.armed": False})
+    room.stats({"rate_hz": 60.0})
+    room.event("hello")
+    assert json.loads(ours.recv(4096)) == {"ready": True, "facts": {"uav1.armed": False}}
+    assert json.loads(ours.recv(4096)) == {"stats": {"rate_hz": 60.0}}
+    assert json.loads(ours.recv(4096)) == {"event": "hello"}
+
+
+def test_the_end_of_the_supervisor_is_noticed(line):
+    ours, theirs = line
+    room = Room("x", {}, theirs)
+    assert not room.orphaned
+    ours.close()
+    assert room.orphaned
+    assert room.orphaned
+
+
+def test_a_stopped_supervisor_never_blocks_a_room(line):
+    _, theirs = line
+    room = Room("x", {}, theirs)
+    for _ in range(10_000):
+        room.stats({"n": 1})
+    assert room.told_nobody > 0
+
+
+def test_alone_a_room_tells_nobody_and_is_no_orphan():
+    room = Room("x", {}, None)
+    room.ready()
+    assert not room.supervised
+    assert not room.orphaned
+
+
+def test_the_line_is_taken_out_of_the_environment_so_that_grandchildren_do_not_hold_it(line, monkeypatch):
+    _, theirs = line
+    monkeypatch.setenv(LIFELINE, str(os.dup(theirs.fileno())))
+    taken = lifeline()
+    assert taken is not None
+    assert LIFELINE not in os.environ
+    assert not taken.get_inheritable()
+    taken.close()
+
+
+def test_a_missing_slice_is_a_sentence(tmp_path):
+    with pytest.raises(InputError, match="no_such"):
+        Room.enter([str(tmp_path / "no_such.json")])
+
+
+def test_an_orphan_serves_until_its_vehicles_are_disarmed_for_a_while():
+    after = Afterlife(limit_s=60.0, settle_s=2.0)
+    assert not after.over(orphaned=False, any_armed=True, now=0.0)
+    assert not after.over(orphaned=True, any_armed=True, now=10.0)
+    assert not after.over(orphaned=True, any_armed=False, now=20.0)
+    assert not after.over(orphaned=True, any_armed=True, now=21.0)
+    assert not after.over(orphaned=True, any_armed=False, now=23.0)
+    assert after.over(orphaned=True, any_armed=False, now=25.1)
+
+
+def test_a_simulated_orphan_ends_after_its_limit_and_a_real_one_does_not():
+    simulated, real = Afterlife(limit_s=60.0), Afterlife(limit_s=None)
+    for after in (simulated, real):
+        assert not after.over(orphaned=True, any_armed=True, now=0.0)
+    assert simulated.over(orphaned=True, any_armed=True, now=60.0)
+    assert not real.over(orphaned=True, any_armed=True, now=1e6)

@@ -1,0 +1,52 @@
+"""The truth page: what is written is what is read, interpolated or not at all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from arena.errors import RunError, WireError
+from arena.geometry import quat_exp, quat_from_euler, quat_multiply
+from arena.wire.truth import Truth, TruthReader, TruthWriter
+
+AXIS = np.array([0.3, -0.5, 0.8])
+Q0 = quat_from_euler(np.radians([10.0, -20.0, 35.0]))
+
+
+def sample(t: float) -> Truth:
+    return Truth(
+        time_s=t, p_n=np.array([[t, 2 * t, -t]]), q_nb=quat_multiply(Q0, quat_exp(AXIS * t))[None], v_n=np.array([[1.0, 2.0, -1.0]]),
+        omega_b=AXIS[None], accel_b=np.zeros((1, 3)), motors=np.full((1, 4), 0.5),
+    )  # fmt: skip
+
+
+def test_position_and_attitude_are_interpolated_between_two_samples(tmp_path):
+    writer = TruthWriter(tmp_path / "truth", 1)
+    for k in range(100):
+        writer.write(sample(0.004 * k))
+    reader = TruthReader(tmp_path / "truth")
+    for t in (0.3001, 0.3905, 0.396):
+        found = reader.at(t)
+        assert found is not None
+        assert np.allclose(found.p_n, sample(t).p_n, atol=1e-9)
+        assert np.allclose(found.q_nb, sample(t).q_nb, atol=1e-6)
+    assert reader.newest().time_s == pytest.approx(0.396)
+
+
+def test_what_has_left_the_ring_or_has_not_happened_is_none(tmp_path):
+    writer = TruthWriter(tmp_path / "truth", 1)
+    reader = TruthReader(tmp_path / "truth")
+    assert reader.newest() is None
+    assert reader.at(0.0) is None
+    for k in range(100):
+        writer.write(sample(0.004 * k))
+    assert reader.at(0.01) is None
+    assert reader.at(0.4) is None
+
+
+def test_a_missing_or_foreign_page_is_a_sentence(tmp_path):
+    with pytest.raises(RunError, match="is the world up"):
+        TruthReader(tmp_path / "truth")
+    (tmp_path / "truth").write_bytes(bytes(800))
+    with pytest.raises(WireError, match="expected"):
+        TruthReader(tmp_path / "truth")
