@@ -10,10 +10,9 @@ there is no ceiling.
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import socket
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -219,11 +218,24 @@ class Bodies:
 def _import() -> Any:
     """pybullet, without the line it prints when imported."""
     try:
-        with contextlib.redirect_stderr(io.StringIO()):
+        with _no_stderr():
             import pybullet
     except ImportError as error:
         raise NotInstalledError("the simulated world needs pybullet: install flying-arena[sim]") from error
     return pybullet
+
+
+@contextlib.contextmanager
+def _no_stderr() -> Iterator[None]:
+    """What C code writes there, too."""
+    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(null)
 
 
 def _connect(bullet: Any, gui: bool) -> int:
