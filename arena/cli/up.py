@@ -1,7 +1,7 @@
 """`arena up`: start an arena, watch it, land it, stop it.
 
-Exit codes: 0 all good; 1 a program, vehicle, process or the landing failed; 2 the input is wrong; 130 after a Ctrl-C. `arena down` and
-SIGTERM are a normal end (0) unless `--until-done` was still waiting for a program.
+Exit codes: 0 all good; 1 a program, vehicle, process or the landing failed; 2 the input is wrong; 130 after a Ctrl-C.
+`arena down` and SIGTERM are a normal end (0) unless `--until-done` was still waiting for a program.
 """
 
 from __future__ import annotations
@@ -31,14 +31,21 @@ def register(app: typer.Typer) -> None:
         detach: Annotated[bool, typer.Option("--detach", help="return once all programs are started")] = False,
         headless: Annotated[bool, typer.Option("--headless", help="no window, no live table")] = False,
         gui: Annotated[bool, typer.Option("--gui", help="open pybullet's window")] = False,
-        until_done: Annotated[bool, typer.Option("--until-done", help="end when every program has ended and every vehicle is disarmed")] = False,
-        time_limit: Annotated[float | None, typer.Option("--time-limit", metavar="S", min=0.0, help="end after S seconds")] = None,
-        runs: Annotated[Path | None, typer.Option("--runs", metavar="DIR", help="where run folders go; else `runs` beside the YAML")] = None,
+        until_done: Annotated[
+            bool, typer.Option("--until-done", help="end when every program has ended and every vehicle is disarmed")
+        ] = False,
+        time_limit: Annotated[
+            float | None, typer.Option("--time-limit", metavar="S", min=0.0, help="end after S seconds")
+        ] = None,
+        runs: Annotated[
+            Path | None, typer.Option("--runs", metavar="DIR", help="where run folders go; else `runs` beside the YAML")
+        ] = None,
     ) -> None:
         """Start an arena and watch it until it is done or told to stop. Ctrl-C lands the vehicles first."""
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
         plan = _plan(file, overrides)
-        folder = create(plan, runs if runs is not None else file.parent / "runs")
+        beside = file if file.is_dir() else file.parent
+        folder = create(plan, runs if runs is not None else beside / "runs")
         options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True)
         if detach:
             raise SystemExit(_detached(plan, folder, options))
@@ -155,5 +162,3 @@ def _set_title(plan: Plan) -> None:
 
 def _say(text: str) -> None:
     print(text, flush=True)
-
-

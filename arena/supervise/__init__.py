@@ -7,6 +7,17 @@ from arena.supervise.show import Lines, LiveTable
 from arena.supervise.stale import sweep, sweep_all
 
 __all__ = [
-    "Control", "Lines", "LiveTable", "Options", "RunFolder", "RunState", "Supervisor", "active_runs", "create", "open_run", "plan_of",
-    "sweep", "sweep_all",
+    "Control",
+    "Lines",
+    "LiveTable",
+    "Options",
+    "RunFolder",
+    "RunState",
+    "Supervisor",
+    "active_runs",
+    "create",
+    "open_run",
+    "plan_of",
+    "sweep",
+    "sweep_all",
 ]

@@ -122,10 +122,16 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
     line = {LIFELINE: str(theirs.fileno()), RUN: run, PROCESS: spec.name}
     try:
         ours.setblocking(False)
-        popen = subprocess.Popen(  # noqa: S603
-            spec.argv, cwd=spec.cwd, env={**os.environ, **dict(spec.env), **line}, stdin=subprocess.DEVNULL,
-            stdout=output, stderr=subprocess.STDOUT, start_new_session=True, pass_fds=(theirs.fileno(),),
-            preexec_fn=_before_exec(spec),
+        popen = subprocess.Popen(
+            spec.argv,
+            cwd=spec.cwd,
+            env={**os.environ, **dict(spec.env), **line},
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            pass_fds=(theirs.fileno(),),
+            preexec_fn=_before_exec(spec),  # noqa: PLW1509  there is one thread
         )
     except (OSError, subprocess.SubprocessError, ValueError):
         ours.close()

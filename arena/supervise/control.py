@@ -4,7 +4,8 @@
     {"do": "restart", "name": "x"}     -> {"ok": true}
     {"do": "down", "now": false}       -> {"ok": true}
     {"do": "subscribe"}                -> {"ok": true}, then {"say": "..."} for everything said, until the run has ended
-A line that is none of these is answered with {"error": "..."}. No client can make the loop wait: one that does not read is dropped.
+A line that is none of these is answered with {"error": "..."}. No client can make the loop wait:
+one that does not read is dropped.
 """
 
 from __future__ import annotations

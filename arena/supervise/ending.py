@@ -1,8 +1,8 @@
 """When a run is over, whether its vehicles must land first, what may stop when, and what the run was worth. Pure.
 
 The exit code: 1 when something failed; 130 after a Ctrl-C; 0 otherwise. Failed means: a program ended with another code than 0
-before the end began; with `--until-done`, a program had not ended by itself; a process other than a tool was given up or ended with
-an error; the landing was not confirmed; a vehicle crashed.
+before the end began; with `--until-done`, a program had not ended by itself; a process other than a tool was given up or ended
+with an error; the landing was not confirmed; a vehicle crashed.
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ def is_world_gone(plan: Plan, lives: Lives) -> bool:
 def may_fly(plan: Plan, lives: Lives, facts: Mapping[str, Any], told: Mapping[str, Any]) -> list[str]:
     """Vehicles that may be in the air. facts: told by processes that still run; told: the last that was ever said.
 
-    One of which nothing is known may fly once it was last heard armed, or once any program has run. A simulated vehicle is gone with
-    its world.
+    One of which nothing is known may fly once it was last heard armed, or once any program has run. A simulated vehicle
+    is gone with its world.
     """
     world_gone = is_world_gone(plan, lives)
     programs_ran = any(lives[s.name].started for s in plan.processes if s.kind == "program")
@@ -103,7 +103,9 @@ def may_stop(plan: Plan, lives: Lives) -> set[str]:
     return {spec.name for spec in plan.processes} - held
 
 
-def failures(plan: Plan, end: End, lives: Lives, stats: Mapping[str, Mapping[str, Any]], landed: bool, until_done: bool) -> list[str]:
+def failures(
+    plan: Plan, end: End, lives: Lives, stats: Mapping[str, Mapping[str, Any]], landed: bool, until_done: bool
+) -> list[str]:
     """Everything that makes the run a failed one, in words."""
     found = [] if landed else ["the landing was not confirmed"]
     if end.cause is Cause.LOST or (end.cause is Cause.TIME_LIMIT and until_done):

@@ -83,7 +83,9 @@ class Fleet:
         for name, child in self.children.items():
             if child.cut_log() and child.cut == 1:
                 limit = children.LOG_LIMIT_BYTES >> 20
-                self.journal.event(now, name, f"its log passed {limit} MiB and was cut: it keeps its first MiB and the newest lines")
+                self.journal.event(
+                    now, name, f"its log passed {limit} MiB and was cut: it keeps its first MiB and the newest lines"
+                )
 
     def members(self) -> dict[str, Member]:
         """For state.json."""
@@ -101,7 +103,11 @@ class Fleet:
             needs_ready=all(ending.is_served(*need) for need in needs),
             needs_dead=next((need.name for need, its in needs if ending.is_dead(need, its)), ""),
             proof=self._proof(name, spec) if life.state is State.STARTING and exit is None else "",
-            exit=exit, starts_on=orders.starts_on, stop=name in orders.stop, kill=name in orders.kill, restart=restart,
+            exit=exit,
+            starts_on=orders.starts_on,
+            stop=name in orders.stop,
+            kill=name in orders.kill,
+            restart=restart,
             why="restart asked" if restart and orders.starts_on else orders.why,
         )
 
@@ -210,14 +216,24 @@ class Fleet:
         life, meter = self.lives[name], self.meters[name]
         child = self.children.get(name)
         return {
-            "kind": spec.kind, "vehicle": spec.vehicle, "state": str(life.state), "reason": life.reason,
-            "exit_code": life.exit.code if life.exit else None, "exit": life.exit.words if life.exit else None,
-            "pid": child.pid if child else None, "starts": life.started, "restarts": life.restarts,
-            "alive_s": round(meter.alive_s(now), 3), "cpu_s": round(meter.cpu_s, 3), "cpu_mean": round(meter.cpu_mean(now), 4),
-            "cpu_now": round(meter.now_cpu, 4), "rss_mb": round(meter.now_mb, 1), "rss_peak_mb": round(meter.peak_mb, 1),
-            "over_budget": meter.over_budget(spec, now), "stats": self.stats[name],
+            "kind": spec.kind,
+            "vehicle": spec.vehicle,
+            "state": str(life.state),
+            "reason": life.reason,
+            "exit_code": life.exit.code if life.exit else None,
+            "exit": life.exit.words if life.exit else None,
+            "pid": child.pid if child else None,
+            "starts": life.started,
+            "restarts": life.restarts,
+            "alive_s": round(meter.alive_s(now), 3),
+            "cpu_s": round(meter.cpu_s, 3),
+            "cpu_mean": round(meter.cpu_mean(now), 4),
+            "cpu_now": round(meter.now_cpu, 4),
+            "rss_mb": round(meter.now_mb, 1),
+            "rss_peak_mb": round(meter.peak_mb, 1),
+            "over_budget": meter.over_budget(spec, now),
+            "stats": self.stats[name],
         }
 
 
 _NOTHING = Seen()
-

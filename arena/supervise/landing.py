@@ -1,7 +1,7 @@
 """The landing before the stop: runs the plan's land task until what may fly is confirmed on the ground, or hope is gone.
 
-Simulated vehicles get some attempts within ATTEMPTS_S: nothing is lost with them. For real ones it tries again for as long as it takes:
-what serves a flying vehicle is not stopped.
+Simulated vehicles get some attempts within ATTEMPTS_S: nothing is lost with them. For real ones it tries again for as long as it
+takes: what serves a flying vehicle is not stopped.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Landing:
         return False
 
     def _try(self, flying: Sequence[str], now: float) -> None:
-        assert self._plan.land is not None  # noqa: S101  step() has looked
+        assert self._plan.land is not None
         self._tries += 1
         self._next = now + _PAUSE_S
         self.words = f"{', '.join(flying)} to land"

@@ -66,7 +66,8 @@ class Seen:
     """What the shell has seen of a process since the last step, and what is wanted of it.
 
     needs_ready: all it needs is there.  needs_dead: the name of a need that will never be there, or "".
-    proof: how readiness was proven, or "".  exit: its end, told once.  starts_on: new starts are allowed (False once the run ends).
+    proof: how readiness was proven, or "".  exit: its end, told once.
+    starts_on: new starts are allowed (False once the run ends).
     stop: it shall end.  kill: it shall end at once.  restart: a person asked for a new start.  why: the reason for these three.
     """
 
@@ -85,8 +86,8 @@ class Seen:
 class Life:
     """Where a process is in its life. Times are monotonic [s].
 
-    since: of this state.  reason: why it came here.  starts: those within the restart window.  unproven: starts in a row that
-    never became READY.  next_at: when BACKOFF is over, or when a STOPPING process is killed.
+    since: of this state.  reason: why it came here.  starts: those within the restart window.  unproven: starts in a row
+    that never became READY.  next_at: when BACKOFF is over, or when a STOPPING process is killed.
     """
 
     state: State = State.STOPPED
@@ -125,7 +126,9 @@ def _to(life: Life, state: State, reason: str, now: float) -> Life:
 def _absent(spec: ProcessSpec, life: Life, seen: Seen, now: float) -> Step:
     if not seen.starts_on or seen.stop or seen.kill:
         if life.state is State.BACKOFF:
-            return _to(life, State.EXITED, f"{_words(life)}; not started again: {seen.why or 'the run is ending'}", now), Action.NONE
+            return _to(
+                life, State.EXITED, f"{_words(life)}; not started again: {seen.why or 'the run is ending'}", now
+            ), Action.NONE
         return life, Action.NONE
     if seen.restart:
         return _start(spec, replace(life, starts=(), unproven=0), seen.why or "restart asked", now)

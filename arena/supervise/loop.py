@@ -4,8 +4,8 @@ One thread, one selector. The phases of a run:
 
     RUN  --an end-->  LAND  --on the ground, disarmed-->  STOP  --nothing runs-->  REPORT  -->  OVER
 
-RUN restarts what dies; from LAND on nothing is started any more. In LAND everything goes on running, programs too: their setters
-raise when the landing takes OFFBOARD away. A second Ctrl-C kills the programs at once; what serves a flying vehicle is never stopped
+RUN restarts what dies; from LAND on nothing is started any more. In LAND everything goes on running, programs too:
+their setters raise when the landing takes OFFBOARD away. A second Ctrl-C kills the programs at once; what serves a flying vehicle is never stopped
 before the landing has ended.
 """
 
@@ -123,9 +123,14 @@ class Supervisor:
     def status(self) -> dict[str, Any]:
         now = time.monotonic()
         return {
-            "name": self.plan.name, "run": str(self.folder.path), "phase": str(self.phase), "pid": os.getpid(),
-            "up_s": round(now - self._began, 1), "vehicles": [v.name for v in self.plan.vehicles],
-            "facts": dict(self._fleet.facts), "processes": self._fleet.table(now),
+            "name": self.plan.name,
+            "run": str(self.folder.path),
+            "phase": str(self.phase),
+            "pid": os.getpid(),
+            "up_s": round(now - self._began, 1),
+            "vehicles": [v.name for v in self.plan.vehicles],
+            "facts": dict(self._fleet.facts),
+            "processes": self._fleet.table(now),
         }
 
     def _turn(self, signals: SignalQueue) -> None:
@@ -234,23 +239,29 @@ class Supervisor:
         if alive:
             turn = ending.may_stop(self.plan, self._fleet.lives) & alive
             self._orders.stop |= turn or alive
-            self._fleet.changed = self._fleet.changed or any(
-                self._fleet.lives[name].state is not State.STOPPING for name in turn
-            )
+            self._fleet.changed = self._fleet.changed or any(self._fleet.lives[name].state is not State.STOPPING for name in turn)
             return
         self._write_outcome(now)
         self._begin_report(now)
 
     def _write_outcome(self, now: float) -> None:
-        assert self._end is not None  # noqa: S101  STOP comes after an end
+        assert self._end is not None
         landed, stats = self._landing.landed, self._fleet.stats
         failed = ending.failures(self.plan, self._end, self._fleet.lives, stats, landed, self.options.until_done)
         self._exit_code = ending.exit_code(self._end, failed, landed)
         for words in failed:
             self._event(f"failed: {words}")
         outcome.write(
-            self.folder, name=self.plan.name, began=self._began_wall, lasted_s=now - self._began, end=self._end,
-            exit_code=self._exit_code, failed=failed, landing=self._landing.words, facts=self._fleet.told, table=self._fleet.table(now),
+            self.folder,
+            name=self.plan.name,
+            began=self._began_wall,
+            lasted_s=now - self._began,
+            end=self._end,
+            exit_code=self._exit_code,
+            failed=failed,
+            landing=self._landing.words,
+            facts=self._fleet.told,
+            table=self._fleet.table(now),
         )
 
     def _begin_report(self, now: float) -> None:
@@ -284,7 +295,9 @@ class Supervisor:
             try:
                 self.folder.write_state(self.plan, members)
             except OSError as error:
-                self._event(f"state.json cannot be written ({error.strerror}): a killed supervisor's processes could not be found")
+                self._event(
+                    f"state.json cannot be written ({error.strerror}): a killed supervisor's processes could not be found"
+                )
 
     def _end_runaways(self, now: float) -> None:
         tasks = [task for task in (self._landing.task, self._report) if task is not None]

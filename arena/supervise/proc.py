@@ -96,11 +96,11 @@ def session_members(sid: int) -> list[int]:
 
 
 def _all() -> Iterator[tuple[int, list[bytes]]]:
-    for name in os.listdir("/proc"):
-        if name.isdigit():
-            fields = _stat(int(name))
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            fields = _stat(int(entry.name))
             if len(fields) >= 20:
-                yield int(name), fields
+                yield int(entry.name), fields
 
 
 def environment(pid: int) -> list[str]:
@@ -128,7 +128,7 @@ def _listening(port: int) -> set[bytes]:
 def _socket_inodes(pid: int) -> set[bytes]:
     found = set()
     with contextlib.suppress(OSError):
-        for name in os.listdir(f"/proc/{pid}/fd"):
+        for entry in Path(f"/proc/{pid}/fd").iterdir():
             with contextlib.suppress(OSError):
-                found.add(os.readlink(f"/proc/{pid}/fd/{name}").encode())
+                found.add(str(entry.readlink()).encode())
     return found

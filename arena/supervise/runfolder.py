@@ -86,14 +86,19 @@ class RunFolder:
     def spec(self, spec: ProcessSpec) -> ProcessSpec:
         """The same with every placeholder filled."""
         return dataclasses.replace(
-            spec, argv=tuple(map(self.fill, spec.argv)), cwd=self.fill(spec.cwd), env=tuple((k, self.fill(v)) for k, v in spec.env)
+            spec,
+            argv=tuple(map(self.fill, spec.argv)),
+            cwd=self.fill(spec.cwd),
+            env=tuple((k, self.fill(v)) for k, v in spec.env),
         )
 
     def log(self, name: str) -> Path:
         return self.path / "logs" / f"{name}.log"
 
     def write_state(self, plan: Plan, processes: dict[str, Member]) -> None:
-        state = RunState(name=plan.name, run=str(self.path), rt=str(self.rt), address=plan.address, supervisor=myself(), processes=processes)
+        state = RunState(
+            name=plan.name, run=str(self.path), rt=str(self.rt), address=plan.address, supervisor=myself(), processes=processes
+        )
         write_whole(self.path / "state.json", json.dumps(dataclasses.asdict(state), indent=1))
 
     def close(self) -> None:

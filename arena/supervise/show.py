@@ -11,12 +11,18 @@ from typing import Any
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 _COLOURS = {
-    "READY": "green", "STARTING": "yellow", "BACKOFF": "magenta", "STOPPING": "yellow", "FATAL": "bold red",
-    "EXITED": "cyan", "STOPPED": "dim",
+    "READY": "green",
+    "STARTING": "yellow",
+    "BACKOFF": "magenta",
+    "STOPPING": "yellow",
+    "FATAL": "bold red",
+    "EXITED": "cyan",
+    "STOPPED": "dim",
 }
-_REFRESH_S = 1.0
+_REFRESH_S, _LINES_S = 1.0, 0.2
 
 
 class Lines:
@@ -45,22 +51,24 @@ class LiveTable(Lines):
         self._console = Console()
         self._live: Live | None = Live(console=self._console, auto_refresh=False, transient=True, redirect_stderr=False)
         self._next = 0.0
+        self._waiting: list[str] = []
         self._live.start()
 
     def say(self, text: str) -> None:
+        """Kept until the next refresh: drawing the table anew below every line would slow the start."""
         if self._live is None:
             super().say(text)
-            return
-        try:
-            self._console.print(text, markup=False, highlight=False)
-        except (OSError, ValueError):
-            self._lost()
+        else:
+            self._waiting.append(text)
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        if self._live is None or now < self._next:
+        if self._live is None or now < self._next - (_REFRESH_S - _LINES_S if self._waiting else 0.0):
             return
         self._next = now + _REFRESH_S
+        lines, self._waiting = self._waiting, []
         try:
+            if lines:
+                self._console.print(Text("\n".join(lines)))
             self._live.update(picture(status()), refresh=True)
         except (OSError, ValueError):
             self._lost()
@@ -70,6 +78,8 @@ class LiveTable(Lines):
         if live is not None:
             with contextlib.suppress(OSError, ValueError):
                 live.stop()
+        for text in self._waiting:
+            super().say(text)
 
     def _lost(self) -> None:
         _silence()
@@ -82,15 +92,28 @@ def picture(status: Mapping[str, Any]) -> Group:
 
 
 def processes_table(status: Mapping[str, Any]) -> Table:
-    table = Table(box=None, pad_edge=False, title=f"{status['name']}: {status['phase']}, {status['up_s']:.0f} s", title_justify="left")
-    for name, justify in (("process", "left"), ("state", "left"), ("cpu %", "right"), ("MB", "right"), ("restarts", "right"), ("", "left")):
+    table = Table(
+        box=None, pad_edge=False, title=f"{status['name']}: {status['phase']}, {status['up_s']:.0f} s", title_justify="left"
+    )
+    for name, justify in (
+        ("process", "left"),
+        ("state", "left"),
+        ("cpu %", "right"),
+        ("MB", "right"),
+        ("restarts", "right"),
+        ("", "left"),
+    ):
         table.add_column(name, justify="right" if justify == "right" else "left", no_wrap=True)
     for name, row in status["processes"].items():
         colour = _COLOURS.get(row["state"], "")
         calm = row["state"] in ("READY", "STARTING")
         table.add_row(
-            name, f"[{colour}]{row['state']}[/]", f"{100 * row['cpu_now']:.0f}", f"{row['rss_mb']:.0f}", str(row["restarts"] or ""),
-            rates(row["stats"]) if calm else str(row["reason"]).replace("[", "\\["),
+            name,
+            Text(row["state"], style=colour),
+            f"{100 * row['cpu_now']:.0f}",
+            f"{row['rss_mb']:.0f}",
+            str(row["restarts"] or ""),
+            Text(rates(row["stats"]) if calm else str(row["reason"])),
         )
     return table
 
@@ -101,7 +124,7 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
         table.add_column(name)
     for vehicle in status["vehicles"]:
         told = [status["facts"].get(f"{vehicle}.{what}") for what in ("mode", "armed", "landed")]
-        table.add_row(vehicle, *(_word(value) for value in told))
+        table.add_row(vehicle, *(Text(_word(value)) for value in told))
     return table
 
 
@@ -112,7 +135,9 @@ def rates(stats: Mapping[str, Any]) -> str:
 
 
 def _word(value: Any) -> str:
-    return {None: "-", True: "yes", False: "no"}.get(value, str(value)) if value is None or isinstance(value, bool) else str(value)
+    return (
+        {None: "-", True: "yes", False: "no"}.get(value, str(value)) if value is None or isinstance(value, bool) else str(value)
+    )
 
 
 def _silence() -> None:

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 
 def line() -> socket.socket:
@@ -71,7 +72,9 @@ def kills_itself() -> None:
 
 def grandchild() -> None:
     """Leaves a grandchild in its group, and one in a session of its own, then ends."""
-    code = "import os, signal, sys; print('grandchild', os.getpid(), flush=True); signal.signal(15, signal.SIG_IGN); signal.pause()"
+    code = (
+        "import os, signal, sys; print('grandchild', os.getpid(), flush=True); signal.signal(15, signal.SIG_IGN); signal.pause()"
+    )
     subprocess.Popen([sys.executable, "-c", code])
     subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
     tell(ready=True)
@@ -95,7 +98,14 @@ def closes_its_line() -> None:
 
 def garbage() -> None:
     mine = line()
-    for packet in (b"\xff\x00\xfe", b"[1, 2]", b"{", b"[" * 60_000, b"null", b'{"facts": 3, "stats": [], "event": {}, "ready": "yes"}'):
+    for packet in (
+        b"\xff\x00\xfe",
+        b"[1, 2]",
+        b"{",
+        b"[" * 60_000,
+        b"null",
+        b'{"facts": 3, "stats": [], "event": {}, "ready": "yes"}',
+    ):
         mine.send(packet)
     mine.send(b'{"ready": true, "stats": {"after": 1}}')
     forever()
@@ -131,7 +141,7 @@ def world() -> None:
                 return
         except TimeoutError:
             pass
-        if watched and os.path.exists(watched):
+        if watched and Path(watched).exists():
             mine.send(json.dumps({"facts": {name: False for name in facts}}).encode())
             watched = ""
 
@@ -140,11 +150,11 @@ def lands() -> None:
     """A land task: waits for the file of its argument if any, touches `landed`, ends."""
     print("landing all", flush=True)
     deadline = time.monotonic() + 20
-    while len(sys.argv) > 2 and not os.path.exists(sys.argv[2]):
+    while len(sys.argv) > 2 and not Path(sys.argv[2]).exists():
         if time.monotonic() > deadline:
             sys.exit(1)
         time.sleep(0.02)
-    open("landed", "w").close()
+    Path("landed").touch()
     print("landed all", flush=True)
 
 

@@ -32,8 +32,11 @@ def eventually(check: Callable[[], Any], limit_s: float = 10.0, what: str = "") 
 
 def spec(name: str, kind_of_child: str, *arguments: str, **changes: Any) -> ProcessSpec:
     given: dict[str, Any] = {
-        "name": name, "kind": "tool", "argv": (sys.executable, str(CHILDREN / "misfit.py"), kind_of_child, *arguments),
-        "stop_timeout_s": 1.0, "restart": Restart(backoff_s=0.05, limit=3),
+        "name": name,
+        "kind": "tool",
+        "argv": (sys.executable, str(CHILDREN / "misfit.py"), kind_of_child, *arguments),
+        "stop_timeout_s": 1.0,
+        "restart": Restart(backoff_s=0.05, limit=3),
     }
     return ProcessSpec(**{**given, **changes})
 
@@ -49,8 +52,19 @@ def world(*arguments: str, **changes: Any) -> ProcessSpec:
 def vehicle(name: str = "uav1", simulated: bool = True) -> VehiclePlan:
     link = Link(autopilot_host="127.53.0.1", autopilot_port=1, partner_host="127.53.0.1", partner_port=2)
     return VehiclePlan(
-        name=name, id=1, autopilot="builtin", profile="iris", simulated=simulated, router=link, vision=link, panic=link,
-        port=3, sdk_port=4, tools_port=5, logger_port=6, mocap_body=name,
+        name=name,
+        id=1,
+        autopilot="builtin",
+        profile="iris",
+        simulated=simulated,
+        router=link,
+        vision=link,
+        panic=link,
+        port=3,
+        sdk_port=4,
+        tools_port=5,
+        logger_port=6,
+        mocap_body=name,
     )
 
 
@@ -67,7 +81,9 @@ class Run:
         command = [sys.executable, str(CHILDREN / "supervised.py"), str(folder / "plan.json"), str(self.runs), *options]
         self.out = folder / "out.txt"
         with self.out.open("wb") as out:
-            self.process = subprocess.Popen(command, start_new_session=True, **{"stdout": out, "stderr": subprocess.STDOUT, **popen})
+            self.process = subprocess.Popen(
+                command, start_new_session=True, **{"stdout": out, "stderr": subprocess.STDOUT, **popen}
+            )
 
     @property
     def folder(self) -> Path:
@@ -88,8 +104,10 @@ class Run:
 
     def until(self, process: str, state: str, times: int = 1) -> dict[str, Any]:
         """Wait for a transition of a process into a state."""
+
         def found() -> list[dict[str, Any]]:
             return [e for e in self.events(process) if e.get("to") == state]
+
         return eventually(lambda: len(found()) >= times and found()[times - 1], what=f"{process} {state}, {self.said()}")
 
     def until_said(self, words: str) -> None:

@@ -9,7 +9,11 @@ from arena.plan.model import ProcessSpec, Restart
 from arena.supervise.life import ALIVE, ENDED, Action, Exit, Life, Seen, State, step
 
 SPEC = ProcessSpec(
-    name="x", kind="tool", argv=("x",), start_timeout_s=5.0, stop_timeout_s=2.0,
+    name="x",
+    kind="tool",
+    argv=("x",),
+    start_timeout_s=5.0,
+    stop_timeout_s=2.0,
     restart=Restart(mode="on_failure", limit=3, window_s=30.0, backoff_s=0.25),
 )
 NEVER = ProcessSpec(name="x", kind="program", argv=("x",), ready="started")
@@ -45,7 +49,9 @@ def test_a_dead_need_is_fatal_and_named():
 def test_the_back_off_doubles_and_is_waited_for():
     life, _ = walk(SPEC, (0, READY_NEEDS), (0.1, Seen(proof="p")), (1, Seen(exit=FAILED)))
     assert life.state is State.BACKOFF and life.next_at == 1.25
-    life, actions = walk(SPEC, (1.24, READY_NEEDS), (1.25, READY_NEEDS), (1.3, Seen(proof="p")), (2, Seen(exit=FAILED)), life=life)
+    life, actions = walk(
+        SPEC, (1.24, READY_NEEDS), (1.25, READY_NEEDS), (1.3, Seen(proof="p")), (2, Seen(exit=FAILED)), life=life
+    )
     assert actions[:2] == [Action.NONE, Action.START] and life.next_at == 2.5
 
 
@@ -77,8 +83,16 @@ def test_a_program_that_ends_within_one_turn_has_run():
 
 
 def test_what_does_not_stop_in_time_is_killed_and_killed_again():
-    _, actions = walk(SPEC, (0, READY_NEEDS), (1, Seen(proof="p")), (2, Seen(stop=True)), (3.9, Seen(stop=True)),
-                      (4, Seen(stop=True)), (4.5, Seen(stop=True)), (5, Seen(stop=True)))
+    _, actions = walk(
+        SPEC,
+        (0, READY_NEEDS),
+        (1, Seen(proof="p")),
+        (2, Seen(stop=True)),
+        (3.9, Seen(stop=True)),
+        (4, Seen(stop=True)),
+        (4.5, Seen(stop=True)),
+        (5, Seen(stop=True)),
+    )
     assert actions[2:] == [Action.TERMINATE, Action.NONE, Action.KILL, Action.NONE, Action.KILL]
 
 
@@ -103,12 +117,22 @@ def test_the_given_up_can_be_started_by_a_person():
 
 
 seens = st.builds(
-    Seen, needs_ready=st.booleans(), needs_dead=st.sampled_from(["", "", "", "w"]), proof=st.sampled_from(["", "", "p"]),
+    Seen,
+    needs_ready=st.booleans(),
+    needs_dead=st.sampled_from(["", "", "", "w"]),
+    proof=st.sampled_from(["", "", "p"]),
     exit=st.sampled_from([None, None, FAILED, Exit(code=0, words="exit 0"), Exit(code=127, words="no", ran=False)]),
-    starts_on=st.booleans(), stop=st.booleans(), kill=st.sampled_from([False, False, True]), restart=st.sampled_from([False, False, True]),
+    starts_on=st.booleans(),
+    stop=st.booleans(),
+    kill=st.sampled_from([False, False, True]),
+    restart=st.sampled_from([False, False, True]),
 )
 specs = st.builds(
-    ProcessSpec, name=st.just("x"), kind=st.just("tool"), argv=st.just(("x",)), ready=st.sampled_from(["told", "started"]),
+    ProcessSpec,
+    name=st.just("x"),
+    kind=st.just("tool"),
+    argv=st.just(("x",)),
+    ready=st.sampled_from(["told", "started"]),
     restart=st.builds(Restart, mode=st.sampled_from(["never", "on_failure", "always"]), limit=st.integers(1, 4)),
 )
 walks = st.lists(st.tuples(st.floats(0.0, 20.0), seens), max_size=60)

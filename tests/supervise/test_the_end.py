@@ -22,8 +22,11 @@ def flying(tmp_path: Path, *more, simulated=True, landing="lands", waits=True, p
     go = (str(tmp_path / "go"),) if waits else ()
     land = spec("land", landing, *go, kind="task")
     return plan_of(
-        world(ARMED, "{}", "landed"), program("p", program_kind, needs=("world",)), *more,
-        vehicles=(vehicle(simulated=simulated),), land=land,
+        world(ARMED, "{}", "landed"),
+        program("p", program_kind, needs=("world",)),
+        *more,
+        vehicles=(vehicle(simulated=simulated),),
+        land=land,
     )
 
 
@@ -100,7 +103,9 @@ def test_a_real_vehicle_is_served_until_its_landing_is_confirmed(start, tmp_path
 
 def test_until_done_waits_until_the_vehicle_is_disarmed_for_good(start, tmp_path):
     plan = plan_of(
-        world(ARMED, "{}", str(tmp_path / "disarmed")), program("p", "exits", "0", needs=("world",)), vehicles=(vehicle(),),
+        world(ARMED, "{}", str(tmp_path / "disarmed")),
+        program("p", "exits", "0", needs=("world",)),
+        vehicles=(vehicle(),),
         land=spec("land", "lands", kind="task"),
     )
     run = start(plan, "until_done")
@@ -122,7 +127,11 @@ def test_the_loss_of_the_world_ends_and_fails_the_run_without_a_landing(start, t
 def test_when_the_teller_of_armed_has_died_the_landing_is_run_all_the_same(start, tmp_path):
     router = spec("router", "world", ARMED, kind="router", restart=spec("x", "good").restart)
     plan = plan_of(
-        world(), router, program("p", "sleeps", needs=("router",)), vehicles=(vehicle(),), land=spec("land", "lands", kind="task"),
+        world(),
+        router,
+        program("p", "sleeps", needs=("router",)),
+        vehicles=(vehicle(),),
+        land=spec("land", "lands", kind="task"),
     )
     run = begin(start, plan)
     os.kill(run.pid("router"), signal.SIGKILL)
@@ -192,7 +201,9 @@ def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_iden
 def start_bystander():
     import subprocess
 
-    return subprocess.Popen([sys.executable, str(CHILDREN / "misfit.py"), "sleeps"], start_new_session=True, stdout=subprocess.DEVNULL)
+    return subprocess.Popen(
+        [sys.executable, str(CHILDREN / "misfit.py"), "sleeps"], start_new_session=True, stdout=subprocess.DEVNULL
+    )
 
 
 def run_python(code: str) -> str:
