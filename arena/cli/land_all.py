@@ -1,0 +1,24 @@
+"""`arena land-all`: the panic path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from arena.safety.land_all import TIMEOUT_S, land_all, names
+
+
+def register(app: typer.Typer) -> None:
+    @app.command("land-all")
+    def land_all_(
+        arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, where no run is active")] = None,  # noqa: UP045
+        run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
+        only: Annotated[str, typer.Option(help="Vehicles to land, as a,b; all by default.")] = "",
+        spared: Annotated[str, typer.Option("--except", help="Vehicles to leave alone, as a,b.")] = "",
+        timeout: Annotated[float, typer.Option(help="When to give up [s].")] = TIMEOUT_S,
+    ) -> None:
+        """Land every vehicle, until each is on the ground and disarmed. Needs no supervisor and no router."""
+        code = land_all(arena=arena, run=run, only=names(only), spared=names(spared), timeout_s=timeout)
+        raise typer.Exit(code)

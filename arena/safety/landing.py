@@ -1,0 +1,184 @@
+"""One vehicle brought to the ground, or stopped: bytes and time in, bytes and state out. No sockets, no clocks.
+
+Nothing counts as confirmed but what the autopilot itself said after we began: a HEARTBEAT without the armed bit and, for a
+landing, EXTENDED_SYS_STATE on the ground.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.wire.mavframe import cut
+from arena.wire.px4mode import AUTO_LAND, mode_words
+
+SYSTEM = 253
+RETRY_S = 0.5
+ASK_AFTER_S = 1.0
+DISARM_AFTER_S = 3.0
+_HEARTBEAT_S = 1.0
+_FORCE = 21196.0  # MAV_CMD_COMPONENT_ARM_DISARM: stop the motors, flying or not
+_AUTOPILOT = 1
+_NAN = float("nan")
+_READ = {
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
+}
+_WORDS = {
+    mavlink.MAV_CMD_DO_SET_MODE: "land mode", mavlink.MAV_CMD_NAV_LAND: "landing",
+    mavlink.MAV_CMD_COMPONENT_ARM_DISARM: "disarming",
+}
+_RESULTS = {
+    mavlink.MAV_RESULT_TEMPORARILY_REJECTED: "temporarily rejected", mavlink.MAV_RESULT_DENIED: "denied",
+    mavlink.MAV_RESULT_UNSUPPORTED: "unsupported", mavlink.MAV_RESULT_FAILED: "failed",
+    6: "cancelled",  # not in every version's dialect
+}
+
+Action = Literal["land", "kill"]
+
+
+@dataclass(kw_only=True)
+class Known:
+    """The vehicle's own words since we began; None where it has said nothing. Times are monotonic [s]."""
+
+    heard_at: float | None = None
+    armed: bool | None = None
+    landed: bool | None = None
+    mode: str | None = None
+    landed_since: float | None = None
+    was_up: bool = False  # armed, or off the ground, at any time since
+
+
+class Landing:
+    """Ask `due` what to send a few times a second, `hear` what comes, look at `confirmed`; `line` tells the end."""
+
+    def __init__(self, *, name: str, system: int, component: int, action: Action = "land", now: float) -> None:
+        """system: of the vehicle.  component: ours, so that acknowledgements meet us.  now: monotonic [s]."""
+        self.name, self.system, self.action = name, system, action
+        self.known = Known()
+        self.refusal = ""
+        self._voice = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=component)
+        self._ear = mavlink.MAVLink(None)
+        self._component = component
+        self._began = self._next_send = self._next_heartbeat = now
+        self._confirmed_at: float | None = None
+
+    @property
+    def confirmed(self) -> bool:
+        return self._confirmed_at is not None
+
+    def due(self, now: float) -> list[bytes]:
+        """Frames to send now, on every path there is."""
+        frames = []
+        if now >= self._next_heartbeat:
+            self._next_heartbeat = now + _HEARTBEAT_S
+            frames.append(self._pack(mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3)))
+        if now >= self._next_send and not self.confirmed:
+            self._next_send = now + RETRY_S
+            frames += self._kill() if self.action == "kill" else self._land(now)
+        return frames
+
+    def hear(self, data: bytes | memoryview, now: float) -> None:
+        """One datagram, whatever it holds."""
+        for frame in cut(data).frames:
+            if frame.msgid in _READ and frame.sysid == self.system and frame.compid == _AUTOPILOT:
+                try:
+                    message = self._ear.decode(bytearray(data[frame.start : frame.end]))
+                except mavlink.MAVError:  # of the known length, yet not the known layout
+                    continue
+                self._learn(message, now)
+        self._judge(now)
+
+    def line(self, now: float) -> str:
+        """What is known of this vehicle, in one line."""
+        if self._confirmed_at is None:
+            return f"{self.name}: NOT CONFIRMED: {self._knowledge(now)}"
+        after = f"after {self._confirmed_at - self._began:.1f} s"
+        if self.action == "kill":
+            return f"{self.name}: motors stopped {after}"
+        return f"{self.name}: landed and disarmed {after}" if self.known.was_up else f"{self.name}: already on the ground"
+
+    def _knowledge(self, now: float) -> str:
+        known = self.known
+        if known.heard_at is None:
+            return "not heard at all"
+        words = [f"last heard {now - known.heard_at:.0f} s ago"]
+        words.append({None: "armed or not is unknown", True: "armed", False: "disarmed"}[known.armed])
+        words.append({None: "in the air or not is unknown", True: "on the ground", False: "in the air"}[known.landed])
+        words.append(f"mode {known.mode}" if known.mode else "mode unknown")
+        return ", ".join(words + ([self.refusal] if self.refusal else []))
+
+    def _land(self, now: float) -> list[bytes]:
+        known, frames = self.known, []
+        if known.mode != "AUTO.LAND":
+            main, sub = AUTO_LAND
+            custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+            frames.append(self._command(mavlink.MAV_CMD_DO_SET_MODE, custom, main, sub))
+            frames.append(self._command(mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, _NAN, _NAN, _NAN, _NAN))
+        if known.landed_since is not None and known.armed and now - known.landed_since > DISARM_AFTER_S:
+            frames.append(self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0))
+        if now - self._began >= ASK_AFTER_S:
+            if known.armed is None:
+                frames.append(self._ask(mavlink.MAVLINK_MSG_ID_HEARTBEAT))
+            if known.landed is None:
+                frames.append(self._ask(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE))
+        return frames
+
+    def _kill(self) -> list[bytes]:
+        return [self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, _FORCE)]
+
+    def _ask(self, message: int) -> bytes:
+        return self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, 200_000)
+
+    def _command(self, number: int, *params: float) -> bytes:
+        filled = (*params, *(0.0,) * (7 - len(params)))
+        return self._pack(mavlink.MAVLink_command_long_message(self.system, _AUTOPILOT, number, 0, *filled))
+
+    def _pack(self, message: Any) -> bytes:
+        packed: bytes = message.pack(self._voice)
+        self._voice.seq = (self._voice.seq + 1) % 256
+        return packed
+
+    def _learn(self, message: Any, now: float) -> None:
+        known = self.known
+        known.heard_at = now
+        number = message.get_msgId()
+        if number == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            known.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            known.mode = mode_words(message.custom_mode)
+        elif number == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
+            self._learn_landed(message.landed_state, now)
+        else:
+            self._learn_answer(message)
+        known.was_up |= bool(known.armed) or known.landed is False
+
+    def _learn_landed(self, state: int, now: float) -> None:
+        if state == mavlink.MAV_LANDED_STATE_UNDEFINED:
+            return
+        self.known.landed = state == mavlink.MAV_LANDED_STATE_ON_GROUND
+        if not self.known.landed:
+            self.known.landed_since = None
+        elif self.known.landed_since is None:
+            self.known.landed_since = now
+
+    def _learn_answer(self, ack: Any) -> None:
+        if ack.target_system not in (0, SYSTEM) or ack.target_component not in (0, self._component):
+            return
+        words = _WORDS.get(ack.command)
+        if words is None:
+            return
+        if ack.result == mavlink.MAV_RESULT_ACCEPTED:
+            self.refusal = ""
+        elif ack.result in _RESULTS:
+            self.refusal = f"{words} refused: {_RESULTS[ack.result]}"
+
+    def _judge(self, now: float) -> None:
+        known = self.known
+        down = known.armed is False and (self.action == "kill" or known.landed is True)
+        if not down:
+            self._confirmed_at = None
+        elif self._confirmed_at is None:
+            self._confirmed_at = now
+            self._next_send = now

@@ -1,0 +1,188 @@
+"""land-all and kill-all over sockets, against autopilots that obey, refuse, are deaf, or are hard to hear."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from fakes import LAND, OFFBOARD, Fake, Fleet, target
+
+from arena.safety.panic import bring_down, own_component
+from arena.safety.targets import Target
+
+
+def land(targets, timeout_s=20.0, action="land"):
+    lines = []
+    return bring_down(targets, action=action, timeout_s=timeout_s, say=lines.append), lines
+
+
+def test_all_are_landed_and_confirmed():
+    with Fleet([Fake(system=1), Fake(system=2, land_s=0.4)], "127.54.30.1") as fleet:
+        code, lines = land(fleet.targets)
+    assert code == 0
+    assert [line.split(" after ")[0] for line in lines] == ["uav1: landed and disarmed", "uav2: landed and disarmed"]
+    assert all(fake.mode == LAND and not fake.armed and fake.landed for fake in fleet.fakes.values())
+    assert {(s, c) for fake in fleet.fakes.values() for s, c, _ in fake.heard} == {(253, own_component())}
+
+
+@pytest.mark.parametrize("path", ["panic", "tools"])
+def test_one_way_is_enough(path):
+    """The router may be dead, or a second land-all may hold the panic link."""
+    with Fleet([Fake(system=1)], "127.54.31.1", paths=(path,)) as fleet:
+        assert land(fleet.targets)[0] == 0
+
+
+def test_a_taken_panic_port_still_lets_it_command_and_hear_through_the_router():
+    with Fleet([Fake(system=1)], "127.54.32.1") as fleet, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(fleet.targets[0].partner)
+        assert land(fleet.targets)[0] == 0
+
+
+def test_with_the_panic_port_taken_and_no_router_it_lands_unheard_and_says_so():
+    with (
+        Fleet([Fake(system=1)], "127.54.33.1", paths=("panic",)) as fleet,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        other.bind(fleet.targets[0].partner)
+        code, lines = land(fleet.targets, timeout_s=1.0)
+    assert fleet.fakes[1].mode == LAND
+    assert (code, lines) == (1, ["uav1: NOT CONFIRMED: not heard at all"])
+
+
+def test_one_that_refuses_is_not_confirmed_with_its_reason_and_the_others_land():
+    with Fleet([Fake(system=1), Fake(system=2, obeys=False)], "127.54.34.1") as fleet:
+        code, lines = land(fleet.targets, timeout_s=2.0)
+    assert code == 1
+    assert any(line.startswith("uav2: ") and line.endswith("refused: denied; trying on") for line in lines[:-2])
+    assert lines[-2].startswith("uav1: landed and disarmed")
+    assert lines[-1].startswith("uav2: NOT CONFIRMED: last heard 0 s ago, armed, in the air, mode OFFBOARD")
+    assert len([c for c in fleet.fakes[2].told if c[0] == 176]) >= 6  # two paths, each half second
+    assert all(c[0] != 400 for c in fleet.fakes[2].told)
+    assert fleet.fakes[2].armed
+
+
+def test_a_deaf_one_is_not_confirmed():
+    with Fleet([Fake(system=1)], "127.54.35.1") as fleet:
+        code, lines = land([*fleet.targets, target(2, "127.54.35.1")], timeout_s=1.0)
+    assert code == 1
+    assert lines[-1] == "uav2: NOT CONFIRMED: not heard at all"
+
+
+def test_with_a_third_of_all_datagrams_lost_everybody_lands():
+    with Fleet([Fake(system=k) for k in (1, 2, 3)], "127.54.36.1", paths=("panic",), loss=0.3) as fleet:
+        assert land(fleet.targets)[0] == 0
+
+
+def test_one_on_the_ground_but_armed_is_disarmed_without_force():
+    fake = Fake(system=1, landed=True, disarms=False, mode=OFFBOARD)
+    with Fleet([fake], "127.54.37.1") as fleet:
+        code, lines = land(fleet.targets)
+    assert code == 0
+    assert not fake.armed
+    assert {c for c in fake.told if c[0] == 400} == {(400, 0.0, 0.0)}
+    assert lines[-1].startswith("uav1: landed and disarmed after 3.")
+
+
+def test_one_that_stands_there_is_left_alone():
+    with Fleet([Fake(system=1, landed=True, armed=False)], "127.54.38.1") as fleet:
+        assert land(fleet.targets) == (0, ["uav1: already on the ground"])
+
+
+def test_killing_stops_the_motors_in_the_air():
+    with Fleet([Fake(system=1, obeys=False)], "127.54.39.1") as fleet:
+        code, lines = land(fleet.targets, action="kill")
+    assert code == 0
+    assert lines[0].startswith("uav1: motors stopped after ")
+    assert {c[:3] for c in fleet.fakes[1].told} == {(400, 0.0, 21196.0)}
+
+
+def test_a_strangers_good_news_is_not_believed():
+    """A heartbeat on the ground from anywhere but the vehicle's own link or router."""
+    host = "127.54.40.1"
+    lie = Fake(system=1, landed=True, armed=False)
+    moved = Target(name="uav1", id=1, autopilot=(host, 30000), partner=target(1, host).partner, tools=(host, 30001))
+    with Fleet([lie], host, paths=("panic",)):
+        code, lines = land([moved], timeout_s=0.5)
+    assert (code, lines) == (1, ["uav1: NOT CONFIRMED: not heard at all"])
+
+
+# the commands
+
+
+def arena(*arguments, module="arena.cli", cwd=None, env=None):
+    return subprocess.run(
+        [sys.executable, "-m", module, *map(str, arguments)], capture_output=True, text=True, timeout=60, cwd=cwd,
+        env={**os.environ, **(env or {})},
+    )
+
+
+def empty_runtime(tmp_path):
+    return {"XDG_RUNTIME_DIR": str(tmp_path), "TMPDIR": str(tmp_path)}
+
+
+def test_the_command_lands_from_a_broken_yaml_and_ends_with_0(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.54.41.1\nworld: {size: [\nvehicles:\n  one: {profile: nosuch}\n  two: {start: [0, 0}\n")
+    with Fleet([Fake(system=1), Fake(system=2)], "127.54.41.1"):
+        done = arena("land-all", file, "--timeout", "20", env=empty_runtime(tmp_path))
+    assert done.returncode == 0, done.stderr
+    first, *rest = done.stdout.splitlines()
+    assert first == f"landing one, two ({file})"
+    assert [line.split(" after")[0] for line in rest] == ["one: landed and disarmed", "two: landed and disarmed"]
+
+
+def test_the_command_spares_those_it_is_told_to(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.54.42.1\nvehicles:\n  one:\n  two:\n")
+    with Fleet([Fake(system=1), Fake(system=2)], "127.54.42.1") as fleet:
+        done = arena("land-all", file, "--except", "two", env=empty_runtime(tmp_path))
+    assert done.returncode == 0
+    assert not fleet.fakes[2].told
+    assert arena("land-all", file, "--only", "three", env=empty_runtime(tmp_path)).returncode == 2
+
+
+@pytest.mark.parametrize("module", ["arena.cli", "arena.safety.land_all"])
+def test_one_not_confirmed_ends_with_1(tmp_path, module):
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.54.43.1\nvehicles:\n  one:\n")
+    verb = ("land-all",) if module == "arena.cli" else ()
+    done = arena(*verb, file, "--timeout", "0.3", module=module, env=empty_runtime(tmp_path))
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (1, "one: NOT CONFIRMED: not heard at all")
+
+
+def test_kill_all_wants_a_yes(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.54.44.1\nvehicles:\n  one:\n")
+    with Fleet([Fake(system=1)], "127.54.44.1") as fleet:
+        refused = arena("kill-all", file, env=empty_runtime(tmp_path))
+        assert not fleet.fakes[1].told
+        done = arena("kill-all", file, "--yes", env=empty_runtime(tmp_path))
+    assert (refused.returncode, done.returncode) == (2, 0)
+    assert "--yes" in refused.stderr
+    assert not fleet.fakes[1].armed
+
+
+def test_the_panic_path_imports_nothing_heavy():
+    code = "import sys, json, arena.safety.land_all; print(json.dumps(sorted(sys.modules)))"
+    loaded = set(json.loads(arena_python(code)))
+    assert not loaded & {"numpy", "pydantic", "rich", "typer", "matplotlib", "pybullet", "psutil", "arena.schema", "jinja2"}
+
+
+def arena_python(code):
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True).stdout
+
+
+def test_fifty_vehicles_are_all_commanded_soon_after_the_start_of_the_process(tmp_path, record_property):
+    file, host = tmp_path / "arena.yaml", "127.54.45.1"
+    file.write_text(f"address: {host}\nvehicles:\n" + "".join(f"  v{k}:\n" for k in range(1, 51)))
+    with Fleet([Fake(system=k) for k in range(1, 51)], host) as fleet:
+        began = time.monotonic()
+        done = arena(file, module="arena.safety.land_all", env=empty_runtime(tmp_path))
+        last = max(fleet.first_command.values()) - began
+    assert done.returncode == 0, done.stdout
+    record_property("last_first_command_s", last)
+    print(f"last of fifty first commands {last:.2f} s after the start of the process")
+    assert last < 5.0

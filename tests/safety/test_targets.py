@@ -1,0 +1,176 @@
+"""Whom land-all lands: the running plan, else a YAML however broken."""
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+
+import pytest
+from fakes import target
+from hypothesis import given
+from hypothesis import strategies as st
+
+from arena.errors import InputError
+from arena.plan.model import Link, Plan, VehiclePlan
+from arena.safety.lenient import read_yaml, vehicles_of
+from arena.safety.targets import active_runs, choose, find, from_plan, from_yaml
+from arena.schema.ports import vehicle_ports
+
+HOST = "127.54.20.1"
+
+
+def link(k, at, host=HOST):
+    base = 24000 + 10 * k + at
+    return Link(autopilot_host=host, autopilot_port=base, partner_host=host, partner_port=base + 1)
+
+
+def plan(ids=(1, 2), host=HOST):
+    vehicles = tuple(
+        VehiclePlan(name=f"uav{k}", id=k, autopilot="builtin", profile="iris", simulated=True, router=link(k, 0, host),
+                    vision=link(k, 2, host), panic=link(k, 4, host), port=16000 + k, sdk_port=22000 + k,
+                    tools_port=24006 + 10 * k, logger_port=24007 + 10 * k, mocap_body=f"uav{k}")
+        for k in ids
+    )
+    return Plan(name="lab", address=host, vehicles=vehicles, processes=())
+
+
+@pytest.fixture
+def runtime(tmp_path, monkeypatch):
+    """An empty runtime folder, and a function that makes an active run."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "rt"))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.chdir(tmp_path)
+
+    def make(name, a_plan, pid=None):
+        folder, rt = tmp_path / "runs" / name, tmp_path / "rt" / "arena" / name
+        folder.mkdir(parents=True)
+        rt.mkdir(parents=True)
+        (rt / "run").write_text(str(folder))
+        (folder / "plan.json").write_text(a_plan.to_json())
+        state = {"supervisor": {"pid": pid or os.getpid()}, "processes": {}}
+        (folder / "state.json").write_text(json.dumps(state))
+        return folder
+
+    return make
+
+
+def test_the_rule_of_ports_is_the_schemas():
+    for k in (1, 7, 250):
+        ports, t = vehicle_ports(k), target(k, HOST)
+        assert (t.autopilot[1], t.partner[1], t.tools[1]) == (ports.panic_autopilot, ports.panic_land_all, ports.tools)
+
+
+def test_a_plan_and_the_yaml_it_came_from_name_the_same_addresses(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text(f"address: {HOST}\nvehicles:\n  uav1: {{}}\n  uav2: {{id: 2}}\n")
+    assert from_yaml(file).targets == from_plan(plan().to_json()) == (target(1, HOST), target(2, HOST))
+
+
+def test_the_running_plan_is_read_before_any_yaml(runtime, tmp_path):
+    (tmp_path / "arena.yaml").write_text("vehicles:\n  other:\n")
+    folder = runtime("a", plan((3,)))
+    assert active_runs() == [folder]
+    assert find().targets == (target(3, HOST),)
+    assert find().source == str(folder)
+
+
+def test_every_active_run_is_landed(runtime):
+    runtime("a", plan((1,)))
+    runtime("b", plan((1,), host="127.54.20.2"))
+    assert find().targets == (target(1, HOST), target(1, "127.54.20.2"))
+
+
+def test_a_yaml_takes_the_running_plan_of_its_address_and_no_other(runtime, tmp_path):
+    runtime("a", plan((3,)))
+    same, other = tmp_path / "same.yaml", tmp_path / "other.yaml"
+    same.write_text(f"address: {HOST}\nvehicles: {{x: }}\n")
+    other.write_text("address: 127.54.20.9\nvehicles: {x: }\n")
+    assert find(arena=same).targets == (target(3, HOST),)
+    assert find(arena=other).targets == (target(1, "127.54.20.9", "x"),)
+
+
+def test_a_run_of_which_nothing_runs_is_no_active_run(runtime):
+    gone = next(pid for pid in range(2**22 - 1, 0, -1) if not Path(f"/proc/{pid}").exists())
+    runtime("a", plan(), pid=gone)
+    assert active_runs() == []
+
+
+def test_a_state_that_cannot_be_read_counts_as_running(runtime):
+    folder = runtime("a", plan())
+    (folder / "state.json").write_text("{")
+    assert active_runs() == [folder]
+
+
+def test_a_broken_plan_falls_back_to_the_yaml_of_its_run(runtime):
+    folder = runtime("a", plan())
+    (folder / "plan.json").write_text('{"vehicles": [{"name": ')
+    (folder / "arena.yaml").write_text(f"address: {HOST}\nvehicles:\n  uav1:\n")
+    assert find(run=folder).targets == find().targets == (target(1, HOST),)
+
+
+def test_nothing_to_land_says_what_to_do(runtime):
+    with pytest.raises(InputError, match="no run is active, and there is no arena.yaml here"):
+        find()
+
+
+def test_the_yaml_of_this_folder_is_the_last_resort(runtime, tmp_path):
+    (tmp_path / "arena.yaml").write_text("vehicles:\n  uav1:\n")
+    assert [t.name for t in find().targets] == ["uav1"]
+
+
+@pytest.mark.parametrize("text", [
+    "vehicles:\n  a:\n  b:\n",
+    "vehicles: {a: {}, b: {profile: nosuch, start: {position: [.nan, 0, 0]}}}\n",
+    "wrold: {size: [1, 2\nvehicles:\n  a: {profile: iris}\n  b: {profile: iris}\n",
+    "vehicles:\n  a: {profile: iris\n  b:\n    start: [0, 0\n",
+    "vehicles:\n  a:\n\tprofile: iris\n  b: {}\n",
+    "vehicles:\n  a: {program: 'x}\n  b: {}\nsim: [}\n",
+    "vehicles:\n  a: *nowhere\n  b: &x {}\n",
+    "%bad directive\nvehicles:\n  a:\n  b:\n",
+    "name: @x\n\"vehicles\":\n    a: !!python/object:os.system {}\n    b: 2\n",
+    "vehicles:\n  a:\n  b:\nvehicle: [",
+    "\ufeffvehicles:\r\n  a:\r\n  b: {\r\n",
+])
+def test_a_yaml_wrong_anywhere_else_still_names_its_vehicles(text):
+    assert vehicles_of(read_yaml(text)) == ("127.0.0.1", [("a", 1), ("b", 2)])
+
+
+@pytest.mark.parametrize(("text", "found"), [
+    ("vehicles: {a: , b: {id: 1}, c: }", [("a", 2), ("b", 1), ("c", 3)]),
+    ("vehicles:\n  a: {id: 7, start: [}\n  b:\n    id: 4\n    start: [\n", [("a", 7), ("b", 4)]),
+    ("vehicles: {a: {id: many}, b: {id: true}, c: {id: 999}}", [("a", 1), ("b", 2), ("c", 3)]),
+])
+def test_ids_are_those_written_and_else_the_lowest_free_in_order(text, found):
+    assert vehicles_of(read_yaml(text))[1] == found
+
+
+def test_a_broken_yaml_keeps_its_address():
+    assert vehicles_of(read_yaml("address: 127.0.0.7\nworld: [\nvehicles:\n  a: {\n"))[0] == "127.0.0.7"
+
+
+@pytest.mark.parametrize("text", ["", "vehicles:", "vehicles: 3", "[1, 2]", "\x00\x01", "{{{{", "a: b: c: d"])
+def test_a_file_without_vehicles_is_told_so(tmp_path, text):
+    file = tmp_path / "arena.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError, match="no vehicle can be found"):
+        from_yaml(file)
+
+
+@given(st.text(alphabet="ab: \n\t{}[],#'\"&*!%-1", max_size=120))
+def test_any_text_is_read_without_an_error(text):
+    vehicles_of(read_yaml(text))
+
+
+def test_only_and_except_choose_and_refuse_strangers():
+    all_ = tuple(target(k, HOST) for k in (1, 2, 3))
+    assert choose(all_, only=["uav2"]) == (all_[1],)
+    assert choose(all_, spared=["uav2"]) == (all_[0], all_[2])
+    with pytest.raises(InputError, match="got vehicle uav9, expected one of uav1, uav2, uav3"):
+        choose(all_, only=["uav9"])
+
+
+def test_a_plan_from_the_model_survives_a_field_more():
+    raw = dataclasses.asdict(plan())
+    raw["vehicles"][0]["new"] = 1
+    assert len(from_plan(json.dumps(raw))) == 2
