@@ -124,6 +124,7 @@ def _open(url: str) -> tuple[socket.socket, tuple[str, int] | None]:
     address = host, int(port)
     found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     found.setblocking(False)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)  # a busy computer may look away for a second
     if kind == "udpout":
         return found, address
     try:

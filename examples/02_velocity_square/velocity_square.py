@@ -17,7 +17,7 @@ SIDES = [([1, 0, 0], 0.0), ([0, 1, 0], pi / 2), ([-1, 0, 0], pi), ([0, -1, 0], -
 
 with UAV.from_args() as uav:
     uav.start_offboard_mission()
-    above = uav.ekf.pos + [0.0, 0.0, -1.2]
+    above = uav.ekf.pos + np.array([0.0, 0.0, -1.2])
     uav.set_pos_yaw(above, 0.0, 5.0)
     for direction, yaw in SIDES:
         for _ in range(int(SIDE_S * FREQ_HZ)):

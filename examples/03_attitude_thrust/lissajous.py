@@ -45,7 +45,7 @@ def attitude_and_thrust(accel, mass):
 
 with UAV.from_args() as uav:
     uav.start_offboard_mission()
-    centre = uav.ekf.pos + [0.0, 0.0, -HEIGHT_M]
+    centre = uav.ekf.pos + np.array([0.0, 0.0, -HEIGHT_M])
     uav.set_pos_yaw(centre, 0.0, 5.0)
     began = uav.clock.now()
     while (t := uav.clock.now() - began) < 2 * LAP_S:
