@@ -142,6 +142,17 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
     return Child(spec=spec, pid=popen.pid, create_s=proc.create_time(popen.pid) or 0.0, log=log, line=ours, _popen=popen)
 
 
+def last_line(log: Path) -> str:
+    """The last line of a log that is not blank; "" when there is none."""
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - 4096))
+            lines = file.read().decode(errors="replace").splitlines()
+    except OSError:
+        return ""
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
+
 def exit_of(status: int) -> Exit:
     """A wait status in words: `exit 1`, `killed by SIGKILL`."""
     code = os.waitstatus_to_exitcode(status)

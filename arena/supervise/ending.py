@@ -112,6 +112,8 @@ def failures(
         found.append(end.why)
     for spec in plan.processes:
         then = end.lives[spec.name]
+        if then.state is State.FATAL and not then.started and found:
+            continue  # it never ran because of a failure that is named already
         words = _failure(spec, then, lives[spec.name], until_done and end.cause is not Cause.LOST)
         found.extend([f"{spec.name}: {words}"] if words and f"{spec.name}: {words}" not in found else [])
     return found + crashes(stats)

@@ -14,7 +14,7 @@ from typing import Any
 
 from arena.plan.model import Plan, ProcessSpec
 from arena.supervise import children, ending, proc
-from arena.supervise.children import Child
+from arena.supervise.children import Child, last_line
 from arena.supervise.journal import Journal
 from arena.supervise.life import ALIVE, Action, Exit, Life, Seen, State, step
 from arena.supervise.meter import Meter
@@ -126,6 +126,8 @@ class Fleet:
         if life.state is not before.state:
             self.journal.transition(now, spec.name, before.state, life.state, life.reason)
             self.changed = True
+            if life.exit is not None and before.state in (State.STARTING, State.READY):
+                self._tell_last_words(spec.name, life.exit, now)
         match action:
             case Action.START:
                 self._start(spec, now)
@@ -135,6 +137,11 @@ class Fleet:
                 self._signal(spec.name, signal.SIGKILL)
                 if life.state is before.state:
                     self.journal.event(now, spec.name, f"did not end within {spec.stop_timeout_s:g} s: SIGKILL")
+
+    def _tell_last_words(self, name: str, exit: Exit, now: float) -> None:
+        """Of a process that failed: the end of its log is what a person would look for."""
+        if exit.code and exit.ran and (line := last_line(self.folder.log(name))):
+            self.journal.event(now, name, f"its last words: {line}")
 
     def _signal(self, name: str, number: int) -> None:
         if name in self.children:

@@ -5,8 +5,8 @@ One thread, one selector. The phases of a run:
     RUN  --an end-->  LAND  --on the ground, disarmed-->  STOP  --nothing runs-->  REPORT  -->  OVER
 
 RUN restarts what dies; from LAND on nothing is started any more. In LAND everything goes on running, programs too:
-their setters raise when the landing takes OFFBOARD away. A second Ctrl-C kills the programs at once; what serves a flying vehicle is never stopped
-before the landing has ended.
+their setters raise when the landing takes OFFBOARD away. A second Ctrl-C kills the programs at once; what serves a
+flying vehicle is never stopped before the landing has ended.
 """
 
 from __future__ import annotations
@@ -267,7 +267,7 @@ class Supervisor:
     def _begin_report(self, now: float) -> None:
         self.phase = Phase.OVER
         if self.plan.report is not None:
-            begun = Task.start(self.plan.report, self.folder, REPORT_TIMEOUT_S, now, self._say)
+            begun = Task.start(self.plan.report, self.folder, REPORT_TIMEOUT_S, now, _unsaid)
             if isinstance(begun, Exit):
                 self._event(f"no report: {begun.words}")
             else:
@@ -314,3 +314,7 @@ class Supervisor:
         self._show.say(text)
         if self._control is not None:
             self._control.say(text)
+
+
+def _unsaid(text: str) -> None:
+    """The report's own output stays in its log: who started the run prints the summary that it writes."""

@@ -44,6 +44,10 @@ def sleeps() -> None:
     forever()
 
 
+def throws() -> None:
+    raise ValueError("no such setpoint")
+
+
 def burns() -> None:
     while True:
         pass

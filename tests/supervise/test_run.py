@@ -41,6 +41,12 @@ def test_a_program_killed_by_a_signal_is_named_so_and_fails_the_run(start):
     assert run.outcome["failed"] == ["p: killed by SIGKILL"]
 
 
+def test_the_last_words_of_what_fails_reach_the_terminal(start):
+    run = start(plan_of(program("p", "throws")), "until_done")
+    assert run.wait() == 1
+    assert "p: its last words: ValueError: no such setpoint" in run.said()
+
+
 def test_a_program_that_cannot_be_started_says_why(start):
     run = start(plan_of(spec("p", "x", kind="program", ready="started", argv=("/no/such/program",))), "until_done")
     assert run.wait() == 1
@@ -185,9 +191,9 @@ def test_a_crash_told_by_the_world_fails_the_run(start):
     assert run.outcome["failed"] == ["uav1 crashed: touched a wall"]
 
 
-def test_the_report_runs_after_the_outcome_is_written_and_is_shown(start):
+def test_the_report_runs_after_the_outcome_is_written(start):
     code = "import json; print('verdict', json.load(open('outcome.json'))['exit_code'])"
     report = spec("report", "", argv=(sys.executable, "-c", code), kind="task")
     run = start(plan_of(program("p", "exits", "0"), report=report), "until_done")
     assert run.wait() == 0
-    assert "report: verdict 0" in run.said()
+    assert run.log("report") == "verdict 0\n"
