@@ -40,7 +40,8 @@ def _address(raw: Any) -> str:
 
 def _blocks(text: str, depth: int) -> dict[str, Any]:
     """The `key: ...` blocks at the outermost indentation, each read on its own."""
-    lines = [line.expandtabs() for line in text.lstrip("\ufeff").splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    every = text.lstrip("\ufeff").expandtabs().splitlines()
+    lines = [line for line in every if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
         return {}
     outer = min(len(line) - len(line.lstrip()) for line in lines)

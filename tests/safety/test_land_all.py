@@ -114,7 +114,7 @@ def test_a_strangers_good_news_is_not_believed():
 
 def arena(*arguments, module="arena.cli", cwd=None, env=None):
     return subprocess.run(
-        [sys.executable, "-m", module, *map(str, arguments)], capture_output=True, text=True, timeout=60, cwd=cwd,
+        [sys.executable, "-m", module, *map(str, arguments)], capture_output=True, text=True, timeout=60, cwd=cwd, check=False,
         env={**os.environ, **(env or {})},
     )
 

