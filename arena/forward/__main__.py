@@ -1,0 +1,104 @@
+"""`python -m arena.forward slice.json`: one vehicle's forwarder, its capture sockets and its vision link."""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+import socket
+import sys
+import time
+from typing import Any
+
+from arena.capture import NatNetCapture, open_capture
+from arena.errors import ArenaError, RunError
+from arena.forward.forwarder import Forwarder
+from arena.room import Afterlife, Room
+
+_TICK_S = 0.2
+
+
+def main() -> int:
+    try:
+        room = Room.enter()
+        _Shell(room).serve()
+    except ArenaError as error:
+        print(f"forward: {error}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+class _Shell:
+    def __init__(self, room: Room) -> None:
+        s = room.settings
+        self.room, self.core = room, Forwarder(s)
+        self.capture: NatNetCapture = open_capture(s["capture"])
+        self.link, self.remote = _link_socket(s["link"]), tuple(s["link"]["remote"])
+        self.after = Afterlife(limit_s=60.0 if s["simulated"] else None)
+        self.told, self.poses_then, self.ready = time.monotonic(), 0, False
+
+    def serve(self) -> None:
+        """Until told to stop; without a supervisor, until the vehicle is disarmed."""
+        selector = selectors.DefaultSelector()
+        selector.register(self.capture, selectors.EVENT_READ)
+        selector.register(self.link, selectors.EVENT_READ)
+        next_tick = time.monotonic()
+        while not self.room.stopping:
+            selector.select(max(0.0, next_tick - time.monotonic()))
+            now = time.monotonic()
+            for frame in self.capture.poll(now):
+                self._send(self.core.on_frame(frame, now))
+            self._hear_link(now)
+            if now >= next_tick:
+                next_tick = now + _TICK_S
+                if self._tick(now):
+                    return
+
+    def _tick(self, now: float) -> bool:
+        for data in self.core.tick(now):
+            self._send(data)
+        if not self.ready and self.core.serving:
+            self.ready = True
+            self.room.ready()
+        if now - self.told >= 1.0:
+            self._report(now)
+        a = self.core.autopilot
+        armed = a.armed and now - a.heard < 5.0
+        return self.after.over(orphaned=self.room.orphaned, any_armed=armed, now=now)
+
+    def _report(self, now: float) -> None:
+        rate = (self.core.poses - self.poses_then) / (now - self.told)
+        self.told, self.poses_then = now, self.core.poses
+        age_ms = round(1e3 * (now - self.core.last_pose), 1) if self.core.poses else None
+        dropped = {f"dropped {k}": v for k, v in self.core.counts.items()}
+        heard = {f"capture {k}": v for k, v in self.capture.counts.items()}
+        self.room.stats({"rate_hz": round(rate, 2), "poses": self.core.poses, "pose_age_ms": age_ms, **dropped, **heard})
+
+    def _hear_link(self, now: float) -> None:
+        for _ in range(64):
+            try:
+                data, sender = self.link.recvfrom(65535)
+            except OSError:
+                return
+            if sender == self.remote:
+                self.core.on_mavlink(data, now)
+            else:
+                self.core.counts["foreign datagram"] += 1
+
+    def _send(self, data: bytes | None) -> None:
+        if data is not None:
+            with contextlib.suppress(OSError):
+                self.link.sendto(data, self.remote)
+
+
+def _link_socket(link: dict[str, Any]) -> socket.socket:
+    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    s.setblocking(False)
+    try:
+        s.bind(tuple(link["local"]))
+    except OSError as error:
+        raise RunError(f"cannot open the vision link on {link['local'][0]}:{link['local'][1]}: {error.strerror}") from error
+    return s
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,258 @@
+"""NatNet 3.1 and 4.1, the wire format of OptiTrack's Motive: bytes <-> values. No sockets, no clocks, no frames turned.
+
+Every packet: message number u16, payload bytes u16, payload; little endian. From 4.1 each section of a frame or description
+says its size in bytes after its count. Positions are metres and quaternions xyzw in the system's own axes, as sent.
+(Layouts as the NatNet SDK documents them and its public clients read them.)
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+
+from arena.errors import WireError
+
+CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
+REQUEST_FRAME, FRAME, MESSAGE, DISCONNECT, KEEPALIVE, UNRECOGNIZED = 6, 7, 8, 9, 10, 100
+TRACKING_VALID = 1
+
+Version = tuple[int, int]
+_HEAD = struct.Struct("<HH")
+_BODY = struct.Struct("<i3f4ffh")
+_COUNT = struct.Struct("<i")
+_SIZED = struct.Struct("<ii")
+_NAME_BYTES = 256
+_SANE = 10_000  # sections longer than this are garbage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Body:
+    """One rigid body of a frame. position: [m] in capture axes; quat_xyzw: [-]; tracked: its tracking-valid bit."""
+
+    streaming_id: int
+    position: tuple[float, float, float]
+    quat_xyzw: tuple[float, float, float, float]
+    mean_error_m: float = 0.0
+    tracked: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """number: of the frame; timestamp_s: the server's own time [s]; exposure: mid-exposure [ticks of the server's clock]."""
+
+    number: int
+    timestamp_s: float
+    exposure_ticks: int
+    bodies: tuple[Body, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServerInfo:
+    """What a server says of itself. group: "" when it streams to one client only (unicast)."""
+
+    name: str
+    app_version: tuple[int, int, int, int]
+    version: Version
+    clock_hz: int
+    data_port: int
+    group: str
+
+
+def packet(message: int, payload: bytes = b"") -> bytes:
+    return _HEAD.pack(message, len(payload)) + payload
+
+
+def message_of(data: bytes) -> int:
+    """The message number of a packet. Raises WireError when it is shorter than it says."""
+    if len(data) < _HEAD.size:
+        raise WireError(f"NatNet packet of {len(data)} bytes, expected 4 or more")
+    message, size = _HEAD.unpack_from(data)
+    if len(data) - _HEAD.size < size:
+        raise WireError(f"NatNet packet with {len(data) - _HEAD.size} bytes of payload, its header says {size}")
+    return int(message)
+
+
+# -- server information ----------------------------------------------------------------------------------------------------
+
+
+def encode_server_info(info: ServerInfo) -> bytes:
+    name = info.name.encode()[: _NAME_BYTES - 1].ljust(_NAME_BYTES, b"\0")
+    group = bytes(int(x) for x in info.group.split(".")) if info.group else bytes(4)
+    tail = struct.pack("<QHB", info.clock_hz, info.data_port, 1 if info.group else 0) + group
+    return packet(SERVERINFO, name + bytes(info.app_version) + bytes((*info.version, 0, 0)) + tail)
+
+
+def decode_server_info(data: bytes) -> ServerInfo:
+    """Raises WireError."""
+    payload = _payload(data, SERVERINFO)
+    if len(payload) < _NAME_BYTES + 8:
+        raise WireError(f"NatNet server information of {len(payload)} bytes, expected {_NAME_BYTES + 8} or more")
+    app, version = payload[_NAME_BYTES : _NAME_BYTES + 4], payload[_NAME_BYTES + 4 : _NAME_BYTES + 8]
+    clock, port, multicast, group = 0, 0, 0, bytes(4)
+    if len(payload) >= _NAME_BYTES + 8 + 15:
+        clock, port, multicast = struct.unpack_from("<QHB", payload, _NAME_BYTES + 8)
+        group = payload[_NAME_BYTES + 19 : _NAME_BYTES + 23]
+    return ServerInfo(
+        name=payload[:_NAME_BYTES].split(b"\0")[0].decode(errors="replace"), app_version=(app[0], app[1], app[2], app[3]),
+        version=(version[0], version[1]), clock_hz=clock, data_port=port, group=".".join(map(str, group)) if multicast else "",
+    )  # fmt: skip
+
+
+# -- model definitions -----------------------------------------------------------------------------------------------------
+
+
+def encode_models(bodies: Sequence[tuple[int, str]], version: Version) -> bytes:
+    """bodies: (streaming id, name). One description per rigid body, without its markers."""
+    out = [_COUNT.pack(len(bodies))]
+    for streaming_id, name in bodies:
+        description = name.encode() + b"\0" + struct.pack("<ii3f", streaming_id, -1, 0.0, 0.0, 0.0)
+        if version >= (4, 2):
+            description += struct.pack("<4f", 0.0, 0.0, 0.0, 1.0)
+        description += _COUNT.pack(0)  # markers
+        out.append(_COUNT.pack(1))
+        if version >= (4, 1):
+            out.append(_COUNT.pack(len(description)))
+        out.append(description)
+    return packet(MODELDEF, b"".join(out))
+
+
+def decode_models(data: bytes, version: Version) -> dict[int, str]:
+    """Streaming id -> name of each rigid body. What is not a rigid body is passed over from 4.1 on, and must not come before
+    the bodies in older versions but for marker sets. Raises WireError.
+    """
+    reader = _Reader(_payload(data, MODELDEF))
+    found: dict[int, str] = {}
+    for _ in range(reader.count("descriptions")):
+        kind = reader.int()
+        end = reader.int() + reader.at if version >= (4, 1) else None
+        if kind == 0 and end is None:
+            reader.text()
+            for _ in range(reader.count("markers")):
+                reader.text()
+        elif kind == 1:
+            name, streaming_id = reader.text(), reader.int()
+            found[streaming_id] = name
+            reader.skip(16 + (16 if version >= (4, 2) else 0))
+            _skip_marker_descriptions(reader, version)
+        elif end is None:
+            break
+        if end is not None:
+            reader.at = end
+    return found
+
+
+def _skip_marker_descriptions(reader: _Reader, version: Version) -> None:
+    markers = reader.count("markers")
+    reader.skip(16 * markers)
+    if version >= (4, 0):
+        for _ in range(markers):
+            reader.text()
+
+
+# -- frames of data --------------------------------------------------------------------------------------------------------
+
+
+def encode_frame(frame: Frame, version: Version) -> bytes:
+    empty = _SIZED.pack(0, 0) if version >= (4, 1) else _COUNT.pack(0)
+    bodies = b"".join(
+        _BODY.pack(b.streaming_id, *b.position, *b.quat_xyzw, b.mean_error_m, TRACKING_VALID if b.tracked else 0) for b in frame.bodies
+    )
+    count = _COUNT.pack(len(frame.bodies))
+    head = count + _COUNT.pack(len(bodies)) if version >= (4, 1) else count
+    # marker sets, loose markers | rigid bodies | skeletons, (4.1: assets), labelled markers, force plates, devices
+    after = empty * (5 if version >= (4, 1) else 4)
+    tail = struct.pack("<IIdQQQ", 0, 0, frame.timestamp_s, frame.exposure_ticks, frame.exposure_ticks, frame.exposure_ticks)
+    if version >= (4, 1):
+        tail += struct.pack("<II", int(frame.timestamp_s), 0)
+    tail += struct.pack("<hi", 0, 0)
+    return packet(FRAME, _COUNT.pack(frame.number) + empty * 2 + head + bodies + after + tail)
+
+
+def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = None) -> Frame:
+    """wanted: streaming ids to unpack, None for all. Raises WireError."""
+    reader = _Reader(_payload(data, FRAME))
+    number = reader.int()
+    sized = version >= (4, 1)
+    if sized:
+        for _ in range(2):
+            reader.count("a section")
+            reader.skip(reader.int())
+    else:
+        for _ in range(reader.count("marker sets")):
+            reader.text()
+            reader.skip(12 * reader.count("markers"))
+        reader.skip(12 * reader.count("loose markers"))
+    count = reader.count("rigid bodies")
+    if sized:
+        reader.int()
+    bodies = _read_bodies(reader, count, wanted)
+    timestamp_s, exposure = _read_stamps(reader, sized)
+    return Frame(number=number, timestamp_s=timestamp_s, exposure_ticks=exposure, bodies=bodies)
+
+
+def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> tuple[Body, ...]:
+    data, at = reader.data, reader.at
+    reader.skip(count * _BODY.size)
+    found = []
+    for k in range(at, at + count * _BODY.size, _BODY.size):
+        if wanted is not None and _COUNT.unpack_from(data, k)[0] not in wanted:
+            continue
+        i, x, y, z, qx, qy, qz, qw, error, params = _BODY.unpack_from(data, k)
+        tracked = bool(params & TRACKING_VALID)
+        found.append(Body(streaming_id=i, position=(x, y, z), quat_xyzw=(qx, qy, qz, qw), mean_error_m=error, tracked=tracked))
+    return tuple(found)
+
+
+def _read_stamps(reader: _Reader, sized: bool) -> tuple[float, int]:
+    """Time stamps stand after sections that only a sized frame lets us skip; else they are counted from the end."""
+    if sized:
+        for _ in range(5):
+            reader.count("a section")
+            reader.skip(reader.int())
+        at = reader.at
+    else:
+        at = len(reader.data) - 46
+    if at < reader.at or at + 24 > len(reader.data):
+        raise WireError(f"NatNet frame of {len(reader.data)} bytes ends before its time stamps")
+    timestamp_s, exposure = struct.unpack_from("<dQ", reader.data, at + 8)
+    return float(timestamp_s), int(exposure)
+
+
+class _Reader:
+    """A place in a payload that only moves forward and never past the end."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data, self.at = data, 0
+
+    def int(self) -> int:
+        if self.at + 4 > len(self.data):
+            raise WireError(f"NatNet payload of {len(self.data)} bytes ends in the middle of a number at {self.at}")
+        (value,) = _COUNT.unpack_from(self.data, self.at)
+        self.at += 4
+        return int(value)
+
+    def count(self, what: str) -> int:
+        value = self.int()
+        if not 0 <= value <= _SANE:
+            raise WireError(f"NatNet payload with {value} {what}, expected 0 to {_SANE}")
+        return value
+
+    def skip(self, size: int) -> None:
+        if size < 0 or self.at + size > len(self.data):
+            raise WireError(f"NatNet section of {size} bytes at {self.at} in a payload of {len(self.data)}")
+        self.at += size
+
+    def text(self) -> str:
+        end = self.data.find(b"\0", self.at)
+        if end < 0:
+            raise WireError(f"NatNet name at {self.at} without an end")
+        found, self.at = self.data[self.at : end], end + 1
+        return found.decode(errors="replace")
+
+
+def _payload(data: bytes, expected: int) -> bytes:
+    message = message_of(data)
+    if message != expected:
+        raise WireError(f"NatNet message {message}, expected {expected}")
+    return data[_HEAD.size : _HEAD.size + _HEAD.unpack_from(data)[1]]
