@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 from arena.capture import NatNetCapture, open_capture
+from arena.clock import Clock, SimClock, WallClock
 from arena.errors import ArenaError, RunError
 from arena.forward.forwarder import Forwarder
 from arena.room import Afterlife, Room
@@ -32,6 +33,7 @@ class _Shell:
         s = room.settings
         self.room, self.core = room, Forwarder(s)
         self.capture: NatNetCapture = open_capture(s["capture"])
+        self.clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
         self.link, self.remote = _link_socket(s["link"]), tuple(s["link"]["remote"])
         self.after = Afterlife(limit_s=60.0 if s["simulated"] else None)
         self.told, self.poses_then, self.ready = time.monotonic(), 0, False
@@ -44,30 +46,30 @@ class _Shell:
         next_tick = time.monotonic()
         while not self.room.stopping:
             selector.select(max(0.0, next_tick - time.monotonic()))
-            now = time.monotonic()
+            now, wall = self.clock.now(), time.monotonic()
             for frame in self.capture.poll(now):
                 self._send(self.core.on_frame(frame, now))
             self._hear_link(now)
-            if now >= next_tick:
-                next_tick = now + _TICK_S
-                if self._tick(now):
+            if wall >= next_tick:
+                next_tick = wall + _TICK_S
+                if self._tick(now, wall):
                     return
 
-    def _tick(self, now: float) -> bool:
+    def _tick(self, now: float, wall: float) -> bool:
         for data in self.core.tick(now):
             self._send(data)
         if not self.ready and self.core.serving:
             self.ready = True
             self.room.ready()
-        if now - self.told >= 1.0:
-            self._report(now)
+        if wall - self.told >= 1.0:
+            self._report(now, wall)
         a = self.core.autopilot
         armed = a.armed and now - a.heard < 5.0
-        return self.after.over(orphaned=self.room.orphaned, any_armed=armed, now=now)
+        return self.after.over(orphaned=self.room.orphaned, any_armed=armed, now=wall)
 
-    def _report(self, now: float) -> None:
-        rate = (self.core.poses - self.poses_then) / (now - self.told)
-        self.told, self.poses_then = now, self.core.poses
+    def _report(self, now: float, wall: float) -> None:
+        rate = (self.core.poses - self.poses_then) / (wall - self.told)
+        self.told, self.poses_then = wall, self.core.poses
         age_ms = round(1e3 * (now - self.core.last_pose), 1) if self.core.poses else None
         dropped = {f"dropped {k}": v for k, v in self.core.counts.items()}
         heard = {f"capture {k}": v for k, v in self.capture.counts.items()}

@@ -96,7 +96,7 @@ def forward(arena: Arena, v: Vehicle) -> Json:
         "name": f"forward.{v.name}", "vehicle": v.name, "id": v.id, "body": v.mocap_body,
         "capture": capture(arena, [v.mocap_body]), "frame_rate_hz": arena.mocap.rate_hz, "rate_hz": v.pose_rate_hz,
         "stale_s": POSE_STALE_S, "noise": _noise(arena), "origin": _origin(arena),
-        "link": partner_end(link_of(arena, v, "vision")), "simulated": True,
+        "link": partner_end(link_of(arena, v, "vision")), "clock": CLOCK, "simulated": True,
     }  # fmt: skip
 
 

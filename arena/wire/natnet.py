@@ -124,14 +124,14 @@ def decode_models(data: bytes, version: Version) -> dict[int, str]:
     reader = _Reader(_payload(data, MODELDEF))
     found: dict[int, str] = {}
     for _ in range(reader.count("descriptions")):
-        kind = reader.int()
-        end = reader.int() + reader.at if version >= (4, 1) else None
+        kind = reader.i32()
+        end = reader.i32() + reader.at if version >= (4, 1) else None
         if kind == 0 and end is None:
             reader.text()
             for _ in range(reader.count("markers")):
                 reader.text()
         elif kind == 1:
-            name, streaming_id = reader.text(), reader.int()
+            name, streaming_id = reader.text(), reader.i32()
             found[streaming_id] = name
             reader.skip(16 + (16 if version >= (4, 2) else 0))
             _skip_marker_descriptions(reader, version)
@@ -172,12 +172,12 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
 def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = None) -> Frame:
     """wanted: streaming ids to unpack, None for all. Raises WireError."""
     reader = _Reader(_payload(data, FRAME))
-    number = reader.int()
+    number = reader.i32()
     sized = version >= (4, 1)
     if sized:
         for _ in range(2):
             reader.count("a section")
-            reader.skip(reader.int())
+            reader.skip(reader.i32())
     else:
         for _ in range(reader.count("marker sets")):
             reader.text()
@@ -185,7 +185,7 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
         reader.skip(12 * reader.count("loose markers"))
     count = reader.count("rigid bodies")
     if sized:
-        reader.int()
+        reader.i32()
     bodies = _read_bodies(reader, count, wanted)
     timestamp_s, exposure = _read_stamps(reader, sized)
     return Frame(number=number, timestamp_s=timestamp_s, exposure_ticks=exposure, bodies=bodies)
@@ -209,7 +209,7 @@ def _read_stamps(reader: _Reader, sized: bool) -> tuple[float, int]:
     if sized:
         for _ in range(5):
             reader.count("a section")
-            reader.skip(reader.int())
+            reader.skip(reader.i32())
         at = reader.at
     else:
         at = len(reader.data) - 46
@@ -225,7 +225,7 @@ class _Reader:
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
 
-    def int(self) -> int:
+    def i32(self) -> int:
         if self.at + 4 > len(self.data):
             raise WireError(f"NatNet payload of {len(self.data)} bytes ends in the middle of a number at {self.at}")
         (value,) = _COUNT.unpack_from(self.data, self.at)
@@ -233,7 +233,7 @@ class _Reader:
         return int(value)
 
     def count(self, what: str) -> int:
-        value = self.int()
+        value = self.i32()
         if not 0 <= value <= _SANE:
             raise WireError(f"NatNet payload with {value} {what}, expected 0 to {_SANE}")
         return value
