@@ -27,7 +27,7 @@ class Recorder:
         self.datagrams = self.poses = self.rows = 0
         self.first_heard: float | None = None
         self._index = index
-        self._pose: tuple[float, Array, Array] | None = None
+        self._pose: tuple[float, Sequence[float] | Array, Sequence[float] | Array] | None = None
         self._boot: float | None = None
 
     @property
@@ -50,7 +50,7 @@ class Recorder:
             lag = now - local.boot_s
             self._boot = lag if self._boot is None else min(self._boot, lag)
 
-    def hear_pose(self, p_n: Array, q_nb: Array, now: float) -> None:
+    def hear_pose(self, p_n: Sequence[float] | Array, q_nb: Sequence[float] | Array, now: float) -> None:
         """A tracked motion-capture pose [m] [NED] (3,), wxyz (4,)."""
         self.poses += 1
         self._pose = now, p_n, q_nb

@@ -15,7 +15,7 @@ import numpy as np
 
 from arena.errors import StaleDataError
 from arena.geometry import Array, euler_from_quat, quat_conj, quat_rotate
-from arena.uav.poses import Poses
+from arena.uav.poses import Pose, Poses
 from arena.wire.telemetry import Attitude, Baro, Imu, Local, Telemetry
 
 # How long a group stays good, in multiples of `stale_s`: what PX4 sends slowly grows old slowly.
@@ -176,13 +176,13 @@ class MocapSensor:
     def pos(self) -> Array:
         """Position of the body origin [m] [NED] (3,)."""
         self._source.refresh()
-        return self._source.fresh(self._source.poses.own, "motion capture pose").p_n.copy()
+        return self._source.fresh(self._source.poses.own, "motion capture pose").p_n
 
     @property
     def att_q(self) -> Array:
         """Attitude q_nb [-] wxyz (4,)."""
         self._source.refresh()
-        return self._source.fresh(self._source.poses.own, "motion capture pose").q_nb.copy()
+        return self._source.fresh(self._source.poses.own, "motion capture pose").q_nb
 
     @property
     def att_euler(self) -> Array:
@@ -264,7 +264,7 @@ class EmulatedSensor:
         own, others = self._all()
         return np.array([o.v_n - own.v_n for o in others]).reshape(-1, 3)
 
-    def _all(self) -> tuple[Any, list[Any]]:
+    def _all(self) -> tuple[Pose, list[Pose]]:
         self._source.refresh()
         poses = self._source.poses
         own = self._source.fresh(poses.own, "motion capture pose")

@@ -14,12 +14,25 @@ _TRAIL = 9  # at 180 Hz and 0.3 mm of noise a slope over nine poses is good to s
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pose:
-    """heard: when it arrived [s]; p_n [m] [NED] (3,); q_nb [-] wxyz (4,); trail: (time [s], p_n) of the last poses."""
+    """heard: when it arrived [s]; place [m] [NED]; turn [-] wxyz; trail: (time [s], place) of the last poses.
+
+    Plain numbers, 180 times a second; arrays only where somebody looks.
+    """
 
     heard: float
-    p_n: Array
-    q_nb: Array
-    trail: tuple[tuple[float, Array], ...]
+    place: Sequence[float]
+    turn: Sequence[float]
+    trail: tuple[tuple[float, Sequence[float]], ...]
+
+    @property
+    def p_n(self) -> Array:
+        """Position of the body origin [m] [NED] (3,)."""
+        return np.array(self.place, dtype=np.float64)
+
+    @property
+    def q_nb(self) -> Array:
+        """Attitude [-] wxyz (4,)."""
+        return np.array(self.turn, dtype=np.float64)
 
     @property
     def v_n(self) -> Array:
@@ -45,7 +58,7 @@ class Poses:
         """The bodies worth asking the capture system for."""
         return [*([] if self._body is None else [self._body]), *self._rows]
 
-    def hear(self, body: str, p_n: Array, q_nb: Array, time_s: float, now: float) -> None:
+    def hear(self, body: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float) -> None:
         """One tracked pose. time_s: when it was taken, by the capture system's clock [s]; now: when it arrived [s]."""
         if body == self._body:
             self.own = _next(self.own, p_n, q_nb, time_s, now)
@@ -55,8 +68,8 @@ class Poses:
             self.neighbours = (*self.neighbours[:row], pose, *self.neighbours[row + 1 :])
 
 
-def _next(last: Pose | None, p_n: Array, q_nb: Array, time_s: float, now: float) -> Pose:
+def _next(last: Pose | None, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float) -> Pose:
     trail = () if last is None else last.trail[1 - _TRAIL :]
     if trail and not trail[-1][0] < time_s < trail[-1][0] + 0.25:
         trail = ()  # the capture system restarted, or lost the body: the old slope says nothing
-    return Pose(heard=now, p_n=p_n, q_nb=q_nb, trail=(*trail, (time_s, p_n)))
+    return Pose(heard=now, place=p_n, turn=q_nb, trail=(*trail, (time_s, p_n)))

@@ -49,7 +49,7 @@ def flight_csv() -> str:
         t = 5.0 + i / 30
         step = min(i // 90, 1)
         flown = i < 180
-        pos = np.array(STEPS[step]) + (0.0, 0.05, 0.0) if flown else np.array([1.12, 0.0, -0.05])
+        pos = np.add(STEPS[step], (0.0, 0.05, 0.0)) if flown else np.array([1.12, 0.0, -0.05])
         mode, armed = (OFFBOARD, True) if flown else (LAND, i < 240)
         recorder.hear(stream(t, pos, STEPS[step], mode, armed, not flown), t)
         recorder.hear_pose(pos, np.array([1.0, 0.0, 0.0, 0.0]), t)
@@ -74,7 +74,8 @@ def make_run(folder: Path, *, vehicles: int = 1) -> Path:
     processes = {"world": {**process, "stats": world}}
     for i, n in enumerate(names):
         processes[f"logger.{n}"] = {**process, "stats": {"log_hz": 30.0, "airborne_unix_s": 1_800_000_006.0 + i}}
-    outcome = {"name": "test", "start": "2027-01-15T08:00:00+00:00", "duration_s": 20.0, "cause": "done", "reason": "all programs ended"}
+    outcome = {"name": "test", "start": "2027-01-15T08:00:00+00:00", "duration_s": 20.0}
+    outcome |= {"cause": "done", "reason": "all programs ended"}
     outcome |= {"exit_code": 0, "failed": [], "landing": "", "processes": processes}
     (folder / "outcome.json").write_text(json.dumps(outcome))
     return folder

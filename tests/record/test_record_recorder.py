@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arena.record.columns import THESIS, columns
+from arena.record.columns import columns
 from arena.record.flight import read_flight
 from arena.record.recorder import Recorder
 

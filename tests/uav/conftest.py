@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from arena.uav import UAV, pilot
+
 from .fake import FakeAutopilot, free_address, until
 
 CURVE = {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 25.0}

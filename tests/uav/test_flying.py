@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import CommandRefusedError, NotConfirmedError, OffboardLostError, StaleDataError
 from arena.uav import UAV, pilot
+
 from .conftest import make_uav
 from .fake import FakeAutopilot, free_address, until
 
@@ -66,7 +67,7 @@ def test_a_refused_arming_raises_with_the_autopilots_own_words(autopilot, uav):
 def test_a_refused_mode_is_asked_for_again_then_raises(autopilot, uav, monkeypatch):
     monkeypatch.setattr(pilot, "_CONFIRM_TIMEOUT_S", 0.8)
     autopilot.refuse[mavlink.MAV_CMD_DO_SET_MODE] = (2, b"No offboard signal")
-    with pytest.raises(CommandRefusedError, match="denied.*No offboard signal"):
+    with pytest.raises(CommandRefusedError, match=r"denied.*No offboard signal"):
         uav.start_offboard_mode()
     assert len(autopilot.commands) >= 2
 
@@ -76,7 +77,7 @@ def test_a_vehicle_that_is_not_ready_is_not_armed_and_says_why(autopilot, uav, m
     autopilot.prearm = False
     until(lambda: uav._source.telemetry.status.prearm is False)
     autopilot.say(b"Preflight Fail: Compass not calibrated")
-    with pytest.raises(NotConfirmedError, match="not ready.*pre-arm checks fail.*Compass not calibrated"):
+    with pytest.raises(NotConfirmedError, match=r"not ready.*pre-arm checks fail.*Compass not calibrated"):
         uav.start_offboard_mission()
     assert autopilot.commands == []
 
@@ -119,7 +120,7 @@ def test_every_setter_raises_once_the_pilot_took_over_and_goes_on_raising(autopi
     setter_thread_sees = threading.Timer(0.1, lambda: (autopilot.say(b"Pilot took over using sticks"), take(autopilot)))
     setter_thread_sees.start()
     began = time.monotonic()
-    with pytest.raises(OffboardLostError, match="POSCTL.*Pilot took over using sticks"):
+    with pytest.raises(OffboardLostError, match=r"POSCTL.*Pilot took over using sticks"):
         while time.monotonic() < began + 3.0:
             setter(uav)
     assert time.monotonic() - began < 1.0
@@ -199,7 +200,12 @@ def test_a_landing_taken_over_by_the_pilot_ends(autopilot, uav):
     uav.start_offboard_mission()
     autopilot.landed = False
     until(lambda: not uav.info.is_landed)
-    watch = threading.Thread(target=lambda: (until(lambda: autopilot.mode == "AUTO.LAND"), until(lambda: uav.info.flight_mode == "AUTO.LAND"), take(autopilot)))
+
+    def take_when_landing() -> None:
+        until(lambda: uav.info.flight_mode == "AUTO.LAND")
+        take(autopilot)
+
+    watch = threading.Thread(target=take_when_landing)
     watch.start()
     with pytest.raises((OffboardLostError, NotConfirmedError), match="POSCTL"):
         uav.auto_land()

@@ -1,0 +1,202 @@
+"""What a program reads: units, frames, ages, and that stale is not data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.errors import StaleDataError
+from arena.geometry import quat_from_euler, quat_rotate
+from arena.uav.groups import Body, Snapshot, Source
+from arena.uav.poses import Poses
+from arena.wire.telemetry import Telemetry, frames, mode_numbers, mode_words
+
+BODY = Body(ns="uav1", mass=1.5, radius=0.3, height=0.1, num_rotors=4, thrust_curve={"kind": "quadratic"})
+Q_NB = quat_from_euler(np.radians([10, -20, 35]))
+
+
+class Bench:
+    """Groups over a telemetry that is fed by hand, at a time that is set by hand."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.telemetry = Telemetry(1)
+        self.poses = Poses("aero2", [("uav2", "b2"), ("uav3", "b3")])
+        self.source = Source(
+            ns="uav1", stale_s=0.5, telemetry=self.telemetry, poses=self.poses, now=lambda: self.now, refresh=lambda: None
+        )
+        self.uav = Snapshot.of(self.source, BODY)
+        self._out = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def hear(self, *messages: mavlink.MAVLink_message, prefix: bytes = b"") -> None:
+        self.telemetry.hear(prefix + b"".join(m.pack(self._out) for m in messages), self.now)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    found = Bench()
+    found.hear(
+        mavlink.MAVLink_local_position_ned_message(1, 1.0, 2.0, -3.0, 0.1, 0.2, 0.3),
+        mavlink.MAVLink_attitude_quaternion_message(1, *Q_NB, 0.4, 0.5, 0.6),
+        mavlink.MAVLink_highres_imu_message(0, 1, 2, -9.8, 0.1, 0.2, 0.3, 0.2, 0.1, 0.4, 1013.25, 0.0, 12.5, 21.0, 0x1FFF),
+        mavlink.MAVLink_heartbeat_message(2, 12, 1 | 128, 4 << 16 | 6 << 24, 4, 3),
+        mavlink.MAVLink_extended_sys_state_message(0, 2),
+        mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12000, 0, 42, 0, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_servo_output_raw_message(0, 1, 1250, 1500, 1750, 2000, 0, 0, 0, 0),
+        mavlink.MAVLink_gps_raw_int_message(0, 3, 473977420, 85455940, 488_000, 0, 0, 0, 0, 9),
+    )
+    return found
+
+
+def test_the_estimate_is_in_ned_and_the_body_in_frd(bench):
+    ekf = bench.uav.ekf
+    assert ekf.pos.tolist() == pytest.approx([1, 2, -3]) and ekf.pos.shape == (3,)
+    assert ekf.att_q == pytest.approx(Q_NB, abs=1e-6)
+    assert np.degrees(ekf.att_euler) == pytest.approx([10, -20, 35], abs=1e-3)
+    assert quat_rotate(Q_NB, ekf.vel_body) == pytest.approx(ekf.vel, abs=1e-6)
+    assert ekf.ang_vel.tolist() == pytest.approx([0.4, 0.5, 0.6])
+
+
+def test_sensors_are_in_si(bench):
+    sen = bench.uav.sen
+    assert sen.imu.acc_body.tolist() == pytest.approx([1, 2, -9.8])
+    assert sen.imu.ang_vel.tolist() == pytest.approx([0.1, 0.2, 0.3])
+    assert sen.imu.mag.tolist() == pytest.approx([2e-5, 1e-5, 4e-5])
+    assert (sen.baro.pressure, sen.baro.alt, sen.baro.temperature) == pytest.approx((101325, 12.5, 21.0), rel=1e-5)
+    assert sen.gps.pos.tolist() == pytest.approx([47.397742, 8.545594, 488.0])
+
+
+def test_info_and_actuators(bench):
+    info = bench.uav.info
+    assert (info.flight_mode, info.is_armed, info.is_landed, info.is_connected) == ("AUTO.LAND", True, False, True)
+    assert (info.battery, info.drone_ns, info.mass, info.num_rotors) == (42.0, "uav1", 1.5, 4)
+    assert bench.uav.act.output.tolist() == pytest.approx([0.25, 0.5, 0.75, 1.0])
+    assert bench.uav.act.group == 1
+
+
+FAST = [
+    lambda u: u.ekf.pos, lambda u: u.ekf.vel, lambda u: u.ekf.vel_body, lambda u: u.ekf.att_q, lambda u: u.ekf.att_euler,
+    lambda u: u.ekf.ang_vel, lambda u: u.sen.imu.acc_body, lambda u: u.sen.imu.ang_vel, lambda u: u.sen.imu.mag,
+    lambda u: u.sen.mocap.pos, lambda u: u.sen.mocap.att_q, lambda u: u.sen.mocap.att_euler, lambda u: u.sen.baro.alt,
+    lambda u: u.sen.emu.rel_pos, lambda u: u.sen.emu.rel_vel,
+]  # fmt: skip
+SLOW = [
+    lambda u: u.sen.gps.pos, lambda u: u.act.output, lambda u: u.act.group, lambda u: u.info.flight_mode,
+    lambda u: u.info.is_armed, lambda u: u.info.is_landed, lambda u: u.info.battery,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("read", FAST + SLOW)
+def test_what_was_never_heard_raises(read):
+    with pytest.raises(StaleDataError, match=r"uav1: no .* heard yet"):
+        read(Bench().uav)
+
+
+@pytest.mark.parametrize(("read", "age"), [*((r, 0.6) for r in FAST), *((r, 10.5) for r in SLOW)])
+def test_what_is_old_raises_and_says_how_old(bench, read, age):
+    for body in ("aero2", "b2", "b3"):
+        bench.poses.hear(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
+    read(bench.uav)
+    bench.now += age
+    with pytest.raises(StaleDataError, match=f"{age:.2f} s old"):
+        read(bench.uav)
+
+
+def test_slow_messages_may_be_older(bench):
+    bench.now += 1.5
+    assert bench.uav.info.is_armed and bench.uav.info.battery == 42.0
+    assert bench.uav.ekf.age_s == pytest.approx(1.5)
+
+
+def test_is_connected_never_raises():
+    assert Bench().uav.info.is_connected is False
+
+
+def test_neighbours_are_seen_from_oneself(bench):
+    for i in range(12):
+        t = i / 180
+        bench.poses.hear("aero2", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+        bench.poses.hear("b2", (1.0 + 0.5 * t, 2.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+        bench.poses.hear("b3", (-1.0, 0.0, -2.0 - t), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+    emu = bench.uav.sen.emu
+    assert emu.rel_pos.shape == (2, 3)
+    assert emu.rel_pos[0] == pytest.approx([1.0 + 0.5 * 11 / 180, 2.0, 0.0])
+    assert emu.rel_vel == pytest.approx(np.array([[0.5, 0, 0], [0, 0, -1.0]]), abs=1e-9)
+
+
+def test_a_neighbour_that_is_hidden_makes_the_sensor_stale(bench):
+    for body in ("aero2", "b3"):
+        bench.poses.hear(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
+    with pytest.raises(StaleDataError, match="uav2"):
+        _ = bench.uav.sen.emu.rel_pos
+
+
+def test_a_snapshot_stays_as_it_was(bench):
+    fixed = Snapshot.of(bench.source.fixed(), BODY)
+    bench.now += 0.3
+    bench.hear(mavlink.MAVLink_local_position_ned_message(1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0))
+    assert fixed.ekf.pos[0] == 1.0 and bench.uav.ekf.pos[0] == 9.0
+    assert fixed.ekf.age_s == 0.0
+
+
+def test_writing_into_a_vector_does_not_change_the_next_one(bench):
+    bench.uav.ekf.pos[:] = 7.0
+    assert bench.uav.ekf.pos[0] == 1.0
+
+
+def test_other_vehicles_and_other_components_are_not_heard(bench):
+    for system, component in ((2, 1), (1, 191)):
+        stranger = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        bench.telemetry.hear(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3).pack(stranger), bench.now)
+    assert bench.uav.info.flight_mode == "AUTO.LAND"
+
+
+def test_a_damaged_frame_says_nothing(bench):
+    out = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    data = bytearray(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3).pack(out))
+    data[12] ^= 0xFF
+    assert bench.telemetry.hear(bytes(data), bench.now) is False
+    assert bench.uav.info.flight_mode == "AUTO.LAND" and bench.telemetry.refused == 1
+
+
+def test_random_bytes_do_no_harm_and_what_follows_them_is_heard(bench):
+    rng = np.random.default_rng(6)
+    for size in rng.integers(1, 400, 500):
+        bench.telemetry.hear(rng.bytes(int(size)), bench.now)
+        bench.telemetry.hear(b"\xfd" + rng.bytes(int(size)), bench.now)
+    bench.hear(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3), prefix=b"\x00\x01\x02")
+    assert bench.uav.info.flight_mode == "OFFBOARD"
+
+
+def test_frames_are_cut_where_they_end():
+    out = mavlink.MAVLink(None, srcSystem=3, srcComponent=4)
+    said = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), mavlink.MAVLink_statustext_message(1, b"a")
+    parts = [m.pack(out) for m in said]
+    found = list(frames(bytes(b"".join(parts))))
+    assert [f[:3] for f in found] == [(0, 3, 4), (253, 3, 4)]
+    assert found[1][3:] == (len(parts[0]), len(parts[0]) + len(parts[1]))
+    assert list(frames(bytes(parts[0][:-1]))) == []
+
+
+def test_long_texts_come_in_chunks(bench):
+    bench.hear(
+        mavlink.MAVLink_statustext_message(3, b"x" * 50, 9, 0), mavlink.MAVLink_statustext_message(3, b"end", 9, 1),
+        mavlink.MAVLink_statustext_message(3, b"another", 10, 0), mavlink.MAVLink_statustext_message(6, b"plain"),
+    )  # fmt: skip
+    assert bench.telemetry.recent_texts(0.0) == ["x" * 50 + "end", "another", "plain"]
+    assert bench.telemetry.recent_texts(0.0, worst=3) == ["x" * 50 + "end", "another"]
+    assert bench.telemetry.recent_texts(bench.now + 1) == []
+
+
+@pytest.mark.parametrize("words", ["OFFBOARD", "AUTO.LAND", "AUTO.LOITER", "AUTO.TAKEOFF", "POSCTL"])
+def test_modes_go_both_ways(words):
+    main, sub = mode_numbers(words)
+    assert mode_words(main << 16 | sub << 24) == words
+
+
+def test_a_neighbour_that_comes_back_has_no_speed_from_before():
+    poses = Poses(None, [("uav2", "b2")])
+    poses.hear("b2", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, 1.0)
+    poses.hear("b2", (3.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 2.0, 2.0)
+    assert poses.neighbours[0] is not None and poses.neighbours[0].v_n.tolist() == [0.0, 0.0, 0.0]
