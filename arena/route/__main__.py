@@ -28,6 +28,8 @@ class Shell:
     def __init__(self, room: Room, table: Table) -> None:
         self._room, self._router = room, Router(table)
         self._sockets = [_bind(address) for address in self._router.sockets]
+        self._sendto = [s.sendto for s in self._sockets]
+        self._receive = {s.fileno(): s.recvfrom_into for s in self._sockets}
         self._key = {s.fileno(): key for key, s in enumerate(self._sockets)}
         self._poll = select.epoll()
         for fd in self._key:
@@ -43,7 +45,7 @@ class Shell:
         """Until told to stop, or until the afterlife is over."""
         while not (self._room.stopping or self._over):
             for fd, _ in self._poll.poll(max(0.0, self._next_tick - time.monotonic())):
-                self._take(self._key[fd])
+                self._take(fd)
             if news := self._router.news():
                 self._room.facts(news)
             now = time.monotonic()
@@ -56,21 +58,21 @@ class Shell:
         for s in self._sockets:
             s.close()
 
-    def _take(self, key: int) -> None:
+    def _take(self, fd: int) -> None:
         try:
-            size, sender = self._sockets[key].recvfrom_into(self._buffer)
+            size, sender = self._receive[fd](self._buffer)
         except OSError:  # nothing there after all
             return
-        self._send(self._router.on_datagram(key, sender, self._buffer[:size], time.monotonic()))
+        self._send(self._router.on_datagram(self._key[fd], sender, self._buffer[:size], time.monotonic()))
 
     def _send(self, out: list[Out]) -> None:
-        for key, dest, data in out:
-            try:
-                self._sockets[key].sendto(data, dest)
-            except OSError:  # a full queue or a network that is away: the next message will be newer
-                self._router.counts.dropped["not sent"] += 1
-            else:
-                self._router.counts.bytes_out += len(data)
+        counts = self._router.counts
+        for data, destinations in out:
+            for key, dest in destinations:
+                try:
+                    counts.bytes_out += self._sendto[key](data, dest)
+                except OSError:  # a full queue or a network that is away: the next message will be newer
+                    counts.dropped["not sent"] += 1
 
     def _tick(self, now: float) -> None:
         self._next_tick = max(self._next_tick + _TICK_S, now)

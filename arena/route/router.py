@@ -15,11 +15,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
 
 from arena.route.seen import AUTOPILOT, EXTENDED_SYS_STATE, HEARTBEAT, Fact, Seen
 from arena.route.table import Address, Table, Vehicle
-from arena.wire.mavframe import Buffer, Cut, Frame, cut
+from arena.wire.mavframe import Buffer, Frame, cut
 
 TOOL_LIFE_S = 10.0  # a tool is forgotten this long after its last frame
 MAX_TOOLS = 16      # per vehicle: when one more speaks, the one silent for longest makes room
@@ -34,12 +33,10 @@ _EVERYBODY = 0
 _NOBODY = -1
 
 
-class Out(NamedTuple):
-    """One datagram to send. socket: index in `Router.sockets`. data: a slice of what came in."""
-
-    socket: int
-    dest: Address
-    data: Buffer
+# (index in `Router.sockets`, where to) of each receiver
+Destinations = tuple[tuple[int, Address], ...]
+# a datagram to send, a slice of the one that came in, and who gets it
+Out = tuple[Buffer, Destinations]
 
 
 @dataclass(kw_only=True)
@@ -58,16 +55,19 @@ class Endpoint:
 
 @dataclass(kw_only=True)
 class Line:
-    """One vehicle's side of the router. routes: target -> destinations, emptied whenever an endpoint changes."""
+    """One vehicle's side of the router.
+
+    up: its link's other end.  routes: target -> who hears it, emptied whenever an endpoint changes.
+    """
 
     vehicle: Vehicle
     seen: Seen
-    link: int
     serve: int
     tools: int
+    up: Destinations
     clients: dict[Address, Endpoint]
     guests: dict[Address, Endpoint] = field(default_factory=dict)
-    routes: dict[int, tuple[tuple[int, Address], ...]] = field(default_factory=dict)
+    routes: dict[int, Destinations] = field(default_factory=dict)
 
 
 @dataclass(kw_only=True)
@@ -93,8 +93,11 @@ class Router:
         self._handlers: list[Callable[[Address, Buffer, float], list[Out]]] = [self._from_gcs]
         self._gcs = {address: Endpoint(socket=0, address=address) for address in table.gcs}
         self._gcs_heard_at = float("-inf")
+        self._news: dict[str, Fact] = {}
         self._lines = [self._open(vehicle) for vehicle in table.vehicles]
-        self._by_id = {line.vehicle.id: line for line in self._lines}
+        self._ids = frozenset(line.vehicle.id for line in self._lines)
+        self._up_routes = {line.vehicle.id: line.up for line in self._lines}
+        self._up_routes[_EVERYBODY] = tuple(place for line in self._lines for place in line.up)
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
         """socket: index in `sockets`.  data: as received; the answer holds slices of it.  now: monotonic [s]."""
@@ -112,15 +115,14 @@ class Router:
 
     def heartbeat(self, frame: bytes) -> list[Out]:
         """The same frame to every vehicle."""
-        return [Out(line.link, line.vehicle.remote, frame) for line in self._lines]
+        return [(frame, self._up_routes[_EVERYBODY])]
 
     def news(self) -> dict[str, Fact]:
         """Facts that changed since the last call."""
-        found: dict[str, Fact] = {}
-        for line in self._lines:
-            if line.seen.news:
-                found.update(line.seen.news)
-                line.seen.news.clear()
+        if not self._news:
+            return {}
+        found = dict(self._news)
+        self._news.clear()
         return found
 
     @property
@@ -137,8 +139,8 @@ class Router:
     def _open(self, vehicle: Vehicle) -> Line:
         link, serve, tools = range(len(self.sockets), len(self.sockets) + 3)
         clients = {address: Endpoint(socket=serve, address=address) for address in vehicle.clients}
-        seen = Seen(name=vehicle.name)
-        line = Line(vehicle=vehicle, seen=seen, link=link, serve=serve, tools=tools, clients=clients)
+        line = Line(vehicle=vehicle, seen=Seen(name=vehicle.name, news=self._news), serve=serve, tools=tools,
+                    up=((link, vehicle.remote),), clients=clients)
         self.sockets += [vehicle.local, vehicle.serve, vehicle.tools]
         self._handlers += [partial(self._from_vehicle, line), partial(self._from_client, line),
                            partial(self._from_tool, line)]
@@ -149,34 +151,33 @@ class Router:
     def _from_vehicle(self, line: Line, sender: Address, data: Buffer, now: float) -> list[Out]:
         if sender != line.vehicle.remote:
             return self._refuse("stranger on a vehicle's link")
-        found = self._cut(data)
-        self.counts.frames_from_vehicles += len(found.frames)
-        verdicts = [self._verdict_down(line, data, frame, now) for frame in found.frames]
-        out = []
-        for target, start, end, count in _runs(found.frames, verdicts):
-            destinations = self._destinations(line, target)
-            if not destinations:
+        frames = self._cut(data)
+        self.counts.frames_from_vehicles += len(frames)
+        out: list[Out] = []
+        for target, start, end, count in _runs(frames, [self._verdict_down(line, data, f, now) for f in frames]):
+            destinations = line.routes.get(target) or self._listen(line, target)
+            if destinations:
+                self.counts.frames_to_clients += count * len(destinations)
+                out.append((data[start:end], destinations))
+            else:
                 self.counts.dropped["no listener"] += count
-            self.counts.frames_to_clients += count * len(destinations)
-            out += [Out(socket, dest, data[start:end]) for socket, dest in destinations]
         return out
 
     def _verdict_down(self, line: Line, data: Buffer, frame: Frame, now: float) -> int:
         """The target, system << 8 | component."""
-        if frame.sysid != line.vehicle.id:
+        _, _, _, _, sysid, compid, msgid, target_sys, target_comp = frame
+        if sysid != line.vehicle.id:
             self.counts.dropped["foreign system on a vehicle's link"] += 1
             return _NOBODY
-        if frame.msgid in _PEEKED and frame.compid == AUTOPILOT:
+        if msgid in _PEEKED and compid == AUTOPILOT:
             line.seen.hear(data, frame, now)
-        return frame.target_sys << 8 | frame.target_comp if frame.target_sys else _EVERYBODY
+        return target_sys << 8 | target_comp if target_sys else _EVERYBODY
 
-    def _destinations(self, line: Line, target: int) -> tuple[tuple[int, Address], ...]:
-        known = line.routes.get(target)
-        if known is None:
-            if len(line.routes) >= MAX_ROUTES:
-                line.routes.clear()
-            known = line.routes[target] = tuple(self._listeners(line, target))
-        return known
+    def _listen(self, line: Line, target: int) -> Destinations:
+        if len(line.routes) >= MAX_ROUTES:
+            line.routes.clear()
+        found = line.routes[target] = tuple(self._listeners(line, target))
+        return found
 
     def _listeners(self, line: Line, target: int) -> Iterable[tuple[int, Address]]:
         if line.vehicle.logger is not None:
@@ -197,8 +198,8 @@ class Router:
     def _from_tool(self, line: Line, sender: Address, data: Buffer, now: float) -> list[Out]:
         if not (sender[0].startswith("127.") or sender[0] == line.vehicle.tools[0]):
             return self._refuse("tool on another computer")
-        found = self._cut(data)
-        if not found.frames:
+        frames = self._cut(data)
+        if not frames:
             return []
         endpoint = line.guests.pop(sender, None)
         if endpoint is None:
@@ -208,47 +209,46 @@ class Router:
                 del line.guests[next(iter(line.guests))]
         line.guests[sender] = endpoint
         endpoint.last = now
-        return self._up(line, endpoint, found, data)
+        return self._up(line, endpoint, frames, data)
 
     def _from_gcs(self, sender: Address, data: Buffer, now: float) -> list[Out]:
         endpoint = self._gcs.get(sender)
         if endpoint is None:
             return self._refuse("stranger on the ground stations' socket")
-        found = self._cut(data)
-        if found.frames:
+        frames = self._cut(data)
+        if frames:
             self._gcs_heard_at = now
-        return self._up(None, endpoint, found, data)
+        return self._up(None, endpoint, frames, data)
 
-    def _up(self, line: Line | None, endpoint: Endpoint, found: Cut, data: Buffer) -> list[Out]:
+    def _up(self, line: Line | None, endpoint: Endpoint, frames: list[Frame], data: Buffer) -> list[Out]:
         """line: the only vehicle this endpoint may speak to; None for ground stations."""
-        self.counts.frames_from_clients += len(found.frames)
-        verdicts = [self._verdict_up(line, endpoint, data, frame) for frame in found.frames]
-        out = []
-        for target, start, end, count in _runs(found.frames, verdicts):
-            lines = self._lines if target == _EVERYBODY else [self._by_id[target]]
-            self.counts.frames_to_vehicles += count * len(lines)
-            out += [Out(to.link, to.vehicle.remote, data[start:end]) for to in lines]
+        self.counts.frames_from_clients += len(frames)
+        out: list[Out] = []
+        for target, start, end, count in _runs(frames, [self._verdict_up(line, endpoint, data, f) for f in frames]):
+            destinations = self._up_routes[target]
+            self.counts.frames_to_vehicles += count * len(destinations)
+            out.append((data[start:end], destinations))
         return out
 
     def _verdict_up(self, line: Line | None, endpoint: Endpoint, data: Buffer, frame: Frame) -> int:
         """The system id of the vehicle it goes to."""
-        if frame.compid == AUTOPILOT and frame.sysid in self._by_id:
+        _, _, payload, size, sysid, compid, msgid, target, _ = frame
+        if compid == AUTOPILOT and sysid in self._ids:
             self.counts.dropped["vehicle's own message come back"] += 1
             return _NOBODY
-        self._learn(line, endpoint, frame.sysid << 8 | frame.compid)
-        if frame.msgid == _TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
+        if (speaker := sysid << 8 | compid) not in endpoint.heard:
+            self._learn(line, endpoint, speaker)
+        if msgid == _TIMESYNC and any(data[payload : payload + min(8, size)]):
             self.counts.dropped["TIMESYNC reply"] += 1
             return _NOBODY
-        if line is not None and frame.target_sys in (0, line.vehicle.id):
+        if line is not None and (target in (0, line.vehicle.id)):
             return line.vehicle.id
-        if line is None and (frame.target_sys == 0 or frame.target_sys in self._by_id):
-            return frame.target_sys
+        if line is None and (target == 0 or target in self._ids):
+            return target
         self.counts.dropped["for a system not served here"] += 1
         return _NOBODY
 
     def _learn(self, line: Line | None, endpoint: Endpoint, speaker: int) -> None:
-        if speaker in endpoint.heard:
-            return
         if len(endpoint.heard) >= MAX_HEARD:
             del endpoint.heard[next(iter(endpoint.heard))]
         endpoint.heard[speaker] = None
@@ -257,13 +257,13 @@ class Router:
 
     # both
 
-    def _cut(self, data: Buffer) -> Cut:
-        found = cut(data)
-        if found.garbage or found.unknown or not found.frames:
-            self.counts.unknown += found.unknown
-            self.counts.dropped["garbage bytes"] += found.garbage
-            self.counts.dropped["wrong CRC"] += found.bad_crc
-        return found
+    def _cut(self, data: Buffer) -> list[Frame]:
+        frames, garbage, bad_crc, unknown = cut(data)
+        if garbage or unknown:
+            self.counts.unknown += unknown
+            self.counts.dropped["garbage bytes"] += garbage
+            self.counts.dropped["wrong CRC"] += bad_crc
+        return frames
 
     def _refuse(self, why: str) -> list[Out]:
         self.counts.dropped[why] += 1
@@ -272,6 +272,8 @@ class Router:
 
 def _runs(frames: list[Frame], verdicts: list[int]) -> list[tuple[int, int, int, int]]:
     """(verdict, start, end, frames) of whole runs of adjoining frames with one verdict; _NOBODY's are left out."""
+    if len(frames) == 1:
+        return [(verdicts[0], frames[0][0], frames[0][1], 1)] if verdicts[0] != _NOBODY else []
     runs: list[tuple[int, int, int, int]] = []
     verdict, start, end, count = _NOBODY, 0, 0, 0
     for frame, own in zip(frames, verdicts, strict=True):

@@ -18,10 +18,13 @@ Fact = bool | str | float
 
 @dataclass(kw_only=True)
 class Seen:
-    """The facts of one vehicle; `news` holds those not told yet. A silent vehicle keeps its last `armed`."""
+    """The facts of one vehicle. A silent vehicle keeps its last `armed`.
+
+    news: where changes are put until they are told, shared by all vehicles of a router.
+    """
 
     name: str
-    news: dict[str, Fact] = field(default_factory=dict)
+    news: dict[str, Fact]
     _known: dict[str, Fact] = field(default_factory=dict, init=False)
     _heard_at: float | None = field(default=None, init=False)
     _off_ground_at: float | None = field(default=None, init=False)

@@ -24,6 +24,7 @@ _SIGNED = 0x01
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _SEED = {number: bytes([extra]) for number, extra in CRC_EXTRA.items()}
 _crc = crc16.mcrf4xx
+_new = tuple.__new__  # a NamedTuple's own constructor costs twice as much, and there is one per message
 
 Buffer = bytes | bytearray | memoryview
 
@@ -68,20 +69,20 @@ def cut(data: Buffer) -> Cut:
     while at < size:
         frame = _frame_at(data, at, size)
         if frame is not None:
-            known = frame.msgid in _SEED
-            if _crc_fits(data, frame) if known else _plausible(data, frame, at == used, size):
+            seed = _SEED.get(frame[6])
+            if _plausible(data, frame, at == used, size) if seed is None else _crc_fits(data, frame, seed):
                 frames.append(frame)
-                at = frame.end
-                used += frame.end - frame.start
-                unknown += not known
+                used += frame[1] - at
+                at = frame[1]
+                unknown += seed is None
                 continue
-            bad_crc += known
+            bad_crc += seed is not None
         tries += 1
         found = _MAGIC.search(data, at + 1) if tries < TRIES else None
         if found is None:
             break
         at = found.start()
-    return Cut(frames, size - used, bad_crc, unknown)
+    return _new(Cut, (frames, size - used, bad_crc, unknown))
 
 
 def byte_at(data: Buffer, frame: Frame, offset: int) -> int:
@@ -115,16 +116,17 @@ def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
         return None
     place = TARGETS.get(msgid)
     if place is None:
-        return Frame(at, end, payload, length, sysid, compid, msgid, 0, 0)
+        return _new(Frame, (at, end, payload, length, sysid, compid, msgid, 0, 0))
     system, component = place
     target_sys = data[payload + system] if system < length else 0
     target_comp = data[payload + component] if 0 <= component < length else 0
-    return Frame(at, end, payload, length, sysid, compid, msgid, target_sys, target_comp)
+    return _new(Frame, (at, end, payload, length, sysid, compid, msgid, target_sys, target_comp))
 
 
-def _crc_fits(data: Buffer, frame: Frame) -> bool:
-    at = frame.payload + frame.size
-    expected: int = _crc(_SEED[frame.msgid], _crc(data[frame.start + 1 : at]))
+def _crc_fits(data: Buffer, frame: Frame, seed: bytes) -> bool:
+    start, _, payload, size = frame[:4]
+    at = payload + size
+    expected: int = _crc(seed, _crc(data[start + 1 : at]))
     return expected == data[at] | data[at + 1] << 8
 
 

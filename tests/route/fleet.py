@@ -65,10 +65,10 @@ class Fleet:
 
     def send(self, sender, socket, data):
         told = {}
-        for key, dest, piece in self.router.on_datagram(self.socket(socket), sender, data, self.now):
-            name = self.names[dest]
-            assert (dest, self.router.sockets[key]) not in told
-            told[name] = told.get(name, b"") + bytes(piece)
+        for piece, destinations in self.router.on_datagram(self.socket(socket), sender, data, self.now):
+            for _, dest in destinations:
+                name = self.names[dest]
+                told[name] = told.get(name, b"") + bytes(piece)
         return told
 
     @property

@@ -50,7 +50,7 @@ def test_one_datagram_for_two_vehicles_is_parted_in_whole_runs(fleet):
     a, b, c = command(1, STATION), command(1, (255, 191)), command(2, STATION)
     assert fleet.say("gcs", a + b + c + a) == {"autopilot1": a + b + a, "autopilot2": c}
     out = fleet.router.on_datagram(fleet.socket(fleet.table.gcs_local), GCS, a + b + c, 0.0)
-    assert [len(piece) for _, _, piece in out] == [len(a + b), len(c)]
+    assert [len(piece) for piece, _ in out] == [len(a + b), len(c)]
 
 
 def test_an_acknowledgement_goes_to_who_asked_and_to_the_logger(fleet):
@@ -167,8 +167,8 @@ def test_long_runs_leave_in_pieces_that_fit_an_ethernet_frame(fleet):
     a = command(1, PROGRAM1)
     socket = fleet.socket(fleet.vehicle(1).serve)
     out = fleet.router.on_datagram(socket, fleet.address["program1"], a * 100, 0.0)
-    assert b"".join(bytes(piece) for _, _, piece in out) == a * 100
-    assert max(len(piece) for _, _, piece in out) <= 1472
+    assert b"".join(bytes(piece) for piece, _ in out) == a * 100
+    assert max(len(piece) for piece, _ in out) <= 1472
 
 
 def test_frames_and_bytes_are_counted_each_way(fleet):
@@ -238,8 +238,10 @@ def test_a_ground_station_is_alive_for_three_seconds_after_a_real_frame(fleet):
 
 def test_the_routers_heartbeat_goes_to_every_vehicle(fleet):
     out = fleet.router.heartbeat(b"beat")
-    assert [fleet.names[dest] for _, dest, _ in out] == ["autopilot1", "autopilot2"]
-    assert [fleet.router.sockets[key] for key, _, _ in out] == [fleet.vehicle(1).local, fleet.vehicle(2).local]
+    [(frame, destinations)] = out
+    assert frame == b"beat"
+    assert [fleet.names[dest] for _, dest in destinations] == ["autopilot1", "autopilot2"]
+    assert [fleet.router.sockets[key] for key, _ in destinations] == [fleet.vehicle(1).local, fleet.vehicle(2).local]
 
 
 def test_a_manual_control_goes_to_the_vehicle_it_names(fleet):
