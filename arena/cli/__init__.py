@@ -61,14 +61,7 @@ def build(arguments: Sequence[str]) -> typer.Typer:
 
 
 def _register(app: typer.Typer, verb: str) -> None:
-    module = f"arena.cli.{verb.replace('-', '_')}"
-    try:
-        found = importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name != module:
-            raise
-        return
-    found.register(app)
+    importlib.import_module(f"arena.cli.{verb.replace('-', '_')}").register(app)
 
 
 def _run(app: typer.Typer, arguments: list[str]) -> int:

@@ -72,7 +72,7 @@ def _show(arena: Arena, made: Plan) -> None:
         table.add_column(column, no_wrap=column in ("name", "ready"), overflow="fold")
     for spec in made.processes:
         table.add_row(*row(spec))
-    console = Console() if sys.stdout.isatty() else Console(width=200)
+    console = Console() if sys.stdout.isatty() else Console(width=1000)
     console.print(table)
     for line in what_would_run(arena, made):
         print(line)

@@ -108,7 +108,10 @@ def test_a_built_package_carries_profiles_and_templates(tmp_path: Path) -> None:
     ]
     egg = ["egg_info", "--egg-base", str(tmp_path)]
     subprocess.run([*build[:3], *egg, *build[3:]], cwd=ROOT, check=True, capture_output=True, timeout=60)
-    code = "import arena, arena.schema as s; print(arena.__file__, s.profile_names(), sorted(p.name for p in (s.data_folder('templates') / 'init').iterdir()))"
+    code = (
+        "import arena, arena.schema as s; folder = s.data_folder('templates') / 'init';"
+        "print(arena.__file__, s.profile_names(), sorted(p.name for p in folder.iterdir()))"
+    )
     env = {**os.environ, "PYTHONPATH": str(tmp_path / "lib")}
     told = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, env=env, check=True, capture_output=True, text=True, timeout=60

@@ -1,0 +1,188 @@
+"""`python -m arena.cli.reference [FOLDER]`: writes the generated pages of docs/reference. A test writes them again and compares.
+
+Pages: keys of the YAML, ports, processes, exit codes, the command line. Nothing in them is written by hand.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import typer.main
+
+from arena import errors
+from arena.cli import VERBS, build
+from arena.plan import ProcessSpec, make_plan
+from arena.schema import load_arena
+from arena.schema.json_schema import json_schema
+from arena.schema.models import NOT_YET
+from arena.schema.ports import GROUND_STATION, LINK_BASE, RULE, WHAT
+
+FOLDER = Path(__file__).parents[2] / "docs" / "reference"
+_HEAD = "<!-- written by python -m arena.cli.reference; do not edit -->\n\n"
+_EXAMPLE = "vehicles: {uav1: {program: hover.py}}\n"
+
+
+def pages() -> dict[str, str]:
+    """File name -> text, all five."""
+    made = {
+        "yaml.md": yaml_page(), "ports.md": ports_page(), "processes.md": processes_page(),
+        "exit-codes.md": exit_codes_page(), "cli.md": cli_page(),
+    }  # fmt: skip
+    return {name: _HEAD + text.rstrip() + "\n" for name, text in made.items()}
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table in Markdown."""
+    head = list(head)
+    lines = ["| " + " | ".join(row) + " |" for row in ([*head], ["---"] * len(head), *([str(c) for c in row] for row in rows))]
+    return "\n".join(lines) + "\n"
+
+
+def yaml_page() -> str:
+    """Every key, from the models' JSON schema."""
+    schema = json_schema()
+    defs = schema["$defs"]
+    text = "# Keys of arena.yaml\n\nUnknown keys, keys given twice, NaN and infinity are refused. Scalars are\n"
+    text += "read as YAML 1.2 says. "
+    text += "Values are laid over each other in this order: defaults, profile, `defaults`, the vehicle, `--set key=value`.\n\n"
+    text += "## The arena\n\n" + _keys(schema)
+    order = ["World", "Origin", "Sim", "Mocap", "MocapNoise", "VehicleKeys", "Start", "Program", "Tool", "VehicleDefaults",
+             "Failsafe", "Geofence", "Host"]  # fmt: skip
+    if set(order) != set(defs):
+        raise ValueError(f"models without a place on the page: {set(order) ^ set(defs)}")
+    for name in order:
+        text += f"\n## {name}\n\n{defs[name].get('description', '')}\n\n" + _keys(defs[name])
+    text += "\n## Known, and not supported yet\n\n"
+    return text + table(("key", "value", "instead"), ((f"`{k}`", v or "any", instead) for (k, v), instead in NOT_YET.items()))
+
+
+def _keys(model: dict[str, Any]) -> str:
+    rows = ((f"`{k}`", _type(p), _default(p, k in model.get("required", ())), p.get("description", "").replace("\n", " "))
+            for k, p in model["properties"].items())  # fmt: skip
+    return table(("key", "value", "default", "meaning"), rows)
+
+
+def _default(schema: dict[str, Any], required: bool) -> str:
+    value = schema.get("default")
+    if required:
+        return "required"
+    return "" if value is None or isinstance(value, dict) else f"`{str(value).lower() if isinstance(value, bool) else value}`"
+
+
+def _type(schema: dict[str, Any]) -> str:
+    """A JSON schema in a few words."""
+    if "$ref" in schema:
+        name = schema["$ref"].rpartition("/")[2]
+        return f"[{name}](#{name.lower()})"
+    if "const" in schema:
+        return f"`{schema['const']}`"
+    if "enum" in schema:
+        return ", ".join(f"`{x}`" for x in schema["enum"])
+    if "anyOf" in schema:
+        return " or ".join(_type(s) for s in schema["anyOf"] if s.get("type") != "null")
+    return _simple(schema)
+
+
+def _simple(schema: dict[str, Any]) -> str:
+    kind = schema.get("type")
+    if kind == "array":
+        return f"{len(schema['prefixItems'])} numbers" if "prefixItems" in schema else f"list of {_type(schema['items'])}"
+    if kind == "object":
+        return f"names, each {_type(schema['additionalProperties'])}"
+    words = {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false"}[str(kind)]
+    return words + _range(schema)
+
+
+def _range(schema: dict[str, Any]) -> str:
+    low, above = schema.get("minimum"), schema.get("exclusiveMinimum")
+    high, below = schema.get("maximum"), schema.get("exclusiveMaximum")
+    limits = (("from", low), ("above", above), ("to", high), ("below", below))
+    return "".join(f" {word} {limit}" for word, limit in limits if limit is not None)
+
+
+def ports_page() -> str:
+    rows = [(rule, *WHAT[key]) for key, rule in RULE.items()]
+    rows += [(str(LINK_BASE), "the router", "the socket that serves ground stations"),
+             (str(GROUND_STATION), "a ground station", "all vehicles"),
+             ("1510, or `mocap.command_port`", "the motion capture", "NatNet commands"),
+             ("1511, or `mocap.data_port`", "every receiver", "NatNet frames, shared")]  # fmt: skip
+    text = "# Ports\n\nAll UDP, all on the arena's `address` (default 127.0.0.1). Each `gcs` address of a vehicle gets\nits "
+    text += "program port, its SDK port and 14550 as well.\n\n"
+    return text + table(("port", "who binds it", "what"), rows)
+
+
+def processes_page() -> str:
+    """The process table of an arena with one vehicle."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "arena.yaml"
+        file.write_text(_EXAMPLE)
+        (Path(folder) / "hover.py").touch()
+        plan = make_plan(load_arena(file), "python")
+        specs = [*plan.processes, *(task for task in (plan.land, plan.report) if task)]
+        rows = [[cell.replace(f"{folder}/", "") for cell in _process(spec)] for spec in specs]
+    head = ("name", "needs", "ready when", "restart", "outlives the supervisor", "CPU, memory budget", "command")
+    text = "# Processes\n\nOf an arena with one vehicle, in start order; the last two are tasks of the supervisor.\n"
+    return text + "`{run}` is the run folder.\n\n" + table(head, rows)
+
+
+def _process(spec: ProcessSpec) -> list[str]:
+    budget = f"{spec.cpu_budget:g} cores, {spec.memory_budget_mb:g} MB"
+    outlives = "yes" if spec.outlives else "no"
+    return [f"`{spec.name}`", ", ".join(spec.needs), spec.ready, spec.restart.mode, outlives, budget, f"`{' '.join(spec.argv)}`"]
+
+
+def exit_codes_page() -> str:
+    codes = [(errors.EXIT_OK, "done"), (errors.EXIT_FAILED, "the run failed: a vehicle, a program, a process or an assertion"),
+             (errors.EXIT_INPUT, "the input is wrong: the YAML, a file, the command line, or what is installed"),
+             (errors.EXIT_INTERRUPTED, "interrupted")]  # fmt: skip
+    text = "# Exit codes and exceptions\n\n" + table(("code", "meaning"), ((str(c), words) for c, words in codes))
+    rows = (
+        (f"`{kind.__name__}`", str(kind.exit_code), (kind.__doc__ or "").splitlines()[0]) for kind in _family(errors.ArenaError)
+    )
+    return text + "\n" + table(("exception", "exit code", "when"), rows)
+
+
+def _family(kind: type[errors.ArenaError]) -> Iterator[type[errors.ArenaError]]:
+    yield kind
+    for child in kind.__subclasses__():
+        if child.__module__ == errors.__name__:
+            yield from _family(child)
+
+
+def cli_page() -> str:
+    """Every verb with its arguments and options, from the app itself."""
+    group: Any = typer.main.get_command(build(()))
+    text = "# The command line\n\n`--debug` before or after any verb shows the traceback of a failure.\n"
+    for verb in (v for v in VERBS if v in group.commands):
+        command = group.commands[verb]
+        words = [_name(p) if p.required else f"[{_name(p)}]" for p in command.params if p.param_type_name == "argument"]
+        text += f"\n## arena {' '.join([verb, *words])}\n\n{(command.help or '').strip()}\n\n"
+        rows = [_parameter(p) for p in command.params if p.name != "help"]
+        text += table(("argument or option", "meaning"), rows) if rows else ""
+    return text
+
+
+def _name(p: Any) -> str:
+    return str(p.metavar or p.name).upper()
+
+
+def _parameter(p: Any) -> tuple[str, str]:
+    if p.param_type_name == "argument":
+        return f"`{_name(p)}`", p.help or ""
+    value = "" if p.is_flag else f" {p.metavar or 'VALUE'}"
+    return ", ".join(f"`{option}{value}`" for option in (*p.opts, *p.secondary_opts)), (p.help or "").replace("|", "\\|")
+
+
+def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in pages().items():
+        (folder / name).write_text(text)
+        print(folder / name)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)

@@ -1,0 +1,18 @@
+"""The pages of docs/reference are what the code says today."""
+
+from __future__ import annotations
+
+import pytest
+
+from arena.cli.reference import FOLDER, pages
+
+PAGES = ("yaml.md", "ports.md", "processes.md", "exit-codes.md", "cli.md")
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_generated_page_is_up_to_date(name: str) -> None:
+    assert (FOLDER / name).read_text() == pages()[name], "write them again: python -m arena.cli.reference"
+
+
+def test_every_page_is_compared() -> None:
+    assert set(pages()) == set(PAGES)

@@ -1,0 +1,152 @@
+"""The verbs that start nothing: init, check, plan, schema; and what `main` promises of every verb."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+import arena.cli as cli
+from arena.errors import RunError
+from arena.schema import load_arena
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hover.py").touch()
+    (tmp_path / "arena.yaml").write_text("name: lab\naddress: 127.52.2.1\nvehicles:\n  uav1: {program: hover.py}\n")
+    return tmp_path
+
+
+def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    code = cli.main(arguments)
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+def test_check_says_ok_and_what_would_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run("check", capsys=capsys)
+    assert (code, err) == (0, "") and out.startswith("ok: lab (arena.yaml)")
+    assert "uav1: id 1, iris, autopilot builtin (auto: no PX4 in this version), at N 0 E 0 D 0, port 16001, hover.py" in out
+    assert "6 processes, 1 of them programs" in out
+
+
+def test_check_tells_all_problems_and_exits_with_two(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run("check", "--set", "mocap.latency_ms=1", "--set", "vehicles.uav1.id=0", capsys=capsys)
+    assert (code, out) == (2, "") and len(err.splitlines()) == 2 and "Traceback" not in err
+
+
+def test_a_problem_alone_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, err = run("check", "none.yaml", capsys=capsys)
+    assert code == 2 and err == "arena: none.yaml: cannot be read: No such file or directory\n"
+
+
+def test_plan_prints_each_process_with_its_needs_ports_and_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run("plan", capsys=capsys)
+    assert code == 0
+    line = next(x for x in out.splitlines() if "program.uav1" in x and "--uav" in x)
+    for word in ("forward.uav1, router, logger.uav1", "started", "16001", "{run}/slices/program.uav1.json"):
+        assert word in line
+
+
+def test_plan_as_json_is_the_plan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from arena.plan import Plan, make_plan
+
+    code, out, _ = run("plan", "--json", "--set", "mocap.rate_hz=120", capsys=capsys)
+    assert code == 0 and Plan.from_json(out) == make_plan(load_arena("arena.yaml", ["mocap.rate_hz=120"]))
+
+
+def test_explain_tells_where_a_value_came_from(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def told(key: str, *more: str) -> str:
+        return run("plan", "--explain", key, *more, capsys=capsys)[1]
+
+    assert told("name") == 'name = "lab" from arena.yaml:1\n'
+    assert told("mocap.rate_hz") == "mocap.rate_hz = 180.0 (default)\n"
+    assert told("mocap.rate_hz", "--set", "mocap.rate_hz=120") == "mocap.rate_hz = 120.0 from --set\n"
+    assert told("vehicles.uav1.params.MC_ROLL_P") == "vehicles.uav1.params.MC_ROLL_P = 6.0 (profile iris)\n"
+    assert len(told("vehicles.uav1.start").splitlines()) == 2
+    code, _, err = run("plan", "--explain", "mocap.rate", capsys=capsys)
+    assert code == 2 and "Did you mean mocap.rate_hz?" in err
+
+
+def test_schema_knows_every_key_and_takes_a_bare_path_for_a_program(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run("schema", capsys=capsys)
+    schema = json.loads(out)
+    sections = {"name", "world", "sim", "mocap", "failsafe", "geofence", "hosts", "tools", "vehicles"}
+    assert code == 0 and set(schema["properties"]) >= sections
+    vehicle = schema["$defs"]["VehicleKeys"]
+    assert vehicle["additionalProperties"] is False and {"type": "string"} in vehicle["properties"]["program"]["anyOf"]
+    undescribed = [f"{n}.{k}" for n, d in schema["$defs"].items() for k, v in d["properties"].items() if "description" not in v]
+    assert undescribed == []
+
+
+def test_init_makes_an_arena_that_checks_and_a_program_of_ten_lines(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("lab1", "1e3", "deep/no"):
+        code, out, _ = run("init", name, capsys=capsys)
+        assert code == 0 and f"{name}/arena.yaml" in out
+        made = load_arena(Path(name))
+        assert made.name == Path(name).name and made.vehicles[0].program is not None
+        program = Path(name, "hover.py").read_text()
+        assert len(program.splitlines()) <= 10 and program.endswith("\n")
+        compile(program, "hover.py", "exec")
+        assert (Path(name) / "README.md").read_text().startswith(f"# {Path(name).name}\n")
+
+
+def test_init_overwrites_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("lab1").mkdir()
+    Path("lab1/hover.py").write_text("mine")
+    code, _, err = run("init", "lab1", capsys=capsys)
+    assert code == 2 and "lab1/hover.py" in err and [p.name for p in Path("lab1").iterdir()] == ["hover.py"]
+    assert Path("lab1/hover.py").read_text() == "mine"
+    assert run("init", "a b", capsys=capsys)[0] == 2 and run("init", "arena.yaml/x", capsys=capsys)[0] == 2
+
+
+def failing(error: BaseException) -> typer.Typer:
+    app = typer.Typer()
+
+    @app.callback()
+    def _group() -> None: ...
+
+    @app.command()
+    def check() -> None:
+        raise error
+
+    return app
+
+
+@pytest.mark.parametrize(("error", "code"), [(RunError("it broke"), 1), (KeyboardInterrupt(), 130), (ZeroDivisionError("x"), 1)])
+def test_every_failure_is_a_sentence_and_an_exit_code(
+    error: BaseException, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, "build", lambda _: failing(error))
+    got, _, err = run("check", capsys=capsys)
+    assert got == code and "Traceback" not in err
+    assert err == {1: "arena: it broke\n", 130: ""}.get(code, "") or "fault of arena" in err
+    if not isinstance(error, KeyboardInterrupt):
+        with pytest.raises(type(error)):
+            cli.main(["--debug", "check"])
+
+
+def test_a_wrong_command_line_exits_with_two(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("chekc", capsys=capsys)[0] == 2 and run("check", "--nope", capsys=capsys)[0] == 2
+    assert run("--help", capsys=capsys)[0] == 0
+
+
+def test_debug_after_a_double_dash_belongs_to_the_verb() -> None:
+    arguments = ["logs", "--", "--debug"]
+    assert not cli._take_debug(arguments) and arguments[-1] == "--debug"
+    assert cli._take_debug(arguments := ["check", "--debug"]) and arguments == ["check"]
+
+
+def test_land_all_starts_without_the_heavy_modules() -> None:
+    code = (
+        "import sys; from arena.cli import build; build(['land-all']);"
+        "print([m for m in ('pydantic', 'numpy', 'rich.table', 'matplotlib', 'jinja2') if m in sys.modules])"
+    )
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=30).stdout
+    assert told.strip() == "[]"

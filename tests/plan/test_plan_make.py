@@ -1,0 +1,236 @@
+"""The plan of an arena: pure, by the rule table, complete."""
+
+from __future__ import annotations
+
+import dataclasses
+import socket
+from pathlib import Path
+
+import pytest
+
+from arena.errors import InputError, NotInstalledError
+from arena.plan import Plan, ProcessSpec, make_plan
+from arena.schema import Arena, Machine, check_machine, load_arena
+
+FLEET = """\
+tools: {rec: {argv: [sleep, "1e3"], env: {B: "2", A: "1"}, restart: always}}
+vehicles:
+  uav1: {start: {position: [0, 0, 0]}, program: hover.py, args: [fast], neighbours: [uav2], gcs: [10.0.0.5]}
+  uav2: {start: {position: [-2, 0, 0], rpy_deg: [0, 0, 90]}, program: fly, mocap_body: aero2, port: 17002}
+  uav3: {start: {position: [2, 0, 0]}, forward: false, gcs: [10.0.0.5, 10.0.0.6],
+         tools: {view: {argv: [sleep, "1"], needs: [world]}}}
+"""
+
+
+@pytest.fixture
+def arena(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Arena:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hover.py").touch()
+    (tmp_path / "fly").touch(mode=0o755)
+    (tmp_path / "arena.yaml").write_text(FLEET)
+    return load_arena("arena.yaml")
+
+
+@pytest.fixture
+def plan(arena: Arena) -> Plan:
+    return make_plan(arena, "py")
+
+
+def process(plan: Plan, name: str) -> ProcessSpec:
+    return {p.name: p for p in plan.processes}[name]
+
+
+def test_the_plan_is_pure(arena: Arena, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("make_plan must not do that")
+
+    first = make_plan(arena, "py")
+    calls = ("builtins.open", "os.stat", "os.listdir", "socket.socket", "subprocess.Popen", "time.time", "time.monotonic")
+    with monkeypatch.context() as m:
+        for target in calls:
+            m.setattr(target, refuse)
+        second = make_plan(arena, "py")
+    assert second == first
+
+
+def test_the_plan_survives_its_json(plan: Plan) -> None:
+    assert Plan.from_json(plan.to_json()) == plan
+
+
+def test_the_resolved_yaml_loads_to_the_same_plan(plan: Plan, tmp_path: Path) -> None:
+    (tmp_path / "resolved.yaml").write_text(plan.yaml)
+    again = make_plan(load_arena(tmp_path / "resolved.yaml"), "py")
+    assert dataclasses.replace(again, yaml="") == dataclasses.replace(plan, yaml="")
+
+
+def test_the_processes_and_what_they_need(plan: Plan) -> None:
+    assert {p.name: p.needs for p in plan.processes} == {
+        "world": (), "mocap": ("world",), "forward.uav1": ("world", "mocap"), "forward.uav2": ("world", "mocap"),
+        "router": ("world",), "logger.uav1": ("router",), "logger.uav2": ("router",), "logger.uav3": ("router",),
+        "program.uav1": ("forward.uav1", "router", "logger.uav1"), "program.uav2": ("forward.uav2", "router", "logger.uav2"),
+        "tool.rec": ("router",), "tool.uav3.view": ("world",),
+    }  # fmt: skip
+
+
+def test_a_process_stands_after_all_that_it_needs(plan: Plan) -> None:
+    started: set[str] = set()
+    for spec in plan.processes:
+        assert set(spec.needs) <= started, spec.name
+        started.add(spec.name)
+
+
+def test_the_names_are_those_that_the_schema_promises(arena: Arena, plan: Plan) -> None:
+    assert [p.name for p in plan.processes] == arena.process_names
+
+
+def test_what_serves_a_flying_vehicle_outlives_and_the_rest_does_not(plan: Plan) -> None:
+    for spec in plan.processes:
+        assert spec.outlives == (spec.kind in ("world", "mocap", "forward", "router", "logger")), spec.name
+
+
+def test_only_what_can_be_started_again_in_flight_is(plan: Plan) -> None:
+    modes = {p.kind: p.restart.mode for p in plan.processes}
+    assert modes == {"world": "never", "mocap": "on_failure", "forward": "on_failure", "router": "on_failure",
+                     "logger": "on_failure", "program": "never", "tool": "never"}  # fmt: skip
+    assert process(plan, "tool.rec").restart.mode == "always"
+
+
+def test_the_commands(plan: Plan, tmp_path: Path) -> None:
+    assert process(plan, "world").argv == ("py", "-m", "arena.sim", "{run}/slices/world.json")
+    one, two = process(plan, "program.uav1"), process(plan, "program.uav2")
+    assert one.argv == ("py", str(tmp_path / "hover.py"), "--uav", "{run}/slices/program.uav1.json", "fast")
+    assert two.argv == (str(tmp_path / "fly"), "--uav", "{run}/slices/program.uav2.json")
+    assert one.cwd == two.cwd == str(tmp_path) and one.ready == "started"
+    assert plan.land is not None and plan.land.argv == ("py", "-m", "arena.safety.land_all", "--run", "{run}")
+    assert plan.report is not None and plan.report.argv == ("py", "-m", "arena.record.report", "{run}") and plan.report.nice == 10
+    for spec in plan.processes:
+        assert ("OMP_NUM_THREADS", "1") in spec.env and ("PYTHONUNBUFFERED", "1") in spec.env
+    assert process(plan, "tool.rec").env[-2:] == (("A", "1"), ("B", "2"))
+
+
+def test_every_room_that_names_a_slice_has_it(plan: Plan) -> None:
+    for spec in plan.processes:
+        for arg in spec.argv:
+            if arg.startswith("{run}/slices/"):
+                name = arg.removeprefix("{run}/slices/")
+                assert plan.slices[name]["name"] == spec.name == name.removesuffix(".json")
+
+
+def test_ports_are_those_of_the_architecture(plan: Plan) -> None:
+    """Written out: the table in docs/architecture.md, not the code's own."""
+    ports = {p.name: sorted(x.port for x in p.listens) for p in plan.processes}
+    assert ports == {
+        "world": [24010, 24012, 24014, 24020, 24022, 24024, 24030, 24032, 24034], "mocap": [1510],
+        "forward.uav1": [24013], "forward.uav2": [24023],
+        "router": [24000, 24011, 24016, 24018, 24021, 24026, 24028, 24031, 24036, 24038],
+        "logger.uav1": [24017], "logger.uav2": [24027], "logger.uav3": [24037],
+        "program.uav1": [16001], "program.uav2": [17002], "tool.rec": [], "tool.uav3.view": [],
+    }  # fmt: skip
+    assert plan.land is not None and [x.port for x in plan.land.listens] == [24015, 24025, 24035]
+    assert [(v.port, v.sdk_port, v.tools_port, v.logger_port) for v in plan.vehicles][1] == (17002, 23002, 24026, 24027)
+    panic = plan.vehicles[0].panic
+    assert (panic.autopilot_port, panic.partner_port, panic.autopilot_host) == (24014, 24015, "127.0.0.1")
+
+
+def test_no_port_has_two_owners_in_the_largest_arena(tmp_path: Path) -> None:
+    rows = [f"  v{i}: {{id: {i}, start: {{position: [{i}, 0, 0]}}}}\n" for i in range(1, 251)]
+    (tmp_path / "a.yaml").write_text("world: {size: [600, 4, 3]}\nvehicles:\n" + "".join(rows))
+    plan = make_plan(load_arena(tmp_path / "a.yaml"), "py")
+    claimed = [x.port for p in (*plan.processes, plan.land) if p for x in p.listens]
+    claimed += [p for v in plan.vehicles for p in (v.port, v.sdk_port)] + [1511, 14550]
+    assert len(claimed) == len(set(claimed)) == 250 * 11 + 4
+
+
+def test_the_two_ends_of_a_link_fit(plan: Plan) -> None:
+    world = {v["name"]: v["links"] for v in plan.slices["world.json"]["vehicles"]}
+    routed = {v["name"]: v["link"] for v in plan.slices["router.json"]["vehicles"]}
+    for v in plan.vehicles:
+        assert world[v.name]["router"] == {"local": routed[v.name]["remote"], "remote": routed[v.name]["local"]}
+        assert world[v.name]["panic"]["remote"] == [v.panic.partner_host, v.panic.partner_port]
+    forward = plan.slices["forward.uav1.json"]["link"]
+    assert world["uav1"]["vision"] == {"local": forward["remote"], "remote": forward["local"]}
+
+
+def test_the_router_serves_each_vehicle_to_its_own_clients_and_all_to_ground_stations(plan: Plan) -> None:
+    slice_ = plan.slices["router.json"]
+    assert [g["address"] for g in slice_["gcs"]] == [["127.0.0.1", 14550], ["10.0.0.5", 14550], ["10.0.0.6", 14550]]
+    assert slice_["gcs_local"] == ["127.0.0.1", 24000] and slice_["heartbeat"] is True and slice_["simulated"] is True
+    clients = {v["name"]: [c["address"] for c in v["clients"]] for v in slice_["vehicles"]}
+    assert clients["uav1"] == [["127.0.0.1", 16001], ["127.0.0.1", 22001], ["10.0.0.5", 16001], ["10.0.0.5", 22001]]
+    assert clients["uav2"] == [["127.0.0.1", 17002], ["127.0.0.1", 23002]]
+    assert slice_["vehicles"][0]["serve"] == ["127.0.0.1", 24018] and slice_["vehicles"][0]["logger"] == ["127.0.0.1", 24017]
+
+
+def test_slices_carry_what_the_rooms_read(plan: Plan) -> None:
+    world, mocap = plan.slices["world.json"], plan.slices["mocap.json"]
+    assert world["vehicles"][1]["rpy"] == pytest.approx([0, 0, 1.5707963])
+    assert world["vehicles"][1]["position"] == [-2.0, 0.0, 0.0]
+    assert world["vehicles"][0]["params"]["EKF2_EV_DELAY"] == 11.0 and world["size_m"] == [7.0, 4.0, 3.0]
+    assert world["vehicles"][0]["profile"]["thrust_curve"]["kind"] == "quadratic"
+    assert mocap["bodies"][1] == {"name": "aero2", "streaming_id": 2, "index": 1}
+    assert mocap["noise"]["position_m"] == pytest.approx(3e-4)
+    program = plan.slices["program.uav1.json"]
+    assert program["neighbours"] == [{"name": "uav2", "body": "aero2"}] and program["capture"]["bodies"] == ["uav1", "aero2"]
+    assert program["link"] == "udpin:127.0.0.1:16001" and program["clock"] == "{rt}/clock"
+    assert set(program["profile"]) == {"mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve"}
+    logger = plan.slices["logger.uav2.json"]
+    assert (logger["index"], logger["body"], logger["listen"]) == (1, "aero2", ["127.0.0.1", 24027])
+    assert "forward.uav3.json" not in plan.slices and plan.slices["forward.uav2.json"]["body"] == "aero2"
+
+
+class Bench(Machine):
+    """A machine that has what the test says."""
+
+    def __init__(self, modules: bool = True, commands: bool = True, held: dict[int, str] | None = None) -> None:
+        self.modules, self.commands, self.held = modules, commands, held or {}
+
+    def has_module(self, name: str) -> bool:
+        return self.modules
+
+    def has_command(self, name: str, folder: str) -> bool:
+        return self.commands
+
+    def refusal(self, address: str, port: int) -> str:
+        return "is in use" if port in self.held else ""
+
+    def holder(self, address: str, port: int) -> str:
+        return self.held[port]
+
+
+def test_a_sound_machine_is_passed(arena: Arena) -> None:
+    check_machine(arena, Bench())
+
+
+def test_a_missing_pybullet_is_told_with_the_way_to_get_it(arena: Arena) -> None:
+    with pytest.raises(NotInstalledError, match=r"pybullet is not installed.*pip install 'flying-arena\[sim\]'"):
+        check_machine(arena, Bench(modules=False))
+    with pytest.raises(NotInstalledError, match="'sleep' is not on this machine"):
+        check_machine(arena, Bench(commands=False))
+
+
+def test_a_port_in_use_names_who_holds_it_and_all_are_told(arena: Arena) -> None:
+    with pytest.raises(InputError) as raised:
+        check_machine(arena, Bench(modules=False, held={17002: "pid 7 (qgroundcontrol)", 24017: ""}))
+    text = str(raised.value)
+    assert "UDP port 17002 of 127.0.0.1, for the user's program of uav2" in text
+    assert "is in use by pid 7 (qgroundcontrol)." in text
+    assert "UDP port 24017" in text and "pybullet" in text and len(text.splitlines()) == 3
+
+
+def test_a_ground_station_that_is_up_is_no_clash(arena: Arena) -> None:
+    check_machine(arena, Bench(held={14550: "x", 22001: "x", 24015: "x", 1511: "x"}))
+
+
+def test_the_real_machine_tells_this_process_by_its_id(tmp_path: Path) -> None:
+    import os
+
+    (tmp_path / "a.yaml").write_text("address: 127.52.1.1\nvehicles: {uav1: {}}\n")
+    arena = load_arena(tmp_path / "a.yaml")
+    check_machine(arena)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
+        held.bind(("127.52.1.1", 24017))
+        with pytest.raises(InputError, match=rf"UDP port 24017 of 127.52.1.1, for the logger of uav1 .* by pid {os.getpid()} \("):
+            check_machine(arena)
+    check_machine(arena)
+    with pytest.raises(InputError, match="cannot be bound"):
+        check_machine(dataclasses.replace(arena, address="192.0.2.1"))

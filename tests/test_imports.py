@@ -1,0 +1,82 @@
+"""Imports run one way between the rooms (docs/architecture.md). Read from the source, so that lazy imports count too."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1] / "arena"
+
+GROUND = {"errors", "geometry", "wire", "clock", "room", "thrust"}
+MAY: dict[str, set[str]] = {
+    "errors": set(),
+    "thrust": {"errors"},
+    "geometry": {"errors"},
+    "clock": {"errors"},
+    "room": {"errors"},
+    "wire": {"errors", "geometry"},
+    "capture": {"errors", "geometry", "wire", "clock"},
+    "schema": {"errors", "geometry", "wire", "clock", "thrust"},
+    "plan": {"errors", "geometry", "wire", "clock", "thrust", "schema"},
+    "supervise": {"errors", "geometry", "wire", "clock", "room", "schema", "plan"},
+    **{room: GROUND | {"capture"} for room in ("sim", "autopilot", "mocap", "forward", "route")},
+    # tool rooms and what a user imports may read the schema and the plan
+    "record": GROUND | {"capture", "schema", "plan"},
+    "uav": GROUND | {"capture", "schema"},
+    "safety": GROUND | {"schema", "plan"},
+    "cli": GROUND | {"schema", "plan", "supervise", "safety", "record"},
+}
+# the world's shell alone puts two cores together; the package's face lends the user's names
+EXCEPT: dict[str, set[str]] = {"sim/__main__.py": {"autopilot"}, "__init__.py": {"uav"}}
+HEAVY = {"pybullet": "sim", "mavsdk": "uav", "matplotlib": "record"}
+
+
+def imports(path: Path) -> Iterator[tuple[str, bool]]:
+    """(dotted module, whether it is imported when the file is)."""
+    tree = ast.parse(path.read_text())
+    top = {id(node) for node in tree.body}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, id(node) in top) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative imports hide where they go"
+            yield node.module or "", id(node) in top
+            if node.module == "arena":
+                yield from ((f"arena.{alias.name}", id(node) in top) for alias in node.names)
+
+
+FILES = sorted(ROOT.rglob("*.py"))
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def test_every_room_has_a_rule() -> None:
+    rooms = {room_of(p) for p in FILES} - {"__init__", "__main__"}
+    assert rooms <= set(MAY), f"say in MAY what these may import: {rooms - set(MAY)}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_a_file_imports_only_what_its_room_may(path: Path) -> None:
+    room, name = room_of(path), str(path.relative_to(ROOT))
+    allowed = MAY.get(room, set()) | {room} | EXCEPT.get(name, set())
+    for module, _ in imports(path):
+        parts = module.split(".")
+        if parts[0] == "arena" and len(parts) > 1 and not (parts[1].startswith("_") or module == "arena.UAV"):
+            assert parts[1] in allowed, f"{name} imports {module}; {room} may import {sorted(allowed)}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_heavy_packages_stay_in_their_room(path: Path) -> None:
+    for module, _ in imports(path):
+        owner = HEAVY.get(module.split(".")[0])
+        assert owner in (None, room_of(path)), f"{path} imports {module}"
+
+
+def test_nobody_speaks_through_pymavlinks_own_connections() -> None:
+    for path in FILES:
+        assert not [m for m, _ in imports(path) if m == "pymavlink.mavutil"], path
