@@ -28,6 +28,7 @@ GCS_ALIVE_S = 3.0
 RUN_BYTES = 1472    # consecutive frames leave as one datagram up to what an Ethernet frame holds
 
 _TIMESYNC = 111
+_ANYWHERE = ("0.0.0.0", 0)
 _PEEKED = (HEARTBEAT, EXTENDED_SYS_STATE)
 _EVERYBODY = 0
 _NOBODY = -1
@@ -37,6 +38,7 @@ _NOBODY = -1
 Destinations = tuple[tuple[int, Address], ...]
 # a datagram to send, a slice of the one that came in, and who gets it
 Out = tuple[Buffer, Destinations]
+Handler = Callable[[Address, Buffer, float], list[Out]]
 
 
 @dataclass(kw_only=True)
@@ -62,10 +64,10 @@ class Line:
 
     vehicle: Vehicle
     seen: Seen
-    serve: int
-    tools: int
-    up: Destinations
-    clients: dict[Address, Endpoint]
+    serve: int = 0
+    tools: int = 0
+    up: Destinations = ()
+    clients: dict[Address, Endpoint] = field(default_factory=dict)
     guests: dict[Address, Endpoint] = field(default_factory=dict)
     routes: dict[int, Destinations] = field(default_factory=dict)
 
@@ -89,9 +91,9 @@ class Router:
 
     def __init__(self, table: Table) -> None:
         self.table, self.counts = table, Counts()
-        self.sockets: list[Address] = [table.gcs_local]
-        self._handlers: list[Callable[[Address, Buffer, float], list[Out]]] = [self._from_gcs]
-        self._gcs = {address: Endpoint(socket=0, address=address) for address in table.gcs}
+        self.sockets: list[Address] = []
+        self._handlers: list[Handler] = []
+        self._gcs = self._serve(table.gcs_local, self._from_gcs, table.gcs)
         self._gcs_heard_at = float("-inf")
         self._news: dict[str, Fact] = {}
         self._lines = [self._open(vehicle) for vehicle in table.vehicles]
@@ -137,14 +139,24 @@ class Router:
         return now - self._gcs_heard_at <= GCS_ALIVE_S
 
     def _open(self, vehicle: Vehicle) -> Line:
-        link, serve, tools = range(len(self.sockets), len(self.sockets) + 3)
-        clients = {address: Endpoint(socket=serve, address=address) for address in vehicle.clients}
-        line = Line(vehicle=vehicle, seen=Seen(name=vehicle.name, news=self._news), serve=serve, tools=tools,
-                    up=((link, vehicle.remote),), clients=clients)
-        self.sockets += [vehicle.local, vehicle.serve, vehicle.tools]
-        self._handlers += [partial(self._from_vehicle, line), partial(self._from_client, line),
-                           partial(self._from_tool, line)]
+        line = Line(vehicle=vehicle, seen=Seen(name=vehicle.name, news=self._news))
+        line.up = ((self._add(vehicle.local, partial(self._from_vehicle, line)), vehicle.remote),)
+        line.tools = self._add(vehicle.tools, partial(self._from_tool, line))
+        line.serve = len(self.sockets)
+        line.clients = self._serve(vehicle.serve, partial(self._from_client, line), vehicle.clients)
         return line
+
+    def _serve(self, local: Address, handler: Handler, clients: Iterable[Address]) -> dict[Address, Endpoint]:
+        """One more socket where there are clients on other computers: one bound to loopback cannot send to them."""
+        near = self._add(local, handler)
+        far = {c for c in clients if _is_loopback(local) and not _is_loopback(c)}
+        wide = self._add(_ANYWHERE, handler) if far else near
+        return {c: Endpoint(socket=wide if c in far else near, address=c) for c in clients}
+
+    def _add(self, local: Address, handler: Handler) -> int:
+        self.sockets.append(local)
+        self._handlers.append(handler)
+        return len(self.sockets) - 1
 
     # vehicle -> clients
 
@@ -196,7 +208,7 @@ class Router:
         return self._up(line, endpoint, self._cut(data), data)
 
     def _from_tool(self, line: Line, sender: Address, data: Buffer, now: float) -> list[Out]:
-        if not (sender[0].startswith("127.") or sender[0] == line.vehicle.tools[0]):
+        if not (_is_loopback(sender) or sender[0] == line.vehicle.tools[0]):
             return self._refuse("tool on another computer")
         frames = self._cut(data)
         if not frames:
@@ -268,6 +280,10 @@ class Router:
     def _refuse(self, why: str) -> list[Out]:
         self.counts.dropped[why] += 1
         return []
+
+
+def _is_loopback(address: Address) -> bool:
+    return address[0].startswith("127.")
 
 
 def _runs(frames: list[Frame], verdicts: list[int]) -> list[tuple[int, int, int, int]]:

@@ -244,6 +244,19 @@ def test_the_routers_heartbeat_goes_to_every_vehicle(fleet):
     assert [fleet.router.sockets[key] for key, _ in destinations] == [fleet.vehicle(1).local, fleet.vehicle(2).local]
 
 
+def test_a_client_on_another_computer_is_served_from_a_socket_that_can_reach_it():
+    """A socket bound to loopback cannot: the kernel refuses to send."""
+    far = ("192.0.2.7", 14550)
+    router = Router(Table.from_slice(slice_of((1,), gcs=far)))
+    [(_, destinations)] = router.on_datagram(router.sockets.index(("127.54.0.1", 24011)), ("127.54.0.1", 24010), attitude(1), 0.0)
+    served = {dest: router.sockets[key][0] for key, dest in destinations}
+    assert served.pop(far) == "0.0.0.0"
+    assert set(served.values()) == {"127.54.0.1"}
+    wide = router.sockets.index(("0.0.0.0", 0))
+    assert router.on_datagram(wide, far, command(1, STATION), 0.0)
+    assert router.on_datagram(wide, ("192.0.2.8", 14550), command(1, STATION), 0.0) == []
+
+
 def test_a_manual_control_goes_to_the_vehicle_it_names(fleet):
     sticks = packed(mavlink.MAVLink_manual_control_message(2, 1, 2, 3, 4, 5), *STATION)
     assert set(fleet.say("gcs", sticks)) == {"autopilot2"}

@@ -86,7 +86,10 @@ class Fake:
 
 
 class Fleet:
-    """Fakes on sockets, in one thread. paths: which of the two ways work; loss: of datagrams, each way."""
+    """Fakes on sockets, in one thread.
+
+    paths: "panic", "tools" (as its router would) and "router" (the link of a real router).  loss: of datagrams, each way.
+    """
 
     def __init__(self, fakes, host, paths=("panic", "tools"), loss=0.0):
         self.fakes, self.loss, self.rng = {f.system: f for f in fakes}, loss, random.Random(1)
@@ -97,8 +100,12 @@ class Fleet:
             for path in paths:
                 s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 s.setblocking(False)
-                s.bind(t.autopilot if path == "panic" else t.tools)
-                self.ways.append((s, t.id, t.partner if path == "panic" else None))
+                link = host, 24000 + 10 * t.id
+                own, partner = {
+                    "panic": (t.autopilot, t.partner), "tools": (t.tools, None), "router": (link, (host, link[1] + 1)),
+                }[path]
+                s.bind(own)
+                self.ways.append((s, t.id, partner))
         self.wake, self.stop = socket.socketpair()
         self.thread = threading.Thread(target=self.run)
 

@@ -109,6 +109,31 @@ def test_a_strangers_good_news_is_not_believed():
     assert (code, lines) == (1, ["uav1: NOT CONFIRMED: not heard at all"])
 
 
+def router_slice(host, ids):
+    vehicles = [
+        {"name": f"uav{k}", "id": k, "link": {"local": [host, 24001 + 10 * k], "remote": [host, 24000 + 10 * k]},
+         "serve": [host, 24008 + 10 * k], "tools": [host, 24006 + 10 * k], "clients": [], "logger": None}
+        for k in ids
+    ]
+    return {"name": "router", "vehicles": vehicles, "gcs_local": [host, 24000], "gcs": [], "heartbeat": True, "simulated": True}
+
+
+def test_through_a_real_router_alone_everybody_is_landed_and_heard(tmp_path):
+    host = "127.54.46.1"
+    file = tmp_path / "router.json"
+    file.write_text(json.dumps(router_slice(host, (1, 2))))
+    with Fleet([Fake(system=1), Fake(system=2)], host, paths=("router",)) as fleet:
+        router = subprocess.Popen([sys.executable, "-m", "arena.route", str(file)])
+        try:
+            code, lines = land(fleet.targets)
+        finally:
+            router.terminate()
+            assert router.wait(20) == 0
+    assert code == 0, lines
+    acks = {(s, c) for fake in fleet.fakes.values() for s, c, kind in fake.heard if kind == "COMMAND_LONG"}
+    assert acks == {(253, own_component())}
+
+
 # the commands
 
 
