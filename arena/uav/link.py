@@ -20,7 +20,7 @@ from arena.uav.poses import Poses
 from arena.wire.telemetry import Telemetry
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-_WAKE_S = 0.01  # wall time between looks at the sockets: a hundred wake-ups a second instead of six hundred
+_WAKE_S = 0.02  # wall time between looks at the sockets: fifty wake-ups a second instead of six hundred
 _FRESH_S = 0.001
 _HEARTBEAT_S = 1.0
 _MOST = 2000  # datagrams at a look: a flood must not keep the caller
