@@ -35,14 +35,14 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(kw_only=True)
 class Child:
-    """One started process. pid is also its process group and session. create_s: when the kernel started it [s] [wall].
+    """One started process. pid is also its process group and session. start_s: when the kernel started it [s since boot].
 
     garbage: packets that were none.  cut: how often its log was.  cpu_s: what it and its children used, once reaped [s].
     """
 
     spec: ProcessSpec
     pid: int
-    create_s: float
+    start_s: float
     log: Path
     line: socket.socket | None
     garbage: int = 0
@@ -139,7 +139,7 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
     finally:
         theirs.close()
         os.close(output)
-    return Child(spec=spec, pid=popen.pid, create_s=proc.create_time(popen.pid) or 0.0, log=log, line=ours, _popen=popen)
+    return Child(spec=spec, pid=popen.pid, start_s=proc.start_time(popen.pid) or 0.0, log=log, line=ours, _popen=popen)
 
 
 def last_line(log: Path) -> str:

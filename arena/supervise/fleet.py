@@ -89,7 +89,7 @@ class Fleet:
 
     def members(self) -> dict[str, Member]:
         """For state.json."""
-        return {n: Member(pid=c.pid, pgid=c.pid, create_time_s=c.create_s) for n, c in self.children.items()}
+        return {n: Member(pid=c.pid, pgid=c.pid, start_s=c.start_s) for n, c in self.children.items()}
 
     def _see(self, name: str, spec: ProcessSpec, orders: Orders) -> Seen:
         life = self.lives[name]

@@ -22,12 +22,9 @@ class Usage:
 
 
 @cache
-def boot_time() -> float:
-    """Wall time of boot [s]. Read once: two readings may differ by a tick."""
-    for line in Path("/proc/stat").read_text().splitlines():
-        if line.startswith("btime "):
-            return float(line.split()[1])
-    return 0.0
+def boot_id() -> str:
+    """Which boot of the kernel this is: start times mean nothing in another one."""
+    return _read("/proc/sys/kernel/random/boot_id").decode().strip()
 
 
 def _read(path: str) -> bytes:
@@ -56,10 +53,13 @@ def usage(pid: int) -> Usage | None:
     return Usage(cpu_s=sum(map(int, fields[11:15])) * _TICK_S, rss_mb=int(fields[21]) * _PAGE_MB)
 
 
-def create_time(pid: int) -> float | None:
-    """When the kernel started it [s] [wall], to a hundredth; None when there is no such process. With the pid, its identity."""
+def start_time(pid: int) -> float | None:
+    """When the kernel started it [s since boot], to a hundredth; None when there is no such process. With the pid, its identity.
+
+    Not as wall time: that of the boot jumps when the clock is set, and a second's jump would make a live run look dead.
+    """
     fields = _stat(pid)
-    return boot_time() + int(fields[19]) * _TICK_S if len(fields) >= 20 else None
+    return int(fields[19]) * _TICK_S if len(fields) >= 20 else None
 
 
 def is_zombie(pid: int) -> bool:
@@ -67,10 +67,10 @@ def is_zombie(pid: int) -> bool:
     return bool(fields) and fields[0] in (b"Z", b"X")
 
 
-def is_same(pid: int, created_s: float) -> bool:
+def is_same(pid: int, start_s: float) -> bool:
     """Is this the very process that was recorded, and is it still running?"""
-    found = create_time(pid)
-    return found is not None and abs(found - created_s) < 0.05 and not is_zombie(pid)
+    found = start_time(pid)
+    return found is not None and abs(found - start_s) < 0.005 and not is_zombie(pid)
 
 
 def children(pid: int) -> list[int]:

@@ -24,36 +24,38 @@ from arena.supervise import proc
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """One process as recorded. pid is also its group and session; create_time_s [s] [wall] completes its identity."""
+    """One process as recorded. pid is also its group and session; start_s [s since boot] completes its identity."""
 
     pid: int
     pgid: int
-    create_time_s: float
+    start_s: float
 
     @property
     def alive(self) -> bool:
-        return proc.is_same(self.pid, self.create_time_s)
+        return proc.is_same(self.pid, self.start_s)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """state.json. processes: name -> the running process."""
+    """state.json. boot: the kernel's boot id.  processes: name -> the running process."""
 
     name: str
     run: str
     rt: str
     address: str
+    boot: str
     supervisor: Member
     processes: dict[str, Member]
 
     @property
     def live(self) -> bool:
         """Its supervisor is running."""
-        return self.supervisor.alive
+        return self.boot == proc.boot_id() and self.supervisor.alive
 
     def survivors(self) -> dict[str, list[int]]:
         """Process name -> the pids of its group that still run and are really the ones recorded."""
-        found = {name: _still_there(member) for name, member in self.processes.items()}
+        members = self.processes if self.boot == proc.boot_id() else {}
+        found = {name: _still_there(member) for name, member in members.items()}
         return {name: pids for name, pids in found.items() if pids}
 
 
@@ -62,11 +64,11 @@ def _still_there(member: Member) -> list[int]:
 
     The number of a group cannot be given to a new process while a member of it runs.
     """
-    if proc.create_time(member.pid) is not None and not (member.alive or proc.is_zombie(member.pid)):
+    if proc.start_time(member.pid) is not None and not (member.alive or proc.is_zombie(member.pid)):
         return []
     sessions = set(proc.session_members(member.pid))
     members = [pid for pid in proc.group_members(member.pgid) if pid in sessions]
-    return [pid for pid in members if (proc.create_time(pid) or 0.0) >= member.create_time_s - 0.05]
+    return [pid for pid in members if (proc.start_time(pid) or 0.0) >= member.start_s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +99,13 @@ class RunFolder:
 
     def write_state(self, plan: Plan, processes: dict[str, Member]) -> None:
         state = RunState(
-            name=plan.name, run=str(self.path), rt=str(self.rt), address=plan.address, supervisor=myself(), processes=processes
+            name=plan.name,
+            run=str(self.path),
+            rt=str(self.rt),
+            address=plan.address,
+            boot=proc.boot_id(),
+            supervisor=myself(),
+            processes=processes,
         )
         write_whole(self.path / "state.json", json.dumps(dataclasses.asdict(state), indent=1))
 
@@ -148,7 +156,7 @@ def active_runs() -> list[RunState]:
                 state = open_run(Path(pointer.read_text()))
                 if state is not None and state.rt == str(pointer.parent):
                     found.append(state)
-    return sorted(found, key=lambda state: state.supervisor.create_time_s)
+    return sorted(found, key=lambda state: state.supervisor.start_s)
 
 
 def plan_of(state: RunState) -> Plan | None:
@@ -160,7 +168,7 @@ def plan_of(state: RunState) -> Plan | None:
 
 def myself() -> Member:
     pid = os.getpid()
-    return Member(pid=pid, pgid=os.getpgid(0), create_time_s=proc.create_time(pid) or 0.0)
+    return Member(pid=pid, pgid=os.getpgid(0), start_s=proc.start_time(pid) or 0.0)
 
 
 def write_whole(path: Path, text: str) -> None:

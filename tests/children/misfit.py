@@ -87,6 +87,28 @@ def grandchild() -> None:
     time.sleep(0.3)
 
 
+def grandchild_in_group() -> None:
+    subprocess.Popen([sys.executable, __file__, "ignores_sigterm_alone"])
+    tell(ready=True)
+    time.sleep(0.3)
+
+
+def ignores_sigterm_alone() -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    print("grandchild", os.getpid(), flush=True)
+    forever()
+
+
+def flickers() -> None:
+    """Disarmed for a moment, armed again, and disarmed for good after a second."""
+    tell(ready=True, facts={"uav1.armed": False})
+    time.sleep(0.15)
+    tell(facts={"uav1.armed": True})
+    time.sleep(1.0)
+    tell(facts={"uav1.armed": False}, stats={"disarmed": True})
+    forever()
+
+
 def floods() -> None:
     """As much output as it can."""
     block = b"flood " * 10_000 + b"\n"

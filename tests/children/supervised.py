@@ -12,7 +12,9 @@ from arena.supervise import Lines, Options, Supervisor, create
 def main() -> int:
     plan = Plan.from_json(Path(sys.argv[1]).read_text())
     limits = [float(a[6:]) for a in sys.argv[3:] if a.startswith("limit=")]
-    options = Options(until_done="until_done" in sys.argv, time_limit_s=limits[0] if limits else None, adopt=True)
+    options = Options(
+        until_done="until_done" in sys.argv, time_limit_s=limits[0] if limits else None, adopt="no_adopt" not in sys.argv
+    )
     return Supervisor(plan, create(plan, Path(sys.argv[2])), Lines(), options).run()
 
 

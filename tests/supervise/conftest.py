@@ -153,7 +153,7 @@ class Run:
 
 
 def is_running(pid: int) -> bool:
-    return proc.create_time(pid) is not None and not proc.is_zombie(pid)
+    return proc.start_time(pid) is not None and not proc.is_zombie(pid)
 
 
 @pytest.fixture

@@ -45,7 +45,9 @@ def test_a_detached_arena_is_seen_read_restarted_and_ended_from_other_terminals(
     up = terminal.up(plan_of(spec("a", "good"), program("p", "sleeps", needs=("a",))))
     assert up.returncode == 0, up.stderr
     assert "arena down --run" in up.stdout
-    status = json.loads(terminal.run("ps", "--json").stdout)
+    shown = terminal.run("ps", "--json")
+    assert shown.returncode == 0, shown.stderr
+    status = json.loads(shown.stdout)
     assert {name: row["state"] for name, row in status["processes"].items()} == {"a": "READY", "p": "READY"}
     assert "READY" in terminal.run("ps").stdout
     assert f"pid {status['processes']['a']['pid']}" in terminal.run("logs", "a").stdout

@@ -119,6 +119,15 @@ def test_grandchildren_end_with_their_program_even_from_a_session_of_their_own(s
     assert run.wait() == 0
 
 
+def test_the_group_of_a_program_that_ended_is_killed_without_any_adoption(start):
+    run = start(plan_of(spec("g", "grandchild_in_group", restart=Restart(mode="never")), spec("other", "good")), "no_adopt")
+    run.until("g", "EXITED")
+    (grand,) = [int(w.split()[1]) for w in run.log("g").splitlines() if w.startswith("grandchild")]
+    eventually(lambda: not is_running(grand), what="end of the grandchild")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
 def test_a_flood_of_output_is_cut_and_said_so_once(start):
     run = start(plan_of(spec("f", "floods", ready="started")))
     eventually(lambda: any("MiB" in e.get("event", "") for e in run.events("f")), limit_s=20)

@@ -116,6 +116,13 @@ def test_until_done_waits_until_the_vehicle_is_disarmed_for_good(start, tmp_path
     assert run.outcome["cause"] == "done" and run.log("land") == ""
 
 
+def test_a_moment_of_disarmed_does_not_end_a_run(start):
+    plan = plan_of(world(), spec("router", "flickers", kind="router"), program("p", "exits", "0"), vehicles=(vehicle(),))
+    run = start(plan, "until_done")
+    assert run.wait() == 0
+    assert run.outcome["processes"]["router"]["stats"] == {"disarmed": True}
+
+
 def test_the_loss_of_the_world_ends_and_fails_the_run_without_a_landing(start, tmp_path):
     run = begin(start, flying(tmp_path))
     os.kill(run.pid("world"), signal.SIGKILL)
@@ -125,7 +132,8 @@ def test_the_loss_of_the_world_ends_and_fails_the_run_without_a_landing(start, t
 
 
 def test_when_the_teller_of_armed_has_died_the_landing_is_run_all_the_same(start, tmp_path):
-    router = spec("router", "world", ARMED, kind="router", restart=spec("x", "good").restart)
+    """Its last word was `disarmed`, but a program has run since: what it knew proves nothing any more."""
+    router = spec("router", "world", json.dumps({"uav1.armed": False}), kind="router")
     plan = plan_of(
         world(),
         router,
@@ -133,7 +141,8 @@ def test_when_the_teller_of_armed_has_died_the_landing_is_run_all_the_same(start
         vehicles=(vehicle(),),
         land=spec("land", "lands", kind="task"),
     )
-    run = begin(start, plan)
+    run = start(plan)
+    run.until("p", "READY")
     os.kill(run.pid("router"), signal.SIGKILL)
     assert run.wait() == 1
     assert "landed all" in run.log("land")
@@ -186,7 +195,7 @@ def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_iden
     bystander = start_bystander()
     state = eventually(lambda: (s := open_run(run.folder)) and len(s.processes) == 3 and s)
     forged = json.loads((run.folder / "state.json").read_text())
-    forged["processes"]["reused"] = {"pid": bystander.pid, "pgid": bystander.pid, "create_time_s": 1.0}
+    forged["processes"]["reused"] = {"pid": bystander.pid, "pgid": bystander.pid, "start_s": 1.0}
     run.signal(signal.SIGKILL)
     run.wait()
     (run.folder / "state.json").write_text(json.dumps(forged))
