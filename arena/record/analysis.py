@@ -92,7 +92,8 @@ def modes(flight: Flight) -> list[dict[str, Any]]:
     """When it entered which mode, armed or not."""
     found: list[dict[str, Any]] = []
     for t, mode, armed in zip(flight.t, flight.mode, flight.armed, strict=True):
-        if not found or (found[-1]["mode"], found[-1]["armed"]) != (mode, bool(armed)):
+        known = bool(mode)  # nothing is known before the first heartbeat
+        if known and (not found or (found[-1]["mode"], found[-1]["armed"]) != (mode, bool(armed))):
             found.append({"t_s": _round(t, 2), "mode": mode, "armed": bool(armed)})
     return found
 

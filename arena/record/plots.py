@@ -45,14 +45,14 @@ def _group(
     figure = Figure(figsize=(9, 6.5), layout="constrained")
     rows = figure.subplots(3, 1, sharex=True)
     thin = _thin(flight.t.size)
-    lines = [(names[0], _ACTUAL, "-", "actual (truth)" if flight.simulated else "actual (estimate)")]
-    lines += [(names[1], _ESTIMATE, "-", "estimate")] if flight.simulated else []
-    lines += [(names[2], _DESIRED, "--", "desired")]
-    for name, colour, style, label in lines:
+    lines = [(names[1], _ESTIMATE, "-", "estimate", 2.5)] if flight.simulated else []
+    lines += [(names[0], _ACTUAL, "-", "actual (truth)" if flight.simulated else "actual (estimate)", 1.0)]
+    lines += [(names[2], _DESIRED, "--", "desired", 0.8)]
+    for name, colour, style, label, width in lines:
         values = flight.group(name, parts)[thin]
         values = scale(values) if scale else values
         for axes, column in zip(rows, values.T, strict=True):
-            axes.plot(flight.t[thin], column, style, color=colour, label=label, linewidth=1.0)
+            axes.plot(flight.t[thin], column, style, color=colour, label=label, linewidth=width)
     return _finish(figure, rows, flight, folder, title, unit, parts)
 
 

@@ -163,7 +163,7 @@ def rates(recorder: Recorder, now: float) -> dict[str, float | int]:
     """Figures for the summary: means since the vehicle was first heard."""
     since = now - (now if recorder.first_heard is None else recorder.first_heard)
     each: Iterable[tuple[str, int]] = (
-        ("log_hz", recorder.rows), ("mocap_hz", recorder.poses), ("telemetry_hz", recorder.datagrams)
+        ("log_hz", recorder.rows), ("mocap_hz", recorder.poses), ("datagrams_hz", recorder.datagrams)
     )  # fmt: skip
     found: dict[str, float | int] = {name: round(count / since, 2) if since > 1.0 else 0.0 for name, count in each}
     return {**found, "rows": recorder.rows, "damaged": recorder.telemetry.refused}

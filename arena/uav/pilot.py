@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -38,6 +39,7 @@ class Pilot:
         self._armed = False
         self._lost = ""
         self._hold: tuple[Array, float] | None = None
+        self._holding_since = math.inf
 
     def guard(self) -> None:
         """Raise if OFFBOARD or arming was taken away, or the autopilot fell silent, since the program had them."""
@@ -77,20 +79,15 @@ class Pilot:
 
     def enter_offboard(self) -> None:
         """Stream the place where the vehicle is, then ask for OFFBOARD until it is confirmed; the stream never pauses."""
-        self._lost, self._hold, self._offboard, self._armed = "", None, False, False
-        self._wait(lambda: self._source.age(self._source.telemetry.local) <= self._source.stale_s, READY_TIMEOUT_S)
-        self._source.fresh(self._source.telemetry.local, "estimated position")
-        self._wait(lambda: False, _STREAM_FIRST_S)
-        self._ask_for_offboard()
-        self._confirm(lambda: self._heart_says(mode="OFFBOARD"), "in OFFBOARD")
-        self._offboard = True
+        self._begin()
+        self._enter()
 
     def take(self) -> None:
         """Ready, OFFBOARD, armed: each confirmed, with setpoints flowing throughout."""
-        self._lost, self._hold, self._offboard, self._armed = "", None, False, False
+        self._begin()
         if not self._wait(self._is_ready, READY_TIMEOUT_S):
             raise NotConfirmedError(f"{self._source.ns}: not ready after {READY_TIMEOUT_S:g} s: {self._why_not_ready()}")
-        self.enter_offboard()
+        self._enter()
         if not self._heart_says(armed=True):
             self.arm()
 
@@ -118,6 +115,18 @@ class Pilot:
                 return None
             self._wait(lambda: telemetry.version is not None, _RETRY_S, stream=False)
         return telemetry.version
+
+    def _enter(self) -> None:
+        self._wait(lambda: self._source.age(self._source.telemetry.local) <= self._source.stale_s, READY_TIMEOUT_S)
+        self._source.fresh(self._source.telemetry.local, "estimated position")
+        self._wait(lambda: self._clock.now() - self._holding_since >= _STREAM_FIRST_S, READY_TIMEOUT_S)
+        self._ask_for_offboard()
+        self._confirm(lambda: self._heart_says(mode="OFFBOARD"), "in OFFBOARD")
+        self._offboard = True
+
+    def _begin(self) -> None:
+        """The program asks for the vehicle anew: what was lost before is past."""
+        self._lost, self._hold, self._holding_since, self._offboard, self._armed = "", None, math.inf, False, False
 
     def _ask_for_offboard(self) -> None:
         end = self._clock.now() + _CONFIRM_TIMEOUT_S
@@ -184,6 +193,7 @@ class Pilot:
             return
         if (self._hold is None or not heart.armed) and self._source.age(local) <= stale:
             self._hold = local.pos, float(yaw_from_quat(attitude.q_nb))
+            self._holding_since = min(self._holding_since, self._clock.now())
         if self._hold is not None:
             self._link.send(self.encoder.pos_yaw(*self._hold, self._clock.now()))
 

@@ -1,7 +1,8 @@
 """Position setpoints: take off, fly five places around the start, turn, climb, come back and land.
 
 Places are counted from where the vehicle stands, so that every vehicle of an arena can fly this program at once:
-they stay as far from each other as they started. It needs 3 m to the north, 1 m to the south and 1.3 m to either side.
+they stay as far from each other as they started. It needs 1.2 m of room to the north, south, east and west
+and 2 m above.
 """
 
 from math import pi
@@ -9,11 +10,11 @@ from math import pi
 from arena import UAV
 
 STEPS = [  # north, east, down [m] from the start; yaw [rad]; time [s]
-    ([0.0, 0.0, -1.0], 0.0, 5.0),
-    ([1.0, 0.0, -1.0], 0.0, 4.0),
+    ([0.0, 0.0, -1.0], 0.0, 6.0),
+    ([1.0, 0.0, -1.0], 0.0, 5.0),
     ([1.0, 1.0, -1.5], pi / 2, 5.0),
     ([-0.8, -1.0, -1.5], 0.0, 6.0),
-    ([0.0, 0.0, -1.0], 0.0, 5.0),
+    ([0.0, 0.0, -1.0], 0.0, 6.0),
 ]
 
 with UAV.from_args() as uav:
