@@ -59,8 +59,8 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
     from arena.schema import check_machine, load_arena
 
     arena = load_arena(file, overrides)
-    sweep_all(_say)
     plan = make_plan(arena)
+    sweep_all(_say, plan.address)
     _refuse_second(plan)
     check_machine(arena)
     return plan

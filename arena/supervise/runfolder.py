@@ -21,6 +21,9 @@ from arena.errors import RunError
 from arena.plan.model import Plan, ProcessSpec
 from arena.supervise import proc
 
+RUNTIME = "ARENA_RUNTIME_DIR"
+"""When set, runtime folders are here and are looked for nowhere else: arenas kept apart, as tests must be."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
@@ -180,6 +183,8 @@ def write_whole(path: Path, text: str) -> None:
 
 def _bases() -> list[Path]:
     """Where runtime folders may be: the first is used for new ones. A login without XDG_RUNTIME_DIR still finds the others."""
+    if only := os.environ.get(RUNTIME):
+        return [Path(only)]
     uid = os.getuid()
     xdg = os.environ.get("XDG_RUNTIME_DIR", "")
     given = [Path(xdg) / "arena"] if xdg and Path(xdg).is_dir() else []

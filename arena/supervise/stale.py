@@ -21,10 +21,13 @@ from arena.supervise.runfolder import RunFolder, RunState
 _GRACE_S = 5.0
 
 
-def sweep_all(say: Say) -> None:
-    """Every stale run of this user. Raises RunError when one cannot be swept without risk to a real vehicle."""
+def sweep_all(say: Say, address: str) -> None:
+    """Every stale run on this address; those on others stand in nobody's way and end by themselves.
+
+    Raises RunError when one cannot be swept without risk to a real vehicle.
+    """
     for state in runfolder.active_runs():
-        if not state.live:
+        if not state.live and state.address == address:
             sweep(state, say)
 
 

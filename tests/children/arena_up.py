@@ -12,7 +12,7 @@ from arena.supervise import sweep_all
 
 def plan_from_json(file: Path, overrides: list[str]) -> Plan:
     plan = Plan.from_json(file.read_text())
-    sweep_all(print)
+    sweep_all(print, plan.address)
     up._refuse_second(plan)
     return plan
 

@@ -139,7 +139,9 @@ class Run:
         return {int(w[1]) for w in words if len(w) == 2 and w[0] in ("pid", "grandchild") and w[1].isdigit()}
 
     def survivors(self) -> set[int]:
-        return {pid for sid in self.sessions() for pid in {sid, *proc.session_members(sid)} if is_running(pid)}
+        """By what they were started with: a number read from a log may belong to a stranger by now."""
+        found = {pid for sid in self.sessions() for pid in {sid, *proc.session_members(sid)} if is_running(pid)}
+        return {pid for pid in found if f"ARENA_RUN={self.folder}" in proc.environment(pid)}
 
     def end(self) -> set[int]:
         """After the test: nothing of it lives on. Returns what had to be killed."""
@@ -160,8 +162,7 @@ def is_running(pid: int) -> bool:
 def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Run]]:
     """start(plan, *options) -> Run. After a test nothing that it started may be running."""
     runs: list[Run] = []
-    (tmp_path / "xdg").mkdir()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "xdg"))
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "rt"))
 
     def begin(plan: Plan, *options: str, **popen: Any) -> Run:
         runs.append(Run(tmp_path, plan, *options, **popen))

@@ -32,10 +32,10 @@ class Terminal:
 
 @pytest.fixture
 def terminal(tmp_path, monkeypatch):
-    (tmp_path / "xdg").mkdir()
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "xdg"))
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "rt"))
     yield Terminal(tmp_path)
     for state in active_runs():
+        assert Path(state.run).is_relative_to(tmp_path), f"not ours, not touched: {state.run}"
         os.kill(state.supervisor.pid, 15)
         eventually(lambda state=state: not state.live)
         raise AssertionError(f"still up: {state}")
@@ -121,6 +121,14 @@ def test_the_control_socket_and_its_folder_are_for_this_user_alone(terminal):
     assert Path(state.rt).stat().st_mode & 0o777 == 0o700
     assert Path(state.rt, "control.sock").stat().st_mode & 0o777 == 0o600
     assert terminal.run("down").returncode == 0
+
+
+def test_arenas_kept_in_another_runtime_folder_are_not_seen_let_alone_ended(terminal, tmp_path, monkeypatch):
+    assert terminal.up(plan_of(spec("a", "good"))).returncode == 0
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "elsewhere"))
+    assert active_runs() == [] and terminal.run("down").returncode == 1
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "rt"))
+    assert len(active_runs()) == 1 and terminal.run("down").returncode == 0
 
 
 def test_following_a_log_ends_with_the_run(terminal):

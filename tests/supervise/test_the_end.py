@@ -199,7 +199,7 @@ def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_iden
     run.signal(signal.SIGKILL)
     run.wait()
     (run.folder / "state.json").write_text(json.dumps(forged))
-    sweep = run_python("from arena.supervise import sweep_all; sweep_all(print)")
+    sweep = run_python("from arena.supervise import sweep_all; sweep_all(print, '127.53.0.1')")
     assert "stubborn" in sweep and "killing" in sweep and "landed all" in sweep
     assert not is_running(run.pid("stubborn")) and bystander.poll() is None
     assert not Path(state.rt).exists() and open_run(run.folder) is None
