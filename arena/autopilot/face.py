@@ -21,6 +21,7 @@ from arena.autopilot.commander import CRITICAL, Commander, Limits, Mode, Sensed,
 from arena.autopilot.params import SPECS, Params
 from arena.autopilot.snapshot import Snapshot
 from arena.autopilot.vision import Vision, from_odometry, from_vision_estimate
+from arena.wire.codec import Codec
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 FORCE_MAGIC = 21196.0
@@ -35,7 +36,7 @@ class _Link:
     """One MAVLink channel. due: heap of (time, message id, generation)."""
 
     name: str
-    codec: Any
+    codec: Codec
     out: list[bytes] = field(default_factory=list)
     due: list[tuple[float, int, int]] = field(default_factory=list)
     interval: dict[int, float] = field(default_factory=dict)
@@ -69,9 +70,7 @@ class Face:
         self._links = {name: self._open(name) for name in streams.LINK_RATES}
 
     def _open(self, name: str) -> _Link:
-        codec = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=1)
-        codec.robust_parsing = True
-        link = _Link(name, codec)
+        link = _Link(name, Codec(self.system, 1))
         for k, (msgid, hz) in enumerate(streams.LINK_RATES[name].items()):
             self._schedule(link, msgid, 1.0 / hz, first=0.004 * (k + self.i % 7))
         return link
@@ -88,24 +87,13 @@ class Face:
         """One datagram. now: [s]; q_nb: attitude now, for setpoints in body axes."""
         link = self._links[link_name]
         self._now, self._q_nb = now, q_nb
-        try:
-            messages = link.codec.parse_buffer(data) or []
-        except (mavlink.MAVError, struct.error, ValueError, IndexError):
-            self.counts["unparsed"] += 1
-            link.codec = self._fresh_codec(link.codec)
-            return
-        for message in messages:
+        for message in link.codec.parse(data):
             self._hear(link, message)
-
-    def _fresh_codec(self, old: Any) -> Any:
-        codec = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=1)
-        codec.robust_parsing, codec.seq = True, old.seq
-        return codec
 
     def _hear(self, link: _Link, m: Any) -> None:
         handler = _HANDLERS.get(m.get_msgId())
         if handler is None:
-            self.counts["bad" if m.get_msgId() < 0 else "not for us"] += 1
+            self.counts["not for us"] += 1
         elif getattr(m, "target_system", 0) not in (0, self.system) or getattr(m, "target_component", 0) not in (0, 1):
             self.counts["other target"] += 1
         elif m.get_srcSystem() == self.system and m.get_srcComponent() == 1:
@@ -288,7 +276,7 @@ class Face:
 
     def send(self, link: _Link, message: Any) -> None:
         if message is not None and len(link.out) < _QUEUE_LIMIT:
-            link.out.append(message.pack(link.codec))
+            link.out.append(link.codec.pack(message))
 
     def speak(self, s: Snapshot) -> None:
         """Put on each link what is due at this step."""
@@ -328,6 +316,10 @@ class Face:
                 found.append((name, b"".join(link.out)))
                 link.out = []
         return found
+
+    def garbled(self) -> Counter[str]:
+        """What was heard and could not be read, over all links."""
+        return sum((link.codec.counts for link in self._links.values()), Counter())
 
     def gcs_age(self, now: float) -> float:
         """Since the last ground-station heartbeat on any link [s]."""

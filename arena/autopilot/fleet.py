@@ -98,7 +98,7 @@ class Autopilots:
         """Per vehicle: mode, arming, what was heard and refused."""
         return {
             name: {"mode": f.commander.mode.words, "armed": f.commander.armed, "failsafe": f.commander.failsafe,
-                   "vision_rejected": int(self.est.rejected[f.i]), **dict(f.counts)}
+                   "vision_rejected": int(self.est.rejected[f.i]), **f.counts, **f.garbled()}
             for name, f in zip(self.names, self.faces, strict=True)
         }  # fmt: skip
 

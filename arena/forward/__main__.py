@@ -73,7 +73,8 @@ class _Shell:
         age_ms = round(1e3 * (now - self.core.last_pose), 1) if self.core.poses else None
         dropped = {f"dropped {k}": v for k, v in self.core.counts.items()}
         heard = {f"capture {k}": v for k, v in self.capture.counts.items()}
-        self.room.stats({"rate_hz": round(rate, 2), "poses": self.core.poses, "pose_age_ms": age_ms, **dropped, **heard})
+        garbled = {f"link {k}": v for k, v in self.core.garbled.items()}
+        self.room.stats({"rate_hz": round(rate, 2), "poses": self.core.poses, "pose_age_ms": age_ms, **dropped, **heard, **garbled})
 
     def _hear_link(self, now: float) -> None:
         for _ in range(64):

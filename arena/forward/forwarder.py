@@ -16,6 +16,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.capture import CapturedFrame, Pose
+from arena.wire.codec import Codec
 
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 _NAN = math.nan
@@ -50,10 +51,10 @@ class Forwarder:
         self._covariance = list(_UNKNOWN)
         for place, variance in zip(_DIAGONAL, (var_p,) * 3 + (var_a,) * 3, strict=True):
             self._covariance[place] = variance
-        self._codec = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=COMPONENT)
-        self._codec.robust_parsing = True
+        self._codec = Codec(self.system, COMPONENT)
         self.autopilot = Autopilot()
         self.counts: Counter[str] = Counter()
+        self.garbled = self._codec.counts
         self.poses = 0
         self.last_pose = -math.inf
         self._number: int | None = None
@@ -103,7 +104,7 @@ class Forwarder:
             int(now * 1e6), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD, *pose.p_n, pose.q_nb, _NAN, _NAN, _NAN, _NAN, _NAN,
             _NAN, self._covariance, _UNKNOWN, 0, mavlink.MAV_ESTIMATOR_TYPE_VISION, 100,
         )  # fmt: skip
-        return self._pack(m)
+        return self._codec.pack(m)
 
     # -- the autopilot -------------------------------------------------------------------------------------------------
 
@@ -114,12 +115,7 @@ class Forwarder:
 
     def on_mavlink(self, data: bytes, now: float) -> None:
         """A datagram from the autopilot."""
-        try:
-            messages = self._codec.parse_buffer(data) or []
-        except (mavlink.MAVError, ValueError, IndexError):
-            messages = []
-            self.counts["unparsed"] += 1
-        for m in messages:
+        for m in self._codec.parse(data):
             if m.get_srcSystem() == self.system and m.get_srcComponent() == 1:
                 self._hear(m, now)
             else:
@@ -152,16 +148,13 @@ class Forwarder:
         if now - self._beat >= 1.0:
             self._beat = now
             m = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
-            due.append(self._pack(m))
+            due.append(self._codec.pack(m))
         a = self.autopilot
         asks = self._origin is not None and not a.has_origin and not a.armed and self._origin_tries < _ORIGIN_TRIES
         if asks and now - a.heard < _SILENT_S and now - self._origin_asked >= 1.0:
             self._origin_asked, self._origin_tries = now, self._origin_tries + 1
             o = self._origin
-            due.append(self._pack(mavlink.MAVLink_set_gps_global_origin_message(
+            due.append(self._codec.pack(mavlink.MAVLink_set_gps_global_origin_message(
                 self.system, round(o["lat_deg"] * 1e7), round(o["lon_deg"] * 1e7), round(o["alt_m"] * 1e3), 0
             )))  # fmt: skip
         return due
-
-    def _pack(self, message: Any) -> bytes:
-        return bytes(message.pack(self._codec))

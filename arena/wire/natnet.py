@@ -10,18 +10,22 @@ from __future__ import annotations
 import struct
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 from arena.errors import WireError
 
 CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
 REQUEST_FRAME, FRAME, MESSAGE, DISCONNECT, KEEPALIVE, UNRECOGNIZED = 6, 7, 8, 9, 10, 100
-TRACKING_VALID = 1
+TRACKING_VALID = 1  # bit of a body's parameters
+MODELS_CHANGED = 2  # bit of a frame's parameters
 
 Version = tuple[int, int]
 _HEAD = struct.Struct("<HH")
 _BODY = struct.Struct("<i3f4ffh")
 _COUNT = struct.Struct("<i")
 _SIZED = struct.Struct("<ii")
+_STAMPS = struct.Struct("<IIdQQQ")  # time code and its part, time stamp, then ticks at exposure, at reception, at transmission
+_LABELLED_BYTES = 26
 _NAME_BYTES = 256
 _SANE = 10_000  # sections longer than this are garbage
 
@@ -39,12 +43,16 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """number: of the frame; timestamp_s: the server's own time [s]; exposure: mid-exposure [ticks of the server's clock]."""
+    """number: of the frame; timestamp_s: the server's own time [s]; exposure_ticks, transmit_ticks: mid-exposure and sending, in
+    ticks of the server's clock (None: at once); models_changed: the server's bodies are not what its last MODELDEF said.
+    """
 
     number: int
     timestamp_s: float
     exposure_ticks: int
+    transmit_ticks: int | None = None
     bodies: tuple[Body, ...]
+    models_changed: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,20 +133,21 @@ def decode_models(data: bytes, version: Version) -> dict[int, str]:
     found: dict[int, str] = {}
     for _ in range(reader.count("descriptions")):
         kind = reader.i32()
-        end = reader.i32() + reader.at if version >= (4, 1) else None
-        if kind == 0 and end is None:
-            reader.text()
-            for _ in range(reader.count("markers")):
-                reader.text()
-        elif kind == 1:
-            name, streaming_id = reader.text(), reader.i32()
-            found[streaming_id] = name
-            reader.skip(16 + (16 if version >= (4, 2) else 0))
-            _skip_marker_descriptions(reader, version)
-        elif end is None:
+        if version >= (4, 1):
+            part = _Reader(reader.section())
+        elif kind in (0, 1):
+            part = reader
+        else:
             break
-        if end is not None:
-            reader.at = end
+        if kind == 0:
+            part.text()
+            for _ in range(part.count("markers")):
+                part.text()
+        elif kind == 1:
+            name, streaming_id = part.text(), part.i32()
+            found[streaming_id] = name
+            part.skip(16 + (16 if version >= (4, 2) else 0))
+            _skip_marker_descriptions(part, version)
     return found
 
 
@@ -156,16 +165,18 @@ def _skip_marker_descriptions(reader: _Reader, version: Version) -> None:
 def encode_frame(frame: Frame, version: Version) -> bytes:
     empty = _SIZED.pack(0, 0) if version >= (4, 1) else _COUNT.pack(0)
     bodies = b"".join(
-        _BODY.pack(b.streaming_id, *b.position, *b.quat_xyzw, b.mean_error_m, TRACKING_VALID if b.tracked else 0) for b in frame.bodies
+        _BODY.pack(b.streaming_id, *b.position, *b.quat_xyzw, b.mean_error_m, TRACKING_VALID if b.tracked else 0)
+        for b in frame.bodies
     )
     count = _COUNT.pack(len(frame.bodies))
     head = count + _COUNT.pack(len(bodies)) if version >= (4, 1) else count
     # marker sets, loose markers | rigid bodies | skeletons, (4.1: assets), labelled markers, force plates, devices
     after = empty * (5 if version >= (4, 1) else 4)
-    tail = struct.pack("<IIdQQQ", 0, 0, frame.timestamp_s, frame.exposure_ticks, frame.exposure_ticks, frame.exposure_ticks)
+    sent = frame.exposure_ticks if frame.transmit_ticks is None else frame.transmit_ticks
+    tail = _STAMPS.pack(0, 0, frame.timestamp_s, frame.exposure_ticks, sent, sent)
     if version >= (4, 1):
-        tail += struct.pack("<II", int(frame.timestamp_s), 0)
-    tail += struct.pack("<hi", 0, 0)
+        tail += bytes(8)  # a precision time stamp: this server has none
+    tail += struct.pack("<hi", MODELS_CHANGED if frame.models_changed else 0, 0)
     return packet(FRAME, _COUNT.pack(frame.number) + empty * 2 + head + bodies + after + tail)
 
 
@@ -175,9 +186,7 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
     number = reader.i32()
     sized = version >= (4, 1)
     if sized:
-        for _ in range(2):
-            reader.count("a section")
-            reader.skip(reader.i32())
+        reader.skip_sections(2)
     else:
         for _ in range(reader.count("marker sets")):
             reader.text()
@@ -187,8 +196,21 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
     if sized:
         reader.i32()
     bodies = _read_bodies(reader, count, wanted)
-    timestamp_s, exposure = _read_stamps(reader, sized)
-    return Frame(number=number, timestamp_s=timestamp_s, exposure_ticks=exposure, bodies=bodies)
+    if sized:
+        reader.skip_sections(5)
+    else:
+        _skip_to_stamps(reader)
+    at = reader.at
+    reader.skip(_STAMPS.size)
+    _, _, timestamp_s, exposure, _, transmit = _STAMPS.unpack_from(reader.data, at)
+    if not isfinite(timestamp_s):
+        raise WireError(f"NatNet frame {number} with the time stamp {timestamp_s}")
+    if sized:
+        reader.skip(8)
+    return Frame(
+        number=number, timestamp_s=timestamp_s, exposure_ticks=exposure, transmit_ticks=transmit, bodies=bodies,
+        models_changed=bool(reader.u16() & MODELS_CHANGED),
+    )  # fmt: skip
 
 
 def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> tuple[Body, ...]:
@@ -204,19 +226,17 @@ def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> 
     return tuple(found)
 
 
-def _read_stamps(reader: _Reader, sized: bool) -> tuple[float, int]:
-    """Time stamps stand after sections that only a sized frame lets us skip; else they are counted from the end."""
-    if sized:
-        for _ in range(5):
-            reader.count("a section")
-            reader.skip(reader.i32())
-        at = reader.at
-    else:
-        at = len(reader.data) - 46
-    if at < reader.at or at + 24 > len(reader.data):
-        raise WireError(f"NatNet frame of {len(reader.data)} bytes ends before its time stamps")
-    timestamp_s, exposure = struct.unpack_from("<dQ", reader.data, at + 8)
-    return float(timestamp_s), int(exposure)
+def _skip_to_stamps(reader: _Reader) -> None:
+    """Over what stands between the bodies and the time stamps where sections do not say their size."""
+    for _ in range(reader.count("skeletons")):
+        reader.i32()
+        reader.skip(_BODY.size * reader.count("bones"))
+    reader.skip(_LABELLED_BYTES * reader.count("labelled markers"))
+    for what in ("force plates", "devices"):
+        for _ in range(reader.count(what)):
+            reader.i32()
+            for _ in range(reader.count("channels")):
+                reader.skip(4 * reader.count("samples"))
 
 
 class _Reader:
@@ -231,6 +251,21 @@ class _Reader:
         (value,) = _COUNT.unpack_from(self.data, self.at)
         self.at += 4
         return int(value)
+
+    def u16(self) -> int:
+        self.skip(2)
+        return self.data[self.at - 2] | self.data[self.at - 1] << 8
+
+    def section(self) -> bytes:
+        """The bytes of a section that starts with its size."""
+        size = self.i32()
+        self.skip(size)
+        return self.data[self.at - size : self.at]
+
+    def skip_sections(self, how_many: int) -> None:
+        for _ in range(how_many):
+            self.i32()
+            self.skip(self.i32())
 
     def count(self, what: str) -> int:
         value = self.i32()

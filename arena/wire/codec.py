@@ -1,0 +1,43 @@
+"""MAVLink messages in and out of datagrams, by pymavlink's dialect.
+
+Each datagram stands alone: half a frame, or a stray magic byte, never swallows the beginning of the next one, as it would in a
+parser made for a serial stream.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.wire.mavframe import cut
+
+
+class Codec:
+    """Speaks as one system and component. counts: what was heard and not understood."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self._voice = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self.counts: Counter[str] = Counter()
+
+    def pack(self, message: Any) -> bytes:
+        """The message's frame, with the next sequence number."""
+        data: bytes = message.pack(self._voice)
+        self._voice.seq = (self._voice.seq + 1) % 256
+        return data
+
+    def parse(self, datagram: bytes) -> list[Any]:
+        """Every message of a datagram that this dialect knows. Never raises."""
+        found = cut(datagram)
+        if found.garbage:
+            self.counts["garbage bytes"] += found.garbage
+        if found.bad_crc:
+            self.counts["bad checksum"] += found.bad_crc
+        messages = []
+        for frame in found.frames:
+            try:
+                messages.append(self._voice.decode(bytearray(datagram[frame.start : frame.end])))
+            except (mavlink.MAVError, ValueError, IndexError):  # unknown here, or a text that is no text
+                self.counts["not understood"] += 1
+        return messages

@@ -1,0 +1,166 @@
+"""The emulator's process on loopback, read by independent clients and by our own receiver."""
+
+from __future__ import annotations
+
+import json
+import platform
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from natnet import NatNetClient
+
+from arena.capture import open_capture
+from arena.clock import ClockServer
+from arena.geometry import quat_from_euler
+from arena.room import LIFELINE
+from arena.wire.truth import Truth, TruthWriter
+
+SECONDS = 1.5
+
+
+class World:
+    """A clock that keeps real time and a truth page in which two bodies stand still at a generic attitude."""
+
+    Q_NB = quat_from_euler(np.radians([[10.0, -20.0, 35.0], [0.0, 0.0, 0.0]]))
+    P_N = np.array([[1.25, -0.5, -1.75], [0.0, 0.0, -1.0]])
+
+    def __init__(self, folder) -> None:
+        self.clock, self.truth = ClockServer(folder / "clock"), TruthWriter(folder / "truth", 2)
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        z, begin, k = np.zeros((2, 3)), time.monotonic(), 0
+        while not self._ending.is_set():
+            k += 1
+            now = 0.004 * k
+            self.truth.write(
+                Truth(time_s=now, p_n=self.P_N, q_nb=self.Q_NB, v_n=z, omega_b=z, accel_b=z, motors=np.zeros((2, 4)))
+            )
+            self.clock.tick(now)
+            self.clock.poll(max(0.0, begin + now - time.monotonic()))
+
+    def end(self) -> None:
+        self._ending.set()
+        self._thread.join(5)
+        self.clock.close()
+
+
+def free_port(address: str) -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind((address, 0))
+        return s.getsockname()[1]
+
+
+@contextmanager
+def emulator(tmp_path, address: str, **changes):
+    """A running `python -m arena.mocap`; gives its settings once it has told that it is ready."""
+    world = World(tmp_path)
+    settings = {
+        "name": "mocap", "address": address, "version": "3.1", "transport": "multicast", "group": "239.255.42.99",
+        "command_port": free_port(address), "data_port": free_port(address), "rate_hz": 180, "latency_ms": 10, "seed": 1,
+        "noise": {"position_m": 0.0003, "rotation_deg": 0.05}, "clock": str(tmp_path / "clock"), "truth": str(tmp_path / "truth"),
+        "bodies": [{"name": "uav1", "streaming_id": 1, "index": 0}, {"name": "aero2", "streaming_id": 7, "index": 1}], **changes,
+    }  # fmt: skip
+    (tmp_path / "slice.json").write_text(json.dumps(settings))
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.settimeout(10)
+    env = {LIFELINE: str(theirs.fileno()), "PATH": "/usr/bin:/bin"}
+    process = subprocess.Popen([sys.executable, "-m", "arena.mocap", str(tmp_path / "slice.json")], env=env, pass_fds=[theirs.fileno()])
+    theirs.close()
+    try:
+        assert json.loads(ours.recv(4096)) == {"ready": True}
+        yield settings
+    finally:
+        process.terminate()
+        assert process.wait(5) == 0
+        ours.close()
+        world.end()
+
+
+def receive(client, seconds: float) -> tuple[list, float]:
+    """Frames that the PyPI client hands out, and over what time."""
+    frames: list = []
+    client.on_data_frame_received_event.handlers.append(frames.append)
+    client.run_async()
+    begin = time.monotonic()
+    end = begin + seconds
+    threading.Event().wait(end - time.monotonic())
+    client.stop_async()
+    return frames, time.monotonic() - begin
+
+
+@pytest.mark.parametrize("version", ["3.1", "4.1"])
+@pytest.mark.parametrize("transport", ["multicast", "unicast"])
+def test_the_natnet_package_reads_every_frame(tmp_path, version, transport):
+    with emulator(tmp_path, "127.0.0.1", version=version, transport=transport) as s:
+        client = NatNetClient(
+            server_ip_address="127.0.0.1", local_ip_address="127.0.0.1", multicast_address=s["group"], command_port=s["command_port"],
+            data_port=s["data_port"], use_multicast=transport == "multicast",
+        )  # fmt: skip
+        names: list = []
+        client.on_data_description_received_event.handlers.append(names.append)
+        with client:
+            client.request_modeldef()
+            frames, seconds = receive(client, SECONDS)
+    assert [b.name for b in names[0].rigid_bodies] == ["uav1", "aero2"]
+    quiet = 0.6 if transport == "unicast" else 0.1  # no frames to the asking port while it shakes hands
+    assert len(frames) > 150 * (seconds - quiet)
+    numbers = [f.prefix.frame_number for f in frames]
+    assert numbers == sorted(set(numbers))
+    east, north, up = frames[-1].rigid_bodies[0].pos
+    assert np.allclose([north, east, -up], World.P_N[0], atol=0.003)
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="motioncapture has an x86_64 wheel only")
+@pytest.mark.parametrize("version", ["3.1", "4.1"])
+@pytest.mark.parametrize("transport", ["multicast", "unicast"])
+def test_the_motioncapture_package_reads_names_and_poses(tmp_path, version, transport):
+    """In a process of its own: the package blocks inside its library, where only a kill reaches it."""
+    script = """
+import sys, motioncapture
+mc = motioncapture.connect("optitrack", {"hostname": "127.0.0.1", "interface_ip": "127.0.0.1", "port_command": sys.argv[1]})
+for _ in range(100):
+    mc.waitForNextFrame()
+bodies = mc.rigidBodies  # kept: a body does not outlive the mapping it came from
+print(sorted(bodies), *bodies["uav1"].position)
+"""
+    with emulator(tmp_path, "127.0.0.1", version=version, transport=transport) as s:
+        out = subprocess.run(
+            [sys.executable, "-c", script, str(s["command_port"])], capture_output=True, text=True, timeout=20, check=False
+        )  # fmt: skip
+    assert out.returncode == 0, out.stderr
+    names, _, position = out.stdout.splitlines()[-1].partition("] ")
+    assert names == "['aero2', 'uav1'"
+    east, north, up = map(float, position.split())
+    assert np.allclose([north, east, -up], World.P_N[0], atol=0.003)
+
+
+@pytest.mark.parametrize("version", ["3.1", "4.1"])
+@pytest.mark.parametrize("transport", ["multicast", "unicast"])
+def test_our_receiver_gets_180_frames_a_second_in_ned(tmp_path, version, transport):
+    address = "127.51.1.1" if transport == "unicast" else "127.51.1.2"
+    with emulator(tmp_path, address, version=version, transport=transport, group="239.243.51.1") as s:
+        capture = open_capture({
+            "kind": "natnet", "server": address, "local": address, "group": s["group"], "transport": transport,
+            "command_port": s["command_port"], "data_port": s["data_port"], "bodies": ["aero2", "uav1"],
+        })  # fmt: skip
+        frames, end = [], time.monotonic() + 10
+        while len(frames) < 200:
+            assert time.monotonic() < end, f"{len(frames)} frames in 10 s: {capture.counts}"
+            threading.Event().wait(0.005)
+            frames += capture.poll(time.monotonic())
+        capture.close()
+    span = frames[-1].number - frames[0].number
+    assert span <= 203
+    poses = {p.body: p for p in frames[-1].poses}
+    assert np.allclose(poses["uav1"].p_n, World.P_N[0], atol=0.003)
+    assert np.allclose(poses["uav1"].q_nb, World.Q_NB[0], atol=0.005)
+    assert np.allclose(poses["aero2"].p_n, World.P_N[1], atol=0.003)
