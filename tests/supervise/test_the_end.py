@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -35,6 +36,15 @@ def begin(start, plan, *options) -> Run:
     eventually(lambda: (run.control().ask(do="ps")["facts"] or {}).get("uav1.armed") is True)
     run.until("p", "READY")
     return run
+
+
+@pytest.fixture
+def bystander():
+    """A process that is none of ours, whatever a state.json says."""
+    command = [sys.executable, str(CHILDREN / "misfit.py"), "sleeps"]
+    with subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL) as process:
+        yield process
+        process.kill()
 
 
 def test_ctrl_c_lands_while_everything_runs_then_stops_and_exits_130(start, tmp_path):
@@ -188,11 +198,10 @@ def test_when_the_supervisor_is_killed_programs_die_and_what_serves_sees_the_end
     eventually(lambda: not is_running(world_pid), what="end of the world")
 
 
-def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_identity(start, tmp_path):
+def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_identity(start, tmp_path, bystander):
     plan = flying(tmp_path, spec("stubborn", "ignores_sigterm", outlives=True, kind="world"), waits=False)
     run = begin(start, plan)
     run.until("stubborn", "READY")
-    bystander = start_bystander()
     state = eventually(lambda: (s := open_run(run.folder)) and len(s.processes) == 3 and s)
     forged = json.loads((run.folder / "state.json").read_text())
     forged["processes"]["reused"] = {"pid": bystander.pid, "pgid": bystander.pid, "start_s": 1.0}
@@ -203,19 +212,7 @@ def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_iden
     assert "stubborn" in sweep and "killing" in sweep and "landed all" in sweep
     assert not is_running(run.pid("stubborn")) and bystander.poll() is None
     assert not Path(state.rt).exists() and open_run(run.folder) is None
-    bystander.kill()
-    bystander.wait()
-
-
-def start_bystander():
-    import subprocess
-
-    return subprocess.Popen(
-        [sys.executable, str(CHILDREN / "misfit.py"), "sleeps"], start_new_session=True, stdout=subprocess.DEVNULL
-    )
 
 
 def run_python(code: str) -> str:
-    import subprocess
-
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True).stdout
