@@ -30,10 +30,7 @@ class Logger:
         self._wall_offset = 0.0 if settings.get("clock") else time.time() - time.monotonic()
         self._truth = TruthReader(settings["truth"]) if settings.get("truth") else None
         self._capture = _capture(settings)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-        self._socket.bind(tuple(settings["listen"]))
+        self._socket = _listen(tuple(settings["listen"]))
         folder = Path(settings["folder"])
         folder.mkdir(parents=True, exist_ok=True)
         self._file = (folder / f"{self._vehicle}.csv").open("w")
@@ -128,6 +125,18 @@ class Logger:
         if fault != self._fault:
             self._fault = fault
             self._room.event(f"{self._room.name}: {fault}")
+
+
+def _listen(address: tuple[str, int]) -> socket.socket:
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    found.setblocking(False)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+    try:
+        found.bind(address)
+    except OSError as error:
+        found.close()
+        raise RunError(f"cannot listen on UDP {address[0]}:{address[1]}: {error.strerror}") from error
+    return found
 
 
 def _capture(settings: dict[str, Any]) -> Any:

@@ -18,9 +18,9 @@ SIDES = [([1, 0, 0], 0.0), ([0, 1, 0], pi / 2), ([-1, 0, 0], pi), ([0, -1, 0], -
 with UAV.from_args() as uav:
     uav.start_offboard_mission()
     above = uav.ekf.pos + np.array([0.0, 0.0, -1.2])
-    uav.set_pos_yaw(above, 0.0, 5.0)
+    uav.set_pos_yaw(above, 0.0, 6.0)
     for direction, yaw in SIDES:
         for _ in range(int(SIDE_S * FREQ_HZ)):
             uav.set_vel_yaw(SPEED_M_S * np.array(direction), yaw, FREQ_HZ)
-    uav.set_pos_yaw(above, 0.0, 4.0)
+    uav.set_pos_yaw(above, 0.0, 6.0)
     uav.auto_land()

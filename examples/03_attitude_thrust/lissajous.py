@@ -54,5 +54,5 @@ with UAV.from_args() as uav:
         pull = SPRING * (centre + place - now.ekf.pos) + DAMPER * (velocity - now.ekf.vel)
         tilt, thrust = attitude_and_thrust(accel + pull, uav.info.mass)
         uav.set_att_thrust(tilt, "euler", thrust, FREQ_HZ)
-    uav.set_pos_yaw(centre, 0.0, 4.0)
+    uav.set_pos_yaw(centre, 0.0, 6.0)
     uav.auto_land()
