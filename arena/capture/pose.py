@@ -9,6 +9,7 @@ Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]
 
 _H = sqrt(0.5)
+_FAR_M = 1e4
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +32,14 @@ class CapturedFrame:
 
 
 def pose_ned(body: str, position_w: Triple, quat_xyzw_wf: Quad) -> Pose | None:
-    """Z-up axes to NED: p_n = (y, x, -z), q_nb = q_nw * q_wf * q_fb. None for what is no pose (not finite, no rotation).
+    """Z-up axes to NED: p_n = (y, x, -z), q_nb = q_nw * q_wf * q_fb. None for what is no pose: not finite, far off, no rotation.
 
     q_nw is half a turn about (1, 1, 0) and q_fb half a turn about forward, so the product comes out by hand; the tests hold it
     against arena.geometry.
     """
     x, y, z, w = quat_xyzw_wf
     norm = sqrt(x * x + y * y + z * z + w * w)
-    if not (isfinite(norm) and 0.9 < norm < 1.1 and all(map(isfinite, position_w))):
+    if not (isfinite(norm) and 0.9 < norm < 1.1 and all(abs(x) < _FAR_M for x in position_w)):
         return None
     k = _H / norm
     q = (k * (w + z), k * (x + y), k * (x - y), k * (w - z))
