@@ -11,7 +11,7 @@ from typing import Any
 
 from arena.capture import NatNetCapture, open_capture
 from arena.clock import Clock, SimClock, WallClock
-from arena.errors import ArenaError, RunError
+from arena.errors import ArenaError, InputError, RunError
 from arena.forward.forwarder import Forwarder
 from arena.room import Afterlife, Room
 
@@ -21,7 +21,11 @@ _TICK_S = 0.2
 def main() -> int:
     try:
         room = Room.enter()
-        _Shell(room).serve()
+        try:
+            shell = _Shell(room)
+        except KeyError as error:
+            raise InputError(f"the slice of {room.name}: {error} is missing (docs/architecture.md, Slices)") from error
+        shell.serve()
     except ArenaError as error:
         print(f"forward: {error}", file=sys.stderr)
         return error.exit_code
@@ -35,7 +39,8 @@ class _Shell:
         self.capture: NatNetCapture = open_capture(s["capture"])
         self.clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
         self.link, self.remote = _link_socket(s["link"]), tuple(s["link"]["remote"])
-        self.after = Afterlife(limit_s=60.0 if s["simulated"] else None)
+        self.simulated = bool(s["simulated"])
+        self.after = Afterlife(limit_s=60.0 if self.simulated else None)
         self.told, self.poses_then, self.ready = time.monotonic(), 0, False
 
     def serve(self) -> None:
@@ -47,8 +52,7 @@ class _Shell:
         while not self.room.stopping:
             selector.select(max(0.0, next_tick - time.monotonic()))
             now, wall = self.clock.now(), time.monotonic()
-            for frame in self.capture.poll(now):
-                self._send(self.core.on_frame(frame, now))
+            self._send(self.core.on_frames(self.capture.poll(now), now))
             self._hear_link(now)
             if wall >= next_tick:
                 next_tick = wall + _TICK_S
@@ -64,7 +68,8 @@ class _Shell:
         if wall - self.told >= 1.0:
             self._report(now, wall)
         a = self.core.autopilot
-        armed = a.armed and now - a.heard < 5.0
+        # A simulated autopilot that fell silent has ended; a real one may be flying behind a lost radio link.
+        armed = a.armed and (now - a.heard < 5.0 or not self.simulated)
         return self.after.over(orphaned=self.room.orphaned, any_armed=armed, now=wall)
 
     def _report(self, now: float, wall: float) -> None:
@@ -74,7 +79,8 @@ class _Shell:
         dropped = {f"dropped {k}": v for k, v in self.core.counts.items()}
         heard = {f"capture {k}": v for k, v in self.capture.counts.items()}
         garbled = {f"link {k}": v for k, v in self.core.garbled.items()}
-        self.room.stats({"rate_hz": round(rate, 2), "poses": self.core.poses, "pose_age_ms": age_ms, **dropped, **heard, **garbled})
+        flow = {"rate_hz": round(rate, 2), "poses": self.core.poses, "pose_age_ms": age_ms}
+        self.room.stats({**flow, **dropped, **heard, **garbled})
 
     def _hear_link(self, now: float) -> None:
         for _ in range(64):

@@ -9,18 +9,23 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.capture import CapturedFrame, Pose
+from arena.capture.order import FrameOrder
+from arena.forward.lateness import Lateness
 from arena.wire.codec import Codec
 
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 _NAN = math.nan
 _UNKNOWN = [_NAN] * 21
+_FAR_M = 1e4
+_REORDERED_MS = 500  # an autopilot's time that runs back by less came out of order
+_SAME_PLACE_E7 = 10
 _SILENT_S = 3.0
 _ORIGIN_TRIES = 5
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
@@ -43,12 +48,13 @@ class Forwarder:
     def __init__(self, settings: Mapping[str, Any]) -> None:
         self.system = int(settings["id"])
         self._body, self._origin = settings["body"], settings["origin"]
-        every = float(settings["frame_rate_hz"]) / float(settings["rate_hz"])
-        self._every = round(every)
+        self._every = round(float(settings["frame_rate_hz"]) / float(settings["rate_hz"]))
         self._stale_s = float(settings["stale_s"])
         noise = settings["noise"]
         var_p, var_a = float(noise["position_m"]) ** 2, math.radians(float(noise["rotation_deg"])) ** 2
-        self._covariance = list(_UNKNOWN)
+        # Without noise a body at rest repeats its pose to the last bit, and is not frozen for that.
+        self._noisy = var_p > 0.0 or var_a > 0.0
+        self._covariance = [0.0] * 21
         for place, variance in zip(_DIAGONAL, (var_p,) * 3 + (var_a,) * 3, strict=True):
             self._covariance[place] = variance
         self._codec = Codec(self.system, COMPONENT)
@@ -57,9 +63,10 @@ class Forwarder:
         self.garbled = self._codec.counts
         self.poses = 0
         self.last_pose = -math.inf
-        self._number: int | None = None
-        self._server_offset = math.inf
+        self._order, self._lateness = FrameOrder(), Lateness(self._stale_s)
+        self._turn: int | None = None
         self._last: Pose | None = None
+        self._resets = 0
         self._beat = -math.inf
         self._origin_asked, self._origin_tries = -math.inf, 0
 
@@ -67,42 +74,67 @@ class Forwarder:
 
     def on_frame(self, frame: CapturedFrame, now: float) -> bytes | None:
         """A frame that has just arrived -> ODOMETRY to send, or None. now: [s]."""
-        if self._number is not None and 0 <= self._number - frame.number < 10_000:
-            self.counts["repeated frame"] += 1
-            return None
-        self._number = frame.number
-        late = self._lateness(frame.time_s, now)
-        pose = next((p for p in frame.poses if p.body == self._body), None)
-        if pose is None:
-            self.counts["untracked" if self._body in frame.untracked else "body not in frame"] += 1
-            return None
-        frozen = self._last is not None and pose.p_n == self._last.p_n and pose.q_nb == self._last.q_nb
-        self._last = pose
-        # By number, so that a lost frame does not shift the others' turn.
-        if frame.number % self._every:
-            return None
-        if frozen:
-            self.counts["frozen"] += 1
-            return None
-        if late > self._stale_s:
-            self.counts["stale"] += 1
+        return self.on_frames([frame], now)
+
+    def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> bytes | None:
+        """Frames that were found waiting together, oldest first. The newest pose alone goes on: the autopilot dates them all on
+        arrival, and of two at once would keep either.
+        """
+        best: tuple[CapturedFrame, Pose] | None = None
+        for frame in frames:
+            pose = self._take(frame, now)
+            if pose is not None:
+                self.counts["superseded"] += best is not None
+                best = frame, pose
+        if best is None:
             return None
         self.poses, self.last_pose = self.poses + 1, now
-        return self._odometry(pose, now)
+        return self._odometry(best[1], now)
 
-    def _lateness(self, stamp_s: float, now: float) -> float:
-        """How much later than the promptest frame so far this one came [s]. The server's clock may drift: the promptest ages."""
-        offset = now - stamp_s
-        if offset < self._server_offset or offset - self._server_offset > 10.0:
-            self._server_offset = offset
-        late = offset - self._server_offset
-        self._server_offset += 1e-4 * min(late, 0.01)
-        return late
+    def _take(self, frame: CapturedFrame, now: float) -> Pose | None:
+        """The pose to send on, or None with its reason counted."""
+        place = self._order.place(frame.number)
+        if place == "repeated":
+            self.counts["repeated frame"] += 1
+            return None
+        if place == "restarted":
+            self._capture_restarted()
+        late = self._lateness.of(frame.time_s, now, self.autopilot.armed)
+        pose = next((p for p in frame.poses if p.body == self._body), None)
+        wrong = self._wrong(frame, pose, late)
+        if wrong:
+            self.counts[wrong] += 1
+            return None
+        # One pose of each `every` frames, by their numbers: the second stands in for a first that was lost, and the next ones
+        # keep their turn.
+        turn = frame.number // self._every
+        if turn == self._turn:
+            return None
+        self._turn = turn
+        return pose
+
+    def _wrong(self, frame: CapturedFrame, pose: Pose | None, late: float) -> str:
+        """Why the pose of a frame must not go on; empty when it may."""
+        if pose is None:
+            return "untracked" if self._body in frame.untracked else "body not in frame"
+        last, self._last = self._last, pose
+        if not _is_pose(pose):
+            return "no pose"
+        if self._noisy and last is not None and (pose.p_n, pose.q_nb) == (last.p_n, last.q_nb):
+            return "frozen"
+        return "stale" if late > self._stale_s else ""
+
+    def _capture_restarted(self) -> None:
+        """Other numbers, another clock, perhaps another origin: the autopilot is told by the reset counter."""
+        self.counts["capture restarts"] += 1
+        self._lateness.forget()
+        self._turn = self._last = None
+        self._resets = (self._resets + 1) % 256
 
     def _odometry(self, pose: Pose, now: float) -> bytes:
         m = mavlink.MAVLink_odometry_message(
-            int(now * 1e6), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD, *pose.p_n, pose.q_nb, _NAN, _NAN, _NAN, _NAN, _NAN,
-            _NAN, self._covariance, _UNKNOWN, 0, mavlink.MAV_ESTIMATOR_TYPE_VISION, 100,
+            int(now * 1e6), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD, *pose.p_n, pose.q_nb,
+            _NAN, _NAN, _NAN, _NAN, _NAN, _NAN, self._covariance, _UNKNOWN, self._resets, mavlink.MAV_ESTIMATOR_TYPE_VISION, 100,
         )  # fmt: skip
         return self._codec.pack(m)
 
@@ -131,11 +163,15 @@ class Forwarder:
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
             a.may_arm = bool(m.onboard_control_sensors_enabled & m.onboard_control_sensors_health & bit)
         elif kind == "SYSTEM_TIME":
-            if m.time_boot_ms < a.boot_ms:
+            if m.time_boot_ms < a.boot_ms - _REORDERED_MS:
                 self._restarted()
             a.boot_ms = m.time_boot_ms
-        elif kind in ("GPS_GLOBAL_ORIGIN", "HOME_POSITION"):
-            a.has_origin = True
+        elif kind == "HOME_POSITION" or (kind == "GPS_GLOBAL_ORIGIN" and self._is_ours(m)):
+            a.has_origin = self._origin_tries > 0  # what it said before it was asked may be another place
+
+    def _is_ours(self, m: Any) -> bool:
+        o = self._origin
+        return o is not None and max(abs(m.latitude - o["lat_deg"] * 1e7), abs(m.longitude - o["lon_deg"] * 1e7)) < _SAME_PLACE_E7
 
     def _restarted(self) -> None:
         """A new autopilot knows no origin and may not arm yet."""
@@ -158,3 +194,8 @@ class Forwarder:
                 self.system, round(o["lat_deg"] * 1e7), round(o["lon_deg"] * 1e7), round(o["alt_m"] * 1e3), 0
             )))  # fmt: skip
         return due
+
+
+def _is_pose(pose: Pose) -> bool:
+    norm = math.sqrt(sum(x * x for x in pose.q_nb))
+    return 0.9 < norm < 1.1 and all(abs(x) < _FAR_M for x in pose.p_n)
