@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from arena.clock import SimClock
-from arena.errors import ArenaError, RunError
+from arena.errors import ArenaError, InputError, RunError
 from arena.mocap.emulator import Emulator
 from arena.room import Room
 from arena.wire.truth import TruthReader
@@ -21,56 +21,81 @@ _MOST_REQUESTS = 64
 def main() -> int:
     try:
         room = Room.enter()
-        serve(room)
+        try:
+            shell = _Shell(room)
+        except KeyError as error:
+            raise InputError(f"the slice of {room.name}: {error} is missing (docs/architecture.md, Slices)") from error
+        shell.serve()
     except ArenaError as error:
         print(f"mocap: {error}", file=sys.stderr)
         return error.exit_code
     return 0
 
 
-def serve(room: Room) -> None:
-    """Until told to stop, or until the world ends."""
-    s = room.settings
-    emulator, clock, truth = Emulator(s), SimClock(s["clock"], room.name), TruthReader(s["truth"])
-    command, out = _command_socket(s), _stream_socket(s)
-    number = math.ceil((clock.now() + emulator.latency_s) * emulator.rate_hz)
-    late, ready, told, frames_then = 0, False, time.monotonic(), 0
-    while not room.stopping:
-        leaves = emulator.exposure(number) + emulator.latency_s
-        try:
-            now = clock.sleep_until(leaves)
-        except RunError:
-            return  # the world has ended, and with it what there was to see
-        sample = truth.at(emulator.exposure(number))
-        late += now - leaves > 0.5 / emulator.rate_hz
-        wall = time.monotonic()
-        if sample is not None:
-            packet = emulator.frame(number, sample)
-            for address in emulator.destinations(wall):
-                with contextlib.suppress(OSError):
-                    out.sendto(packet, address)
-            if not ready:
-                ready = True
-                room.ready()
-        _answer(command, emulator, wall)
-        # A frame or two late are caught up with at once; more are gone, as the cameras' would be.
-        number = max(number + 1, math.ceil((now - emulator.latency_s) * emulator.rate_hz) - 2)
-        if wall - told >= 1.0:
-            sent = emulator.counts["frames"]
-            room.stats({"rate_hz": round((sent - frames_then) / (wall - told), 2), "late": late, **emulator.counts})
-            told, frames_then = wall, sent
+class _Shell:
+    def __init__(self, room: Room) -> None:
+        s = room.settings
+        self.room, self.core = room, Emulator(s)
+        self.clock, self.truth = SimClock(s["clock"], room.name), TruthReader(s["truth"])
+        self.command, self.out = _command_socket(s), _stream_socket(s)
+        self.ready, self.late, self.skipped, self.not_sent = False, 0, 0, 0
+        self.told, self.frames_then = time.monotonic(), 0
 
+    def serve(self) -> None:
+        """Until told to stop, or until the world ends."""
+        core, clock = self.core, self.clock
+        number = math.ceil((clock.now() + core.latency_s) * core.rate_hz)
+        while not self.room.stopping:
+            leaves = core.exposure(number) + core.latency_s
+            try:
+                now = clock.sleep_until(leaves)
+            except RunError:
+                return  # the world has ended, and with it what there was to see
+            self.late += now - leaves > 0.5 / core.rate_hz
+            wall = time.monotonic()
+            self._send(number, wall)
+            self._answer(wall)
+            if wall - self.told >= 1.0:
+                self._report(wall)
+            # A frame or two late are caught up with at once; more are gone, as the cameras' would be.
+            due = math.ceil((now - core.latency_s) * core.rate_hz) - 2
+            self.skipped += max(0, due - number - 1)
+            number = max(number + 1, due)
 
-def _answer(command: socket.socket, emulator: Emulator, wall: float) -> None:
-    for _ in range(_MOST_REQUESTS):
-        try:
-            data, sender = command.recvfrom(2048)
-        except OSError:
+    def _send(self, number: int, wall: float) -> None:
+        sample = self.truth.at(self.core.exposure(number))
+        if sample is None:
+            self.skipped += 1
             return
-        reply = emulator.hear(data, sender, wall)
-        if reply is not None:
-            with contextlib.suppress(OSError):
-                command.sendto(reply, sender)
+        packet = self.core.frame(number, sample, self.clock.now())
+        failed = 0
+        for address in self.core.destinations(wall):
+            try:
+                self.out.sendto(packet, address)
+            except OSError:  # a full queue, or a network that is away: the next frame will be newer
+                failed += 1
+        self.not_sent += failed
+        if not (self.ready or failed):
+            self.ready = True
+            self.room.ready()
+
+    def _report(self, wall: float) -> None:
+        sent = self.core.counts["frames"]
+        rate_hz = round((sent - self.frames_then) / (wall - self.told), 2)
+        self.told, self.frames_then = wall, sent
+        troubles = {"late": self.late, "skipped": self.skipped, "not_sent": self.not_sent}
+        self.room.stats({"rate_hz": rate_hz, **troubles, **self.core.counts})
+
+    def _answer(self, wall: float) -> None:
+        for _ in range(_MOST_REQUESTS):
+            try:
+                data, sender = self.command.recvfrom(2048)
+            except OSError:
+                return
+            reply = self.core.hear(data, sender, wall)
+            if reply is not None:
+                with contextlib.suppress(OSError):
+                    self.command.sendto(reply, sender)
 
 
 def _command_socket(s: dict[str, Any]) -> socket.socket:

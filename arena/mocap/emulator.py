@@ -6,6 +6,7 @@ occluded body is still sent, at its last pose, with its tracking-valid bit clear
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -15,15 +16,12 @@ import numpy as np
 
 from arena.errors import WireError
 from arena.geometry import Array, q_wf_from_q_nb, quat_exp, quat_multiply, world_from_ned, xyzw_from_wxyz
+from arena.mocap.clients import Address, Clients
 from arena.wire import natnet
 from arena.wire.truth import Truth
 
-Address = tuple[str, int]
-
 CLOCK_HZ = 10_000_000
-_CLIENT_S = 10.0  # a unicast client that says nothing for so long is forgotten
-_MOST_CLIENTS = 64
-_QUIET_S = 0.5
+_SILENT = (natnet.KEEPALIVE, natnet.DISCONNECT)  # never answered
 _VERSIONS: dict[str, natnet.Version] = {"3.1": (3, 1), "4.1": (4, 1)}
 
 
@@ -42,10 +40,9 @@ class Emulator:
         self._data_port = int(settings["data_port"])
         self._group: Address = (settings["group"], self._data_port)
         self._occluded: set[str] = set()
-        self._frozen: dict[str, natnet.Body] = {}
+        self._frozen: set[str] = set()
         self._last: dict[str, natnet.Body] = {}
-        self._clients: dict[Address, float] = {}
-        self._asked: dict[Address, float] = {}
+        self._clients = Clients(self._data_port)
         self.counts: Counter[str] = Counter()
 
     # -- frames --------------------------------------------------------------------------------------------------------
@@ -54,8 +51,8 @@ class Emulator:
         """When frame `number` is exposed [s]."""
         return number / self.rate_hz
 
-    def frame(self, number: int, truth: Truth) -> bytes:
-        """The packet of one frame. truth: the world at its exposure."""
+    def frame(self, number: int, truth: Truth, sent: float | None = None) -> bytes:
+        """The packet of one frame. truth: the world at its exposure; sent: when it leaves [s], when it should unless told."""
         count = len(self._rows)
         p_n = truth.p_n[self._rows] + self._rng.normal(0.0, self._sigma_m, (count, 3))
         turn = quat_exp(self._rng.normal(0.0, self._sigma_rad, (count, 3)))
@@ -65,17 +62,21 @@ class Emulator:
         self._last = {b["name"]: body for b, body in zip(self._bodies, bodies, strict=True)}
         self.counts["frames"] += 1
         exposed = self.exposure(number)
+        leaves = exposed + self.latency_s if sent is None else sent
         return natnet.encode_frame(
-            natnet.Frame(number=number, timestamp_s=exposed, exposure_ticks=int(exposed * CLOCK_HZ), bodies=bodies), self.version
+            natnet.Frame(
+                number=number, timestamp_s=exposed, exposure_ticks=_ticks(exposed), transmit_ticks=_ticks(leaves), bodies=bodies
+            ),
+            self.version,
         )
 
     def _body(self, body: Mapping[str, Any], position: Array, quat: Array) -> natnet.Body:
         name = body["name"]
-        if name in self._frozen:
-            return self._frozen[name]
-        if name in self._occluded and name in self._last:
-            seen = self._last[name]
-            return natnet.Body(streaming_id=seen.streaming_id, position=seen.position, quat_xyzw=seen.quat_xyzw, tracked=False)
+        seen = self._last.get(name)
+        if seen is not None and name in self._occluded:
+            return dataclasses.replace(seen, tracked=False)
+        if seen is not None and name in self._frozen:
+            return seen
         x, y, z = position.tolist()
         qx, qy, qz, qw = quat.tolist()
         return natnet.Body(
@@ -89,22 +90,11 @@ class Emulator:
 
     def freeze(self, body: str, stuck: bool) -> None:
         """A body keeps its last pose and still says that it is tracked."""
-        if stuck and body in self._last:
-            self._frozen[body] = self._last[body]
-        elif not stuck:
-            self._frozen.pop(body, None)
+        (self._frozen.add if stuck else self._frozen.discard)(body)
 
     def destinations(self, now: float) -> list[Address]:
-        """Where a frame goes. Unicast: to each client's data port, and to the port it asked from, for clients differ in where
-        they listen. now: wall time [s].
-        """
-        if not self._unicast:
-            return [self._group]
-        self._clients = {a: t for a, t in self._clients.items() if now - t < _CLIENT_S}
-        self._asked = {a: t for a, t in self._asked.items() if a in self._clients}
-        ports = [(host, self._data_port) for host, _ in self._clients]
-        ports += [a for a in self._clients if now - self._asked.get(a, -_QUIET_S) >= _QUIET_S]
-        return list(dict.fromkeys(ports))
+        """Where a frame goes. now: wall time [s]."""
+        return self._clients.destinations(now) if self._unicast else [self._group]
 
     # -- requests ------------------------------------------------------------------------------------------------------
 
@@ -115,16 +105,13 @@ class Emulator:
         except WireError:
             self.counts["malformed"] += 1
             return None
-        if message in (natnet.CONNECT, natnet.KEEPALIVE) and (sender in self._clients or len(self._clients) < _MOST_CLIENTS):
-            self._clients[sender] = now
-        if message in (natnet.CONNECT, natnet.REQUEST_MODELDEF) and sender in self._clients:
-            self._asked[sender] = now
+        self._clients.heard(message, sender, now)
         if message == natnet.CONNECT:
             self.counts["connects"] += 1
             return self._server_info()
         if message == natnet.REQUEST_MODELDEF:
             return natnet.encode_models([(b["streaming_id"], b["name"]) for b in self._bodies], self.version)
-        if message != natnet.KEEPALIVE:
+        if message not in _SILENT:
             self.counts["not understood"] += 1
         return natnet.packet(natnet.UNRECOGNIZED) if message == natnet.REQUEST else None
 
@@ -135,3 +122,7 @@ class Emulator:
                 data_port=self._data_port, group="" if self._unicast else self._group[0],
             )
         )  # fmt: skip
+
+
+def _ticks(time_s: float) -> int:
+    return round(time_s * CLOCK_HZ)

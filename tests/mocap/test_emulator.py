@@ -70,13 +70,76 @@ def test_keepalives_are_never_answered_and_requests_are():
     assert natnet.message_of(emulator.hear(natnet.packet(natnet.REQUEST_MODELDEF), ("127.0.0.1", 9), 0.0)) == natnet.MODELDEF
 
 
-def test_a_unicast_client_gets_frames_at_both_its_ports_after_its_handshake_and_is_forgotten_when_silent():
+CONNECT, KEEPALIVE, MODELS = (natnet.packet(m) for m in (natnet.CONNECT, natnet.KEEPALIVE, natnet.REQUEST_MODELDEF))
+HERE, DATA = ("127.0.0.1", 4000), ("127.0.0.1", 1511)
+
+
+def test_a_unicast_client_gets_frames_at_both_its_ports_but_none_between_its_questions():
     emulator = Emulator(settings(transport="unicast"))
     assert emulator.destinations(0.0) == []
-    emulator.hear(natnet.packet(natnet.CONNECT), ("127.0.0.1", 4000), 0.0)
-    assert emulator.destinations(0.1) == [("127.0.0.1", 1511)]
-    assert emulator.destinations(1.0) == [("127.0.0.1", 1511), ("127.0.0.1", 4000)]
-    assert emulator.destinations(60.0) == []
+    emulator.hear(CONNECT, HERE, 0.0)
+    assert emulator.destinations(0.1) == [DATA]
+    emulator.hear(MODELS, HERE, 0.2)
+    assert emulator.destinations(0.2) == [DATA, HERE]
+
+
+def test_a_client_that_asks_for_no_models_gets_its_frames_soon_after():
+    emulator = Emulator(settings(transport="unicast"))
+    emulator.hear(CONNECT, HERE, 0.0)
+    assert emulator.destinations(0.6) == [DATA, HERE]
+
+
+def test_a_client_that_never_sends_keepalives_is_served_on_and_one_that_stops_is_forgotten():
+    emulator = Emulator(settings(transport="unicast"))
+    emulator.hear(CONNECT, HERE, 0.0)
+    assert emulator.destinations(3600.0) == [DATA, HERE]
+    emulator.hear(KEEPALIVE, HERE, 3600.0)
+    assert emulator.destinations(3609.0) == [DATA, HERE]
+    assert emulator.destinations(3611.0) == []
+
+
+def test_a_client_that_takes_its_leave_is_gone_at_once_without_an_answer():
+    emulator = Emulator(settings(transport="unicast"))
+    emulator.hear(CONNECT, HERE, 0.0)
+    assert emulator.hear(natnet.packet(natnet.DISCONNECT), HERE, 1.0) is None
+    assert emulator.destinations(1.0) == []
+
+
+def test_a_crowd_of_strangers_does_not_drive_out_who_keeps_alive():
+    emulator = Emulator(settings(transport="unicast"))
+    emulator.hear(CONNECT, HERE, 0.0)
+    emulator.hear(KEEPALIVE, HERE, 0.5)
+    for port in range(5000, 6000):
+        emulator.hear(CONNECT, ("127.0.0.1", port), 1.0)
+    assert HERE in emulator.destinations(2.0)
+
+
+def test_a_frozen_body_that_is_occluded_loses_its_bit():
+    emulator = Emulator(settings())
+    emulator.freeze("uav1", True)
+    seen = body(emulator.frame(0, still()))
+    assert body(emulator.frame(1, still())) == seen
+    emulator.occlude("uav1", True)
+    lost = body(emulator.frame(2, still()))
+    assert (lost.position, lost.tracked) == (seen.position, False)
+
+
+def test_a_body_back_from_occlusion_is_where_the_truth_is():
+    emulator = Emulator(settings())
+    first = body(emulator.frame(0, still()))
+    emulator.occlude("uav1", True)
+    emulator.frame(1, still())
+    emulator.occlude("uav1", False)
+    again = body(emulator.frame(2, still()))
+    assert again.tracked
+    assert again.position != first.position
+
+
+def test_a_frame_says_when_it_was_exposed_and_when_it_left():
+    frame = natnet.decode_frame(Emulator(settings()).frame(360, still()), (3, 1))
+    assert (frame.exposure_ticks, frame.transmit_ticks) == (20_000_000, 20_100_000)
+    late = natnet.decode_frame(Emulator(settings()).frame(360, still(), sent=2.5), (3, 1))
+    assert late.transmit_ticks == 25_000_000
 
 
 def test_a_crowd_of_clients_is_bounded():

@@ -73,7 +73,8 @@ def emulator(tmp_path, address: str, **changes):
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.settimeout(10)
     env = {LIFELINE: str(theirs.fileno()), "PATH": "/usr/bin:/bin"}
-    process = subprocess.Popen([sys.executable, "-m", "arena.mocap", str(tmp_path / "slice.json")], env=env, pass_fds=[theirs.fileno()])
+    command = [sys.executable, "-m", "arena.mocap", str(tmp_path / "slice.json")]
+    process = subprocess.Popen(command, env=env, pass_fds=[theirs.fileno()])
     theirs.close()
     try:
         assert json.loads(ours.recv(4096)) == {"ready": True}
@@ -102,8 +103,8 @@ def receive(client, seconds: float) -> tuple[list, float]:
 def test_the_natnet_package_reads_every_frame(tmp_path, version, transport):
     with emulator(tmp_path, "127.0.0.1", version=version, transport=transport) as s:
         client = NatNetClient(
-            server_ip_address="127.0.0.1", local_ip_address="127.0.0.1", multicast_address=s["group"], command_port=s["command_port"],
-            data_port=s["data_port"], use_multicast=transport == "multicast",
+            server_ip_address="127.0.0.1", local_ip_address="127.0.0.1", multicast_address=s["group"],
+            command_port=s["command_port"], data_port=s["data_port"], use_multicast=transport == "multicast",
         )  # fmt: skip
         names: list = []
         client.on_data_description_received_event.handlers.append(names.append)
