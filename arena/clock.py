@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-import os
 import selectors
 import socket
 import struct
@@ -125,7 +124,7 @@ class ClockServer:
             self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES)).cast("d")
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.bind(str(sock))
-        os.chmod(sock, 0o600)
+        sock.chmod(0o600)
         self._socket.listen(512)
         self._socket.setblocking(False)
         self._selector = selectors.DefaultSelector()

@@ -10,18 +10,19 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "arena"
 
-GROUND = {"errors", "geometry", "wire", "clock", "room", "thrust"}
+GROUND = {"errors", "geometry", "wire", "clock", "room", "rundirs", "thrust"}
 MAY: dict[str, set[str]] = {
     "errors": set(),
     "thrust": {"errors"},
     "geometry": {"errors"},
     "clock": {"errors"},
     "room": {"errors"},
+    "rundirs": set(),
     "wire": {"errors", "geometry"},
     "capture": {"errors", "geometry", "wire", "clock"},
     "schema": {"errors", "geometry", "wire", "clock", "thrust"},
     "plan": {"errors", "geometry", "wire", "clock", "thrust", "schema"},
-    "supervise": {"errors", "geometry", "wire", "clock", "room", "schema", "plan"},
+    "supervise": GROUND | {"schema", "plan"},
     **{room: GROUND | {"capture"} for room in ("sim", "autopilot", "mocap", "forward", "route")},
     # tool rooms and what a user imports may read the schema and the plan
     "record": GROUND | {"capture", "schema", "plan"},

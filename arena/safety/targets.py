@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from arena.errors import InputError
+from arena.rundirs import runtime_bases
 from arena.safety.lenient import read_yaml, vehicles_of
 
 Address = tuple[str, int]
@@ -71,7 +70,7 @@ def choose(targets: Sequence[Target], only: Sequence[str] = (), spared: Sequence
 def active_runs() -> list[Path]:
     """Run folders of this user that did not end cleanly and of which a process still runs, oldest first."""
     found = []
-    for base in _runtime_bases():
+    for base in runtime_bases():
         for pointer in sorted(base.glob("*/run")) if base.is_dir() else []:
             with contextlib.suppress(OSError):
                 folder = Path(pointer.read_text().strip())
@@ -123,12 +122,6 @@ def _of_run(folder: Path) -> Found:
 
 def _distinct(targets: Iterable[Target]) -> tuple[Target, ...]:
     return tuple({target.autopilot: target for target in targets}.values())
-
-
-def _runtime_bases() -> list[Path]:
-    uid, xdg = os.getuid(), os.environ.get("XDG_RUNTIME_DIR", "")
-    given = [Path(xdg) / "arena"] if xdg else []
-    return list(dict.fromkeys([*given, Path(tempfile.gettempdir()) / f"arena-{uid}", Path(f"/run/user/{uid}/arena")]))
 
 
 def _anyone_runs(state: Path) -> bool:

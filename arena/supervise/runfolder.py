@@ -11,7 +11,6 @@ import dataclasses
 import json
 import os
 import shutil
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +18,12 @@ from typing import Any
 
 from arena.errors import RunError
 from arena.plan.model import Plan, ProcessSpec
+from arena.rundirs import ONLY, runtime_bases
 from arena.supervise import proc
 
-RUNTIME = "ARENA_RUNTIME_DIR"
-"""When set, runtime folders are here and are looked for nowhere else: arenas kept apart, as tests must be."""
+_SOCKET_PATH_BYTES = 107
+_LONGEST_SOCKET = "/control.sock"
+
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +154,7 @@ def open_run(path: Path) -> RunState | None:
 def active_runs() -> list[RunState]:
     """Every run of this user that has not ended cleanly, oldest first; `live` tells which still have their supervisor."""
     found = []
-    for base in _bases():
+    for base in runtime_bases():
         for pointer in sorted(base.glob("*/run")) if base.is_dir() else []:
             with contextlib.suppress(OSError):
                 state = open_run(Path(pointer.read_text()))
@@ -181,23 +182,16 @@ def write_whole(path: Path, text: str) -> None:
     half.replace(path)
 
 
-def _bases() -> list[Path]:
-    """Where runtime folders may be: the first is used for new ones. A login without XDG_RUNTIME_DIR still finds the others."""
-    if only := os.environ.get(RUNTIME):
-        return [Path(only)]
-    uid = os.getuid()
-    xdg = os.environ.get("XDG_RUNTIME_DIR", "")
-    given = [Path(xdg) / "arena"] if xdg and Path(xdg).is_dir() else []
-    return list(dict.fromkeys([*given, Path(tempfile.gettempdir()) / f"arena-{uid}", Path(f"/run/user/{uid}/arena")]))
-
-
 def _free_runtime(name: str) -> Path:
-    base = _bases()[0]
+    base = runtime_bases()[0]
     base.mkdir(mode=0o700, exist_ok=True)
     if base.stat().st_uid != os.getuid() or base.is_symlink():
         raise RunError(f"{base} belongs to somebody else: remove it, or set XDG_RUNTIME_DIR to a folder of yours")
     base.chmod(0o700)
-    short = name[:60]  # a socket path holds 107 bytes
+    room = _SOCKET_PATH_BYTES - len(os.fsencode(base)) - len("/-999" + _LONGEST_SOCKET)
+    if room < len("20261121"):
+        raise RunError(f"{base} is too long a path for local sockets: set {ONLY} to a shorter one")
+    short = name[:room]
     return next(rt for rt in (base / f"{short}{end}" for end in _endings()) if not rt.exists())
 
 

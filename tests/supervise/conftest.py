@@ -159,10 +159,9 @@ def is_running(pid: int) -> bool:
 
 
 @pytest.fixture
-def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Run]]:
+def start(tmp_path: Path, runtime_dir: Path) -> Iterator[Callable[..., Run]]:
     """start(plan, *options) -> Run. After a test nothing that it started may be running."""
     runs: list[Run] = []
-    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "rt"))
 
     def begin(plan: Plan, *options: str, **popen: Any) -> Run:
         runs.append(Run(tmp_path, plan, *options, **popen))

@@ -31,8 +31,7 @@ class Terminal:
 
 
 @pytest.fixture
-def terminal(tmp_path, monkeypatch):
-    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "rt"))
+def terminal(tmp_path, runtime_dir):
     yield Terminal(tmp_path)
     for state in active_runs():
         assert Path(state.run).is_relative_to(tmp_path), f"not ours, not touched: {state.run}"
@@ -123,11 +122,11 @@ def test_the_control_socket_and_its_folder_are_for_this_user_alone(terminal):
     assert terminal.run("down").returncode == 0
 
 
-def test_arenas_kept_in_another_runtime_folder_are_not_seen_let_alone_ended(terminal, tmp_path, monkeypatch):
+def test_arenas_kept_in_another_runtime_folder_are_not_seen_let_alone_ended(terminal, tmp_path, runtime_dir, monkeypatch):
     assert terminal.up(plan_of(spec("a", "good"))).returncode == 0
     monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "elsewhere"))
     assert active_runs() == [] and terminal.run("down").returncode == 1
-    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "rt"))
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(runtime_dir))
     assert len(active_runs()) == 1 and terminal.run("down").returncode == 0
 
 
