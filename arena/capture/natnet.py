@@ -132,7 +132,7 @@ class NatNetCapture:
         for s in self._sockets:
             self._epoll.register(s.fileno(), select.EPOLLIN)
         self._asked = self._kept_alive = -1e9
-        self._was_known = False
+        self._question = b""
         self._framed = self._opened = time.monotonic()
         self._shake(self._framed)
 
@@ -184,13 +184,12 @@ class NatNetCapture:
             self._epoll.register(s.fileno(), select.EPOLLIN)
 
     def _shake(self, wall: float) -> None:
-        known = self.core.known
-        if self._was_known and not known:
-            self._asked = -1e9  # ask at once: no pose passes before the answer
-        self._was_known = known
-        if not known and wall - self._asked >= _RETRY_S:
+        question = b"" if self.core.known else self.core.ask()
+        # A new question is asked at once: no pose passes before its answer.
+        if question and (question != self._question or wall - self._asked >= _RETRY_S):
             self._asked = wall
-            self._send(self.core.ask())
+            self._send(question)
+        self._question = question
         if self._unicast and wall - self._kept_alive >= _KEEPALIVE_S:
             self._kept_alive = wall
             self._send(_KEEPALIVE)

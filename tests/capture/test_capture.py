@@ -64,7 +64,12 @@ def test_only_wanted_bodies_come_through_and_each_under_its_name():
 
 @pytest.mark.parametrize(
     "lost",
-    [body(tracked=False), body(quat=(0.0, 0.0, 0.0, 0.0)), body(quat=(0.0, 0.0, 0.0, float("nan"))), body(position=(float("inf"), 0.0, 0.0))],
+    [
+        body(tracked=False),
+        body(quat=(0.0, 0.0, 0.0, 0.0)),
+        body(quat=(0.0, 0.0, 0.0, float("nan"))),
+        body(position=(float("inf"), 0.0, 0.0)),
+    ],
 )
 def test_an_untracked_or_impossible_body_is_no_pose(lost):
     found = shaken().hear(frame(lost))

@@ -1,0 +1,169 @@
+"""The receiver's sockets against a server that the test plays: questions, strangers, silence, where unicast frames arrive."""
+
+from __future__ import annotations
+
+import itertools
+import select
+import socket
+import time
+
+import pytest
+
+from arena.capture import open_capture
+from arena.errors import InputError
+from arena.wire import natnet
+
+V = (4, 1)
+GROUP = "239.243.51.9"
+_hosts = itertools.count(1)
+
+
+class Server:
+    """Answers when told to; one address a test."""
+
+    def __init__(self) -> None:
+        self.host = f"127.51.2.{next(_hosts)}"
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind((self.host, 0))
+        self.socket.settimeout(5)
+        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self.host))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind((self.host, 0))
+            self.data_port = probe.getsockname()[1]
+
+    def settings(self, **changes):
+        return {
+            "kind": "natnet", "server": self.host, "local": self.host, "group": GROUP, "transport": "multicast",
+            "command_port": self.socket.getsockname()[1], "data_port": self.data_port, "bodies": ["uav1"], **changes,
+        }  # fmt: skip
+
+    def asked(self, message: int) -> tuple[str, int]:
+        """Wait for a request, passing over keepalives; who asked."""
+        while True:
+            data, sender = self.socket.recvfrom(2048)
+            if natnet.message_of(data) != natnet.KEEPALIVE:
+                assert natnet.message_of(data) == message
+                return sender
+
+    def shake(self, capture, streaming_id: int = 1) -> tuple[str, int]:
+        sender = self.asked(natnet.CONNECT)
+        info = natnet.ServerInfo(name="x", app_version=(4, 1, 0, 0), version=V, clock_hz=1, data_port=self.data_port, group="")
+        self.socket.sendto(natnet.encode_server_info(info), sender)
+        until(capture, lambda: capture.core._version is not None)
+        self.asked(natnet.REQUEST_MODELDEF)
+        self.socket.sendto(natnet.encode_models([(streaming_id, "uav1")], V), sender)
+        until(capture, lambda: capture.core.known)
+        return sender
+
+
+def frame(number: int) -> bytes:
+    body = natnet.Body(streaming_id=1, position=(1.0, 2.0, 3.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
+    return natnet.encode_frame(natnet.Frame(number=number, timestamp_s=1.0, exposure_ticks=0, bodies=(body,)), V)
+
+
+def until(capture, done, deadline_s: float = 5.0) -> list:
+    """Poll when there is something to read, or a twentieth of a second has passed, until it is done."""
+    found, end = [], time.monotonic() + deadline_s
+    while not done():
+        assert time.monotonic() < end, f"it did not happen in time: {capture.counts}"
+        select.select([capture], [], [], 0.05)
+        got = capture.poll(0.0)
+        found += got
+        if got and done is got_some:
+            return found
+    return found
+
+
+def got_some() -> bool:
+    return False
+
+
+@pytest.fixture
+def server():
+    made = Server()
+    yield made
+    made.socket.close()
+
+
+def test_the_second_question_follows_the_first_answer_without_a_pause(server):
+    capture = open_capture(server.settings())
+    begin = time.monotonic()
+    server.shake(capture)
+    capture.close()
+    assert time.monotonic() - begin < 0.4
+
+
+def test_an_unanswered_question_is_asked_again_without_blocking(server):
+    capture = open_capture(server.settings())
+    server.asked(natnet.CONNECT)
+    server.socket.settimeout(0.01)
+    asked, end = 0, time.monotonic() + 1.8
+    while time.monotonic() < end:
+        begin = time.monotonic()
+        capture.poll(0.0)
+        assert time.monotonic() - begin < 0.2
+        try:
+            server.asked(natnet.CONNECT)
+            asked += 1
+        except TimeoutError:
+            pass
+    capture.close()
+    assert 2 <= asked <= 4
+
+
+def test_frames_of_a_stranger_are_not_heard_and_are_counted(server):
+    capture = open_capture(server.settings())
+    server.shake(capture)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.bind(("127.51.3.1", 0))
+        stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(server.host))
+        stranger.sendto(frame(1), (GROUP, server.data_port))
+        assert until(capture, lambda: capture.counts["foreign"] > 0) == []
+    server.socket.sendto(frame(2), (GROUP, server.data_port))
+    assert [f.number for f in until(capture, got_some)] == [2]
+    capture.close()
+
+
+def test_another_group_on_the_same_port_is_not_heard(server):
+    """Two arenas on one computer share the data port; a receiver of each runs beside the other."""
+    ours = open_capture(server.settings())
+    server.shake(ours)
+    theirs = open_capture(server.settings(group="239.243.51.10"))
+    server.socket.sendto(frame(1), ("239.243.51.10", server.data_port))
+    until(theirs, lambda: theirs.counts["before the handshake"] == 1)
+    server.socket.sendto(frame(2), (GROUP, server.data_port))
+    assert [f.number for f in until(ours, got_some)] == [2]
+    ours.close()
+    theirs.close()
+
+
+def test_a_unicast_server_may_stream_to_where_it_was_asked_from(server):
+    capture = open_capture(server.settings(transport="unicast"))
+    client = server.shake(capture)
+    server.socket.sendto(frame(1), client)
+    assert [f.number for f in until(capture, got_some)] == [1]
+    capture.close()
+
+
+def test_a_unicast_server_may_stream_to_the_data_port(server):
+    capture = open_capture(server.settings(transport="unicast"))
+    server.shake(capture)
+    until(capture, lambda: len(capture._sockets) == 2)
+    server.socket.sendto(frame(1), (server.host, server.data_port))
+    assert [f.number for f in until(capture, got_some)] == [1]
+    capture.close()
+
+
+def test_a_server_that_falls_silent_is_asked_from_the_start(server):
+    capture = open_capture(server.settings())
+    server.shake(capture)
+    until(capture, lambda: not capture.core.known)
+    server.asked(natnet.CONNECT)
+    capture.close()
+
+
+def test_a_kind_that_is_not_built_yet_and_an_address_that_is_not_here_are_sentences(server):
+    with pytest.raises(InputError, match="not supported yet"):
+        open_capture(server.settings(kind="vrpn"))
+    with pytest.raises(InputError, match=r"cannot listen on 192\.0\.2\.1"):
+        open_capture(server.settings(local="192.0.2.1"))
