@@ -209,7 +209,8 @@ class Commander:
         if level <= self._battery_level:
             return
         self._battery_level = level
-        self.say((WARNING, CRITICAL, EMERGENCY)[level - 1], f"{('Low', 'Critical', 'Emergency')[level - 1]} battery: {100 * s.battery:.0f} %")
+        severity, word = ((WARNING, "Low"), (CRITICAL, "Critical"), (EMERGENCY, "Emergency"))[level - 1]
+        self.say(severity, f"{word} battery: {100 * s.battery:.0f} %")
         if (level >= 2 and limits.com_low_bat_act in (2, 3)) and self.mode not in (Mode.LAND, *_NO_ARMING):
             self._act(Mode.LAND, s.now, "battery")
 
@@ -227,7 +228,8 @@ class Commander:
             self._act(action, s.now, "offboard control lost")
 
     def _check_data_link(self, s: Sensed, limits: Limits) -> None:
-        if limits.nav_dll_act and s.gcs_age > limits.com_dl_loss_t and self.mode not in (*_NO_ARMING, Mode.LAND) and not self.failsafe:
+        coming_down = self.mode in (*_NO_ARMING, Mode.LAND)
+        if limits.nav_dll_act and s.gcs_age > limits.com_dl_loss_t and not coming_down and not self.failsafe:
             action = {1: Mode.HOLD, 5: Mode.TERMINATE}.get(limits.nav_dll_act, Mode.LAND)
             self._act(action, s.now, "data link lost")
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.autopilot.commander import Limits, Mode, Sensed
+from arena.autopilot.commander import Commander, Limits, Mode, Sensed
 from arena.autopilot.control import Cascade
 from arena.autopilot.estimator import Estimator
 from arena.autopilot.face import Face
@@ -162,9 +162,7 @@ class Autopilots:
             self._fly(f, s)
         else:
             self._stand(f)
-        flying = c.armed and s.flying and not s.landed
-        state = 1 if s.landed or not c.armed else 2
-        f.landed_state = {(1, False): 1, (2, True): 4 if c.mode in (Mode.LAND, Mode.DESCEND) else 2}.get((state, flying), 3 if state == 2 else 1)
+        f.landed_state = _landed_state(c, s)
         self.cascade.position.speed_up[i] = np.inf if s.flying else self.takeoff.speed_up(now)[i]
         self.cascade.position.tilt_max[i] = np.inf if s.flying else math.radians(float(self.params["MPC_TILTMAX_LND"][i]))
         if not s.flying:
@@ -255,6 +253,15 @@ class Autopilots:
             yaw_valid=est.yaw_valid(now).tolist(), variance=variance, test_ratio=est.test_ratio.tolist(),
             reset_counter=est.reset_counter.tolist(),
         )  # fmt: skip
+
+
+def _landed_state(c: Commander, s: Sensed) -> int:
+    """MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
+    if s.landed or not c.armed:
+        return 1
+    if not s.flying:
+        return 3
+    return 4 if c.mode in (Mode.LAND, Mode.DESCEND) else 2
 
 
 def _mixer(vehicles: Any) -> Mixer:

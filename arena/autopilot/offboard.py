@@ -17,7 +17,10 @@ _BODY_FRAMES = (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offboard:
-    """One setpoint. p_n, v_n, a_n [NED], NaN where not given; yaw [rad], yaw_rate [rad/s]; q_nb wxyz; omega_b [rad/s] [FRD]; thrust 0..1."""
+    """One setpoint.
+
+    p_n, v_n, a_n [NED], NaN where not given; yaw [rad]; yaw_rate [rad/s]; q_nb wxyz; omega_b [rad/s] [FRD]; thrust 0..1.
+    """
 
     level: Level
     p_n: Triple = (_NAN, _NAN, _NAN)
@@ -73,7 +76,8 @@ def from_attitude_target(m: Any) -> Offboard | str:
     if not math.isfinite(norm) or norm < 0.5 or norm > 2.0:
         return "attitude that is no rotation"
     yaw_rate = rates[2] if not mask & mavlink.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE else 0.0
-    return Offboard(level=Level.ATTITUDE, q_nb=(q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm), yaw_rate=yaw_rate, thrust=thrust)
+    q_nb = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
+    return Offboard(level=Level.ATTITUDE, q_nb=q_nb, yaw_rate=yaw_rate, thrust=thrust)
 
 
 def _given(values: Triple, mask: int, shift: int) -> Triple:

@@ -43,7 +43,14 @@ class Setpoints:
         self.thrust[i] = 0.0
 
     def fly(
-        self, i: int, *, p_n: object = np.nan, v_n: object = np.nan, a_n: object = np.nan, yaw: float = np.nan, yaw_rate: float = np.nan
+        self,
+        i: int,
+        *,
+        p_n: object = np.nan,
+        v_n: object = np.nan,
+        a_n: object = np.nan,
+        yaw: float = np.nan,
+        yaw_rate: float = np.nan,
     ) -> None:
         """A setpoint of the position level for vehicle i; what is left out is not controlled."""
         self.level[i] = Level.POSITION

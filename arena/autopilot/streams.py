@@ -41,7 +41,8 @@ def heartbeat(f: Face, s: Snapshot) -> Any:
     status = mavlink.MAV_STATE_CRITICAL if c.failsafe else mavlink.MAV_STATE_ACTIVE if c.armed else mavlink.MAV_STATE_STANDBY
     if c.mode is Mode.TERMINATE:
         status = mavlink.MAV_STATE_FLIGHT_TERMINATION
-    return mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, base, c.mode.custom_mode, status, 3)
+    kind, autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4
+    return mavlink.MAVLink_heartbeat_message(kind, autopilot, base, c.mode.custom_mode, status, 3)
 
 
 def attitude(f: Face, s: Snapshot) -> Any:
@@ -131,7 +132,8 @@ def vfr_hud(f: Face, s: Snapshot) -> Any:
     v = s.v_n[i]
     ground = math.hypot(v[0], v[1])
     alt = -s.p_n[i][2] + (f.origin[2] if f.origin else 0.0)
-    return mavlink.MAVLink_vfr_hud_message(ground, ground, int(math.degrees(s.rpy[i][2]) % 360), int(100 * s.thrust[i]), alt, -v[2])
+    heading_deg = int(math.degrees(s.rpy[i][2]) % 360)
+    return mavlink.MAVLink_vfr_hud_message(ground, ground, heading_deg, int(100 * s.thrust[i]), alt, -v[2])
 
 
 def extended_sys_state(f: Face, s: Snapshot) -> Any:
@@ -215,7 +217,8 @@ def autopilot_version(f: Face, s: Snapshot) -> Any:
 BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat, mavlink.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time, mavlink.MAVLINK_MSG_ID_ATTITUDE: attitude,
-    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude_quaternion, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude_quaternion,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int, mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: servo_output_raw,
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin, mavlink.MAVLINK_MSG_ID_VFR_HUD: vfr_hud,
     mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: attitude_target,

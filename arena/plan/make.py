@@ -17,13 +17,17 @@ from arena.schema.ports import LINK_BASE
 # numpy's own threads would steal the second core from the arena
 ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
 
+# While thirty processes start at once on two cores, time itself must go on: the world comes first, then what carries poses and
+# messages, then programs, then loggers. A negative value is taken where the system allows it.
+NICE_PROGRAM, NICE_LOGGER = 10, 12
+
 # kind -> (module, cpu budget [cores], memory budget [MB], further fields)
 _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
-    "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0}),
+    "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0, "nice": -5}),
     "mocap": ("arena.mocap", 0.3, 150.0, {}),
     "forward": ("arena.forward", 0.1, 120.0, {}),
     "router": ("arena.route", 0.4, 120.0, {}),
-    "logger": ("arena.record", 0.15, 200.0, {"nice": 5, "stop_timeout_s": 10.0}),
+    "logger": ("arena.record", 0.15, 200.0, {"nice": NICE_LOGGER, "stop_timeout_s": 10.0}),
 }
 
 

@@ -165,6 +165,9 @@ class Pilot:
         raise CommandRefusedError(f"{self._source.ns}: the autopilot refused {what} ({words}){self._texts()}")
 
     def _confirm(self, done: Callable[[], bool], what: str) -> None:
+        # Heartbeats come once a second; asked for, the one that confirms comes at once. What is acknowledged of it is no matter.
+        heartbeat = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
+        self._link.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
         if not self._wait(done, _CONFIRM_TIMEOUT_S):
             late = f"accepted, but not {what} after {_CONFIRM_TIMEOUT_S:g} s"
             raise NotConfirmedError(f"{self._source.ns}: {late}: {self._state()}")

@@ -105,7 +105,8 @@ class Flight:
             cov = [float("nan")] * 21
             for k in (0, 6, 11, 15, 18, 20):
                 cov[k] = 1e-6
-            m = mavlink.MAVLink_odometry_message(0, 1, 12, *p, q_nb[i].tolist(), *[float("nan")] * 6, cov, [float("nan")] * 21, 0, 2, 0)
+            none = [float("nan")] * 21
+            m = mavlink.MAVLink_odometry_message(0, 1, 12, *p, q_nb[i].tolist(), *none[:6], cov, none, 0, 2, 0)
             self.pilots.receive(int(i), "vision", m.pack(self.codec[i]))
 
     # -- what a program would do -------------------------------------------------------------------------------------
@@ -124,7 +125,8 @@ class Flight:
         return int(acks[-1].result)
 
     def setpoint(self, i: int, p: Any, yaw: float = 0.0) -> None:
-        self.send(i, mavlink.MAVLink_set_position_target_local_ned_message(0, i + 1, 1, 1, 0b100111111000, *p, 0, 0, 0, 0, 0, 0, yaw, 0))
+        vectors = (*p, 0, 0, 0, 0, 0, 0)
+        self.send(i, mavlink.MAVLink_set_position_target_local_ned_message(0, i + 1, 1, 1, 0b100111111000, *vectors, yaw, 0))
 
     def offboard(self, i: int) -> int:
         return self.command(i, mavlink.MAV_CMD_DO_SET_MODE, 1, 6, 0)

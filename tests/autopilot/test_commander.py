@@ -9,12 +9,13 @@ import pytest
 from arena.autopilot.commander import Commander, Limits, Mode, Sensed, mode_of
 
 OK = Sensed(
-    now=100.0, xy_valid=True, z_valid=True, yaw_valid=True, landed=True, flying=False, tilt_rad=0.0, battery=0.9, offboard_age=0.02,
-    offboard_needs_position=True, gcs_age=0.1, aligned=True,
+    now=100.0, xy_valid=True, z_valid=True, yaw_valid=True, landed=True, flying=False, tilt_rad=0.0, battery=0.9,
+    offboard_age=0.02, offboard_needs_position=True, gcs_age=0.1, aligned=True,
 )  # fmt: skip
 LIMITS = Limits(
     com_of_loss_t=1.0, com_obl_rc_act=4, com_fail_act_t=0.0, com_disarm_land=2.0, com_disarm_prflt=10.0, com_low_bat_act=0,
-    bat_low_thr=0.15, bat_crit_thr=0.07, bat_emergen_thr=0.05, nav_dll_act=0, com_dl_loss_t=10.0, cbrk_flightterm=121212, fd_fail_rad=1.05,
+    bat_low_thr=0.15, bat_crit_thr=0.07, bat_emergen_thr=0.05, nav_dll_act=0, com_dl_loss_t=10.0, cbrk_flightterm=121212,
+    fd_fail_rad=1.05,
 )  # fmt: skip
 
 
@@ -38,8 +39,9 @@ def flying() -> tuple[Commander, dict]:
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        ({"aligned": False}, "Attitude"), ({"xy_valid": False}, "position"), ({"z_valid": False}, "Height"), ({"yaw_valid": False}, "Heading"),
-        ({"battery": 0.05}, "Battery"), ({"tilt_rad": 1.5}, "tilted"), ({"offboard_age": 2.0}, "offboard"),
+        ({"aligned": False}, "Attitude"), ({"xy_valid": False}, "position"), ({"z_valid": False}, "Height"),
+        ({"yaw_valid": False}, "Heading"), ({"battery": 0.05}, "Battery"), ({"tilt_rad": 1.5}, "tilted"),
+        ({"offboard_age": 2.0}, "offboard"),
     ],
 )  # fmt: skip
 def test_each_reason_alone_refuses_arming_and_is_named(change, word):

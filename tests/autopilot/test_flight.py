@@ -88,7 +88,7 @@ def test_a_body_that_jumps_or_flips_is_never_flown_after(fault):
     flight, stream = airborne()
     honest = flight._see
     if fault == "jump":
-        flight._see = lambda p, q: honest(p + [0.5, 0.0, 0.0], q)
+        flight._see = lambda p, q: honest(p + np.array([0.5, 0.0, 0.0]), q)
     else:
         flight._see = lambda p, q: honest(p, quat_multiply([0.0, 0.0, 0.0, 1.0], q))
     flight.until(lambda f: f.mode(0) != "OFFBOARD", 5, stream)
@@ -105,7 +105,7 @@ def test_nothing_re_enters_offboard_by_itself_after_a_pilot_took_over():
 
 
 def test_disarming_in_the_air_is_refused_unless_forced():
-    flight, stream = airborne()
+    flight, _ = airborne()
     assert flight.command(0, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0) == 1
     assert flight.armed(0)
     assert flight.command(0, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196) == 0
@@ -148,8 +148,8 @@ def test_an_armed_vehicle_that_does_not_take_off_disarms_itself():
 
 def test_velocity_attitude_and_rate_setpoints_move_the_right_way():
     flight, stream = airborne(height=3.0)
-    north = lambda f: f.send(0, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0b110111000111, 0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0))  # noqa: E501
-    flight.run(2.0, north)
+    north = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0b110111000111, 0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0)
+    flight.run(2.0, lambda f: f.send(0, north))
     assert abs(flight.world.truth().v_n[0][0] - 0.5) < 0.1
     flight.run(2.0, stream)
     # Nose down: the vehicle must go forward, which is north.
@@ -159,5 +159,6 @@ def test_velocity_attitude_and_rate_setpoints_move_the_right_way():
     flight.run(1.0, lambda f: f.send(0, mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, q, 0, 0, 0, thrust)))
     assert flight.world.truth().v_n[0][0] - before > 0.4
     flight.run(3.0, stream)
-    flight.run(0.3, lambda f: f.send(0, mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 128, [1, 0, 0, 0], 0, 0, 0.5, thrust)))
+    turn = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 128, [1, 0, 0, 0], 0, 0, 0.5, thrust)
+    flight.run(0.3, lambda f: f.send(0, turn))
     assert flight.world.truth().omega_b[0][2] > 0.15

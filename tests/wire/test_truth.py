@@ -15,8 +15,8 @@ Q0 = quat_from_euler(np.radians([10.0, -20.0, 35.0]))
 
 def sample(t: float) -> Truth:
     return Truth(
-        time_s=t, p_n=np.array([[t, 2 * t, -t]]), q_nb=quat_multiply(Q0, quat_exp(AXIS * t))[None], v_n=np.array([[1.0, 2.0, -1.0]]),
-        omega_b=AXIS[None], accel_b=np.zeros((1, 3)), motors=np.full((1, 4), 0.5),
+        time_s=t, p_n=np.array([[t, 2 * t, -t]]), q_nb=quat_multiply(Q0, quat_exp(AXIS * t))[None],
+        v_n=np.array([[1.0, 2.0, -1.0]]), omega_b=AXIS[None], accel_b=np.zeros((1, 3)), motors=np.full((1, 4), 0.5),
     )  # fmt: skip
 
 
