@@ -135,7 +135,7 @@ def _program(arena: Arena, python: str, v: Vehicle) -> ProcessSpec:
         name=name, kind="program", vehicle=v.name, argv=(*start, "--uav", f"{{run}}/slices/{name}.json", *program.args),
         cwd=arena.folder, env=ENV, needs=(*needs, "router", f"logger.{v.name}"), ready="started",
         restart=Restart(mode=program.restart), cpu_budget=0.3, memory_budget_mb=300.0,
-        listens=tuple(_listens(arena, "program", v)),
+        nice=NICE_PROGRAM, listens=tuple(_listens(arena, "program", v)),
     )  # fmt: skip
 
 

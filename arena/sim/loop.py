@@ -32,6 +32,7 @@ _STATS_S = 1.0
 _DRAIN_SHARE = 0.3  # of a period's wall time, at most, for reading the links
 _LONGEST_WAIT_S = 0.1
 _MILLI_S = 1e-3
+_RTF_TOLERANCE = 0.02
 
 
 class Pilots(Protocol):
@@ -111,6 +112,7 @@ class Loop:
             if now >= next_stats:
                 next_stats = now + _STATS_S
                 self._room.stats(self._stats(pacer))
+                self._complain(pacer)
                 gc.collect()
         self._look_up(now)
         self._room.stats(self._stats(pacer))
@@ -156,6 +158,11 @@ class Loop:
         for text in (*self._world.events(), *self._pilots.events(), *self._strikes()):
             self._room.event(text)
         return self._afterlife.over(orphaned=self._room.orphaned, any_armed=bool(np.any(self._pilots.armed)), now=now)
+
+    def _complain(self, pacer: Pacer) -> None:
+        """A line in the log for each second in which time did not go as it was asked to."""
+        if math.isfinite(self._speed) and abs(pacer.rtf / self._speed - 1.0) > _RTF_TOLERANCE:
+            print(f"the second up to {self._world.now:.1f} s: real-time factor {pacer.rtf:.3f}, asked for {self._speed:g}", flush=True)
 
     def _strikes(self) -> list[str]:
         names = self._clock.struck_off[self._struck_off :]
