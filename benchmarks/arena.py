@@ -39,9 +39,12 @@ def fly(count: int) -> dict[str, Any]:
     """One flight; the figures of its summary and of its processes."""
     with tempfile.TemporaryDirectory() as folder:
         path = arena_of(count, Path(folder))
-        command = [sys.executable, "-m", "arena", "up", str(path), "--headless", "--until-done", "--time-limit", "120"]
-        code = subprocess.run(command, capture_output=True, check=False).returncode
-        (run,) = (Path(folder) / "runs").iterdir()
+        command = [sys.executable, "-m", "arena.cli", "up", str(path), "--headless", "--until-done", "--time-limit", "120"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        runs = list(Path(folder).glob("runs/*"))
+        if not runs:
+            raise SystemExit(done.stderr)
+        (run,), code = runs, done.returncode
         summary = json.loads((run / "summary.json").read_text())
         outcome = json.loads((run / "outcome.json").read_text())
     return row_of(count, code, summary, outcome)

@@ -10,7 +10,8 @@ from arena.errors import StaleDataError
 from arena.geometry import quat_from_euler, quat_rotate
 from arena.uav.groups import Body, Snapshot, Source
 from arena.uav.poses import Poses
-from arena.wire.telemetry import Telemetry, frames, mode_numbers, mode_words
+from arena.wire.px4mode import mode_numbers, mode_words
+from arena.wire.telemetry import Telemetry
 
 BODY = Body(ns="uav1", mass=1.5, radius=0.3, height=0.1, num_rotors=4, thrust_curve={"kind": "quadratic"})
 Q_NB = quat_from_euler(np.radians([10, -20, 35]))
@@ -169,14 +170,13 @@ def test_random_bytes_do_no_harm_and_what_follows_them_is_heard(bench):
     assert bench.uav.info.flight_mode == "OFFBOARD"
 
 
-def test_frames_are_cut_where_they_end():
-    out = mavlink.MAVLink(None, srcSystem=3, srcComponent=4)
-    said = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), mavlink.MAVLink_statustext_message(1, b"a")
-    parts = [m.pack(out) for m in said]
-    found = list(frames(bytes(b"".join(parts))))
-    assert [f[:3] for f in found] == [(0, 3, 4), (253, 3, 4)]
-    assert found[1][3:] == (len(parts[0]), len(parts[0]) + len(parts[1]))
-    assert list(frames(bytes(parts[0][:-1]))) == []
+def test_a_damaged_frame_does_not_hide_the_next_one_of_its_datagram(bench):
+    torn = bytearray(mavlink.MAVLink_extended_sys_state_message(0, 1).pack(bench._out))
+    torn[-1] ^= 0xFF
+    bench.hear(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3), prefix=bytes(torn))
+    assert bench.uav.info.flight_mode == "OFFBOARD"
+    assert not bench.uav.info.is_landed
+    assert bench.telemetry.refused == 1
 
 
 def test_long_texts_come_in_chunks(bench):
