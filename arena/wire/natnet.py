@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import isfinite
 
 from arena.errors import WireError
@@ -217,13 +218,20 @@ def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> 
     data, at = reader.data, reader.at
     reader.skip(count * _BODY.size)
     found = []
-    for k in range(at, at + count * _BODY.size, _BODY.size):
-        if wanted is not None and _COUNT.unpack_from(data, k)[0] not in wanted:
+    for row, streaming_id in enumerate(_ids(count).unpack_from(data, at)):
+        if wanted is not None and streaming_id not in wanted:
             continue
+        k = at + row * _BODY.size
         i, x, y, z, qx, qy, qz, qw, error, params = _BODY.unpack_from(data, k)
         tracked = bool(params & TRACKING_VALID)
         found.append(Body(streaming_id=i, position=(x, y, z), quat_xyzw=(qx, qy, qz, qw), mean_error_m=error, tracked=tracked))
     return tuple(found)
+
+
+@lru_cache(maxsize=64)
+def _ids(count: int) -> struct.Struct:
+    """Reads the streaming ids of all bodies at once: most receivers want one of many."""
+    return struct.Struct("<" + f"i{_BODY.size - 4}x" * count)
 
 
 def _skip_to_stamps(reader: _Reader) -> None:
@@ -263,9 +271,15 @@ class _Reader:
         return self.data[self.at - size : self.at]
 
     def skip_sections(self, how_many: int) -> None:
+        data, at = self.data, self.at
         for _ in range(how_many):
-            self.i32()
-            self.skip(self.i32())
+            if at + _SIZED.size > len(data):
+                raise WireError(f"NatNet payload of {len(data)} bytes ends before the section at {at}")
+            size = _SIZED.unpack_from(data, at)[1]
+            at += _SIZED.size + size
+            if size < 0 or at > len(data):
+                raise WireError(f"NatNet section of {size} bytes that ends at {at} in a payload of {len(data)}")
+        self.at = at
 
     def count(self, what: str) -> int:
         value = self.i32()
