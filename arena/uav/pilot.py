@@ -14,7 +14,7 @@ from arena.geometry import Array, yaw_from_quat
 from arena.uav.groups import Source
 from arena.uav.link import COMPONENT, Link
 from arena.uav.setpoints import Encoder
-from arena.wire.telemetry import mode_numbers
+from arena.wire.px4mode import mode_numbers
 
 T = TypeVar("T")
 

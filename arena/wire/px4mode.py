@@ -18,3 +18,9 @@ def mode_words(custom_mode: int) -> str:
     if main == 4:
         return f"AUTO.{AUTO.get(sub, sub)}"
     return MAIN.get(main, f"mode {main}")
+
+
+def mode_numbers(words: str) -> tuple[int, int]:
+    """The inverse: PX4's main and sub mode. Raises KeyError for words that are no mode."""
+    main, _, sub = words.partition(".")
+    return {v: k for k, v in MAIN.items()}[main], {v: k for k, v in AUTO.items()}[sub] if sub else 0

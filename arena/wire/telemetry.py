@@ -1,6 +1,6 @@
 """What a PX4-style autopilot tells of itself: MAVLink datagrams -> values, by group. No sockets, no clocks.
 
-Only the messages of `_HEARD` are decoded: the rest, more than half of an onboard stream, is skipped by its header.
+Only the messages of `_HEARD` are decoded: of the rest, more than half of an onboard stream, no more than the checksum is read.
 Units are SI and radians, frames NED and FRD, quaternions wxyz; each value keeps the time at which it was heard.
 """
 
@@ -8,57 +8,23 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.wire.mavframe import cut
+from arena.wire.px4mode import mode_words
+
 Array = NDArray[np.float64]
 
-_V1, _V2 = 0xFE, 0xFD
-_SIGNED = 0x01
 _GAUSS_T = 1e-4
 _HPA_PA = 100.0
 _HIGHRES_MAG = 0x01C0
 _HIGHRES_BARO = 0x1A00
-
-_MAIN = {1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED", 8: "RATTITUDE"}
-_AUTO = {1: "READY", 2: "TAKEOFF", 3: "LOITER", 4: "MISSION", 5: "RTL", 6: "LAND", 8: "FOLLOW_TARGET", 9: "PRECLAND"}
-
-
-def mode_words(custom_mode: int) -> str:
-    """PX4's custom mode (main in bits 16 to 23, sub in 24 to 31) -> "OFFBOARD", "AUTO.LAND", ..."""
-    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
-    words = _MAIN.get(main, f"mode {main}")
-    return f"AUTO.{_AUTO.get(sub, sub)}" if main == 4 else words
-
-
-def mode_numbers(words: str) -> tuple[int, int]:
-    """The inverse: PX4's main and sub mode. Raises KeyError for words that are no mode."""
-    main, _, sub = words.partition(".")
-    return {v: k for k, v in _MAIN.items()}[main], {v: k for k, v in _AUTO.items()}[sub] if sub else 0
-
-
-def frames(datagram: bytes) -> Iterator[tuple[int, int, int, int, int]]:
-    """(message id, system, component, start, end) of each whole frame; bytes that belong to none are passed over."""
-    at, size = 0, len(datagram)
-    while at + 8 <= size:
-        if datagram[at] == _V2 and at + 12 <= size:
-            end = at + 12 + datagram[at + 1] + (13 if datagram[at + 2] & _SIGNED else 0)
-            number = datagram[at + 7] | datagram[at + 8] << 8 | datagram[at + 9] << 16
-            who = datagram[at + 5], datagram[at + 6]
-        elif datagram[at] == _V1:
-            end, number, who = at + 8 + datagram[at + 1], datagram[at + 5], (datagram[at + 3], datagram[at + 4])
-        else:
-            at += 1
-            continue
-        if end > size:
-            at += 1
-            continue
-        yield number, *who, at, end
-        at = end
+_AUTOPILOT = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -218,15 +184,17 @@ class Telemetry:
     def hear(self, datagram: bytes, now: float) -> bool:
         """now: [s], of any clock. True when the vehicle's autopilot spoke in it."""
         spoke = False
-        for number, system, component, start, end in frames(datagram):
-            handler = _HEARD.get(number)
-            if handler is None or system != self._system or component != 1:
+        found = cut(datagram)
+        self.refused += found.bad_crc
+        for frame in found.frames:
+            handler = _HEARD.get(frame.msgid)
+            if handler is None or frame.sysid != self._system or frame.compid != _AUTOPILOT:
                 continue
             try:
-                handler(self, self._codec.decode(bytearray(datagram[start:end])), now)
+                handler(self, self._codec.decode(bytearray(datagram[frame.start : frame.end])), now)
                 spoke = True
             except (mavlink.MAVError, ValueError, TypeError, struct.error):
-                self.refused += 1  # a damaged frame says nothing, whatever its header claims
+                self.refused += 1  # whole, yet not the layout its number stands for
         if spoke:
             self.heard = now
         return spoke
