@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavframe import cut
+from arena.wire.codec import Codec
 from arena.wire.px4mode import AUTO_LAND, mode_words
 
 SYSTEM = 253
@@ -58,8 +58,7 @@ class Landing:
         self.name, self.system, self.action = name, system, action
         self.known = Known()
         self.refusal = ""
-        self._voice = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=component)
-        self._ear = mavlink.MAVLink(None)
+        self._codec = Codec(SYSTEM, component)
         self._component = component
         self._began = self._next_send = self._next_heartbeat = now
         self._confirmed_at: float | None = None
@@ -73,7 +72,7 @@ class Landing:
         frames = []
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + _HEARTBEAT_S
-            frames.append(self._pack(mavlink.MAVLink_heartbeat_message(
+            frames.append(self._codec.pack(mavlink.MAVLink_heartbeat_message(
                 mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3)))
         if now >= self._next_send and not self.confirmed:
             self._next_send = now + RETRY_S
@@ -82,12 +81,8 @@ class Landing:
 
     def hear(self, data: bytes | memoryview, now: float) -> None:
         """One datagram, whatever it holds."""
-        for frame in cut(data).frames:
-            if frame.msgid in _READ and frame.sysid == self.system and frame.compid == _AUTOPILOT:
-                try:
-                    message = self._ear.decode(bytearray(data[frame.start : frame.end]))
-                except mavlink.MAVError:  # of the known length, yet not the known layout
-                    continue
+        for message in self._codec.parse(data, _READ):
+            if message.get_srcSystem() == self.system and message.get_srcComponent() == _AUTOPILOT:
                 self._learn(message, now)
         self._judge(now)
 
@@ -134,12 +129,7 @@ class Landing:
 
     def _command(self, number: int, *params: float) -> bytes:
         filled = (*params, *(0.0,) * (7 - len(params)))
-        return self._pack(mavlink.MAVLink_command_long_message(self.system, _AUTOPILOT, number, 0, *filled))
-
-    def _pack(self, message: Any) -> bytes:
-        packed: bytes = message.pack(self._voice)
-        self._voice.seq = (self._voice.seq + 1) % 256
-        return packed
+        return self._codec.pack(mavlink.MAVLink_command_long_message(self.system, _AUTOPILOT, number, 0, *filled))
 
     def _learn(self, message: Any, now: float) -> None:
         known = self.known

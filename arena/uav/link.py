@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.clock import Clock
 from arena.errors import ArenaError, InputError, NotConfirmedError
 from arena.uav.poses import Poses
+from arena.wire.codec import Codec
 from arena.wire.telemetry import Telemetry
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -37,7 +38,7 @@ class Link:
         self.unsent = 0
         self.fault = ""
         self._clock = clock
-        self._codec = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=COMPONENT)
+        self._codec = Codec(system_id, COMPONENT)
         self._socket, self._partner = _open(url)
         self._capture = _capture(capture, poses) if capture and poses.bodies else None
         self._receiving, self._sending = threading.Lock(), threading.Lock()
@@ -57,8 +58,7 @@ class Link:
         if self._partner is None:
             raise NotConfirmedError("nothing has been heard on the vehicle's link yet, so there is nobody to send to")
         with self._sending:
-            data = message.pack(self._codec)
-            self._codec.seq = (self._codec.seq + 1) % 256
+            data = self._codec.pack(message)
         try:
             self._socket.sendto(data, self._partner)
         except OSError:  # a full buffer or a network that is away: the silence that follows is what gets reported

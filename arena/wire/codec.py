@@ -7,11 +7,12 @@ parser made for a serial stream.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Container
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavframe import cut
+from arena.wire.mavframe import Buffer, cut
 
 
 class Codec:
@@ -27,8 +28,8 @@ class Codec:
         self._voice.seq = (self._voice.seq + 1) % 256
         return data
 
-    def parse(self, datagram: bytes) -> list[Any]:
-        """Every message of a datagram that this dialect knows. Never raises."""
+    def parse(self, datagram: Buffer, wanted: Container[int] | None = None) -> list[Any]:
+        """Every message of a datagram that this dialect knows. wanted: decode only these ids. Never raises."""
         found = cut(datagram)
         if found.garbage:
             self.counts["garbage bytes"] += found.garbage
@@ -36,6 +37,8 @@ class Codec:
             self.counts["bad checksum"] += found.bad_crc
         messages = []
         for frame in found.frames:
+            if wanted is not None and frame.msgid not in wanted:
+                continue
             try:
                 messages.append(self._voice.decode(bytearray(datagram[frame.start : frame.end])))
             except (mavlink.MAVError, ValueError, IndexError):  # unknown here, or a text that is no text
