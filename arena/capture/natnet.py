@@ -76,7 +76,8 @@ class NatNetReceiver:
     def _learn(self, found: Mapping[int, str]) -> None:
         """A name that two bodies bear says of neither where it is."""
         bearers = Counter(found.values())
-        self.counts["names borne twice"] += sum(n > 1 for n in bearers.values())
+        if twice := sum(n > 1 for n in bearers.values()):
+            self.counts["names borne twice"] += twice
         wanted = self._wanted_names
         self._names = {i: n for i, n in found.items() if bearers[n] == 1 and (wanted is None or n in wanted)}
 
@@ -109,7 +110,8 @@ class NatNetReceiver:
             pose = pose_ned(name, body.position, body.quat_xyzw) if body.tracked else None
             if pose is None:
                 untracked.append(name)
-                self.counts["no pose"] += body.tracked
+                if body.tracked:
+                    self.counts["no pose"] += 1
             else:
                 poses.append(pose)
         exposed = frame.exposure_ticks / self._clock_hz if self._clock_hz and frame.exposure_ticks else frame.timestamp_s

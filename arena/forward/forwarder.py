@@ -80,16 +80,17 @@ class Forwarder:
         """Frames that were found waiting together, oldest first. The newest pose alone goes on: the autopilot dates them all on
         arrival, and of two at once would keep either.
         """
-        best: tuple[CapturedFrame, Pose] | None = None
+        best: Pose | None = None
         for frame in frames:
             pose = self._take(frame, now)
             if pose is not None:
-                self.counts["superseded"] += best is not None
-                best = frame, pose
+                if best is not None:
+                    self.counts["superseded"] += 1
+                best = pose
         if best is None:
             return None
         self.poses, self.last_pose = self.poses + 1, now
-        return self._odometry(best[1], now)
+        return self._odometry(best, now)
 
     def _take(self, frame: CapturedFrame, now: float) -> Pose | None:
         """The pose to send on, or None with its reason counted."""
