@@ -85,6 +85,9 @@ class Pilot:
     def take(self) -> None:
         """Ready, OFFBOARD, armed: each confirmed, with setpoints flowing throughout."""
         self._begin()
+        if self._wait(lambda: self._source.telemetry.heard is not None, READY_TIMEOUT_S):
+            # two programs that start on two sides of a heartbeat would take off a second apart
+            self._ask_for_heartbeat()
         if not self._wait(self._is_ready, READY_TIMEOUT_S):
             raise NotConfirmedError(f"{self._source.ns}: not ready after {READY_TIMEOUT_S:g} s: {self._why_not_ready()}")
         self._enter()
@@ -165,12 +168,15 @@ class Pilot:
         raise CommandRefusedError(f"{self._source.ns}: the autopilot refused {what} ({words}){self._texts()}")
 
     def _confirm(self, done: Callable[[], bool], what: str) -> None:
-        # Heartbeats come once a second; asked for, the one that confirms comes at once. What is acknowledged of it is no matter.
-        heartbeat = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
-        self._link.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
+        self._ask_for_heartbeat()
         if not self._wait(done, _CONFIRM_TIMEOUT_S):
             late = f"accepted, but not {what} after {_CONFIRM_TIMEOUT_S:g} s"
             raise NotConfirmedError(f"{self._source.ns}: {late}: {self._state()}")
+
+    def _ask_for_heartbeat(self) -> None:
+        """They come once a second; asked for, one comes at once. What is acknowledged of it is no matter."""
+        heartbeat = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
+        self._link.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> T | None:
         """Until done() is true, streaming; its value, or None when the time is over. `_lost` ends it with an error."""
@@ -206,7 +212,7 @@ class Pilot:
             return False
         if t.heart is None or self._source.age(t.heart) > limit("heartbeat"):
             return False
-        return t.heart.armed or (t.status is not None and t.status.prearm is not False)
+        return t.heart.armed or (t.status is not None and t.status.prearm)
 
     def _why_not_ready(self) -> str:
         t = self._source.telemetry

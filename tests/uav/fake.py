@@ -79,6 +79,11 @@ class FakeAutopilot:
         self._thread.join()
         self._socket.close()
 
+    @property
+    def orders(self) -> list[mavlink.MAVLink_message]:
+        """Commands that would change something: all but the requests of a message."""
+        return [c for c in list(self.commands) if c.command != mavlink.MAV_CMD_REQUEST_MESSAGE]
+
     def tell(self, *messages: mavlink.MAVLink_message) -> None:
         """In one datagram, as PX4 does under load."""
         data = b""

@@ -51,7 +51,7 @@ def test_the_stream_never_pauses_while_a_mission_starts(autopilot, uav):
 
 def test_a_mission_starts_in_the_order_offboard_then_arm_at_the_place_where_it_stands(autopilot, uav):
     uav.start_offboard_mission()
-    asked = [c.command for c in autopilot.commands if c.command != mavlink.MAV_CMD_REQUEST_MESSAGE]
+    asked = [c.command for c in autopilot.orders]
     assert asked == [mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM]
     first = autopilot.setpoints[0][1]
     assert (first.x, first.y, first.z) == pytest.approx(autopilot.pos, abs=1e-6)
@@ -80,7 +80,13 @@ def test_a_vehicle_that_is_not_ready_is_not_armed_and_says_why(autopilot, uav, m
     autopilot.say(b"Preflight Fail: Compass not calibrated")
     with pytest.raises(NotConfirmedError, match=r"not ready.*pre-arm checks fail.*Compass not calibrated"):
         uav.start_offboard_mission()
-    assert autopilot.commands == []
+    assert autopilot.orders == []
+
+
+def test_the_first_heartbeat_is_asked_for_and_not_waited_for(autopilot, uav):
+    uav.start_offboard_mission()
+    first = autopilot.commands[0]
+    assert (first.command, first.param1) == (mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HEARTBEAT)
 
 
 def test_no_estimate_means_no_mission(monkeypatch):
@@ -89,7 +95,7 @@ def test_no_estimate_means_no_mission(monkeypatch):
         with pytest.raises(NotConfirmedError, match="no position estimate"):
             uav.start_offboard_mission()
         autopilot.let_pass(3)
-        assert autopilot.setpoints == [] and autopilot.commands == []
+        assert autopilot.setpoints == [] and autopilot.orders == []
 
 
 def test_a_command_that_nobody_answers_is_sent_again_with_a_counter(autopilot, uav):
@@ -146,7 +152,7 @@ def test_setters_raise_when_something_else_disarmed(autopilot, uav):
 
 def test_a_pilot_who_takes_over_while_a_mission_starts_keeps_it(autopilot, uav):
     autopilot.ignore.add(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
-    watch = threading.Thread(target=lambda: (until(lambda: len(autopilot.commands) >= 2), take(autopilot)))
+    watch = threading.Thread(target=lambda: (until(lambda: len(autopilot.orders) >= 2), take(autopilot)))
     watch.start()
     with pytest.raises(OffboardLostError, match="POSCTL"):
         uav.start_offboard_mission()
