@@ -1,0 +1,249 @@
+"""One arena, started as a user starts it: by the command line, in a process of its own. Its truth, its records, its remains."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+from arena.supervise import Control, RunState, open_run, proc
+from arena.wire.truth import Truth, TruthReader
+
+ROOT = Path(__file__).parents[2]
+PROGRAMS = Path(__file__).parent / "programs"
+STANDS_M = 0.03
+"""A body's origin may be this much above where it stood and still stand."""
+
+
+def eventually(check: Callable[[], Any], limit_s: float, what: str) -> Any:
+    """The first true value of `check`; fails at the deadline."""
+    deadline = time.monotonic() + limit_s
+    while time.monotonic() < deadline:
+        if value := check():
+            return value
+        time.sleep(0.02)
+    raise AssertionError(f"not within {limit_s:g} s: {what}")
+
+
+def started_by(run: Path) -> set[int]:
+    mark = f"ARENA_RUN={run}"
+    return {pid for pid in psutil.pids() if not proc.is_zombie(pid) and mark in proc.environment(pid)}
+
+
+def arena_yaml(folder: Path, address: str, vehicles: dict[str, str], more: str = "") -> Path:
+    """An arena of vehicles two metres apart, name -> argument of `programs/fly.py`."""
+    lines = ["name: flight", f"address: {address}", "world: {size: [14, 6, 3]}", "vehicles:"]
+    for i, (name, then) in enumerate(vehicles.items()):
+        north = 2.0 * i - len(vehicles) + 1
+        program = f"{{path: '{PROGRAMS / 'fly.py'}', args: [{then}]}}"
+        lines.append(f"  {name}: {{start: {{position: [{north:g}, 0, 0]}}, program: {program}}}")
+    file = folder / "arena.yaml"
+    file.write_text("\n".join(lines) + "\n" + more)
+    return file
+
+
+class Flight:
+    """`arena up` of one YAML on one address. `end` leaves nothing, whatever the test did to it."""
+
+    def __init__(self, yaml: Path, address: str, *options: str, folder: Path, runtime: Path) -> None:
+        self.address, self.runs, self._runtime = address, folder / "runs", runtime
+        self.began = time.monotonic()
+        self.out = folder / f"out-{len(list(folder.glob('out-*')))}.txt"
+        self._before = set(self.runs.glob("*"))
+        up = ("up", str(yaml), "--headless", "--runs", str(self.runs), "--set", f"address={address}", *options)
+        with self.out.open("wb") as out:
+            self.process = subprocess.Popen(
+                self._command(*up), stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+                start_new_session=True, env=self._env(),
+            )  # fmt: skip
+        self._truth: TruthReader | None = None
+        self._stood: NDArray[np.float64] | None = None
+
+    # -- what it left on disk
+
+    @cached_property
+    def folder(self) -> Path:
+        """Once the run has begun, or ended."""
+
+        def made() -> Path | None:
+            new = set(self.runs.glob("*")) - self._before
+            return next((p for p in new if (p / "state.json").exists() or (p / "outcome.json").exists()), None)
+
+        return eventually(made, 20, f"a run folder, {self.said()}")
+
+    def json(self, name: str) -> Any:
+        return json.loads((self.folder / name).read_text())
+
+    @property
+    def outcome(self) -> dict[str, Any]:
+        return self.json("outcome.json")
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        return self.json("summary.json")
+
+    def stats(self, process: str) -> dict[str, Any]:
+        return self.outcome["processes"][process]["stats"]
+
+    def verdict(self, vehicle: str) -> dict[str, Any]:
+        return self.stats("world")["vehicles"][vehicle]
+
+    def events(self, process: str = "") -> list[dict[str, Any]]:
+        lines = (self.folder / "events.jsonl").read_text().splitlines()
+        return [e for e in map(json.loads, lines) if process in ("", e["process"])]
+
+    def log(self, name: str) -> str:
+        file = self.folder / "logs" / f"{name}.log"
+        return file.read_text(errors="replace") if file.exists() else ""
+
+    def rows(self, vehicle: str) -> list[dict[str, str]]:
+        """The vehicle's CSV."""
+        with (self.folder / "csv" / f"{vehicle}.csv").open() as file:
+            return list(csv.DictReader(file))
+
+    def said(self) -> str:
+        return self.out.read_text(errors="replace")
+
+    # -- while it runs
+
+    @property
+    def state(self) -> RunState:
+        return eventually(lambda: open_run(self.folder), 10, f"state.json, {self.said()}")
+
+    def pid(self, process: str) -> int:
+        return self.state.processes[process].pid
+
+    def status(self) -> dict[str, Any]:
+        return Control(Path(self.state.rt, "control.sock")).ask(do="ps")
+
+    def fact(self, name: str) -> Any:
+        return self.status()["facts"].get(name)
+
+    def truth(self) -> Truth:
+        """The newest, also of a world that has ended, once it was asked for."""
+        if self._truth is None:
+            page = Path(self.json("slices/world.json")["truth"])
+            eventually(page.exists, 20, f"a truth page, {self.said()}")
+            self._truth = TruthReader(page)
+            self._stood = eventually(self._truth.newest, 10, "a first truth").p_n.copy()
+        found = self._truth.newest()
+        assert found is not None
+        return found
+
+    def heights(self) -> NDArray[np.float64]:
+        """Of each vehicle above where it stood at the start [m]."""
+        now = self.truth()
+        assert self._stood is not None
+        return self._stood[:, 2] - now.p_n[:, 2]
+
+    def until_up(self, height_m: float = 0.5, limit_s: float = 30.0) -> None:
+        """Every vehicle is as high as this."""
+        eventually(lambda: self.heights().min() > height_m or self._ended(), limit_s, f"all in the air, {self.said()}")
+
+    def until_down(self, limit_s: float) -> None:
+        """Every vehicle stands on the floor, by the truth."""
+        eventually(lambda: self.heights().max() < STANDS_M, limit_s, f"all on the floor: {self.heights()}")
+
+    def until_disarmed(self, vehicles: Iterable[str], limit_s: float) -> None:
+        """By the router's facts."""
+        wanted = [f"{v}.armed" for v in vehicles]
+        eventually(lambda: not any(self.status()["facts"][w] for w in wanted), limit_s, f"disarmed: {wanted}, {self.said()}")
+
+    def until_said(self, words: str, limit_s: float) -> None:
+        eventually(lambda: words in self.said(), limit_s, f"{words!r} in {self.said()}")
+
+    def until_event(self, process: str, to: str, limit_s: float, times: int = 1) -> dict[str, Any]:
+        """The transition of a process into a state for the so-many-th time."""
+
+        def found() -> list[dict[str, Any]]:
+            return [e for e in self.events(process) if e.get("to") == to]
+
+        return eventually(lambda: len(found()) >= times and found()[times - 1], limit_s, f"{process} {to}, {self.said()}")
+
+    def signal(self, number: int) -> None:
+        self.process.send_signal(number)
+
+    def wait(self, limit_s: float = 60.0) -> int:
+        try:
+            return self.process.wait(limit_s)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"still running after {limit_s:g} s: {self.said()}") from None
+
+    def cli(self, *arguments: str, limit_s: float = 60.0) -> subprocess.CompletedProcess[str]:
+        """Another `arena` command, as from another terminal."""
+        return subprocess.run(
+            self._command(*arguments), capture_output=True, text=True, timeout=limit_s, check=False, env=self._env()
+        )
+
+    def popen(self, *arguments: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(self._command(*arguments), stdout=subprocess.PIPE, text=True, env=self._env())
+
+    # -- what is left of it
+
+    def processes(self) -> set[int]:
+        """Every running process that was started by this run, by the environment it was started with."""
+        return started_by(self.folder)
+
+    def sockets(self) -> list[Any]:
+        """Every socket on this arena's address or its capture group."""
+        own = {self.address, self.json("slices/mocap.json")["group"]}
+        return [c for c in psutil.net_connections("inet") if c.laddr and c.laddr.ip in own]
+
+    def assert_nothing_left(self) -> None:
+        assert self.process.poll() is not None
+        assert self.processes() == set() and self.sockets() == []
+        assert open_run(self.folder) is None and list(self._runtime.iterdir()) == []
+
+    def end(self) -> None:
+        for member in [self.process.pid] if self.process.poll() is None else []:
+            os.kill(member, signal.SIGKILL)
+        self.process.wait()
+        for made in set(self.runs.glob("*")) - self._before:
+            for pid in started_by(made):
+                os.kill(pid, signal.SIGKILL)
+
+    def _ended(self) -> bool:
+        assert self.process.poll() is None, f"ended: {self.said()}"
+        return False
+
+    def _command(self, *arguments: str) -> list[str]:
+        return [sys.executable, "-m", "arena.cli", *arguments]
+
+    def _env(self) -> dict[str, str]:
+        return {**os.environ, "ARENA_RUNTIME_DIR": str(self._runtime)}
+
+
+class Hangar:
+    """Makes flights for one test, or one module of tests, on an address of their own, and ends them all."""
+
+    def __init__(self, folder: Path, address: str) -> None:
+        self.folder, self.address = folder, address
+        self.runtime = Path(tempfile.mkdtemp(prefix="arena-fly-"))  # short, for socket paths
+        self._flights: list[Flight] = []
+
+    def up(self, yaml: Path, *options: str) -> Flight:
+        self._flights.append(Flight(yaml, self.address, *options, folder=self.folder, runtime=self.runtime))
+        return self._flights[-1]
+
+    def fly(self, vehicles: dict[str, str], *options: str, more: str = "") -> Flight:
+        """vehicles: name -> what it does after the take-off, see `programs/fly.py`."""
+        return self.up(arena_yaml(self.folder, self.address, vehicles, more), *options)
+
+    def close(self) -> None:
+        for flight in self._flights:
+            flight.end()
+        shutil.rmtree(self.runtime, ignore_errors=True)

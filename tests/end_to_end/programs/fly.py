@@ -1,0 +1,33 @@
+"""Take off, fly 1 m above the start, then do what the first argument says."""
+
+import os
+import signal
+
+import numpy as np
+
+from arena import UAV
+
+with UAV.from_args() as uav:
+    uav.start_offboard_mission()
+    start = uav.ekf.pos
+    above = start + np.array([0.0, 0.0, -1.0])
+    uav.set_pos_yaw(above, 0.0, 6.0)
+    print("above", flush=True)
+    match uav.args[0]:
+        case "lands":
+            uav.auto_land()
+        case "tours":
+            for step in ([0.6, 0.0, 0.0], [0.6, 0.6, -0.3], [0.0, 0.0, 0.0]):
+                uav.set_pos_yaw(above + np.array(step), 0.5, 5.0)
+            uav.auto_land()
+        case "hovers":
+            uav.set_pos_yaw(above, 0.0, 300.0)
+        case "throws":
+            raise ValueError("no such place")
+        case "spins":
+            while True:
+                pass
+        case "freezes":
+            os.kill(os.getpid(), signal.SIGSTOP)
+        case "is_killed":
+            os.kill(os.getpid(), signal.SIGKILL)

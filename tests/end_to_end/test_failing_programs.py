@@ -1,0 +1,48 @@
+"""Programs that throw, hang, freeze or are killed in the air: each costs its own vehicle's flight, and no other's."""
+
+from __future__ import annotations
+
+import pytest
+
+from .flight import Hangar
+
+pytestmark = pytest.mark.flight
+
+BAD = {"thrower": "throws", "spinner": "spins", "frozen": "freezes", "killed": "is_killed"}
+
+
+def test_a_bad_program_lands_its_vehicle_by_the_offboard_failsafe_and_no_other(hangar: Hangar) -> None:
+    flight = hangar.fly({**BAD, "good": "tours"}, "--until-done")
+    flight.until_up()
+    flight.until_disarmed(BAD, 25)
+    assert flight.fact("good.armed") is True and flight.fact("good.mode") == "OFFBOARD"
+    flight.until_event("program.good", "EXITED", 30)
+    assert flight.process.poll() is None  # two programs have not ended
+
+    down = flight.cli("down", "--run", str(flight.folder))
+    assert down.returncode == 1 and flight.wait() == 1
+
+    failed = flight.summary["failed"]
+    assert [f.partition(":")[0] for f in failed] == [f"program.{name}" for name in BAD]
+    reasons = dict(f.removeprefix("program.").split(": ", 1) for f in failed)
+    assert reasons["thrower"] == "exit 1" and reasons["killed"] == "killed by SIGKILL"
+    for hung in ("spinner", "frozen"):
+        assert reasons[hung].startswith("had not ended by itself")
+    assert all(f in (flight.folder / "summary.txt").read_text() for f in failed)
+    assert "thrower: its last words: ValueError: no such place" in flight.said()
+
+    for name in BAD:
+        verdict = flight.verdict(name)
+        assert verdict["crashed"] == "" and verdict["landings"] == 1 and verdict["touchdown_m_s"] < 1.5
+        assert flight.summary["vehicles"][name]["landing"]["landed"]
+        offboard, land, off = [m for m in flight.summary["vehicles"][name]["modes"] if m["armed"]] + [{"mode": "", "t_s": 0}]
+        assert (offboard["mode"], land["mode"], off["mode"]) == ("OFFBOARD", "AUTO.LAND", "")
+        assert 6.5 < land["t_s"] - offboard["t_s"] < 10.0  # 6 s of setpoints, 1 s of none, told by heartbeats a second apart
+    good = flight.summary["vehicles"]["good"]
+    assert good["setpoints"]["worst_m"] <= 0.10 and good["setpoints"]["count"] == 4 and good["landing"]["error_m"] <= 0.3
+    assert flight.outcome["processes"]["program.good"]["exit_code"] == 0
+
+    to = {name: [e["to"] for e in flight.events(f"program.{name}") if "to" in e] for name in (*BAD, "good")}
+    assert to["thrower"] == to["killed"] == to["good"] == ["STARTING", "READY", "EXITED"]
+    assert to["spinner"] == to["frozen"] == ["STARTING", "READY", "STOPPING", "EXITED"]
+    flight.assert_nothing_left()

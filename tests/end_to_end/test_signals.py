@@ -1,0 +1,49 @@
+"""Ctrl-C, SIGTERM and SIGHUP in flight: land, then stop."""
+
+from __future__ import annotations
+
+import signal
+from typing import Any
+
+import pytest
+
+from .flight import Flight, Hangar, eventually
+
+pytestmark = pytest.mark.flight
+
+
+def assert_landed_softly(flight: Flight, vehicle: str) -> None:
+    verdict: dict[str, Any] = flight.verdict(vehicle)
+    assert verdict["crashed"] == "" and not verdict["airborne"]
+    assert verdict["landings"] == 1 and verdict["touchdown_m_s"] < 1.5 and verdict["max_tilt_deg"] < 30
+    assert flight.summary["vehicles"][vehicle]["landing"]["landed"]
+    assert flight.summary["landing"] == "landed and disarmed"
+
+
+@pytest.mark.parametrize(("number", "code", "cause"), [
+    (signal.SIGINT, 130, "Ctrl-C"), (signal.SIGTERM, 0, "SIGTERM"), (signal.SIGHUP, 0, "SIGHUP"),
+])  # fmt: skip
+def test_a_signal_in_flight_lands_then_stops(hangar: Hangar, number: int, code: int, cause: str) -> None:
+    flight = hangar.fly({"uav1": "hovers"})
+    flight.until_up(0.9)
+    flight.signal(number)
+    assert flight.wait() == code, flight.said()
+    assert flight.summary["cause"] == cause
+    assert_landed_softly(flight, "uav1")
+    assert "left OFFBOARD and is now in AUTO.LAND" in flight.log("program.uav1")
+    flight.assert_nothing_left()
+
+
+def test_ctrl_c_again_and_again_disarms_nothing_in_the_air(hangar: Hangar) -> None:
+    flight = hangar.fly({"uav1": "spins", "uav2": "hovers"})
+    flight.until_up(0.9)
+    flight.signal(signal.SIGINT)
+    flight.until_said("landing, then stopping", 5)
+    for _ in range(5):
+        flight.signal(signal.SIGINT)
+        eventually(lambda: flight.heights().min() > 0.0, 1, "still in the air")
+    flight.until_said("programs are killed; whatever serves a vehicle goes on", 5)
+    assert flight.wait() == 130, flight.said()
+    for vehicle in ("uav1", "uav2"):
+        assert_landed_softly(flight, vehicle)
+    flight.assert_nothing_left()

@@ -1,0 +1,56 @@
+"""kill -9 of the supervisor in flight: programs die, vehicles land by themselves, nothing stays."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import psutil
+import pytest
+
+from .flight import Hangar, eventually
+
+pytestmark = pytest.mark.flight
+VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
+
+
+def test_without_its_supervisor_an_arena_lands_and_ends_by_itself(hangar: Hangar) -> None:
+    flight = hangar.fly(VEHICLES)
+    flight.until_up(0.9)
+    programs = [flight.pid(f"program.{v}") for v in VEHICLES]
+    world = flight.pid("world")
+    flight.signal(signal.SIGKILL)
+    killed = time.monotonic()
+    assert flight.wait() == -signal.SIGKILL
+
+    eventually(lambda: not any(map(psutil.pid_exists, programs)), 2, "the programs' end")
+    flight.until_down(20)
+    assert psutil.pid_exists(world)  # what serves a vehicle outlives its landing
+    eventually(lambda: not flight.processes(), 60, "the end of every process")
+    took_s = time.monotonic() - killed
+    print(f"all had ended {took_s:.1f} s after the kill")
+    assert took_s < 30  # soon after disarming, not by the limit of 60 s
+    assert flight.sockets() == []
+    for vehicle in VEHICLES:
+        rows = flight.rows(vehicle)
+        assert (rows[-1]["info.is_armed"], rows[-1]["info.is_landed"]) == ("False", "True")
+        assert max(float(r["truth.vel.down"]) for r in rows) < 1.5
+
+    again = hangar.fly({"uav1": "lands"}, "--until-done")
+    assert again.wait() == 0, again.said()
+    assert again.summary["vehicles"]["uav1"]["landing"]["landed"]
+    again.assert_nothing_left()
+
+
+def test_the_next_start_lands_and_sweeps_what_a_killed_supervisor_left_flying(hangar: Hangar) -> None:
+    flight = hangar.fly({"uav1": "hovers"})
+    flight.until_up(0.9)
+    flight.signal(signal.SIGKILL)
+    flight.wait()
+
+    again = hangar.fly({"uav1": "lands"}, "--until-done")
+    assert again.wait(90) == 0, again.said()
+    assert "the supervisor of" in again.said() and "uav1: landed and disarmed" in again.said()
+    assert max(float(r["truth.vel.down"]) for r in flight.rows("uav1")) < 1.5
+    assert flight.processes() == set()
+    again.assert_nothing_left()
