@@ -29,14 +29,14 @@ STANDS_M = 0.03
 """A body's origin may be this much above where it stood and still stand."""
 
 
-def eventually(check: Callable[[], Any], limit_s: float, what: str) -> Any:
-    """The first true value of `check`; fails at the deadline."""
+def eventually(check: Callable[[], Any], limit_s: float, what: str, tell: Callable[[], object] = str) -> Any:
+    """The first true value of `check`; at the deadline it fails with `what`, and what `tell` says then."""
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
         if value := check():
             return value
         time.sleep(0.02)
-    raise AssertionError(f"not within {limit_s:g} s: {what}")
+    raise AssertionError(f"not within {limit_s:g} s: {what}\n{tell()}")
 
 
 def started_by(run: Path) -> set[int]:
@@ -46,7 +46,7 @@ def started_by(run: Path) -> set[int]:
 
 def arena_yaml(folder: Path, address: str, vehicles: dict[str, str], more: str = "") -> Path:
     """An arena of vehicles two metres apart, name -> argument of `programs/fly.py`."""
-    lines = ["name: flight", f"address: {address}", "world: {size: [14, 6, 3]}", "vehicles:"]
+    lines = ["name: flight", f"address: {address}", "world: {size: [14, 6, 3]}", "defaults: {autopilot: builtin}", "vehicles:"]
     for i, (name, then) in enumerate(vehicles.items()):
         north = 2.0 * i - len(vehicles) + 1
         program = f"{{path: '{PROGRAMS / 'fly.py'}', args: [{then}]}}"
@@ -83,7 +83,7 @@ class Flight:
             new = set(self.runs.glob("*")) - self._before
             return next((p for p in new if (p / "state.json").exists() or (p / "outcome.json").exists()), None)
 
-        return eventually(made, 20, f"a run folder, {self.said()}")
+        return eventually(made, 20, "a run folder", self.said)
 
     def json(self, name: str) -> Any:
         return json.loads((self.folder / name).read_text())
@@ -122,7 +122,7 @@ class Flight:
 
     @property
     def state(self) -> RunState:
-        return eventually(lambda: open_run(self.folder), 10, f"state.json, {self.said()}")
+        return eventually(lambda: open_run(self.folder), 10, "state.json", self.said)
 
     def pid(self, process: str) -> int:
         return self.state.processes[process].pid
@@ -137,7 +137,7 @@ class Flight:
         """The newest, also of a world that has ended, once it was asked for."""
         if self._truth is None:
             page = Path(self.json("slices/world.json")["truth"])
-            eventually(page.exists, 20, f"a truth page, {self.said()}")
+            eventually(page.exists, 20, "a truth page", self.said)
             self._truth = TruthReader(page)
             self._stood = eventually(self._truth.newest, 10, "a first truth").p_n.copy()
         found = self._truth.newest()
@@ -152,19 +152,19 @@ class Flight:
 
     def until_up(self, height_m: float = 0.5, limit_s: float = 30.0) -> None:
         """Every vehicle is as high as this."""
-        eventually(lambda: self.heights().min() > height_m or self._ended(), limit_s, f"all in the air, {self.said()}")
+        eventually(lambda: self.heights().min() > height_m or self._ended(), limit_s, "all in the air", self.said)
 
     def until_down(self, limit_s: float) -> None:
         """Every vehicle stands on the floor, by the truth."""
-        eventually(lambda: self.heights().max() < STANDS_M, limit_s, f"all on the floor: {self.heights()}")
+        eventually(lambda: self.heights().max() < STANDS_M, limit_s, "all on the floor", self.heights)
 
     def until_disarmed(self, vehicles: Iterable[str], limit_s: float) -> None:
         """By the router's facts."""
         wanted = [f"{v}.armed" for v in vehicles]
-        eventually(lambda: not any(self.status()["facts"][w] for w in wanted), limit_s, f"disarmed: {wanted}, {self.said()}")
+        eventually(lambda: not any(self.status()["facts"][w] for w in wanted), limit_s, f"disarmed: {wanted}", self.said)
 
     def until_said(self, words: str, limit_s: float) -> None:
-        eventually(lambda: words in self.said(), limit_s, f"{words!r} in {self.said()}")
+        eventually(lambda: words in self.said(), limit_s, f"{words!r} said", self.said)
 
     def until_event(self, process: str, to: str, limit_s: float, times: int = 1) -> dict[str, Any]:
         """The transition of a process into a state for the so-many-th time."""
@@ -172,7 +172,7 @@ class Flight:
         def found() -> list[dict[str, Any]]:
             return [e for e in self.events(process) if e.get("to") == to]
 
-        return eventually(lambda: len(found()) >= times and found()[times - 1], limit_s, f"{process} {to}, {self.said()}")
+        return eventually(lambda: len(found()) >= times and found()[times - 1], limit_s, f"{process} {to}", self.said)
 
     def signal(self, number: int) -> None:
         self.process.send_signal(number)

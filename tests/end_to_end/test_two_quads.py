@@ -18,7 +18,8 @@ VEHICLES = ("uav1", "uav2")
 
 @pytest.fixture(scope="module")
 def flown(shared_hangar: Hangar) -> Iterator[Flight]:
-    flight = shared_hangar.up(ROOT / "examples" / "01_two_quads" / "arena.yaml", "--until-done", "--time-limit", "120")
+    yaml = ROOT / "examples" / "01_two_quads" / "arena.yaml"
+    flight = shared_hangar.up(yaml, "--until-done", "--time-limit", "120", "--set", "defaults.autopilot=builtin")
     code = flight.wait(180)
     print(flight.said())
     assert code == 0, flight.said()
