@@ -96,6 +96,15 @@ class SimClock:
     def rate(self, hz: float) -> Rate:
         return Rate(self, hz)
 
+    def ended(self) -> bool:
+        """Has the world gone? Never blocks; not to be asked while asleep."""
+        try:
+            return self._socket.recv(_DOUBLE.size, socket.MSG_DONTWAIT) == b""
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
+
     def close(self) -> None:
         self._socket.close()
 

@@ -1,4 +1,4 @@
-"""Whole arenas of 1, 2 and 10 vehicles in real time: does the world keep time, do frames and poses keep their rates, at what cost?
+"""Whole arenas of 1, 2 and 10 vehicles in real time: does time keep its pace, do frames and poses, and at what cost?
 
     python benchmarks/arena.py [--vehicles 1 2 10] [--repeat 1]
 
@@ -18,8 +18,8 @@ from typing import Any
 
 PROGRAM = Path(__file__).parents[1] / "examples" / "01_two_quads" / "position_setpoints.py"
 COLUMNS = (
-    "vehicles", "exit", "airborne s", "last s", "late p99 ms", "worst ms", "rtf min", "rtf max", "mocap Hz", "poses Hz", "worst end m",
-    "landing m", "cpu cores", "world cpu",
+    "vehicles", "exit", "airborne s", "last s", "late p99 ms", "worst ms", "rtf min", "rtf max", "mocap Hz", "poses Hz",
+    "worst end m", "landing m", "cpu cores", "world cpu",
 )  # fmt: skip
 
 
@@ -55,9 +55,10 @@ def row_of(count: int, code: int, summary: dict[str, Any], outcome: dict[str, An
     poses = [p["stats"]["poses"] / p["alive_s"] for n, p in processes.items() if n.startswith("forward.")]
     airborne = [v["airborne_after_s"] for v in vehicles]
     cells = (
-        count, code, min(airborne), max(airborne), world["lateness_p99_ms"], world["lateness_worst_ms"], world["rtf_min"], world["rtf_max"],
-        processes["mocap"]["stats"]["frames"] / processes["mocap"]["alive_s"], min(poses), max(v["setpoints"]["worst_m"] for v in vehicles),
-        max(v["landing"]["error_m"] for v in vehicles), sum(p["cpu_mean"] for p in processes.values()), processes["world"]["cpu_mean"],
+        count, code, min(airborne), max(airborne), world["lateness_p99_ms"], world["lateness_worst_ms"],
+        world["rtf_min"], world["rtf_max"], processes["mocap"]["stats"]["frames"] / processes["mocap"]["alive_s"], min(poses),
+        max(v["setpoints"]["worst_m"] for v in vehicles), max(v["landing"]["error_m"] for v in vehicles),
+        sum(p["cpu_mean"] for p in processes.values()), processes["world"]["cpu_mean"],
     )  # fmt: skip
     return dict(zip(COLUMNS, cells, strict=True))
 

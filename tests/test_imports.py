@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "arena"
 
-GROUND = {"errors", "geometry", "wire", "clock", "room", "rundirs", "thrust"}
+GROUND = {"errors", "geometry", "wire", "clock", "room", "rundirs", "thrust", "atmosphere"}
 MAY: dict[str, set[str]] = {
     "errors": set(),
     "thrust": {"errors"},
@@ -18,12 +18,13 @@ MAY: dict[str, set[str]] = {
     "clock": {"errors"},
     "room": {"errors"},
     "rundirs": set(),
+    "atmosphere": set(),
     "wire": {"errors", "geometry"},
     "capture": {"errors", "geometry", "wire", "clock"},
     "schema": {"errors", "geometry", "wire", "clock", "thrust"},
     "plan": {"errors", "geometry", "wire", "clock", "thrust", "schema"},
     "supervise": GROUND | {"schema", "plan"},
-    **{room: GROUND | {"capture"} for room in ("sim", "autopilot", "mocap", "forward", "route")},
+    **{room: GROUND | {"capture"} for room in ("sim", "autopilot", "px4", "mocap", "forward", "route")},
     # tool rooms and what a user imports may read the schema and the plan
     "record": GROUND | {"capture", "schema", "plan"},
     "uav": GROUND | {"capture", "schema"},
@@ -31,7 +32,7 @@ MAY: dict[str, set[str]] = {
     "cli": GROUND | {"schema", "plan", "supervise", "safety", "record"},
 }
 # the world's shell alone puts two cores together; the package's face lends the user's names
-EXCEPT: dict[str, set[str]] = {"sim/__main__.py": {"autopilot"}, "__init__.py": {"uav"}}
+EXCEPT: dict[str, set[str]] = {"sim/__main__.py": {"autopilot", "px4"}, "__init__.py": {"uav"}, "__main__.py": {"cli"}}
 HEAVY = {"pybullet": "sim", "mavsdk": "uav", "matplotlib": "record"}
 
 

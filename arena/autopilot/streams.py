@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.atmosphere import pressure_hpa
 from arena.autopilot.commander import Mode
 from arena.autopilot.snapshot import Snapshot
 
@@ -149,7 +150,7 @@ _SENSORS = (
 
 def sys_status(f: Face, s: Snapshot) -> Any:
     i = f.i
-    present = _SENSORS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    present = _SENSORS
     health = _SENSORS
     if not s.xy_valid[i]:
         health &= ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
@@ -252,10 +253,6 @@ LINK_RATES: dict[str, dict[int, float]] = {
     "panic": _SLOW | {mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 1.0},
 }
 
-
-def pressure_hpa(height_m: float) -> float:
-    """International standard atmosphere, below 11 km."""
-    return float(1013.25 * (1.0 - 2.25577e-5 * height_m) ** 5.25588)
 
 
 def _clip16(x: float) -> int:

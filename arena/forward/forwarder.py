@@ -162,7 +162,7 @@ class Forwarder:
             a.heard, a.armed = now, bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         elif kind == "SYS_STATUS":
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-            a.may_arm = bool(m.onboard_control_sensors_enabled & m.onboard_control_sensors_health & bit)
+            a.may_arm = bool(m.onboard_control_sensors_health & bit)  # PX4 sets this bit in the health alone
         elif kind == "SYSTEM_TIME":
             if m.time_boot_ms < a.boot_ms - _REORDERED_MS:
                 self._restarted()

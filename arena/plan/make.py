@@ -24,6 +24,7 @@ NICE_PROGRAM, NICE_LOGGER = 10, 12
 # kind -> (module, cpu budget [cores], memory budget [MB], further fields)
 _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
     "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0, "nice": -5}),
+    "px4": ("arena.px4", 0.3, 150.0, {"restart": Restart(), "start_timeout_s": 60.0}),
     "mocap": ("arena.mocap", 0.3, 150.0, {}),
     "forward": ("arena.forward", 0.1, 120.0, {}),
     "router": ("arena.route", 0.4, 120.0, {}),
@@ -54,6 +55,7 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
 
 def _slices(arena: Arena) -> Iterator[tuple[str, dict[str, Any]]]:
     made = [rooms.world(arena), rooms.mocap(arena), rooms.router(arena)]
+    made += [rooms.px4(arena, v) for v in arena.vehicles if v.autopilot == "px4"]
     for v in arena.vehicles:
         made += [rooms.forward(arena, v)] if v.forward else []
         made += [rooms.logger(arena, v), rooms.program(arena, v)]
@@ -74,6 +76,9 @@ def _processes(arena: Arena, python: str) -> Iterator[ProcessSpec]:
     """In start order: a process stands after all that it needs."""
     yield _room(arena, python, "world", "world")
     yield _room(arena, python, "mocap", "mocap", needs=("world",))
+    for v in arena.vehicles:
+        if v.autopilot == "px4":
+            yield _room(arena, python, "px4", f"px4.{v.name}", v, needs=("world",))
     for v in arena.vehicles:
         if v.forward:
             yield _room(arena, python, "forward", f"forward.{v.name}", v, needs=("world", "mocap"))
@@ -105,13 +110,23 @@ def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[List
     if kind == "router":
         found.append((LINK_BASE, "ground stations"))
     for v in of:
+        if kind == "world" and v.autopilot == "px4":
+            yield Listen(protocol="tcp", address=arena.address, port=v.ports.simulator, what=f"simulator API of {v.name}")
+            continue
         found += [(getattr(v.ports, key), f"{words} of {v.name}") for key, words in _BOUND.get(kind, ())]
     for port, words in found:
-        yield Listen(protocol="udp", address=arena.address, port=port, what=words)
+        # PX4 binds its links on every address of the computer, whatever it is told.
+        address = "0.0.0.0" if kind == "px4" else arena.address
+        yield Listen(protocol="udp", address=address, port=port, what=words)
 
 
 _BOUND: dict[str, tuple[tuple[str, str], ...]] = {
     "world": (
+        ("router_autopilot", "router link"),
+        ("vision_autopilot", "vision link"),
+        ("panic_autopilot", "panic link"),
+    ),
+    "px4": (
         ("router_autopilot", "router link"),
         ("vision_autopilot", "vision link"),
         ("panic_autopilot", "panic link"),

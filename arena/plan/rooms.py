@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from arena.plan.model import Link
+from arena.plan.px4 import px4_params, px4_scripts
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import GROUND_STATION, LINK_BASE
 
@@ -55,16 +56,35 @@ def world(arena: Arena) -> Json:
     }  # fmt: skip
 
 
+def _links(arena: Arena, v: Vehicle) -> Json:
+    return {name: autopilot_end(link_of(arena, v, name)) for name in ("router", "vision", "panic")}
+
+
 def _body(arena: Arena, v: Vehicle) -> Json:
-    links = {name: autopilot_end(link_of(arena, v, name)) for name in ("router", "vision", "panic")}
+    if v.autopilot == "px4":  # it opens its links itself
+        flown: Json = {"autopilot": "px4", "simulator": [arena.address, v.ports.simulator]}
+    else:
+        flown = {"autopilot": "builtin", "params": dict(v.params), "links": _links(arena, v)}
     return {
         "name": v.name, "id": v.id, "profile": v.profile.slice(), "position": list(v.position),
-        "rpy": [math.radians(a) for a in v.rpy_deg], "params": dict(v.params), "links": links,
+        "rpy": [math.radians(a) for a in v.rpy_deg], **flown,
     }  # fmt: skip
 
 
 def _origin(arena: Arena) -> Json:
     return arena.world.origin.model_dump()
+
+
+def px4(arena: Arena, v: Vehicle) -> Json:
+    """What `python -m arena.px4` needs to run this vehicle's PX4."""
+    if arena.px4 is None:
+        raise ValueError(f"{v.name} flies PX4, and none was found")
+    given: Json = {"vehicle": v.name, "id": v.id, "simulator": [arena.address, v.ports.simulator], **_links(arena, v)}
+    return {
+        "name": f"px4.{v.name}", "vehicle": v.name, "binary": arena.px4.binary, "data": arena.px4.data, "instance": v.id - 1,
+        "folder": f"{{run}}/px4/{v.name}", "model": "none_iris", "links": _links(arena, v), "clock": CLOCK,
+        "params": px4_params(v), "scripts": px4_scripts(given),
+    }  # fmt: skip
 
 
 def mocap(arena: Arena) -> Json:

@@ -1,12 +1,12 @@
 """What a user may write in arena.yaml: strict loader, models, profiles, one merge, cross-checks. Starts nothing."""
 
-from arena.schema.arena import Arena, Origin, Program, Vehicle
+from arena.schema.arena import Arena, Origin, Program, Px4, Vehicle
 from arena.schema.library import data_folder, load_profile, profile_names
 from arena.schema.load import load_arena
 from arena.schema.machine import Machine, Probe, check_machine
 from arena.schema.profile import Profile
 
 __all__ = [
-    "Arena", "Machine", "Origin", "Probe", "Profile", "Program", "Vehicle", "check_machine", "data_folder", "load_arena",
+    "Arena", "Machine", "Origin", "Probe", "Profile", "Program", "Px4", "Vehicle", "check_machine", "data_folder", "load_arena",
     "load_profile", "profile_names",
 ]  # fmt: skip

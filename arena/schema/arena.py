@@ -22,6 +22,18 @@ class Origin:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Px4:
+    """A PX4 on this machine. binary: absolute; data: the folder `etc` of its startup scripts; version: as the binary says, ""
+    when it does not; source: who named it.
+    """
+
+    binary: str
+    data: str
+    version: str
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Program:
     """A user's program. path: absolute."""
 
@@ -43,7 +55,7 @@ class Vehicle:
     id: int
     profile: Profile
     profile_key: str
-    autopilot: Literal["builtin"]
+    autopilot: Literal["builtin", "px4"]
     asked: str
     position: tuple[float, float, float]
     rpy_deg: tuple[float, float, float]
@@ -61,6 +73,7 @@ class Vehicle:
 @dataclass(frozen=True, kw_only=True)
 class Arena:
     """One arena. file: as the user named it.  folder: absolute, of that file.  group: multicast group of the capture.
+    px4: the one that its vehicles fly, None when none does.
 
     origins: dotted key -> its value and where that came from, for `arena plan --explain`.
     """
@@ -75,6 +88,7 @@ class Arena:
     group: str
     tools: Mapping[str, Tool]
     vehicles: tuple[Vehicle, ...]
+    px4: Px4 | None = None
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
 
     def vehicle(self, name: str) -> Vehicle:
@@ -84,10 +98,11 @@ class Arena:
     @property
     def process_names(self) -> list[str]:
         """Names of the processes that its plan will have, in start order."""
-        return process_names(
+        names = process_names(
             [(v.name, v.forward, v.program is not None, list(v.tools)) for v in self.vehicles],
             list(self.tools),
         )
+        return [*names[:2], *(f"px4.{v.name}" for v in self.vehicles if v.autopilot == "px4"), *names[2:]]
 
 
 def process_names(vehicles: list[tuple[str, bool, bool, list[str]]], tools: list[str]) -> list[str]:

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Protocol
 
 from arena.errors import Problem
-from arena.schema.arena import Arena, Vehicle
+from arena.schema.arena import Arena, Px4, Vehicle
 from arena.schema.loader import YamlPath
 from arena.schema.models import NOT_YET, Tool
 from arena.schema.ports import GROUND_STATION, LINK_BASE, SDK_ABOVE, WHAT
+from arena.schema.px4 import find_px4
 from arena.schema.source import Source, near
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
@@ -32,6 +33,8 @@ class Files(Protocol):
 
     def names(self, folder: str) -> list[str]: ...
 
+    def find_px4(self, home: str | None) -> Px4 | None: ...
+
 
 class RealFiles:
     """The one of this machine."""
@@ -47,6 +50,9 @@ class RealFiles:
             return sorted(path.name for path in Path(folder).iterdir())
         except OSError:
             return []
+
+    def find_px4(self, home: str | None) -> Px4 | None:
+        return find_px4(home)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +120,13 @@ def _value(data: object, path: YamlPath) -> object:
     for part in path:
         data = data.get(part) if isinstance(data, dict) else None
     return data
+
+
+def _px4(c: Check) -> Iterator[Problem]:
+    for vehicle in c.arena.vehicles:
+        if vehicle.asked == "px4" and c.arena.px4 is None:
+            message = "got px4, and no PX4 was found on this machine. Try autopilot: builtin, or set PX4_HOME to a build of it."
+            yield c.problem(vehicle.name, ("autopilot",), message)
 
 
 def _ids(c: Check) -> Iterator[Problem]:
@@ -352,6 +365,7 @@ def _tools(c: Check) -> Iterator[Problem]:
 
 
 _CHECKS = (
-    _names, _not_yet, _ids, _ports, _port_range, _start, _overlap, _rates, _programs, _neighbours, _bodies, _gcs, _capture,
+    _names, _not_yet,
+    _px4, _ids, _ports, _port_range, _start, _overlap, _rates, _programs, _neighbours, _bodies, _gcs, _capture,
     _params, _tools,
 )  # fmt: skip

@@ -26,9 +26,10 @@ def load_arena(path: str | Path, overrides: Sequence[str] = (), files: Files | N
     if found.model is None:
         raise InputError(found.problems)
     profiles, problems = _profiles(found.model, source)
-    arena = resolve(found.model, source, profiles)
+    files = files or RealFiles()
+    arena = resolve(found.model, source, profiles, files.find_px4)
     problems += found.problems
-    problems += check(Check(arena=arena, source=source, pruned=found.pruned, files=files or RealFiles()))
+    problems += check(Check(arena=arena, source=source, pruned=found.pruned, files=files))
     if problems:
         raise InputError(sorted(problems, key=lambda p: (p.file, p.line)))
     return arena

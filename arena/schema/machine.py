@@ -16,7 +16,7 @@ from arena.schema.models import Tool
 from arena.schema.ports import LINK_BASE, WHAT
 
 # ports of the rule table that no process of a running arena binds: another program may hold them rightly
-_FOREIGN = ("sdk", "panic_land_all")
+_FOREIGN = ("sdk", "panic_land_all", "simulator")
 
 
 class Probe(Protocol):

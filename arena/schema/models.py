@@ -88,6 +88,13 @@ class Sim(Strict):
     """Show pybullet's window."""
 
 
+class Px4Keys(Strict):
+    """PX4 software in the loop."""
+
+    home: str | None = None
+    """Its source, build or installation folder. Default: $PX4_HOME, else `px4` on PATH."""
+
+
 class MocapNoise(Strict):
     """Noise of one camera measurement, rms per axis."""
 
@@ -245,6 +252,8 @@ class ArenaFile(Strict):
     """The simulation."""
     mocap: Mocap = Mocap()
     """The motion capture."""
+    px4: Px4Keys = Px4Keys()
+    """The PX4 that flies the vehicles that ask for it."""
     failsafe: Failsafe | None = None
     """What happens when something is lost."""
     geofence: Geofence | None = None
@@ -267,9 +276,8 @@ NOT_YET: Mapping[tuple[str, str | None], str] = {
     ("mocap.source", "natnet"): "Use emulator",
     ("mocap.source", "vrpn"): "Use emulator",
     ("mocap.server", None): "Remove it; the emulator serves on `address`",
-    ("autopilot", "px4"): "Use auto or builtin",
-    ("autopilot", "hardware"): "Use auto or builtin",
-    ("autopilot", "hitl"): "Use auto or builtin",
+    ("autopilot", "hardware"): "Use auto, builtin or px4",
+    ("autopilot", "hitl"): "Use auto, builtin or px4",
     ("params_file", None): "Write the parameters under `params`",
     ("url", None): "Remove it; it is for hardware autopilots",
     ("baud", None): "Remove it; it is for hardware autopilots",

@@ -26,6 +26,7 @@ class VehiclePorts:
     tools: int
     logger: int
     serve: int
+    simulator: int
 
 
 # field of VehiclePorts -> (who binds it, what it is); the order of the table is the order of the rule
@@ -41,6 +42,7 @@ WHAT: dict[str, tuple[str, str]] = {
     "tools": ("the router", "tools: any local client may speak here and is answered"),
     "logger": ("the logger", "its copy of the stream"),
     "serve": ("the router", "the socket that serves program, SDK and logger"),
+    "simulator": ("the world", "PX4's simulator API, TCP"),
 }
 
 RULE: dict[str, str] = {
@@ -49,6 +51,7 @@ RULE: dict[str, str] = {
     "vision_autopilot": "24000 + 10 id + 2", "vision_forwarder": "24000 + 10 id + 3",
     "panic_autopilot": "24000 + 10 id + 4", "panic_land_all": "24000 + 10 id + 5",
     "tools": "24000 + 10 id + 6", "logger": "24000 + 10 id + 7", "serve": "24000 + 10 id + 8",
+    "simulator": "24000 + 10 id + 9",
 }  # fmt: skip
 
 
@@ -68,6 +71,7 @@ def vehicle_ports(vehicle_id: int, port: int | None = None) -> VehiclePorts:
         tools=base + 6,
         logger=base + 7,
         serve=base + 8,
+        simulator=base + 9,
     )
 
 

@@ -6,13 +6,13 @@ Never fails: what is missing or wrong has been reported by `validate` or will be
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
-from arena.schema.arena import Arena, Origin, Program, Vehicle
+from arena.schema.arena import Arena, Origin, Program, Px4, Vehicle
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
 from arena.schema.ports import MOST_ID, capture_group, vehicle_ports
@@ -24,9 +24,10 @@ MOST_POSE_RATE_HZ = 60.0
 _FORWARD_MS = 1.0
 
 # What an arena without sticks and satellites needs of any PX4. Sources: PX4's parameter reference and its guide to external
-# vision; land when setpoints stop (COM_OBL_RC_ACT 4, at once), no sticks (COM_RC_IN_MODE 4, COM_RCL_EXCEPT bit 2).
+# vision; land when setpoints stop (COM_OBL_RC_ACT 4, at once), no sticks (COM_RC_IN_MODE 4, COM_RCL_EXCEPT bit 2), a brisk
+# take-off (MPC_TKO_RAMP_T 1 s of 3).
 ARENA_PARAMS: Mapping[str, float] = {
-    "COM_OBL_RC_ACT": 4, "COM_FAIL_ACT_T": 0.0, "COM_RC_IN_MODE": 4, "COM_RCL_EXCEPT": 4, "SYS_HAS_GPS": 0,
+    "COM_OBL_RC_ACT": 4, "COM_FAIL_ACT_T": 0.0, "MPC_TKO_RAMP_T": 1.0, "COM_RC_IN_MODE": 4, "COM_RCL_EXCEPT": 4, "SYS_HAS_GPS": 0,
 }  # fmt: skip
 # Noise: floors under the covariance that the forwarder sends. NOAID: a room is a second and a half long.
 VISION_PARAMS: Mapping[str, float] = {
@@ -35,8 +36,16 @@ VISION_PARAMS: Mapping[str, float] = {
 }  # fmt: skip
 
 
-def resolve(model: ArenaFile, source: Source, profiles: Mapping[str, Profile]) -> Arena:
-    """profiles: by the name that vehicles ask for; a name that is not in it falls back to the default, and `checks` says so."""
+def resolve(
+    model: ArenaFile,
+    source: Source,
+    profiles: Mapping[str, Profile],
+    find_px4: Callable[[str | None], Px4 | None] = lambda home: None,
+) -> Arena:
+    """profiles: by the name that vehicles ask for; a name that is not in it falls back to the default, and `checks` says so.
+
+    find_px4: asked once, when a vehicle may fly it.
+    """
     folder = Path(source.document.file).absolute().parent
     origins: dict[str, Origin] = {}
     for key in ("address", "world", "sim", "mocap"):
@@ -51,11 +60,18 @@ def resolve(model: ArenaFile, source: Source, profiles: Mapping[str, Profile]) -
         source.origin(("mocap", "group")) if model.mocap.group else "rule: from address",
     )
     ids = _ids(model.vehicles)
-    vehicles = tuple(_Merge(model, source, profiles, origins, v, folder).vehicle(ids[v]) for v in model.vehicles)
+    wanted = {v.autopilot or model.defaults.autopilot or "auto" for v in model.vehicles.values()}
+    px4 = find_px4(_home(model, folder)) if wanted & {"auto", "px4"} else None
+    vehicles = tuple(_Merge(model, source, profiles, origins, v, folder, px4 is not None).vehicle(ids[v]) for v in model.vehicles)
     return Arena(
         name=name, file=source.document.file, folder=str(folder), address=model.address, world=model.world, sim=model.sim,
-        mocap=model.mocap, group=group, tools=model.tools, vehicles=vehicles, origins=origins,
+        mocap=model.mocap, group=group, tools=model.tools, vehicles=vehicles,
+        px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None, origins=origins,
     )  # fmt: skip
+
+
+def _home(model: ArenaFile, folder: Path) -> str | None:
+    return str((folder / model.px4.home).expanduser()) if model.px4.home else None
 
 
 def _name_from(folder: str) -> str:
@@ -78,9 +94,9 @@ class _Merge:
     """One vehicle's layers. Each `_take` notes where the value came from."""
 
     def __init__(self, model: ArenaFile, source: Source, profiles: Mapping[str, Profile], origins: dict[str, Origin],
-                 name: str, folder: Path) -> None:  # fmt: skip
+                 name: str, folder: Path, has_px4: bool) -> None:  # fmt: skip
         self.model, self.source, self.profiles = model, source, profiles
-        self.origins, self.name, self.folder = origins, name, folder
+        self.origins, self.name, self.folder, self.has_px4 = origins, name, folder, has_px4
         self.own, self.common = model.vehicles[name], model.defaults
 
     def vehicle(self, vehicle_id: int) -> Vehicle:
@@ -102,7 +118,7 @@ class _Merge:
         return Vehicle(
             name=name, id=vehicle_id, profile=profile,
             profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted,
-            autopilot="builtin", asked=asked, position=start.position,
+            autopilot="px4" if self.has_px4 and asked in ("auto", "px4") else "builtin", asked=asked, position=start.position,
             rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()), params=self._params(profile, vehicle_id, forward),
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
             pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),

@@ -23,7 +23,7 @@ from arena.room import Afterlife, Room
 from arena.sim.links import Links
 from arena.sim.pacing import Pacer, speed_of
 from arena.sim.world import World
-from arena.wire.truth import TruthWriter
+from arena.wire.truth import Truth, TruthWriter
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,7 @@ class Loop:
         self._room, self._speed = room, speed_of(settings.get("speed", 1.0))
         self._world = World(settings)
         self._pilots = make_pilots(settings, self._world.period_s)
+        self._see: Callable[[Truth], None] | None = getattr(self._pilots, "see", None)
         period_s = self._world.period_s / max(self._speed, 1.0) if math.isfinite(self._speed) else self._world.period_s
         self._links = Links(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
         self._truth_path = Path(settings["truth"])
@@ -86,6 +87,8 @@ class Loop:
         """Tell the last figures and leave nothing behind: no socket, no page."""
         self._clock.close()
         self._links.close()
+        if (close := getattr(self._pilots, "close", None)) is not None:
+            close()
         self._truth_path.unlink(missing_ok=True)
         self._world.close()
 
@@ -120,6 +123,8 @@ class Loop:
     def _step(self) -> None:
         world, pilots = self._world, self._pilots
         self._links.drain(pilots.receive)
+        if self._see is not None:
+            self._see(world.truth())
         world.step(pilots.step(world.now, world.sense()))
         self._publish()
         self._links.send(pilots.transmit())
@@ -162,7 +167,8 @@ class Loop:
     def _complain(self, pacer: Pacer) -> None:
         """A line in the log for each second in which time did not go as it was asked to."""
         if math.isfinite(self._speed) and abs(pacer.rtf / self._speed - 1.0) > _RTF_TOLERANCE:
-            print(f"the second up to {self._world.now:.1f} s: real-time factor {pacer.rtf:.3f}, asked for {self._speed:g}", flush=True)
+            rtf = f"real-time factor {pacer.rtf:.3f}, asked for {self._speed:g}"
+            print(f"the second up to {self._world.now:.1f} s: {rtf}", flush=True)
 
     def _strikes(self) -> list[str]:
         names = self._clock.struck_off[self._struck_off :]

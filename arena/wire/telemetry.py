@@ -102,10 +102,10 @@ class Heart:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Status:
-    """SYS_STATUS. prearm: may it be armed; None where the autopilot does not tell. battery: remaining [%], or nan."""
+    """SYS_STATUS. prearm: may it be armed in its present mode. battery: remaining [%], or nan."""
 
     heard: float
-    prearm: bool | None
+    prearm: bool
     battery: float
 
 
@@ -208,10 +208,9 @@ class Telemetry:
         self.heart = Heart(heard=now, mode=mode_words(m.custom_mode), armed=armed)
 
     def _sys_status(self, m: mavlink.MAVLink_sys_status_message, now: float) -> None:
-        bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-        told = bool(m.onboard_control_sensors_present & bit)
         battery = float(m.battery_remaining) if m.battery_remaining >= 0 else np.nan
-        prearm = bool(m.onboard_control_sensors_health & bit) if told else None
+        # PX4 sets this bit in the health alone, never among the sensors present.
+        prearm = bool(m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
         self.status = Status(heard=now, prearm=prearm, battery=battery)
 
     def _extended(self, m: mavlink.MAVLink_extended_sys_state_message, now: float) -> None:

@@ -32,7 +32,7 @@ def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, 
 def test_check_says_ok_and_what_would_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = run("check", capsys=capsys)
     assert (code, err) == (0, "") and out.startswith("ok: lab (arena.yaml)")
-    assert "uav1: id 1, iris, autopilot builtin (auto: no PX4 in this version), at N 0 E 0 D 0, port 16001, hover.py" in out
+    assert "uav1: id 1, iris, autopilot builtin (auto: no PX4 was found), at N 0 E 0 D 0, port 16001, hover.py" in out
     assert "6 processes, 1 of them programs" in out
 
 

@@ -106,7 +106,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "3: vehicles.uav2.mocap_body: ", "also the body of uav1 (arena.yaml:2)",
     ),
     "autopilot that does not exist": ("vehicles:\n  uav1: {autopilot: buitlin}\n", "2: vehicles.uav1.autopilot: ", "Did you mean builtin?"),
-    "autopilot px4": ("vehicles:\n  uav1: {autopilot: px4}\n", "2: vehicles.uav1.autopilot: ", "px4 is not supported yet. Use auto or"),
+    "autopilot px4": ("vehicles:\n  uav1: {autopilot: px4}\n", "2: vehicles.uav1.autopilot: ", "got px4, and no PX4 was found on this machine. Try autopilot: builtin"),
     "autopilot hardware": (
         "defaults: {autopilot: hardware}\nvehicles:\n" + V1, "1: defaults.autopilot: ", "hardware is not supported yet",
     ),

@@ -1,0 +1,157 @@
+"""`python -m arena.px4 slice.json`: one PX4 SITL, in a folder of its own, for as long as the world that simulates its sensors.
+
+A real PX4 knows nothing of supervisors: left alone by its simulator it spins for ever on one core. So this process stays beside
+it, writes down what it says, tells when it is up, and ends it when the world has ended or the supervisor says so.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import fcntl
+import os
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from arena.clock import SimClock
+from arena.errors import ArenaError, RunError
+from arena.room import Room
+
+LOCK = "/tmp/px4_lock-{instance}"
+"""PX4's own lock file, whatever TMPDIR says."""
+UP = b"Startup script returned successfully"
+_PR_SET_PDEATHSIG = 1
+_STOP_S = 2.0
+_libc = ctypes.CDLL(None)
+
+
+def main() -> int:
+    try:
+        room = Room.enter()
+        return serve(room)
+    except ArenaError as error:
+        print(f"px4: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+def serve(room: Room) -> int:
+    """Its exit code: 0 when told to stop or when the world ended, 1 when PX4 ended by itself."""
+    s = room.settings
+    check_free(s)
+    folder = make_folder(s)
+    with contextlib.suppress(RunError):
+        world = SimClock(s["clock"], room.name)
+    argv = [s["binary"], "-d", "-i", str(s["instance"]), "-w", str(folder), str(folder / "etc")]
+    env = {**os.environ, **{f"PX4_PARAM_{name}": text(value) for name, value in s["params"].items()}, "PX4_SIM_MODEL": s["model"]}
+    env.pop("PX4_SIM_SPEED_FACTOR", None)  # it would rewrite the failsafes' times
+    print(" ".join(argv), flush=True)
+    process = subprocess.Popen(
+        argv, env=env, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        preexec_fn=_die_with_us,  # noqa: PLW1509 - this process has one thread
+    )  # fmt: skip
+    try:
+        return _watch(room, process, world)
+    finally:
+        _end(process)
+
+
+def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock) -> int:
+    assert process.stdout is not None
+    os.set_blocking(process.stdout.fileno(), False)
+    selector = selectors.DefaultSelector()
+    selector.register(process.stdout, selectors.EVENT_READ)
+    tail = b""
+    while not room.stopping:
+        for _ in selector.select(0.2):
+            said = process.stdout.read() or b""
+            sys.stdout.buffer.write(said)
+            sys.stdout.flush()
+            tail = (tail + said)[-4096:]
+            if UP in tail:
+                room.ready()
+                tail = b""
+        code = process.poll()
+        if code is not None and not room.stopping:
+            why = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
+            print(f"px4: PX4 has ended by itself: {why}", file=sys.stderr, flush=True)
+            return 1
+        if world.ended():
+            return 0
+    return 0
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """SIGINT saves its log; one that waits for a simulator ignores it."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _die_with_us() -> None:
+    _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+
+
+def text(value: float) -> str:
+    """A parameter's value as `param set` reads it: integers without a point."""
+    return str(int(value)) if float(value).is_integer() and not isinstance(value, float) else repr(value)
+
+
+def make_folder(s: dict[str, Any]) -> Path:
+    """PX4's working folder: its `etc` is the installed one by links, but for the scripts that this arena writes."""
+    folder, data = Path(s["folder"]), Path(s["data"])
+    scripts = folder / "etc" / "init.d-posix"
+    scripts.mkdir(parents=True)
+    for entry in data.iterdir():
+        if entry.name != "init.d-posix":
+            (folder / "etc" / entry.name).symlink_to(entry)
+    for entry in (data / "init.d-posix").iterdir():
+        if entry.name not in s["scripts"]:
+            (scripts / entry.name).symlink_to(entry)
+    for name, content in s["scripts"].items():
+        (scripts / name).write_text(content)
+        (scripts / name).chmod(0o755)
+    return folder
+
+
+def check_free(s: dict[str, Any]) -> None:
+    """Raises RunError, naming who is there, when this instance's lock or ports are taken."""
+    lock = Path(LOCK.format(instance=s["instance"]))
+    if lock.exists():
+        with lock.open("rb") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                owner = _lock_owner(s["instance"])
+                why = f"PX4 instance {s['instance']} runs already{owner}: stop it, or give this vehicle another id"
+                raise RunError(why) from None
+    for name, link in s["links"].items():
+        port = link["local"][1]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("0.0.0.0", port))
+            except OSError as error:
+                why = f"the {name} link's UDP port {port} is taken ({error.strerror}); PX4 binds it on every address"
+                raise RunError(why) from error
+
+
+def _lock_owner(instance: int) -> str:
+    import psutil
+
+    for process in psutil.process_iter(["name", "cmdline", "pid"]):
+        line = process.info["cmdline"] or []
+        if line and Path(line[0]).name == "px4" and "-i" in line and line[line.index("-i") + 1 :][:1] == [str(instance)]:
+            return f" as process {process.info['pid']} ({' '.join(line)})"
+    return ""
+
+
+if __name__ == "__main__":
+    sys.exit(main())

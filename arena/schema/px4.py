@@ -1,0 +1,78 @@
+"""Where PX4 SITL is on this machine, and which version. Looks; runs nothing and changes nothing.
+
+In this order: the YAML's `px4`, $PX4_HOME, `px4` on PATH. A folder may be a source tree, a build folder or an installation:
+what counts is a binary `bin/px4` with a folder `etc` that holds the startup scripts.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from arena.errors import NotInstalledError
+from arena.schema.arena import Px4
+
+HOME = "PX4_HOME"
+_BUILDS = ("", "build/px4_sitl_default", "build/px4_sitl_nolockstep", "build/px4_sitl")
+_DATA = ("etc", "../etc", "../share/px4/etc", "share/px4/etc", "../lib/px4/etc")
+_TAG = re.compile(rb"\x00v(1\.\d{1,2}\.\d{1,2}(?:-[0-9a-z.\-]{1,40})?)\x00")
+
+WAYS = (
+    "build it from its sources (make px4_sitl_default) and set PX4_HOME to the source or build folder",
+    "install the px4 package of PX4 1.17 or newer, which puts `px4` on PATH",
+    "name the folder in the YAML: `px4: {home: /path/to/PX4}`",
+    "or fly without it: autopilot: builtin",
+)
+
+
+def find_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> Px4 | None:
+    """The first that is whole, or None. home: the YAML's folder."""
+    for folder, source in _candidates(home, os.environ if env is None else env):
+        found = _at(folder, source)
+        if found is not None:
+            return found
+    return None
+
+
+def need_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> Px4:
+    """Raises NotInstalledError with the ways to get it."""
+    found = find_px4(home, env)
+    if found is None:
+        places = _candidates(home, os.environ if env is None else env)
+        looked = ", ".join(f"{source} ({folder})" for folder, source in places) or "PATH"
+        raise NotInstalledError(f"PX4 was not found; looked at {looked}. To get it:\n  " + "\n  ".join(WAYS))
+    return found
+
+
+def _candidates(home: str | None, env: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
+    if home:
+        yield Path(home).expanduser(), "px4.home of the YAML"
+    if env.get(HOME):
+        yield Path(env[HOME]).expanduser(), f"${HOME}"
+    on_path = shutil.which("px4", path=env.get("PATH"))
+    if on_path:
+        yield Path(on_path).resolve().parent.parent, "px4 on PATH"
+
+
+def _at(folder: Path, source: str) -> Px4 | None:
+    for build in _BUILDS:
+        binary = folder / build / "bin" / "px4"
+        if not binary.is_file() or not os.access(binary, os.X_OK):
+            continue
+        for place in _DATA:
+            data = (binary.parent.parent / place).resolve()
+            if (data / "init.d-posix" / "rcS").is_file():
+                return Px4(binary=str(binary.resolve()), data=str(data), version=version_of(binary), source=source)
+    return None
+
+
+def version_of(binary: Path) -> str:
+    """The release that stands in the binary itself, such as "1.16.0"; "" when none does."""
+    try:
+        found = _TAG.search(binary.read_bytes())
+    except OSError:
+        return ""
+    return found[1].decode() if found else ""
