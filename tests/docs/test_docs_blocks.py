@@ -1,0 +1,171 @@
+"""Every shell, YAML and Python block of the pages is what this version takes."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+
+from arena import UAV
+from arena.cli import build, main
+from arena.schema import load_arena
+from arena.uav import groups
+
+from .pages import ROOT, Block, blocks
+
+_HARMLESS = {"init", "check", "plan", "schema"}
+SHELL, YAML, PYTHON = blocks("sh", "bash", "shell"), blocks("yaml"), blocks("python")
+
+
+def lines(block: Block) -> list[list[str]]:
+    """The command lines as words, comments off."""
+    return [words for line in block.text.splitlines() if (words := shlex.split(line, comments=True))]
+
+
+ARENA_LINES = [(block, words[1:]) for block in SHELL for words in lines(block) if words[0] == "arena"]
+
+
+def test_the_pages_hold_blocks_of_each_kind():
+    assert len(SHELL) > 10 and len(YAML) > 8 and len(PYTHON) > 6 and len(ARENA_LINES) > 20
+
+
+# -- shell -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("block", SHELL, ids=str)
+def test_every_command_is_one_that_the_pages_may_name(block):
+    for words in lines(block):
+        assert words[0] in ("arena", "make", "pip", "python"), words
+        if words[0] == "make":
+            targets = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M))
+            assert {w for w in words[1:] if "=" not in w} <= targets, words
+
+
+@pytest.mark.parametrize("words", [w for _, w in ARENA_LINES], ids=" ".join)
+def test_every_arena_line_is_one_that_the_command_takes(words):
+    assert parsed(words).command.name == words[0]
+
+
+class NotTakenError(Exception):
+    """No such verb, option or argument."""
+
+
+def parsed(words: list[str]) -> Any:
+    """The command line taken apart by the app itself, and not run."""
+    command: Any = typer.main.get_command(build(words))
+    context = command.make_context("arena", list(words))
+    verb = command.get_command(context, words[0])
+    try:
+        return verb.make_context(words[0], list(words[1:]), parent=context)
+    except Exception as error:  # typer's own, or click's: that depends on its version
+        raise NotTakenError(f"arena {shlex.join(words)}: {error}") from error
+
+
+@pytest.mark.parametrize(
+    "line", ["upp", "up --headles", "logs", "plan a.yaml b.yaml", "up --time-limit soon", "land-all --only"]
+)
+def test_a_line_that_the_command_does_not_take_would_be_found(line):
+    with pytest.raises(NotTakenError):
+        parsed(line.split())
+
+
+@pytest.mark.parametrize("words", [w for _, w in ARENA_LINES if w[0] in _HARMLESS], ids=" ".join)
+def test_harmless_lines_run(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    lab(tmp_path)
+    if "lab1" in words[1:] and words[0] != "init":
+        assert main(["init", "lab1"]) == 0
+    if words[0] == "check" and "--no-machine" not in words:  # whose ports are free here is no matter of the page
+        words = [*words, "--no-machine"]
+    assert main(words) == 0, capsys.readouterr()
+
+
+def lab(folder: Path) -> None:
+    """What the pages' harmless lines find: the examples, and an arena of three."""
+    (folder / "examples").symlink_to(ROOT / "examples")
+    (folder / "hover.py").write_text("")
+    (folder / "arena.yaml").write_text(
+        "vehicles:\n"
+        "  uav1: {start: {position: [1, 0, 0]}, program: hover.py}\n"
+        "  uav2: {start: {position: [-1, 0, 0]}}\n"
+        "  uav3: {start: {position: [-1, 1.2, 0]}, id: 7}\n"
+    )
+
+
+# -- YAML --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("block", YAML, ids=str)
+def test_every_yaml_block_is_an_arena_a_part_of_one_or_a_workflow_of_such_lines(block, tmp_path):
+    found = yaml.safe_load(block.text)
+    if "jobs" in found:
+        for step in found["jobs"]["fly"]["steps"]:
+            words = shlex.split(step.get("run", ""))
+            assert not words or words[0] == "pip" or parsed(words[1:]).command.name == words[1]
+        return
+    text = block.text if "vehicles" in found else f"{block.text}\nvehicles:\n  uav1: {{}}\n"
+    stub(found, tmp_path)
+    (tmp_path / "lab1").mkdir(exist_ok=True)
+    (tmp_path / "lab1" / "arena.yaml").write_text(text)
+    assert load_arena(tmp_path / "lab1" / "arena.yaml").vehicles
+
+
+def stub(found: object, folder: Path) -> None:
+    """Empty programs, and a profile, under the names that the block gives them."""
+    for name in re.findall(r"[\w./]+\.(?:py|yaml)\b", str(found)):
+        path = folder / "lab1" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text((ROOT / "profiles" / "iris.yaml").read_text() if name.endswith(".yaml") else "")
+
+
+def test_the_arena_of_the_readme_is_the_first_example():
+    first = next(b for b in YAML if b.page.name == "README.md")
+    assert yaml.safe_load(first.text) == yaml.safe_load((ROOT / "examples/01_two_quads/arena.yaml").read_text())
+
+
+# -- Python ------------------------------------------------------------------------------------------------------------
+
+# Group of `uav` -> the class that a program reads it as.
+GROUPS = {"ekf": groups.Ekf, "sen": groups.Sensors, "act": groups.Actuation, "info": groups.Info}
+
+
+@pytest.mark.parametrize("block", PYTHON, ids=str)
+def test_every_python_block_compiles_and_names_what_uav_has(block):
+    tree = ast.parse(block.text)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            check(node)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("arena"):
+            module = __import__(node.module or "", fromlist=["_"])
+            assert all(hasattr(module, alias.name) for alias in node.names)
+
+
+def check(node: ast.Attribute) -> None:
+    value = node.value
+    if isinstance(value, ast.Name) and value.id in ("uav", "UAV"):
+        assert node.attr in NAMES, f"UAV has no {node.attr}"
+    group = value.attr if isinstance(value, ast.Attribute) and ast.unparse(value.value) == "uav" else ""
+    if group in GROUPS:
+        known = {*dir(GROUPS[group]), *getattr(GROUPS[group], "__annotations__", ())}
+        assert node.attr in known, f"uav.{group} has no {node.attr}"
+
+
+# Methods and properties, and what the constructor sets.
+NAMES = {*dir(UAV), "ekf", "sen", "act", "info", "clock", "args"}
+
+
+def test_the_hello_world_of_the_readme_has_ten_lines_or_fewer():
+    hello = next(b for b in PYTHON if b.page.name == "README.md")
+    assert len(hello.text.splitlines()) <= 10
+
+
+@pytest.mark.parametrize("text", ["uav.set_pos(1)", "uav.ekf.position", "from arena import Drone"])
+def test_a_name_that_is_not_there_would_be_found(text):
+    with pytest.raises(AssertionError):
+        test_every_python_block_compiles_and_names_what_uav_has(Block(page=ROOT, line=0, language="python", text=text))

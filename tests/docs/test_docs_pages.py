@@ -1,0 +1,105 @@
+"""Links lead somewhere, messages are the code's own, and nothing of the machine that wrote a page is left in it."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from arena.schema.models import NOT_YET
+
+from .pages import PAGES, ROOT
+
+_CODE = re.compile(r"```.*?```|`[^`]*`", re.S)
+_LINK = re.compile(r"\]\(([^)\s]+)\)")
+IDS = [str(page.relative_to(ROOT)) for page in PAGES]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_every_link_inside_the_repository_leads_to_a_page_and_its_heading(page):
+    for link in _LINK.findall(_CODE.sub("", page.read_text())):
+        if not link.startswith("https://"):
+            path, _, anchor = link.partition("#")
+            target = page.parent / path if path else page
+            assert target.is_file(), link
+            assert not anchor or anchor in anchors(target), link
+
+
+def anchors(page: Path) -> set[str]:
+    """The names that a forge gives to the headings."""
+    heads = re.findall(r"^#+ (.+)$", page.read_text(), re.M)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+def test_every_page_is_listed_in_the_index():
+    index = ROOT / "docs" / "index.md"
+    listed = {(index.parent / link).resolve() for link in _LINK.findall(index.read_text())}
+    assert {page for page in PAGES if page.parent != ROOT} - listed == {index}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=IDS)
+def test_no_page_names_a_place_of_one_machine(page):
+    for word in (r"/home/\w+", r"/work/", r"/tmp/\w", r"/root/", r"pypi\.org", r"index-url", r"artifactory", r"\bnexus\b"):
+        assert not re.search(word, page.read_text()), word
+
+
+def test_the_picture_of_the_readme_is_small():
+    assert 10_000 < (ROOT / "docs/images/flight.png").stat().st_size < 100_000
+
+
+@pytest.mark.parametrize("word", sorted({value or key.rpartition(".")[2] for key, value in NOT_YET}))
+def test_the_readme_tells_what_the_yaml_refuses(word):
+    text = (ROOT / "README.md").read_text().partition("## What it can do")[2].partition("\n## Install")[0]
+    assert word in text or word in DETAILS
+
+
+# Keys that only come with one of those that the README names.
+DETAILS = {"server", "params_file", "url", "baud"}
+
+
+# -- troubleshooting ---------------------------------------------------------------------------------------------------
+
+TROUBLE = (ROOT / "docs/troubleshooting.md").read_text()
+MESSAGES = re.findall(r"^### `(.+)`$", TROUBLE, re.M)
+
+
+@pytest.mark.parametrize("message", MESSAGES)
+def test_every_message_is_one_of_the_code(message):
+    wanted = [part for part in message.split("…") if part.strip(" ;:()")]
+    assert any(in_order(wanted, text) for text in texts()), message
+
+
+@pytest.mark.parametrize("message", ["the vehicle has left OFFBOARD", "the vehicle left OFFBOARD … and was in …"])
+def test_a_message_that_is_not_there_would_be_found(message):
+    with pytest.raises(AssertionError):
+        test_every_message_is_one_of_the_code(message)
+
+
+def in_order(parts: list[str], text: str) -> bool:
+    at = 0
+    for part in parts:
+        found = text.find(part, at)
+        if found < 0:
+            return False
+        at = found + len(part)
+    return True
+
+
+@cache
+def texts() -> tuple[str, ...]:
+    """Every string of the package, `…` where a value is put in, and the Makefile."""
+    found = [(ROOT / "Makefile").read_text()]
+    for path in sorted((ROOT / "arena").rglob("*.py")):
+        found += [told for node in ast.walk(ast.parse(path.read_text())) if (told := told_by(node))]
+    return tuple(found)
+
+
+def told_by(node: ast.AST) -> str:
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(str(part.value) if isinstance(part, ast.Constant) else "…" for part in node.values)
+    return ""
