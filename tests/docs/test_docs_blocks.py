@@ -117,11 +117,16 @@ def test_every_yaml_block_is_an_arena_a_part_of_one_or_a_workflow_of_such_lines(
 
 
 def stub(found: object, folder: Path) -> None:
-    """Empty programs, and a profile, under the names that the block gives them."""
+    """Empty programs, a profile, and what looks like a PX4, under the names that the block gives them."""
     for name in re.findall(r"[\w./]+\.(?:py|yaml)\b", str(found)):
         path = folder / "lab1" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text((ROOT / "profiles" / "iris.yaml").read_text() if name.endswith(".yaml") else "")
+    if isinstance(found, dict) and "px4" in found:
+        px4 = folder / "lab1" / found["px4"]["home"]
+        for name in ("bin/px4", "etc/init.d-posix/rcS"):
+            (px4 / name).parent.mkdir(parents=True)
+            (px4 / name).touch(0o755)
 
 
 def test_the_arena_of_the_readme_is_the_first_example():
