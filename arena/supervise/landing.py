@@ -31,7 +31,7 @@ class Landing:
         self.words = "nothing was flying"
         self._tries = 0
         self._began: float | None = None
-        self._next = 0.0
+        self._now = self._next = 0.0
         self._nothing_since: float | None = None
 
     def step(self, flying: Sequence[str], now: float, *, world_gone: bool = False) -> bool:
@@ -39,6 +39,7 @@ class Landing:
 
         world_gone: the simulated ones are not flying because there is nothing left to fly in.
         """
+        self._now = now
         if self.task is not None:
             return self._watch(self.task, flying, now)
         if not flying and world_gone and self._tries:
@@ -61,7 +62,9 @@ class Landing:
         self._next = now + _PAUSE_S
         self.words = f"{', '.join(flying)} to land"
         self._journal.event(now, "arena", f"landing {', '.join(flying)}: {' '.join(self._folder.spec(self._plan.land).argv)}")
-        begun = Task.start(self._plan.land, self._folder, TIMEOUT_S, now, lambda text: self._journal.event(now, "arena", text))
+        begun = Task.start(
+            self._plan.land, self._folder, TIMEOUT_S, now, lambda text: self._journal.event(self._now, "arena", text)
+        )
         if isinstance(begun, Exit):
             self._failed(begun, flying, now)
         else:

@@ -95,15 +95,13 @@ def processes_table(status: Mapping[str, Any]) -> Table:
     table = Table(
         box=None, pad_edge=False, title=f"{status['name']}: {status['phase']}, {status['up_s']:.0f} s", title_justify="left"
     )
-    for name, justify in (
-        ("process", "left"),
-        ("state", "left"),
-        ("cpu %", "right"),
-        ("MB", "right"),
-        ("restarts", "right"),
-        ("", "left"),
-    ):
-        table.add_column(name, justify="right" if justify == "right" else "left", no_wrap=True)
+    # in a narrow terminal the last column alone gives way
+    longest = max(map(len, status["processes"]), default=0)
+    table.add_column("process", no_wrap=True, min_width=longest)
+    table.add_column("state", no_wrap=True, min_width=max(map(len, _COLOURS)))
+    for name in ("cpu %", "MB", "restarts"):
+        table.add_column(name, justify="right", no_wrap=True, min_width=len(name))
+    table.add_column("")
     for name, row in status["processes"].items():
         colour = _COLOURS.get(row["state"], "")
         calm = row["state"] in ("READY", "STARTING")
@@ -113,7 +111,7 @@ def processes_table(status: Mapping[str, Any]) -> Table:
             f"{100 * row['cpu_now']:.0f}",
             f"{row['rss_mb']:.0f}",
             str(row["restarts"] or ""),
-            Text(rates(row["stats"]) if calm else str(row["reason"])),
+            Text(rates(row["stats"]) if calm else str(row["reason"]), no_wrap=True, overflow="ellipsis"),
         )
     return table
 
