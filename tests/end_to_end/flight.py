@@ -80,7 +80,8 @@ class Flight:
         """Once the run has begun, or ended."""
 
         def made() -> Path | None:
-            new = set(self.runs.glob("*")) - self._before
+            over, new = self.process.poll() is not None, set(self.runs.glob("*")) - self._before
+            assert new or not over, f"nothing was started: {self.said()}"
             return next((p for p in new if (p / "state.json").exists() or (p / "outcome.json").exists()), None)
 
         return eventually(made, 20, "a run folder", self.said)

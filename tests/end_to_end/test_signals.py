@@ -18,6 +18,8 @@ def assert_landed_softly(flight: Flight, vehicle: str) -> None:
     assert verdict["landings"] == 1 and verdict["touchdown_m_s"] < 1.5 and verdict["max_tilt_deg"] < 30
     assert flight.summary["vehicles"][vehicle]["landing"]["landed"]
     assert flight.summary["landing"] == "landed and disarmed"
+    told = [event["mono"] for event in flight.events()]
+    assert told == sorted(told)
 
 
 @pytest.mark.parametrize(("number", "code", "cause"), [

@@ -1,0 +1,22 @@
+"""A MAVSDK program on its own: `sdk.py URL`. Prints what it learned as JSON: whom it heard, a parameter, whether it is armed."""
+
+import asyncio
+import json
+import sys
+
+from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
+from mavsdk.asyncio.plugins.param import ParamAsync
+from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+
+
+async def main() -> None:
+    async with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
+        await mavsdk.add_any_connection(sys.argv[1])
+        system = await mavsdk.first_autopilot(timeout_s=10.0)
+        descent_m_s = await ParamAsync(system).get_param_float("MPC_LAND_SPEED")
+        armed = await anext(aiter(TelemetryAsync(system).subscribe_armed()))
+        heard = [await each.get_system_id() for each in await mavsdk.get_systems()]
+        print(json.dumps({"heard": heard, "descent_m_s": descent_m_s, "armed": armed}))
+
+
+asyncio.run(main())

@@ -1,0 +1,153 @@
+"""What people do to a flying arena from outside: look, follow a log, connect an SDK or a ground station, restart a part."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.wire.codec import Codec
+
+from .flight import PROGRAMS, Flight, Hangar, eventually
+
+pytestmark = pytest.mark.flight
+VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
+SDK_PORT = 22000
+GROUND_STATION_PORT, ROUTER_TO_STATIONS = 14550, 24000
+
+
+@pytest.fixture(scope="module")
+def flying(shared_hangar: Hangar) -> Iterator[Flight]:
+    """Hovers until the module is done; every test leaves it as it was."""
+    flight = shared_hangar.fly(VEHICLES)
+    flight.until_up(0.9)
+    yield flight
+
+
+class Client:
+    """An outside MAVLink client: an SDK or a ground station, of pymavlink alone."""
+
+    def __init__(self, address: tuple[str, int], peer: tuple[str, int], component: int) -> None:
+        self._codec, self._peer = Codec(245, component), peer
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(address)
+        self.heard: list[Any] = []
+
+    def send(self, message: Any) -> None:
+        self._socket.sendto(self._codec.pack(message), self._peer)
+
+    def listen(self) -> None:
+        """All that has come."""
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                self.heard += self._codec.parse(self._socket.recv(65535))
+
+    def until_heard(self, kind: str, systems: set[int]) -> None:
+        def has() -> bool:
+            self.listen()
+            return systems <= {m.get_srcSystem() for m in self.heard if m.get_type() == kind}
+
+        eventually(has, 5, f"{kind} from {systems}", lambda: {(m.get_srcSystem(), m.get_type()) for m in self.heard})
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+@pytest.fixture
+def client(flying: Flight) -> Iterator[Any]:
+    made: list[Client] = []
+
+    def make(port: int, peer: int, component: int) -> Client:
+        made.append(Client((flying.address, port), (flying.address, peer), component))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def test_an_sdk_hears_its_own_vehicle_only_and_reads_a_parameter(flying: Flight, client: Any) -> None:
+    for number, vehicle in enumerate(VEHICLES, start=1):
+        serve = flying.json("slices/router.json")["vehicles"][number - 1]["serve"][1]
+        sdk = client(SDK_PORT + number, serve, 190)
+        sdk.until_heard("ATTITUDE", {number})
+        sdk.send(mavlink.MAVLink_param_request_read_message(number, 1, b"MAV_SYS_ID", -1))
+        sdk.until_heard("PARAM_VALUE", {number})
+        sdk.until_heard("HEARTBEAT", {number})
+        assert {m.get_srcSystem() for m in sdk.heard} == {number}, vehicle
+        assert [m.param_id for m in sdk.heard if m.get_type() == "PARAM_VALUE"] == ["MAV_SYS_ID"]
+
+
+def test_a_ground_station_sees_every_vehicle_and_asks_one(flying: Flight, client: Any) -> None:
+    station = client(GROUND_STATION_PORT, ROUTER_TO_STATIONS, 190)
+    station.until_heard("HEARTBEAT", {1, 2})
+    station.send(mavlink.MAVLink_param_request_read_message(2, 1, b"MPC_LAND_SPEED", -1))
+    station.until_heard("PARAM_VALUE", {2})
+    assert {m.get_srcSystem() for m in station.heard if m.get_type() == "PARAM_VALUE"} == {2}
+
+
+def test_mavsdk_connects_and_reads_a_parameter(flying: Flight) -> None:
+    pytest.importorskip("mavsdk.asyncio", reason="mavsdk 4 is not installed: pip install 'flying-arena[sdk]'")
+    command = [sys.executable, str(PROGRAMS / "sdk.py"), f"udpin://{flying.address}:{SDK_PORT + 2}"]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    told = json.loads(ran.stdout.splitlines()[-1])
+    assert told == {"heard": [2], "descent_m_s": pytest.approx(0.7), "armed": True}
+
+
+def test_ps_tells_every_process_and_vehicle(flying: Flight) -> None:
+    told = flying.cli("ps", "--json")
+    assert told.returncode == 0, told.stderr
+    status = json.loads(told.stdout)
+    assert status["phase"] == "running" and status["vehicles"] == list(VEHICLES) and status["run"] == str(flying.folder)
+    assert {row["state"] for row in status["processes"].values()} == {"READY"} and len(status["processes"]) == 9
+    for vehicle in VEHICLES:
+        assert status["facts"][f"{vehicle}.armed"] is True and status["facts"][f"{vehicle}.mode"] == "OFFBOARD"
+    table = flying.cli("ps").stdout
+    assert all(name in table for name in status["processes"])
+
+
+def test_a_log_can_be_read_and_one_of_nobody_is_refused(flying: Flight) -> None:
+    assert flying.cli("logs", "program.uav1").stdout == "above\n"
+    nobody = flying.cli("logs", "program.uav9")
+    assert nobody.returncode == 2 and "program.uav1" in nobody.stderr
+
+
+def test_a_second_arena_on_its_address_is_refused_and_named(flying: Flight) -> None:
+    again = flying.cli("up", str(flying.folder / "arena.yaml"), "--headless")
+    assert again.returncode == 1 and str(flying.folder) in again.stderr and "is up on" in again.stderr
+
+
+def test_a_forwarder_restarts_in_flight_without_the_vehicle_noticing(flying: Flight) -> None:
+    first = flying.pid("forward.uav1")
+    poses = flying.status()["processes"]["world"]["stats"]["autopilot"]["uav1"]["vision"]
+    assert flying.cli("restart", "forward.uav1").returncode == 0
+    ready = flying.until_event("forward.uav1", "READY", 15, times=2)
+    stopping = flying.until_event("forward.uav1", "STOPPING", 1)
+    gap_s = ready["mono"] - stopping["mono"]
+    print(f"without poses for at most {gap_s:.2f} s")
+    assert gap_s < 2.0
+    eventually(lambda: flying.status()["processes"]["world"]["stats"]["autopilot"]["uav1"]["vision"] > poses + 200, 10, "poses")
+    assert flying.pid("forward.uav1") != first
+    status = flying.status()
+    autopilot = status["processes"]["world"]["stats"]["autopilot"]["uav1"]
+    assert autopilot["failsafe"] == "" and status["facts"]["uav1.mode"] == "OFFBOARD" and flying.heights().min() > 0.8
+
+
+def test_at_the_end_a_followed_log_ends_too_and_all_have_landed(flying: Flight) -> None:
+    with flying.popen("logs", "program.uav1", "-f", "--run", str(flying.folder)) as follower:
+        assert follower.stdout is not None and follower.stdout.readline() == "above\n"
+        down = flying.cli("down")
+        rest = follower.stdout.read()
+        assert follower.wait(10) == 0
+    assert "left OFFBOARD and is now in AUTO.LAND" in rest
+    assert flying.wait() == down.returncode
+    flying.assert_nothing_left()
