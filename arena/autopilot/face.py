@@ -195,6 +195,10 @@ class Face:
 
     def _command(self, link: _Link, m: Any, p: tuple[float, ...]) -> None:
         handler = _COMMANDS.get(m.command)
+        if self.sensed is not None:
+            # Decided every few steps; a setpoint heard since then counts, for clients ask for OFFBOARD right after their first.
+            self.sensed.offboard_age = self._now - self.setpoint_at
+            self.sensed.offboard_needs_position = self.setpoint is not None and self.setpoint.needs_position
         if self.sensed is None or self.limits is None:
             result = TEMPORARILY_REJECTED
         elif handler is None:

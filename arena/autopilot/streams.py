@@ -150,8 +150,10 @@ _SENSORS = (
 
 def sys_status(f: Face, s: Snapshot) -> Any:
     i = f.i
-    present = _SENSORS
-    health = _SENSORS
+    present = health = _SENSORS
+    if f.origin is not None and s.xy_valid[i]:
+        # SDKs read "the global position is good" from this bit, whatever gives it.
+        present, health = present | mavlink.MAV_SYS_STATUS_SENSOR_GPS, health | mavlink.MAV_SYS_STATUS_SENSOR_GPS
     if not s.xy_valid[i]:
         health &= ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
     if f.ready_to_arm:

@@ -16,7 +16,7 @@ def register(app: typer.Typer) -> None:
         arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, where no run is active")] = None,  # noqa: UP045
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
         yes: Annotated[bool, typer.Option("--yes", help="Needed: what flies will fall.")] = False,
-        timeout: Annotated[float, typer.Option(help="When to give up [s].")] = 10.0,
+        timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = 10.0,
     ) -> None:
         """Stop every motor at once, also in the air. To land, use land-all."""
         raise typer.Exit(kill_all(arena=arena, run=run, yes=yes, timeout_s=timeout))

@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
         only: Annotated[str, typer.Option(help="Vehicles to land, as a,b; all by default.")] = "",
         spared: Annotated[str, typer.Option("--except", help="Vehicles to leave alone, as a,b.")] = "",
-        timeout: Annotated[float, typer.Option(help="When to give up [s].")] = TIMEOUT_S,
+        timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = TIMEOUT_S,
     ) -> None:
         """Land every vehicle, until each is on the ground and disarmed. Needs no supervisor and no router."""
         code = land_all(arena=arena, run=run, only=names(only), spared=names(spared), timeout_s=timeout)

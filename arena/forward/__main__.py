@@ -42,6 +42,7 @@ class _Shell:
         self.simulated = bool(s["simulated"])
         self.after = Afterlife(limit_s=60.0 if self.simulated else None)
         self.told, self.poses_then, self.ready = time.monotonic(), 0, False
+        self.poses_from: float | None = None
 
     def serve(self) -> None:
         """Until told to stop; without a supervisor, until the vehicle is disarmed."""
@@ -73,8 +74,11 @@ class _Shell:
         return self.after.over(orphaned=self.room.orphaned, any_armed=armed, now=wall)
 
     def _report(self, now: float, wall: float) -> None:
-        rate = (self.core.poses - self.poses_then) / (wall - self.told)
-        self.told, self.poses_then = wall, self.core.poses
+        if self.poses_from is None and self.core.poses:
+            self.poses_from, self.poses_then = wall, self.core.poses
+        self.told = wall
+        served_s = wall - self.poses_from if self.poses_from is not None else 0.0
+        rate = (self.core.poses - self.poses_then) / served_s if served_s else 0.0
         age_ms = round(1e3 * (now - self.core.last_pose), 1) if self.core.poses else None
         dropped = {f"dropped {k}": v for k, v in self.core.counts.items()}
         heard = {f"capture {k}": v for k, v in self.capture.counts.items()}

@@ -40,7 +40,7 @@ class _Shell:
         self.clock, self.truth = SimClock(s["clock"], room.name), TruthReader(s["truth"])
         self.command, self.out = _command_socket(s), _stream_socket(s)
         self.ready, self.late, self.skipped, self.not_sent = False, 0, 0, 0
-        self.told, self.frames_then = time.monotonic(), 0
+        self.began = self.told = time.monotonic()
 
     def serve(self) -> None:
         """Until told to stop, or until the world ends."""
@@ -82,8 +82,8 @@ class _Shell:
 
     def _report(self, wall: float) -> None:
         sent = self.core.counts["frames"]
-        rate_hz = round((sent - self.frames_then) / (wall - self.told), 2)
-        self.told, self.frames_then = wall, sent
+        rate_hz = round(sent / (wall - self.began), 2)
+        self.told = wall
         troubles = {"late": self.late, "skipped": self.skipped, "not_sent": self.not_sent}
         self.room.stats({"rate_hz": rate_hz, **troubles, **self.core.counts})
 

@@ -81,13 +81,13 @@ def _finish(figure: Any, rows: Any, flight: Flight, folder: Path, title: str, un
 
 
 def plot_all(flights: Sequence[Flight], size_m: Sequence[float] | None, folder: Path) -> Path:
-    """All vehicles from above (north up, east right) and from the west. size_m: the room, north, east, height [m]."""
+    """All vehicles from above (north up, east right) and from the east. size_m: the room, north, east, height [m]."""
     figure = Figure(figsize=(11, 6.5), layout="constrained")
     above, side = figure.subplots(1, 2)
     for i, flight in enumerate(flights):
         _path(above, side, flight, f"C{i % 10}")
     above.set(xlabel="east [m]", ylabel="north [m]", title="from above")
-    side.set(xlabel="north [m]", ylabel="height [m]", title="from the side (west)")
+    side.set(xlabel="north [m]", ylabel="height [m]", title="from the side (east)")
     if size_m:
         _room(above, side, size_m)
     for axes in (above, side):

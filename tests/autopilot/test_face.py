@@ -91,6 +91,27 @@ def test_offboard_is_refused_without_a_stream_of_setpoints():
     assert flight.mode(0) == "AUTO.LOITER"
 
 
+def test_offboard_asked_for_right_after_the_first_setpoint_is_granted():
+    flight = ready()
+    flight.setpoint(0, [0, 0, -1.0])
+    assert flight.offboard(0) == 0
+
+
+def test_the_global_position_is_told_to_be_good_only_once_there_is_an_origin():
+    flight = ready()
+
+    def said() -> bool:
+        flight.heard[0].clear()
+        flight.run(0.5)
+        status = next(m for m in flight.heard[0] if m.get_type() == "SYS_STATUS")
+        bit = mavlink.MAV_SYS_STATUS_SENSOR_GPS
+        return bool(status.onboard_control_sensors_present & status.onboard_control_sensors_health & bit)
+
+    assert not said()
+    flight.send(0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision")
+    assert said()
+
+
 def test_messages_for_others_are_not_obeyed():
     flight = ready()
     flight.send(0, mavlink.MAVLink_command_long_message(7, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
