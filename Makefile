@@ -15,12 +15,13 @@ lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-# Tests without an arena share the cores; whole arenas fly one after another, for they keep real time.
 unit: .venv/ready
-	$(BIN)/python -m pytest -m "not flight" -n 2 -q
+	$(BIN)/python -m pytest -m "not flight and not crowd" -n 2 -q
 
+# Whole arenas keep real time: two of two vehicles share two cores, ten vehicles fly alone. A file's tests may share one arena.
 flights: .venv/ready
-	$(BIN)/python -m pytest -m flight -q
+	$(BIN)/python -m pytest -m flight -n 2 --dist loadfile -q
+	$(BIN)/python -m pytest -m crowd -q
 
 bench: .venv/ready
 	for each in benchmarks/*.py; do $(BIN)/python $$each || exit 1; done

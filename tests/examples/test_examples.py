@@ -1,0 +1,51 @@
+"""Every example is an arena that checks and flies. The first one is looked at closely in `tests/end_to_end/test_two_quads.py`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from end_to_end.flight import ROOT, Hangar
+
+from arena.cli import main
+
+EXAMPLES = sorted((ROOT / "examples").glob("*/arena.yaml"))
+FLOWN_ELSEWHERE = {"01_two_quads"}
+CROWDED = {"10_ten_quads"}
+SHORT = [e for e in EXAMPLES if e.parent.name not in FLOWN_ELSEWHERE | CROWDED]
+
+
+def name_of(yaml: Path) -> str:
+    return yaml.parent.name
+
+
+@pytest.mark.parametrize("yaml", EXAMPLES, ids=name_of)
+def test_it_checks(yaml: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["check", str(yaml), "--no-machine"])  # whose ports somebody else may be flying on
+    said = capsys.readouterr()
+    assert code == 0 and said.out.startswith(f"ok: {name_of(yaml)}"), said.err
+
+
+def fly(hangar: Hangar, yaml: Path) -> None:
+    flight = hangar.up(yaml, "--until-done", "--time-limit", "120", "--set", "defaults.autopilot=builtin")
+    assert flight.wait(180) == 0, flight.said()
+    print((flight.folder / "summary.txt").read_text())
+    summary = flight.summary
+    assert summary["cause"] == "done" and summary["failed"] == [] and summary["missing"] == []
+    for told in summary["vehicles"].values():
+        assert told["landing"]["landed"] and told["landing"]["error_m"] <= 0.3
+        assert told["crashed"] == "" and told["verdict"]["airborne_s"] > 15
+        assert told["setpoints"]["count"] >= 2 and told["setpoints"]["worst_m"] <= 0.10, told["setpoints"]
+    flight.assert_nothing_left()
+
+
+@pytest.mark.flight
+@pytest.mark.parametrize("yaml", SHORT, ids=name_of)
+def test_it_flies_lands_and_exits_with_0(hangar: Hangar, yaml: Path) -> None:
+    fly(hangar, yaml)
+
+
+@pytest.mark.crowd
+@pytest.mark.parametrize("yaml", [e for e in EXAMPLES if name_of(e) in CROWDED], ids=name_of)
+def test_a_crowd_flies_lands_and_exits_with_0(hangar: Hangar, yaml: Path) -> None:
+    fly(hangar, yaml)
