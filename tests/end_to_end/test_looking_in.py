@@ -109,6 +109,8 @@ def test_ps_tells_every_process_and_vehicle(flying: Flight) -> None:
     status = json.loads(told.stdout)
     assert status["phase"] == "running" and status["vehicles"] == list(VEHICLES) and status["run"] == str(flying.folder)
     assert {row["state"] for row in status["processes"].values()} == {"READY"} and len(status["processes"]) == 9
+    assert flying.processes() == {row["pid"] for row in status["processes"].values()}
+    assert {f"{flying.address}:16001", f"{flying.address}:24000"} <= {f"{c.laddr.ip}:{c.laddr.port}" for c in flying.sockets()}
     for vehicle in VEHICLES:
         assert status["facts"][f"{vehicle}.armed"] is True and status["facts"][f"{vehicle}.mode"] == "OFFBOARD"
     table = flying.cli("ps").stdout
