@@ -13,8 +13,15 @@ import pytest
 @pytest.fixture(autouse=True)
 def no_px4_by_chance(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     """`autopilot: auto` means the built-in one in tests, whatever this machine has; tests marked px4 look for the real one."""
-    if "px4" not in request.keywords:
+    if request.node.get_closest_marker("px4") is None:
         monkeypatch.delenv("PX4_HOME", raising=False)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """By the mark and not by a keyword: folders' names are keywords too."""
+    for item in items:
+        if item.get_closest_marker("px4") is not None:
+            item.user_properties.append(("marked", "px4"))
 
 
 @pytest.fixture
@@ -28,6 +35,9 @@ def runtime_dir(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Tests that need a real PX4 are counted, never skipped in silence."""
-    skipped = [r for r in terminalreporter.stats.get("skipped", []) if "px4" in getattr(r, "keywords", {})]
-    ran = [r for r in terminalreporter.stats.get("passed", []) if "px4" in getattr(r, "keywords", {})]
-    terminalreporter.write_line(f"real PX4: {len(ran)} tests ran, {len(skipped)} did not")
+    def count(*kinds: str) -> int:
+        reports = (r for kind in kinds for r in terminalreporter.stats.get(kind, []))
+        return sum(("marked", "px4") in getattr(r, "user_properties", ()) for r in reports)
+
+    ran, did_not = count("passed", "failed"), count("skipped")
+    terminalreporter.write_line(f"real PX4: {ran} tests ran, {did_not} did not")

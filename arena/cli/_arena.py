@@ -24,9 +24,9 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
 
 def _vehicle_line(arena: Arena, name: str) -> str:
     v = arena.vehicle(name)
-    asked = ""
-    if v.asked != v.autopilot:
-        asked = f" ({v.asked}: {f'PX4 {arena.px4.version} was found' if arena.px4 else 'no PX4 was found'})"
+    found = f"{arena.px4.words}, {arena.px4.source}" if arena.px4 else "no PX4 was found"
+    auto = f"{v.asked}: " if v.asked != v.autopilot else ""
+    asked = f" ({auto}{found})" if auto or v.autopilot == "px4" else ""
     n, e, d = v.position
     flies = Path(v.program.path).name if v.program else "no program"
     what = f"id {v.id}, {v.profile.name}, autopilot {v.autopilot}{asked}"

@@ -115,8 +115,9 @@ def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[List
             continue
         found += [(getattr(v.ports, key), f"{words} of {v.name}") for key, words in _BOUND.get(kind, ())]
     for port, words in found:
-        # PX4 binds its links on every address of the computer, whatever it is told.
-        address = "0.0.0.0" if kind == "px4" else arena.address
+        # PX4 binds its links on every address of the computer, whatever it is told; the stand-in on the arena's.
+        everywhere = kind == "px4" and arena.px4 is not None and not arena.px4.stand_in
+        address = "0.0.0.0" if everywhere else arena.address
         yield Listen(protocol="udp", address=address, port=port, what=words)
 
 

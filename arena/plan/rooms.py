@@ -81,7 +81,8 @@ def px4(arena: Arena, v: Vehicle) -> Json:
         raise ValueError(f"{v.name} flies PX4, and none was found")
     given: Json = {"vehicle": v.name, "id": v.id, "simulator": [arena.address, v.ports.simulator], **_links(arena, v)}
     return {
-        "name": f"px4.{v.name}", "vehicle": v.name, "binary": arena.px4.binary, "data": arena.px4.data, "instance": v.id - 1,
+        "name": f"px4.{v.name}", "vehicle": v.name, "argv": list(arena.px4.argv), "data": arena.px4.data, "instance": v.id - 1,
+        "version": arena.px4.version, "stand_in": arena.px4.stand_in,
         "folder": f"{{run}}/px4/{v.name}", "model": "none_iris", "links": _links(arena, v), "clock": CLOCK,
         "params": px4_params(v), "scripts": px4_scripts(given),
     }  # fmt: skip

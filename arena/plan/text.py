@@ -18,6 +18,7 @@ def arena_yaml(arena: Arena) -> str:
             "world": _plain(arena.world.model_dump()),
             "sim": _plain(arena.sim.model_dump()),
             "mocap": _plain({**arena.mocap.model_dump(exclude_none=True), "group": arena.group}),
+            **({"px4": {"home": arena.px4.home}} if arena.px4 else {}),
             "tools": {name: _tool(tool) for name, tool in arena.tools.items()},
             "vehicles": {v.name: _vehicle(v) for v in arena.vehicles},
         }

@@ -44,9 +44,10 @@ def serve(room: Room) -> int:
     s = room.settings
     check_free(s)
     folder = make_folder(s)
-    with contextlib.suppress(RunError):
+    world = None
+    with contextlib.suppress(RunError):  # without a world PX4 waits for one; `_watch` then has nothing to end with
         world = SimClock(s["clock"], room.name)
-    argv = [s["binary"], "-d", "-i", str(s["instance"]), "-w", str(folder), str(folder / "etc")]
+    argv = [*s["argv"], "-d", "-i", str(s["instance"]), "-w", str(folder), str(folder / "etc")]
     env = {**os.environ, **{f"PX4_PARAM_{name}": text(value) for name, value in s["params"].items()}, "PX4_SIM_MODEL": s["model"]}
     env.pop("PX4_SIM_SPEED_FACTOR", None)  # it would rewrite the failsafes' times
     print(" ".join(argv), flush=True)
@@ -60,7 +61,7 @@ def serve(room: Room) -> int:
         _end(process)
 
 
-def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock) -> int:
+def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)
     selector = selectors.DefaultSelector()
@@ -77,12 +78,19 @@ def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock) -> int
                 tail = b""
         code = process.poll()
         if code is not None and not room.stopping:
-            why = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
-            print(f"px4: PX4 has ended by itself: {why}", file=sys.stderr, flush=True)
-            return 1
-        if world.ended():
+            return _tell_end(room, code)
+        if world is not None and world.ended():
             return 0
     return 0
+
+
+def _tell_end(room: Room, code: int) -> int:
+    why = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
+    text = f"{room.settings['vehicle']}: PX4 has ended by itself ({why}); nothing flies this vehicle any more"
+    print(f"px4: {text}", file=sys.stderr, flush=True)
+    room.event(text)
+    room.stats({"ended": why})
+    return 1
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -124,23 +132,44 @@ def make_folder(s: dict[str, Any]) -> Path:
 
 def check_free(s: dict[str, Any]) -> None:
     """Raises RunError, naming who is there, when this instance's lock or ports are taken."""
-    lock = Path(LOCK.format(instance=s["instance"]))
-    if lock.exists():
-        with lock.open("rb") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                owner = _lock_owner(s["instance"])
-                why = f"PX4 instance {s['instance']} runs already{owner}: stop it, or give this vehicle another id"
-                raise RunError(why) from None
+    stand_in = s.get("stand_in", False)
+    if not stand_in and _is_locked(Path(LOCK.format(instance=s["instance"]))):
+        owner = _lock_owner(s["instance"])
+        raise RunError(f"PX4 instance {s['instance']} runs already{owner}: stop it, or give this vehicle another id")
     for name, link in s["links"].items():
-        port = link["local"][1]
+        host, port = link["local"]
+        where = "" if stand_in else "; PX4 binds it on every address"
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
-                probe.bind(("0.0.0.0", port))
+                probe.bind((host if stand_in else "0.0.0.0", port))
             except OSError as error:
-                why = f"the {name} link's UDP port {port} is taken ({error.strerror}); PX4 binds it on every address"
+                why = f"the {name} link's UDP port {port} is taken{_holder(port)} ({error.strerror}){where}"
                 raise RunError(why) from error
+
+
+def _is_locked(lock: Path) -> bool:
+    """PX4 holds its lock while it runs. A file that nobody holds, left by one that was killed, is in nobody's way."""
+    try:
+        file = lock.open("rb")
+    except OSError:  # there is none; or it is another user's, and PX4 itself will say so
+        return False
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return True
+    return False
+
+
+def _holder(port: int) -> str:
+    """Who has a UDP port, where the system tells."""
+    import psutil
+
+    with contextlib.suppress(psutil.Error):
+        for connection in psutil.net_connections("udp4"):
+            if connection.laddr and connection.laddr[1] == port and connection.pid:
+                return f" by process {connection.pid} ({psutil.Process(connection.pid).name()}) on {connection.laddr[0]}"
+    return ""
 
 
 def _lock_owner(instance: int) -> str:

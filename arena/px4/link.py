@@ -70,7 +70,7 @@ class SimulatorLink:
         v, a = truth.v_n[row], truth.accel_b[row]
         speed = float(np.sqrt(v @ v))
         m = mavlink.MAVLink_hil_state_quaternion_message(
-            round(now * 1e6), truth.q_nb[row].tolist(), *truth.omega_b[row].tolist(), lat, lon, int(alt * 1e3),
+            round(now * 1e6), truth.q_nb[row].tolist(), *truth.omega_b[row].tolist(), lat, lon, round(alt * 1e3),
             *(_int16(100.0 * x) for x in v), _int16(100 * speed) & 0x7FFF, _int16(100 * speed) & 0x7FFF,
             *(_int16(x / 9.80665e-3) for x in a),
         )  # fmt: skip
@@ -98,8 +98,8 @@ def _global(p_n: Array, origin: tuple[float, float, float]) -> tuple[int, int, f
     lat0, lon0, alt0 = origin
     lat = lat0 + math.degrees(p_n[0] / 6_371_000.0)
     lon = lon0 + math.degrees(p_n[1] / (6_371_000.0 * math.cos(math.radians(lat0))))
-    return int(lat * 1e7), int(lon * 1e7), float(alt0 - p_n[2])
+    return round(lat * 1e7), round(lon * 1e7), float(alt0 - p_n[2])
 
 
 def _int16(x: float) -> int:
-    return int(min(max(x, -32768.0), 32767.0))
+    return round(min(max(x, -32768.0), 32767.0))

@@ -46,7 +46,7 @@ def report(run: Path) -> str:
         else:
             flights[name] = flight
     pictures = _plots(run, list(flights.values()), plan, missing)
-    summary = summarise(names, flights, outcome, missing, pictures)
+    summary = {**summarise(names, flights, outcome, missing, pictures), "px4": _px4(run, plan, outcome)}
     text = as_text(summary)
     (run / "summary.json").write_text(json.dumps(summary, indent=1))
     (run / "summary.txt").write_text(text + "\n")
@@ -87,6 +87,21 @@ def _rates(name: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 def _process(row: Mapping[str, Any]) -> dict[str, Any]:
     return {key: row.get(key) for key in _PROCESS}
+
+
+def _px4(run: Path, plan: Mapping[str, Any], outcome: Mapping[str, Any]) -> dict[str, Any]:
+    """Of each vehicle that PX4 flew: which, how it ended when it did so by itself, and its own logs."""
+    found = {}
+    for name, given in plan.get("slices", {}).items():
+        if not name.startswith("px4."):
+            continue
+        stats = outcome.get("processes", {}).get(name.removesuffix(".json"), {}).get("stats") or {}
+        logs = sorted(Path(run, "px4", given["vehicle"]).glob("log/**/*.ulg"))
+        found[given["vehicle"]] = {
+            "version": given.get("version", ""), "stand_in": given.get("stand_in", False), "ended": stats.get("ended", ""),
+            "ulogs": [str(log.relative_to(run)) for log in logs],
+        }  # fmt: skip
+    return found
 
 
 def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: list[str]) -> list[str]:

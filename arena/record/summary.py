@@ -8,7 +8,8 @@ from typing import Any
 
 def as_text(summary: Mapping[str, Any]) -> str:
     """summary: as `report.summarise` makes it."""
-    lines = [_head(summary), *_vehicles(summary["vehicles"]), *_world(summary), *_processes(summary["processes"])]
+    lines = [_head(summary), *_vehicles(summary["vehicles"]), *_px4(summary.get("px4") or {}), *_world(summary)]
+    lines += _processes(summary["processes"])
     lines += [f"missing: {what}" for what in summary["missing"]]
     if summary["plots"]:
         lines.append(f"pictures: {summary['plots'][0]} and {len(summary['plots']) - 1} more")
@@ -46,6 +47,15 @@ def _vehicle(name: str, v: Mapping[str, Any]) -> tuple[str, ...]:
 def _timeline(modes: list[Mapping[str, Any]]) -> str:
     shown = modes if len(modes) <= 12 else [*modes[:11], modes[-1]]
     return "  ".join(f"{_n(m['t_s'], 1)} s {m['mode'] or '?'}{' armed' if m['armed'] else ''}" for m in shown)
+
+
+def _px4(vehicles: Mapping[str, Any]) -> list[str]:
+    lines = []
+    for name, p in vehicles.items():
+        what = "arena's stand-in for PX4" if p["stand_in"] else f"PX4 {p['version']}".rstrip()
+        ended = f" ENDED BY ITSELF ({p['ended']})" if p["ended"] else ""
+        lines.append(f"{name}: {what}{ended}; ULogs: {', '.join(p['ulogs']) or 'none'}")
+    return lines
 
 
 def _world(s: Mapping[str, Any]) -> list[str]:

@@ -23,14 +23,23 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True)
 class Px4:
-    """A PX4 on this machine. binary: absolute; data: the folder `etc` of its startup scripts; version: as the binary says, ""
-    when it does not; source: who named it.
+    """A PX4 on this machine. argv: how its command line begins, the binary's absolute path; data: the folder `etc` of its
+    startup scripts; version: as the binary says, "" when it does not; home: what was looked at; source: who named it.
+
+    stand_in: it is arena's own, see `arena.autopilot.standin`, and no PX4.
     """
 
-    binary: str
+    argv: tuple[str, ...]
     data: str
     version: str
+    home: str
     source: str
+    stand_in: bool = False
+
+    @property
+    def words(self) -> str:
+        """What it is, for people."""
+        return "arena's stand-in for PX4" if self.stand_in else f"PX4 {self.version or 'of an unknown version'}"
 
 
 @dataclass(frozen=True, kw_only=True)

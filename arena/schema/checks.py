@@ -123,10 +123,17 @@ def _value(data: object, path: YamlPath) -> object:
 
 
 def _px4(c: Check) -> Iterator[Problem]:
+    if c.arena.px4 is not None:
+        return
+    home = _value(c.source.data, ("px4", "home"))
+    if isinstance(home, str) and any(v.asked in ("auto", "px4") for v in c.arena.vehicles):
+        said = f"got {home}, and no PX4 is there: expected its source, build or installation folder, or stand-in"
+        yield c.source.problem(("px4", "home"), f"{said}. `arena doctor` tells what is found and how to get it.")
+        return
     for vehicle in c.arena.vehicles:
-        if vehicle.asked == "px4" and c.arena.px4 is None:
+        if vehicle.asked == "px4":
             message = "got px4, and no PX4 was found on this machine. Try autopilot: builtin, or set PX4_HOME to a build of it."
-            yield c.problem(vehicle.name, ("autopilot",), message)
+            yield c.problem(vehicle.name, ("autopilot",), f"{message} `arena doctor` tells where it looked and how to get it.")
 
 
 def _ids(c: Check) -> Iterator[Problem]:

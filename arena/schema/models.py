@@ -92,7 +92,7 @@ class Px4Keys(Strict):
     """PX4 software in the loop."""
 
     home: str | None = None
-    """Its source, build or installation folder. Default: $PX4_HOME, else `px4` on PATH."""
+    """Its source, build or installation folder, or `stand-in` for arena's own. Default: $PX4_HOME, else `px4` on PATH."""
 
 
 class MocapNoise(Strict):

@@ -1,7 +1,9 @@
 """Where PX4 SITL is on this machine, and which version. Looks; runs nothing and changes nothing.
 
-In this order: the YAML's `px4`, $PX4_HOME, `px4` on PATH. A folder may be a source tree, a build folder or an installation:
-what counts is a binary `bin/px4` with a folder `etc` that holds the startup scripts.
+The folder that the YAML's `px4.home` names; where it names none, $PX4_HOME, then `px4` on PATH. A folder may be a source
+tree, a build folder or an installation: what counts is a binary `bin/px4` with a folder `etc` that holds the startup scripts.
+The word `stand-in` in its place selects arena's own stand-in: the built-in autopilot behind PX4's simulator API and command
+line, for machines and tests without PX4.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -16,6 +19,7 @@ from arena.errors import NotInstalledError
 from arena.schema.arena import Px4
 
 HOME = "PX4_HOME"
+STAND_IN = "stand-in"
 _BUILDS = ("", "build/px4_sitl_default", "build/px4_sitl_nolockstep", "build/px4_sitl")
 _DATA = ("etc", "../etc", "../share/px4/etc", "share/px4/etc", "../lib/px4/etc")
 _TAG = re.compile(rb"\x00v(1\.\d{1,2}\.\d{1,2}(?:-[0-9a-z.\-]{1,40})?)\x00")
@@ -29,9 +33,9 @@ WAYS = (
 
 
 def find_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> Px4 | None:
-    """The first that is whole, or None. home: the YAML's folder."""
+    """The first that is whole, or None. home: what the YAML names; then nothing else is looked at."""
     for folder, source in _candidates(home, os.environ if env is None else env):
-        found = _at(folder, source)
+        found = _stand_in(source) if str(folder) == STAND_IN else _at(folder, source)
         if found is not None:
             return found
     return None
@@ -50,6 +54,7 @@ def need_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> P
 def _candidates(home: str | None, env: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
     if home:
         yield Path(home).expanduser(), "px4.home of the YAML"
+        return  # whoever names one does not want another
     if env.get(HOME):
         yield Path(env[HOME]).expanduser(), f"${HOME}"
     on_path = shutil.which("px4", path=env.get("PATH"))
@@ -65,8 +70,17 @@ def _at(folder: Path, source: str) -> Px4 | None:
         for place in _DATA:
             data = (binary.parent.parent / place).resolve()
             if (data / "init.d-posix" / "rcS").is_file():
-                return Px4(binary=str(binary.resolve()), data=str(data), version=version_of(binary), source=source)
+                argv, home = (str(binary.resolve()),), str(folder.absolute())
+                return Px4(argv=argv, data=str(data), version=version_of(binary), home=home, source=source)
     return None
+
+
+def _stand_in(source: str) -> Px4:
+    from arena.schema.library import data_folder  # which reads YAML, as nothing else here does
+
+    argv = (sys.executable, "-m", "arena.autopilot.standin")
+    data = data_folder("templates") / "px4" / "standin"
+    return Px4(argv=argv, data=str(data), version="", home=STAND_IN, source=source, stand_in=True)
 
 
 def version_of(binary: Path) -> str:

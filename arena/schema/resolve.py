@@ -17,6 +17,7 @@ from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
 from arena.schema.ports import MOST_ID, capture_group, vehicle_ports
 from arena.schema.profile import Profile
+from arena.schema.px4 import STAND_IN
 from arena.schema.source import Source
 
 DEFAULT_PROFILE = "iris"
@@ -71,7 +72,9 @@ def resolve(
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
-    return str((folder / model.px4.home).expanduser()) if model.px4.home else None
+    """The YAML's folder, from where the YAML is; `stand-in` is a word and no folder."""
+    home = model.px4.home
+    return str(folder / Path(home).expanduser()) if home and home != STAND_IN else home
 
 
 def _name_from(folder: str) -> str:

@@ -66,12 +66,19 @@ def lost(plan: Plan, lives: Lives) -> str:
     return ""
 
 
+def grounded(plan: Plan, lives: Lives) -> set[str]:
+    """Simulated vehicles whose PX4 has ended: their motors stand still, and nobody will ever say that they are disarmed."""
+    simulated = {v.name for v in plan.vehicles if v.simulated}
+    return {s.vehicle for s in plan.processes if s.kind == "px4" and s.vehicle in simulated and is_dead(s, lives[s.name])}
+
+
 def is_done(plan: Plan, lives: Lives, facts: Mapping[str, Any]) -> bool:
     """Every program has ended for good, every vehicle is known to be disarmed, and nothing is still starting."""
     programs = all(lives[s.name].state in ENDED for s in plan.processes if s.kind == "program")
     settled = all(lives[s.name].state in ENDED | {State.READY} for s in plan.processes if s.kind != "tool")
-    known = all(f"{v.name}.armed" in facts for v in plan.vehicles)
-    return programs and settled and known and not any(value for name, value in facts.items() if name.endswith(".armed"))
+    still = grounded(plan, lives)
+    disarmed = all(facts.get(f"{v.name}.armed") is False for v in plan.vehicles if v.name not in still)
+    return programs and settled and disarmed
 
 
 def is_world_gone(plan: Plan, lives: Lives) -> bool:
@@ -88,8 +95,8 @@ def may_fly(plan: Plan, lives: Lives, facts: Mapping[str, Any], told: Mapping[st
     """
     world_gone = is_world_gone(plan, lives)
     programs_ran = any(lives[s.name].started for s in plan.processes if s.kind == "program")
-    flying = []
-    for vehicle in plan.vehicles:
+    flying, still = [], grounded(plan, lives)
+    for vehicle in (v for v in plan.vehicles if v.name not in still):
         fact = f"{vehicle.name}.armed"
         unknown = fact not in facts and (bool(told.get(fact)) or programs_ran)
         if (bool(facts.get(fact)) or unknown) and not (vehicle.simulated and world_gone):

@@ -1,0 +1,129 @@
+"""What `arena doctor` looks at: Python, packages, PX4, the default arena's ports, runs, locks of PX4. Looks; changes nothing."""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.metadata
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from arena.errors import NotInstalledError
+from arena.schema.machine import Machine, Probe
+from arena.schema.models import ArenaFile, VehicleKeys
+from arena.schema.ports import GROUND_STATION, LINK_BASE, WHAT, vehicle_ports
+from arena.schema.px4 import HOME, need_px4
+from arena.supervise import active_runs
+
+LEAST_PYTHON = (3, 11)
+# package -> (what for, whether arenas with the built-in autopilot fly without it)
+PACKAGES: dict[str, tuple[str, bool]] = {
+    "numpy": ("everything", False),
+    "pydantic": ("the YAML", False),
+    "pymavlink": ("MAVLink", False),
+    "fastcrc": ("MAVLink", False),
+    "psutil": ("supervising", False),
+    "jinja2": ("PX4's startup scripts", False),
+    "pybullet": ("the simulated world: pip install 'flying-arena[sim]'", False),
+    "matplotlib": ("plots", True),
+    "mavsdk": ("programs that use MAVSDK: pip install 'flying-arena[sdk]'", True),
+}
+_LOOKED_AT = 10  # vehicles of the default arena
+PX4_LOCKS = Path("/tmp")
+"""Where PX4 has its lock files, whatever TMPDIR says."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One line. sign: `ok`, `missing` or `note`. fatal: no arena flies with it."""
+
+    sign: str
+    what: str
+    fatal: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.sign:8}{self.what}"
+
+
+def examine(probe: Probe | None = None, locks: Path = PX4_LOCKS) -> Iterator[Finding]:
+    probe = probe or Machine()
+    yield from _python()
+    yield from _packages(probe)
+    yield _px4()
+    yield from _ports(probe)
+    yield from _runs()
+    yield from _locks(locks)
+
+
+def _python() -> Iterator[Finding]:
+    found, least = ".".join(map(str, sys.version_info[:3])), ".".join(map(str, LEAST_PYTHON))
+    fits = sys.version_info >= LEAST_PYTHON
+    why = "" if fits else f": arena needs {least} or newer"
+    yield Finding(sign="ok" if fits else "missing", what=f"Python {found} ({sys.executable}){why}", fatal=not fits)
+
+
+def _packages(probe: Probe) -> Iterator[Finding]:
+    for name, (purpose, optional) in PACKAGES.items():
+        if probe.has_module(name):
+            yield Finding(sign="ok", what=f"{name} {_version(name)}".rstrip())
+        else:
+            sign, what = "note" if optional else "missing", f"{name} is not installed, for {purpose}"
+            yield Finding(sign=sign, what=what, fatal=not optional)
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def _px4() -> Finding:
+    """What an arena that names none would fly."""
+    try:
+        px4 = need_px4()
+    except NotInstalledError as error:
+        return Finding(sign="note", what=f"{error}")
+    said = f"{px4.words}, by {px4.source}: {' '.join(px4.argv)}"
+    if px4.stand_in:
+        return Finding(sign="note", what=f"{said} (unset {HOME} to fly the real one)")
+    return Finding(sign="ok", what=said)
+
+
+def _ports(probe: Probe) -> Iterator[Finding]:
+    """What stands in the way of an arena of ten vehicles on the default address."""
+    defaults = ArenaFile(vehicles={"uav1": VehicleKeys()})
+    address = defaults.address
+    wanted = {LINK_BASE: "the router", defaults.mocap.command_port: "the motion capture", GROUND_STATION: "a ground station"}
+    for vehicle_id in range(1, _LOOKED_AT + 1):
+        ports = vehicle_ports(vehicle_id)
+        wanted |= {getattr(ports, key): f"{who}, vehicle {vehicle_id}" for key, (who, _) in WHAT.items() if key != "simulator"}
+    taken = [(port, who) for port, who in wanted.items() if probe.refusal(address, port)]
+    for port, who in taken:
+        holder = probe.holder(address, port)
+        yield Finding(sign="note", what=f"UDP port {port} of {address} ({who}) is in use{f' by {holder}' if holder else ''}")
+    if not taken:
+        yield Finding(sign="ok", what=f"every UDP port of {_LOOKED_AT} vehicles on {address} is free")
+
+
+def _runs() -> Iterator[Finding]:
+    for run in active_runs():
+        if run.live:
+            yield Finding(sign="note", what=f"{run.name} is up on {run.address} (supervisor {run.supervisor.pid}, {run.run})")
+        else:
+            left = ", ".join(run.survivors()) or "nothing of it runs"
+            yield Finding(sign="note", what=f"stale run {run.run} on {run.address} ({left}): arena down --run {run.run}")
+
+
+def _locks(folder: Path) -> Iterator[Finding]:
+    """PX4 instance N is N - 1 of the vehicle's id; two of one number cannot run on one computer."""
+    for lock in sorted(folder.glob("px4_lock-*")):
+        number = lock.name.partition("-")[2]
+        try:
+            with lock.open("rb") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except PermissionError:
+            yield Finding(sign="note", what=f"{lock} belongs to another user: PX4 instance {number} will not start")
+        except OSError:
+            yield Finding(sign="note", what=f"PX4 instance {number} is running ({lock} is held)")

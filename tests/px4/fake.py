@@ -1,0 +1,127 @@
+"""A PX4 as the world sees it: a TCP client that answers samples. It answers in a thread, as another process would."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.px4.links import Px4Links
+
+_count = itertools.count(1)
+LOCKSTEP, ARMED = 1, 128
+PERIOD_S = 0.004
+
+
+def own_address() -> str:
+    """127.60.x.y: no other test of this process, and hardly one of another, has it."""
+    return f"127.60.{os.getpid() % 250 + 1}.{next(_count)}"
+
+
+def answer(motors: list[float], *, armed: bool = True, time_usec: int = 0) -> bytes:
+    """A HIL_ACTUATOR_CONTROLS as PX4 packs it."""
+    codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    controls = [*motors, *[0.0] * (16 - len(motors))]
+    m = mavlink.MAVLink_hil_actuator_controls_message(time_usec, controls, ARMED if armed else 0, LOCKSTEP)
+    return bytes(m.pack(codec))
+
+
+def sensors(vehicles: int) -> dict[str, Any]:
+    """What the world hands to autopilots, of vehicles at rest."""
+    return {
+        "accel_b": np.tile([0.01, -0.02, -9.81], (vehicles, 1)), "gyro_b": np.tile([0.001, 0.002, -0.003], (vehicles, 1)),
+        "mag_b": np.tile([0.2, 0.01, 0.43], (vehicles, 1)), "baro_alt_m": np.linspace(488.0, 489.0, vehicles),
+    }  # fmt: skip
+
+
+class FakePx4:
+    """Connects, then answers every sample after the first `free_run` with `motors`, until it is told to be mute or hangs up."""
+
+    def __init__(self, address: tuple[str, int], motors: list[float], free_run: int = 3) -> None:
+        self.samples: list[Any] = []
+        self._motors, self._free_run = motors, free_run
+        self._speaks = threading.Event()
+        self._speaks.set()
+        self._socket = socket.create_connection(address, 5.0)
+        self._socket.settimeout(None)
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def mute(self) -> None:
+        """From now on it reads nothing, as a stopped process."""
+        self._speaks.clear()
+
+    def speak(self) -> None:
+        self._speaks.set()
+
+    def hang_up(self) -> None:
+        self._speaks.set()
+        self._socket.shutdown(socket.SHUT_RDWR)
+        self._thread.join(5.0)
+        self._socket.close()
+
+    def _serve(self) -> None:
+        codec = mavlink.MAVLink(None)
+        codec.robust_parsing = True
+        while True:
+            try:
+                data = self._socket.recv(65536)
+            except OSError:
+                return
+            if not data:
+                return
+            for m in codec.parse_buffer(data) or []:
+                if m.get_type() == "HIL_SENSOR":
+                    self.samples.append(m)
+                    self._speaks.wait()
+                    if len(self.samples) > self._free_run:
+                        self._reply(m.time_usec)
+
+    def _reply(self, time_usec: int) -> None:
+        try:
+            self._socket.sendall(answer(self._motors, time_usec=time_usec))
+        except OSError:
+            return
+
+
+class World:
+    """Steps the links of some vehicles, as the world's loop does."""
+
+    def __init__(self, vehicles: int) -> None:
+        self.address = own_address()
+        self.places = [(self.address, 24000 + 10 * k + 9) for k in range(1, vehicles + 1)]
+        profile = {"rotors": [{"position_m": [0, 0, 0], "direction": "cw"}] * 4}
+        self.links = Px4Links(
+            [{"name": f"uav{k}", "simulator": list(place), "profile": profile} for k, place in enumerate(self.places, 1)]
+        )
+        self.said: list[str] = []
+        self.now = 0.0
+        self._sensors = sensors(vehicles)
+
+    def step(self, times: int = 1) -> Any:
+        for _ in range(times):
+            self.now += PERIOD_S
+            motors = self.links.step(self.now, self._sensors)
+            self.said += self.links.events()
+        return motors
+
+    def until(self, true: Callable[[], Any], limit_s: float = 10.0) -> Any:
+        """Step until this holds."""
+        deadline = time.monotonic() + limit_s
+        while not (found := true()):
+            assert time.monotonic() < deadline, (self.said, self.status())
+            self.step()
+        return found
+
+    def status(self) -> list[str]:
+        return [told["px4"] for told in self.links.stats().values()]
+
+    def until_in_step(self) -> None:
+        self.until(lambda: set(self.status()) == {"in step"})

@@ -1,0 +1,116 @@
+"""Where a PX4 is looked for, what counts as one, and which version it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from arena.errors import InputError, NotInstalledError
+from arena.plan import make_plan
+from arena.schema import load_arena
+from arena.schema.px4 import WAYS, find_px4, need_px4, version_of
+
+
+def build(folder: Path, version: str = "1.16.0", where: str = "build/px4_sitl_default") -> Path:
+    """A folder as PX4's build leaves it, with a binary that is none."""
+    binary = folder / where / "bin" / "px4"
+    binary.parent.mkdir(parents=True)
+    binary.write_bytes(b"\x7fELF\0\0v12345\0" + f"v{version}\0".encode() + b"\0v9.9.9\0")
+    binary.chmod(0o755)
+    rcs = folder / where / "etc" / "init.d-posix" / "rcS"
+    rcs.parent.mkdir(parents=True)
+    rcs.touch()
+    return folder
+
+
+@pytest.mark.parametrize("where", ["", "build/px4_sitl_default", "build/px4_sitl_nolockstep"])
+def test_a_source_tree_a_build_folder_and_an_installation_are_found(tmp_path: Path, where: str) -> None:
+    found = find_px4(str(build(tmp_path / "PX4", where=where)), {})
+    assert found is not None and found.version == "1.16.0" and found.source == "px4.home of the YAML"
+    assert found.argv == (str(tmp_path / "PX4" / where / "bin" / "px4"),)
+    assert found.data == str(tmp_path / "PX4" / where / "etc") and not found.stand_in
+
+
+def test_the_yaml_comes_first_then_the_environment_then_the_path(tmp_path: Path) -> None:
+    home, env, path = (build(tmp_path / name, version) for name, version in (("a", "1.16.0"), ("b", "1.15.4"), ("c", "1.17.0")))
+    everything = {"PX4_HOME": str(env), "PATH": str(path / "build" / "px4_sitl_default" / "bin")}
+
+    def version(home: Path | None, env: dict[str, str]) -> str:
+        found = find_px4(str(home) if home else None, env)
+        return found.version if found else ""
+
+    assert version(home, everything) == "1.16.0"
+    assert version(None, everything) == "1.15.4"
+    assert version(None, {"PATH": everything["PATH"]}) == "1.17.0"
+    assert version(None, {"PATH": str(tmp_path)}) == ""
+
+
+def test_who_names_a_folder_in_the_yaml_is_not_given_another_px4(tmp_path: Path) -> None:
+    other = build(tmp_path / "other")
+    assert find_px4(str(tmp_path / "empty"), {"PX4_HOME": str(other)}) is None
+
+
+def test_a_binary_that_may_not_be_run_or_has_no_startup_scripts_is_none(tmp_path: Path) -> None:
+    first = build(tmp_path / "a")
+    (first / "build/px4_sitl_default/bin/px4").chmod(0o644)
+    second = build(tmp_path / "b")
+    (second / "build/px4_sitl_default/etc/init.d-posix/rcS").unlink()
+    assert find_px4(str(first), {}) is None and find_px4(str(second), {}) is None
+
+
+@pytest.mark.parametrize(
+    ("content", "version"),
+    [(b"..\0v1.16.0\0..", "1.16.0"), (b"\0v1.17.0-beta1\0", "1.17.0-beta1"), (b"\0v1.16.0-2-g0123abc\0", "1.16.0-2-g0123abc"),
+     (b"version v1.16.0 of\0", ""), (b"\0v2.0.0\0", ""), (b"", "")],
+)  # fmt: skip
+def test_the_version_is_what_the_binary_says(tmp_path: Path, content: bytes, version: str) -> None:
+    (tmp_path / "px4").write_bytes(content)
+    assert version_of(tmp_path / "px4") == version
+
+
+def test_a_missing_binary_has_no_version(tmp_path: Path) -> None:
+    assert version_of(tmp_path / "px4") == ""
+
+
+def test_the_error_of_a_missing_px4_tells_where_it_looked_and_every_way_to_get_it(tmp_path: Path) -> None:
+    with pytest.raises(NotInstalledError) as error:
+        need_px4(None, {"PX4_HOME": str(tmp_path), "PATH": ""})
+    assert f"$PX4_HOME ({tmp_path})" in str(error.value) and error.value.exit_code == 2
+    assert all(way in str(error.value) for way in WAYS)
+
+
+def arena_file(folder: Path, more: str) -> Path:
+    file = folder / "arena.yaml"
+    file.write_text(f"vehicles: {{uav1: {{autopilot: px4}}}}\n{more}")
+    return file
+
+
+def test_the_word_stand_in_selects_the_stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    named = load_arena(arena_file(tmp_path, "px4: {home: stand-in}\n")).px4
+    assert named is not None and named.stand_in and named.argv[1:] == ("-m", "arena.autopilot.standin")
+    monkeypatch.setenv("PX4_HOME", "stand-in")
+    found = load_arena(arena_file(tmp_path, "")).px4
+    assert found is not None and found.stand_in and found.source == "$PX4_HOME" and "stand-in" in found.words
+
+
+def test_a_home_in_the_yaml_is_read_from_where_the_yaml_is(tmp_path: Path) -> None:
+    build(tmp_path / "PX4")
+    found = load_arena(arena_file(tmp_path, "px4: {home: ./PX4}\n")).px4
+    assert found is not None and found.version == "1.16.0"
+
+
+def test_a_home_without_px4_is_a_problem_of_that_line_and_names_the_doctor(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"arena.yaml:2: px4.home: got \./PX4, and no PX4 is there") as error:
+        load_arena(arena_file(tmp_path, "px4: {home: ./PX4}\n"))
+    assert "arena doctor" in str(error.value)
+
+
+def test_the_resolved_arena_flies_the_same_px4(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PX4_HOME", str(build(tmp_path / "PX4")))
+    plan = make_plan(load_arena(arena_file(tmp_path, "")))
+    monkeypatch.delenv("PX4_HOME")
+    again = tmp_path / "run" / "arena.yaml"
+    again.parent.mkdir()
+    again.write_text(plan.yaml)
+    assert make_plan(load_arena(again)).slices["px4.uav1.json"] == plan.slices["px4.uav1.json"]

@@ -1,0 +1,158 @@
+"""One vehicle's side of the simulator API, without sockets: what PX4 is sent and what is made of its answers."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.px4.link import SimulatorLink
+from arena.wire.truth import Truth
+
+from .fake import answer, sensors
+
+IMU, MAG, BARO = 0x03F, 0x1C0, 0x1A00
+SENSORS = sensors(1)
+
+
+def decoded(data: bytes) -> list[Any]:
+    found: list[Any] = mavlink.MAVLink(None).parse_buffer(data) or []
+    return found
+
+
+def in_step(link: SimulatorLink) -> SimulatorLink:
+    link.hear(answer([0.0] * 4, armed=False))
+    return link
+
+
+def test_a_sample_is_a_hil_sensor_with_these_bytes() -> None:
+    data = SimulatorLink(4).sample(1.5, SENSORS, 0)
+    assert data[0] == 0xFD and data[7:10] == bytes([107, 0, 0]) and len(data) == 10 + data[1] + 2
+    payload = data[10 : 10 + data[1]].ljust(65, b"\0")
+    time_usec, *floats = struct.unpack("<Q13f", payload[:60])
+    fields, sensor_id = struct.unpack("<IB", payload[60:])
+    accel, gyro, mag, (pressure_hpa, difference, height, celsius) = floats[:3], floats[3:6], floats[6:9], floats[9:]
+    assert time_usec == 1_500_000 and sensor_id == 0
+    assert accel == pytest.approx([0.01, -0.02, -9.81]) and gyro == pytest.approx([0.001, 0.002, -0.003])
+    assert mag == pytest.approx([0.2, 0.01, 0.43])
+    assert height == 488.0 and difference == 0.0 and celsius == 25.0
+    assert pressure_hpa == pytest.approx(956.0, abs=0.5)  # the standard atmosphere's at 488 m
+    assert fields == IMU | MAG | BARO
+
+
+def test_a_group_of_fields_is_sent_whole_or_not_at_all_and_each_at_its_rate() -> None:
+    link = SimulatorLink(4)
+    fields = [decoded(link.sample(0.004 * k, SENSORS, 0))[0].fields_updated for k in range(1, 61)]
+    for one in fields:
+        rest = one
+        for group in (IMU, MAG, BARO):
+            assert one & group in (0, group)
+            rest &= ~group
+        assert rest == 0 and one & IMU
+    assert sum(bool(f & MAG) for f in fields) == 20 and sum(bool(f & BARO) for f in fields) == 12
+
+
+def test_each_vehicle_gets_its_own_row() -> None:
+    three = sensors(3)
+    heights = [decoded(SimulatorLink(4).sample(1.0, three, row))[0].pressure_alt for row in range(3)]
+    assert heights == [488.0, 488.5, 489.0]
+
+
+def test_nothing_is_owed_before_px4_is_in_step_and_one_answer_a_sample_after() -> None:
+    link = SimulatorLink(4)
+    for k in range(20):
+        link.sample(0.004 * k, SENSORS, 0)
+    assert link.owed == 0 and not link.in_step
+    in_step(link)
+    assert link.in_step and link.owed == 0
+    link.sample(0.1, SENSORS, 0)
+    assert link.owed == 1
+    link.hear(answer([0.5] * 4))
+    assert link.owed == 0
+    link.hear(answer([0.5] * 4))  # one too many is no credit
+    link.sample(0.104, SENSORS, 0)
+    assert link.owed == 1
+
+
+def test_an_answer_without_the_lockstep_flag_does_not_begin_lockstep() -> None:
+    link = SimulatorLink(4)
+    m = mavlink.MAVLink_hil_actuator_controls_message(0, [0.0] * 16, 0, 0)
+    link.hear(m.pack(mavlink.MAVLink(None)))
+    assert not link.in_step
+
+
+def test_armed_motors_are_the_first_controls_held_to_0_and_1() -> None:
+    link = SimulatorLink(4)
+    link.hear(answer([0.1, 0.9, 1.7, -0.3, 0.8, 0.8]))
+    assert link.armed and link.motors == pytest.approx([0.1, 0.9, 1.0, 0.0])
+
+
+def test_a_disarmed_px4_has_motors_at_zero_whatever_it_says() -> None:
+    link = SimulatorLink(4)
+    link.hear(answer([0.6] * 4))
+    link.hear(answer([0.6] * 4, armed=False))
+    assert not link.armed and link.motors.tolist() == [0.0] * 4
+
+
+def test_controls_that_are_no_numbers_are_zero() -> None:
+    link = SimulatorLink(4)
+    link.hear(answer([math.nan, 0.5, math.inf, -math.inf]))
+    assert link.motors.tolist() == [0.0, 0.5, 0.0, 0.0]
+
+
+def test_an_answer_in_pieces_counts_once_it_is_whole() -> None:
+    link, data = SimulatorLink(4), answer([0.5] * 4)
+    for i in range(len(data)):
+        assert not link.in_step
+        link.hear(data[i : i + 1])
+    assert link.in_step and link.counts["answers"] == 1
+
+
+@given(st.binary(max_size=200))
+def test_garbage_never_raises_and_an_answer_behind_it_is_understood(rubbish: bytes) -> None:
+    link = SimulatorLink(4)
+    link.hear(rubbish)
+    # what looks like the head of a long frame swallows up to 280 bytes; after that the stream is itself again
+    for _ in range(10):
+        link.hear(answer([0.25] * 4))
+    assert link.in_step and link.motors == pytest.approx([0.25] * 4)
+
+
+def test_other_messages_than_answers_change_nothing() -> None:
+    link, codec = SimulatorLink(4), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    link.hear(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3).pack(codec))
+    link.hear(mavlink.MAVLink_command_long_message(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0).pack(codec))
+    assert not link.in_step and link.counts["answers"] == 0
+
+
+def test_a_new_connection_begins_anew() -> None:
+    link = SimulatorLink(4)
+    link.hear(answer([0.5] * 4))
+    link.hear(answer([0.5] * 4)[:20])
+    link.reset()
+    assert (link.in_step, link.armed, link.owed, link.motors.tolist()) == (False, False, 0, [0.0] * 4)
+    link.hear(answer([0.25] * 4))
+    assert link.counts["garbage"] == 0 and link.in_step
+
+
+def test_the_truth_goes_out_with_every_fifth_sample_in_the_units_of_the_message() -> None:
+    link = SimulatorLink(4)
+    row = {"q_nb": [0.5, 0.5, -0.5, 0.5], "p_n": [10.0, -20.0, -3.0], "v_n": [1.0, -2.0, 0.5], "omega_b": [0.1, 0.2, 0.3],
+           "accel_b": [0.0, 9.80665, -400.0], "motors": [0.0] * 4}  # fmt: skip
+    truth = Truth(time_s=1.0, **{key: np.array([value]) for key, value in row.items()})
+    sent = []
+    for k in range(10):
+        link.sample(0.004 * k, SENSORS, 0)
+        sent += decoded(link.truth(0.004 * k, truth, 0, (38.7, -9.1, 100.0)))
+    assert len(sent) == 2
+    m = sent[0]
+    assert m.attitude_quaternion == [0.5, 0.5, -0.5, 0.5] and (m.vx, m.vy, m.vz) == (100, -200, 50)
+    assert (m.rollspeed, m.pitchspeed, m.yawspeed) == pytest.approx((0.1, 0.2, 0.3))
+    assert m.lat == pytest.approx(387000899, abs=20) and m.lon == pytest.approx(-91002305, abs=20) and m.alt == 103_000
+    assert (m.xacc, m.yacc, m.zacc) == (0, 1000, -32768)  # milli-g, held to what the message can say

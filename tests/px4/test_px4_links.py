@@ -1,0 +1,130 @@
+"""Several PX4s in lockstep with one world, by fakes on real sockets: who is waited for, who is left out, what is said."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from arena.errors import RunError
+from arena.px4 import links as module
+from arena.px4.links import Px4Links
+
+from .fake import FakePx4, World
+
+LATE_S = 0.15
+
+
+@pytest.fixture(autouse=True)
+def soon_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LATE_S", LATE_S)
+
+
+@pytest.fixture
+def two() -> Iterator[World]:
+    made = World(2)
+    yield made
+    made.links.close()
+
+
+def connect(world: World) -> list[FakePx4]:
+    px4s = [FakePx4(place, [0.25 * (k + 1)] * 4) for k, place in enumerate(world.places)]
+    world.until_in_step()
+    return px4s
+
+
+def test_two_go_in_step_and_each_gets_every_sample_once_and_flies_its_own_motors(two: World) -> None:
+    px4s = connect(two)
+    before = [len(p.samples) for p in px4s]
+    motors = two.step(200)
+    assert [len(p.samples) for p in px4s] == [n + 200 for n in before]
+    for px4 in px4s:
+        stamps = np.diff([m.time_usec for m in px4.samples])
+        assert set(stamps) == {4000}
+    assert motors.tolist() == [[0.25] * 4, [0.5] * 4]
+    assert two.links.armed.tolist() == [True, True]
+    assert two.said == ["uav1: PX4 connected", "uav2: PX4 connected"]
+
+
+def test_the_world_steps_on_before_anybody_has_connected(two: World) -> None:
+    began = time.monotonic()
+    assert two.step(500).tolist() == [[0.0] * 4] * 2
+    assert time.monotonic() - began < 1.0
+    assert two.status() == ["never connected"] * 2
+
+
+def test_a_late_one_is_named_and_left_out_while_the_other_flies_on_then_it_rejoins(two: World) -> None:
+    px4s = connect(two)
+    px4s[0].mute()
+    began = time.monotonic()
+    motors = two.step()
+    assert LATE_S <= time.monotonic() - began < 1.0  # it was waited for, once
+    assert motors.tolist() == [[0.0] * 4, [0.5] * 4]
+    assert two.status() == ["late", "in step"]
+    assert two.said[2:] == [
+        f"uav1: PX4 has not answered for {LATE_S:g} s: stopped or overloaded; its motors stop until it answers, the world goes on"
+    ]
+    began = time.monotonic()
+    heard = len(px4s[1].samples)
+    two.step(100)
+    assert time.monotonic() - began < LATE_S  # and is waited for no more
+    assert len(px4s[1].samples) == heard + 100
+    px4s[0].speak()
+    two.until_in_step()
+    assert two.said[3].startswith("uav1: PX4 answers again after ") and len(two.said) == 4
+    assert two.step(50).tolist() == [[0.25] * 4, [0.5] * 4]
+
+
+def test_one_that_hangs_up_is_named_its_motors_stop_and_the_other_flies_on(two: World) -> None:
+    px4s = connect(two)
+    px4s[0].hang_up()
+    two.until(lambda: two.status()[0] == "gone")
+    assert two.step(50).tolist() == [[0.0] * 4, [0.5] * 4]
+    assert two.links.armed.tolist() == [False, True]
+    assert two.said[2:] == ["uav1: PX4 has closed the simulator link: its motors stop, the world goes on without it"]
+
+
+def test_one_that_connects_again_begins_anew_and_is_told(two: World) -> None:
+    px4s = connect(two)
+    px4s[0].hang_up()
+    two.until(lambda: two.status()[0] == "gone")
+    again = FakePx4(two.places[0], [0.75] * 4)
+    two.until_in_step()
+    assert two.said[-1] == "uav1: PX4 connected again"
+    assert two.step(10)[0] == pytest.approx([0.75] * 4) and len(again.samples) >= 10
+
+
+def test_one_that_hangs_up_while_it_is_waited_for_does_not_hold_the_world(two: World) -> None:
+    px4s = connect(two)
+    px4s[0].mute()
+    two.step()
+    px4s[0].hang_up()
+    two.until(lambda: two.status()[0] == "gone")
+    assert two.step(20)[1] == pytest.approx([0.5] * 4)
+
+
+def test_one_that_never_connects_is_told_once_with_its_port(two: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    FakePx4(two.places[1], [0.5] * 4)
+    two.until(lambda: two.status()[1] == "in step")
+    monkeypatch.setattr(module, "_NEVER_S", 0.0)
+    two.step(20)
+    host, port = two.places[0]
+    told = [text for text in two.said if "has not connected" in text]
+    assert told == [f"PX4 has not connected to the simulator port after 0 s: uav1 ({host}:{port}). Its log says why"]
+
+
+def test_a_port_that_is_taken_is_an_error_that_names_vehicle_and_address(two: World) -> None:
+    host, port = two.places[0]
+    with pytest.raises(RunError, match=f"uav9: cannot serve the simulator API on {host}:{port}: Address already in use"):
+        Px4Links([{"name": "uav9", "simulator": [host, port], "profile": {"rotors": [{}] * 4}}])
+
+
+def test_closing_lets_go_of_ports_and_connections(two: World) -> None:
+    connect(two)
+    two.links.close()
+    for place in two.places:
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(place, 1.0)

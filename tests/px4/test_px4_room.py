@@ -1,0 +1,203 @@
+"""`python -m arena.px4`: a PX4's folder and process, with the stand-in as the PX4."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from arena.autopilot.standin import BANNER, UP
+from arena.errors import RunError
+from arena.px4 import __main__ as room
+from arena.px4.__main__ import check_free, make_folder, text
+
+from .fake import World
+from .test_standin import slice_of
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    made = World(1)
+    yield made
+    made.links.close()
+
+
+@pytest.fixture
+def settings(tmp_path: Path, world: World) -> dict[str, Any]:
+    """Of a vehicle whose simulator API `world` serves."""
+    made = slice_of(tmp_path, world.address)
+    _, port = world.places[0]
+    made["scripts"]["px4-rc.mavlinksim"] = made["scripts"]["px4-rc.mavlinksim"].replace("24079", str(port))
+    return made
+
+
+class Started:
+    """The room as a process, with its line to a supervisor."""
+
+    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
+        (folder / "slice.json").write_text(json.dumps(settings))
+        self.line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.out = folder / "out.txt"
+        argv = [sys.executable, "-m", "arena.px4", str(folder / "slice.json")]
+        env = {**os.environ, "ARENA_FD": str(theirs.fileno())}
+        with self.out.open("wb") as out:
+            self.process = subprocess.Popen(argv, stdout=out, stderr=out, env=env, pass_fds=[theirs.fileno()])
+        theirs.close()
+        self.line.setblocking(False)
+        self.told: list[dict[str, Any]] = []
+
+    def hear(self) -> list[dict[str, Any]]:
+        while True:
+            try:
+                packet = self.line.recv(65536)
+            except BlockingIOError:
+                return self.told
+            if not packet:
+                return self.told
+            self.told.append(json.loads(packet))
+
+    @property
+    def said(self) -> str:
+        return self.out.read_text()
+
+    def standin(self) -> psutil.Process:
+        (child,) = psutil.Process(self.process.pid).children()
+        return child
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self.line.close()
+
+
+@pytest.fixture
+def started(tmp_path: Path, settings: dict[str, Any]) -> Iterator[Started]:
+    made = Started(tmp_path, settings)
+    yield made
+    made.end()
+
+
+def until_ready(started: Started, world: World) -> None:
+    world.until(lambda: {"ready": True} in started.hear() and world.status() == ["in step"], 30.0)
+
+
+def test_it_runs_the_stand_in_is_ready_once_that_is_up_and_ends_it_when_told(started: Started, world: World) -> None:
+    until_ready(started, world)
+    assert BANNER in started.said and UP in started.said
+    child = started.standin()
+    assert child.cmdline()[-6:-1] == ["-d", "-i", "6", "-w", str(Path(child.cmdline()[-2]))]
+    world.step(50)
+    started.process.send_signal(signal.SIGTERM)
+    world.until(lambda: started.process.poll() is not None)
+    assert started.process.returncode == 0 and not child.is_running()
+    assert not [t for t in started.hear() if "event" in t]
+
+
+def test_one_that_is_killed_is_told_by_name_and_signal_and_the_room_fails(started: Started, world: World) -> None:
+    until_ready(started, world)
+    started.standin().kill()
+    world.until(lambda: started.process.poll() is not None)
+    assert started.process.returncode == 1
+    told = "uav1: PX4 has ended by itself (killed by SIGKILL); nothing flies this vehicle any more"
+    assert {"event": told} in started.hear() and {"stats": {"ended": "killed by SIGKILL"}} in started.told
+    assert told in started.said
+    world.until(lambda: world.status() == ["gone"])
+
+
+def test_one_that_is_stopped_is_late_and_not_gone_and_goes_on_when_continued(started: Started, world: World) -> None:
+    until_ready(started, world)
+    child = started.standin()
+    child.suspend()
+    world.until(lambda: world.status() == ["late"])
+    assert started.process.poll() is None
+    child.resume()
+    world.until_in_step()
+    assert any("answers again" in text for text in world.said) and not [t for t in started.hear() if "event" in t]
+
+
+def test_the_killed_room_takes_its_px4_along(started: Started, world: World) -> None:
+    until_ready(started, world)
+    child = started.standin()
+    started.process.kill()
+    world.until(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE)
+
+
+def test_a_second_stand_in_of_one_instance_and_address_is_refused_by_its_lock(
+    started: Started, world: World, settings: dict[str, Any]
+) -> None:
+    until_ready(started, world)
+    folder = Path(settings["folder"])
+    env = {**os.environ, **{f"PX4_PARAM_{k}": text(v) for k, v in settings["params"].items()}}
+    argv = [*settings["argv"], "-d", "-i", "6", "-w", str(folder), str(folder / "etc")]
+    second = subprocess.run(argv, env=env, capture_output=True, text=True, timeout=30, check=False)
+    assert second.returncode == 1 and f"stand-in 6 of {world.address} is already running" in second.stderr
+
+
+def test_its_folder_is_the_installed_one_by_links_but_for_what_the_arena_writes(
+    tmp_path: Path, settings: dict[str, Any]
+) -> None:
+    data = tmp_path / "etc"
+    for name in ("init.d-posix/rcS", "init.d-posix/px4-rc.mavlink", "init.d-posix/airframes/1", "init.d/rc.mc", "extras.txt"):
+        (data / name).parent.mkdir(parents=True, exist_ok=True)
+        (data / name).write_text("installed")
+    folder = make_folder({**settings, "data": str(data)})
+    etc = folder / "etc"
+    for name in ("init.d-posix/rcS", "init.d-posix/airframes/1", "init.d/rc.mc", "extras.txt"):
+        assert (etc / name).read_text() == "installed" and (etc / name).resolve() == data / name
+    for name, content in settings["scripts"].items():
+        written = etc / "init.d-posix" / name
+        assert not written.is_symlink() and written.read_text() == content and os.access(written, os.X_OK)
+    assert (data / "init.d-posix/px4-rc.mavlink").read_text() == "installed"
+
+
+@pytest.mark.parametrize(("value", "words"), [(4, "4"), (4.0, "4.0"), (0.25, "0.25"), (1_000_000, "1000000"), (-1, "-1")])
+def test_a_parameter_is_written_as_its_type_is_read(value: float, words: str) -> None:
+    assert text(value) == words
+
+
+def with_free_ports(settings: dict[str, Any]) -> dict[str, Any]:
+    """Links on ports that nobody has on any address: other tests' arenas have those of the rule."""
+    links = {}
+    for name, link in settings["links"].items():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("0.0.0.0", 0))
+            links[name] = {**link, "local": [link["local"][0], free.getsockname()[1]]}
+    return {**settings, "links": links}
+
+
+@pytest.mark.parametrize("stand_in", [False, True])
+def test_a_port_that_is_taken_is_an_error_that_names_link_port_and_holder(settings: dict[str, Any], stand_in: bool) -> None:
+    given = {**with_free_ports(settings), "stand_in": stand_in}
+    check_free(given)
+    host, port = given["links"]["vision"]["local"]
+    said = rf"the vision link's UDP port {port} is taken by process {os.getpid()} \(.+\) on {host}"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind((host, port))
+        with pytest.raises(RunError, match=said):
+            check_free(given)
+
+
+def test_a_held_lock_of_the_instance_is_an_error_and_a_left_one_is_in_nobodys_way(
+    settings: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(room, "LOCK", str(tmp_path / "px4_lock-{instance}"))
+    given = {**with_free_ports(settings), "stand_in": False}
+    lock = tmp_path / "px4_lock-6"
+    lock.touch()
+    check_free(given)
+    with lock.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(RunError, match="PX4 instance 6 runs already: stop it, or give this vehicle another id"):
+            check_free(given)
+        check_free({**given, "stand_in": True})  # the stand-in has a lock of its own
