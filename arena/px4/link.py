@@ -44,7 +44,7 @@ class SimulatorLink:
         """A new PX4 has connected."""
         self.motors: Array = np.zeros(self._rotors)
         self.armed, self.in_step, self.owed = False, False, 0
-        self._samples = 0
+        self._samples, self._sent_us, self._stamped = 0, 0, False
         self._codec.buf, self._codec.buf_index = bytearray(), 0
 
     def sample(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
@@ -53,8 +53,9 @@ class SimulatorLink:
         fields |= _MAG if self._samples % _MAG_EVERY == 0 else 0
         fields |= _BARO if self._samples % _BARO_EVERY == 0 else 0
         height = float(sensors["baro_alt_m"][row])
+        self._sent_us = round(now * 1e6)
         m = mavlink.MAVLink_hil_sensor_message(
-            round(now * 1e6), *(x for key in ("accel_b", "gyro_b", "mag_b") for x in sensors[key][row].tolist()),
+            self._sent_us, *(x for key in ("accel_b", "gyro_b", "mag_b") for x in sensors[key][row].tolist()),
             pressure_hpa(height), 0.0, height, _CELSIUS, fields, 0,
         )  # fmt: skip
         self._samples += 1
@@ -87,7 +88,10 @@ class SimulatorLink:
 
     def _obey(self, m: Any) -> None:
         self.in_step = self.in_step or bool(m.flags & _LOCKSTEP)
-        self.owed = max(self.owed - 1, 0)
+        # PX4 stamps an answer with the time of the sample it answers, which tells those to the free run's samples apart.
+        self._stamped = self._stamped or m.time_usec == self._sent_us
+        if m.time_usec >= self._sent_us or not self._stamped:
+            self.owed = max(self.owed - 1, 0)
         self.armed = bool(m.mode & _ARMED)
         commands = [c if math.isfinite(c) else 0.0 for c in m.controls[: self._rotors]]
         self.motors = np.clip(commands, 0.0, 1.0) if self.armed else np.zeros(self._rotors)

@@ -146,8 +146,9 @@ class Px4Links:
         self._by_fd.pop(connection.fileno(), None)
         connection.close()
         server.connection, server.late_since = None, None
+        what = "its motors stop, the world goes on without it" if server.core.armed else "it was not armed"
         server.core.reset()
-        self._events.append(f"{server.name}: PX4 {why}: its motors stop, the world goes on without it")
+        self._events.append(f"{server.name}: PX4 {why}: {what}")
 
     # -- one step --------------------------------------------------------------------------------------------------------
 

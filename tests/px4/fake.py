@@ -44,9 +44,9 @@ def sensors(vehicles: int) -> dict[str, Any]:
 class FakePx4:
     """Connects, then answers every sample after the first `free_run` with `motors`, until it is told to be mute or hangs up."""
 
-    def __init__(self, address: tuple[str, int], motors: list[float], free_run: int = 3) -> None:
+    def __init__(self, address: tuple[str, int], motors: list[float], free_run: int = 3, armed: bool = True) -> None:
         self.samples: list[Any] = []
-        self._motors, self._free_run = motors, free_run
+        self._motors, self._free_run, self._armed = motors, free_run, armed
         self._speaks = threading.Event()
         self._speaks.set()
         self._socket = socket.create_connection(address, 5.0)
@@ -86,7 +86,7 @@ class FakePx4:
 
     def _reply(self, time_usec: int) -> None:
         try:
-            self._socket.sendall(answer(self._motors, time_usec=time_usec))
+            self._socket.sendall(answer(self._motors, armed=self._armed, time_usec=time_usec))
         except OSError:
             return
 

@@ -80,6 +80,28 @@ def test_nothing_is_owed_before_px4_is_in_step_and_one_answer_a_sample_after() -
     assert link.owed == 1
 
 
+def test_an_answer_to_an_older_sample_settles_nothing() -> None:
+    link = SimulatorLink(4)
+    for k in (1, 2, 3):
+        link.sample(0.004 * k, SENSORS, 0)
+    link.hear(answer([0.5] * 4, time_usec=8000) + answer([0.5] * 4, time_usec=12000))
+    link.sample(0.016, SENSORS, 0)
+    link.hear(answer([0.5] * 4, time_usec=12000))
+    assert link.owed == 1
+    link.hear(answer([0.5] * 4, time_usec=16000))
+    assert link.owed == 0
+
+
+def test_answers_of_a_px4_with_stamps_of_its_own_are_counted() -> None:
+    link = SimulatorLink(4)
+    link.sample(0.002, SENSORS, 0)
+    in_step(link)
+    for k in range(1, 4):
+        link.sample(0.004 * k, SENSORS, 0)
+        link.hear(answer([0.5] * 4, time_usec=3))
+        assert link.owed == 0
+
+
 def test_an_answer_without_the_lockstep_flag_does_not_begin_lockstep() -> None:
     link = SimulatorLink(4)
     m = mavlink.MAVLink_hil_actuator_controls_message(0, [0.0] * 16, 0, 0)

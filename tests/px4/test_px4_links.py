@@ -15,12 +15,18 @@ from arena.px4.links import Px4Links
 
 from .fake import FakePx4, World
 
-LATE_S = 0.15
+LATE_S = 0.3
+
+
+@pytest.fixture
+def soon_late(patient: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LATE_S", LATE_S)
 
 
 @pytest.fixture(autouse=True)
-def soon_late(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "LATE_S", LATE_S)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nobody should be late, a busy machine must not make them so."""
+    monkeypatch.setattr(module, "LATE_S", 5.0)
 
 
 @pytest.fixture
@@ -38,6 +44,7 @@ def connect(world: World) -> list[FakePx4]:
 
 def test_two_go_in_step_and_each_gets_every_sample_once_and_flies_its_own_motors(two: World) -> None:
     px4s = connect(two)
+    two.step()  # now nothing of the free run is under way
     before = [len(p.samples) for p in px4s]
     motors = two.step(200)
     assert [len(p.samples) for p in px4s] == [n + 200 for n in before]
@@ -56,7 +63,9 @@ def test_the_world_steps_on_before_anybody_has_connected(two: World) -> None:
     assert two.status() == ["never connected"] * 2
 
 
-def test_a_late_one_is_named_and_left_out_while_the_other_flies_on_then_it_rejoins(two: World) -> None:
+def test_a_late_one_is_named_and_left_out_while_the_other_flies_on_then_it_rejoins(
+    two: World, soon_late: None
+) -> None:
     px4s = connect(two)
     px4s[0].mute()
     began = time.monotonic()
@@ -87,6 +96,14 @@ def test_one_that_hangs_up_is_named_its_motors_stop_and_the_other_flies_on(two: 
     assert two.said[2:] == ["uav1: PX4 has closed the simulator link: its motors stop, the world goes on without it"]
 
 
+def test_one_that_hangs_up_disarmed_as_at_the_end_of_every_run_is_no_alarm(two: World) -> None:
+    px4 = FakePx4(two.places[0], [0.5] * 4, armed=False)
+    two.until(lambda: two.status()[0] == "in step")
+    px4.hang_up()
+    two.until(lambda: two.status()[0] == "gone")
+    assert two.said[-1] == "uav1: PX4 has closed the simulator link: it was not armed"
+
+
 def test_one_that_connects_again_begins_anew_and_is_told(two: World) -> None:
     px4s = connect(two)
     px4s[0].hang_up()
@@ -97,7 +114,7 @@ def test_one_that_connects_again_begins_anew_and_is_told(two: World) -> None:
     assert two.step(10)[0] == pytest.approx([0.75] * 4) and len(again.samples) >= 10
 
 
-def test_one_that_hangs_up_while_it_is_waited_for_does_not_hold_the_world(two: World) -> None:
+def test_one_that_hangs_up_while_it_is_waited_for_does_not_hold_the_world(two: World, soon_late: None) -> None:
     px4s = connect(two)
     px4s[0].mute()
     two.step()

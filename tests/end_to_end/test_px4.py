@@ -1,0 +1,212 @@
+"""Arenas that fly PX4: by the stand-in on every machine, and by the real one where PX4_HOME or PATH has it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.schema.px4 import find_px4
+from arena.supervise import open_run
+from arena.wire.codec import Codec
+
+from .flight import ROOT, Flight, Hangar, eventually
+
+pytestmark = pytest.mark.flight
+
+FIRST_ID = 200 + os.getpid() % 40
+"""PX4 binds its links on every address: ids that no other test's arena has."""
+VEHICLES = ("uav1", "uav2")
+BOTH = ("stand-in", pytest.param("real", marks=pytest.mark.px4))
+
+
+@pytest.fixture
+def px4(request: pytest.FixtureRequest) -> list[str]:
+    """The options that make `arena up` fly this one."""
+    if request.param == "stand-in":
+        return ["--set", "px4.home=stand-in"]
+    return real_px4()
+
+
+def real_px4() -> list[str]:
+    found = find_px4()
+    if found is None or found.stand_in:
+        pytest.skip("no PX4 is found: set PX4_HOME")
+    return []
+
+
+def flown_by_px4(*vehicles: str) -> list[str]:
+    sets = [f"vehicles.{name}.{what}" for i, name in enumerate(vehicles) for what in ("autopilot=px4", f"id={FIRST_ID + i}")]
+    return [word for each in sets for word in ("--set", each)]
+
+
+def px4_process(flight: Flight, vehicle: str) -> psutil.Process:
+    """The PX4 itself, below the process that looks after it."""
+    run = open_run(flight.folder)
+    assert run is not None
+    (child,) = psutil.Process(run.processes[f"px4.{vehicle}"].pid).children()
+    return child
+
+
+@pytest.mark.parametrize("px4", BOTH, indirect=True)
+def test_px4_and_the_built_in_autopilot_fly_side_by_side_in_one_arena(hangar: Hangar, px4: list[str]) -> None:
+    flight = hangar.fly(
+        {"uav1": "lands", "uav2": "lands"}, "--until-done", "--time-limit", "90", *px4, *flown_by_px4("uav1")
+    )
+    code = flight.wait(150)
+    assert code == 0, flight.said()
+    for vehicle in ("uav1", "uav2"):
+        told = flight.summary["vehicles"][vehicle]
+        assert told["landing"]["landed"] and told["crashed"] == "" and told["verdict"]["max_height_m"] > 0.9, vehicle
+        assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"]), vehicle
+    assert set(flight.summary["px4"]) == {"uav1"}
+    assert flight.summary["px4"]["uav1"]["stand_in"] is bool(px4) and flight.summary["px4"]["uav1"]["ended"] == ""
+    assert ("This is not PX4" in flight.log("px4.uav1")) is bool(px4)
+    assert ("arena's stand-in for PX4" in flight.said()) is bool(px4)
+    assert flight.stats("world")["autopilot"]["uav1"]["answers"] > 250 * 5
+    assert "the world goes on without it" not in flight.said()
+    flight.assert_nothing_left()
+
+
+@pytest.mark.parametrize("px4", BOTH, indirect=True)
+def test_one_killed_and_one_stopped_for_3_s_are_told_apart_and_the_others_fly_on(hangar: Hangar, px4: list[str]) -> None:
+    flight = hangar.fly(
+        {"uav1": "hovers", "uav2": "hovers", "uav3": "tours"}, "--until-done", "--time-limit", "60", *px4,
+        *flown_by_px4("uav1", "uav2"),
+    )  # fmt: skip
+    flight.until_up(0.8, 60)
+    killed, stopped = px4_process(flight, "uav1"), px4_process(flight, "uav2")
+    began = flight.truth().time_s
+    killed.kill()
+    stopped.suspend()
+    try:
+        eventually(lambda: flight.truth().time_s > began + 3.0, 30, "the world steps on", flight.said)
+        assert "uav2: PX4 answers again" not in flight.said()
+    finally:
+        stopped.resume()
+    flight.until_said("uav2: PX4 answers again after ", 10)
+    assert flight.wait(120) == 1
+    said, summary = flight.said(), flight.summary
+    assert "uav1: PX4 has closed the simulator link: its motors stop, the world goes on without it" in said
+    assert "uav1: PX4 has ended by itself (killed by SIGKILL); nothing flies this vehicle any more" in said
+    assert "uav2: PX4 has not answered for 0.5 s" in said and "uav2: PX4 has ended by itself" not in said
+    assert any(words.startswith("px4.uav1: exit 1") for words in summary["failed"]), summary["failed"]
+    assert not any("px4.uav2" in words for words in summary["failed"])
+    assert summary["px4"]["uav1"]["ended"] == "killed by SIGKILL" and summary["px4"]["uav2"]["ended"] == ""
+    assert "ENDED BY ITSELF (killed by SIGKILL)" in (flight.folder / "summary.txt").read_text()
+    third = summary["vehicles"]["uav3"]
+    assert third["landing"]["landed"] and third["crashed"] == "" and third["verdict"]["max_height_m"] > 1.2
+    assert summary["processes"]["program.uav3"]["exit_code"] == 0
+    flight.assert_nothing_left()
+
+
+class GroundStation:
+    """Listens at an arena's port for ground stations. newest: (system, message type) -> message."""
+
+    def __init__(self, address: str) -> None:
+        self.newest: dict[tuple[int, str], Any] = {}
+        self.texts: list[str] = []
+        self.while_armed: dict[int, Any] = {}
+        self._armed: set[int] = set()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((address, 14550))
+        self._codec = Codec(255, 190)
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._thread.join(5.0)
+        self._socket.close()
+
+    def _listen(self) -> None:
+        while data := self._receive():
+            for m in self._codec.parse(data):
+                self._hear(m, m.get_srcSystem())
+
+    def _receive(self) -> bytes:
+        try:
+            return self._socket.recv(65536)
+        except OSError:
+            return b""
+
+    def _hear(self, m: Any, system: int) -> None:
+        self.newest[system, m.get_type()] = m
+        if m.get_type() == "HEARTBEAT":
+            (self._armed.add if m.base_mode & 128 else self._armed.discard)(system)
+        elif m.get_type() == "ESTIMATOR_STATUS" and system in self._armed:
+            self.while_armed[system] = m
+        elif m.get_type() == "STATUSTEXT":
+            self.texts.append(m.text)
+
+
+Example = tuple[Flight, GroundStation]
+
+
+@pytest.fixture(scope="module")
+def example(shared_hangar: Hangar) -> Iterator[Example]:
+    """The first example, as it is, flown by the real PX4."""
+    real_px4()
+    station = GroundStation(shared_hangar.address)
+    yaml = ROOT / "examples" / "01_two_quads" / "arena.yaml"
+    ids = [word for i, name in enumerate(VEHICLES) for word in ("--set", f"vehicles.{name}.id={FIRST_ID + i}")]
+    flight = shared_hangar.up(yaml, "--until-done", "--time-limit", "120", "--set", "defaults.autopilot=px4", *ids)
+    code = flight.wait(180)
+    station.close()
+    print(flight.said())
+    assert code == 0, flight.said()
+    yield flight, station
+
+
+@pytest.mark.px4
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_the_first_example_reaches_every_setpoint_with_the_real_px4(example: Example, vehicle: str) -> None:
+    told = example[0].summary["vehicles"][vehicle]
+    assert told["judged_by"] == "truth" and len(told["setpoints"]["each"]) == 5
+    assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"])
+    assert told["landing"]["landed"] and told["landing"]["error_m"] <= 0.3 and told["crashed"] == ""
+
+
+@pytest.mark.px4
+@pytest.mark.parametrize("system", [FIRST_ID, FIRST_ID + 1])
+def test_its_estimator_fused_vision_and_nothing_hindered_another_start(example: Example, system: int) -> None:
+    station = example[1]
+    status = station.while_armed[system]
+    held = mavlink.ESTIMATOR_ATTITUDE | mavlink.ESTIMATOR_VELOCITY_HORIZ | mavlink.ESTIMATOR_VELOCITY_VERT
+    held |= mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_VERT_ABS
+    assert status.flags & held == held and not status.flags & mavlink.ESTIMATOR_CONST_POS_MODE
+    assert 0.0 < status.pos_horiz_ratio < 0.5 and status.pos_horiz_accuracy < 0.1
+    health = station.newest[system, "SYS_STATUS"]
+    assert health.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    assert not [text for text in station.texts if "Preflight Fail" in text or "ailsafe" in text]
+
+
+@pytest.mark.px4
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_its_own_log_lies_in_the_run_and_the_summary_says_where(example: Example, vehicle: str) -> None:
+    flight, _ = example
+    told = flight.summary["px4"][vehicle]
+    assert told["version"].startswith("1.") and not told["stand_in"] and len(told["ulogs"]) == 1
+    log = flight.folder / told["ulogs"][0]
+    assert log.read_bytes()[:7] == b"ULog\x01\x12\x35" and log.stat().st_size > 1_000_000
+    assert told["ulogs"][0] in Path(flight.folder, "summary.txt").read_text()
+
+
+@pytest.mark.px4
+def test_both_are_armed_in_time_and_nothing_of_the_real_px4_is_left(example: Example) -> None:
+    flight, _ = example
+    first_up = max(flight.summary["vehicles"][v]["airborne_after_s"] for v in VEHICLES)
+    print(f"all airborne after {first_up} s")
+    assert first_up < 20.0  # 12 s to armed is promised; the machine may be shared
+    flight.assert_nothing_left()
+    names = [p.name() for p in psutil.process_iter() if p.name() == "px4" and str(flight.folder) in " ".join(p.cmdline())]
+    assert names == []
