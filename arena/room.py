@@ -2,6 +2,7 @@
 
 The supervisor gives each child one end of a local packet socket (its number in ARENA_FD). The child tells on it, one JSON
 object a packet:
+    {"entered": true}                it has loaded what it runs on, which is when a start costs no more
     {"ready": true}                  the process serves
     {"facts": {"uav1.armed": true}}  what the supervisor's order and `--until-done` depend on
     {"stats": {...}}                 figures for the table and the summary; the last packet wins, key by key
@@ -53,6 +54,7 @@ class Room:
         _set_title(f"arena:{room.name}")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, room._stop)
+        room._tell({"entered": True})
         return room
 
     @property

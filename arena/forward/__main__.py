@@ -32,6 +32,32 @@ def main() -> int:
     return 0
 
 
+class _Rest:
+    """Two frames of three are not for the autopilot: sleep through most of the time to the next that is, rather than be woken for
+    each. The pause follows the poses as they really come, so it is right at any speed of the simulation. period_s: the longest.
+    """
+
+    _SHARE = 0.7
+    _SHORTEST_S = 0.003
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._sent = -1e9
+        self._gap_s = 0.0
+
+    def sent(self, wall: float) -> None:
+        """A pose has just gone out. wall: monotonic [s]."""
+        gap = min(wall - self._sent, self._period_s)
+        self._gap_s += 0.2 * (gap - self._gap_s)
+        self._sent = wall
+
+    def take(self) -> None:
+        """Sleep until most of the usual gap since the last pose has passed; at once when that is over, or short."""
+        pause = self._sent + self._SHARE * self._gap_s - time.monotonic()
+        if pause > self._SHORTEST_S:
+            time.sleep(pause)
+
+
 class _Shell:
     def __init__(self, room: Room) -> None:
         s = room.settings
@@ -43,6 +69,7 @@ class _Shell:
         self.after = Afterlife(limit_s=60.0 if self.simulated else None)
         self.told, self.poses_then, self.ready = time.monotonic(), 0, False
         self.poses_from: float | None = None
+        self.rest = _Rest(1.0 / float(s["rate_hz"]))
 
     def serve(self) -> None:
         """Until told to stop; without a supervisor, until the vehicle is disarmed."""
@@ -51,9 +78,13 @@ class _Shell:
         selector.register(self.link, selectors.EVENT_READ)
         next_tick = time.monotonic()
         while not self.room.stopping:
+            self.rest.take()
             selector.select(max(0.0, next_tick - time.monotonic()))
             now, wall = self.clock.now(), time.monotonic()
-            self._send(self.core.on_frames(self.capture.poll(now), now))
+            pose = self.core.on_frames(self.capture.poll(now), now)
+            self._send(pose)
+            if pose is not None:
+                self.rest.sent(wall)
             self._hear_link(now)
             if wall >= next_tick:
                 next_tick = wall + _TICK_S

@@ -9,6 +9,16 @@ Array = NDArray[np.float64]
 
 _TINY = 1e-8
 
+# Row 4 i + j: what the product of the i-th of a and the j-th of b adds to w, x, y, z (Hamilton: ij = k).
+_HAMILTON = np.zeros((16, 4))
+for _i, _j, _k, _sign in (
+    (0, 0, 0, 1), (1, 1, 0, -1), (2, 2, 0, -1), (3, 3, 0, -1),
+    (0, 1, 1, 1), (1, 0, 1, 1), (2, 3, 1, 1), (3, 2, 1, -1),
+    (0, 2, 2, 1), (1, 3, 2, -1), (2, 0, 2, 1), (3, 1, 2, 1),
+    (0, 3, 3, 1), (1, 2, 3, 1), (2, 1, 3, -1), (3, 0, 3, 1),
+):  # fmt: skip
+    _HAMILTON[4 * _i + _j, _k] = _sign
+
 
 def wrap_pi(angle: ArrayLike) -> Array:
     """angle [rad] (...) -> the same angle in [-pi, pi)."""
@@ -18,14 +28,9 @@ def wrap_pi(angle: ArrayLike) -> Array:
 def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product a * b [-] wxyz (..., 4): rotate by b, then by a."""
     a, b = np.asarray(a, float), np.asarray(b, float)
-    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
-    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0] = aw * bw - ax * bx - ay * by - az * bz
-    out[..., 1] = aw * bx + ax * bw + ay * bz - az * by
-    out[..., 2] = aw * by - ax * bz + ay * bw + az * bx
-    out[..., 3] = aw * bz + ax * by - ay * bx + az * bw
-    return out
+    # All sixteen products at once, then their signed sums: three numpy calls instead of thirty.
+    products = a[..., :, None] * b[..., None, :]
+    return np.asarray(products.reshape(*products.shape[:-2], 16) @ _HAMILTON)
 
 
 def quat_conj(q: ArrayLike) -> Array:

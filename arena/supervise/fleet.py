@@ -5,6 +5,7 @@ Knows processes and facts, not why a run ends. Called by the loop only.
 
 from __future__ import annotations
 
+import os
 import selectors
 import signal
 import time
@@ -21,6 +22,11 @@ from arena.supervise.meter import Meter
 from arena.supervise.runfolder import Member, RunFolder
 
 _MOST_NAMES = 2000
+
+# Loading Python and its packages keeps a core busy for some 0.2 s. Thirty processes that do it at once would starve the world
+# they are started for, so as many as there are cores do; one that tells nothing counts for a moment.
+AT_ONCE = max(2, os.cpu_count() or 2)
+_LOADING_S, _SILENT_LOADING_S = 1.0, 0.3
 
 
 @dataclass(kw_only=True)
@@ -52,6 +58,7 @@ class Fleet:
         self._selector = selector
         self._teller: dict[str, str] = {}
         self._ready: set[str] = set()
+        self._loading: dict[str, float] = {}
         self._exits: dict[str, Exit] = {}
         self._restarts: set[str] = set()
 
@@ -68,6 +75,7 @@ class Fleet:
         """One round: reap, then a step for every process, again while something changed (an order of starts is a chain)."""
         for _ in range(2 + len(self.specs)):
             self.changed = False
+            self._loading = {name: until for name, until in self._loading.items() if until > now and name in self.children}
             self._reap(now)
             for name, spec in self.specs.items():
                 self._step(spec, self._see(name, spec, orders), now)
@@ -99,8 +107,10 @@ class Fleet:
         needs = [(self.specs[n], self.lives[n]) for n in spec.needs if n in self.specs]
         restart = name in self._restarts
         self._restarts.discard(name)
+        # Only first starts queue: what is started again in flight is needed now.
+        may_load = life.started > 0 or len(self._loading) < AT_ONCE
         return Seen(
-            needs_ready=all(ending.is_served(*need) for need in needs),
+            needs_ready=may_load and all(ending.is_served(*need) for need in needs),
             needs_dead=next((need.name for need, its in needs if ending.is_dead(need, its)), ""),
             proof=self._proof(name, spec) if life.state is State.STARTING and exit is None else "",
             exit=exit,
@@ -158,6 +168,7 @@ class Fleet:
             self._exits[spec.name] = Exit(code=127, words=f"could not start: {where}: {what}", ran=False)
             return
         self.children[spec.name] = child
+        self._loading[spec.name] = now + (_LOADING_S if spec.ready == "told" else _SILENT_LOADING_S)
         self.meters[spec.name].started(now)
         if child.line is not None:
             self._selector.register(child.line, selectors.EVENT_READ, lambda: self._hear(child))
@@ -176,6 +187,8 @@ class Fleet:
             self.journal.event(now, name, "sent something on its line that is not a JSON object: ignored, counted")
 
     def _take(self, name: str, packet: Mapping[str, Any]) -> None:
+        if packet.get("entered") is True or packet.get("ready") is True:
+            self.changed = self._loading.pop(name, None) is not None or self.changed
         if packet.get("ready") is True and name not in self._ready:
             self._ready.add(name)
             self.changed = True

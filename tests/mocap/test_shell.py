@@ -77,7 +77,7 @@ def emulator(tmp_path, address: str, **changes):
     process = subprocess.Popen(command, env=env, pass_fds=[theirs.fileno()])
     theirs.close()
     try:
-        assert json.loads(ours.recv(4096)) == {"ready": True}
+        assert [json.loads(ours.recv(4096)) for _ in range(2)] == [{"entered": True}, {"ready": True}]
         yield settings
     finally:
         process.terminate()

@@ -46,6 +46,7 @@ class Running:
         self.vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.vehicle.bind(HERE)
         self.csv = folder / "csv" / "uav1.csv"
+        assert json.loads(self.line.recv(4096)) == {"entered": True}
         assert json.loads(self.line.recv(4096))["ready"] is True
 
     def rows(self) -> list[list[str]]:

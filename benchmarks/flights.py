@@ -1,6 +1,6 @@
 """Whole arenas of 1, 2 and 10 vehicles in real time: does time keep its pace, do frames and poses, and at what cost?
 
-    python benchmarks/arena.py [--vehicles 1 2 10] [--repeat 1]
+    python benchmarks/flights.py [--vehicles 1 2 10] [--repeat 1]
 
 Flies the first example's program with every vehicle, forwarders, router and loggers included, and prints one line per flight.
 Quote medians of several; the machine's other work shows in every column.
@@ -52,11 +52,11 @@ def fly(count: int) -> dict[str, Any]:
 
 def row_of(count: int, code: int, summary: dict[str, Any], outcome: dict[str, Any]) -> dict[str, Any]:
     world, vehicles, processes = summary["world"], summary["vehicles"].values(), outcome["processes"]
-    poses = [p["stats"]["poses"] / p["alive_s"] for n, p in processes.items() if n.startswith("forward.")]
+    poses = [p["stats"]["rate_hz"] for n, p in processes.items() if n.startswith("forward.")]
     airborne = [v["airborne_after_s"] for v in vehicles]
     cells = (
         count, code, min(airborne), max(airborne), world["lateness_p99_ms"], world["lateness_worst_ms"],
-        world["rtf_min"], world["rtf_max"], processes["mocap"]["stats"]["frames"] / processes["mocap"]["alive_s"], min(poses),
+        world["rtf_min"], world["rtf_max"], processes["mocap"]["stats"]["rate_hz"], min(poses),
         max(v["setpoints"]["worst_m"] for v in vehicles), max(v["landing"]["error_m"] for v in vehicles),
         sum(p["cpu_mean"] for p in processes.values()), processes["world"]["cpu_mean"],
     )  # fmt: skip
