@@ -28,6 +28,7 @@ LOG_KEPT_BYTES = 1 << 20
 RUN, PROCESS = "ARENA_RUN", "ARENA_PROCESS"
 _PACKET_BYTES = 1 << 18
 _PACKETS_PER_TURN = 64
+_AUTOGROUP = Path("/proc/self/autogroup")
 _PR_SET_PDEATHSIG = 1
 _PR_SET_CHILD_SUBREAPER = 36
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -200,6 +201,10 @@ def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
         if nice:
             with contextlib.suppress(OSError):
                 os.setpriority(os.PRIO_PROCESS, 0, nice)
+            # Where the kernel groups by session, every session has an equal share whatever its processes' nice values say: the
+            # group has a nice value of its own.
+            with contextlib.suppress(OSError):
+                _AUTOGROUP.write_text(str(nice))
 
     return prepare
 
