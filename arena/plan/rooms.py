@@ -23,11 +23,17 @@ def link_of(arena: Arena, vehicle: Vehicle, name: str) -> Link:
     """name: router, vision or panic."""
     ports, ends = vehicle.ports, {"router": "router", "vision": "forwarder", "panic": "land_all"}
     return Link(
-        autopilot_host=arena.address,
+        autopilot_host=_speaks_from(arena, vehicle),
         autopilot_port=getattr(ports, f"{name}_autopilot"),
         partner_host=arena.address,
         partner_port=getattr(ports, f"{name}_{ends[name]}"),
     )
+
+
+def _speaks_from(arena: Arena, vehicle: Vehicle) -> str:
+    """PX4's sockets are bound to no address, so on the loopback the kernel sends from 127.0.0.1 whatever the partner's is."""
+    real_px4 = vehicle.autopilot == "px4" and arena.px4 is not None and not arena.px4.stand_in
+    return "127.0.0.1" if real_px4 and arena.address.startswith("127.") else arena.address
 
 
 def autopilot_end(link: Link) -> Json:

@@ -114,3 +114,14 @@ def test_the_resolved_arena_flies_the_same_px4(tmp_path: Path, monkeypatch: pyte
     again.parent.mkdir()
     again.write_text(plan.yaml)
     assert make_plan(load_arena(again)).slices["px4.uav1.json"] == plan.slices["px4.uav1.json"]
+
+
+def test_on_another_loopback_address_a_real_px4_is_met_at_127_0_0_1_where_the_kernel_lets_it_speak_from(tmp_path: Path) -> None:
+    build(tmp_path / "PX4")
+    for home, host in (("./PX4", "127.0.0.1"), ("stand-in", "127.60.0.9")):
+        plan = make_plan(load_arena(arena_file(tmp_path, f"address: 127.60.0.9\npx4: {{home: {home}}}\n")))
+        router, forward = plan.slices["router.json"]["vehicles"][0]["link"], plan.slices["forward.uav1.json"]["link"]
+        assert (router["local"], router["remote"]) == (["127.60.0.9", 24011], [host, 24010])
+        assert (forward["local"], forward["remote"]) == (["127.60.0.9", 24013], [host, 24012])
+        assert plan.vehicles[0].panic.autopilot_host == host and plan.vehicles[0].panic.partner_host == "127.60.0.9"
+        assert "-u 24010 -t 127.60.0.9 -o 24011" in plan.slices["px4.uav1.json"]["scripts"]["px4-rc.mavlink"]
