@@ -19,7 +19,7 @@ ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFER
 
 # While thirty processes start at once on two cores, time itself must go on: the world comes first, then what carries poses and
 # messages, then programs, then loggers. A negative value is taken where the system allows it.
-NICE_PROGRAM, NICE_LOGGER = 10, 12
+NICE_PROGRAM, NICE_LOGGER = 2, 6
 
 # kind -> (module, cpu budget [cores], memory budget [MB], further fields)
 _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
