@@ -1,0 +1,93 @@
+"""What a whole run makes of its PX4s: when it is over, what it was worth, what the summary says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from arena.plan import Plan, make_plan
+from arena.record.report import report
+from arena.schema import load_arena
+from arena.supervise.ending import Cause, End, failures, grounded, is_done, may_fly
+from arena.supervise.life import Exit, Life, State
+
+READY = Life(state=State.READY, started=1)
+DONE = Life(state=State.EXITED, started=1, exit=Exit(code=0, words="exit 0"))
+DIED = Life(state=State.EXITED, started=1, reason="exit 1", exit=Exit(code=1, words="exit 1"))
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Plan:
+    """uav1 and uav2 fly PX4, uav3 the built-in autopilot."""
+    file = tmp_path / "arena.yaml"
+    file.write_text(
+        "px4: {home: stand-in}\nvehicles: {uav1: {autopilot: px4}, uav2: {autopilot: px4, start: {position: [1, 0, 0]}},"
+        " uav3: {autopilot: builtin, start: {position: [2, 0, 0]}}}\n"
+    )
+    return make_plan(load_arena(file))
+
+
+def lives_of(plan: Plan, **others: Life) -> dict[str, Life]:
+    return {**{p.name: READY for p in plan.processes}, **{k.replace("_", "."): v for k, v in others.items()}}
+
+
+def test_a_vehicle_whose_px4_has_ended_stands_still_and_the_others_are_what_they_say(plan: Plan) -> None:
+    armed = {f"uav{k}.armed": True for k in (1, 2, 3)}
+    lives = lives_of(plan, px4_uav1=DIED)
+    assert grounded(plan, lives) == {"uav1"}
+    assert may_fly(plan, lives, armed, armed) == ["uav2", "uav3"]
+    assert may_fly(plan, lives_of(plan), armed, armed) == ["uav1", "uav2", "uav3"]
+
+
+def test_a_run_ends_though_a_killed_px4_never_said_that_it_is_disarmed(plan: Plan) -> None:
+    facts = {"uav1.armed": True, "uav2.armed": False, "uav3.armed": False}
+    assert not is_done(plan, lives_of(plan), facts)
+    assert is_done(plan, lives_of(plan, px4_uav1=DIED), facts)
+    assert not is_done(plan, lives_of(plan, px4_uav2=DIED), facts)
+    assert is_done(plan, lives_of(plan, px4_uav1=DIED), {"uav2.armed": False, "uav3.armed": False})
+
+
+def test_a_px4_that_ended_before_the_end_makes_the_run_a_failed_one_and_one_that_was_stopped_does_not(plan: Plan) -> None:
+    def failed(then: Life) -> list[str]:
+        lives = lives_of(plan, px4_uav1=then)
+        end = End(cause=Cause.DONE, why="done", lives=lives)
+        return failures(plan, end, {**lives, **{p.name: DONE for p in plan.processes}}, {}, landed=True, until_done=True)
+
+    assert failed(DIED) == ["px4.uav1: exit 1"]
+    assert failed(READY) == []
+
+
+def write_run(folder: Path, plan: Plan, ended: str) -> Path:
+    """A run as far as the report asks for PX4: two flew it, one wrote a log."""
+    (folder / "px4/uav1/log/2026-01-02").mkdir(parents=True)
+    (folder / "px4/uav1/log/2026-01-02/10_11_12.ulg").write_bytes(b"ULog")
+    (folder / "px4/uav1/log/data.txt").touch()
+    (folder / "plan.json").write_text(plan.to_json())
+    row: dict[str, Any] = {"state": "EXITED", "cpu_mean": 0.1, "rss_peak_mb": 30.0, "starts": 1, "exit": "exit 1"}
+    processes = {"px4.uav1": {**row, "stats": {"ended": ended} if ended else {}}, "px4.uav2": row}
+    outcome = {"name": "lab", "exit_code": 1, "failed": [], "reason": "done", "duration_s": 1.0, "processes": processes}
+    (folder / "outcome.json").write_text(json.dumps(outcome))
+    return folder
+
+
+def test_the_summary_tells_which_px4_flew_where_its_logs_are_and_which_ended_by_itself(plan: Plan, tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run", plan, "killed by SIGKILL")
+    text = report(run)
+    assert "uav1: arena's stand-in for PX4 ENDED BY ITSELF (killed by SIGKILL); ULogs: px4/uav1/log/2026-01-02/10_11_12" in text
+    assert "uav2: arena's stand-in for PX4; ULogs: none" in text and "uav3: arena" not in text
+    found = json.loads((run / "summary.json").read_text())["px4"]
+    assert found["uav1"] == {
+        "version": "", "stand_in": True, "ended": "killed by SIGKILL", "ulogs": ["px4/uav1/log/2026-01-02/10_11_12.ulg"],
+    }  # fmt: skip
+    assert set(found) == {"uav1", "uav2"} and found["uav2"]["ended"] == ""
+
+
+def test_the_version_of_a_real_one_is_told(plan: Plan, tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run", plan, "")
+    whole = json.loads((run / "plan.json").read_text())
+    whole["slices"]["px4.uav1.json"] |= {"version": "1.16.0", "stand_in": False}
+    (run / "plan.json").write_text(json.dumps(whole))
+    assert "uav1: PX4 1.16.0; ULogs: px4/uav1/log/2026-01-02/10_11_12.ulg" in report(run)
