@@ -8,7 +8,7 @@ for a half one is refused.
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -25,6 +25,7 @@ _IMU, _MAG, _BARO = 0x03F, 0x1C0, 0x1A00
 _MAG_EVERY, _BARO_EVERY, _TRUTH_EVERY = 3, 5, 5
 _ARMED, _LOCKSTEP = 128, 1
 _CELSIUS = 25.0
+_LATELY = 256
 
 
 class SimulatorLink:
@@ -45,6 +46,7 @@ class SimulatorLink:
         self.motors: Array = np.zeros(self._rotors)
         self.armed, self.in_step, self.owed = False, False, 0
         self._samples, self._sent_us, self._stamped = 0, 0, False
+        self._sent_lately: deque[int] = deque(maxlen=_LATELY)
         self._codec.buf, self._codec.buf_index = bytearray(), 0
 
     def sample(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
@@ -54,6 +56,7 @@ class SimulatorLink:
         fields |= _BARO if self._samples % _BARO_EVERY == 0 else 0
         height = float(sensors["baro_alt_m"][row])
         self._sent_us = round(now * 1e6)
+        self._sent_lately.append(self._sent_us)
         m = mavlink.MAVLink_hil_sensor_message(
             self._sent_us, *(x for key in ("accel_b", "gyro_b", "mag_b") for x in sensors[key][row].tolist()),
             pressure_hpa(height), 0.0, height, _CELSIUS, fields, 0,
@@ -89,7 +92,7 @@ class SimulatorLink:
     def _obey(self, m: Any) -> None:
         self.in_step = self.in_step or bool(m.flags & _LOCKSTEP)
         # PX4 stamps an answer with the time of the sample it answers, which tells those to the free run's samples apart.
-        self._stamped = self._stamped or m.time_usec == self._sent_us
+        self._stamped = self._stamped or m.time_usec in self._sent_lately
         if m.time_usec >= self._sent_us or not self._stamped:
             self.owed = max(self.owed - 1, 0)
         self.armed = bool(m.mode & _ARMED)
