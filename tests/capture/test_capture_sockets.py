@@ -90,7 +90,7 @@ def test_the_second_question_follows_the_first_answer_without_a_pause(server):
     begin = time.monotonic()
     server.shake(capture)
     capture.close()
-    assert time.monotonic() - begin < 0.4
+    assert time.monotonic() - begin < 0.5
 
 
 def test_an_unanswered_question_is_asked_again_without_blocking(server):
@@ -101,7 +101,7 @@ def test_an_unanswered_question_is_asked_again_without_blocking(server):
     while time.monotonic() < end:
         begin = time.monotonic()
         capture.poll(0.0)
-        assert time.monotonic() - begin < 0.2
+        assert time.monotonic() - begin < 0.45
         try:
             server.asked(natnet.CONNECT)
             asked += 1

@@ -160,7 +160,7 @@ def test_a_chatterbox_neither_stops_the_loop_nor_fills_the_disk(start):
     eventually(lambda: any("further events are dropped" in e.get("event", "") for e in run.events("c")), limit_s=20)
     began = time.monotonic()
     assert run.control().ask(do="ps")["processes"]["quiet"]["state"] == "READY"
-    assert time.monotonic() - began < 2.0
+    assert time.monotonic() - began < 6.0
     run.signal(signal.SIGTERM)
     assert run.wait() == 0
 
