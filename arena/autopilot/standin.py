@@ -276,12 +276,13 @@ def _serve(given: argparse.Namespace) -> int:
     for line in startup.skipped:
         print(f"not understood and passed over: {line}")
     assert startup.simulator is not None  # read_startup has seen to it
-    with take_lock(given.i, startup.simulator[0]):
+    with take_lock(given.i, startup.simulator[0]) as lock:
         shell = Shell(startup, StandIn(f"instance {given.i}", startup.params))
         try:
             shell.run()
         finally:
             shell.close()
+            Path(lock.name).unlink(missing_ok=True)
     return 0
 
 

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -101,6 +102,7 @@ def test_it_runs_the_stand_in_is_ready_once_that_is_up_and_ends_it_when_told(sta
     started.process.send_signal(signal.SIGTERM)
     world.until(lambda: started.process.poll() is not None)
     assert started.process.returncode == 0 and not child.is_running()
+    assert not list(Path(tempfile.gettempdir()).glob(f"arena-standin-*-{world.address}-*"))
     assert not [t for t in started.hear() if "event" in t]
 
 
