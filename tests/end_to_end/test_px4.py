@@ -181,7 +181,7 @@ def test_the_first_example_reaches_every_setpoint_with_the_real_px4(example: Exa
 
 
 @pytest.mark.px4
-@pytest.mark.parametrize("system", [FIRST_ID, FIRST_ID + 1])
+@pytest.mark.parametrize("system", [FIRST_ID, FIRST_ID + 1], ids=VEHICLES)
 def test_its_estimator_fused_vision_and_nothing_hindered_another_start(example: Example, system: int) -> None:
     station = example[1]
     held = mavlink.ESTIMATOR_ATTITUDE | mavlink.ESTIMATOR_VELOCITY_HORIZ | mavlink.ESTIMATOR_VELOCITY_VERT
