@@ -76,8 +76,9 @@ def test_the_log_has_its_columns_and_thirty_full_rows_a_second(flown: Flight, ve
     flying = [r for r in rows if r["info.flight_mode"] == "OFFBOARD" and r["info.is_armed"] == "True"]
     assert len(flying) > 25 * 25
     full = ("ekf.pos.north", "imu.acc_body.down", "mocap.att_q.w", "pos_ref.down", "truth.pos.east", "err.pos.north")
-    last = flying[-1]
-    assert all(last[column] for column in full)
+    whole = [r for r in flying if all(r[column] for column in full)]
+    assert len(whole) > 0.9 * len(flying)  # a cell stays empty where its value was old
+    last = whole[-1]
     assert float(last["truth.pos.down"]) == pytest.approx(float(last["ekf.pos.down"]), abs=0.05)
 
 
