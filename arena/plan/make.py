@@ -23,7 +23,7 @@ NICE_PROGRAM, NICE_LOGGER = 2, 6
 
 # kind -> (module, cpu budget [cores], memory budget [MB], further fields)
 _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
-    "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0, "nice": -5}),
+    "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0, "nice": -10}),
     "px4": ("arena.px4", 0.3, 150.0, {"restart": Restart(), "start_timeout_s": 60.0}),
     "mocap": ("arena.mocap", 0.3, 150.0, {}),
     "forward": ("arena.forward", 0.1, 120.0, {}),
