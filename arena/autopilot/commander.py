@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
-PREFLIGHT_REPEAT_S = 2.0
 
 
 class Mode(Enum):
@@ -86,7 +85,6 @@ class Limits:
     com_dl_loss_t: float
     cbrk_flightterm: int
     fd_fail_rad: float
-    com_posctl_navl: int = 0
 
 
 @dataclass(slots=True)
@@ -104,7 +102,6 @@ class Commander:
     _landed_since: float | None = None
     _pending: tuple[float, Mode] | None = None
     _battery_level: int = 0
-    _complained: float = -1e9
 
     # -- asked for from outside ----------------------------------------------------------------------------------------
 

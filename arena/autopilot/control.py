@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from arena.autopilot.estimator import GRAVITY, Estimator
 from arena.autopilot.params import Params
 from arena.autopilot.setpoint import Level, Setpoints
-from arena.geometry import quat_conj, quat_from_matrix, quat_multiply, wrap_pi, yaw_from_quat
+from arena.geometry import quat_conj, quat_from_matrix, quat_multiply, yaw_from_quat
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -267,8 +267,3 @@ class Cascade:
         rates = self.attitude.update(est.q_nb, self.q_sp, feed)
         self.omega_sp = np.where((level >= Level.ATTITUDE)[:, None], rates, sp.omega_b)
         return self.rate.update(est.omega_b, self.omega_sp, self.saturated), self.thrust
-
-
-def yaw_error(yaw_sp: Array, q_nb: Array) -> Array:
-    """[rad] (V,) in [-pi, pi)."""
-    return wrap_pi(yaw_sp - yaw_from_quat(q_nb))

@@ -94,7 +94,7 @@ class Params:
         self.version = 0
 
     def __getitem__(self, name: str) -> Array:
-        """(V,), or with several names joined by commas, (V, names)."""
+        """The values over the fleet (V,)."""
         return self._values[name]
 
     def columns(self, *names: str) -> Array:
