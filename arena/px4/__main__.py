@@ -15,28 +15,26 @@ import signal
 import socket
 import subprocess
 import sys
+import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from arena.clock import SimClock
-from arena.errors import ArenaError, RunError
-from arena.room import Room
+from arena.errors import RunError
+from arena.room import Room, run_room
 
 LOCK = "/tmp/px4_lock-{instance}"
 """PX4's own lock file, whatever TMPDIR says."""
 UP = b"Startup script returned successfully"
 _PR_SET_PDEATHSIG = 1
 _STOP_S = 2.0
+_SLOW_S = 20.0  # not up for so long: say so
 _libc = ctypes.CDLL(None)
 
 
 def main() -> int:
-    try:
-        room = Room.enter()
-        return serve(room)
-    except ArenaError as error:
-        print(f"px4: {error}", file=sys.stderr)
-        return error.exit_code
+    return run_room("px4", lambda room: partial(serve, room))
 
 
 def serve(room: Room) -> int:
@@ -47,6 +45,7 @@ def serve(room: Room) -> int:
     world = None
     with contextlib.suppress(RunError):  # without a world PX4 waits for one; `_watch` then has nothing to end with
         world = SimClock(s["clock"], room.name)
+        leave_its_core(world.server_pid)
     argv = [*s["argv"], "-d", "-i", str(s["instance"]), "-w", str(folder), str(folder / "etc")]
     env = {**os.environ, **{f"PX4_PARAM_{name}": text(value) for name, value in s["params"].items()}, "PX4_SIM_MODEL": s["model"]}
     env.pop("PX4_SIM_SPEED_FACTOR", None)  # it would rewrite the failsafes' times
@@ -61,36 +60,65 @@ def serve(room: Room) -> int:
         _end(process)
 
 
+def leave_its_core(world_pid: int) -> None:
+    """A world that keeps to one core (`arena/sim/pacing.py`) has it for itself: the kernel would wake PX4 on the very core that
+    sends its sensors, and push the world aside. What is started from here inherits it.
+    """
+    with contextlib.suppress(OSError):  # it has ended
+        others = os.sched_getaffinity(0) - os.sched_getaffinity(world_pid)
+        if others:
+            os.sched_setaffinity(0, others)
+
+
 def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)
     selector = selectors.DefaultSelector()
     selector.register(process.stdout, selectors.EVENT_READ)
-    tail = b""
+    tail, up, slow_at = b"", False, time.monotonic() + _SLOW_S
     while not room.stopping:
         for _ in selector.select(0.2):
-            said = process.stdout.read() or b""
-            sys.stdout.buffer.write(said)
+            said = process.stdout.read()
+            if said == b"":  # it has closed its output
+                selector.unregister(process.stdout)
+            sys.stdout.buffer.write(said or b"")
             sys.stdout.flush()
-            tail = (tail + said)[-4096:]
-            if UP in tail:
+            tail = (tail + (said or b""))[-4096:]
+            if UP in tail and not up:
+                up = True
                 room.ready()
-                tail = b""
         code = process.poll()
         if code is not None and not room.stopping:
-            return _tell_end(room, code)
+            return _tell_end(room, code, None if up else last_words(tail))
         if world is not None and world.ended():
             return 0
+        if not up and time.monotonic() > slow_at:
+            slow_at = float("inf")
+            _tell(room, f"PX4 has not come up for {_SLOW_S:g} s. {last_words(tail)}")
     return 0
 
 
-def _tell_end(room: Room, code: int) -> int:
+def _tell_end(room: Room, code: int, before_up: str | None) -> int:
+    """before_up: its last words, when it was never up."""
     why = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
-    text = f"{room.settings['vehicle']}: PX4 has ended by itself ({why}); nothing flies this vehicle any more"
-    print(f"px4: {text}", file=sys.stderr, flush=True)
-    room.event(text)
+    if before_up is None:
+        _tell(room, f"PX4 has ended by itself ({why}); nothing flies this vehicle any more")
+    else:
+        _tell(room, f"PX4 ended before it was up ({why}): try its binary by hand. {before_up}")
     room.stats({"ended": why})
     return 1
+
+
+def _tell(room: Room, text: str) -> None:
+    text = f"{room.settings['vehicle']}: {text}"
+    print(f"px4: {text}", file=sys.stderr, flush=True)
+    room.event(text)
+
+
+def last_words(output: bytes) -> str:
+    """The last line that PX4 wrote, as a sentence."""
+    lines = [line.strip() for line in output.decode(errors="replace").splitlines() if line.strip()]
+    return f"Its last words: {lines[-1]}" if lines else "It has said nothing"
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

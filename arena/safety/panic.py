@@ -11,11 +11,15 @@ from collections.abc import Callable, Sequence
 
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from arena.safety.landing import Action, Landing
+from arena.safety.record import told_down
 from arena.safety.targets import Target
 
 _TURN_S = 0.05
 _DATAGRAM_BYTES = 1 << 16
 _AT_A_TIME = 64  # datagrams of one socket in one turn
+# A simulated vehicle that its run has written down as crashed, or as without its PX4, is tried for so long: it may fly on after a
+# touch, and lands in that time; silent, it will not speak.
+_TRY_DOWN_S, _TRY_SILENT_S, _LOOK_S = 15.0, 3.0, 1.0
 
 
 def own_component() -> int:
@@ -28,6 +32,7 @@ class Link:
 
     def __init__(self, target: Target, landing: Landing) -> None:
         self.target, self.landing = target, landing
+        self.down = ""
         self.panic = _open(target.partner)
         self.router = _open(None)
 
@@ -46,6 +51,15 @@ class Link:
             if sender in (self.target.autopilot, self.target.tools):
                 self.landing.hear(data, time.monotonic())
 
+    def over(self, began: float, now: float) -> bool:
+        """Confirmed; or the run tells why it will not be, and it was tried long enough."""
+        silent = self.landing.known.heard_at is None
+        return self.landing.confirmed or (bool(self.down) and now - began > (_TRY_SILENT_S if silent else _TRY_DOWN_S))
+
+    def line(self, now: float) -> str:
+        told = f"; its run says: {self.down}" if self.down and not self.landing.confirmed else ""
+        return self.landing.line(now) + told
+
     def close(self) -> None:
         self.panic.close()
         self.router.close()
@@ -62,16 +76,16 @@ def bring_down(
     ]
     code = EXIT_OK
     try:
-        _work(links, began + timeout_s, say)
+        _work(links, began, began + timeout_s, say)
     except KeyboardInterrupt:
         code = EXIT_INTERRUPTED
     for link in links:
-        say(link.landing.line(time.monotonic()))
+        say(link.line(time.monotonic()))
         link.close()
     return code or (EXIT_OK if all(link.landing.confirmed for link in links) else EXIT_FAILED)
 
 
-def _work(links: list[Link], end: float, say: Callable[[str], None]) -> None:
+def _work(links: list[Link], began: float, end: float, say: Callable[[str], None]) -> None:
     poll = select.poll()
     owners: dict[int, tuple[Link, socket.socket]] = {}
     for link in links:
@@ -79,15 +93,28 @@ def _work(links: list[Link], end: float, say: Callable[[str], None]) -> None:
             owners[sock.fileno()] = link, sock
             poll.register(sock, select.POLLIN)
     refusals: dict[str, str] = {}
+    next_look = began + _LOOK_S
     while (now := time.monotonic()) < end:
+        if now >= next_look:
+            next_look = now + _LOOK_S
+            _look_into_records(links)
         for link in links:
             link.send(now)
             _say_refusal(link.landing, refusals, say)
-        if all(link.landing.confirmed for link in links):
+        if all(link.over(began, now) for link in links):
             return
         for fd, _ in poll.poll(_TURN_S * 1e3):
             owner, sock = owners[fd]
             owner.read(sock)
+
+
+def _look_into_records(links: list[Link]) -> None:
+    waiting = [link for link in links if not link.landing.confirmed and link.target.run is not None]
+    for run in {link.target.run for link in waiting if link.target.run is not None}:
+        down = told_down(run, [link.target.name for link in waiting if link.target.run == run])
+        for link in waiting:
+            if link.target.run == run:
+                link.down = down.get(link.target.name, "")
 
 
 def _say_refusal(landing: Landing, said: dict[str, str], say: Callable[[str], None]) -> None:

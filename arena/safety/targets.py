@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,17 @@ _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """One vehicle. autopilot, partner: the two ends of its panic link.  tools: where its router listens."""
+    """One vehicle. autopilot, partner: the two ends of its panic link.  tools: where its router listens.
+
+    run: the folder of a simulated one's run, whose record tells of a crash.
+    """
 
     name: str
     id: int
     autopilot: Address
     partner: Address
     tools: Address
+    run: Path | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,14 +83,15 @@ def active_runs() -> list[Path]:
     return [folder for _, folder in sorted(found)]
 
 
-def from_plan(text: str) -> tuple[Target, ...]:
-    """The vehicles of a plan.json. Raises ValueError, KeyError or TypeError when it is none."""
+def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
+    """The vehicles of a plan.json, which lies in this run. Raises ValueError, KeyError or TypeError when it is none."""
     return tuple(
         Target(
             name=str(v["name"]), id=int(v["id"]),
             autopilot=(v["panic"]["autopilot_host"], int(v["panic"]["autopilot_port"])),
             partner=(v["panic"]["partner_host"], int(v["panic"]["partner_port"])),
             tools=(v["router"]["partner_host"], int(v["tools_port"])),
+            run=run if v["simulated"] is True else None,
         )
         for v in json.loads(text)["vehicles"]
     )
@@ -113,7 +118,7 @@ def _by_rule(name: str, number: int, host: str) -> Target:
 def _of_run(folder: Path) -> Found:
     """Its plan, or, if that cannot be read, the YAML beside it."""
     try:
-        return Found(source=str(folder), targets=from_plan((folder / "plan.json").read_text()))
+        return Found(source=str(folder), targets=from_plan((folder / "plan.json").read_text(), folder))
     except (OSError, ValueError, KeyError, TypeError) as error:
         if (folder / "arena.yaml").is_file():
             return from_yaml(folder / "arena.yaml")

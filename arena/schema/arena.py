@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from arena.schema.models import Mocap, RestartMode, Sim, Tool, World
+from arena.schema.models import Mocap, Preflight, RestartMode, Sim, Tool, World
 from arena.schema.ports import VehiclePorts
 from arena.schema.profile import Profile
+from arena.schema.wires import Wire
 
 Value = object
 
@@ -57,14 +58,15 @@ class Vehicle:
 
     profile_key: how the profile is found, a name or an absolute path.
     autopilot: what will fly it; asked: what the YAML said.  position: N, E, D of its lowest point [m] [NED].
-    rpy_deg: roll, pitch, yaw [deg].  params: PX4 name -> value, all that differ from PX4's own defaults.
+    rpy_deg: roll, pitch, yaw [deg].  params: PX4 name -> value, all that differ from PX4's own defaults; of hardware, those
+    that the YAML asks for.  wire: how a real autopilot is reached, None when it runs here.
     """
 
     name: str
     id: int
     profile: Profile
     profile_key: str
-    autopilot: Literal["builtin", "px4"]
+    autopilot: Literal["builtin", "px4", "hardware", "hitl"]
     asked: str
     position: tuple[float, float, float]
     rpy_deg: tuple[float, float, float]
@@ -77,11 +79,20 @@ class Vehicle:
     program: Program | None
     neighbours: tuple[str, ...]
     tools: Mapping[str, Tool]
+    wire: Wire | None = None
+    gps: bool = False
+    sticks: bool = False
+
+    @property
+    def simulated(self) -> bool:
+        """Its body is in the world here, whatever flies it."""
+        return self.autopilot != "hardware"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Arena:
-    """One arena. file: as the user named it.  folder: absolute, of that file.  group: multicast group of the capture.
+    """One arena. file: as the user named it.  folder: absolute, of that file.
+    group: multicast group of the emulator; server_group: of the vendor's server.
     px4: the one that its vehicles fly, None when none does.
 
     origins: dotted key -> its value and where that came from, for `arena plan --explain`.
@@ -95,6 +106,8 @@ class Arena:
     sim: Sim
     mocap: Mocap
     group: str
+    server_group: str
+    preflight: Preflight
     tools: Mapping[str, Tool]
     vehicles: tuple[Vehicle, ...]
     px4: Px4 | None = None
@@ -105,20 +118,22 @@ class Arena:
         return {v.name: v for v in self.vehicles}[name]
 
     @property
+    def simulated(self) -> tuple[Vehicle, ...]:
+        """Those with a body in the world, in the order of its rows."""
+        return tuple(v for v in self.vehicles if v.simulated)
+
+    @property
+    def hardware(self) -> tuple[Vehicle, ...]:
+        return tuple(v for v in self.vehicles if not v.simulated)
+
+    @property
     def process_names(self) -> list[str]:
         """Names of the processes that its plan will have, in start order."""
-        names = process_names(
-            [(v.name, v.forward, v.program is not None, list(v.tools)) for v in self.vehicles],
-            list(self.tools),
-        )
-        return [*names[:2], *(f"px4.{v.name}" for v in self.vehicles if v.autopilot == "px4"), *names[2:]]
-
-
-def process_names(vehicles: list[tuple[str, bool, bool, list[str]]], tools: list[str]) -> list[str]:
-    """vehicles: (name, has a forwarder, has a program, names of its tools)."""
-    names = ["world", "mocap"]
-    names += [f"forward.{v}" for v, forward, _, _ in vehicles if forward]
-    names += ["router"] + [f"logger.{v}" for v, *_ in vehicles]
-    names += [f"program.{v}" for v, _, program, _ in vehicles if program]
-    names += [f"tool.{t}" for t in tools]
-    return names + [f"tool.{v}.{t}" for v, _, _, own in vehicles for t in own]
+        names = ["world", "mocap"] if self.simulated else []
+        names += [f"px4.{v.name}" for v in self.vehicles if v.autopilot == "px4"]
+        names += [f"link.{v.name}" for v in self.vehicles if v.wire is not None]
+        names += [f"forward.{v.name}" for v in self.vehicles if v.forward]
+        names += ["router"] + [f"logger.{v.name}" for v in self.vehicles]
+        names += [f"program.{v.name}" for v in self.vehicles if v.program is not None]
+        names += [f"tool.{t}" for t in self.tools]
+        return names + [f"tool.{v.name}.{t}" for v in self.vehicles for t in v.tools]

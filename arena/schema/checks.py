@@ -4,80 +4,22 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from arena.errors import Problem
-from arena.schema.arena import Arena, Px4, Vehicle
+from arena.schema.arena import Arena, Vehicle
+from arena.schema.checking import Check
+from arena.schema.checks_real import REAL
 from arena.schema.loader import YamlPath
 from arena.schema.models import NOT_YET, Tool
 from arena.schema.ports import GROUND_STATION, LINK_BASE, SDK_ABOVE, WHAT
-from arena.schema.px4 import find_px4
-from arena.schema.source import Source, near
+from arena.schema.source import near
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 _LEAST_POSE_RATE_HZ = 10.0  # PX4's estimator stops fusing after gaps of 0.2 s
-
-
-class Files(Protocol):
-    """The file system, as far as the checks look at it. Paths are absolute."""
-
-    def is_file(self, path: str) -> bool: ...
-
-    def is_executable(self, path: str) -> bool: ...
-
-    def names(self, folder: str) -> list[str]: ...
-
-    def find_px4(self, home: str | None) -> Px4 | None: ...
-
-
-class RealFiles:
-    """The one of this machine."""
-
-    def is_file(self, path: str) -> bool:
-        return Path(path).is_file()
-
-    def is_executable(self, path: str) -> bool:
-        return os.access(path, os.X_OK)
-
-    def names(self, folder: str) -> list[str]:
-        try:
-            return sorted(path.name for path in Path(folder).iterdir())
-        except OSError:
-            return []
-
-    def find_px4(self, home: str | None) -> Px4 | None:
-        return find_px4(home)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Check:
-    """What every check looks at. pruned: paths that were wrong by themselves and must not be judged again."""
-
-    arena: Arena
-    source: Source
-    pruned: frozenset[YamlPath]
-    files: Files
-
-    def where(self, vehicle: str, *key: str) -> YamlPath:
-        """The path at which a vehicle's key is written: its own, else that of `defaults`."""
-        own: YamlPath = ("vehicles", vehicle, *key)
-        common: YamlPath = ("defaults", *key)
-        return common if not self.source.given(own) and self.source.given(common) else own
-
-    def problem(self, vehicle: str, key: tuple[str | int, ...], message: str) -> Problem:
-        words = tuple(str(k) for k in key)
-        return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
-
-    def sound(self, vehicle: Vehicle, *keys: str) -> bool:
-        """Whether nothing of these keys of the vehicle was wrong by itself."""
-        roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
-        return not any(path[: len(root)] == root for path in self.pruned for root in roots)
 
 
 def check(c: Check) -> list[Problem]:
@@ -110,22 +52,16 @@ def _not_yet(c: Check) -> Iterator[Problem]:
     for (key, only), instead in NOT_YET.items():
         for scope in scopes:
             path = (*scope, *key.split("."))
-            value = _value(c.source.data, path)
+            value = c.source.value(path)
             if value not in (None, {}) and (only is None or value == only):
                 shown = f" {value}" if only else ""
                 yield c.source.problem(path, f"{path[-1]}{shown} is not supported yet. {instead}.")
 
 
-def _value(data: object, path: YamlPath) -> object:
-    for part in path:
-        data = data.get(part) if isinstance(data, dict) else None
-    return data
-
-
 def _px4(c: Check) -> Iterator[Problem]:
     if c.arena.px4 is not None:
         return
-    home = _value(c.source.data, ("px4", "home"))
+    home = c.source.value(("px4", "home"))
     if isinstance(home, str) and any(v.asked in ("auto", "px4") for v in c.arena.vehicles):
         said = f"got {home}, and no PX4 is there: expected its source, build or installation folder, or stand-in"
         yield c.source.problem(("px4", "home"), f"{said}. `arena doctor` tells what is found and how to get it.")
@@ -134,6 +70,15 @@ def _px4(c: Check) -> Iterator[Problem]:
         if vehicle.asked == "px4":
             message = "got px4, and no PX4 was found on this machine. Try autopilot: builtin, or set PX4_HOME to a build of it."
             yield c.problem(vehicle.name, ("autopilot",), f"{message} `arena doctor` tells where it looked and how to get it.")
+
+
+def _senses(c: Check) -> Iterator[Problem]:
+    """What only a simulated PX4 has a use for."""
+    for v in c.arena.vehicles:
+        for key, fits in (("gps", ("px4", "hitl")), ("sticks", ("px4",))):
+            if getattr(v, key) and v.autopilot not in fits and c.sound(v, key, "autopilot"):
+                said = f"got true, which is for autopilot: {' or '.join(fits)}, and {v.name} has {v.autopilot}. Remove it."
+                yield c.problem(v.name, (key,), said)
 
 
 def _ids(c: Check) -> Iterator[Problem]:
@@ -219,7 +164,7 @@ def _port_range(c: Check) -> Iterator[Problem]:
 def _start(c: Check) -> Iterator[Problem]:
     """Every vehicle stands inside the room, with its whole body."""
     north, east, height = c.arena.world.size
-    for v in c.arena.vehicles:
+    for v in c.arena.simulated:
         if not c.sound(v, "start", "profile") or ("world", "size") in c.pruned:
             continue
         (n, e, d), radius = v.position, v.profile.radius_m
@@ -243,7 +188,7 @@ def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Itera
 
 
 def _overlap(c: Check) -> Iterator[Problem]:
-    for a, b in itertools.combinations(c.arena.vehicles, 2):
+    for a, b in itertools.combinations(c.arena.simulated, 2):
         apart, needed = math.dist(a.position, b.position), a.profile.radius_m + b.profile.radius_m
         if apart < needed and c.sound(a, "start", "profile") and c.sound(b, "start", "profile"):
             said = f"got {apart:.2f} m between their centres, expected at least {needed:.2f} m. Try another position."
@@ -337,9 +282,9 @@ def _gcs(c: Check) -> Iterator[Problem]:
 
 
 def _capture(c: Check) -> Iterator[Problem]:
-    first, second = (int(part) for part in c.arena.group.split(".")[:2])
-    if c.arena.mocap.transport == "multicast" and not (224 <= first <= 239 and second >= 0):
-        yield c.source.problem(("mocap", "group"), f"got {c.arena.group}, expected a multicast address. Try 239.255.42.99.")
+    group = c.arena.mocap.group
+    if group is not None and c.arena.mocap.transport == "multicast" and not 224 <= int(group.split(".")[0]) <= 239:
+        yield c.source.problem(("mocap", "group"), f"got {group}, expected a multicast address. Try 239.255.42.99.")
 
 
 def _params(c: Check) -> Iterator[Problem]:
@@ -348,7 +293,7 @@ def _params(c: Check) -> Iterator[Problem]:
             if not _PARAM.fullmatch(name):
                 said = f"got {name!r}, expected a PX4 name: capitals, digits and _, 16 at most"
                 yield c.problem(v.name, ("params", name), f"{said}. Try {name.upper()[:16]}.")
-        if v.params["MAV_SYS_ID"] != v.id:
+        if v.params.get("MAV_SYS_ID", v.id) != v.id:
             yield c.problem(
                 v.name,
                 ("params", "MAV_SYS_ID"),
@@ -373,6 +318,6 @@ def _tools(c: Check) -> Iterator[Problem]:
 
 _CHECKS = (
     _names, _not_yet,
-    _px4, _ids, _ports, _port_range, _start, _overlap, _rates, _programs, _neighbours, _bodies, _gcs, _capture,
+    _px4, *REAL, _senses, _ids, _ports, _port_range, _start, _overlap, _rates, _programs, _neighbours, _bodies, _gcs, _capture,
     _params, _tools,
 )  # fmt: skip

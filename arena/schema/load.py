@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from arena.errors import InputError, Problem
+from arena.errors import ArenaError, InputError, Problem
 from arena.schema.arena import Arena
-from arena.schema.checks import Check, Files, RealFiles, check
+from arena.schema.checking import Check, Files, RealFiles
+from arena.schema.checks import check
 from arena.schema.library import load_profile, read_profile
 from arena.schema.loader import YamlPath, load_yaml
 from arena.schema.models import ArenaFile
@@ -26,8 +27,10 @@ def load_arena(path: str | Path, overrides: Sequence[str] = (), files: Files | N
     if found.model is None:
         raise InputError(found.problems)
     profiles, problems = _profiles(found.model, source)
+    params, more = _params_files(found.model, source)
     files = files or RealFiles()
-    arena = resolve(found.model, source, profiles, files.find_px4)
+    arena = resolve(found.model, source, profiles, files.find_px4, params)
+    problems += more
     problems += found.problems
     problems += check(Check(arena=arena, source=source, pruned=found.pruned, files=files))
     if problems:
@@ -49,3 +52,27 @@ def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], lis
             said = "; ".join(p.message for p in error.problems) or f"{error}"
             problems.append(source.problem(path, said))
     return profiles, problems
+
+
+def _params_files(model: ArenaFile, source: Source) -> tuple[dict[str, Mapping[str, float]], list[Problem]]:
+    """Every file of parameters that a vehicle names, by that name; problems: those that cannot be read, told once each."""
+    found: dict[str, Mapping[str, float]] = {}
+    problems = []
+    asked: dict[YamlPath, str] = {
+        ("vehicles", name, "params_file"): v.params_file for name, v in model.vehicles.items() if v.params_file
+    }
+    if model.defaults.params_file:
+        asked["defaults", "params_file"] = model.defaults.params_file
+    if not asked:
+        return {}, []
+    from arena.wire.qgcparams import parse_params
+
+    folder = Path(source.document.file).parent
+    for path, name in asked.items():
+        try:
+            found[name] = parse_params((folder / name).read_text())
+        except OSError as error:
+            problems.append(source.problem(path, f"got {name!r}, which cannot be read: {error.strerror}."))
+        except (ArenaError, ValueError) as error:
+            problems.append(source.problem(path, f"{name}: {error}"))
+    return found, problems

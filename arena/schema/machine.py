@@ -26,6 +26,8 @@ class Probe(Protocol):
 
     def has_command(self, name: str, folder: str) -> bool: ...
 
+    def has_device(self, path: str) -> bool: ...
+
     def refusal(self, address: str, port: int) -> str:
         """Why this UDP port cannot be bound: "" when it can be."""
         ...
@@ -43,6 +45,9 @@ class Machine:
 
     def has_command(self, name: str, folder: str) -> bool:
         return shutil.which(name if "/" not in name else str(Path(folder) / name)) is not None
+
+    def has_device(self, path: str) -> bool:
+        return Path(path).exists()
 
     def refusal(self, address: str, port: int) -> str:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -75,8 +80,8 @@ def check_machine(arena: Arena, probe: Probe | None = None) -> None:
 
 
 def _missing(arena: Arena, probe: Probe) -> Iterator[str]:
-    if arena.vehicles and not probe.has_module("pybullet"):
-        names = ", ".join(v.name for v in arena.vehicles)
+    if arena.simulated and not probe.has_module("pybullet"):
+        names = ", ".join(v.name for v in arena.simulated)
         yield f"pybullet is not installed, and {names} would be simulated. Try: pip install 'flying-arena[sim]'"
     for words, tool in _tools(arena):
         folder = str(Path(arena.folder) / (tool.cwd or ""))
@@ -93,18 +98,25 @@ def _tools(arena: Arena) -> Iterator[tuple[str, Tool]]:
 
 
 def _taken(arena: Arena, probe: Probe) -> Iterator[str]:
-    for port, words in _wanted(arena):
-        if why := probe.refusal(arena.address, port):
-            by = probe.holder(arena.address, port) if why == "is in use" else ""
+    for address, port, words in _wanted(arena):
+        if why := probe.refusal(address, port):
+            by = probe.holder(address, port) if why == "is in use" else ""
             held = f"{why} by {by}" if by else why
-            wanted = f"UDP port {port} of {arena.address}, for {words}"
-            yield f"{arena.file}: {wanted}, {held}. End that, or give the arena another `address`."
+            wanted = f"UDP port {port} of {address}, for {words}"
+            what_to_do = "or give the arena another `address`" if address == arena.address else "or change the `url`"
+            yield f"{arena.file}: {wanted}, {held}. End that, {what_to_do}."
+    for v in arena.vehicles:
+        if v.wire is not None and v.wire.kind == "serial" and not probe.has_device(v.wire.device):
+            yield f"{arena.file}: {v.wire.device}, the serial device of {v.name}, is not there. Plug it in, or change its name."
 
 
-def _wanted(arena: Arena) -> Iterator[tuple[int, str]]:
-    yield LINK_BASE, "the router's ground stations"
-    yield arena.mocap.command_port, "the motion capture's commands"
+def _wanted(arena: Arena) -> Iterator[tuple[str, int, str]]:
+    yield arena.address, LINK_BASE, "the router's ground stations"
+    if arena.simulated:
+        yield arena.address, arena.mocap.command_port, "the motion capture's commands"
     for vehicle in arena.vehicles:
         for key, (who, what) in WHAT.items():
             if key not in _FOREIGN:
-                yield getattr(vehicle.ports, key), f"{who} of {vehicle.name} ({what})"
+                yield arena.address, getattr(vehicle.ports, key), f"{who} of {vehicle.name} ({what})"
+        if vehicle.wire is not None and vehicle.wire.kind == "udpin":
+            yield vehicle.wire.host, vehicle.wire.port, f"the wire of {vehicle.name}"

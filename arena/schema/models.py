@@ -110,7 +110,9 @@ class Mocap(Strict):
     source: Literal["emulator", "natnet", "vrpn"] = "emulator"
     """Where poses come from."""
     server: Address | None = None
-    """The vendor's server, when the source is not the emulator."""
+    """The vendor's server, when the source is not the emulator. It sees hardware vehicles; the emulator serves simulated ones."""
+    local: Address | None = None
+    """The address of this computer's interface that hears the server. Default: whichever leads to it."""
     rate_hz: Annotated[float, Field(ge=10, le=1000)] = 180.0
     """Frames per second."""
     noise: MocapNoise = MocapNoise()
@@ -129,6 +131,19 @@ class Mocap(Strict):
     """NatNet data port."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     """Seed of the camera noise."""
+
+
+class Preflight(Strict):
+    """What must hold before a hardware vehicle, or one in the loop, may arm."""
+
+    position_m: Positive = 0.2
+    """Farthest that its captured pose may be from its own estimate [m]."""
+    yaw_deg: Annotated[float, Field(gt=0, le=180)] = 15.0
+    """Largest difference of the two yaws [deg]."""
+    pose_age_s: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """Oldest that the last pose sent to it may be [s]."""
+    battery: Annotated[float, Field(ge=0, le=1)] = 0.2
+    """Least charge, 0 to 1; 0 for a vehicle that does not measure it."""
 
 
 class Failsafe(Strict):
@@ -207,9 +222,13 @@ class VehicleDefaults(Strict):
     gcs: tuple[Address, ...] | None = None
     """Further computers with a ground station: each gets the vehicle's program port, SDK port and UDP 14550."""
     params_file: str | None = None
-    """A file of PX4 parameters."""
+    """A file of PX4 parameters, as QGroundControl saves it, relative to arena.yaml; `params` goes before it."""
     params: dict[str, float] | None = None
     """PX4 parameters by name; merged name by name."""
+    gps: bool | None = None
+    """Whether a simulated PX4 receives satellites. Default false."""
+    sticks: bool | None = None
+    """Whether a pilot's radio is on, its sticks in the middle, for a simulated PX4. Default false."""
     forward: bool | None = None
     """Whether a pose forwarder feeds the autopilot. Default true."""
     pose_rate_hz: Positive | None = None
@@ -234,9 +253,11 @@ class VehicleKeys(VehicleDefaults):
     mocap_body: str | None = None
     """Its rigid body's name in the motion capture. Default: its own name."""
     url: str | None = None
-    """How a hardware autopilot is reached."""
+    """How a hardware autopilot is reached: udpin:HOST:PORT, udpout:HOST:PORT or serial:DEVICE."""
+    serial: str | None = None
+    """The device of a flight controller in the loop (`autopilot: hitl`)."""
     baud: Annotated[int | None, Field(ge=1200, le=12_000_000)] = None
-    """Baud rate of a serial autopilot."""
+    """Baud rate of a serial autopilot. Default 921600."""
 
 
 class ArenaFile(Strict):
@@ -254,6 +275,8 @@ class ArenaFile(Strict):
     """The motion capture."""
     px4: Px4Keys = Px4Keys()
     """The PX4 that flies the vehicles that ask for it."""
+    preflight: Preflight = Preflight()
+    """What must hold before a real autopilot may arm."""
     failsafe: Failsafe | None = None
     """What happens when something is lost."""
     geofence: Geofence | None = None
@@ -273,12 +296,5 @@ NOT_YET: Mapping[tuple[str, str | None], str] = {
     ("failsafe", None): "Set the autopilot's own parameters under `params`, such as COM_OBL_RC_ACT",
     ("geofence", None): "Remove it; the walls of the simulated room hold the vehicles",
     ("hosts", None): "Remove it; everything runs on this computer",
-    ("mocap.source", "natnet"): "Use emulator",
-    ("mocap.source", "vrpn"): "Use emulator",
-    ("mocap.server", None): "Remove it; the emulator serves on `address`",
-    ("autopilot", "hardware"): "Use auto, builtin or px4",
-    ("autopilot", "hitl"): "Use auto, builtin or px4",
-    ("params_file", None): "Write the parameters under `params`",
-    ("url", None): "Remove it; it is for hardware autopilots",
-    ("baud", None): "Remove it; it is for hardware autopilots",
+    ("mocap.source", "vrpn"): "Use emulator or natnet",
 }

@@ -83,6 +83,14 @@ class Sensors(Strict):
     gps: Gps
 
 
+class GroundEffect(Strict):
+    """More thrust near the floor, by the method of images."""
+
+    rotor_radius_m: Positive
+    body_lift: NotNegative = 2.0
+    """Of the fountain between the rotors [-]."""
+
+
 class Battery(Strict):
     """A simple pack: a voltage that falls with the charge and with the current through its resistance."""
 
@@ -93,6 +101,8 @@ class Battery(Strict):
     resistance_ohm: NotNegative
     idle_a: NotNegative
     hover_a: Positive
+    thrust_at_v: Positive | None = None
+    """Voltage at which the thrust curve holds [V]; without it thrust does not depend on the voltage."""
 
 
 class Profile(Strict):
@@ -115,7 +125,10 @@ class Profile(Strict):
     motor_down_s: Positive
     thrust_curve: Annotated[QuadraticCurve | TangentCurve, Field(discriminator="kind")]
     drag_kg_s: tuple[NotNegative, NotNegative, NotNegative]
-    """Linear drag force per airspeed along x, y, z [N s/m] [FRD]."""
+    """Of the rotors at hover: force per airspeed along x, y, z [N s/m] [FRD]."""
+    body_drag_kg_m: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+    """Of the body: force per square of the airspeed along x, y, z [N s2/m2] [FRD]."""
+    ground_effect: GroundEffect | None = None
     sensors: Sensors
     battery: Battery
     params: dict[str, float] = Field(default_factory=dict)

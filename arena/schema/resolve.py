@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel
 
@@ -19,7 +19,9 @@ from arena.schema.ports import MOST_ID, capture_group, vehicle_ports
 from arena.schema.profile import Profile
 from arena.schema.px4 import STAND_IN
 from arena.schema.source import Source
+from arena.schema.wires import Wire, read_url, serial_wire
 
+DEFAULT_BAUD = 921_600
 DEFAULT_PROFILE = "iris"
 MOST_POSE_RATE_HZ = 60.0
 _FORWARD_MS = 1.0
@@ -36,38 +38,52 @@ VISION_PARAMS: Mapping[str, float] = {
     "EKF2_EVP_NOISE": 0.01, "EKF2_EVA_NOISE": 0.05, "EKF2_NOAID_TOUT": 1_000_000,
 }  # fmt: skip
 
+# With satellites: seen by all that asks for them. Where cameras are, EKF2 goes on flying by those alone (EKF2_GPS_CTRL 0).
+GPS_PARAMS: Mapping[str, float] = {"SYS_HAS_GPS": 1}
+# With a radio: PX4's own answer to its loss holds in OFFBOARD too; its sticks are channels 1 to 4.
+STICKS_PARAMS: Mapping[str, float] = {
+    "COM_RC_IN_MODE": 0, "COM_RCL_EXCEPT": 0, "RC_CHAN_CNT": 8, "RC_MAP_ROLL": 1, "RC_MAP_PITCH": 2, "RC_MAP_THROTTLE": 3,
+    "RC_MAP_YAW": 4,
+}  # fmt: skip
+
 
 def resolve(
     model: ArenaFile,
     source: Source,
     profiles: Mapping[str, Profile],
     find_px4: Callable[[str | None], Px4 | None] = lambda home: None,
+    params_files: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Arena:
     """profiles: by the name that vehicles ask for; a name that is not in it falls back to the default, and `checks` says so.
 
-    find_px4: asked once, when a vehicle may fly it.
+    find_px4: asked once, when a vehicle may fly it.  params_files: what is in them, by the name that the YAML gives.
     """
     folder = Path(source.document.file).absolute().parent
     origins: dict[str, Origin] = {}
-    for key in ("address", "world", "sim", "mocap"):
+    for key in ("address", "world", "sim", "mocap", "preflight"):
         _trace(origins, source, (key,), getattr(model, key))
     name = model.name or _name_from(folder.name)
-    group = model.mocap.group or capture_group(model.address)
+    served = model.mocap.source != "emulator"
+    group = capture_group(model.address) if served else model.mocap.group or capture_group(model.address)
+    server_group = model.mocap.group or capture_group(model.mocap.server or model.address)
     _note(origins, "name", name, source.origin(("name",)) if model.name else "the folder's name")
     _note(
         origins,
         "mocap.group",
-        group,
+        server_group if served else group,
         source.origin(("mocap", "group")) if model.mocap.group else "rule: from address",
     )
     ids = _ids(model.vehicles)
     wanted = {v.autopilot or model.defaults.autopilot or "auto" for v in model.vehicles.values()}
     px4 = find_px4(_home(model, folder)) if wanted & {"auto", "px4"} else None
-    vehicles = tuple(_Merge(model, source, profiles, origins, v, folder, px4 is not None).vehicle(ids[v]) for v in model.vehicles)
+    files = params_files or {}
+    vehicles = tuple(
+        _Merge(model, source, profiles, origins, v, folder, px4 is not None, files).vehicle(ids[v]) for v in model.vehicles
+    )
     return Arena(
         name=name, file=source.document.file, folder=str(folder), address=model.address, world=model.world, sim=model.sim,
-        mocap=model.mocap, group=group, tools=model.tools, vehicles=vehicles,
-        px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None, origins=origins,
+        mocap=model.mocap, group=group, server_group=server_group, preflight=model.preflight, tools=model.tools,
+        vehicles=vehicles, px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None, origins=origins,
     )  # fmt: skip
 
 
@@ -97,10 +113,11 @@ class _Merge:
     """One vehicle's layers. Each `_take` notes where the value came from."""
 
     def __init__(self, model: ArenaFile, source: Source, profiles: Mapping[str, Profile], origins: dict[str, Origin],
-                 name: str, folder: Path, has_px4: bool) -> None:  # fmt: skip
+                 name: str, folder: Path, has_px4: bool, params_files: Mapping[str, Mapping[str, float]]) -> None:  # fmt: skip
         self.model, self.source, self.profiles = model, source, profiles
         self.origins, self.name, self.folder, self.has_px4 = origins, name, folder, has_px4
         self.own, self.common = model.vehicles[name], model.defaults
+        self.params_files = params_files
 
     def vehicle(self, vehicle_id: int) -> Vehicle:
         name, own = self.name, self.own
@@ -111,8 +128,10 @@ class _Merge:
         self._own("port", ports.program, "rule: 16000 + id")
         self._note("sdk_port", ports.sdk, "rule: port + 6000")
         asked = self._take("autopilot", "auto")
+        autopilot = self._autopilot(asked)
         start = self._start()
         forward = bool(self._take("forward", True))
+        gps, sticks = bool(self._take("gps", False)), bool(self._take("sticks", False))
         rate = self._take(
             "pose_rate_hz",
             pose_rate_hz(self.model.mocap.rate_hz),
@@ -121,11 +140,33 @@ class _Merge:
         return Vehicle(
             name=name, id=vehicle_id, profile=profile,
             profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted,
-            autopilot="px4" if self.has_px4 and asked in ("auto", "px4") else "builtin", asked=asked, position=start.position,
-            rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()), params=self._params(profile, vehicle_id, forward),
+            autopilot=autopilot, asked=asked, wire=self._wire(autopilot), gps=gps, sticks=sticks, position=start.position,
+            rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()),
+            params=self._params(profile, vehicle_id, {"forward": forward, "gps": gps, "sticks": sticks}, autopilot != "hardware"),
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
             pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),
         )  # fmt: skip
+
+    def _autopilot(self, asked: str) -> Literal["builtin", "px4", "hardware", "hitl"]:
+        if asked == "hardware":
+            return "hardware"
+        if asked == "hitl":
+            return "hitl"
+        return "px4" if self.has_px4 and asked in ("auto", "px4") else "builtin"
+
+    def _wire(self, autopilot: str) -> Wire | None:
+        """None too when what the YAML says of it is missing or wrong: `checks` tells."""
+        if autopilot not in ("hardware", "hitl"):
+            return None
+        key = "url" if autopilot == "hardware" else "serial"
+        given = self._own(key, getattr(self.own, key), "default")
+        baud = self._own("baud", self.own.baud or DEFAULT_BAUD, "default")
+        if given is None:
+            return None
+        try:
+            return read_url(given, baud) if autopilot == "hardware" else serial_wire(given, baud)
+        except ValueError:
+            return None
 
     def _take(self, key: str, default: Any, words: str = "default") -> Any:
         """The vehicle's value, else that of `defaults`, else the default."""
@@ -153,16 +194,11 @@ class _Merge:
             self._note(f"start.{key}", layers[key], words)
         return Start(**layers)
 
-    def _params(self, profile: Profile, vehicle_id: int, forward: bool) -> dict[str, float]:
-        delay_ms = self.model.mocap.latency_ms + _FORWARD_MS
-        computed = {"MAV_SYS_ID": (vehicle_id, "rule: id"),
-                    "MPC_THR_HOVER": (profile.hover_command, f"thrust curve of profile {profile.name}")}  # fmt: skip
-        if forward:
-            computed["EKF2_EV_DELAY"] = (delay_ms, "mocap.latency_ms + 1 ms of forwarding")
-        layers: list[tuple[str, float, str]] = [(k, v, "arena's default") for k, v in ARENA_PARAMS.items()]
-        layers += [(k, v, "arena's default with motion capture") for k, v in VISION_PARAMS.items() if forward]
-        layers += [(k, float(v), words) for k, (v, words) in computed.items()]
-        layers += [(k, v, f"profile {profile.name}") for k, v in profile.params.items()]
+    def _params(self, profile: Profile, vehicle_id: int, has: Mapping[str, bool], simulated: bool) -> dict[str, float]:
+        """Of hardware those that the YAML asks for, and no others: they must hold before it arms."""
+        layers = self._generated(profile, vehicle_id, has) if simulated else []
+        if name := self._take("params_file", None):
+            layers += [(k, v, str(name)) for k, v in self.params_files.get(name, {}).items() if k != "MAV_SYS_ID"]
         for given, path in (
             (self.common.params, ("defaults", "params")),
             (self.own.params, ("vehicles", self.name, "params")),
@@ -171,6 +207,20 @@ class _Merge:
         for key, value, words in layers:
             self._note(f"params.{key}", value, words)
         return {key: float(value) for key, value, _ in layers}
+
+    def _generated(self, profile: Profile, vehicle_id: int, has: Mapping[str, bool]) -> list[tuple[str, float, str]]:
+        """What an arena needs of a simulated vehicle's autopilot: name, value, why."""
+        delay_ms = self.model.mocap.latency_ms + _FORWARD_MS
+        computed = {"MAV_SYS_ID": (vehicle_id, "rule: id"),
+                    "MPC_THR_HOVER": (profile.hover_command, f"thrust curve of profile {profile.name}")}  # fmt: skip
+        if has["forward"]:
+            computed["EKF2_EV_DELAY"] = (delay_ms, "mocap.latency_ms + 1 ms of forwarding")
+        layers: list[tuple[str, float, str]] = [(k, v, "arena's default") for k, v in ARENA_PARAMS.items()]
+        layers += [(k, v, "arena's default with motion capture") for k, v in VISION_PARAMS.items() if has["forward"]]
+        layers += [(k, v, "gps: true") for k, v in GPS_PARAMS.items() if has["gps"]]
+        layers += [(k, v, "sticks: true") for k, v in STICKS_PARAMS.items() if has["sticks"]]
+        layers += [(k, float(v), words) for k, (v, words) in computed.items()]
+        return layers + [(k, v, f"profile {profile.name}") for k, v in profile.params.items()]
 
     def _program(self) -> Program | None:
         given = self._take("program", None)

@@ -32,6 +32,13 @@ class Source:
                 return False
         return here is not None
 
+    def value(self, path: YamlPath) -> Any:
+        """What is written at this path; None when nothing is."""
+        here = self.data
+        for part in path:
+            here = here.get(part) if isinstance(here, dict) else None
+        return here
+
     def place(self, path: YamlPath) -> tuple[str, int]:
         """The file and line of a path, or of the nearest thing around it; `--set` and 0 for an override."""
         if any(path[: len(o)] == o for o in self.overrides):

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from arena.errors import ArenaError
-from arena.sim.loop import MakePilots, Pilots, serve
+from arena.sim.loop import serve
 from arena.sim.mixed import Mixed
+from arena.sim.pilots import MakePilots, Pilots
 
 
 def main(argv: list[str] | None = None, make_pilots: MakePilots | None = None) -> int:
@@ -32,8 +33,9 @@ def _by_kind(settings: dict[str, Any], dt: float) -> Pilots:
     """The built-in autopilots for the rows that ask for them, the links to PX4s for the others."""
     vehicles = settings["vehicles"]
     kinds = [v.get("autopilot", "builtin") for v in vehicles]
-    if all(kind == "builtin" for kind in kinds):
-        return _builtin(settings, dt)
+    for kind, make in (("builtin", _builtin), ("px4", _px4)):
+        if all(k == kind for k in kinds):
+            return make(settings, dt)
     parts: list[tuple[Any, Pilots]] = []
     for kind, make in (("builtin", _builtin), ("px4", _px4)):
         rows = np.array([i for i, k in enumerate(kinds) if k == kind], int)

@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 
 from arena.errors import InputError, NotInstalledError, RunError
 from arena.geometry import (
-    frd_from_flu,
     matrix_from_quat,
-    ned_from_world,
     q_nb_from_q_wf,
     q_wf_from_q_nb,
     world_from_ned,
@@ -33,15 +31,15 @@ from arena.geometry import (
 from arena.sim.fleet import GRAVITY, Fleet
 
 Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+Matrix = tuple[Triple, Triple, Triple]
 
 _FRICTION = 0.8
 _WALL_M = 1.0
 # Deeper than what bullet lets a resting body sink, less than anyone would call a gap.
 _TOUCH_M = 1e-3
 _ORIGIN = (0.0, 0.0, 0.0)
-# The conversions are linear, so each is the matrix of its action on a basis: x_n = x_w @ _NED_W.
-_NED_W = ned_from_world(np.eye(3))
-_FRD_F = frd_from_flu(np.eye(3))
+# The conversion is linear, so it is the matrix of its action on a basis: q_nb = quat_xyzw @ _Q_NB_XYZW.
 _Q_NB_XYZW = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
 
 
@@ -91,7 +89,8 @@ class Bodies:
         self._things = {self._floor(): "floor"} | self._walls(size_m)
         self._ids = [self._vehicle(i) for i in range(fleet.size)]
         self._index = {body: i for i, body in enumerate(self._ids)}
-        self._read()
+        self._omega_b: Array | None = None
+        self.read()
 
     def push(self, force_b: Array, torque_b: Array) -> None:
         """Apply to each body, at its centre of mass, for one step: force [N] [FRD] (V, 3) and torque [N m]
@@ -99,20 +98,45 @@ class Bodies:
         """
         bullet, client = self._bullet, self._client
         frame = bullet.LINK_FRAME
-        forces, torques = (force_b @ _FRD_F).tolist(), (torque_b @ _FRD_F).tolist()
-        for body, force, torque in zip(self._ids, forces, torques, strict=True):
-            bullet.applyExternalForce(body, -1, force, _ORIGIN, frame, client)
-            bullet.applyExternalTorque(body, -1, torque, frame, client)
+        # FLU from FRD (arena.geometry.frd_from_flu, its own inverse), without the cost of an array.
+        for body, (fx, fy, fz), (tx, ty, tz) in zip(self._ids, force_b.tolist(), torque_b.tolist(), strict=True):
+            bullet.applyExternalForce(body, -1, (fx, -fy, -fz), _ORIGIN, frame, client)
+            bullet.applyExternalTorque(body, -1, (tx, -ty, -tz), frame, client)
+
+    def push_one(self, i: int, force_b: Triple, torque_b: Triple) -> None:
+        """`push` for one vehicle."""
+        bullet, client, body = self._bullet, self._client, self._ids[i]
+        (fx, fy, fz), (tx, ty, tz) = force_b, torque_b
+        bullet.applyExternalForce(body, -1, (fx, -fy, -fz), _ORIGIN, bullet.LINK_FRAME, client)
+        bullet.applyExternalTorque(body, -1, (tx, -ty, -tz), bullet.LINK_FRAME, client)
 
     def step(self) -> None:
+        """`advance`, then `read`."""
+        self.advance()
+        self.read()
+
+    def advance(self) -> None:
         """One physics step, under the wrenches pushed since the last. Raises RunError when bullet's window
         was closed.
         """
         try:
             self._bullet.stepSimulation(self._client)
-            self._read()
         except self._bullet.error as error:
             raise RunError(f"the physics has ended ({error}): was its window closed?") from error
+
+    def motion(self, i: int) -> tuple[Triple, Matrix, float]:
+        """One vehicle as bullet has it now: v_n [m/s] [NED], r_nb, and its origin's height above the floor [m]."""
+        (_, _, height), (x, y, z, w) = self._bullet.getBasePositionAndOrientation(self._ids[i], self._client)
+        (vx, vy, vz), _ = self._bullet.getBaseVelocity(self._ids[i], self._client)
+        xx, yy, zz, ww = x * x, y * y, z * z, w * w
+        xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
+        # The matrix of q_wf with its rows turned to NED and its columns to FRD, as `read` does by quaternions.
+        r_nb = (
+            (2.0 * (xy + wz), xx + zz - yy - ww, 2.0 * (wx - yz)),
+            (ww + xx - yy - zz, 2.0 * (wz - xy), -2.0 * (xz + wy)),
+            (2.0 * (wy - xz), 2.0 * (yz + wx), ww + zz - xx - yy),
+        )
+        return (vy, vx, -vz), r_nb, height
 
     def contacts(self) -> Contacts:
         """Who touches what, as the last step left it."""
@@ -141,26 +165,34 @@ class Bodies:
         self._bullet.resetBasePositionAndOrientation(body, position, quat, physicsClientId=client)
         velocity = world_from_ned(np.zeros(3) if v_n is None else v_n).tolist()
         self._bullet.resetBaseVelocity(body, velocity, world_from_ned(omega_n).tolist(), physicsClientId=client)
-        self._read()
+        self.read()
+
+    @property
+    def omega_b(self) -> Array:
+        """Body rates [rad/s] [FRD] (V, 3): turned into body axes when asked for, which is not after every step."""
+        if self._omega_b is None:  # a row vector times R is R^T times the vector: b from n
+            self._omega_b = (self._omega_n[:, None, :] @ self.r_nb)[:, 0]
+        return self._omega_b
 
     def close(self) -> None:
         if self._bullet.isConnected(self._client):
             self._bullet.disconnect(self._client)
 
-    def _read(self) -> None:
+    def read(self) -> None:
+        """Take the state of all vehicles over from bullet."""
         bullet, client = self._bullet, self._client
         pose, velocity = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
         rows = []
         for body in self._ids:
             (x, y, z), (qx, qy, qz, qw) = pose(body, client)
             (vx, vy, vz), (wx, wy, wz) = velocity(body, client)
-            rows.append((x, y, z, vx, vy, vz, wx, wy, wz, qx, qy, qz, qw))
+            # NED from the z-up world (arena.geometry.ned_from_world), without the cost of an array.
+            rows.append((y, x, -z, vy, vx, -vz, wy, wx, -wz, qx, qy, qz, qw))
         found = np.array(rows)
-        vectors = found[:, :9].reshape(-1, 3, 3) @ _NED_W
-        self.p_n, self.v_n = vectors[:, 0], vectors[:, 1]
-        self.q_nb = found[:, 9:] @ _Q_NB_XYZW
-        self.r_nb = ((self.q_nb[:, :, None] * self.q_nb[:, None, :]).reshape(-1, 16) @ _MATRIX_QQ).reshape(-1, 3, 3)
-        self.omega_b = (vectors[:, 2:3] @ self.r_nb)[:, 0]  # a row vector times R is R^T times the vector: b from n
+        self.p_n, self.v_n, self._omega_n = found[:, 0:3], found[:, 3:6], found[:, 6:9]
+        self.q_nb = q = found[:, 9:] @ _Q_NB_XYZW
+        self.r_nb = ((q[:, :, None] * q[:, None, :]).reshape(-1, 16) @ _MATRIX_QQ).reshape(-1, 3, 3)
+        self._omega_b = None
 
     def _floor(self) -> int:
         return self._fixed(self._bullet.createCollisionShape(self._bullet.GEOM_PLANE, physicsClientId=self._client), _ORIGIN)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from arena.errors import InputError
 from arena.geometry import quat_from_euler, quat_rotate
+from arena.sim.ground import ground_table
 from arena.thrust import thrust_curve
 
 Array = NDArray[np.float64]
@@ -33,8 +34,11 @@ class Fleet:
     (V, 3); start_q_nb [-] wxyz (V, 4). wrench: thrusts (R,) -> torque x, y, z [N m] and force z [N], FRD,
     (V, 4, R). thrust: thrust of one rotor at GRID + 1 equally spaced commands from 0 to 1, at rest [N] (V,
     GRID + 1); speed_loss: fraction of it lost per m/s of airspeed [s/m] (V,). hover: the command that
-    carries it at rest [-] (V,). tau_up, tau_down: rotor lag [s] (V, 1). drag: force per airspeed along FRD
-    [N s/m] (V, 3).
+    carries it at rest [-] (V,). tau_up, tau_down: rotor lag [s] (V, 1). drag: of the rotors at hover, force per
+    airspeed along FRD [N s/m] (V, 3); body_drag: force per square of it [N s2/m2] (V, 3). per_weight: -1 / (mass g) [1/N]
+    (V,). per_volt: supply of the rotors per volt of the battery [1/V], 0 where it does not matter (V,). ground: share of the
+    thrust far from the floor, one table after the other (V * (CELLS + 1),); ground_scale: cells per metre of height
+    [1/m] (V,); ground_reach: where it ends [m] (V,).
     """
 
     names: tuple[str, ...]
@@ -54,6 +58,12 @@ class Fleet:
     tau_up: Array
     tau_down: Array
     drag: Array
+    body_drag: Array
+    per_weight: Array
+    per_volt: Array
+    ground: Array
+    ground_scale: Array
+    ground_reach: Array
 
     @property
     def size(self) -> int:
@@ -73,6 +83,7 @@ def read_fleet(vehicles: list[dict[str, Any]]) -> Fleet:
     origin_height = _column(profiles, "ground_clearance_m", lambda p: float(p["height_m"]) / 2.0)
     start_q_nb = quat_from_euler([v.get("rpy", (0.0, 0.0, 0.0)) for v in vehicles])
     curves = [_curve(p) for p in profiles]
+    grounds = [ground_table(p) for p in profiles]
     return Fleet(
         names=tuple(str(v["name"]) for v in vehicles),
         ids=tuple(int(v["id"]) for v in vehicles),
@@ -91,6 +102,12 @@ def read_fleet(vehicles: list[dict[str, Any]]) -> Fleet:
         tau_up=_column(profiles, "motor_up_s", lambda _: 0.0125)[:, None],
         tau_down=_column(profiles, "motor_down_s", lambda _: 0.025)[:, None],
         drag=np.array([p.get("drag_kg_s", (0.2, 0.2, 0.2)) for p in profiles], float),
+        body_drag=np.array([p.get("body_drag_kg_m", (0.0, 0.0, 0.0)) for p in profiles], float),
+        per_weight=-1.0 / (_column(profiles, "mass_kg") * GRAVITY),
+        per_volt=np.array([_per_volt(p) for p in profiles]),
+        ground=np.concatenate([table for table, _, _ in grounds]),
+        ground_scale=np.array([scale for _, scale, _ in grounds]),
+        ground_reach=np.array([reach for _, _, reach in grounds]),
     )
 
 
@@ -134,6 +151,11 @@ def _curve(profile: Mapping[str, Any]) -> tuple[Array, float]:
     """One rotor's thrust at each command of the grid [N] (GRID + 1,), and the fraction lost per m/s [s/m]."""
     curve = thrust_curve(profile["thrust_curve"])
     return curve.newtons(np.linspace(0.0, 1.0, GRID + 1)) / len(profile["rotors"]), 1.0 / curve.fade_speed_m_s
+
+
+def _per_volt(profile: Mapping[str, Any]) -> float:
+    nominal = profile.get("battery", {}).get("thrust_at_v")
+    return 1.0 / float(nominal) if nominal else 0.0
 
 
 def _hover(profile: Mapping[str, Any]) -> float:

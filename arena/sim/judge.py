@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 TOUCHDOWN_M_S = 1.5
 TILT_RAD = math.radians(60.0)
+_COS_TILT = math.cos(TILT_RAD)
 # A standing body's contact flickers; that is not a flight.
 _FLIGHT_S = 0.1
 
@@ -64,12 +65,12 @@ class Judge:
     def __init__(self, names: Sequence[str], *, step_s: float) -> None:
         self.verdicts = [Verdict(name=name) for name in names]
         self._step_s = step_s
-        self._speed = np.zeros(len(names))
         self._told: list[str] = []
         self._cos_tilt, self._down = np.ones(len(names)), np.full(len(names), math.inf)
         self._aloft_s = np.zeros(len(names))
         self._floor = np.ones(len(names), bool)
         self._p_n: Array = np.full((len(names), 3), math.nan)
+        self._v_n: Array = np.zeros((len(names), 3))
 
     def watch(
         self,
@@ -82,22 +83,21 @@ class Judge:
         others: Mapping[int, str],
     ) -> None:
         """now [s]; p_n [m] (V, 3), v_n [m/s] (V, 3), NED; cos_tilt: body z along down [-] (V,); floor: does
-        it touch the floor (V,); others: what else it touches, by vehicle.
+        it touch the floor (V,); others: what else it touches, by vehicle. The arrays are kept, not copied.
         """
         for i, what in others.items():
             self._crash(i, now, f"touched {what}")
         np.minimum(self._cos_tilt, cos_tilt, out=self._cos_tilt)
         np.minimum(self._down, p_n[:, 2], out=self._down)
-        for i in np.flatnonzero(cos_tilt < math.cos(TILT_RAD)).tolist():
+        for i in (cos_tilt < _COS_TILT).nonzero()[0].tolist():
             self._crash(i, now, f"tilted {math.degrees(math.acos(max(-1.0, float(cos_tilt[i])))):.0f} degrees")
-        for i in np.flatnonzero(floor != self._floor).tolist():
+        for i in (floor != self._floor).nonzero()[0].tolist():
             if floor[i]:
                 self._touch_down(i, now, p_n[i])
             else:
                 self.verdicts[i]._aloft_since = now
-        self._floor, self._p_n = floor, p_n
+        self._floor, self._p_n, self._v_n = floor, p_n, v_n
         self._aloft_s += ~floor * self._step_s
-        self._speed = np.sqrt((v_n * v_n).sum(axis=1))
 
     def events(self) -> list[str]:
         """Lines since the last call: one per crash."""
@@ -115,7 +115,7 @@ class Judge:
 
     def _touch_down(self, i: int, now: float, p_n: Array) -> None:
         """The speed is that of the step before: the contact has already taken it out of this one's."""
-        verdict, speed = self.verdicts[i], float(self._speed[i])
+        verdict, speed = self.verdicts[i], math.sqrt(float((self._v_n[i] * self._v_n[i]).sum()))
         if now - verdict._aloft_since >= _FLIGHT_S:
             verdict.touchdown_m_s, verdict.landings = speed, verdict.landings + 1
             verdict.landed_p_n = _triple(p_n)

@@ -1,31 +1,32 @@
 """The world's step loop: autopilots and bodies step together, between the sockets and the wall clock. The
 only shell of this room.
 
-Each step: hear the links, step the autopilots on what the sensors say, step the world, publish truth and
-time, answer, wait.
+Each step: wait, hear the links, step the autopilots on what the sensors say, step the world, publish truth
+and time, answer. Where autopilots are processes of their own (PX4) the order is turned by half a step, so that
+they compute while this process publishes and the clock's clients work: send the sensors, wait for the clients,
+publish truth and time, collect the motor commands, step the world. Either way published time does not move
+while a client of the clock is awake.
 """
 
 from __future__ import annotations
 
 import gc
 import math
+import os
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from arena.clock import ClockServer
 from arena.errors import InputError, RunError
 from arena.room import Afterlife, Room
 from arena.sim.links import Links
-from arena.sim.pacing import Pacer, speed_of
+from arena.sim.pacing import Pacer, own_core, speed_of
+from arena.sim.pilots import MakePilots, Outside
 from arena.sim.world import World
 from arena.wire.truth import Truth, TruthWriter
-
-Array = NDArray[np.float64]
 
 _LOOK_UP_S = 0.1  # how often the loop looks at its supervisor and passes events on
 _STATS_S = 1.0
@@ -33,26 +34,6 @@ _DRAIN_SHARE = 0.3  # of a period's wall time, at most, for reading the links
 _LONGEST_WAIT_S = 0.1
 _MILLI_S = 1e-3
 _RTF_TOLERANCE = 0.02
-
-
-class Pilots(Protocol):
-    """The autopilots of all vehicles of this world, as `arena.autopilot` makes them."""
-
-    @property
-    def armed(self) -> NDArray[np.bool_]: ...
-
-    def receive(self, vehicle: int, link: str, data: bytes) -> None: ...
-
-    def step(self, now: float, sensors: dict[str, Array]) -> Array: ...
-
-    def transmit(self) -> list[tuple[int, str, bytes]]: ...
-
-    def stats(self) -> dict[str, Any]: ...
-
-    def events(self) -> list[str]: ...
-
-
-MakePilots = Callable[[dict[str, Any], float], Pilots]
 
 
 class Loop:
@@ -65,8 +46,9 @@ class Loop:
         self._room, self._speed = room, speed_of(settings.get("speed", 1.0))
         self._world = World(settings)
         self._pilots = make_pilots(settings, self._world.period_s)
-        self._see: Callable[[Truth], None] | None = getattr(self._pilots, "see", None)
+        self._outside: Outside | None = self._pilots if isinstance(self._pilots, Outside) else None
         period_s = self._world.period_s / max(self._speed, 1.0) if math.isfinite(self._speed) else self._world.period_s
+        self._keep_to_a_core(settings["vehicles"])
         self._links = Links(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
         self._truth_path = Path(settings["truth"])
         self._truth, self._clock = self._pages(settings["clock"])
@@ -74,7 +56,8 @@ class Loop:
         self._struck_off = 0
 
     def run(self) -> None:
-        self._publish()
+        if self._outside is None:  # else the step itself begins with it
+            self._publish(self._world.truth())
         self._step()
         # Everything made so far lives as long as the process: collections need not look at it again.
         gc.collect()
@@ -91,6 +74,12 @@ class Loop:
             close()
         self._truth_path.unlink(missing_ok=True)
         self._world.close()
+
+    def _keep_to_a_core(self, vehicles: list[dict[str, Any]]) -> None:
+        outside = sum(v.get("autopilot", "builtin") != "builtin" for v in vehicles)
+        core = own_core(tuple(os.sched_getaffinity(0)), speed=self._speed, outside=outside, pid=os.getpid())
+        if core is not None:
+            os.sched_setaffinity(0, {core})
 
     def _pages(self, clock: str) -> tuple[TruthWriter, ClockServer]:
         try:
@@ -123,29 +112,44 @@ class Loop:
     def _step(self) -> None:
         world, pilots = self._world, self._pilots
         self._links.drain(pilots.receive)
-        if self._see is not None:
-            self._see(world.truth())
-        world.step(pilots.step(world.now, world.sense()))
-        self._publish()
+        if self._outside is None:
+            world.step(pilots.step(world.now, world.sense()))
+            self._publish(world.truth())
+        else:
+            truth = world.truth()
+            self._outside.see(truth)
+            sensors = world.sense()
+            if self._outside.wants_gps:
+                sensors |= world.gps()
+            self._outside.begin(world.now, sensors)
+            world.watch()
+            self._until_asleep()
+            self._publish(truth)
+            world.move(self._outside.finish())
         self._links.send(pilots.transmit())
 
-    def _publish(self) -> None:
+    def _publish(self, truth: Truth) -> None:
         """Truth first: who is woken may read it."""
-        self._truth.write(self._world.truth())
+        self._truth.write(truth)
         self._clock.tick(self._world.now)
+
+    def _until_asleep(self) -> None:
+        """At another speed than the wall clock's, time waits for its clients."""
+        if self._speed == 1.0:
+            return
+        while not (self._clock.may_pass(self._world.now, time.monotonic()) or self._room.stopping):
+            self._clock.poll(_MILLI_S)
 
     def _wait(self, pacer: Pacer) -> float:
         """Until the next step may begin; returns the wall time then [s]. The clock's clients are served
         meanwhile.
         """
         now = time.monotonic()
-        while not self._room.stopping:
-            if (left := pacer.wait_s(now)) > 0.0:
-                self._idle(min(left, _LONGEST_WAIT_S))
-            elif self._speed != 1.0 and not self._clock.may_pass(self._world.now, now):
-                self._clock.poll(_MILLI_S)
-            else:
-                break
+        while (left := pacer.wait_s(now)) > 0.0 and not self._room.stopping:
+            self._idle(min(left, _LONGEST_WAIT_S))
+            now = time.monotonic()
+        if self._outside is None:
+            self._until_asleep()
             now = time.monotonic()
         return now
 

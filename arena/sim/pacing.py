@@ -9,6 +9,7 @@ often and how far is counted.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 FORGIVEN_ABOVE_S = 0.020
@@ -103,3 +104,14 @@ class Pacer:
 def speed_of(value: float | str) -> float:
     """The slice's `speed`, a number or "max", as a float: inf for max."""
     return math.inf if value == "max" else float(value)
+
+
+def own_core(cores: Sequence[int], *, speed: float, outside: int, pid: int) -> int | None:
+    """The core that a world keeps to while it hurries with few autopilots in processes of their own; else None.
+
+    Each step is a turn of the world's, then theirs: on two cores they overlap, and a world that stays where it is finds its
+    caches warm. Worth it only where every one of them has a core too. pid: so that several worlds do not choose the same.
+    """
+    if speed == 1.0 or outside == 0 or outside >= len(cores):
+        return None
+    return sorted(cores)[pid % len(cores)]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from arena.errors import InputError
 from arena.sim.battery import Battery
 from arena.sim.bodies import Bodies
+from arena.sim.few import MOST, Few
 from arena.sim.fleet import GRAVITY, read_fleet
 from arena.sim.judge import Judge
 from arena.sim.rotors import Rotors
@@ -39,6 +40,8 @@ class World:
         self.fleet = read_fleet(list(settings["vehicles"]))
         self.bodies = Bodies(self.fleet, size_m=settings["size_m"], step_s=self._h, gui=bool(settings.get("gui")))
         self._rotors = Rotors(self.fleet, step_s=self._h)
+        few = self.fleet.size <= MOST
+        self._few = Few(self.fleet, self.bodies, self._rotors, step_s=self._h) if few else None
         self._battery = Battery(self.fleet, step_s=self.period_s)
         self._judge = Judge(self.fleet.names, step_s=self.period_s)
         origin, heading = settings.get("origin"), math.radians(float(settings.get("heading_deg", 0.0)))
@@ -49,7 +52,7 @@ class World:
             origin=Origin(**origin) if origin else None,
         )
         self.wind_n: Array = np.array(settings.get("wind_m_s") or (0.0, 0.0, 0.0), float)
-        self.steps = 0
+        self.steps = self._watched = 0
         # Before the first step every vehicle is held at its start, which feels like standing: 1 g.
         self._accel_b = -(_G_N @ self.bodies.r_nb)
 
@@ -59,14 +62,30 @@ class World:
         return self.steps * self.period_s
 
     def step(self, motors: Array) -> None:
-        """motors: commands 0..1 (V, R), held for one sensor period."""
-        motors = np.minimum(np.maximum(np.nan_to_num(motors), 0.0), 1.0)
-        felt = np.zeros_like(self._accel_b)
-        for _ in range(self._substeps):
-            felt += self._substep(motors)
-        self._accel_b = felt / self._substeps
-        self._battery.step(self._rotors.spin)
+        """motors: commands 0..1 (V, R), held for one sensor period: `move`, then `watch`."""
+        self.move(motors)
+        self.watch()
+
+    def move(self, motors: Array) -> None:
+        """One sensor period passes for the bodies. Nothing else may be asked of the judge or the batteries before `watch`."""
+        motors = np.fmin(np.fmax(motors, 0.0), 1.0)  # what is no number becomes 0
+        if self._few is not None:
+            self._accel_b = self._few.move(motors, self.wind_n, self._substeps)
+        else:
+            felt = self._substep(motors)
+            for _ in range(self._substeps - 1):
+                felt += self._substep(motors)
+            self._accel_b = felt / self._substeps
         self.steps += 1
+
+    def watch(self) -> None:
+        """What a step means for batteries and verdicts: once after each `move`, when there is time for it."""
+        if self._watched == self.steps:
+            return
+        self._watched = self.steps
+        self._battery.step(self._rotors.spin)
+        if self._rotors.sags:
+            self._rotors.supply = self._battery.supply
         bodies, contacts = self.bodies, self.bodies.contacts()
         self._judge.watch(
             now=self.now,
@@ -83,13 +102,15 @@ class World:
         """
         bodies = self.bodies
         r_nb, v_n = bodies.r_nb, bodies.v_n
-        bodies.push(*self._rotors.step(motors, _b_from_n(r_nb, v_n - self.wind_n)))
+        bodies.push(*self._rotors.step(motors, _b_from_n(r_nb, v_n - self.wind_n), -bodies.p_n[:, 2]))
         bodies.step()
         return _b_from_n(r_nb, (bodies.v_n - v_n) / self._h - _G_N)
 
     def truth(self) -> Truth:
-        bodies, motors = self.bodies, np.zeros((self.fleet.size, 4))
-        motors[:, : min(4, self.fleet.rotors)] = self._rotors.spin[:, :4]
+        bodies, motors = self.bodies, self._rotors.spin
+        if self.fleet.rotors != 4:
+            motors = np.zeros((self.fleet.size, 4))
+            motors[:, : min(4, self.fleet.rotors)] = self._rotors.spin[:, :4]
         return Truth(
             time_s=self.now,
             p_n=bodies.p_n,
@@ -139,4 +160,5 @@ def substeps(physics_hz: float, sensor_hz: float) -> int:
 
 def _b_from_n(r_nb: Array, v_n: Array) -> Array:
     """Body axes from NED (V, 3): as a row vector, v R is R^T v."""
-    return np.asarray(np.matmul(v_n[:, None, :], r_nb)[:, 0])
+    turned: Array = (v_n[:, None, :] @ r_nb)[:, 0]
+    return turned

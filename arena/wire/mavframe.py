@@ -85,6 +85,47 @@ def cut(data: Buffer) -> Cut:
     return _new(Cut, (frames, size - used, bad_crc, unknown))
 
 
+class Stream:
+    """Cuts what comes in pieces of any length, from a serial line: the same frames however it is chopped.
+
+    A frame is given out once it is whole and its CRC fits; a false start costs one byte and the search goes on behind it, so that
+    at most one frame's length is ever kept back. A message that is not in the table is believed only between two others.
+    """
+
+    def __init__(self) -> None:
+        self._kept = b""
+        self._clean = True  # does what is kept begin where a frame ended?
+
+    def feed(self, data: Buffer) -> tuple[bytes, Cut]:
+        """The next piece -> a buffer, and the frames that stand in it. Never raises."""
+        buffer = self._kept + bytes(data)
+        frames: list[Frame] = []
+        size, at, garbage, bad_crc, unknown = len(buffer), 0, 0, 0, 0
+        while at < size:
+            if not _begins(buffer, at, size):
+                found = _MAGIC.search(buffer, at + 1)
+                at, garbage, self._clean = self._skip(at, found.start() if found else size, garbage)
+                continue
+            frame = _frame_at(buffer, at, size)
+            seed = None if frame is None else _SEED.get(frame[6])
+            if frame is None or (seed is None and frame[1] == size):
+                break  # not whole yet; or one whose end only the next byte can prove
+            if _plausible(buffer, frame, self._clean, size) if seed is None else _crc_fits(buffer, frame, seed):
+                frames.append(frame)
+                at, self._clean = frame[1], True
+                unknown += seed is None
+                continue
+            bad_crc += seed is not None
+            found = _MAGIC.search(buffer, at + 1)
+            at, garbage, self._clean = self._skip(at, found.start() if found else size, garbage)
+        self._kept = buffer[at:]
+        return buffer, _new(Cut, (frames, garbage, bad_crc, unknown))
+
+    @staticmethod
+    def _skip(at: int, to: int, garbage: int) -> tuple[int, int, bool]:
+        return to, garbage + to - at, False
+
+
 def byte_at(data: Buffer, frame: Frame, offset: int) -> int:
     """One byte of the payload; 0 beyond its end."""
     return data[frame.payload + offset] if offset < frame.size else 0
@@ -121,6 +162,13 @@ def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
     target_sys = data[payload + system] if system < length else 0
     target_comp = data[payload + component] if 0 <= component < length else 0
     return _new(Frame, (at, end, payload, length, sysid, compid, msgid, target_sys, target_comp))
+
+
+def _begins(data: Buffer, at: int, size: int) -> bool:
+    """May a frame begin here, by as much of its header as has come?"""
+    if data[at] == _V2:
+        return at + 2 >= size or not data[at + 2] & ~_SIGNED
+    return data[at] == _V1
 
 
 def _crc_fits(data: Buffer, frame: Frame, seed: bytes) -> bool:

@@ -1,7 +1,8 @@
-"""NatNet 3.1 and 4.1, the wire format of OptiTrack's Motive: bytes <-> values. No sockets, no clocks, no frames turned.
+"""NatNet 3.0 to 4.2, the wire format of OptiTrack's Motive: bytes <-> values. No sockets, no clocks, no frames turned.
 
 Every packet: message number u16, payload bytes u16, payload; little endian. From 4.1 each section of a frame or description
 says its size in bytes after its count. Positions are metres and quaternions xyzw in the system's own axes, as sent.
+A later 4.x is read as far as its frames prove to be laid out like those of 4.2.
 (Layouts as the NatNet SDK documents them and its public clients read them.)
 """
 
@@ -29,6 +30,8 @@ _STAMPS = struct.Struct("<IIdQQQ")  # time code and its part, time stamp, then t
 _LABELLED_BYTES = 26
 _NAME_BYTES = 256
 _SANE = 10_000  # sections longer than this are garbage
+_NEWEST_KNOWN, _TOO_NEW = (4, 2), (5, 0)
+_SIZED_TAIL_BYTES = _STAMPS.size + 8 + 2 + 4  # after a sized frame's last section: stamps, precision stamp, parameters, end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +69,11 @@ class ServerInfo:
     clock_hz: int
     data_port: int
     group: str
+
+
+def is_understood(version: Version) -> bool:
+    """Can a server's frames be read? 3.2 and the like never were; what 5.0 will be nobody knows."""
+    return version in ((3, 0), (3, 1)) or (4, 0) <= version < _TOO_NEW
 
 
 def packet(message: int, payload: bytes = b"") -> bytes:
@@ -136,19 +144,20 @@ def decode_models(data: bytes, version: Version) -> dict[int, str]:
         kind = reader.i32()
         if version >= (4, 1):
             part = _Reader(reader.section())
-        elif kind in (0, 1):
-            part = reader
+            if kind == 1:  # what follows the id differs from version to version, and is not needed
+                name = part.text()
+                found[part.i32()] = name
+        elif kind == 0:
+            reader.text()
+            for _ in range(reader.count("markers")):
+                reader.text()
+        elif kind == 1:
+            name = reader.text()
+            found[reader.i32()] = name
+            reader.skip(16)
+            _skip_marker_descriptions(reader, version)
         else:
             break
-        if kind == 0:
-            part.text()
-            for _ in range(part.count("markers")):
-                part.text()
-        elif kind == 1:
-            name, streaming_id = part.text(), part.i32()
-            found[streaming_id] = name
-            part.skip(16 + (16 if version >= (4, 2) else 0))
-            _skip_marker_descriptions(part, version)
     return found
 
 
@@ -194,14 +203,17 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
             reader.skip(12 * reader.count("markers"))
         reader.skip(12 * reader.count("loose markers"))
     count = reader.count("rigid bodies")
-    if sized:
-        reader.i32()
+    if sized and (size := reader.i32()) != count * _BODY.size:
+        raise WireError(f"NatNet frame with {count} bodies in {size} bytes, expected {_BODY.size} bytes a body")
     bodies = _read_bodies(reader, count, wanted)
     if sized:
         reader.skip_sections(5)
     else:
         _skip_to_stamps(reader)
     at = reader.at
+    if version > _NEWEST_KNOWN and len(reader.data) - at != _SIZED_TAIL_BYTES:
+        raise WireError(f"NatNet {version[0]}.{version[1]} frame with {len(reader.data) - at} bytes after its sections, "
+                        f"expected {_SIZED_TAIL_BYTES}")
     reader.skip(_STAMPS.size)
     _, _, timestamp_s, exposure, _, transmit = _STAMPS.unpack_from(reader.data, at)
     if not isfinite(timestamp_s):

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 _HEAD = 4
 _PER_VEHICLE = 20
 _RING = 64
+_NEARLY_ONE = 0.9999
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,19 +105,30 @@ class TruthReader:
     def at(self, time_s: float) -> Truth | None:
         """The world at time_s [s], interpolated between its two neighbours; None when they are not both in the ring."""
         count = int(self._all[0])
-        rows = self._rows.copy()
         held = min(count, self._ring - 1)
-        if held < 2 or int(self._all[0]) - count >= 1 + self._ring - held:
-            return None if held < 2 else self.at(time_s)
-        order = np.arange(count - held, count) % self._ring
-        times = rows[order, 0]
-        i = int(np.searchsorted(times, time_s, side="right"))
-        if i == 0 or (i == held and time_s > times[-1] + 1e-9):
+        found = self._around(time_s, count, held)
+        # What was overwritten while it was looked at is not to be believed; the writer is rarely a whole ring ahead.
+        if int(self._all[0]) - count >= 1 + self._ring - held:
+            return self.at(time_s) if held >= 2 else None
+        return None if found is None else _between(*found, time_s)
+
+    def _around(self, time_s: float, count: int, held: int) -> tuple[Array, Array] | None:
+        """The samples before and after time_s; it is a few behind the newest, so look from there."""
+        rows, ring = self._rows, self._ring
+        if held < 2 or time_s > rows[(count - 1) % ring, 0] + 1e-9:
             return None
-        i = min(i, held - 1)
-        before, after = rows[order[i - 1]], rows[order[i]]
-        fraction = (time_s - before[0]) / (after[0] - before[0])
-        mixed = before + fraction * (after - before)
-        a, b = Truth.from_row(before), Truth.from_row(after)
-        Truth.from_row(mixed).q_nb[:] = quat_slerp(a.q_nb, b.q_nb, np.full(len(a.q_nb), fraction))
-        return Truth.from_row(mixed)
+        for i in range(count - 2, count - held - 1, -1):
+            if rows[i % ring, 0] <= time_s:
+                return rows[i % ring].copy(), rows[(i + 1) % ring].copy()
+        return None
+
+
+def _between(before: Array, after: Array, time_s: float) -> Truth:
+    fraction = (time_s - before[0]) / (after[0] - before[0])
+    mixed = Truth.from_row(before + fraction * (after - before))
+    a, b = before[1:].reshape(-1, _PER_VEHICLE)[:, 3:7], after[1:].reshape(-1, _PER_VEHICLE)[:, 3:7]
+    if (np.add.reduce(a * b, 1) > _NEARLY_ONE).all():  # turned by less than 1.6 degrees: the chord's error is below 1e-7 rad
+        mixed.q_nb[:] /= np.sqrt(np.add.reduce(mixed.q_nb * mixed.q_nb, 1))[:, None]
+    else:
+        mixed.q_nb[:] = quat_slerp(a, b, np.full(len(a), fraction))
+    return mixed

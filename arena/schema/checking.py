@@ -1,0 +1,70 @@
+"""What every cross-check looks at: the arena, where it was written, and the file system behind a face of its own."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from arena.errors import Problem
+from arena.schema.arena import Arena, Px4, Vehicle
+from arena.schema.loader import YamlPath
+from arena.schema.px4 import find_px4
+from arena.schema.source import Source
+
+
+class Files(Protocol):
+    """The file system, as far as the checks look at it. Paths are absolute."""
+
+    def is_file(self, path: str) -> bool: ...
+
+    def is_executable(self, path: str) -> bool: ...
+
+    def names(self, folder: str) -> list[str]: ...
+
+    def find_px4(self, home: str | None) -> Px4 | None: ...
+
+
+class RealFiles:
+    """The one of this machine."""
+
+    def is_file(self, path: str) -> bool:
+        return Path(path).is_file()
+
+    def is_executable(self, path: str) -> bool:
+        return os.access(path, os.X_OK)
+
+    def names(self, folder: str) -> list[str]:
+        try:
+            return sorted(path.name for path in Path(folder).iterdir())
+        except OSError:
+            return []
+
+    def find_px4(self, home: str | None) -> Px4 | None:
+        return find_px4(home)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """What every check looks at. pruned: paths that were wrong by themselves and must not be judged again."""
+
+    arena: Arena
+    source: Source
+    pruned: frozenset[YamlPath]
+    files: Files
+
+    def where(self, vehicle: str, *key: str) -> YamlPath:
+        """The path at which a vehicle's key is written: its own, else that of `defaults`."""
+        own: YamlPath = ("vehicles", vehicle, *key)
+        common: YamlPath = ("defaults", *key)
+        return common if not self.source.given(own) and self.source.given(common) else own
+
+    def problem(self, vehicle: str, key: tuple[str | int, ...], message: str) -> Problem:
+        words = tuple(str(k) for k in key)
+        return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
+
+    def sound(self, vehicle: Vehicle, *keys: str) -> bool:
+        """Whether nothing of these keys of the vehicle was wrong by itself."""
+        roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
+        return not any(path[: len(root)] == root for path in self.pruned for root in roots)

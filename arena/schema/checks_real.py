@@ -1,0 +1,106 @@
+"""Cross-checks of what is real: hardware vehicles, controllers in the loop, the vendor's motion capture. Pure."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+from arena.errors import Problem
+from arena.schema.arena import Vehicle
+from arena.schema.checking import Check
+from arena.schema.loader import YamlPath
+from arena.schema.wires import EXPECTED, read_url
+
+# Bytes a second on a serial wire: an ODOMETRY with its covariances is some 245 long; HIL_SENSOR 250 times a second beside it.
+_POSE_BYTES, _HIL_BYTES_S, _BITS = 245, 250 * 76, 10
+_USUAL_BAUD = (57_600, 115_200, 230_400, 460_800, 921_600, 1_500_000, 3_000_000)
+
+
+def _wires(c: Check) -> Iterator[Problem]:
+    """Each kind of autopilot has its own keys."""
+    for v in c.arena.vehicles:
+        keys = {"hardware": "url", "hitl": "serial"}
+        wanted = keys.get(v.autopilot)
+        for key in ("url", "serial", "baud"):
+            given = c.source.given(("vehicles", v.name, key))
+            if given and key != wanted and not (key == "baud" and wanted):
+                other = {"url": "hardware", "serial": "hitl", "baud": "hardware or hitl"}[key]
+                yield c.problem(v.name, (key,), f"is for autopilot: {other}, and {v.name} has {v.asked}. Remove one of the two.")
+        if wanted is None or not c.sound(v, wanted, "autopilot"):
+            continue
+        if v.wire is None:
+            yield from _no_wire(c, v, wanted)
+        elif v.wire.kind == "serial":
+            yield from _baud(c, v, v.wire.baud)
+
+
+def _no_wire(c: Check, v: Vehicle, key: str) -> Iterator[Problem]:
+    path: YamlPath = ("vehicles", v.name, key)
+    expected = EXPECTED if key == "url" else "the device of the flight controller, as in /dev/ttyACM0"
+    if not c.source.given(path):
+        yield c.problem(v.name, ("autopilot",), f"got {v.asked}, which needs `{key}`: {expected}.")
+        return
+    got = c.source.value(path)
+    try:
+        read_url(str(got), 1)
+    except ValueError as error:
+        expected = str(error)
+    yield c.source.problem(path, f"got {got!r}, expected {expected}.")
+
+
+def _baud(c: Check, v: Vehicle, baud: int) -> Iterator[Problem]:
+    """Poses that pile up on a slow wire come late, and late poses fly a vehicle into the wall."""
+    needed = _POSE_BYTES * v.pose_rate_hz if v.forward else 0.0
+    needed = _BITS * (needed + (_HIL_BYTES_S if v.autopilot == "hitl" else 0.0))
+    if baud < needed:
+        what = f"{v.pose_rate_hz:g} poses a second" + (" and simulated sensors" if v.autopilot == "hitl" else "")
+        best = next((b for b in _USUAL_BAUD if b >= needed), _USUAL_BAUD[-1])
+        less = " or a lower pose_rate_hz" if v.autopilot == "hardware" else ""
+        yield c.problem(v.name, ("baud",), f"got {baud}, and {what} need at least {needed:.0f}. Try {best}{less}.")
+
+
+def _shared_wires(c: Check) -> Iterator[Problem]:
+    for a, b in itertools.combinations([v for v in c.arena.vehicles if v.wire is not None], 2):
+        assert a.wire is not None and b.wire is not None
+        same_device = a.wire.kind == "serial" and a.wire.device == b.wire.device
+        same_port = a.wire.kind == b.wire.kind == "udpin" and a.wire.port == b.wire.port and (
+            a.wire.host == b.wire.host or "0.0.0.0" in (a.wire.host, b.wire.host)
+        )  # fmt: skip
+        same_vehicle = a.wire.kind == b.wire.kind == "udpout" and (a.wire.host, a.wire.port) == (b.wire.host, b.wire.port)
+        if same_device or same_port or same_vehicle:
+            key = "serial" if b.autopilot == "hitl" else "url"
+            said = f"got {b.wire.words}, which {a.name} has too. Give each vehicle a wire of its own."
+            yield c.problem(b.name, (key,), said)
+
+
+def _speed(c: Check) -> Iterator[Problem]:
+    """Real hardware lives on the wall's clock, and simulated vehicles beside it must."""
+    real = [v for v in c.arena.vehicles if v.wire is not None or v.autopilot in ("hardware", "hitl")]
+    if real and c.arena.sim.speed != 1.0 and ("sim", "speed") not in c.pruned:
+        said = f"got {c.arena.sim.speed}, and {real[0].name} is {real[0].autopilot}, which knows real time only. Try 1."
+        yield c.source.problem(("sim", "speed"), said)
+
+
+def _capture(c: Check) -> Iterator[Problem]:
+    """Who is seen by whom."""
+    mocap, hardware = c.arena.mocap, c.arena.hardware
+    if ("mocap", "source") in c.pruned:
+        return
+    if mocap.source == "emulator":
+        for key in ("server", "local"):
+            if getattr(mocap, key) is not None:
+                said = "is for a vendor's server, and the source is the emulator. Add source: natnet."
+                yield c.source.problem(("mocap", key), said)
+        for v in (v for v in hardware if v.forward and v.wire is not None):
+            said = "got hardware, which the emulator cannot see. Set mocap.source: natnet and mocap.server, or forward: false"
+            yield c.problem(v.name, ("autopilot",), f"{said} for a vehicle that needs no captured pose.")
+    elif mocap.source == "natnet":
+        if mocap.server is None and ("mocap", "server") not in c.pruned:
+            said = "got natnet, which needs `server`: the numeric address of the motion capture's computer."
+            yield c.source.problem(("mocap", "source"), said)
+        elif not hardware:
+            said = "got natnet, and every vehicle is simulated: the server cannot see them. Use emulator."
+            yield c.source.problem(("mocap", "source"), said)
+
+
+REAL = (_wires, _shared_wires, _speed, _capture)

@@ -1,0 +1,105 @@
+"""PX4's simulator API: the messages that cross it at every step, values <-> MAVLink 2 frames.
+
+A step of the world waits for these, so they are packed and read by their layout: some microseconds each, where a generic codec
+takes tens. What comes rarely (heartbeats, requests) is cut by `mavframe` and left alone. No sockets, no clocks.
+
+    HIL_SENSOR (107)             <Q 13f I B             time_usec, accel, gyro, mag, pressure, its difference, height, degrees,
+                                                        fields, id
+    HIL_STATE_QUATERNION (115)   <Q 4f 3f 3i 3h 2H 3h   time_usec, q_nb, rates, lat, lon, alt, velocity, two airspeeds, accel
+    HIL_GPS (113)                <Q 3i 3H 3h H 2B       time_usec, lat, lon, alt, eph, epv, speed, velocity, course,
+                                                        fix, satellites
+    RC_CHANNELS (65)             <I 18H 2B              time_boot_ms, channels, their number, rssi
+    HIL_ACTUATOR_CONTROLS (93)   <Q Q 16f B             time_usec, flags, controls, mode
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from fastcrc import crc16
+
+from arena.wire.mavframe import Buffer, Frame
+from arena.wire.mavtargets import CRC_EXTRA
+
+HIL_ACTUATOR_CONTROLS, HIL_SENSOR, HIL_STATE_QUATERNION, HIL_GPS, RC_CHANNELS = 93, 107, 115, 113, 65
+LOCKSTEP, ARMED = 1, 128
+"""Bits of `flags` and `mode`."""
+_SENSOR, _STATE, _CONTROLS = struct.Struct("<Q13fIB"), struct.Struct("<Q4f3f3i3h2H3h"), struct.Struct("<QQ16fB")
+_GPS, _RC = struct.Struct("<Q3i3H3hH2B"), struct.Struct("<I18H2B")
+_UNKNOWN_COURSE, _FIX_3D, _UNUSED_CHANNEL, _RSSI = 65535, 3, 65535, 100
+_HEAD = struct.Struct("<BBBBBBBHB")
+_crc = crc16.mcrf4xx
+
+
+class Controls(NamedTuple):
+    """What PX4 answers. time_usec: of the sample it answers [us]. controls: the first four are motors, 0..1 [-] (16,)."""
+
+    time_usec: int
+    controls: tuple[float, ...]
+    mode: int
+    flags: int
+
+    @property
+    def armed(self) -> bool:
+        return bool(self.mode & ARMED)
+
+    @property
+    def lockstep(self) -> bool:
+        return bool(self.flags & LOCKSTEP)
+
+
+class Voice:
+    """Frames as one system and component, numbered."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self._system, self._component, self._number = system, component, 0
+
+    def sensor(self, time_usec: int, readings: Sequence[float], fields: int) -> bytes:
+        """HIL_SENSOR. readings: accel [m/s2], gyro [rad/s], mag [gauss], each FRD (3,), then pressure [hPa], its difference,
+        height [m], temperature [deg C]. fields: which of them are new.
+        """
+        return self._frame(HIL_SENSOR, _SENSOR.pack(time_usec, *readings, fields, 0))
+
+    def state(
+        self,
+        time_usec: int,
+        q_nb: Sequence[float],
+        omega_b: Sequence[float],
+        place: tuple[int, int, int],
+        v_n_cm_s: Sequence[int],
+        airspeed_cm_s: int,
+        accel_mg: Sequence[int],
+    ) -> bytes:
+        """HIL_STATE_QUATERNION. q_nb: wxyz. place: lat, lon [1e-7 deg], alt [mm]. airspeed: both indicated and true."""
+        payload = _STATE.pack(time_usec, *q_nb, *omega_b, *place, *v_n_cm_s, airspeed_cm_s, airspeed_cm_s, *accel_mg)
+        return self._frame(HIL_STATE_QUATERNION, payload)
+
+    def gps(
+        self, time_usec: int, place: tuple[int, int, int], accuracy_cm: tuple[int, int], v_cm_s: Sequence[int], satellites: int
+    ) -> bytes:
+        """HIL_GPS with a 3-D fix. place: lat, lon [1e-7 deg], alt [mm]. accuracy: horizontal, vertical. v_cm_s: true NED (3,)."""
+        speed = min(round(sum(v * v for v in v_cm_s) ** 0.5), 65534)
+        rest = (*place, *accuracy_cm, speed, *v_cm_s, _UNKNOWN_COURSE, _FIX_3D, satellites)
+        return self._frame(HIL_GPS, _GPS.pack(time_usec, *rest))
+
+    def sticks(self, time_ms: int, channels: Sequence[int]) -> bytes:
+        """RC_CHANNELS. channels: pulses [us], up to 18."""
+        pulses = (*channels, *(_UNUSED_CHANNEL,) * (18 - len(channels)))
+        return self._frame(RC_CHANNELS, _RC.pack(time_ms, *pulses, len(channels), _RSSI))
+
+    def _frame(self, number: int, payload: bytes) -> bytes:
+        payload = payload.rstrip(b"\0") or b"\0"  # MAVLink 2 leaves zeros at the end away
+        head = _HEAD.pack(0xFD, len(payload), 0, 0, self._number, self._system, self._component, number, 0)
+        self._number = (self._number + 1) & 0xFF
+        body = head + payload
+        crc = _crc(body[1:] + bytes((CRC_EXTRA[number],)))
+        return body + crc.to_bytes(2, "little")
+
+
+def controls(data: Buffer, frame: Frame) -> Controls:
+    """The HIL_ACTUATOR_CONTROLS that stands in `data`, as `mavframe` has cut it."""
+    payload = bytes(data[frame.payload : frame.payload + frame.size]).ljust(_CONTROLS.size, b"\0")
+    time_usec, flags, *outputs, mode = _CONTROLS.unpack_from(payload)
+    return Controls(time_usec, tuple(outputs), mode, flags)
