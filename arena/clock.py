@@ -21,6 +21,7 @@ from typing import Protocol
 from arena.errors import RunError
 
 _DOUBLE = struct.Struct("=d")
+_CREDENTIALS = struct.Struct("=3i")  # pid, uid, gid
 _PAGE_BYTES = 64
 _HUNG_AFTER_S = 1.0
 
@@ -96,6 +97,12 @@ class SimClock:
     def rate(self, hz: float) -> Rate:
         return Rate(self, hz)
 
+    @property
+    def server_pid(self) -> int:
+        """The process that serves this clock."""
+        pid, _, _ = _CREDENTIALS.unpack(self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))
+        return int(pid)
+
     def ended(self) -> bool:
         """Has the world gone? Never blocks; not to be asked while asleep."""
         try:
@@ -121,7 +128,7 @@ class _Sleeper:
 
 
 class ClockServer:
-    """The world's side. Call `tick(now)` after each step; in lockstep ask `may_pass` before the next."""
+    """The world's side. `tick(now)` publishes a time; in lockstep ask `may_pass` before the next one is published."""
 
     def __init__(self, path: str | Path) -> None:
         self._stem = Path(path)

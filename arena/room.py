@@ -17,12 +17,13 @@ import os
 import signal
 import socket
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from arena.errors import InputError
+from arena.errors import ArenaError, InputError
 
 LIFELINE = "ARENA_FD"
 
@@ -95,6 +96,24 @@ class Room:
 
     def _stop(self, signum: int, frame: FrameType | None) -> None:
         self.stopping = True
+
+
+def run_room(word: str, make: Callable[[Room], Callable[[], int | None]], argv: list[str] | None = None) -> int:
+    """What a room's `main` does: enter, make what serves from the slice, serve; its exit code. An error is one line on stderr.
+
+    word: what that line begins with. make: may raise KeyError for what the slice lacks, and ArenaError, as may what it returns;
+    that one's exit code is its result, 0 for None.
+    """
+    try:
+        room = Room.enter(argv)
+        try:
+            serve = make(room)
+        except KeyError as error:
+            raise InputError(f"the slice of {room.name}: {error} is missing (docs/architecture.md, Slices)") from error
+        return serve() or 0
+    except ArenaError as error:
+        print(f"{word}: {error}", file=sys.stderr)
+        return error.exit_code
 
 
 def lifeline() -> socket.socket | None:

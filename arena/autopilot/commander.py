@@ -45,14 +45,17 @@ def mode_of(main: int, sub: int) -> Mode | None:
     return next((m for m in Mode if m.value[:2] == (main, sub if main == 4 else 0) and sub < 100), None)
 
 
-_FLOWN = {Mode.TAKEOFF, Mode.HOLD, Mode.LAND, Mode.OFFBOARD}
-_NEEDS_POSITION = {Mode.TAKEOFF, Mode.HOLD, Mode.LAND}
-_NO_ARMING = {Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
+_FLOWN = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND, Mode.OFFBOARD}
+_NEEDS_POSITION = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND}
+_NO_ARMING = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
 
 
 @dataclass(slots=True, kw_only=True)
 class Sensed:
-    """What the commander decides on. now [s]; battery remaining 0..1; offboard_age: since the last setpoint [s]."""
+    """What the commander decides on. now [s]; battery remaining 0..1; offboard_age: since the last setpoint [s].
+
+    global_ok: position and the origin are known; mission_ok: one is there that may be flown; fence: what is violated, in words.
+    """
 
     now: float
     xy_valid: bool
@@ -66,6 +69,10 @@ class Sensed:
     offboard_needs_position: bool
     gcs_age: float
     aligned: bool
+    global_ok: bool = True
+    home_ok: bool = True
+    mission_ok: bool = False
+    fence: str = ""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -85,14 +92,20 @@ class Limits:
     com_dl_loss_t: float
     cbrk_flightterm: int
     fd_fail_rad: float
+    gf_action: int = 2
 
 
 @dataclass(slots=True)
 class Commander:
-    """State of one vehicle. `mode` is what it flies; `armed_since` and `took_off` belong to the present arming."""
+    """State of one vehicle.
+
+    mode: what it flies; intended: what was asked for last; `armed_since` and `took_off` belong to the present arming.
+    """
+
 
     name: str
     mode: Mode = Mode.HOLD
+    intended: Mode = Mode.HOLD
     armed: bool = False
     armed_since: float = float("inf")
     took_off: bool = False
@@ -102,26 +115,38 @@ class Commander:
     _landed_since: float | None = None
     _pending: tuple[float, Mode] | None = None
     _battery_level: int = 0
+    _fence: str = ""
 
     # -- asked for from outside ----------------------------------------------------------------------------------------
 
     def request_mode(self, mode: Mode | None, s: Sensed, limits: Limits) -> str:
-        """Change mode, or return why not."""
+        """Change mode, or return why not. Disarmed, every mode may be chosen and arming is what is checked; LAND always may."""
         if mode is None or mode not in _FLOWN:
             why = f"mode {mode.words} is not there in the built-in autopilot" if mode else "no such mode"
-        elif self.mode in (Mode.TERMINATE,) and self.armed:
+        elif self.mode is Mode.TERMINATE and self.armed:
             why = "flight is terminated"
-        elif mode is Mode.OFFBOARD and s.offboard_age > limits.com_of_loss_t:
-            why = "no offboard setpoints: stream them at 2 Hz or more first"
-        elif (mode in _NEEDS_POSITION or (mode is Mode.OFFBOARD and s.offboard_needs_position)) and not _position_ok(s):
-            why = "no valid local position"
         else:
-            why = ""
+            why = self._lacks(mode, s, limits) if self.armed and mode is not Mode.LAND else ""
         if why:
             self.say(CRITICAL, f"Mode change denied: {why}")
         else:
-            self._enter(mode or Mode.HOLD, s.now, "")
+            self.intended = mode or Mode.HOLD
+            self._enter(self.intended, s.now, "")
         return why
+
+    def _lacks(self, mode: Mode, s: Sensed, limits: Limits) -> str:
+        if mode is Mode.OFFBOARD and s.offboard_age > limits.com_of_loss_t:
+            return "no offboard setpoints: stream them at 2 Hz or more first"
+        if (mode in _NEEDS_POSITION or (mode is Mode.OFFBOARD and s.offboard_needs_position)) and not _position_ok(s):
+            return "no valid local position"
+        return self._auto_lacks(mode, s)
+
+    def _auto_lacks(self, mode: Mode, s: Sensed) -> str:
+        if mode in (Mode.MISSION, Mode.RTL) and not s.global_ok:
+            return "no valid global position"
+        if mode is Mode.RTL and not s.home_ok:
+            return "no home position"
+        return "no valid mission available" if mode is Mode.MISSION and not s.mission_ok else ""
 
     def arm_checks(self, s: Sensed, limits: Limits) -> list[str]:
         """Every reason not to arm, in words; empty when it may."""
@@ -136,19 +161,21 @@ class Commander:
             (self.mode in _NO_ARMING, f"Mode {self.mode.words} does not allow arming"),
             (s.battery <= limits.bat_crit_thr, f"Battery too low: {100 * s.battery:.0f} %"),
             (s.tilt_rad > limits.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
+            (self.mode is Mode.MISSION and not s.mission_ok, "No valid mission available"),
+            (s.fence != "" and limits.gf_action > 0, s.fence),
         ]
         return [words for failed, words in checks if failed]
 
-    def arm(self, s: Sensed, limits: Limits, *, force: bool = False) -> str:
+    def arm(self, s: Sensed, limits: Limits) -> str:
         """Arm, or return why not."""
-        reasons = [] if force and s.aligned else self.arm_checks(s, limits)
+        reasons = self.arm_checks(s, limits)
         if self.armed:
             return ""
         if reasons:
             self.say(CRITICAL, f"Arming denied: {reasons[0]}")
             return "; ".join(reasons)
         self.armed, self.armed_since, self.took_off, self._landed_since = True, s.now, False, None
-        self._pending, self._battery_level = None, 0
+        self._pending, self._battery_level, self._fence = None, 0, ""
         self.failsafe = ""
         self.say(INFO, "Armed by external command")
         return ""
@@ -184,6 +211,7 @@ class Commander:
         self.took_off |= s.flying and not s.landed
         self._check_attitude(s, limits)
         self._check_position(s)
+        self._check_fence(s, limits)
         self._check_battery(s, limits)
         self._check_offboard(s, limits)
         self._check_data_link(s, limits)
@@ -208,13 +236,27 @@ class Commander:
         self._battery_level = level
         severity, word = ((WARNING, "Low"), (CRITICAL, "Critical"), (EMERGENCY, "Emergency"))[level - 1]
         self.say(severity, f"{word} battery: {100 * s.battery:.0f} %")
-        if (level >= 2 and limits.com_low_bat_act in (2, 3)) and self.mode not in (Mode.LAND, *_NO_ARMING):
-            self._act(Mode.LAND, s.now, "battery")
+        returns = level == 2 and limits.com_low_bat_act == 3
+        done = _NO_ARMING if returns else _NO_ARMING - {Mode.RTL}
+        if (level >= 2 and limits.com_low_bat_act in (2, 3)) and self.mode not in done:
+            self._act(_home_or_land(s) if returns else Mode.LAND, s.now, "battery")
+
+    def _check_fence(self, s: Sensed, limits: Limits) -> None:
+        """Answered once, when it is crossed: who then chooses another mode flies."""
+        crossed, self._fence = s.fence and not self._fence, s.fence
+        action = limits.gf_action
+        if not crossed or action == 0:
+            return
+        self.say(CRITICAL, s.fence)
+        reaction = {2: Mode.HOLD, 3: _home_or_land(s), 4: Mode.TERMINATE, 5: Mode.LAND}.get(action)
+        down = self.mode in (Mode.LAND, Mode.DESCEND, Mode.TERMINATE) or (self.mode is Mode.RTL and action == 2)
+        if reaction is Mode.TERMINATE or (reaction and not down):
+            self._act(reaction, s.now, "geofence")
 
     def _check_offboard(self, s: Sensed, limits: Limits) -> None:
         if self.mode is not Mode.OFFBOARD or s.offboard_age <= limits.com_of_loss_t:
             return
-        action = {5: Mode.HOLD, 6: Mode.TERMINATE}.get(limits.com_obl_rc_act, Mode.LAND)
+        action = {3: _home_or_land(s), 5: Mode.HOLD, 6: Mode.TERMINATE}.get(limits.com_obl_rc_act, Mode.LAND)
         if limits.com_obl_rc_act == 7:
             self.say(EMERGENCY, "Failsafe activated: offboard control lost: disarming")
             self.disarm(s, force=True, why="by failsafe")
@@ -227,7 +269,7 @@ class Commander:
     def _check_data_link(self, s: Sensed, limits: Limits) -> None:
         coming_down = self.mode in (*_NO_ARMING, Mode.LAND)
         if limits.nav_dll_act and s.gcs_age > limits.com_dl_loss_t and not coming_down and not self.failsafe:
-            action = {1: Mode.HOLD, 5: Mode.TERMINATE}.get(limits.nav_dll_act, Mode.LAND)
+            action = {1: Mode.HOLD, 2: _home_or_land(s), 5: Mode.TERMINATE}.get(limits.nav_dll_act, Mode.LAND)
             self._act(action, s.now, "data link lost")
 
     def _run_pending(self, s: Sensed) -> None:
@@ -251,7 +293,7 @@ class Commander:
             self.disarm(s, why="by landing" if self.took_off else "by auto preflight disarming")
 
     def _act(self, mode: Mode, now: float, why: str) -> None:
-        if mode in (Mode.LAND, Mode.HOLD) and self.mode is Mode.DESCEND:
+        if mode in (Mode.LAND, Mode.RTL, Mode.HOLD) and self.mode is Mode.DESCEND:
             return
         self.failsafe = why
         if mode is Mode.TERMINATE:
@@ -264,6 +306,11 @@ class Commander:
         if mode is not self.mode:
             self.mode, self.mode_since = mode, now
         self.failsafe = failsafe
+
+
+def _home_or_land(s: Sensed) -> Mode:
+    """What a failsafe that asks for a return can have."""
+    return Mode.RTL if s.global_ok and s.home_ok and _position_ok(s) else Mode.LAND
 
 
 def _position_ok(s: Sensed) -> bool:

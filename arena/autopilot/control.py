@@ -170,6 +170,7 @@ class RateControl:
         self.params, self.dt = params, dt
         self.integral = np.zeros((vehicles, 3))
         self._rate, self._accel = np.zeros((vehicles, 3)), np.zeros((vehicles, 3))
+        self._yaw_torque = np.zeros(vehicles)
         self._read_params()
 
     def _read_params(self) -> None:
@@ -182,9 +183,11 @@ class RateControl:
         self._limit = p.columns("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
         self._lp_rate = _low_pass(p["IMU_GYRO_CUTOFF"], self.dt)
         self._lp_accel = _low_pass(p["IMU_DGYRO_CUTOFF"], self.dt)
+        self._lp_yaw = _low_pass(p["MC_YAW_TQ_CUTOFF"], self.dt)[:, 0]
 
     def reset(self, which: Bool | int) -> None:
         self.integral[which] = 0.0
+        self._yaw_torque[which] = 0.0
 
     def update(self, omega_b: Array, omega_sp: Array, saturated: Array) -> Array:
         """saturated: sign of the torque that the mixer could not deliver, per axis (V, 3)."""
@@ -199,6 +202,9 @@ class RateControl:
         # Large errors are transients, not trims: let the integral sleep through them (400 deg/s and more: none).
         fade = np.maximum(0.0, 1.0 - (error / np.radians(400.0)) ** 2)
         self.integral = np.clip(self.integral + fade * grow * self._i * self.dt, -self._limit, self._limit)
+        # Rotors that gather speed push back on the body: what yaw asks for is smoothed, as PX4 does.
+        self._yaw_torque += self._lp_yaw * (torque[:, 2] - self._yaw_torque)
+        torque[:, 2] = self._yaw_torque
         return torque
 
 

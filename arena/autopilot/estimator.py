@@ -220,14 +220,18 @@ class Estimator:
         self._ring_q[at] = quat_multiply(turn[None], self._ring_q[at])
 
     def fuse_baro(self, baro_alt_m: Array, now: float) -> None:
-        """baro_alt_m: [m] up (V,). It learns its offset while vision gives the height, and carries it when vision is gone."""
+        """baro_alt_m: [m] up (V,), NaN of one that has failed.
+
+        It learns its offset while vision gives the height, and carries it when vision is gone.
+        """
         height = -self.p_n[:, 2]
-        good = self.aligned & (now - self.last_z < 0.2)
+        alive = np.isfinite(baro_alt_m)
+        good = alive & self.aligned & (now - self.last_z < 0.2)
         first = good & ~self._baro_seen
         self._baro_offset[first] = (baro_alt_m - height)[first]
         self._baro_seen |= good
         self._baro_offset += np.where(good, 0.02 * (baro_alt_m - height - self._baro_offset), 0.0)
-        lost = self._baro_seen & (now - self.last_z > 0.5) & (self.params["EKF2_BARO_CTRL"] > 0)
+        lost = alive & self._baro_seen & (now - self.last_z > 0.5) & (self.params["EKF2_BARO_CTRL"] > 0)
         if lost.any():
             idx = np.flatnonzero(lost)
             h = np.zeros((len(idx), 1, 15))

@@ -9,30 +9,29 @@ from __future__ import annotations
 
 import heapq
 import math
-import struct
-from collections import Counter, deque
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot import offboard, streams
-from arena.autopilot.commander import CRITICAL, Commander, Limits, Mode, Sensed, mode_of
-from arena.autopilot.params import SPECS, Params
+from arena.autopilot import commands, offboard, parameters, streams
+from arena.autopilot import mission as missions
+from arena.autopilot.commander import CRITICAL, Commander, Limits, Sensed
+from arena.autopilot.failures import Failures
+from arena.autopilot.items import local
+from arena.autopilot.params import Params
 from arena.autopilot.snapshot import Snapshot
 from arena.autopilot.vision import Vision, from_odometry, from_vision_estimate
 from arena.wire.codec import Codec
 
-ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
-FORCE_MAGIC = 21196.0
-_PARAMS_PER_STEP = 8
 _QUEUE_LIMIT = 256
 _TEXT_BYTES = 50
 Wgs = tuple[float, float, float]
 
 
 @dataclass(slots=True)
-class _Link:
+class Link:
     """One MAVLink channel. due: heap of (time, message id, generation)."""
 
     name: str
@@ -41,7 +40,6 @@ class _Link:
     due: list[tuple[float, int, int]] = field(default_factory=list)
     interval: dict[int, float] = field(default_factory=dict)
     generation: dict[int, int] = field(default_factory=dict)
-    params_left: deque[int] = field(default_factory=deque)
     gcs_heard: float = -1e9
 
 
@@ -57,73 +55,93 @@ class Face:
         self.takeoff_d = math.nan
         self.origin: Wgs | None = None
         self.home_n: list[float] | None = None
+        self.home_yaw = 0.0
+        self.missions = missions.Missions(tuple(streams.LINK_RATES))
+        self.goto: tuple[float, float, float, float] | None = None  # latitude, longitude [deg], altitude [m], yaw [rad]
+        self.speed_asked = math.nan
+        self.failures = Failures()
         self.landed_state = mavlink.MAV_LANDED_STATE_ON_GROUND
         self.ready_to_arm = False
         self.aligned = False
+        self.pings = 0
         self.reboot_asked = False
         self.counts: Counter[str] = Counter()
         self.sensed: Sensed | None = None
         self.limits: Limits | None = None
         self._q_nb = [1.0, 0.0, 0.0, 0.0]
-        self._now = 0.0
+        self.now = 0.0
+        self.param_server = parameters.ParamServer(i, params)
+        self._newest: Snapshot | None = None
         self._text_id = 0
         self._links = {name: self._open(name) for name in streams.LINK_RATES}
 
-    def _open(self, name: str) -> _Link:
-        link = _Link(name, Codec(self.system, 1))
+    def _open(self, name: str) -> Link:
+        link = Link(name, Codec(self.system, 1))
         # All streams of a vehicle in phase, so that what is due together leaves in one datagram; the vehicles out of phase.
         for msgid, hz in streams.LINK_RATES[name].items():
-            self._schedule(link, msgid, 1.0 / hz, first=0.004 * (self.i % 5))
+            self.schedule(link, msgid, 1.0 / hz, first=0.004 * (self.i % 5))
         return link
 
-    def _schedule(self, link: _Link, msgid: int, interval_s: float, first: float) -> None:
+    def schedule(self, link: Link, msgid: int, interval_s: float, first: float | None = None) -> None:
+        """Send a message by itself every interval_s [s], 0 for not; first: when to begin, one interval from now unless told."""
         link.interval[msgid] = interval_s
         generation = link.generation[msgid] = link.generation.get(msgid, 0) + 1
         if interval_s > 0:
-            heapq.heappush(link.due, (first, msgid, generation))
+            heapq.heappush(link.due, (self.now + interval_s if first is None else first, msgid, generation))
 
     # -- hearing -------------------------------------------------------------------------------------------------------
 
     def receive(self, link_name: str, data: bytes, now: float, q_nb: list[float]) -> None:
         """One datagram. now: [s]; q_nb: attitude now, for setpoints in body axes."""
         link = self._links[link_name]
-        self._now, self._q_nb = now, q_nb
+        self.now, self._q_nb = now, q_nb
         for message in link.codec.parse(data):
             self._hear(link, message)
 
-    def _hear(self, link: _Link, m: Any) -> None:
+    def _hear(self, link: Link, m: Any) -> None:
         handler = _HANDLERS.get(m.get_msgId())
-        if handler is None:
+        if m.get_msgId() in missions.HEARD:
+            self._hear_mission(link, m)
+        elif handler is None:
             self.counts["not for us"] += 1
-        elif getattr(m, "target_system", 0) not in (0, self.system) or getattr(m, "target_component", 0) not in (0, 1):
+        elif not self._is_meant(m):
             self.counts["other target"] += 1
         elif m.get_srcSystem() == self.system and m.get_srcComponent() == 1:
             self.counts["own echo"] += 1
         else:
             handler(self, link, m)
 
-    def _on_heartbeat(self, link: _Link, m: Any) -> None:
-        if m.type == mavlink.MAV_TYPE_GCS:
-            link.gcs_heard = self._now
+    def _is_meant(self, m: Any) -> bool:
+        system = getattr(m, "target_system", None)
+        named = system is None or system == self.system or (system == 0 and m.get_msgId() in _FOR_ALL)
+        return named and getattr(m, "target_component", 0) in (0, 1)
 
-    def _on_position_target(self, link: _Link, m: Any) -> None:
+    def _on_heartbeat(self, link: Link, m: Any) -> None:
+        if m.type == mavlink.MAV_TYPE_GCS:
+            link.gcs_heard = self.now
+
+    def _on_position_target(self, link: Link, m: Any) -> None:
         self._take_setpoint(offboard.from_position_target(m, self._q_nb))
 
-    def _on_attitude_target(self, link: _Link, m: Any) -> None:
+    def _on_global_target(self, link: Link, m: Any) -> None:
+        home_down = self.home_n[2] if self.home_n else None
+        self._take_setpoint(offboard.from_global_target(m, self.local_from_global, home_down))
+
+    def _on_attitude_target(self, link: Link, m: Any) -> None:
         self._take_setpoint(offboard.from_attitude_target(m))
 
     def _take_setpoint(self, found: offboard.Offboard | str) -> None:
         if isinstance(found, str):
             self.counts["refused setpoint"] += 1
-            if self.counts["refused setpoint"] % 100 == 1:
+            if found and self.counts["refused setpoint"] % 100 == 1:
                 self.commander.say(CRITICAL, f"Setpoint ignored: {found}")
             return
-        self.setpoint, self.setpoint_at = found, self._now
+        self.setpoint, self.setpoint_at = found, self.now
 
-    def _on_odometry(self, link: _Link, m: Any) -> None:
+    def _on_odometry(self, link: Link, m: Any) -> None:
         self._take_vision(from_odometry(m))
 
-    def _on_vision_estimate(self, link: _Link, m: Any) -> None:
+    def _on_vision_estimate(self, link: Link, m: Any) -> None:
         self._take_vision(from_vision_estimate(m))
 
     def _take_vision(self, found: Vision | None) -> None:
@@ -131,171 +149,103 @@ class Face:
         if found:
             self.vision = found
 
-    def _on_origin(self, link: _Link, m: Any) -> None:
+    def _on_origin(self, link: Link, m: Any) -> None:
         lat, lon, alt = m.latitude * 1e-7, m.longitude * 1e-7, m.altitude * 1e-3
         if abs(lat) <= 90.0 and abs(lon) <= 180.0 and not self.commander.armed:
             self.origin = (lat, lon, alt)
-            self.send(link, streams.gps_global_origin(self, _stamp(self._now)))
+        self.send(link, streams.gps_global_origin(self, _stamp(self.now)))  # whether it was taken or not: what holds
 
-    def _on_timesync(self, link: _Link, m: Any) -> None:
+    def _on_timesync(self, link: Link, m: Any) -> None:
         if m.tc1 == 0:
-            self.send(link, mavlink.MAVLink_timesync_message(int(self._now * 1e9), m.ts1))
+            self.send(link, mavlink.MAVLink_timesync_message(int(self.now * 1e9), m.ts1))
 
-    def _on_ping(self, link: _Link, m: Any) -> None:
+    def _on_ping(self, link: Link, m: Any) -> None:
         if m.target_system == 0:
             self.send(link, mavlink.MAVLink_ping_message(m.time_usec, m.seq, m.get_srcSystem(), m.get_srcComponent()))
 
-    def _on_mission_list(self, link: _Link, m: Any) -> None:
-        self.send(link, mavlink.MAVLink_mission_count_message(m.get_srcSystem(), m.get_srcComponent(), 0, m.mission_type))
-
-    # -- parameters ----------------------------------------------------------------------------------------------------
-
-    def _on_param_list(self, link: _Link, m: Any) -> None:
-        link.params_left = deque(range(len(self.params.names)))
-
-    def _on_param_read(self, link: _Link, m: Any) -> None:
-        if m.param_index >= 0:
-            if m.param_index < len(self.params.names):
-                self._send_param(link, self.params.names[m.param_index])
-        elif m.param_id in self.params:
-            self._send_param(link, m.param_id)
-        # An unknown name is answered with silence, as PX4 does.
-
-    def _on_param_set(self, link: _Link, m: Any) -> None:
-        spec = SPECS.get(m.param_id)
-        if spec is None:
-            self.counts["unknown parameter"] += 1
+    def _hear_mission(self, link: Link, m: Any) -> None:
+        """By the system's own number alone, as PX4; the autopilot, the mission planner and all are the same component here."""
+        own = m.get_srcSystem() == self.system and m.get_srcComponent() == 1
+        if own or m.target_system != self.system or m.target_component not in _PLANNERS:
+            self.counts["own echo" if own else "other target"] += 1
             return
-        expected = mavlink.MAV_PARAM_TYPE_INT32 if spec.type == "int32" else mavlink.MAV_PARAM_TYPE_REAL32
-        if m.param_type != expected:
-            self.commander.say(CRITICAL, f"Parameter {m.param_id}: wrong type")
-        else:
-            value = struct.unpack("<i", struct.pack("<f", m.param_value))[0] if spec.type == "int32" else m.param_value
-            try:
-                self.params.set(self.i, m.param_id, value)
-            except ValueError as error:
-                self.commander.say(CRITICAL, str(error)[:50])
-        self._send_param(link, m.param_id)
+        self.missions.hear(link.name, m, self.now)
+        self._speak_missions()
 
-    def _send_param(self, link: _Link, name: str) -> None:
-        value = float(self.params[name][self.i])
-        if SPECS[name].type == "int32":
-            value, kind = struct.unpack("<f", struct.pack("<i", int(value)))[0], mavlink.MAV_PARAM_TYPE_INT32
-        else:
-            kind = mavlink.MAV_PARAM_TYPE_REAL32
-        names = self.params.names
-        self.send(link, mavlink.MAVLink_param_value_message(name.encode(), value, kind, len(names), self.params.index[name]))
+    def _speak_missions(self) -> None:
+        for name, message in self.missions.take_out():
+            self.send(self._links[name], message)
+        self.commander.texts += self.missions.texts
+        self.missions.texts = []
 
-    # -- commands ------------------------------------------------------------------------------------------------------
+    # -- parameters and commands ---------------------------------------------------------------------------------------
 
-    def _on_command_long(self, link: _Link, m: Any) -> None:
-        self._command(link, m, (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7))
+    def _on_param(self, link: Link, m: Any) -> None:
+        for message in self.param_server.hear(link.name, m):
+            self.send(link, message)
+        for sentence in self.param_server.refused:
+            self.commander.say(CRITICAL, sentence)
+        self.param_server.refused.clear()
 
-    def _on_command_int(self, link: _Link, m: Any) -> None:
-        self._command(link, m, (m.param1, m.param2, m.param3, m.param4, m.x * 1e-7, m.y * 1e-7, m.z))
+    def _on_command(self, link: Link, m: Any) -> None:
+        result = self._obey(link, m.command, commands.parameters_of(m))
+        self.send(link, mavlink.MAVLink_command_ack_message(m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()))
 
-    def _command(self, link: _Link, m: Any, p: tuple[float, ...]) -> None:
-        handler = _COMMANDS.get(m.command)
+    def _on_set_mode(self, link: Link, m: Any) -> None:
+        """The message of old, which does what MAV_CMD_DO_SET_MODE does."""
+        main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
+        self._obey(link, mavlink.MAV_CMD_DO_SET_MODE, (float(m.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0))
+
+    def _obey(self, link: Link, number: int, p: tuple[float, ...]) -> int:
         if self.sensed is not None:
             # Decided every few steps; a setpoint heard since then counts, for clients ask for OFFBOARD right after their first.
-            self.sensed.offboard_age = self._now - self.setpoint_at
+            self.sensed.offboard_age = self.now - self.setpoint_at
             self.sensed.offboard_needs_position = self.setpoint is not None and self.setpoint.needs_position
-        if self.sensed is None or self.limits is None:
-            result = TEMPORARILY_REJECTED
-        elif handler is None:
-            result = UNSUPPORTED
-            self.counts["unsupported command"] += 1
-        else:
-            result = handler(self, link, p)
-        ack = mavlink.MAVLink_command_ack_message(m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent())
-        self.send(link, ack)
+        return commands.obey(self, link, number, p)
 
-    def _arm_disarm(self, link: _Link, p: tuple[float, ...]) -> int:
-        assert self.sensed and self.limits  # _command asked
-        force = p[1] == FORCE_MAGIC
-        if p[0] == 1.0:
-            why = self.commander.arm(self.sensed, self.limits, force=force)
-        elif p[0] == 0.0:
-            why = self.commander.disarm(self.sensed, force=force)
-        else:
-            return DENIED
-        return TEMPORARILY_REJECTED if why else ACCEPTED
+    def set_home_here(self) -> bool:
+        """False while the position is not known."""
+        s = self._newest
+        if s is None or self.origin is None or not s.xy_valid[self.i]:
+            return False
+        self.home_n, self.home_yaw = list(s.p_n[self.i]), s.rpy[self.i][2]
+        return True
 
-    def _change_mode(self, mode: Mode | None) -> int:
-        assert self.sensed and self.limits
-        return TEMPORARILY_REJECTED if self.commander.request_mode(mode, self.sensed, self.limits) else ACCEPTED
+    def set_home_there(self, lat: float, lon: float, alt: float) -> bool:
+        """latitude, longitude [deg], altitude [m]; False without an origin."""
+        place = self.local_from_global(lat, lon, alt)
+        self.home_n = list(place) if place else self.home_n
+        return place is not None
 
-    def _set_mode(self, link: _Link, p: tuple[float, ...]) -> int:
-        if not all(math.isfinite(x) for x in p[:3]) or not int(p[0]) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-            return DENIED
-        return self._change_mode(mode_of(int(p[1]), int(p[2])))
-
-    def _land(self, link: _Link, p: tuple[float, ...]) -> int:
-        return self._change_mode(Mode.LAND)
-
-    def _takeoff(self, link: _Link, p: tuple[float, ...]) -> int:
-        self.takeoff_d = self.origin[2] - p[6] if self.origin and math.isfinite(p[6]) and p[6] != 0.0 else math.nan
-        return self._change_mode(Mode.TAKEOFF)
-
-    def _set_interval(self, link: _Link, p: tuple[float, ...]) -> int:
-        if not all(math.isfinite(x) for x in p[:2]) or int(p[0]) not in streams.BUILDERS:
-            return FAILED
-        msgid, us = int(p[0]), p[1]
-        default = streams.LINK_RATES[link.name].get(msgid, 0.0)
-        interval = (1.0 / default if default else 0.0) if us == 0 else us * 1e-6 if us > 0 else 0.0
-        self._schedule(link, msgid, max(interval, 0.004) if interval else 0.0, first=self._now + interval)
-        return ACCEPTED
-
-    def _get_interval(self, link: _Link, p: tuple[float, ...]) -> int:
-        if not math.isfinite(p[0]) or not 0 <= p[0] < 65536:
-            return DENIED
-        interval = link.interval.get(int(p[0]), 0.0)
-        us = int(interval * 1e6) if interval else 0 if int(p[0]) not in streams.BUILDERS else -1
-        self.send(link, mavlink.MAVLink_message_interval_message(int(p[0]), us))
-        return ACCEPTED
-
-    def _request(self, link: _Link, p: tuple[float, ...]) -> int:
-        if not math.isfinite(p[0]) or int(p[0]) not in streams.BUILDERS:
-            return DENIED
-        # Due now, once: the next transmit has the snapshot it is made from.
-        heapq.heappush(link.due, (self._now, int(p[0]), -1))
-        return ACCEPTED
-
-    def _capabilities(self, link: _Link, p: tuple[float, ...]) -> int:
-        return self._request(link, (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION,))
-
-    def _reboot(self, link: _Link, p: tuple[float, ...]) -> int:
-        if p[0] not in (1.0, 3.0):
-            return UNSUPPORTED if p[0] else ACCEPTED
-        if self.commander.armed:
-            return DENIED
-        self.reboot_asked = True
-        return ACCEPTED
-
-    def _terminate(self, link: _Link, p: tuple[float, ...]) -> int:
-        if p[0] < 1.5 and self.commander.armed:
-            self.commander.terminate(self._now, "by command")
-        return ACCEPTED
+    def tell_now(self, link: Link, msgid: int) -> bool:
+        """One message on request; False when it is not there, or has nothing to say now."""
+        builder, snapshot = streams.BUILDERS.get(msgid), self._newest
+        message = builder(self, snapshot) if builder and snapshot else None
+        self.send(link, message)
+        return message is not None
 
     # -- speaking ------------------------------------------------------------------------------------------------------
 
-    def send(self, link: _Link, message: Any) -> None:
+    def send(self, link: Link, message: Any) -> None:
         if message is not None and len(link.out) < _QUEUE_LIMIT:
             link.out.append(link.codec.pack(message))
 
     def speak(self, s: Snapshot) -> None:
         """Put on each link what is due at this step."""
-        now = s.now_s
+        now, self._newest = s.now_s, s
+        if now >= self.missions.due:
+            self.missions.speak(now)
+            self._speak_missions()
         texts, self.commander.texts = self.commander.texts, []
         for link in self._links.values():
             if texts and now - link.gcs_heard < 10.0:
                 for severity, text in texts:
                     self._say(link, severity, text)
-            for _ in range(min(_PARAMS_PER_STEP, len(link.params_left))):
-                self._send_param(link, self.params.names[link.params_left.popleft()])
+            for message in self.param_server.speak(link.name):
+                self.send(link, message)
             self._speak_due(link, s, now)
 
-    def _say(self, link: _Link, severity: int, text: str) -> None:
+    def _say(self, link: Link, severity: int, text: str) -> None:
         """A text longer than one message holds goes out in numbered chunks, as the STATUSTEXT of MAVLink 2 allows."""
         raw = text.encode(errors="replace")
         chunks = [raw[k : k + _TEXT_BYTES] for k in range(0, len(raw), _TEXT_BYTES)]
@@ -303,13 +253,11 @@ class Face:
         for k, chunk in enumerate(chunks):
             self.send(link, mavlink.MAVLink_statustext_message(severity, chunk, self._text_id if len(chunks) > 1 else 0, k))
 
-    def _speak_due(self, link: _Link, s: Snapshot, now: float) -> None:
+    def _speak_due(self, link: Link, s: Snapshot, now: float) -> None:
         due = link.due
         while due and due[0][0] <= now + 1e-6:
             when, msgid, generation = heapq.heappop(due)
-            if generation == -1:
-                self.send(link, streams.BUILDERS[msgid](self, s))
-            elif generation == link.generation[msgid]:
+            if generation == link.generation[msgid]:
                 self.send(link, streams.BUILDERS[msgid](self, s))
                 heapq.heappush(due, (max(when + link.interval[msgid], now - 0.1), msgid, generation))
 
@@ -330,6 +278,13 @@ class Face:
         """Since the last ground-station heartbeat on any link [s]."""
         return now - max(link.gcs_heard for link in self._links.values())
 
+    def local_from_global(self, lat: float, lon: float, alt: float) -> tuple[float, float, float] | None:
+        """Latitude, longitude [deg], altitude AMSL [m] -> p_n [m] [NED]; None without an origin."""
+        if self.origin is None:
+            return None
+        n, e = local(self.origin, lat, lon)
+        return n, e, self.origin[2] - alt
+
     def global_from_local(self, p_n: list[float]) -> tuple[int, int, float]:
         """p_n [m] [NED] -> latitude, longitude [1e-7 deg] and altitude AMSL [m], around the origin."""
         assert self.origin
@@ -348,32 +303,24 @@ def _stamp(now: float) -> Any:
     return Stamp
 
 
+_PLANNERS = (0, 1, mavlink.MAV_COMP_ID_MISSIONPLANNER)
 _HANDLERS = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: Face._on_heartbeat,
-    mavlink.MAVLINK_MSG_ID_COMMAND_LONG: Face._on_command_long,
-    mavlink.MAVLINK_MSG_ID_COMMAND_INT: Face._on_command_int,
+    mavlink.MAVLINK_MSG_ID_COMMAND_LONG: Face._on_command,
+    mavlink.MAVLINK_MSG_ID_COMMAND_INT: Face._on_command,
+    mavlink.MAVLINK_MSG_ID_SET_MODE: Face._on_set_mode,
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: Face._on_position_target,
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: Face._on_global_target,
     mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: Face._on_attitude_target,
     mavlink.MAVLINK_MSG_ID_ODOMETRY: Face._on_odometry,
     mavlink.MAVLINK_MSG_ID_VISION_POSITION_ESTIMATE: Face._on_vision_estimate,
     mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: Face._on_origin,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: Face._on_timesync,
     mavlink.MAVLINK_MSG_ID_PING: Face._on_ping,
-    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: Face._on_param_list,
-    mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ: Face._on_param_read,
-    mavlink.MAVLINK_MSG_ID_PARAM_SET: Face._on_param_set,
-    mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: Face._on_mission_list,
+    **dict.fromkeys(parameters.HEARD, Face._on_param),
 }
-
-_COMMANDS = {
-    mavlink.MAV_CMD_COMPONENT_ARM_DISARM: Face._arm_disarm,
-    mavlink.MAV_CMD_DO_SET_MODE: Face._set_mode,
-    mavlink.MAV_CMD_NAV_LAND: Face._land,
-    mavlink.MAV_CMD_NAV_TAKEOFF: Face._takeoff,
-    mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: Face._set_interval,
-    mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: Face._get_interval,
-    mavlink.MAV_CMD_REQUEST_MESSAGE: Face._request,
-    mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: Face._capabilities,
-    mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: Face._reboot,
-    mavlink.MAV_CMD_DO_FLIGHTTERMINATION: Face._terminate,
-}
+# These are heard by everybody where they name nobody, the rest by whom they name alone: as PX4, which no broadcast arms.
+_FOR_ALL = {
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED, mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
+    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, mavlink.MAVLINK_MSG_ID_PING, mavlink.MAVLINK_MSG_ID_TIMESYNC,
+}  # fmt: skip

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.autopilot.auto import Auto
 from arena.autopilot.commander import Commander, Limits, Mode, Sensed
 from arena.autopilot.control import Cascade
 from arena.autopilot.estimator import Estimator
@@ -51,11 +52,13 @@ class Autopilots:
         self.takeoff = TakeoffRamp(self.params, v)
         self.faces = [Face(i, x["name"], x["id"], self.params) for i, x in enumerate(vehicles)]
         self.tasks = [Task(i) for i in range(v)]
+        self.auto = Auto(self.params, self.est, self.faces, dt * _DECIDE_EVERY)
         self.armed = np.zeros(v, bool)
         self.motors = np.zeros((v, self.mixer.rows.shape[1]))
         self.thrust = np.zeros(v)
         self._armed_since = np.full(v, np.inf)
         self._steps, self._now = 0, 0.0
+        self._dead_motors: list[tuple[int, int]] = []
         self._limits = [self._limits_of(i) for i in range(v)]
         self._limits_version = self.params.version
 
@@ -105,7 +108,7 @@ class Autopilots:
     # -- estimator -----------------------------------------------------------------------------------------------------
 
     def _fuse(self, now: float, sensors: Mapping[str, Array]) -> None:
-        heard = [f for f in self.faces if f.vision is not None]
+        heard = [f for f in self.faces if f.vision is not None and not f.failures.vision]
         if heard:
             samples = [f.vision for f in heard]
             idx = np.array([f.i for f in heard])
@@ -115,7 +118,8 @@ class Autopilots:
                 f.vision = None
             self.est.fuse_vision(idx, p, q, var_p, var_yaw, now)
         if self._steps % _DECIDE_EVERY == 1:
-            self.est.fuse_baro(sensors["baro_alt_m"], now)
+            broken = np.array([f.failures.baro for f in self.faces])
+            self.est.fuse_baro(np.where(broken, np.nan, sensors["baro_alt_m"]), now)
 
     # -- decisions, 50 Hz ----------------------------------------------------------------------------------------------
 
@@ -126,6 +130,9 @@ class Autopilots:
         self.land.update(now, est, self.thrust, up, np.nan_to_num(sink, nan=-1.0))
         self.takeoff.update(now, self._armed_since, self.land.landed, up)
         self._sense(now)
+        offboard = np.array([f.commander.mode is Mode.OFFBOARD for f in self.faces])
+        full = np.where(offboard, self.params["MPC_Z_VEL_MAX_UP"], self.params["MPC_TKO_SPEED"])
+        self._speed_up = self.takeoff.speed_up(now, full)
         for face in self.faces:
             self._decide_one(face, now)
         self.armed = np.array([f.commander.armed for f in self.faces])
@@ -149,6 +156,10 @@ class Autopilots:
                 battery=battery[i], offboard_age=now - f.setpoint_at, gcs_age=f.gcs_age(now), aligned=aligned[i],
                 offboard_needs_position=f.setpoint is not None and f.setpoint.needs_position,
             )  # fmt: skip
+            if f.failures.battery:
+                f.sensed.battery = 0.0
+            self.auto.sense(f, f.sensed)
+        self._dead_motors = [(f.i, k) for f in self.faces for k in f.failures.motors]
 
     def _decide_one(self, f: Face, now: float) -> None:
         c, i, s, limits = f.commander, f.i, f.sensed, f.limits
@@ -163,17 +174,18 @@ class Autopilots:
         else:
             self._stand(f)
         f.landed_state = _landed_state(c, s)
-        self.cascade.position.speed_up[i] = np.inf if s.flying else self.takeoff.speed_up(now)[i]
+        self.cascade.position.speed_up[i] = np.inf if s.flying else self._speed_up[i]
         self.cascade.position.tilt_max[i] = np.inf if s.flying else math.radians(float(self.params["MPC_TILTMAX_LND"][i]))
-        if not s.flying:
+        if not s.flying and not np.isfinite(self.takeoff.begun[i]):
             self.cascade.reset(i)
 
     def _stand(self, f: Face) -> None:
         """Disarmed: nothing to fly; a wrong estimate may start anew."""
         self.sp.clear(f.i)
         self.tasks[f.i].mode = None
+        self.auto.rest(f, armed=False)
         if f.home_n is None and f.sensed and f.sensed.xy_valid and f.origin:
-            f.home_n = self.est.p_n[f.i].tolist()
+            f.home_n, f.home_yaw = self.est.p_n[f.i].tolist(), self._yaw(f.i)
         lost = self.est.aligned[f.i] and f.sensed and not (f.sensed.xy_valid and f.sensed.yaw_valid)
         if f.reboot_asked or (lost and self._steps % 250 == 0 and self.est.test_ratio[f.i].max() > 1.0):
             self.est.realign(np.array([f.i]))
@@ -183,8 +195,15 @@ class Autopilots:
         """Write this vehicle's setpoint for its mode."""
         c, i, task = f.commander, f.i, self.tasks[f.i]
         if not self.armed[i]:
-            f.home_n = self.est.p_n[i].tolist()
+            f.home_n, f.home_yaw = self.est.p_n[i].tolist(), self._yaw(i)
             task.mode = None
+        if self.auto.flies(f):
+            task.mode = None
+            asked = self.auto.fly(f, s, self.sp)
+            if asked is not None:
+                c.request_mode(asked, s, f.limits or self._limits[i])
+            return
+        self.auto.rest(f, armed=True)
         if c.mode is Mode.OFFBOARD:
             task.mode = None
             self._offboard(f)
@@ -221,6 +240,7 @@ class Autopilots:
             com_low_bat_act=int(get("COM_LOW_BAT_ACT")), bat_low_thr=get("BAT_LOW_THR"), bat_crit_thr=get("BAT_CRIT_THR"),
             bat_emergen_thr=get("BAT_EMERGEN_THR"), nav_dll_act=int(get("NAV_DLL_ACT")), com_dl_loss_t=get("COM_DL_LOSS_T"),
             cbrk_flightterm=int(get("CBRK_FLIGHTTERM")), fd_fail_rad=math.radians(get("FD_FAIL_R")),
+            gf_action=int(get("GF_ACTION")),
         )  # fmt: skip
 
     # -- control, every step -------------------------------------------------------------------------------------------
@@ -236,6 +256,8 @@ class Autopilots:
         u, saturated = self.mixer.mix(torque * up[:, None], self.thrust)
         self.cascade.saturated = saturated
         self.motors = np.where(up[:, None], u, np.where(on[:, None], _IDLE, 0.0)) * self.mixer.present
+        for i, k in self._dead_motors:
+            self.motors[i, k : k + 1] = 0.0
 
     def _snapshot(self) -> Snapshot:
         est, sp, pos, sensors, now = self.est, self.sp, self.cascade.position, self._sensors, self._now

@@ -1,7 +1,8 @@
 """Land detector and take-off ramp, batched. What PX4's land detector asks, with its parameters (LNDMC_*).
 
 On the ground means, for LNDMC_TRIG_TIME: motors told to do little, not moving, not turning. Armed and told to climb is taking
-off: after COM_SPOOLUP_TIME the allowed climb rate grows from "no thrust at all" to its full value over MPC_TKO_RAMP_T.
+off: after COM_SPOOLUP_TIME the allowed climb rate grows from "no thrust at all" to its full value over MPC_TKO_RAMP_T: in
+OFFBOARD MPC_Z_VEL_MAX_UP, else MPC_TKO_SPEED.
 """
 
 from __future__ import annotations
@@ -60,12 +61,14 @@ class TakeoffRamp:
         done = now - self.begun >= self.params["MPC_TKO_RAMP_T"]
         self.flying = spooled & (self.flying & ~landed | done & wants_up)
 
-    def speed_up(self, now: float) -> Array:
-        """The climb rate allowed now [m/s] (V,); negative so early that not even the weight is carried."""
+    def speed_up(self, now: float, full: Array) -> Array:
+        """The climb rate allowed now [m/s] (V,); negative so early that not even the weight is carried. full: the rate that
+        the ramp ends with [m/s] (V,).
+        """
         p = self.params
         part = np.clip((now - self.begun) / np.maximum(p["MPC_TKO_RAMP_T"], 1e-3), 0.0, 1.0)
         start = -GRAVITY / p["MPC_Z_VEL_P_ACC"]
-        ramp = start + part * (p["MPC_TKO_SPEED"] - start)
+        ramp = start + part * (full - start)
         return np.where(self.flying, np.inf, np.where(np.isfinite(self.begun), ramp, start))
 
 

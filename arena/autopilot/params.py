@@ -37,6 +37,7 @@ def _i(default: int, low: int = -(2**31), high: int = 2**31 - 1) -> Spec:
 SPECS: dict[str, Spec] = {
     # identity and arming
     "MAV_SYS_ID": _i(1, 1, 250), "MAV_COMP_ID": _i(1, 1, 250), "SYS_AUTOSTART": _i(10016), "SYS_HAS_GPS": _i(1, 0, 1),
+    "SYS_FAILURE_EN": _i(1, 0, 1),  # as PX4's simulation has it; 0 on a board
     "COM_ARM_WO_GPS": _i(1, 0, 2), "COM_DISARM_LAND": _f(2.0), "COM_DISARM_PRFLT": _f(10.0), "COM_SPOOLUP_TIME": _f(1.0, 0, 30),
     "COM_ARM_BAT_MIN": _f(-1.0), "COM_LKDOWN_TKO": _f(3.0), "CBRK_FLIGHTTERM": _i(121212),
     # failsafes
@@ -67,6 +68,14 @@ SPECS: dict[str, Spec] = {
     "MPC_TKO_SPEED": _f(1.5, 1, 5), "MPC_TKO_RAMP_T": _f(3.0, 0, 5), "MPC_LAND_SPEED": _f(0.7, 0.6),
     "MPC_YAWRAUTO_MAX": _f(60.0, 5, 360),
     "MIS_TAKEOFF_ALT": _f(2.5, 0), "MPC_HOLD_MAX_XY": _f(0.8, 0, 3),
+    "MPC_Z_V_AUTO_UP": _f(3.0, 0.5, 8), "MPC_Z_V_AUTO_DN": _f(1.5, 0.5, 4), "MPC_XY_ERR_MAX": _f(2.0, 0.1, 10),
+    # missions, return and geofence; PX4's defaults for a multirotor
+    "NAV_ACC_RAD": _f(2.0, 0.05, 200), "NAV_MC_ALT_RAD": _f(0.8, 0.05, 200), "MIS_YAW_ERR": _f(12.0, 0, 90),
+    "MIS_YAW_TMT": _f(-1.0, -1, 20), "MIS_DIST_1WP": _f(10_000.0, -1, 100_000), "MIS_TKO_LAND_REQ": _i(0, 0, 5),
+    "RTL_TYPE": _i(0, 0, 5), "RTL_RETURN_ALT": _f(30.0, 0), "RTL_DESCEND_ALT": _f(10.0, 0), "RTL_LAND_DELAY": _f(0.0, -1),
+    "RTL_MIN_DIST": _f(10.0, 0.5), "RTL_CONE_ANG": _i(45, 0, 90),
+    "GF_ACTION": _i(2, 0, 5), "GF_SOURCE": _i(0, 0, 1), "GF_PREDICT": _i(0, 0, 1), "GF_MAX_HOR_DIST": _f(0.0, 0, 10_000),
+    "GF_MAX_VER_DIST": _f(0.0, 0, 10_000),
     # attitude and rate control
     "MC_ROLL_P": _f(6.5, 0, 12), "MC_PITCH_P": _f(6.5, 0, 12), "MC_YAW_P": _f(2.8, 0, 5), "MC_YAW_WEIGHT": _f(0.4, 0, 1),
     "MC_ROLLRATE_P": _f(0.15, 0.01, 0.5), "MC_ROLLRATE_I": _f(0.2, 0), "MC_ROLLRATE_D": _f(0.003, 0, 0.01),
@@ -76,6 +85,7 @@ SPECS: dict[str, Spec] = {
     "MC_YAWRATE_P": _f(0.2, 0, 0.6), "MC_YAWRATE_I": _f(0.1, 0), "MC_YAWRATE_D": _f(0.0, 0), "MC_YR_INT_LIM": _f(0.3, 0),
     "MC_ROLLRATE_MAX": _f(220.0, 0, 1800), "MC_PITCHRATE_MAX": _f(220.0, 0, 1800), "MC_YAWRATE_MAX": _f(200.0, 0, 1800),
     "MC_ROLLRATE_K": _f(1.0, 0.01, 5), "MC_PITCHRATE_K": _f(1.0, 0.01, 5), "MC_YAWRATE_K": _f(1.0, 0.01, 5),
+    "MC_YAW_TQ_CUTOFF": _f(2.0, 0, 10),
     "MC_AIRMODE": _i(0, 0, 2), "IMU_GYRO_CUTOFF": _f(40.0, 0, 1000), "IMU_DGYRO_CUTOFF": _f(30.0, 0, 1000),
     "IMU_INTEG_RATE": _i(250, 100, 1000),
     # landing

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.atmosphere import pressure_hpa
 from arena.autopilot.commander import Mode
 from arena.autopilot.snapshot import Snapshot
+from arena.wire.modes import ADVANCED, AVAILABLE_MODES, CURRENT_MODE, AvailableMode, CurrentMode, Voice
 
 if TYPE_CHECKING:
     from arena.autopilot.face import Face
@@ -22,7 +23,26 @@ if TYPE_CHECKING:
 Builder = Callable[["Face", Snapshot], Any]
 
 EARTH_RADIUS_M = 6_371_000.0
+# MAV_STANDARD_MODE of those that have one
+STANDARD = {Mode.RTL: 5, Mode.MISSION: 6, Mode.LAND: 7, Mode.DESCEND: 7, Mode.TAKEOFF: 8}
+_SELECTABLE = {Mode.MISSION: "", Mode.HOLD: "Hold", Mode.RTL: "", Mode.OFFBOARD: "Offboard", Mode.TAKEOFF: "", Mode.LAND: ""}
 _NAN = math.nan
+
+
+class AllModes:
+    """AVAILABLE_MODES, one after the other, in place of a message."""
+
+    def pack(self, voice: Voice) -> bytes:
+        """The frames of all modes that can be chosen, in PX4's order; `voice` counts on."""
+        frames = []
+        for k, (mode, name) in enumerate(_SELECTABLE.items()):
+            given = AvailableMode(
+                custom_mode=mode.custom_mode, index=k + 1, count=len(_SELECTABLE), properties=ADVANCED,
+                standard=STANDARD.get(mode, 0), name=name,
+            )  # fmt: skip
+            voice.seq = (voice.seq + (k > 0)) % 256
+            frames.append(given.pack(voice))
+        return b"".join(frames)
 
 
 def _ms(s: Snapshot) -> int:
@@ -67,10 +87,10 @@ def odometry(f: Face, s: Snapshot) -> Any:
     pose, twist = [_NAN] * 21, [_NAN] * 21
     pose[0], pose[6], pose[11], pose[15], pose[18], pose[20] = var[0:6]
     twist[0], twist[6], twist[11] = var[6:9]
-    v_b = _rotate_inverse(s.q_nb[i], s.v_n[i])
+    # PX4 tells the velocity along north, east and down, and says so in child_frame_id.
     return mavlink.MAVLink_odometry_message(
-        _us(s), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD, *s.p_n[i], s.q_nb[i], *v_b, *s.omega_b[i], pose, twist,
-        s.reset_counter[i] & 0xFF, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, 0,
+        _us(s), mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_NED, *s.p_n[i], s.q_nb[i], *s.v_n[i], *s.omega_b[i], pose,
+        twist, s.reset_counter[i] & 0xFF, mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT, 0,
     )  # fmt: skip
 
 
@@ -104,17 +124,17 @@ def altitude(f: Face, s: Snapshot) -> Any:
 
 def attitude_target(f: Face, s: Snapshot) -> Any:
     i = f.i
-    if not f.commander.armed:
-        return None
     return mavlink.MAVLink_attitude_target_message(_ms(s), 0, s.q_sp[i], *s.omega_sp[i], s.thrust[i])
 
 
 def position_target_local_ned(f: Face, s: Snapshot) -> Any:
     i = f.i
-    if not f.commander.armed:
-        return None
+    values = (*s.p_sp[i], *s.v_sp[i], *s.a_sp[i])
+    mask = sum(1 << k for k, x in enumerate(values) if not math.isfinite(x))
+    mask |= 0 if math.isfinite(s.yaw_sp[i]) else mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
+    mask |= 0 if math.isfinite(s.yaw_rate_sp[i]) else mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
     return mavlink.MAVLink_position_target_local_ned_message(
-        _ms(s), mavlink.MAV_FRAME_LOCAL_NED, 0, *s.p_sp[i], *s.v_sp[i], *s.a_sp[i], s.yaw_sp[i], s.yaw_rate_sp[i]
+        _ms(s), mavlink.MAV_FRAME_LOCAL_NED, mask, *values, s.yaw_sp[i], s.yaw_rate_sp[i]
     )
 
 
@@ -172,17 +192,42 @@ def battery_status(f: Face, s: Snapshot) -> Any:
     i = f.i
     cells = [min(max(int(1e3 * s.battery_v[i]), 0), 65534)] + [65535] * 9
     return mavlink.MAVLink_battery_status_message(
-        0, 0, mavlink.MAV_BATTERY_TYPE_LIPO, 32767, cells, _clip16(100 * s.battery_a[i]), -1, -1, round(100 * s.battery[i])
-    )
+        0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 32767, cells, _clip16(100 * s.battery_a[i]), -1, -1,
+        round(100 * s.battery[i]), 0, _charge_state(f, s),
+    )  # fmt: skip
+
+
+def _charge_state(f: Face, s: Snapshot) -> int:
+    """MAV_BATTERY_CHARGE_STATE: 1 well, then by the thresholds that warn."""
+    limits, left = f.limits, s.battery[f.i]
+    if limits is None:
+        return int(mavlink.MAV_BATTERY_CHARGE_STATE_UNDEFINED)
+    return 1 + sum(left <= t for t in (limits.bat_low_thr, limits.bat_crit_thr, limits.bat_emergen_thr))
+
+
+def current_mode(f: Face, s: Snapshot) -> Any:
+    mode, wanted = f.commander.mode, f.commander.intended
+    return CurrentMode(custom_mode=mode.custom_mode, intended=wanted.custom_mode, standard=STANDARD.get(mode, 0))
+
+
+def available_modes(f: Face, s: Snapshot) -> Any:
+    return AllModes()
+
+
+def scaled_pressure(f: Face, s: Snapshot) -> Any:
+    return mavlink.MAVLink_scaled_pressure_message(_ms(s), pressure_hpa(s.baro_alt_m[f.i]), 0.0, 2500)
+
+
+def ping(f: Face, s: Snapshot) -> Any:
+    f.pings += 1
+    return mavlink.MAVLink_ping_message(_us(s), f.pings, 0, 0)
 
 
 def home_position(f: Face, s: Snapshot) -> Any:
     if f.origin is None or f.home_n is None:
         return None
     lat, lon, alt = f.global_from_local(f.home_n)
-    return mavlink.MAVLink_home_position_message(
-        lat, lon, int(alt * 1e3), *f.home_n, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, _us(s)
-    )
+    return mavlink.MAVLink_home_position_message(lat, lon, int(alt * 1e3), *f.home_n, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, _us(s))
 
 
 def gps_global_origin(f: Face, s: Snapshot) -> Any:
@@ -209,7 +254,10 @@ def estimator_status(f: Face, s: Snapshot) -> Any:
 def autopilot_version(f: Face, s: Snapshot) -> Any:
     bits = (
         mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+        | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
         | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+        | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE | mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
         | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT | mavlink.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
     )  # fmt: skip
     # 1.16.0 is the contract that is kept, not what this is: the custom version spells it.
@@ -230,7 +278,8 @@ BUILDERS: dict[int, Builder] = {
     mavlink.MAVLINK_MSG_ID_ALTITUDE: altitude, mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: odometry,
+    mavlink.MAVLINK_MSG_ID_ODOMETRY: odometry, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
+    mavlink.MAVLINK_MSG_ID_PING: ping, CURRENT_MODE: current_mode, AVAILABLE_MODES: available_modes,
 }  # fmt: skip
 
 _SLOW = {
@@ -245,24 +294,17 @@ _ONBOARD = _SLOW | {
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 10.0, mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 10.0,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: 10.0, mavlink.MAVLINK_MSG_ID_VFR_HUD: 10.0,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 0.5, mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
-    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 0.5,
+    mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: 1.0, mavlink.MAVLINK_MSG_ID_PING: 1.0,
+    CURRENT_MODE: 0.5,
 }  # fmt: skip
 
 # Messages per second by link. Vision and panic links carry what their one partner decides on.
 LINK_RATES: dict[str, dict[int, float]] = {
     "router": _ONBOARD,
-    "vision": _SLOW | {mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0},
+    "vision": _SLOW | {mavlink.MAVLINK_MSG_ID_HOME_POSITION: 1.0, mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0},
     "panic": _SLOW | {mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 1.0},
 }
 
 
-
 def _clip16(x: float) -> int:
     return int(min(max(x, -32768.0), 32767.0)) if math.isfinite(x) else 0
-
-
-def _rotate_inverse(q: list[float], v: list[float]) -> tuple[float, float, float]:
-    """conj(q) * v * q: n into b."""
-    w, x, y, z = q[0], -q[1], -q[2], -q[3]
-    tx, ty, tz = 2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])
-    return v[0] + w * tx + y * tz - z * ty, v[1] + w * ty + z * tx - x * tz, v[2] + w * tz + x * ty - y * tx

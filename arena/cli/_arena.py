@@ -27,7 +27,11 @@ def _vehicle_line(arena: Arena, name: str) -> str:
     found = f"{arena.px4.words}, {arena.px4.source}" if arena.px4 else "no PX4 was found"
     auto = f"{v.asked}: " if v.asked != v.autopilot else ""
     asked = f" ({auto}{found})" if auto or v.autopilot == "px4" else ""
-    n, e, d = v.position
     flies = Path(v.program.path).name if v.program else "no program"
+    if v.wire is not None and not v.simulated:
+        return f"{v.name}: id {v.id}, {v.profile.name}, HARDWARE on {v.wire.words}, port {v.ports.program}, {flies}"
+    if v.wire is not None:
+        asked = f" on {v.wire.words}"
+    n, e, d = v.position
     what = f"id {v.id}, {v.profile.name}, autopilot {v.autopilot}{asked}"
     return f"{v.name}: {what}, at N {n:g} E {e:g} D {d:g}, port {v.ports.program}, {flies}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import importlib.metadata
+import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,11 +26,13 @@ PACKAGES: dict[str, tuple[str, bool]] = {
     "fastcrc": ("MAVLink", False),
     "psutil": ("supervising", False),
     "jinja2": ("PX4's startup scripts", False),
+    "serial": ("flight controllers on a cable: pip install pyserial", True),
     "pybullet": ("the simulated world: pip install 'flying-arena[sim]'", False),
     "matplotlib": ("plots", True),
     "mavsdk": ("programs that use MAVSDK: pip install 'flying-arena[sdk]'", True),
 }
 _LOOKED_AT = 10  # vehicles of the default arena
+DEVICES = Path("/dev")
 PX4_LOCKS = Path("/tmp")
 """Where PX4 has its lock files, whatever TMPDIR says."""
 
@@ -46,7 +49,7 @@ class Finding:
         return f"{self.sign:8}{self.what}"
 
 
-def examine(probe: Probe | None = None, locks: Path = PX4_LOCKS) -> Iterator[Finding]:
+def examine(probe: Probe | None = None, locks: Path = PX4_LOCKS, devices: Path = DEVICES) -> Iterator[Finding]:
     probe = probe or Machine()
     yield from _python()
     yield from _packages(probe)
@@ -54,6 +57,7 @@ def examine(probe: Probe | None = None, locks: Path = PX4_LOCKS) -> Iterator[Fin
     yield from _ports(probe)
     yield from _runs()
     yield from _locks(locks)
+    yield from _serial(devices)
 
 
 def _python() -> Iterator[Finding]:
@@ -105,6 +109,15 @@ def _ports(probe: Probe) -> Iterator[Finding]:
         yield Finding(sign="note", what=f"UDP port {port} of {address} ({who}) is in use{f' by {holder}' if holder else ''}")
     if not taken:
         yield Finding(sign="ok", what=f"every UDP port of {_LOOKED_AT} vehicles on {address} is free")
+
+
+def _serial(folder: Path) -> Iterator[Finding]:
+    """Where a flight controller or a telemetry radio may be plugged in, and whether this user may open it."""
+    for device in sorted((*folder.glob("ttyACM*"), *folder.glob("ttyUSB*"))):
+        if os.access(device, os.R_OK | os.W_OK):
+            yield Finding(sign="ok", what=f"{device}: a serial device, perhaps a flight controller")
+        else:
+            yield Finding(sign="note", what=f"{device}: this user may not open it; add the user to its group ({device.group()})")
 
 
 def _runs() -> Iterator[Finding]:

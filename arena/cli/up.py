@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
+from arena.cli._consent import ask_consent
 from arena.errors import EXIT_FAILED, EXIT_OK, RunError
 from arena.plan.model import Plan
 from arena.supervise import Lines, LiveTable, Options, RunFolder, Supervisor, active_runs, create, plan_of, sweep_all
@@ -31,6 +32,10 @@ def register(app: typer.Typer) -> None:
         detach: Annotated[bool, typer.Option("--detach", help="return once all programs are started")] = False,
         headless: Annotated[bool, typer.Option("--headless", help="no window, no live table")] = False,
         gui: Annotated[bool, typer.Option("--gui", help="open pybullet's window")] = False,
+        speed: Annotated[
+            str | None, typer.Option("--speed", metavar="X", help="simulated seconds per second, or max; as --set sim.speed=X")
+        ] = None,
+        yes: Annotated[bool, typer.Option("--yes", help="with hardware in the arena: do not ask before it may arm")] = False,
         until_done: Annotated[
             bool, typer.Option("--until-done", help="end when every program has ended and every vehicle is disarmed")
         ] = False,
@@ -43,7 +48,9 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Start an arena and watch it until it is done or told to stop. Ctrl-C lands the vehicles first."""
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
+        overrides += [f"sim.speed={speed}"] if speed is not None else []
         plan = _plan(file, overrides)
+        ask_consent(plan, yes=yes)
         beside = file if file.is_dir() else file.parent
         folder = create(plan, runs if runs is not None else beside / "runs")
         options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True)
@@ -68,15 +75,22 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
 
 def _refuse_second(plan: Plan) -> None:
     """Two arenas cannot share a socket. Raises RunError that names the one which is up."""
-    wanted = {(x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
     for state in active_runs():
         other = plan_of(state)
-        held = {(x.protocol, x.address, x.port) for spec in other.processes for x in spec.listens} if other else set()
-        if state.live and (state.address == plan.address or wanted & held):
+        shared = _sockets(plan) & _sockets(other) if other else set()
+        if state.live and (state.address == plan.address or shared):
+            another = "give this one another `address`, 127.0.0.2 for instance"
+            if state.address != plan.address:  # what is shared is bound on every address
+                ports = ", ".join(str(port) for port in sorted({port for _, _, port in shared})[:3])
+                another = f"give these vehicles other ids: PX4 binds its links ({ports}, ...) on every address of the computer"
             raise RunError(
                 f"the arena {state.name!r} is up on {state.address} (supervisor {state.supervisor.pid}, {state.run}): "
-                f"`arena down --run {state.run}` ends it, or give this one another `address`, 127.0.0.2 for instance"
+                f"`arena down --run {state.run}` ends it, or {another}"
             )
+
+
+def _sockets(plan: Plan) -> set[tuple[str, str, int]]:
+    return {(x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
 
 
 def _run(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:

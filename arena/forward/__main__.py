@@ -9,27 +9,18 @@ import sys
 import time
 from typing import Any
 
-from arena.capture import NatNetCapture, open_capture
+from arena.capture import Complaint, NatNetCapture, open_capture
 from arena.clock import Clock, SimClock, WallClock
-from arena.errors import ArenaError, InputError, RunError
+from arena.errors import RunError
 from arena.forward.forwarder import Forwarder
-from arena.room import Afterlife, Room
+from arena.room import Afterlife, Room, run_room
 
 _TICK_S = 0.2
+_LISTEN_S = 0.3  # an autopilot that is there says five times a second how it stands
 
 
 def main() -> int:
-    try:
-        room = Room.enter()
-        try:
-            shell = _Shell(room)
-        except KeyError as error:
-            raise InputError(f"the slice of {room.name}: {error} is missing (docs/architecture.md, Slices)") from error
-        shell.serve()
-    except ArenaError as error:
-        print(f"forward: {error}", file=sys.stderr)
-        return error.exit_code
-    return 0
+    return run_room("forward", lambda room: _Shell(room).serve)
 
 
 class _Rest:
@@ -61,8 +52,9 @@ class _Rest:
 class _Shell:
     def __init__(self, room: Room) -> None:
         s = room.settings
-        self.room, self.core = room, Forwarder(s)
+        self.room, self.core = room, Forwarder(s, listen_s=_LISTEN_S)
         self.capture: NatNetCapture = open_capture(s["capture"])
+        self.complaint = Complaint()
         self.clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
         self.link, self.remote = _link_socket(s["link"]), tuple(s["link"]["remote"])
         self.simulated = bool(s["simulated"])
@@ -99,6 +91,7 @@ class _Shell:
             self.room.ready()
         if wall - self.told >= 1.0:
             self._report(now, wall)
+            self._complain()
         a = self.core.autopilot
         # A simulated autopilot that fell silent has ended; a real one may be flying behind a lost radio link.
         armed = a.armed and (now - a.heard < 5.0 or not self.simulated)
@@ -116,6 +109,13 @@ class _Shell:
         garbled = {f"link {k}": v for k, v in self.core.garbled.items()}
         flow = {"rate_hz": round(rate, 2), "poses": self.core.poses, "pose_age_ms": age_ms}
         self.room.stats({**flow, **dropped, **heard, **garbled})
+
+    def _complain(self) -> None:
+        """Why no poses come, once: to the supervisor and into our own log."""
+        news = self.complaint.news(self.capture.trouble())
+        if news is not None:
+            self.room.event(news)
+            print(f"forward: {news}", file=sys.stderr, flush=True)
 
     def _hear_link(self, now: float) -> None:
         for _ in range(64):

@@ -28,24 +28,34 @@ _REORDERED_MS = 500  # an autopilot's time that runs back by less came out of or
 _SAME_PLACE_E7 = 10
 _SILENT_S = 3.0
 _ORIGIN_TRIES = 5
+_HOLD_S, _HOLD_UNKNOWN_S = 3.0, 0.3
+_EARTH_M = 6_371_000.0  # PX4's map projection
+_PLACE = 43003  # MAV_CMD_EXTERNAL_POSITION_ESTIMATE, not in every version's dialect
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
 
 
 @dataclass(slots=True)
 class Autopilot:
-    """What the vision link has told of the autopilot. Times are the caller's [s]."""
+    """What the vision link has told of the autopilot. Times are the caller's [s].
+
+    since: when it was first heard. on_ground: its own word, None before. placed: it has answered where it is on the globe.
+    """
 
     heard: float = -math.inf
+    since: float = math.inf
     armed: bool = False
+    on_ground: bool | None = None
+    placed: bool = False
     may_arm: bool = False
     boot_ms: int = 0
     has_origin: bool = False
 
 
 class Forwarder:
-    """settings: the `forward` slice."""
+    """settings: the `forward` slice. listen_s: how long the first pose waits for a word of the autopilot [s]."""
 
-    def __init__(self, settings: Mapping[str, Any]) -> None:
+    def __init__(self, settings: Mapping[str, Any], listen_s: float = 0.0) -> None:
+        self._listen_s, self._listening_since = listen_s, math.inf
         self.system = int(settings["id"])
         self._body, self._origin = settings["body"], settings["origin"]
         self._every = round(float(settings["frame_rate_hz"]) / float(settings["rate_hz"]))
@@ -66,6 +76,7 @@ class Forwarder:
         self._order, self._lateness = FrameOrder(), Lateness(self._stale_s)
         self._turn: int | None = None
         self._last: Pose | None = None
+        self._newest: Pose | None = None
         self._resets = 0
         self._beat = -math.inf
         self._origin_asked, self._origin_tries = -math.inf, 0
@@ -88,6 +99,10 @@ class Forwarder:
                     self.counts["superseded"] += 1
                 best = pose
         if best is None:
+            return None
+        self._newest = best
+        if self._holds_back(now):
+            self.counts["held for the origin"] += 1
             return None
         self.poses, self.last_pose = self.poses + 1, now
         return self._odometry(best, now)
@@ -156,9 +171,10 @@ class Forwarder:
 
     def _hear(self, m: Any, now: float) -> None:
         a, kind = self.autopilot, m.get_type()
+        if kind == "HEARTBEAT" and now - a.heard > _SILENT_S:
+            self._restarted()
+        a.since = min(a.since, now)
         if kind == "HEARTBEAT":
-            if now - a.heard > _SILENT_S:
-                self._restarted()
             a.heard, a.armed = now, bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         elif kind == "SYS_STATUS":
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
@@ -167,6 +183,10 @@ class Forwarder:
             if m.time_boot_ms < a.boot_ms - _REORDERED_MS:
                 self._restarted()
             a.boot_ms = m.time_boot_ms
+        elif kind == "EXTENDED_SYS_STATE":
+            a.on_ground = m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND
+        elif kind == "COMMAND_ACK":
+            a.placed = a.placed or (m.command == _PLACE and m.target_component in (0, COMPONENT))
         elif kind == "HOME_POSITION" or (kind == "GPS_GLOBAL_ORIGIN" and self._is_ours(m)):
             a.has_origin = self._origin_tries > 0  # what it said before it was asked may be another place
 
@@ -176,8 +196,25 @@ class Forwarder:
 
     def _restarted(self) -> None:
         """A new autopilot knows no origin and may not arm yet."""
-        self.autopilot.has_origin = self.autopilot.may_arm = False
+        a = self.autopilot
+        a.has_origin = a.may_arm = a.placed = False
+        a.since, a.on_ground = math.inf, None
         self._origin_tries = 0
+
+    def _holds_back(self, now: float) -> bool:
+        """On the ground the origin and the place go before the first pose.
+
+        PX4's estimator begins where its charts begin. One that already follows poses takes the jump to a new origin for an error
+        of theirs, of thousands of km, and refuses them for a second; its first pose after a lone origin is as far off, and fails
+        the preflight check "horizontal position unstable" for two.
+        """
+        a = self.autopilot
+        if self._origin is None or a.placed or a.has_origin or a.armed or a.on_ground is False:
+            return False
+        if a.since == math.inf:
+            self._listening_since = min(self._listening_since, now)
+            return 0.0 <= now - self._listening_since < self._listen_s
+        return 0.0 <= now - a.since < (_HOLD_S if a.on_ground else _HOLD_UNKNOWN_S)
 
     def tick(self, now: float) -> list[bytes]:
         """What is due: the heartbeat, and the origin until it is known."""
@@ -188,13 +225,28 @@ class Forwarder:
             due.append(self._codec.pack(m))
         a = self.autopilot
         asks = self._origin is not None and not a.has_origin and not a.armed and self._origin_tries < _ORIGIN_TRIES
-        if asks and now - a.heard < _SILENT_S and now - self._origin_asked >= 1.0:
+        if asks and self._newest is not None and now - a.heard < _SILENT_S and now - self._origin_asked >= 1.0:
             self._origin_asked, self._origin_tries = now, self._origin_tries + 1
-            o = self._origin
-            due.append(self._codec.pack(mavlink.MAVLink_set_gps_global_origin_message(
-                self.system, round(o["lat_deg"] * 1e7), round(o["lon_deg"] * 1e7), round(o["alt_m"] * 1e3), 0
-            )))  # fmt: skip
+            due += self._where(self._newest)
         return due
+
+    def _where(self, pose: Pose) -> list[bytes]:
+        """The origin, and where on the globe this pose is.
+
+        Both on sea level, wherever the arena is: after a gap PX4's estimator takes its height anew from the first pose as if
+        the origin's altitude were 0, and with another one it would believe to be so much lower all at once.
+        """
+        assert self._origin is not None
+        lat, lon = self._origin["lat_deg"], self._origin["lon_deg"]
+        north, east, _ = pose.p_n
+        there = lat + math.degrees(north / _EARTH_M), lon + math.degrees(east / (_EARTH_M * math.cos(math.radians(lat))))
+        accuracy_m = max(math.sqrt(self._covariance[0]), 0.01)
+        origin = mavlink.MAVLink_set_gps_global_origin_message(self.system, round(lat * 1e7), round(lon * 1e7), 0, 0)
+        place = mavlink.MAVLink_command_int_message(
+            self.system, 1, mavlink.MAV_FRAME_GLOBAL, _PLACE, 0, 0, 0.0, 0.0, accuracy_m, 0.0,
+            round(there[0] * 1e7), round(there[1] * 1e7), _NAN,
+        )  # fmt: skip
+        return [self._codec.pack(origin), self._codec.pack(place)]
 
 
 def _is_pose(pose: Pose) -> bool:

@@ -10,9 +10,9 @@ import time
 from typing import Any
 
 from arena.clock import SimClock
-from arena.errors import ArenaError, InputError, RunError
+from arena.errors import RunError
 from arena.mocap.emulator import Emulator
-from arena.room import Room
+from arena.room import Room, run_room
 from arena.wire.truth import TruthReader
 
 _MOST_REQUESTS = 64
@@ -20,17 +20,7 @@ _LATE_S = 0.008  # two steps of the world: its clock tells the time by steps
 
 
 def main() -> int:
-    try:
-        room = Room.enter()
-        try:
-            shell = _Shell(room)
-        except KeyError as error:
-            raise InputError(f"the slice of {room.name}: {error} is missing (docs/architecture.md, Slices)") from error
-        shell.serve()
-    except ArenaError as error:
-        print(f"mocap: {error}", file=sys.stderr)
-        return error.exit_code
-    return 0
+    return run_room("mocap", lambda room: _Shell(room).serve)
 
 
 class _Shell:

@@ -21,10 +21,14 @@ ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFER
 # messages, then programs, then loggers. A negative value is taken where the system allows it.
 NICE_PROGRAM, NICE_LOGGER = 2, 6
 
+# A real vehicle may be switched on long after the arena: what waits for it says so meanwhile.
+REAL_START_TIMEOUT_S = 600.0
+
 # kind -> (module, cpu budget [cores], memory budget [MB], further fields)
 _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
     "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0, "nice": -10}),
     "px4": ("arena.px4", 0.3, 150.0, {"restart": Restart(), "start_timeout_s": 60.0}),
+    "link": ("arena.link", 0.2, 120.0, {}),
     "mocap": ("arena.mocap", 0.3, 150.0, {}),
     "forward": ("arena.forward", 0.1, 120.0, {}),
     "router": ("arena.route", 0.4, 120.0, {}),
@@ -54,7 +58,9 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
 
 
 def _slices(arena: Arena) -> Iterator[tuple[str, dict[str, Any]]]:
-    made = [rooms.world(arena), rooms.mocap(arena), rooms.router(arena)]
+    made = [rooms.world(arena), rooms.mocap(arena)] if arena.simulated else []
+    made += [rooms.router(arena)]
+    made += [rooms.link(arena, v) for v in arena.vehicles if v.wire is not None]
     made += [rooms.px4(arena, v) for v in arena.vehicles if v.autopilot == "px4"]
     for v in arena.vehicles:
         made += [rooms.forward(arena, v)] if v.forward else []
@@ -65,7 +71,7 @@ def _slices(arena: Arena) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def _vehicle(arena: Arena, v: Vehicle) -> VehiclePlan:
     return VehiclePlan(
-        name=v.name, id=v.id, autopilot=v.autopilot, profile=v.profile.name, simulated=True,
+        name=v.name, id=v.id, autopilot=v.autopilot, profile=v.profile.name, simulated=v.simulated,
         router=rooms.link_of(arena, v, "router"), vision=rooms.link_of(arena, v, "vision"),
         panic=rooms.link_of(arena, v, "panic"), port=v.ports.program, sdk_port=v.ports.sdk, tools_port=v.ports.tools,
         logger_port=v.ports.logger, mocap_body=v.mocap_body,
@@ -74,15 +80,15 @@ def _vehicle(arena: Arena, v: Vehicle) -> VehiclePlan:
 
 def _processes(arena: Arena, python: str) -> Iterator[ProcessSpec]:
     """In start order: a process stands after all that it needs."""
-    yield _room(arena, python, "world", "world")
-    yield _room(arena, python, "mocap", "mocap", needs=("world",))
-    for v in arena.vehicles:
-        if v.autopilot == "px4":
-            yield _room(arena, python, "px4", f"px4.{v.name}", v, needs=("world",))
+    world = ("world",) if arena.simulated else ()
+    if arena.simulated:
+        yield _room(arena, python, "world", "world")
+        yield _room(arena, python, "mocap", "mocap", needs=world)
+    yield from _autopilots(arena, python, world)
     for v in arena.vehicles:
         if v.forward:
-            yield _room(arena, python, "forward", f"forward.{v.name}", v, needs=("world", "mocap"))
-    yield _room(arena, python, "router", "router", needs=("world",))
+            yield _room(arena, python, "forward", f"forward.{v.name}", v, needs=_before_poses(v, world))
+    yield _room(arena, python, "router", "router", needs=world)
     for v in arena.vehicles:
         yield _room(arena, python, "logger", f"logger.{v.name}", v, needs=("router",))
     for v in arena.vehicles:
@@ -91,9 +97,28 @@ def _processes(arena: Arena, python: str) -> Iterator[ProcessSpec]:
     yield from _tools(arena)
 
 
+def _before_poses(v: Vehicle, world: tuple[str, ...]) -> tuple[str, ...]:
+    """What a forwarder needs. One whose PX4 never comes is given up with it, at once, and with it the vehicle's program."""
+    if not v.simulated:
+        return (f"link.{v.name}",)
+    return (*world, "mocap", f"px4.{v.name}") if v.autopilot == "px4" else (*world, "mocap")
+
+
+def _autopilots(arena: Arena, python: str, world: tuple[str, ...]) -> Iterator[ProcessSpec]:
+    """Those that are processes of their own, and those that stand for one outside."""
+    for v in arena.vehicles:
+        if v.autopilot == "px4":
+            yield _room(arena, python, "px4", f"px4.{v.name}", v, needs=world)
+    for v in arena.vehicles:
+        if v.wire is not None:
+            yield _room(arena, python, "link", f"link.{v.name}", v, needs=world if v.simulated else ())
+
+
 def _room(arena: Arena, python: str, kind: Kind, name: str, v: Vehicle | None = None, needs: tuple[str, ...] = ()) -> ProcessSpec:
     module, cpu, memory, more = _ROOMS[kind]
     fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), **more}
+    if v is not None and v.wire is not None:
+        fields["start_timeout_s"] = REAL_START_TIMEOUT_S
     return ProcessSpec(
         name=name, kind=kind, vehicle=v.name if v else None, argv=(python, "-m", module, f"{{run}}/slices/{name}.json"),
         env=ENV, needs=needs, outlives=True, cpu_budget=cpu, memory_budget_mb=memory,
@@ -105,13 +130,17 @@ def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[List
     """Every UDP port that a process binds for itself; receivers of multicast share theirs and are not listed."""
     found: list[tuple[int, str]] = []
     of = arena.vehicles if vehicle is None else (vehicle,)
+    if kind == "link" and vehicle is not None and vehicle.wire is not None and vehicle.wire.kind == "udpin":
+        what = f"the wire of {vehicle.name}"
+        yield Listen(protocol="udp", address=vehicle.wire.host, port=vehicle.wire.port, what=what)
     if kind == "mocap":
         found.append((arena.mocap.command_port, "NatNet commands"))
     if kind == "router":
         found.append((LINK_BASE, "ground stations"))
     for v in of:
-        if kind == "world" and v.autopilot == "px4":
-            yield Listen(protocol="tcp", address=arena.address, port=v.ports.simulator, what=f"simulator API of {v.name}")
+        if kind == "world" and v.autopilot != "builtin":
+            if v.simulated:
+                yield Listen(protocol="tcp", address=arena.address, port=v.ports.simulator, what=f"simulator API of {v.name}")
             continue
         found += [(getattr(v.ports, key), f"{words} of {v.name}") for key, words in _BOUND.get(kind, ())]
     for port, words in found:
@@ -121,17 +150,15 @@ def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[List
         yield Listen(protocol="udp", address=address, port=port, what=words)
 
 
+_AUTOPILOT_ENDS = (
+    ("router_autopilot", "router link"),
+    ("vision_autopilot", "vision link"),
+    ("panic_autopilot", "panic link"),
+)
 _BOUND: dict[str, tuple[tuple[str, str], ...]] = {
-    "world": (
-        ("router_autopilot", "router link"),
-        ("vision_autopilot", "vision link"),
-        ("panic_autopilot", "panic link"),
-    ),
-    "px4": (
-        ("router_autopilot", "router link"),
-        ("vision_autopilot", "vision link"),
-        ("panic_autopilot", "panic link"),
-    ),
+    "world": _AUTOPILOT_ENDS,
+    "px4": _AUTOPILOT_ENDS,
+    "link": _AUTOPILOT_ENDS,
     "forward": (("vision_forwarder", "vision link"),),
     "router": (("router_router", "router link"), ("tools", "tools"), ("serve", "programs")),
     "logger": (("logger", "log stream"),),
@@ -146,7 +173,8 @@ def _program(arena: Arena, python: str, v: Vehicle) -> ProcessSpec:
     if program is None:
         raise ValueError(f"{v.name} has no program")
     start = (python, program.path) if program.path.endswith(".py") else (program.path,)
-    needs = (f"forward.{v.name}",) if v.forward else ("world",)
+    needs = (f"forward.{v.name}",) if v.forward else ("world",) if v.simulated else ()
+    needs = (*needs, f"link.{v.name}") if v.wire is not None else needs
     return ProcessSpec(
         name=name, kind="program", vehicle=v.name, argv=(*start, "--uav", f"{{run}}/slices/{name}.json", *program.args),
         cwd=arena.folder, env=ENV, needs=(*needs, "router", f"logger.{v.name}"), ready="started",

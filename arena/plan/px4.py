@@ -10,13 +10,8 @@ from arena.schema.library import data_folder
 SCRIPTS = ("px4-rc.mavlink", "px4-rc.mavlinksim")
 
 # What a simulated vehicle of an arena needs of PX4 beyond what every autopilot here gets: no satellites, no compass to trust,
-# one battery that does not stop half full, a log from arming to disarming.
+# one battery that lasts as the profile's does in hover and does not stop half full, a log from arming to disarming.
 SIMULATED: dict[str, float] = {"SYS_HAS_MAG": 0, "SIM_BAT_MIN_PCT": 0.0, "SDLOG_MODE": 0}
-# Integer parameters by their PX4 type: `param set` refuses a point in them.
-_INTEGERS = frozenset({
-    "CA_ROTOR_COUNT", "COM_OBL_RC_ACT", "COM_RC_IN_MODE", "COM_RCL_EXCEPT", "EKF2_EV_CTRL", "EKF2_GPS_CTRL", "EKF2_HGT_REF",
-    "EKF2_MAG_TYPE", "EKF2_NOAID_TOUT", "MAV_SYS_ID", "SDLOG_MODE", "SYS_HAS_GPS", "SYS_HAS_MAG",
-})  # fmt: skip
 
 
 def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
@@ -30,10 +25,20 @@ def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
 
 def px4_params(v: Vehicle) -> dict[str, float | int]:
     """Every parameter that differs from PX4's airframe: the arena's, the profile's with its geometry, the YAML's."""
-    found: dict[str, float] = {**SIMULATED, **_geometry(v), **v.params}
+    battery = v.profile.battery
+    lasts = {"SIM_BAT_DRAIN": round(3.6 * battery.capacity_mah / battery.hover_a)}
+    compass = {} if v.forward or not v.gps else {"SYS_HAS_MAG": 1}  # on satellites alone heading comes from it
+    found: dict[str, float] = {**SIMULATED, **lasts, **compass, **_geometry(v), **v.params}
     found.pop("MAV_SYS_ID", None)  # the startup sets it after PX4 has set its own
-    return {name: int(value) if name in _INTEGERS or (float(value).is_integer() and name.endswith("_ACT")) else float(value)
-            for name, value in sorted(found.items())}  # fmt: skip
+    # Whole numbers without a point: `param set` refuses one in an integer, and minds none that is missing in a float.
+    return {name: int(value) if float(value).is_integer() else float(value) for name, value in sorted(found.items())}
+
+
+def hitl_params(v: Vehicle) -> dict[str, float | int]:
+    """What a flight controller must hold to fly the simulated body. Source: PX4's airframe 1001 and its HIL outputs."""
+    outputs = {f"HIL_ACT_FUNC{i + 1}": 101 + i for i in range(len(v.profile.rotors))}
+    held = {name: value for name, value in px4_params(v).items() if not name.startswith("SIM_")}  # a board need not know those
+    return {**held, "MAV_SYS_ID": v.id, "SYS_HITL": 1, "CBRK_SUPPLY_CHK": 894281, **outputs}
 
 
 def _geometry(v: Vehicle) -> dict[str, float]:

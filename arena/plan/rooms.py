@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from arena.plan.model import Link
-from arena.plan.px4 import px4_params, px4_scripts
+from arena.plan.px4 import hitl_params, px4_params, px4_scripts
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import GROUND_STATION, LINK_BASE
 
@@ -58,7 +58,7 @@ def world(arena: Arena) -> Json:
         "name": "world", "address": arena.address, "seed": w.seed, "size_m": list(w.size), "heading_deg": w.heading_deg,
         "origin": _origin(arena), "physics_hz": s.physics_hz, "sensor_hz": s.sensor_hz, "speed": s.speed, "gui": s.gui,
         "clock": CLOCK, "truth": TRUTH, "wind_m_s": list(w.wind_m_s),
-        "vehicles": [_body(arena, v) for v in arena.vehicles],
+        "vehicles": [_body(arena, v) for v in arena.simulated],
     }  # fmt: skip
 
 
@@ -67,8 +67,10 @@ def _links(arena: Arena, v: Vehicle) -> Json:
 
 
 def _body(arena: Arena, v: Vehicle) -> Json:
-    if v.autopilot == "px4":  # it opens its links itself
-        flown: Json = {"autopilot": "px4", "simulator": [arena.address, v.ports.simulator]}
+    if v.autopilot != "builtin":  # it opens its links itself
+        flown: Json = {
+            "autopilot": "px4", "simulator": [arena.address, v.ports.simulator], "gps": v.gps, "sticks": v.sticks,
+        }  # fmt: skip
     else:
         flown = {"autopilot": "builtin", "params": dict(v.params), "links": _links(arena, v)}
     return {
@@ -96,7 +98,7 @@ def px4(arena: Arena, v: Vehicle) -> Json:
 
 def mocap(arena: Arena) -> Json:
     m = arena.mocap
-    bodies = [{"name": v.mocap_body, "streaming_id": v.id, "index": i} for i, v in enumerate(arena.vehicles)]
+    bodies = [{"name": v.mocap_body, "streaming_id": v.id, "index": i} for i, v in enumerate(arena.simulated)]
     return {
         "name": "mocap", "address": arena.address, "version": m.version, "transport": m.transport, "group": arena.group,
         "command_port": m.command_port, "data_port": m.data_port, "rate_hz": m.rate_hz, "noise": _noise(arena),
@@ -109,21 +111,50 @@ def _noise(arena: Arena) -> Json:
     return {"position_m": n.position_mm / 1000.0, "rotation_deg": n.rotation_deg}
 
 
-def capture(arena: Arena, bodies: list[str] | None) -> Json:
-    """How a receiver reaches the motion capture. bodies: names wanted, None for all."""
-    m = arena.mocap
+def link(arena: Arena, v: Vehicle) -> Json:
+    """What `python -m arena.link` needs to stand in the place of this vehicle's autopilot."""
+    if v.wire is None:
+        raise ValueError(f"{v.name} has no wire")
+    if v.wire.kind == "serial":
+        wire: Json = {"kind": "serial", "device": v.wire.device, "baud": v.wire.baud}
+    else:
+        wire = {"kind": v.wire.kind, "address": [v.wire.host, v.wire.port]}
+    p = arena.preflight
     return {
-        "kind": "natnet", "server": arena.address, "local": arena.address, "group": arena.group, "transport": m.transport,
-        "command_port": m.command_port, "data_port": m.data_port, "bodies": bodies,
+        "name": f"link.{v.name}", "vehicle": v.name, "id": v.id, "wire": wire, "links": _links(arena, v),
+        "simulator": [arena.address, v.ports.simulator] if v.simulated else None,
+        "preflight": {
+            "position_m": p.position_m, "yaw_deg": p.yaw_deg, "pose_age_s": p.pose_age_s, "pose_rate_hz": v.pose_rate_hz,
+            "battery": p.battery, "size_m": list(arena.world.size), "poses": v.forward,
+            # where a real body's origin is, the lab decides: at the height of its lowest point is the most that it can be
+            "height_m": v.profile.height_m / 2.0 if v.simulated else 0.0,
+        },
+        "params": hitl_params(v) if v.simulated else dict(v.params), "params_file": f"{{run}}/params/{v.name}.params",
+        "simulated": v.simulated,
     }  # fmt: skip
+
+
+def capture(arena: Arena, bodies: list[str], *, simulated: bool) -> Json | None:
+    """How a receiver reaches the cameras that see such vehicles; None when none do. bodies: names wanted."""
+    m = arena.mocap
+    common = {"transport": m.transport, "command_port": m.command_port, "data_port": m.data_port, "bodies": bodies}
+    if simulated:
+        return {"kind": "natnet", "server": arena.address, "local": arena.address, "group": arena.group, **common}
+    if m.source == "emulator":
+        return None
+    return {"kind": m.source, "server": m.server, "local": m.local, "group": arena.server_group, **common}
+
+
+def _clock(v: Vehicle) -> str | None:
+    return CLOCK if v.simulated else None
 
 
 def forward(arena: Arena, v: Vehicle) -> Json:
     return {
         "name": f"forward.{v.name}", "vehicle": v.name, "id": v.id, "body": v.mocap_body,
-        "capture": capture(arena, [v.mocap_body]), "frame_rate_hz": arena.mocap.rate_hz, "rate_hz": v.pose_rate_hz,
-        "stale_s": POSE_STALE_S, "noise": _noise(arena), "origin": _origin(arena),
-        "link": partner_end(link_of(arena, v, "vision")), "clock": CLOCK, "simulated": True,
+        "capture": capture(arena, [v.mocap_body], simulated=v.simulated), "frame_rate_hz": arena.mocap.rate_hz,
+        "rate_hz": v.pose_rate_hz, "stale_s": POSE_STALE_S, "noise": _noise(arena), "origin": _origin(arena),
+        "link": partner_end(link_of(arena, v, "vision")), "clock": _clock(v), "simulated": v.simulated,
     }  # fmt: skip
 
 
@@ -133,7 +164,7 @@ def router(arena: Arena) -> Json:
     gcs += [{"name": f"gcs@{a}", "address": [a, GROUND_STATION]} for a in stations]
     return {
         "name": "router", "vehicles": [_routed(arena, v) for v in arena.vehicles],
-        "gcs_local": [arena.address, LINK_BASE], "gcs": gcs, "heartbeat": True, "simulated": True,
+        "gcs_local": [arena.address, LINK_BASE], "gcs": gcs, "heartbeat": True, "simulated": not arena.hardware,
     }  # fmt: skip
 
 
@@ -147,7 +178,8 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
         clients.append({"name": f"program@{station}", "address": [station, ports.program]})
         clients.append({"name": f"sdk@{station}", "address": [station, ports.sdk]})
     return {
-        "name": v.name, "id": v.id, "link": partner_end(link_of(arena, v, "router")), "serve": [here, ports.serve],
+        "name": v.name, "id": v.id, "simulated": v.simulated, "link": partner_end(link_of(arena, v, "router")),
+        "serve": [here, ports.serve],
         "clients": clients, "logger": [here, ports.logger], "tools": [here, ports.tools],
     }  # fmt: skip
 
@@ -155,19 +187,29 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
 def logger(arena: Arena, v: Vehicle) -> Json:
     return {
         "name": f"logger.{v.name}", "vehicle": v.name, "id": v.id, "body": v.mocap_body,
-        "index": arena.vehicles.index(v), "listen": [arena.address, v.ports.logger],
-        "capture": capture(arena, [v.mocap_body]), "truth": TRUTH, "clock": CLOCK, "rate_hz": LOG_RATE_HZ,
-        "folder": "{run}/csv", "simulated": True,
+        "index": arena.simulated.index(v) if v.simulated else None, "listen": [arena.address, v.ports.logger],
+        "capture": capture(arena, [v.mocap_body], simulated=v.simulated), "truth": TRUTH if v.simulated else None,
+        "clock": _clock(v), "rate_hz": LOG_RATE_HZ, "folder": "{run}/csv", "simulated": v.simulated,
     }  # fmt: skip
 
 
 def program(arena: Arena, v: Vehicle) -> Json:
     neighbours = [{"name": n, "body": arena.vehicle(n).mocap_body} for n in v.neighbours if n != v.name]
-    bodies = [v.mocap_body, *(n["body"] for n in neighbours)]
     kept = ("mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")
     return {
         "name": f"program.{v.name}", "vehicle": v.name, "id": v.id, "link": f"udpin:{arena.address}:{v.ports.program}",
-        "capture": capture(arena, bodies), "body": v.mocap_body, "clock": CLOCK,
+        "capture": _captures(arena, v), "body": v.mocap_body, "clock": _clock(v),
         "profile": {k: x for k, x in v.profile.slice().items() if k in kept}, "neighbours": neighbours,
         "stale_s": PROGRAM_STALE_S,
     }  # fmt: skip
+
+
+def _captures(arena: Arena, v: Vehicle) -> Json | list[Json] | None:
+    """Its own cameras and those that see its neighbours: one receiver, or a list of several."""
+    seen = [v, *(arena.vehicle(n) for n in v.neighbours if n != v.name)]
+    found = []
+    for simulated in (v.simulated, not v.simulated):
+        bodies = [x.mocap_body for x in seen if x.simulated is simulated]
+        one = capture(arena, bodies, simulated=simulated) if bodies else None
+        found += [one] if one is not None else []
+    return found if len(found) > 1 else found[0] if found else None

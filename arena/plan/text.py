@@ -17,7 +17,8 @@ def arena_yaml(arena: Arena) -> str:
             "address": arena.address,
             "world": _plain(arena.world.model_dump()),
             "sim": _plain(arena.sim.model_dump()),
-            "mocap": _plain({**arena.mocap.model_dump(exclude_none=True), "group": arena.group}),
+            "mocap": _plain({**arena.mocap.model_dump(exclude_none=True), "group": _group(arena)}),
+            "preflight": _plain(arena.preflight.model_dump()),
             **({"px4": {"home": arena.px4.home}} if arena.px4 else {}),
             "tools": {name: _tool(tool) for name, tool in arena.tools.items()},
             "vehicles": {v.name: _vehicle(v) for v in arena.vehicles},
@@ -28,12 +29,24 @@ def arena_yaml(arena: Arena) -> str:
 def _vehicle(v: Vehicle) -> dict[str, Any]:
     program = {"path": v.program.path, "args": list(v.program.args), "restart": v.program.restart} if v.program else None
     made = {
-        "id": v.id, "profile": v.profile_key, "autopilot": v.autopilot,
+        "id": v.id, "profile": v.profile_key, "autopilot": v.autopilot, **_wire(v),
         "start": {"position": v.position, "rpy_deg": v.rpy_deg}, "port": v.ports.program, "gcs": v.gcs,
-        "mocap_body": v.mocap_body, "forward": v.forward, "pose_rate_hz": v.pose_rate_hz, "program": program,
+        "mocap_body": v.mocap_body, "gps": v.gps, "sticks": v.sticks,
+        "forward": v.forward, "pose_rate_hz": v.pose_rate_hz, "program": program,
         "neighbours": v.neighbours, "tools": {name: _tool(tool) for name, tool in v.tools.items()}, "params": dict(v.params),
     }  # fmt: skip
     return {key: _plain(value) for key, value in made.items() if value is not None}
+
+
+def _group(arena: Arena) -> str:
+    return arena.group if arena.mocap.source == "emulator" else arena.server_group
+
+
+def _wire(v: Vehicle) -> dict[str, Any]:
+    if v.wire is None:
+        return {}
+    baud = {"baud": v.wire.baud} if v.wire.kind == "serial" else {}
+    return {**({"serial": v.wire.device} if v.autopilot == "hitl" else {"url": v.wire.url}), **baud}
 
 
 def _tool(tool: Tool) -> dict[str, Any]:

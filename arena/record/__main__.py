@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 
-from arena.errors import ArenaError
+from arena.errors import RunError
 from arena.record.logger import Logger
-from arena.room import Room
+from arena.room import Room, run_room
 
 
 def main() -> int:
+    return run_room("logger", _make)
+
+
+def _make(room: Room) -> Callable[[], None]:
     try:
-        room = Room.enter()
         logger = Logger(room)
-    except (ArenaError, OSError) as error:
-        print(f"logger: {error}", file=sys.stderr)
-        return error.exit_code if isinstance(error, ArenaError) else 1
-    room.ready()
-    try:
-        logger.run()
-    except OSError as error:
-        print(f"logger: {error}", file=sys.stderr)
-        return 1
-    finally:
-        logger.close()
-    return 0
+    except OSError as error:  # a folder or a disk that takes no file
+        raise RunError(str(error)) from error
+
+    def serve() -> None:
+        room.ready()
+        try:
+            logger.run()
+        except OSError as error:
+            raise RunError(str(error)) from error
+        finally:
+            logger.close()
+
+    return serve
 
 
 if __name__ == "__main__":

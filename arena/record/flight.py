@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from arena.geometry import Array
 from arena.record.columns import NED, RPY
 
+Judge = Literal["truth", "capture", "estimate"]
+COLUMNS_OF: Mapping[Judge, str] = {"truth": "truth", "capture": "mocap", "estimate": "ekf"}
 _WORDS = ("info.flight_mode", "info.is_armed", "info.is_landed")
 
 
@@ -37,14 +40,25 @@ class Flight:
         return "truth.pos.north" in self.numbers
 
     @property
+    def judge(self) -> Judge:
+        """Whose word on where it was is taken: the truth's where there is one, else the cameras' where they saw at least half of
+        the flight, for they do not depend on the autopilot, else the autopilot's own.
+        """
+        if self.simulated:
+            return "truth"
+        seen = np.array(np.isfinite(self.group("mocap.pos")).all(axis=1), bool)
+        counted = self.armed if self.armed.any() else np.ones(self.t.size, bool)
+        return "capture" if seen[counted].mean() >= 0.5 else "estimate"
+
+    @property
     def pos(self) -> Array:
-        """Where it was [m] [NED] (n, 3): the truth where known, else the estimate."""
-        return self.group("truth.pos" if self.simulated else "ekf.pos")
+        """Where it was [m] [NED] (n, 3), by `judge`; nan in rows where that one said nothing."""
+        return self.group(COLUMNS_OF[self.judge] + ".pos")
 
     @property
     def euler(self) -> Array:
         """Its attitude [rad] (n, 3), likewise."""
-        return self.group("truth.att_euler" if self.simulated else "ekf.att_euler", RPY)
+        return self.group(COLUMNS_OF[self.judge] + ".att_euler", RPY)
 
     @property
     def offboard(self) -> NDArray[np.bool_]:

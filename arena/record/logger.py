@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import socket
+import sys
 import time
 from pathlib import Path
 from typing import Any
 
+from arena.capture import Complaint, NatNetCapture, open_capture
 from arena.clock import Clock, SimClock, WallClock
 from arena.errors import ArenaError, RunError
 from arena.record.recorder import Recorder, rates
@@ -40,6 +42,7 @@ class Logger:
         self._afterlife = Afterlife(limit_s=60.0 if settings.get("simulated", True) else None)
         self._looked = 0.0
         self._fault = ""
+        self._complaint = Complaint()
         self._floor: float | None = None
         self._airborne_unix_s: float | None = None
 
@@ -71,15 +74,16 @@ class Logger:
                 datagram = self._socket.recv(65535)
             except OSError:
                 break
-            self._recorder.hear(datagram, now)
+            # The time of waking may be long past on a busy computer, and an estimate must not seem to come from the future.
+            self._recorder.hear(datagram, self._clock.now())
         if self._capture is not None:
             try:
-                self._hear_capture(now)
+                self._hear_capture(self._capture, now)
             except (ArenaError, OSError) as error:
                 self._blame(f"motion capture: {error}")
 
-    def _hear_capture(self, now: float) -> None:
-        for frame in self._capture.poll(now):
+    def _hear_capture(self, capture: NatNetCapture, now: float) -> None:
+        for frame in capture.poll(now):
             for pose in frame.poses:
                 if pose.body == self._body:
                     self._recorder.hear_pose(pose.p_n, pose.q_nb, now)
@@ -118,7 +122,17 @@ class Logger:
         self._looked = wall
         self._file.flush()
         self._room.stats(self._stats())
+        self._complain()
         return self._afterlife.over(orphaned=self._room.orphaned, any_armed=self._recorder.armed, now=wall)
+
+    def _complain(self) -> None:
+        """Why no captured pose comes, once."""
+        if self._capture is None:
+            return
+        news = self._complaint.news(self._capture.trouble())
+        if news is not None:
+            self._room.event(news)
+            print(f"logger: {news}", file=sys.stderr, flush=True)
 
     def _blame(self, fault: str) -> None:
         """Told when it changes, not thirty times a second."""
@@ -139,9 +153,5 @@ def _listen(address: tuple[str, int]) -> socket.socket:
     return found
 
 
-def _capture(settings: dict[str, Any]) -> Any:
-    if not settings.get("capture"):
-        return None
-    from arena.capture import open_capture
-
-    return open_capture(settings["capture"])
+def _capture(settings: dict[str, Any]) -> NatNetCapture | None:
+    return open_capture(settings["capture"]) if settings.get("capture") else None

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from arena.geometry import Array
 from arena.record.columns import NED, RPY
-from arena.record.flight import Flight
+from arena.record.flight import COLUMNS_OF, Flight
 
 _MOST_POINTS = 1500
 _ERRORS = (
@@ -25,13 +25,13 @@ _ACTUAL, _ESTIMATE, _DESIRED = "tab:blue", "tab:orange", "black"
 
 def plot_vehicle(flight: Flight, folder: Path) -> list[Path]:
     """position, velocity, attitude, rates and, where the truth is known, estimator_error."""
-    actual = "truth" if flight.simulated else "ekf"
-    degrees = np.degrees
+    actual, degrees = COLUMNS_OF[flight.judge], np.degrees
+    moving = actual if flight.simulated else "ekf"  # cameras tell no velocity and no rates
     pictures = [
         _group(flight, folder, "position", "m", NED, (actual + ".pos", "ekf.pos", "pos_ref")),
-        _group(flight, folder, "velocity", "m/s", NED, (actual + ".vel", "ekf.vel", "vel_ref")),
+        _group(flight, folder, "velocity", "m/s", NED, (moving + ".vel", "ekf.vel", "vel_ref")),
         _group(flight, folder, "attitude", "deg", RPY, (actual + ".att_euler", "ekf.att_euler", "att_euler_ref"), degrees),
-        _group(flight, folder, "rates", "deg/s", RPY, (actual + ".ang_vel", "ekf.ang_vel", "ang_vel_ref"), degrees),
+        _group(flight, folder, "rates", "deg/s", RPY, (moving + ".ang_vel", "ekf.ang_vel", "ang_vel_ref"), degrees),
     ]
     if flight.simulated:
         pictures.append(_errors(flight, folder))
@@ -45,8 +45,8 @@ def _group(
     figure = Figure(figsize=(9, 6.5), layout="constrained")
     rows = figure.subplots(3, 1, sharex=True)
     thin = _thin(flight.t.size)
-    lines = [(names[1], _ESTIMATE, "-", "estimate", 2.5)] if flight.simulated else []
-    lines += [(names[0], _ACTUAL, "-", "actual (truth)" if flight.simulated else "actual (estimate)", 1.0)]
+    lines = [(names[1], _ESTIMATE, "-", "estimate", 2.5)] if names[0] != names[1] else []
+    lines += [(names[0], _ACTUAL, "-", f"actual ({flight.judge if lines else 'estimate'})", 1.0)]
     lines += [(names[2], _DESIRED, "--", "desired", 0.8)]
     for name, colour, style, label, width in lines:
         values = flight.group(name, parts)[thin]

@@ -67,7 +67,7 @@ def summarise(
         airborne = stats.get(f"logger.{name}", {}).get("airborne_unix_s")
         found["airborne_after_s"] = round(airborne - began, 2) if airborne and began else None
         found["verdict"] = judged.get(name)
-        found["crashed"] = (judged.get(name) or {}).get("crashed", "") if judged else None
+        found["crashed"] = judged[name].get("crashed", "") if judged.get(name) else None  # nobody judges a real one
         found["rates"] = _rates(name, stats)
         vehicles[name] = found
     return {
@@ -111,16 +111,21 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
 
     folder = run / "plots"
     folder.mkdir(exist_ok=True)
-    world = plan.get("slices", {})
-    size = (world.get("world") or world.get("world.json") or {}).get("size_m")
     made: list[Path] = []
     try:
-        made = [plot_all(flights, size, folder)]
+        made = [plot_all(flights, _size_m(plan), folder)]
         for flight in flights:
             made += plot_vehicle(flight, folder)
     except (ValueError, OSError) as error:
         missing.append(f"plots: {error}")
     return [str(path.relative_to(run)) for path in made]
+
+
+def _size_m(plan: Mapping[str, Any]) -> Any:
+    """The room's, from the world's slice; without a world, from the gates of a real vehicle's link."""
+    slices = {name.removesuffix(".json"): given for name, given in plan.get("slices", {}).items()}
+    links = [given.get("preflight") or {} for name, given in slices.items() if name.startswith("link.")]
+    return next((size for given in (slices.get("world") or {}, *links) if (size := given.get("size_m"))), None)
 
 
 def _json(path: Path, missing: list[str]) -> dict[str, Any]:

@@ -24,8 +24,8 @@ def _head(s: Mapping[str, Any]) -> str:
 
 
 def _vehicles(vehicles: Mapping[str, Any]) -> list[str]:
-    head = ("vehicle", "airborne", "setpoints", "worst", "tracking", "landing", "estimate", "yaw", "log", "verdict")
-    units = ("", "after s", "", "end, m", "rms m", "error m", "rms/max m", "rms/max deg", "Hz", "")
+    head = ("vehicle", "airborne", "setpoints", "worst", "tracking", "landing", "estimate", "yaw", "log", "judged", "verdict")
+    units = ("", "after s", "", "end, m", "rms m", "error m", "rms/max m", "rms/max deg", "Hz", "by", "")
     rows = [_vehicle(name, v) for name, v in vehicles.items()]
     table = _table([head, units, *rows])
     timelines = [f"  {name}: {_timeline(v['modes'])}" for name, v in vehicles.items() if v.get("modes")]
@@ -34,13 +34,14 @@ def _vehicles(vehicles: Mapping[str, Any]) -> list[str]:
 
 def _vehicle(name: str, v: Mapping[str, Any]) -> tuple[str, ...]:
     if "tracking" not in v:
-        return (name, *["-"] * 8, "no log" + (f", crashed: {v['crashed']}" if v.get("crashed") else ""))
+        return (name, *["-"] * 9, "no log" + (f", crashed: {v['crashed']}" if v.get("crashed") else ""))
     est, land = v["estimator"], v["landing"]
-    verdict = f"crashed: {v['crashed']}" if v.get("crashed") else "landed" if land["landed"] else "NOT landed"
+    verdict = "landed" if land["landed"] and v["flown"] else "NOT landed" if v["flown"] else "not flown"
+    verdict = f"crashed: {v['crashed']}" if v.get("crashed") else verdict
     return (
         name, _n(v["airborne_after_s"], 1), str(v["setpoints"]["count"]), _n(v["setpoints"]["worst_m"], 3),
         _n(v["tracking"]["rms_m"], 3), _n(land["error_m"], 3), f"{_n(est['pos_rms_m'], 4)}/{_n(est['pos_max_m'], 4)}",
-        f"{_n(est['yaw_rms_deg'], 2)}/{_n(est['yaw_max_deg'], 2)}", _n(v["log_hz"], 1), verdict,
+        f"{_n(est['yaw_rms_deg'], 2)}/{_n(est['yaw_max_deg'], 2)}", _n(v["log_hz"], 1), v["judged_by"], verdict,
     )  # fmt: skip
 
 

@@ -7,12 +7,13 @@ import select
 import socket
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.errors import ArenaError, RunError
-from arena.room import Afterlife, Room
+from arena.errors import RunError
+from arena.room import Afterlife, Room, run_room
 from arena.route.router import Out, Router
 from arena.route.table import Address, Table
 
@@ -20,6 +21,7 @@ SYSTEM, COMPONENT = 254, 190
 _BUFFER_BYTES = 1 << 20
 _DATAGRAM_BYTES = 1 << 16
 _TICK_S, _SECOND_S = 0.25, 1.0
+_PATIENCE_S = 10.0  # a simulated vehicle not heard for so long no longer keeps the others on the ground
 
 
 class Shell:
@@ -36,8 +38,11 @@ class Shell:
             self._poll.register(fd, select.EPOLLIN)
         self._buffer = memoryview(bytearray(_DATAGRAM_BYTES))
         self._voice = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
-        self._afterlife = Afterlife(limit_s=60.0 if table.simulated else None)
-        self._next_tick = self._next_second = time.monotonic()
+        # Simulated vehicles may fall silent with their world; real ones are served until they are disarmed.
+        mixed = not all(v.simulated for v in table.vehicles)
+        limit_s = 60.0 if table.simulated or mixed else None
+        self._afterlives = [(True, Afterlife(limit_s=limit_s)), (False, Afterlife(limit_s=None))]
+        self._began = self._next_tick = self._next_second = time.monotonic()
         self._ready = False
         self._over = False
 
@@ -78,15 +83,21 @@ class Shell:
         self._next_tick = max(self._next_tick + _TICK_S, now)
         self._router.tick(now)
         orphaned = self._room.orphaned
-        self._over = self._afterlife.over(orphaned=orphaned, any_armed=self._router.any_armed, now=now)
-        if not self._ready and self._router.all_heard:
+        self._over = self._is_over(orphaned, now)
+        if not self._ready and (self._router.all_heard or now - self._began > _PATIENCE_S):
             self._ready = True
+            if silent := self._router.silent:
+                self._room.event(f"{', '.join(silent)} not heard for {_PATIENCE_S:g} s: the others need not wait")
             self._room.ready()
         if now >= self._next_second:
             self._next_second = max(self._next_second + _SECOND_S, now)
             if self._router.table.heartbeat and (not orphaned or self._router.gcs_alive(now)):
                 self._send(self._router.heartbeat(self._heartbeat()))
             self._room.stats(self._stats())
+
+    def _is_over(self, orphaned: bool, now: float) -> bool:
+        over = [a.over(orphaned=orphaned, any_armed=self._router.any_armed(simulated=s), now=now) for s, a in self._afterlives]
+        return all(over)
 
     def _heartbeat(self) -> bytes:
         beat = mavlink.MAVLink_heartbeat_message(
@@ -115,17 +126,19 @@ def _bind(address: Address) -> socket.socket:
 
 
 def main(argv: list[str] | None = None) -> int:
-    try:
-        room = Room.enter(argv)
-        shell = Shell(room, Table.from_slice(room.settings))
-    except ArenaError as error:
-        print(f"arena:router: {error}", file=sys.stderr)
-        return error.exit_code
-    try:
-        shell.run()
-    finally:
-        shell.close()
-    return 0
+    return run_room("arena:router", _make, argv)
+
+
+def _make(room: Room) -> Callable[[], None]:
+    shell = Shell(room, Table.from_slice(room.settings))
+
+    def serve() -> None:
+        try:
+            shell.run()
+        finally:
+            shell.close()
+
+    return serve
 
 
 if __name__ == "__main__":

@@ -127,13 +127,19 @@ class Router:
         self._news.clear()
         return found
 
-    @property
-    def any_armed(self) -> bool:
-        return any(line.seen.armed for line in self._lines)
+    def any_armed(self, *, simulated: bool) -> bool:
+        """Of the simulated vehicles, or of the real ones."""
+        return any(line.seen.armed for line in self._lines if line.vehicle.simulated == simulated)
 
     @property
     def all_heard(self) -> bool:
-        return all(line.seen.ever_heard for line in self._lines)
+        """Of the simulated vehicles: a real one that is switched off must not keep the others on the ground."""
+        return not self.silent
+
+    @property
+    def silent(self) -> list[str]:
+        """Simulated vehicles that were never heard."""
+        return [line.vehicle.name for line in self._lines if line.vehicle.simulated and not line.seen.ever_heard]
 
     def gcs_alive(self, now: float) -> bool:
         return now - self._gcs_heard_at <= GCS_ALIVE_S

@@ -18,6 +18,7 @@ class Vehicle:
 
     id: its system id.  local, remote: the router link, our end and the autopilot's fixed end.
     serve: where we speak to `clients` and `logger` from.  tools: where any local client may speak to us.
+    simulated: it is there when the arena starts; a real one may be switched on later.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Vehicle:
     clients: tuple[Address, ...]
     logger: Address | None
     tools: Address
+    simulated: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +67,7 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
         clients=tuple(_address(c["address"]) for c in raw["clients"]),
         logger=_address(raw["logger"]) if raw["logger"] is not None else None,
         tools=_address(raw["tools"]),
+        simulated=bool(raw.get("simulated", True)),
     )
 
 

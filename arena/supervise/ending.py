@@ -17,6 +17,16 @@ from arena.plan.model import Plan, ProcessSpec
 from arena.supervise.life import ALIVE, ENDED, Life, State
 
 Lives = Mapping[str, Life]
+Stats = Mapping[str, Mapping[str, Any]]
+
+_NO_STATS: Stats = {}
+# What the world tells of a PX4 whose commands it does not have: the motors stand still.
+_ABSENT = {
+    "never connected": "its PX4 has never connected to the world",
+    "gone": "its PX4 has gone",
+    "booting": "its PX4 has not begun to fly",
+    "late": "its PX4 does not answer",
+}
 
 
 class Cause(StrEnum):
@@ -66,17 +76,31 @@ def lost(plan: Plan, lives: Lives) -> str:
     return ""
 
 
-def grounded(plan: Plan, lives: Lives) -> set[str]:
-    """Simulated vehicles whose PX4 has ended: their motors stand still, and nobody will ever say that they are disarmed."""
-    simulated = {v.name for v in plan.vehicles if v.simulated}
-    return {s.vehicle for s in plan.processes if s.kind == "px4" and s.vehicle in simulated and is_dead(s, lives[s.name])}
+def grounded(plan: Plan, lives: Lives, stats: Stats = _NO_STATS) -> dict[str, str]:
+    """Simulated vehicles that are down though they may never say so -> why. Of real ones only their own word counts.
+
+    One whose PX4 has ended; one that the world sees on the floor, crashed, or with a PX4 that commands no motor.
+    """
+    worlds = [stats.get(s.name, {}) for s in plan.processes if s.kind == "world"]
+    dead = {s.vehicle for s in plan.processes if s.kind == "px4" and is_dead(s, lives[s.name])}
+    found = {v.name: "its PX4 has ended" if v.name in dead else _down(v.name, worlds) for v in plan.vehicles if v.simulated}
+    return {name: why for name, why in found.items() if why}
 
 
-def is_done(plan: Plan, lives: Lives, facts: Mapping[str, Any]) -> bool:
-    """Every program has ended for good, every vehicle is known to be disarmed, and nothing is still starting."""
+def _down(vehicle: str, worlds: Sequence[Mapping[str, Any]]) -> str:
+    """Why the world thinks so; "" when it does not."""
+    for world in worlds:
+        verdict, pilot = (world.get(key, {}).get(vehicle, {}) for key in ("vehicles", "autopilot"))
+        if verdict.get("airborne") is False:
+            return f"crashed: {verdict['crashed']}" if verdict.get("crashed") else _ABSENT.get(str(pilot.get("px4")), "")
+    return ""
+
+
+def is_done(plan: Plan, lives: Lives, facts: Mapping[str, Any], stats: Stats = _NO_STATS) -> bool:
+    """Every program has ended for good, every vehicle is known to be disarmed or down, and nothing is still starting."""
     programs = all(lives[s.name].state in ENDED for s in plan.processes if s.kind == "program")
     settled = all(lives[s.name].state in ENDED | {State.READY} for s in plan.processes if s.kind != "tool")
-    still = grounded(plan, lives)
+    still = grounded(plan, lives, stats)
     disarmed = all(facts.get(f"{v.name}.armed") is False for v in plan.vehicles if v.name not in still)
     return programs and settled and disarmed
 
@@ -87,18 +111,21 @@ def is_world_gone(plan: Plan, lives: Lives) -> bool:
     return bool(worlds) and not any(life.state in ALIVE for life in worlds)
 
 
-def may_fly(plan: Plan, lives: Lives, facts: Mapping[str, Any], told: Mapping[str, Any]) -> list[str]:
+def may_fly(
+    plan: Plan, lives: Lives, facts: Mapping[str, Any], told: Mapping[str, Any], stats: Stats = _NO_STATS
+) -> list[str]:
     """Vehicles that may be in the air. facts: told by processes that still run; told: the last that was ever said.
 
     One of which nothing is known may fly once it was last heard armed, or once any program has run. A simulated vehicle
-    is gone with its world.
+    is gone with its world. A real one that was never heard has not been commanded from here, and cannot be.
     """
     world_gone = is_world_gone(plan, lives)
     programs_ran = any(lives[s.name].started for s in plan.processes if s.kind == "program")
-    flying, still = [], grounded(plan, lives)
+    flying, still = [], grounded(plan, lives, stats)
     for vehicle in (v for v in plan.vehicles if v.name not in still):
         fact = f"{vehicle.name}.armed"
-        unknown = fact not in facts and (bool(told.get(fact)) or programs_ran)
+        heard = vehicle.simulated or any(name.startswith(f"{vehicle.name}.") for name in told)
+        unknown = fact not in facts and heard and (bool(told.get(fact)) or programs_ran)
         if (bool(facts.get(fact)) or unknown) and not (vehicle.simulated and world_gone):
             flying.append(vehicle.name)
     return flying
@@ -111,7 +138,7 @@ def may_stop(plan: Plan, lives: Lives) -> set[str]:
 
 
 def failures(
-    plan: Plan, end: End, lives: Lives, stats: Mapping[str, Mapping[str, Any]], landed: bool, until_done: bool
+    plan: Plan, end: End, lives: Lives, stats: Stats, landed: bool, until_done: bool
 ) -> list[str]:
     """Everything that makes the run a failed one, in words."""
     found = [] if landed else ["the landing was not confirmed"]
@@ -136,7 +163,7 @@ def _failure(spec: ProcessSpec, then: Life, last: Life, until_done: bool) -> str
     return ""
 
 
-def crashes(stats: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def crashes(stats: Stats) -> list[str]:
     """What the world told of vehicles that crashed: `vehicles: {uav1: {"crashed": reason or ""}}` in anybody's stats."""
     found = []
     for own in stats.values():

@@ -6,9 +6,10 @@ takes: what serves a flying vehicle is not stopped.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
-from arena.plan.model import Plan
+from arena.plan.model import Plan, ProcessSpec
 from arena.supervise.journal import Journal
 from arena.supervise.life import Exit
 from arena.supervise.runfolder import RunFolder
@@ -33,13 +34,18 @@ class Landing:
         self._began: float | None = None
         self._now = self._next = 0.0
         self._nothing_since: float | None = None
+        self._down: Mapping[str, str] = {}
 
-    def step(self, flying: Sequence[str], now: float, *, world_gone: bool = False) -> bool:
+    def step(
+        self, flying: Sequence[str], now: float, *, world_gone: bool = False, down: Mapping[str, str] | None = None
+    ) -> bool:
         """flying: vehicles that may be in the air.  now: monotonic [s].  True once it has ended.
 
-        world_gone: the simulated ones are not flying because there is nothing left to fly in.
+        world_gone: the simulated ones are not flying because there is nothing left to fly in.  down: vehicle -> why it is
+        not waited for.
         """
         self._now = now
+        self._tell_down(down or {})
         if self.task is not None:
             return self._watch(self.task, flying, now)
         if not flying and world_gone and self._tries:
@@ -56,15 +62,26 @@ class Landing:
             self._try(flying, now)
         return False
 
-    def _try(self, flying: Sequence[str], now: float) -> None:
+    def _tell_down(self, down: Mapping[str, str]) -> None:
+        for vehicle, why in down.items():
+            if vehicle not in self._down:
+                self._journal.event(self._now, "arena", f"{vehicle} is not waited for: {why}")
+        self._down = {**self._down, **down}
+
+    def _spec(self, flying: Sequence[str]) -> ProcessSpec:
+        """The land task, without those that are down: they would never confirm."""
         assert self._plan.land is not None
+        spared = [vehicle for vehicle in self._down if vehicle not in flying]
+        extra = ("--except", ",".join(spared)) if spared else ()
+        return replace(self._plan.land, argv=(*self._plan.land.argv, *extra))
+
+    def _try(self, flying: Sequence[str], now: float) -> None:
         self._tries += 1
         self._next = now + _PAUSE_S
         self.words = f"{', '.join(flying)} to land"
-        self._journal.event(now, "arena", f"landing {', '.join(flying)}: {' '.join(self._folder.spec(self._plan.land).argv)}")
-        begun = Task.start(
-            self._plan.land, self._folder, TIMEOUT_S, now, lambda text: self._journal.event(self._now, "arena", text)
-        )
+        spec = self._spec(flying)
+        self._journal.event(now, "arena", f"landing {', '.join(flying)}: {' '.join(self._folder.spec(spec).argv)}")
+        begun = Task.start(spec, self._folder, TIMEOUT_S, now, lambda text: self._journal.event(self._now, "arena", text))
         if isinstance(begun, Exit):
             self._failed(begun, flying, now)
         else:

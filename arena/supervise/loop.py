@@ -188,7 +188,7 @@ class Supervisor:
             self._show.started([f"{n}: {x.reason}" for n, x in self._fleet.lives.items() if x.state is State.FATAL])
 
     def _is_quiet(self, now: float) -> bool:
-        if not ending.is_done(self.plan, self._fleet.lives, self._fleet.facts):
+        if not ending.is_done(self.plan, self._fleet.lives, self._fleet.facts, self._fleet.stats):
             self._quiet_since = None
             return False
         self._quiet_since = now if self._quiet_since is None else self._quiet_since
@@ -229,8 +229,9 @@ class Supervisor:
 
     def _land(self, now: float) -> None:
         fleet = self._fleet
-        flying = ending.may_fly(self.plan, fleet.lives, fleet.facts, fleet.told)
-        if self._landing.step(flying, now, world_gone=ending.is_world_gone(self.plan, fleet.lives)):
+        flying = ending.may_fly(self.plan, fleet.lives, fleet.facts, fleet.told, fleet.stats)
+        down = ending.grounded(self.plan, fleet.lives, fleet.stats)
+        if self._landing.step(flying, now, world_gone=ending.is_world_gone(self.plan, fleet.lives), down=down):
             self.phase = Phase.STOP
             fleet.changed = True
 

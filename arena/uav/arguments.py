@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import ipaddress
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -27,6 +28,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--link", help="udpin:HOST:PORT; by default udpin:127.0.0.1:16000+id")
     parser.add_argument("--profile", default="iris", help="vehicle type")
     parser.add_argument("--clock", help="stem of a simulation clock; the wall clock by default")
+    parser.add_argument("--capture", metavar="natnet:ADDRESS[:multicast|unicast]", help="read one's own pose there")
+    parser.add_argument("--body", help="one's own name in the motion capture; by default the vehicle's name")
     return parser
 
 
@@ -60,8 +63,28 @@ def _by_hand(known: argparse.Namespace) -> dict[str, Any]:
     profile = load_profile(known.profile).slice()
     link = known.link or f"udpin:127.0.0.1:{16000 + number}"
     return {
-        **_profile(profile), "ns": known.ns, "link": link, "system_id": number, "clock": _clock(known.clock, known.ns)
-    }
+        **_profile(profile), "ns": known.ns, "link": link, "system_id": number, "clock": _clock(known.clock, known.ns),
+        "capture": _capture(known.capture, known.body or known.ns) if known.capture else None, "body": known.body,
+    }  # fmt: skip
+
+
+def _capture(words: str, body: str) -> dict[str, Any]:
+    """natnet:ADDRESS[:multicast|unicast] -> the settings of a receiver for one body, at NatNet's usual ports."""
+    from arena.schema.ports import capture_group
+
+    kind, _, rest = words.partition(":")
+    server, _, transport = rest.partition(":")
+    transport = transport or "multicast"
+    try:
+        ipaddress.IPv4Address(server)
+    except ValueError:
+        server = ""
+    if kind != "natnet" or not server or transport not in ("multicast", "unicast"):
+        raise InputError(f"--capture: got {words!r}, expected natnet:ADDRESS[:multicast|unicast], as in natnet:10.0.0.5")
+    return {
+        "kind": "natnet", "server": server, "local": None, "transport": transport, "group": capture_group(server),
+        "command_port": 1510, "data_port": 1511, "bodies": [body],
+    }  # fmt: skip
 
 
 def _profile(profile: Mapping[str, Any]) -> dict[str, Any]:

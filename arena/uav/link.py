@@ -9,8 +9,8 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -20,6 +20,9 @@ from arena.uav.poses import Poses
 from arena.wire.codec import Codec
 from arena.wire.telemetry import Telemetry
 
+if TYPE_CHECKING:
+    from arena.capture import NatNetCapture
+
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _WAKE_S = 0.02  # wall time between looks at the sockets: fifty wake-ups a second instead of six hundred
 _FRESH_S = 0.001
@@ -27,12 +30,15 @@ _HEARTBEAT_S = 1.0
 _MOST = 2000  # datagrams at a look: a flood must not keep the caller
 
 
-class Link:
-    """url: "udpin:HOST:PORT" (wait to be spoken to) or "udpout:HOST:PORT". capture: settings of `arena.capture`, or None."""
+Capture = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
-    def __init__(
-        self, url: str, system_id: int, clock: Clock, poses: Poses, capture: Mapping[str, Any] | None = None
-    ) -> None:
+
+class Link:
+    """url: "udpin:HOST:PORT" (wait to be spoken to) or "udpout:HOST:PORT". capture: settings of `arena.capture`, one or several
+    where different servers see different bodies, or None.
+    """
+
+    def __init__(self, url: str, system_id: int, clock: Clock, poses: Poses, capture: Capture | None = None) -> None:
         self.telemetry = Telemetry(system_id)
         self.poses = poses
         self.unsent = 0
@@ -40,7 +46,7 @@ class Link:
         self._clock = clock
         self._codec = Codec(system_id, COMPONENT)
         self._socket, self._partner = _open(url)
-        self._capture = _capture(capture, poses) if capture and poses.bodies else None
+        self._captures = _captures(capture, poses.bodies)
         self._receiving, self._sending = threading.Lock(), threading.Lock()
         self._looked = -1.0
         self._heartbeat_due = 0.0
@@ -71,8 +77,8 @@ class Link:
             self._thread.join(1.0)
         with self._receiving:
             self._socket.close()
-            if self._capture is not None:
-                self._capture.close()
+            for receiver in self._captures:
+                receiver.close()
 
     def _run(self) -> None:
         while not self._ending.wait(_WAKE_S):
@@ -89,8 +95,8 @@ class Link:
             self._looked = time.monotonic()
             now = self._clock.now()
             self._hear_autopilot(now)
-            if self._capture is not None:
-                self._hear_capture(now)
+            for receiver in self._captures:
+                self._hear_capture(receiver, now)
 
     def _hear_autopilot(self, now: float) -> None:
         for _ in range(_MOST):
@@ -101,10 +107,9 @@ class Link:
             if self.telemetry.hear(datagram, now):
                 self._partner = sender
 
-    def _hear_capture(self, now: float) -> None:
-        assert self._capture is not None
+    def _hear_capture(self, receiver: NatNetCapture, now: float) -> None:
         try:
-            for frame in self._capture.poll(now):
+            for frame in receiver.poll(now):
                 for pose in frame.poses:
                     self.poses.hear(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
         except (ArenaError, OSError) as error:
@@ -135,7 +140,18 @@ def _open(url: str) -> tuple[socket.socket, tuple[str, int] | None]:
     return found, None
 
 
-def _capture(settings: Mapping[str, Any], poses: Poses) -> Any:
+def _captures(settings: Capture | None, bodies: Sequence[str]) -> list[NatNetCapture]:
+    """A receiver for each server that is to see one of the bodies. A body is taken from one server only: the first, so that no
+    two systems' axes are mixed. A server that stands alone sees them all.
+    """
     from arena.capture import open_capture
 
-    return open_capture({**settings, "bodies": poses.bodies})
+    each = [{**settings, "bodies": None}] if isinstance(settings, Mapping) else settings or ()
+    made, left = [], list(bodies)
+    for one in each:
+        wanted = one.get("bodies")
+        own = [b for b in left if wanted is None or b in wanted]
+        left = [b for b in left if b not in own]
+        if own:
+            made.append(open_capture({**one, "bodies": own}))
+    return made

@@ -14,7 +14,7 @@ from arena.clock import Clock, WallClock
 from arena.errors import CommandRefusedError, StaleDataError
 from arena.thrust import thrust_curve as curve_of
 from arena.uav.groups import Actuation, Body, Ekf, Info, Sensors, Snapshot, Source
-from arena.uav.link import Link
+from arena.uav.link import Capture, Link
 from arena.uav.pilot import STREAM_HZ, Pilot
 from arena.uav.poses import Poses
 from arena.uav.setpoints import AttitudeKind, attitude, duration_s, period_s, scalar, vector
@@ -27,7 +27,8 @@ class UAV:
 
     ns: the vehicle's name; mass [kg]; radius, height [m]; thrust_curve: the profile's settings (see `arena.thrust`).
     link: "udpin:HOST:PORT", where the vehicle's MAVLink comes in; system_id: its MAV_SYS_ID.
-    capture: settings of the motion capture, body: its own name there (default: ns); neighbours: names, or (name, body) pairs.
+    capture: settings of the motion capture, or of several; body: its own name there (default: ns).
+    neighbours: names, or (name, body) pairs.
     clock: what `time` and `freq` are counted by; the wall clock by default. stale_s: data older than this raise.
 
     Setpoints leave only while one of its methods runs. A program that stops calling them goes silent, and the autopilot's
@@ -45,7 +46,7 @@ class UAV:
         *,
         link: str,
         system_id: int,
-        capture: Mapping[str, Any] | None = None,
+        capture: Capture | None = None,
         body: str | None = None,
         clock: Clock | None = None,
         neighbours: Sequence[str | tuple[str, str]] = (),
