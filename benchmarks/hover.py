@@ -1,0 +1,8 @@
+"""The program that `benchmarks/px4.py` gives N vehicles at once: take off to 1.5 m and end; the autopilot holds the place."""
+
+from arena import UAV
+
+with UAV.from_args() as uav:
+    uav.start_offboard_mission()
+    start = uav.ekf.pos
+    uav.set_pos_yaw([start[0], start[1], start[2] - 1.5], 0.0, 6.0)

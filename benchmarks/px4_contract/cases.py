@@ -1,0 +1,43 @@
+"""The cases by name, in the order in which they are run and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from px4_contract.rig import Rig, Setup
+from px4_contract.transcript import Transcript
+
+Run = Callable[[Rig, Transcript], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """ground: leaves a disarmed vehicle in HOLD on the floor, so that the next ground case may have it."""
+
+    name: str
+    what: str
+    run: Run
+    setup: Setup = field(default_factory=Setup)
+    ground: bool = True
+
+
+CASES: dict[str, Case] = {}
+
+
+def case(name: str, what: str, *, setup: Setup | None = None, ground: bool = True) -> Callable[[Run], Run]:
+    """Register a function as a case."""
+
+    def register(run: Run) -> Run:
+        assert name not in CASES, name
+        CASES[name] = Case(name=name, what=what, run=run, setup=setup or Setup(), ground=ground)
+        return run
+
+    return register
+
+
+def all_cases() -> dict[str, Case]:
+    """Import what registers them."""
+    from px4_contract import arming, commands, failing, flying, link, offboard, params  # noqa: F401
+
+    return CASES

@@ -1,0 +1,385 @@
+"""One vehicle under test: a world with one PX4 or one built-in autopilot, and this script as the partner of all its links.
+
+The processes and their slices are those of an arena's plan; nothing stands between the script and the autopilot, so that what is
+recorded is what the autopilot says. The script sleeps on the simulation clock: the world waits for it, and a step of the
+script is the same simulated time on any computer. Poses come from the arena's forwarder core, fed with the truth.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.capture.pose import CapturedFrame, Pose
+from arena.clock import SimClock
+from arena.forward.forwarder import Forwarder
+from arena.plan import make_plan
+from arena.schema import load_arena
+from arena.wire.mavframe import cut
+from arena.wire.px4mode import mode_words
+from arena.wire.truth import Truth, TruthReader
+
+ME = (191, 18)  # component, MAV_TYPE
+TICK_S = 0.02
+DELAY_S = 0.010
+READY_S = 40.0
+RESULTS = {
+    0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
+    7: "long only", 8: "int only", 9: "unsupported frame",
+}  # fmt: skip
+Each = Callable[["Rig"], None]
+
+
+class Unfit(Exception):
+    """The vehicle does not come as far as the case begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A message and when it came [s]; of one that the dialect does not know, m is the payload."""
+
+    t: float
+    msgid: int
+    name: str
+    m: Any
+
+
+@dataclass(kw_only=True)
+class Setup:
+    """What a case needs of its vehicle. params: beside the arena's; poses: from the start; origin: told by the forwarder."""
+
+    params: dict[str, float] = field(default_factory=dict)
+    poses: bool = True
+    origin: bool = True
+    profile: dict[str, Any] = field(default_factory=dict)
+
+
+class Link:
+    """This script's end of one link."""
+
+    def __init__(self, settings: Mapping[str, Any], system: int) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        self.socket.setblocking(False)
+        self.socket.bind(tuple(settings["remote"]))
+        self.remote = tuple(settings["local"])
+        self.voice = mavlink.MAVLink(None, srcSystem=system, srcComponent=ME[0])
+
+    def send(self, message: Any) -> None:
+        with contextlib.suppress(OSError):
+            self.socket.sendto(message.pack(self.voice), self.remote)
+        self.voice.seq = (self.voice.seq + 1) % 256
+
+    def datagrams(self) -> Iterator[bytes]:
+        while True:
+            try:
+                yield self.socket.recv(65536)
+            except OSError:
+                return
+
+
+class Rig:
+    """A booted vehicle. `heard`: everything the router link has brought since `clear`; `state`: the newest of each message."""
+
+    def __init__(
+        self, links: Mapping[str, Any], clock: SimClock, truth: TruthReader, forwarder: dict[str, Any], system: int
+    ) -> None:
+        self.id, self.clock, self._truth = system, clock, truth
+        self.links = {name: Link(link, system) for name, link in links.items()}
+        self.counted: dict[str, Counter[str]] = {name: Counter() for name in links}
+        self.heard: list[Heard] = []
+        self.state: dict[str, Any] = {}
+        self.each: list[Each] = []
+        self.poses = True
+        self.shift = np.zeros(3)
+        self.gcs = True
+        self.has_origin = forwarder["origin"] is not None
+        self._forwarder = Forwarder(forwarder)
+        self._body, self._rng = forwarder["body"], np.random.default_rng(1)
+        self._custom_mode = 0
+        self._number, self._next_beat, self._next = 0, 0.0, clock.now()
+
+    # -- time --------------------------------------------------------------------------------------------------------------
+
+    @property
+    def now(self) -> float:
+        return self.clock.now()
+
+    def tick(self) -> None:
+        """One step of the script: speak, let the world go on, listen."""
+        for each in list(self.each):
+            each(self)
+        now = self.now
+        if now >= self._next_beat:
+            self._next_beat = now + 0.5
+            if self.gcs:  # PX4 sends STATUSTEXT where it has heard a ground station
+                self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
+        self._see(now)
+        self._next = max(self._next + TICK_S, now)
+        self.clock.sleep_until(self._next)
+        self._listen()
+
+    def run(self, seconds: float) -> Rig:
+        until = self.now + seconds
+        while self.now < until - 1e-6:
+            self.tick()
+        return self
+
+    def until(self, condition: Callable[[Rig], Any], limit_s: float) -> float | None:
+        """How long it took [s]; None when it did not come true."""
+        begin = self.now
+        while not condition(self):
+            if self.now - begin > limit_s:
+                return None
+            self.tick()
+        return self.now - begin
+
+    # -- speaking ----------------------------------------------------------------------------------------------------------
+
+    def send(self, message: Any, link: str = "router") -> None:
+        self.links[link].send(message)
+
+    def command(self, number: int, *p: float, way: str = "long", frame: int = 0, to: tuple[int, int] | None = None) -> str:
+        """The acknowledgements of a command, in words: `accepted`, `denied`, `none`, or several joined by `then`."""
+        system, component = to or (self.id, 1)
+        q = [*p, *[0.0] * 7][:7]
+        if way == "long":
+            m = mavlink.MAVLink_command_long_message(system, component, number, 0, *q)
+        else:
+            x, y = (int(v) if math.isfinite(v) else 2**31 - 1 for v in q[4:6])
+            m = mavlink.MAVLink_command_int_message(system, component, frame, number, 0, 0, *q[:4], x, y, q[6])
+        begin = len(self.heard)
+        self.send(m)
+        self.until(lambda r: r._acks(begin, number), 1.5)
+        self.run(0.3)
+        acks = self._acks(begin, number)
+        return " then ".join(dict.fromkeys(acks)) if acks else "none"
+
+    def _acks(self, begin: int, number: int) -> list[str]:
+        return [
+            RESULTS.get(h.m.result, str(h.m.result))
+            for h in self.heard[begin:]
+            if h.name == "COMMAND_ACK" and h.m.command == number
+        ]
+
+    def arm(self, *, force: bool = False) -> str:
+        return self.command(400, 1, 21196 if force else 0)
+
+    def disarm(self, *, force: bool = False) -> str:
+        return self.command(400, 0, 21196 if force else 0)
+
+    def set_mode(self, main: int, sub: int = 0) -> str:
+        return self.command(176, 1, main, sub)
+
+    def position(self, n: float, e: float, d: float, yaw: float = 0.0) -> Each:
+        """Something for `each`: a position setpoint at every tick."""
+        return lambda r: r.local(0b100111111000, (n, e, d), yaw=yaw)
+
+    def local(
+        self,
+        mask: int,
+        p: Any = (0, 0, 0),
+        v: Any = (0, 0, 0),
+        a: Any = (0, 0, 0),
+        yaw: float = 0.0,
+        rate: float = 0.0,
+        frame: int = 1,
+    ) -> None:
+        m = mavlink.MAVLink_set_position_target_local_ned_message(
+            int(self.now * 1e3), self.id, 1, frame, mask, *p, *v, *a, yaw, rate
+        )
+        self.send(m)
+
+    # -- hearing -----------------------------------------------------------------------------------------------------------
+
+    def clear(self) -> None:
+        self.heard.clear()
+        for counted in self.counted.values():
+            counted.clear()
+
+    def all(self, name: str) -> list[Any]:
+        return [h.m for h in self.heard if h.name == name]
+
+    def texts(self) -> list[tuple[int, str]]:
+        """(severity, words) heard since `clear`."""
+        return [(m.severity, m.text) for m in self.all("STATUSTEXT")]
+
+    @property
+    def mode(self) -> str:
+        """By the newest of CURRENT_MODE and HEARTBEAT that were heard."""
+        return mode_words(self._custom_mode)
+
+    @property
+    def armed(self) -> bool:
+        return bool(self.state["HEARTBEAT"].base_mode & 128)
+
+    def settle(self) -> Rig:
+        """Until a heartbeat tells what has become of the last command: there is one a second, and its rate cannot be changed."""
+        return self.run(1.15)
+
+    @property
+    def on_ground(self) -> bool:
+        return bool(self.state["EXTENDED_SYS_STATE"].landed_state == 1)
+
+    @property
+    def may_arm(self) -> bool:
+        status = self.state.get("SYS_STATUS")
+        return bool(status and status.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
+
+    def truth(self) -> Truth:
+        found = self._truth.newest()
+        assert found is not None
+        return found
+
+    @property
+    def p_n(self) -> Any:
+        """Where it really is [m] [NED] (3,)."""
+        return self.truth().p_n[0]
+
+    def _listen(self) -> None:
+        now = self.now
+        for name, link in self.links.items():
+            for data in link.datagrams():
+                if name == "vision":
+                    self._forwarder.on_mavlink(data, now)
+                self._take(name, data, now)
+
+    def _take(self, link: str, data: bytes, now: float) -> None:
+        for frame in cut(data).frames:
+            known = mavlink.mavlink_map.get(frame.msgid)
+            name = known.msgname if known else f"id {frame.msgid}"
+            self.counted[link][name] += 1
+            if link != "router":
+                continue
+            m: Any = data[frame.payload : frame.payload + frame.size]
+            if known:
+                with contextlib.suppress(mavlink.MAVError, ValueError):
+                    m = self.links[link].voice.decode(bytearray(data[frame.start : frame.end]))
+                    self.state[name] = m
+            if name == "HEARTBEAT" and known:
+                self._custom_mode = m.custom_mode
+            elif frame.msgid == 436:
+                self._custom_mode = int.from_bytes(bytes(m[:4]).ljust(4, b"\0"), "little")
+            self.heard.append(Heard(now, frame.msgid, name, m))
+
+    # -- poses -------------------------------------------------------------------------------------------------------------
+
+    def _see(self, now: float) -> None:
+        """What motion capture would give, through the forwarder's core, delayed as in an arena."""
+        self._number += 1
+        truth = self._truth.at(now - DELAY_S)
+        if self.poses and truth is not None:
+            p = truth.p_n[0] + self.shift + self._rng.normal(0.0, 0.0003, 3)
+            q = truth.q_nb[0]
+            pose = Pose(self._body, tuple(p.tolist()), tuple(q.tolist()))
+            data = self._forwarder.on_frame(CapturedFrame(self._number, now - DELAY_S, (pose,), ()), now)
+            if data is not None:
+                self.links["vision"].socket.sendto(data, self.links["vision"].remote)
+        for data in self._forwarder.tick(now):
+            with contextlib.suppress(OSError):
+                self.links["vision"].socket.sendto(data, self.links["vision"].remote)
+
+    def close(self) -> None:
+        for link in self.links.values():
+            link.socket.close()
+        self.clock.close()
+
+
+# -- processes -----------------------------------------------------------------------------------------------------------------
+
+
+def arena_yaml(autopilot: str, setup: Setup, address: str, number: int) -> str:
+    # PX4 drains its simulated battery in a minute unless told otherwise.
+    params = "".join(f"\n    {name}: {value}" for name, value in {"SIM_BAT_DRAIN": 10_000.0, **setup.params}.items())
+    given = f"\n  params:{params}"
+    return (
+        f"address: {address}\nworld: {{size: [60, 60, 30]}}\ndefaults:\n  profile: iris\n  autopilot: {autopilot}{given}\n"
+        f"vehicles:\n  uav1: {{id: {number}}}\n"
+    )
+
+
+@contextlib.contextmanager
+def vehicle(autopilot: str, setup: Setup, *, address: str, number: int, speed: str) -> Iterator[Rig]:
+    """World and autopilot started from the plan's slices, booted, and ended again whatever happens."""
+    with tempfile.TemporaryDirectory(prefix="c-") as name:
+        folder = Path(name)
+        path = folder / "arena.yaml"
+        path.write_text(arena_yaml(autopilot, setup, address, number))
+        slices = {s["name"]: s for s in make_plan(load_arena(path, [f"sim.speed={speed}"])).slices.values()}
+        _merge(slices["world"]["vehicles"][0]["profile"], setup.profile)
+        rooms = {"world": "arena.sim"} | ({"px4.uav1": "arena.px4"} if autopilot == "px4" else {})
+        with contextlib.ExitStack() as stack:
+            children = [stack.enter_context(_room(module, slices[room], folder)) for room, module in rooms.items()]
+            clock = _clock(folder, children)
+            links = slices["px4.uav1"]["links"] if autopilot == "px4" else slices["world"]["vehicles"][0]["links"]
+            forwarder = slices["forward.uav1"] | {"frame_rate_hz": 50.0, "rate_hz": 50.0}
+            if not setup.origin:
+                forwarder["origin"] = None
+            rig = Rig(links, clock, TruthReader(folder / "truth"), forwarder, number)
+            stack.callback(rig.close)
+            rig.poses = setup.poses
+            _boot(rig, folder)
+            yield rig
+
+
+def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:
+    for key, value in values.items():
+        if isinstance(value, dict):
+            _merge(into[key], value)
+        else:
+            into[key] = value
+
+
+@contextlib.contextmanager
+def _room(module: str, settings: dict[str, Any], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    file = folder / f"{settings['name']}.json"
+    file.write_text(json.dumps(settings).replace("{run}", str(folder)).replace("{rt}", str(folder)))
+    with (folder / f"{settings['name']}.log").open("wb") as log:
+        child = subprocess.Popen([sys.executable, "-m", module, str(file)], stdout=log, stderr=log, env={**os.environ})
+        try:
+            yield child
+        finally:
+            child.terminate()
+            try:
+                child.wait(10.0)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+
+
+def _clock(folder: Path, children: list[subprocess.Popen[bytes]]) -> SimClock:
+    deadline = time.monotonic() + 20.0
+    while not (folder / "clock.sock").exists() or not (folder / "truth").exists():
+        if time.monotonic() > deadline or any(c.poll() is not None for c in children):
+            raise Unfit("the world has not come up: " + (folder / "world.log").read_text(errors="replace"))
+        time.sleep(0.02)
+    return SimClock(folder / "clock", "contract")
+
+
+def _boot(rig: Rig, folder: Path) -> None:
+    """Heard, and ready to arm where poses come. The world free-runs while PX4 boots, so the limit is of wall time."""
+    deadline = time.monotonic() + READY_S
+    known = {"HEARTBEAT", "SYS_STATUS"} | ({"LOCAL_POSITION_NED"} if rig.poses else set())
+    ready = (lambda: rig.may_arm) if rig.poses and rig.has_origin else (lambda: known <= set(rig.state))
+    while not ready():
+        rig.tick()
+        if time.monotonic() > deadline:
+            logs = "".join(p.read_text(errors="replace")[-2000:] for p in folder.glob("*.log"))
+            raise Unfit(f"the vehicle is not ready to arm after {READY_S:g} s; {rig.texts()[-5:]}\n{logs}")
+    rig.run(1.0)
+    rig.clear()

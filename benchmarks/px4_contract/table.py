@@ -1,0 +1,51 @@
+"""The comparison as Markdown, for docs/builtin-autopilot.md. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from px4_contract.transcript import Difference, Seen
+
+BEGIN, END = "<!-- contract: begin, written by benchmarks/contract.py -->", "<!-- contract: end -->"
+_LONG = 90
+
+
+def text(seen: Seen | None) -> str:
+    if seen is None:
+        return "not observed"
+    words = str(seen).replace("|", "/").replace("\n", " ")
+    return words if len(words) <= _LONG else words[: _LONG - 3] + "..."
+
+
+def summary(cases: Mapping[str, str], sizes: Mapping[str, int], differences: Sequence[Difference]) -> str:
+    """One row a case. cases: name -> what; sizes: observations compared."""
+    rows = ["| case | what | observations | differ |", "|---|---|---|---|"]
+    for name, size in sizes.items():
+        found = sum(d.key.startswith(f"{name}: ") for d in differences)
+        rows.append(f"| {name} | {cases[name]} | {size} | {found or ''} |")
+    rows.append(f"| **all** | | **{sum(sizes.values())}** | **{len(differences)}** |")
+    return "\n".join(rows)
+
+
+def reasons(differences: Sequence[Difference]) -> str:
+    """The known differences, gathered by reason, each with its observations."""
+    by_reason: dict[str, list[Difference]] = {}
+    for d in differences:
+        by_reason.setdefault(d.reason or "**not explained**", []).append(d)
+    rows = ["| reason | observations, such as | PX4 v1.16 | built-in |", "|---|---|---|---|"]
+    for reason, found in by_reason.items():
+        first = found[0]
+        more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+        rows.append(f"| {reason} | {first.key.replace('|', '/')}{more} | {text(first.px4)} | {text(first.builtin)} |")
+    return "\n".join(rows)
+
+
+def section(cases: Mapping[str, str], sizes: Mapping[str, int], differences: Sequence[Difference]) -> str:
+    return "\n\n".join([BEGIN, summary(cases, sizes, differences), "What differs, and why:", reasons(differences), END])
+
+
+def put_into(page: str, new: str) -> str:
+    """The page with the section between its marks exchanged, or at its end."""
+    if BEGIN in page and END in page:
+        return page[: page.index(BEGIN)] + new + page[page.index(END) + len(END) :]
+    return page.rstrip() + "\n\n## The contract, compared\n\n" + new + "\n"
