@@ -2,7 +2,8 @@
 
 The autopilot keeps the attitude, 250 times a second; where to tilt and how hard to push is decided here, 50 times a
 second, by a spring and a damper around the moving place (feed-forward included, so that the spring has little to do).
-Thrust is in newtons: the profile's thrust curve turns it into what the autopilot understands.
+Thrust is in newtons: the profile's thrust curve turns it into what the autopilot understands. It leans by more than 20
+degrees, at up to 2 m/s.
 """
 
 from math import asin, atan2, cos, pi, sin
@@ -14,13 +15,13 @@ from arena import UAV
 FREQ_HZ = 50
 SPRING, DAMPER = 3.0, 2.8  # [1/s2], [1/s]: a little under critical damping
 GRAVITY = np.array([0.0, 0.0, 9.81])  # [m/s2] north, east, down
-NORTH_M, EAST_M, HEIGHT_M, LAP_S = 1.2, 0.8, 1.2, 12.0
+NORTH_M, EAST_M, HEIGHT_M, LAP_S, LAPS = 1.2, 0.8, 1.2, 6.0, 4
 
 
 def eight(t):
     """Place, velocity and acceleration [m, m/s, m/s2] north, east, down (3,) at t [s], from rest."""
     w = 2 * pi / LAP_S
-    # the figure grows in the first half lap, so that it starts from rest
+    # the figure grows in the first lap, so that it starts from rest
     grow, rate, curve = ramp(t)
     size = np.array([NORTH_M, EAST_M, 0.0])
     shape = np.array([sin(w * t), sin(2 * w * t), 0.0])
@@ -30,9 +31,9 @@ def eight(t):
 
 
 def ramp(t):
-    """From 0 to 1 in the first half lap, and its first two derivatives: 3 s^2 - 2 s^3."""
-    s = min(t / (LAP_S / 2), 1.0)
-    d = 2 / LAP_S if s < 1.0 else 0.0
+    """From 0 to 1 in the first lap, and its first two derivatives: 3 s^2 - 2 s^3."""
+    s = min(t / LAP_S, 1.0)
+    d = 1 / LAP_S if s < 1.0 else 0.0
     return 3 * s**2 - 2 * s**3, (6 * s - 6 * s**2) * d, (6 - 12 * s) * d * d
 
 
@@ -48,11 +49,11 @@ with UAV.from_args() as uav:
     centre = uav.ekf.pos + np.array([0.0, 0.0, -HEIGHT_M])
     uav.set_pos_yaw(centre, 0.0, 5.0)
     began = uav.clock.now()
-    while (t := uav.clock.now() - began) < 2 * LAP_S:
+    while (t := uav.clock.now() - began) < LAPS * LAP_S:
         place, velocity, accel = eight(t)
         now = uav.snapshot()  # position and velocity of the same instant
         pull = SPRING * (centre + place - now.ekf.pos) + DAMPER * (velocity - now.ekf.vel)
         tilt, thrust = attitude_and_thrust(accel + pull, uav.info.mass)
         uav.set_att_thrust(tilt, "euler", thrust, FREQ_HZ)
-    uav.set_pos_yaw(centre, 0.0, 6.0)
+    uav.set_pos_yaw(centre, 0.0, 9.0)
     uav.auto_land()
