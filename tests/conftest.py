@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import pty
 import shutil
+import subprocess
+import sys
 import tempfile
+import tty
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -31,6 +36,23 @@ def runtime_dir(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("ARENA_RUNTIME_DIR", str(folder))
     yield folder
     shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture
+def serial_cable() -> Iterator[tuple[str, str]]:
+    """The devices at the two ends of a cable."""
+    ends = [pty.openpty(), pty.openpty()]
+    for fd in (fd for end in ends for fd in end):
+        tty.setraw(fd)
+    inner = [master for master, _ in ends]
+    argv = [sys.executable, str(Path(__file__).parent / "children" / "cable.py"), *map(str, inner)]
+    cable = subprocess.Popen(argv, pass_fds=inner)
+    near, far = (os.ttyname(slave) for _, slave in ends)
+    yield near, far
+    cable.kill()
+    cable.wait()
+    for fd in (fd for end in ends for fd in end):
+        os.close(fd)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -24,7 +24,7 @@ MAY: dict[str, set[str]] = {
     "schema": {"errors", "geometry", "wire", "clock", "thrust"},
     "plan": {"errors", "geometry", "wire", "clock", "thrust", "schema"},
     "supervise": GROUND | {"schema", "plan"},
-    **{room: GROUND | {"capture"} for room in ("sim", "autopilot", "px4", "mocap", "forward", "route")},
+    **{room: GROUND | {"capture"} for room in ("sim", "autopilot", "px4", "mocap", "forward", "route", "link")},
     # tool rooms and what a user imports may read the schema and the plan
     "record": GROUND | {"capture", "schema", "plan"},
     "uav": GROUND | {"capture", "schema"},
@@ -33,7 +33,7 @@ MAY: dict[str, set[str]] = {
 }
 # the world's shell alone puts two cores together; the package's face lends the user's names
 EXCEPT: dict[str, set[str]] = {"sim/__main__.py": {"autopilot", "px4"}, "__init__.py": {"uav"}, "__main__.py": {"cli"}}
-HEAVY = {"pybullet": "sim", "mavsdk": "uav", "matplotlib": "record"}
+HEAVY = {"pybullet": "sim", "mavsdk": "uav", "matplotlib": "record", "serial": "link"}
 
 
 def imports(path: Path) -> Iterator[tuple[str, bool]]:

@@ -55,7 +55,8 @@ def test_parameters_are_listed_read_written_and_unknown_ones_met_with_silence():
     flight.send(0, codec.param_request_list_encode(1, 1))
     flight.run(1.0)
     values = [m for m in flight.heard[0] if m.get_type() == "PARAM_VALUE"]
-    assert len({m.param_id for m in values}) == values[0].param_count
+    assert values[0].param_id == "_HASH_CHECK"
+    assert len({m.param_id for m in values[1:]}) == values[0].param_count
     packed = struct.unpack("<f", struct.pack("<i", 5))[0]
     flight.send(0, codec.param_set_encode(1, 1, b"COM_OBL_RC_ACT", packed, mavlink.MAV_PARAM_TYPE_INT32))
     flight.send(0, codec.param_set_encode(1, 1, b"MPC_XY_P", 1.1, mavlink.MAV_PARAM_TYPE_REAL32))
@@ -85,10 +86,62 @@ def test_arming_is_refused_with_its_reason_without_vision():
     assert "external vision" in "".join(m.text for m in flight.heard[0] if m.get_type() == "STATUSTEXT")
 
 
-def test_offboard_is_refused_without_a_stream_of_setpoints():
+def test_disarmed_every_mode_may_be_chosen_but_offboard_does_not_arm_without_a_stream_of_setpoints():
     flight = ready()
+    assert flight.offboard(0) == 0
+    assert flight.arm(0) == 1
+    assert not flight.armed(0)
+
+
+def test_an_armed_vehicle_is_refused_offboard_without_a_stream_of_setpoints():
+    flight = ready()
+    assert flight.arm(0) == 0
     assert flight.offboard(0) == 1
     assert flight.mode(0) == "AUTO.LOITER"
+
+
+def test_a_command_to_everybody_moves_nobody():
+    flight = ready()
+    for system, component in ((0, 0), (0, 1)):
+        flight.heard[0].clear()
+        flight.send(
+            0,
+            mavlink.MAVLink_command_long_message(system, component, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0),
+        )
+        flight.send(0, mavlink.MAVLink_param_set_message(0, 1, b"MPC_XY_P", 1.1, mavlink.MAV_PARAM_TYPE_REAL32))
+        flight.run(0.1)
+        assert not flight.armed(0)
+        assert not any(m.get_type() in ("COMMAND_ACK", "PARAM_VALUE") for m in flight.heard[0])
+    assert flight.pilots.params["MPC_XY_P"][0] != 1.1
+
+
+def test_flight_termination_needs_a_one_and_an_armed_vehicle():
+    flight = ready()
+    assert flight.command(0, mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1) == 2
+    assert flight.arm(0) == 0
+    for value in (0.0, float("nan"), -1.0):
+        assert flight.command(0, mavlink.MAV_CMD_DO_FLIGHTTERMINATION, value) == 2
+        assert flight.mode(0) == "AUTO.LOITER"
+    assert flight.command(0, mavlink.MAV_CMD_DO_FLIGHTTERMINATION, 1) == 0
+    assert flight.mode(0) == "TERMINATION"
+
+
+def test_arming_by_force_skips_no_check():
+    flight = ready()
+    flight.offboard(0)
+    assert flight.command(0, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, 21196) == 1
+    assert not flight.armed(0)
+
+
+def test_a_message_that_has_nothing_to_say_is_denied_and_modes_are_told():
+    flight = ready()
+    assert flight.command(0, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == 2
+    assert flight.command(0, mavlink.MAV_CMD_GET_HOME_POSITION) == 2
+    flight.send(0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision")
+    flight.run(0.1)
+    assert flight.command(0, mavlink.MAV_CMD_GET_HOME_POSITION) == 0
+    assert flight.command(0, mavlink.MAV_CMD_REQUEST_MESSAGE, 435) == 0
+    assert flight.command(0, mavlink.MAV_CMD_REQUEST_MESSAGE, 9999) == 2
 
 
 def test_offboard_asked_for_right_after_the_first_setpoint_is_granted():
@@ -143,6 +196,7 @@ def test_a_global_origin_makes_global_and_home_position_valid_on_vision_alone():
 
 def test_offboard_setpoints_that_are_infinite_or_empty_do_not_count_as_a_stream():
     flight = ready()
+    assert flight.arm(0) == 0
     for mask, x in ((0b100111111000, float("inf")), (0b111111111111, 0.0)):
         flight.send(0, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, mask, x, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
     assert flight.offboard(0) == 1

@@ -22,6 +22,9 @@ class FakeMachine:
     def has_module(self, name: str) -> bool:
         return name not in self.missing
 
+    def has_device(self, path: str) -> bool:
+        return False
+
     def has_command(self, name: str, folder: str) -> bool:
         return True
 
@@ -41,7 +44,7 @@ def nothing_there(tmp_path: Path, runtime_dir: Path, monkeypatch: pytest.MonkeyP
 
 
 def examined(folder: Path, **machine: object) -> list[Finding]:
-    return list(examine(FakeMachine(**machine), locks=folder))  # type: ignore[arg-type]
+    return list(examine(FakeMachine(**machine), locks=folder, devices=folder))  # type: ignore[arg-type]
 
 
 def test_a_machine_that_has_everything_but_px4_can_fly(nothing_there: Path) -> None:
@@ -74,6 +77,14 @@ def test_the_lock_of_a_running_px4_is_told_and_a_left_one_is_not(nothing_there: 
         fcntl.flock(held, fcntl.LOCK_EX)
         told = [f.what.partition(" (")[0] for f in examined(nothing_there) if "instance" in f.what]
     assert told == ["PX4 instance 3 is running"]
+
+
+def test_serial_devices_are_listed_with_whether_they_may_be_opened(nothing_there: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("ttyACM0", "ttyUSB1", "ttyS0"):
+        (nothing_there / name).touch()
+    monkeypatch.setattr(_health.os, "access", lambda path, mode: str(path).endswith("ttyACM0"))
+    told = {f.what.rpartition("/")[2].partition(":")[0]: f.sign for f in examined(nothing_there) if "tty" in f.what}
+    assert told == {"ttyACM0": "ok", "ttyUSB1": "note"}
 
 
 def test_the_stand_in_is_never_told_as_a_px4(nothing_there: Path, monkeypatch: pytest.MonkeyPatch) -> None:

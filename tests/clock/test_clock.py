@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 
@@ -117,3 +118,9 @@ def test_a_rate_keeps_absolute_deadlines_and_skips_what_it_missed():
     assert round(rate.sleep(), 6) == 0.95
     assert round(rate.sleep(), 6) == 0.95
     assert round(rate.sleep(), 6) == 1.05
+
+
+def test_a_client_knows_whose_clock_it_is(server, tmp_path):
+    clock = SimClock(tmp_path / "clock", "p")
+    assert clock.server_pid == os.getpid()
+    clock.close()

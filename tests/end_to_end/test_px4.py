@@ -14,6 +14,7 @@ import psutil
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.schema import load_arena
 from arena.schema.px4 import find_px4
 from arena.supervise import open_run
 from arena.wire.codec import Codec
@@ -94,9 +95,7 @@ def test_one_killed_and_one_stopped_for_3_s_are_told_apart_and_the_others_fly_on
         stopped.resume()
     flight.until_said("uav2: PX4 answers again after ", 10)
     flight.until_event("program.uav3", "EXITED", 60)
-    if flight.process.poll() is None:
-        flight.cli("kill-all", "--yes", "--run", str(flight.folder))  # PX4 may believe for ever that the crashed one flies
-    assert flight.wait(60) == 1
+    assert flight.wait(60) == 1, "what the world sees down is not waited for, though its PX4 may believe for ever that it flies"
     said, summary = flight.said(), flight.summary
     assert "uav1: PX4 has closed the simulator link: its motors stop, the world goes on without it" in said
     assert "uav1: PX4 has ended by itself (killed by SIGKILL); nothing flies this vehicle any more" in said
@@ -108,6 +107,35 @@ def test_one_killed_and_one_stopped_for_3_s_are_told_apart_and_the_others_fly_on
     third = summary["vehicles"]["uav3"]
     assert third["landing"]["landed"] and third["crashed"] == "" and third["verdict"]["max_height_m"] > 1.2
     assert summary["processes"]["program.uav3"]["exit_code"] == 0
+    flight.assert_nothing_left()
+
+
+def landed_all(said: str) -> bool:
+    return any(f"land: uav2: {words}" in said for words in ("landed and disarmed", "already on the ground"))
+
+
+@pytest.mark.parametrize("script", ["echo libfoo.so.1: no such file >&2; exit 127", "exec sleep 1000"], ids=["exits", "hangs"])
+def test_one_that_never_connects_is_explained_and_the_other_flies_lands_and_ends_at_once(hangar: Hangar, script: str) -> None:
+    """Of a PX4 that is installed, and does not run."""
+    home = hangar.folder / "home"
+    for folder in ("bin", "etc/init.d-posix"):
+        (home / folder).mkdir(parents=True)
+    (home / "etc/init.d-posix/rcS").touch()
+    (home / "bin/px4").write_text(f"#!/bin/sh\n{script}\n")
+    (home / "bin/px4").chmod(0o755)
+    options = ("--until-done", "--time-limit", "90", "--set", f"px4.home={home}", *flown_by_px4("uav1"))
+    flight = hangar.fly({"uav1": "lands", "uav2": "hovers"}, *options)
+    flight.until_said("router: uav1 not heard for 10 s: the others need not wait", 40)
+    flight.until_said("logger.uav2: uav2: airborne", 40)
+    exits = "exit 127" in script
+    if not exits:
+        flight.until_said("uav1: PX4 has not come up for 20 s. It has said nothing", 40)
+    assert flight.cli("down", "--run", str(flight.folder)).returncode == 1
+    assert flight.wait(60) == 1 and landed_all(flight.said())
+    why = "its PX4 has ended" if exits else "its PX4 has never connected to the world"
+    assert f"uav1 is not waited for: {why}" in flight.said()
+    assert not exits or ("PX4 ended before it was up (exit 127)" in flight.said() and "needs px4.uav1" in flight.said())
+    assert not any("landing was not confirmed" in words for words in flight.outcome["failed"])
     flight.assert_nothing_left()
 
 
@@ -192,8 +220,8 @@ def test_its_estimator_fused_vision_and_nothing_hindered_another_start(example: 
         assert status.flags & held == held and not status.flags & mavlink.ESTIMATOR_CONST_POS_MODE, status
         assert 0.0 < status.pos_horiz_ratio < 1.0 and status.pos_horiz_accuracy < 0.1, status
     assert system in station.was_ready
-    said = example[0].log(f"px4.{VEHICLES[system - FIRST_ID]}").rpartition("Ready for takeoff!")
-    assert said[1] and "Preflight Fail" not in said[2] and "ailsafe" not in said[2]
+    said = example[0].log(f"px4.{VEHICLES[system - FIRST_ID]}")
+    assert "Ready for takeoff!" in said and "Preflight Fail" not in said and "ailsafe" not in said
     last = station.newest[system, "SYS_STATUS"]
     # landed and in OFFBOARD without a program it rightly would not arm, and there are no sticks; all the rest is well
     expected = mavlink.MAV_SYS_STATUS_PREARM_CHECK | mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
@@ -210,6 +238,22 @@ def test_its_own_log_lies_in_the_run_and_the_summary_says_where(example: Example
     log = flight.folder / told["ulogs"][0]
     assert log.read_bytes()[:7] == b"ULog\x01\x12\x35" and log.stat().st_size > 1_000_000
     assert told["ulogs"][0] in Path(flight.folder, "summary.txt").read_text()
+
+
+@pytest.mark.px4
+@pytest.mark.crowd
+def test_the_ten_vehicle_example_flies_unchanged_on_ten_real_px4(hangar: Hangar) -> None:
+    real_px4()
+    yaml = ROOT / "examples" / "10_ten_quads" / "arena.yaml"
+    names = [v.name for v in load_arena(yaml, ["defaults.autopilot=builtin"]).vehicles]
+    flight = hangar.up(yaml, "--until-done", "--time-limit", "240", *flown_by_px4(*names))
+    assert flight.wait(300) == 0, flight.said()
+    print((flight.folder / "summary.txt").read_text())
+    for vehicle, told in flight.summary["vehicles"].items():
+        assert told["landing"]["landed"] and told["crashed"] == "" and told["setpoints"]["count"] >= 2, vehicle
+        assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"]), (vehicle, told["setpoints"])
+        assert "Preflight Fail" not in flight.log(f"px4.{vehicle}") and len(flight.summary["px4"][vehicle]["ulogs"]) == 1
+    flight.assert_nothing_left()
 
 
 @pytest.mark.px4

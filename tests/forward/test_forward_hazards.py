@@ -137,6 +137,7 @@ def test_whatever_a_frame_holds_only_poses_go_on(p_n, q_nb, stamp, number):
 
 def test_an_origin_that_is_not_ours_does_not_pass_for_ours():
     forwarder = Forwarder(SETTINGS)
+    forwarder.on_frame(frame(0), 0.0)
     voice = mavlink.MAVLink(None, srcSystem=3, srcComponent=1)
     elsewhere = mavlink.MAVLink_gps_global_origin_message(10, 10, 0, 0).pack(voice)
     asked = 0

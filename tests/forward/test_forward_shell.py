@@ -42,7 +42,7 @@ def bound(host: str) -> socket.socket:
 class Arena:
     """Everything around one forwarder, stepped by the test at 180 Hz of wall time."""
 
-    def __init__(self, folder, **changes) -> None:
+    def __init__(self, folder, body="b", **changes) -> None:
         self.host = f"127.51.4.{next(_hosts)}"
         self.server, self.autopilot = bound(self.host), bound(self.host)
         with bound(self.host) as a, bound(self.host) as b:
@@ -53,12 +53,12 @@ class Arena:
             "seed": 1, "noise": noise, "transport": "unicast", "data_port": data_port, "group": "239.243.51.11",
         })  # fmt: skip
         settings = {
-            "name": "forward.uav1", "vehicle": "uav1", "id": 1, "body": "b", "frame_rate_hz": 180, "rate_hz": 60, "stale_s": 0.1,
+            "name": "forward.uav1", "vehicle": "uav1", "id": 1, "body": body, "frame_rate_hz": 180, "rate_hz": 60, "stale_s": 0.1,
             "noise": noise, "origin": {"lat_deg": 38.7, "lon_deg": -9.1, "alt_m": 100.0}, "simulated": True, "clock": None,
             "link": {"local": list(self.link), "remote": list(self.autopilot.getsockname())},
             "capture": {
                 "kind": "natnet", "server": self.host, "local": self.host, "group": "239.243.51.11", "transport": "unicast",
-                "command_port": self.server.getsockname()[1], "data_port": data_port, "bodies": ["b"],
+                "command_port": self.server.getsockname()[1], "data_port": data_port, "bodies": [body],
             }, **changes,
         }  # fmt: skip
         (folder / "slice.json").write_text(json.dumps(settings))
@@ -179,6 +179,23 @@ def test_a_stranger_on_the_vision_link_is_not_heard_and_a_flood_stops_no_pose(ar
     assert not arena.ready, "only the autopilot says that it may arm"
     assert len(arena.of("ODOMETRY")) - before > 90
     arena.until(lambda: arena.stats.get("dropped foreign datagram", 0) > 1000)
+
+
+def test_a_body_that_the_server_does_not_have_is_said_once_with_those_it_has(tmp_path):
+    """Silence here would leave a vehicle that never gets ready, and nobody would know why."""
+    arena = Arena(tmp_path, body="B")
+    try:
+        events = lambda: [t["event"] for t in arena.told if "event" in t]  # noqa: E731
+        arena.until(events)
+        end = time.monotonic() + 1.5
+        while time.monotonic() < end:
+            arena.step()
+        assert len(events()) == 1
+        assert "has no body 'B'; it has 'b'. Perhaps you meant 'b'?" in events()[0]
+        assert arena.stats["capture unknown body"] > 0
+        assert not arena.of("ODOMETRY")
+    finally:
+        arena.close()
 
 
 def test_an_orphan_serves_until_its_vehicle_is_disarmed(arena):

@@ -187,6 +187,9 @@ class Bench(Machine):
     def has_module(self, name: str) -> bool:
         return self.modules
 
+    def has_device(self, path: str) -> bool:
+        return False
+
     def has_command(self, name: str, folder: str) -> bool:
         return self.commands
 

@@ -25,12 +25,20 @@ def own_address() -> str:
     return f"127.60.{os.getpid() % 250 + 1}.{next(_count)}"
 
 
-def answer(motors: list[float], *, armed: bool = True, time_usec: int = 0) -> bytes:
+def answer(motors: list[float], *, armed: bool = True, time_usec: int = 0, flags: int = LOCKSTEP) -> bytes:
     """A HIL_ACTUATOR_CONTROLS as PX4 packs it."""
     codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     controls = [*motors, *[0.0] * (16 - len(motors))]
-    m = mavlink.MAVLink_hil_actuator_controls_message(time_usec, controls, ARMED if armed else 0, LOCKSTEP)
+    m = mavlink.MAVLink_hil_actuator_controls_message(time_usec, controls, ARMED if armed else 0, flags)
     return bytes(m.pack(codec))
+
+
+def greeting() -> bytes:
+    """What PX4 says as soon as it is connected: how often it wants the truth, and a heartbeat."""
+    codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    wanted = mavlink.MAVLink_command_long_message(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0)
+    beat = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3)
+    return bytes(wanted.pack(codec)) + bytes(beat.pack(codec))
 
 
 def sensors(vehicles: int) -> dict[str, Any]:
@@ -42,15 +50,22 @@ def sensors(vehicles: int) -> dict[str, Any]:
 
 
 class FakePx4:
-    """Connects, then answers every sample after the first `free_run` with `motors`, until it is told to be mute or hangs up."""
+    """Connects, greets, then answers every sample after the first `free_run` with `motors`, until it is mute or hangs up.
 
-    def __init__(self, address: tuple[str, int], motors: list[float], free_run: int = 3, armed: bool = True) -> None:
+    flags: 0 for a flight controller in the loop.
+    """
+
+    def __init__(
+        self, address: tuple[str, int], motors: list[float], free_run: int = 3, armed: bool = True, flags: int = LOCKSTEP
+    ) -> None:
         self.samples: list[Any] = []
+        self._flags = flags
         self._motors, self._free_run, self._armed = motors, free_run, armed
         self._speaks = threading.Event()
         self._speaks.set()
         self._socket = socket.create_connection(address, 5.0)
         self._socket.settimeout(None)
+        self._socket.sendall(greeting())
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
@@ -86,7 +101,7 @@ class FakePx4:
 
     def _reply(self, time_usec: int) -> None:
         try:
-            self._socket.sendall(answer(self._motors, armed=self._armed, time_usec=time_usec))
+            self._socket.sendall(answer(self._motors, armed=self._armed, time_usec=time_usec, flags=self._flags))
         except OSError:
             return
 

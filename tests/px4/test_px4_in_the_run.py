@@ -37,7 +37,7 @@ def lives_of(plan: Plan, **others: Life) -> dict[str, Life]:
 def test_a_vehicle_whose_px4_has_ended_stands_still_and_the_others_are_what_they_say(plan: Plan) -> None:
     armed = {f"uav{k}.armed": True for k in (1, 2, 3)}
     lives = lives_of(plan, px4_uav1=DIED)
-    assert grounded(plan, lives) == {"uav1"}
+    assert grounded(plan, lives) == {"uav1": "its PX4 has ended"}
     assert may_fly(plan, lives, armed, armed) == ["uav2", "uav3"]
     assert may_fly(plan, lives_of(plan), armed, armed) == ["uav1", "uav2", "uav3"]
 

@@ -119,13 +119,13 @@ def test_a_disarmed_px4_has_motors_at_zero_whatever_it_says() -> None:
     link = SimulatorLink(4)
     link.hear(answer([0.6] * 4))
     link.hear(answer([0.6] * 4, armed=False))
-    assert not link.armed and link.motors.tolist() == [0.0] * 4
+    assert not link.armed and link.motors == [0.0] * 4
 
 
 def test_controls_that_are_no_numbers_are_zero() -> None:
     link = SimulatorLink(4)
     link.hear(answer([math.nan, 0.5, math.inf, -math.inf]))
-    assert link.motors.tolist() == [0.0, 0.5, 0.0, 0.0]
+    assert link.motors == [0.0, 0.5, 0.0, 0.0]
 
 
 def test_an_answer_in_pieces_counts_once_it_is_whole() -> None:
@@ -159,7 +159,7 @@ def test_a_new_connection_begins_anew() -> None:
     link.hear(answer([0.5] * 4))
     link.hear(answer([0.5] * 4)[:20])
     link.reset()
-    assert (link.in_step, link.armed, link.owed, link.motors.tolist()) == (False, False, 0, [0.0] * 4)
+    assert (link.in_step, link.armed, link.owed, link.motors) == (False, False, 0, [0.0] * 4)
     link.hear(answer([0.25] * 4))
     assert link.counts["garbage"] == 0 and link.in_step
 
@@ -179,3 +179,11 @@ def test_the_truth_goes_out_with_every_fifth_sample_in_the_units_of_the_message(
     assert (m.rollspeed, m.pitchspeed, m.yawspeed) == pytest.approx((0.1, 0.2, 0.3))
     assert m.lat == pytest.approx(387000899, abs=20) and m.lon == pytest.approx(-91002305, abs=20) and m.alt == 103_000
     assert (m.xacc, m.yacc, m.zacc) == (0, 1000, -32768)  # milli-g, held to what the message can say
+
+
+def test_a_pilots_radio_is_heard_fifty_times_a_second_only_where_there_is_one() -> None:
+    with_sticks, without = SimulatorLink(4, sticks=True), SimulatorLink(4)
+    samples = [link.sample(i / 250, SENSORS, 0) for link in (with_sticks, without) for i in range(1, 251)]
+    heard = [[m.get_type() for m in decoded(sample)] for sample in samples]
+    assert sum("RC_CHANNELS" in kinds for kinds in heard[:250]) == 50
+    assert not any("RC_CHANNELS" in kinds for kinds in heard[250:])

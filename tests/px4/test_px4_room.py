@@ -12,6 +12,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import psutil
@@ -115,6 +116,45 @@ def test_one_that_is_killed_is_told_by_name_and_signal_and_the_room_fails(starte
     assert {"event": told} in started.hear() and {"stats": {"ended": "killed by SIGKILL"}} in started.told
     assert told in started.said
     world.until(lambda: world.status() == ["gone"])
+
+
+def replaced(settings: dict[str, Any], folder: Path, script: str) -> dict[str, Any]:
+    """The same vehicle with another binary."""
+    binary = folder / "binary"
+    binary.write_text(f"#!/bin/sh\n{script}\n")
+    binary.chmod(0o755)
+    return {**settings, "argv": [str(binary)]}
+
+
+def until_ended(started: Started) -> list[str]:
+    """The events that it told."""
+    started.process.wait(20.0)
+    return [t["event"] for t in started.hear() if "event" in t]
+
+
+def test_one_that_ends_before_it_is_up_is_told_with_its_last_words(tmp_path: Path, settings: dict[str, Any]) -> None:
+    started = Started(tmp_path, replaced(settings, tmp_path, "echo 'libfoo.so.1: no such file' >&2; exit 127"))
+    try:
+        (told,) = until_ended(started)
+    finally:
+        started.end()
+    assert told.startswith("uav1: PX4 ended before it was up (exit 127): try its binary by hand.")
+    assert told.endswith("Its last words: libfoo.so.1: no such file")
+    assert started.process.returncode == 1
+
+
+def test_one_that_hangs_is_told_before_it_is_given_up(
+    tmp_path: Path, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(room, "_SLOW_S", 0.1)
+    hanging = SimpleNamespace(
+        settings=settings, stopping=False, event=lambda text: (told.append(text), setattr(hanging, "stopping", True)),
+    )  # fmt: skip
+    with subprocess.Popen(["sleep", "60"], stdout=subprocess.PIPE) as process:
+        assert room._watch(hanging, process, None) == 0
+        process.kill()
+    assert told == ["uav1: PX4 has not come up for 0.1 s. It has said nothing"]
 
 
 def test_one_that_is_stopped_is_late_and_not_gone_and_goes_on_when_continued(started: Started, world: World) -> None:

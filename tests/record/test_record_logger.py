@@ -128,6 +128,18 @@ def test_a_simulated_vehicle_is_logged_on_simulation_time_with_its_truth(start, 
     assert events[0] == "uav1: airborne"
 
 
+def test_a_real_vehicle_is_logged_without_truth_and_a_silent_capture_server_is_told(start):
+    silent = {"kind": "natnet", "server": "127.73.4.1", "local": None, "group": "239.243.73.4", "transport": "multicast"}
+    logger = start(index=None, simulated=False, capture={**silent, "command_port": 9, "data_port": 9711, "bodies": ["uav1"]})
+    logger.speak_until_rows(20)
+    header, *rows = logger.rows()
+    assert not [name for name in header if name.startswith(("truth", "err"))]
+    assert {row[header.index("mocap.pos.north")] for row in rows} == {""}
+    assert {row[header.index("info.flight_mode")] for row in rows} == {"OFFBOARD"}
+    events = (json.loads(p)["event"] for p in iter_packets(logger) if b'"event"' in p)
+    assert [next(events), next(events)[:47]] == ["uav1: airborne", "motion capture: no answer from 127.73.4.1:9 (as"]
+
+
 def test_an_orphan_ends_by_itself_once_the_vehicle_is_disarmed(start):
     logger = start()
     logger.speak_until_rows(2, armed=False)

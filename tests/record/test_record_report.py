@@ -6,9 +6,12 @@ import json
 
 import pytest
 
-from arena.record.report import main, report
+from arena.record.flight import read_flight
+from arena.record.recorder import Recorder
+from arena.record.report import main, report, summarise
+from arena.record.summary import as_text
 
-from .synthetic import make_run
+from .synthetic import flight_csv, make_run
 
 
 @pytest.fixture(scope="module")
@@ -80,3 +83,49 @@ def test_broken_records_are_no_traceback(tmp_path, broken):
 def test_something_that_is_no_run_folder_is_an_input_error(tmp_path, capsys):
     assert main([str(tmp_path / "nowhere")]) == 2
     assert "run folder" in capsys.readouterr().err
+
+
+def make_real_run(folder, *, captured: bool):
+    """A hardware vehicle that flew and one that was never switched on; no world."""
+    run = make_run(folder, vehicles=2)
+    (run / "csv" / "uav1.csv").write_text(flight_csv(real=True, captured=captured))
+    (run / "csv" / "uav2.csv").write_text(Recorder(2, None).header)
+    plan = json.loads((run / "plan.json").read_text())
+    (run / "plan.json").write_text(json.dumps({**plan, "slices": {"link.uav1": {"preflight": {"size_m": [7.0, 4.0, 3.0]}}}}))
+    outcome = json.loads((run / "outcome.json").read_text())
+    del outcome["processes"]["world"]
+    (run / "outcome.json").write_text(json.dumps(outcome))
+    return run
+
+
+def test_a_real_vehicle_is_judged_by_the_cameras_where_they_see_it(tmp_path):
+    run = make_real_run(tmp_path / "run", captured=True)
+    text = report(run)
+    uav1 = json.loads((run / "summary.json").read_text())["vehicles"]["uav1"]
+    assert (uav1["judged_by"], uav1["crashed"], uav1["verdict"]) == ("capture", None, None)
+    assert uav1["tracking"]["rms_m"] == pytest.approx(0.05, abs=1e-3)
+    assert uav1["landing"] == {"landed": True, "error_m": pytest.approx(0.12, abs=1e-3), "told_ne": [1.0, 0.0]}
+    assert uav1["estimator"]["pos_rms_m"] == pytest.approx(0.01, abs=1e-4)
+    assert uav1["estimator"]["yaw_rms_deg"] == pytest.approx(0.0, abs=1e-6)
+    pictures = {f"uav1_{g}.png" for g in ("position", "velocity", "attitude", "rates")}
+    assert {p.name for p in (run / "plots").glob("uav1*")} == pictures
+    assert "capture" in text and "landed" in text and "NOT" not in text
+    assert "csv/uav2.csv" in text and "no log" in text
+
+
+def test_a_real_vehicle_without_cameras_is_judged_by_its_own_estimate(tmp_path):
+    run = make_real_run(tmp_path / "run", captured=False)
+    report(run)
+    uav1 = json.loads((run / "summary.json").read_text())["vehicles"]["uav1"]
+    assert uav1["judged_by"] == "estimate"
+    assert uav1["tracking"]["rms_m"] == pytest.approx(0.051, abs=1e-3)  # the estimate is 10 mm off the truth
+    assert uav1["estimator"]["pos_rms_m"] is None
+    assert (run / "plots" / "flight.png").exists()
+
+
+def test_a_vehicle_that_was_never_armed_has_not_flown(tmp_path):
+    file = tmp_path / "uav1.csv"
+    file.write_text(flight_csv(real=True).replace("OFFBOARD,True", "OFFBOARD,False").replace("LAND,True", "LAND,False"))
+    flight = read_flight(file)
+    assert flight is not None
+    assert "not flown" in as_text(summarise(["uav1"], {"uav1": flight}, {}, [], []))

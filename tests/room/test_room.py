@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import os
 import socket
+from functools import partial
 
 import pytest
 
-from arena.errors import InputError
-from arena.room import LIFELINE, Afterlife, Room, lifeline
+from arena.errors import InputError, RunError
+from arena.room import LIFELINE, Afterlife, Room, lifeline, run_room
 
 
 @pytest.fixture
@@ -70,6 +71,31 @@ def test_the_line_is_taken_out_of_the_environment_so_that_grandchildren_do_not_h
 def test_a_missing_slice_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match="no_such"):
         Room.enter([str(tmp_path / "no_such.json")])
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "said"),
+    [
+        (lambda room: lambda: None, 0, ""),
+        (lambda room: lambda: 3, 3, ""),
+        (lambda room: room.settings["hz"], 2, "x: the slice of x.uav1: 'hz' is missing (docs/architecture.md, Slices)\n"),
+        (lambda room: partial(fail, RunError("the port is taken")), 1, "x: the port is taken\n"),
+    ],
+)
+def test_a_room_ends_with_one_line_and_the_code_of_what_went_wrong(make, code, said, monkeypatch, capsys):
+    monkeypatch.setattr(Room, "enter", lambda argv=None: Room("x.uav1", {}, None))
+    assert run_room("x", make) == code
+    assert capsys.readouterr().err == said
+
+
+def test_a_mistake_while_serving_is_not_taken_for_a_slice_that_lacks_a_key(monkeypatch):
+    monkeypatch.setattr(Room, "enter", lambda argv=None: Room("x.uav1", {}, None))
+    with pytest.raises(KeyError):
+        run_room("x", lambda room: partial(fail, KeyError("a mistake")))
+
+
+def fail(error):
+    raise error
 
 
 def test_an_orphan_serves_until_its_vehicles_are_disarmed_for_a_while():

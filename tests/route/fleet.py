@@ -10,11 +10,11 @@ TOOL = ("127.0.0.1", 40001)
 OFFBOARD, LAND = 6 << 16, 4 << 16 | 6 << 24
 
 
-def slice_of(ids=(1, 2), host="127.54.0.1", base=24000, gcs=GCS, client_host=None, simulated=True, heartbeat=True):
+def slice_of(ids=(1, 2), host="127.54.0.1", base=24000, gcs=GCS, client_host=None, simulated=True, heartbeat=True, real=()):
     client_host = client_host or host
     vehicles = [
         {
-            "name": f"uav{k}", "id": k,
+            "name": f"uav{k}", "id": k, **({"simulated": False} if k in real else {}),
             "link": {"local": [host, base + 10 * k + 1], "remote": [client_host, base + 10 * k]},
             "serve": [host, base + 10 * k + 8],
             "clients": [
@@ -34,8 +34,8 @@ def slice_of(ids=(1, 2), host="127.54.0.1", base=24000, gcs=GCS, client_host=Non
 class Fleet:
     """A router with vehicles 1 and 2. What it is given and gives is told by names."""
 
-    def __init__(self, ids=(1, 2)):
-        self.table = Table.from_slice(slice_of(ids))
+    def __init__(self, ids=(1, 2), real=()):
+        self.table = Table.from_slice(slice_of(ids, real=real))
         self.router = Router(self.table)
         self.now = 100.0
         self.names = {GCS: "gcs"}

@@ -186,12 +186,22 @@ def test_facts_are_told_once_when_they_change(fleet):
     assert fleet.router.news() == {"uav1.heard": True, "uav1.armed": True, "uav1.mode": "OFFBOARD"}
     fleet.say("autopilot1", heartbeat(1, armed=True))
     assert fleet.router.news() == {}
-    assert fleet.router.any_armed
+    assert fleet.router.any_armed(simulated=True)
     fleet.say("autopilot1", heartbeat(1, mode=LAND))
     assert fleet.router.news() == {"uav1.armed": False, "uav1.mode": "AUTO.LAND"}
-    assert not fleet.router.any_armed
+    assert not fleet.router.any_armed(simulated=True)
     fleet.say("autopilot2", heartbeat(2))
     assert fleet.router.all_heard
+
+
+def test_a_real_vehicle_that_is_switched_off_is_not_waited_for():
+    fleet = Fleet(real=(2,))
+    fleet.say("autopilot1", heartbeat(1))
+    assert fleet.router.all_heard
+    fleet.say("autopilot2", heartbeat(2, armed=True))
+    assert fleet.router.news()["uav2.armed"] is True
+    assert (fleet.router.any_armed(simulated=True), fleet.router.any_armed(simulated=False)) == (False, True)
+    assert Fleet(real=(1, 2)).router.all_heard
 
 
 def test_the_time_in_the_air_is_told_at_take_off_and_landing(fleet):
@@ -218,7 +228,7 @@ def test_a_silent_vehicle_is_not_heard_and_keeps_its_last_armed(fleet):
     fleet.now += 0.2
     fleet.router.tick(fleet.now)
     assert fleet.router.news() == {"uav1.heard": False}
-    assert fleet.router.any_armed
+    assert fleet.router.any_armed(simulated=True)
 
 
 @pytest.mark.parametrize("data", [heartbeat(1, 191, armed=True), heartbeat(2, 1, armed=True)])

@@ -9,10 +9,15 @@ import socket
 import subprocess
 import sys
 import time
+import types
 
 import pytest
 from fleet import OFFBOARD, ack, attitude, command, heartbeat, slice_of
 from pymavlink.dialects.v20 import common as mavlink
+
+from arena.room import Room
+from arena.route.__main__ import Shell
+from arena.route.table import Table
 
 DEADLINE_S = 20.0
 
@@ -168,6 +173,31 @@ def test_without_a_supervisor_it_serves_until_the_vehicles_are_disarmed_and_its_
     assert running.process.wait(DEADLINE_S) == 0
 
 
+@at(6, real=(2,), simulated=False)
+def test_it_is_ready_while_a_real_vehicle_is_switched_off(running):
+    wait_for(lambda left: running.told_once() or running.say("autopilot1", heartbeat(1)), "readiness")
+    assert "uav2.heard" not in running.facts
+
+
+def test_an_orphan_serves_a_real_vehicle_until_it_is_disarmed_and_simulated_ones_for_a_minute():
+    settings = slice_of((1, 2), host="127.54.7.1", real=(2,), simulated=False)
+    shell = Shell(Room("router", settings, None), Table.from_slice(settings))
+
+    def hear(k, armed):
+        shell._router.on_datagram(shell._router.sockets.index(("127.54.7.1", 24001 + 10 * k)), ("127.54.7.1", 24000 + 10 * k),
+                                  heartbeat(k, armed=armed), 0.0)
+
+    try:
+        hear(1, True)
+        hear(2, True)
+        assert not any(shell._is_over(True, now) for now in (0.0, 59.0, 61.0, 1e5))
+        hear(2, False)
+        assert not shell._is_over(True, 1e5 + 1)
+        assert shell._is_over(True, 1e5 + 4), "uav1, simulated, died armed long ago"
+    finally:
+        shell.close()
+
+
 @at(4)
 def test_a_flood_of_garbage_and_of_a_dead_ground_station_does_not_stop_it(running):
     running.start()
@@ -198,3 +228,18 @@ def test_a_port_in_use_is_one_clear_sentence(tmp_path):
     taken.close()
     assert done.returncode == 1
     assert done.stderr == "arena:router: the router cannot listen on UDP 127.54.5.1:24011: Address already in use\n"
+
+
+def test_one_that_is_never_heard_keeps_the_others_waiting_for_a_while_only_and_is_named():
+    told = []
+    room = types.SimpleNamespace(ready=lambda: told.append("ready"), event=told.append, orphaned=False, stats=lambda _: None)
+    shell = Shell(room, Table.from_slice(slice_of((1, 2), host="127.74.5.1")))
+    try:
+        now = time.monotonic()
+        shell._tick(now + 9.0)
+        assert told == []
+        shell._tick(now + 11.0)
+        shell._tick(now + 12.0)
+    finally:
+        shell.close()
+    assert told == ["uav1, uav2 not heard for 10 s: the others need not wait", "ready"]

@@ -1,5 +1,6 @@
 """land-all and kill-all over sockets, against autopilots that obey, refuse, are deaf, or are hard to hear."""
 
+import dataclasses
 import json
 import os
 import socket
@@ -11,6 +12,7 @@ import pytest
 from fakes import LAND, OFFBOARD, Fake, Fleet, target
 
 from arena.safety.panic import bring_down, own_component
+from arena.safety.record import told_down
 from arena.safety.targets import Target
 
 
@@ -69,6 +71,46 @@ def test_a_deaf_one_is_not_confirmed():
         code, lines = land([*fleet.targets, target(2, "127.54.35.1")], timeout_s=1.0)
     assert code == 1
     assert lines[-1] == "uav2: NOT CONFIRMED: not heard at all"
+
+
+def record(folder, *events):
+    """A run that has written these down."""
+    folder.mkdir(exist_ok=True)
+    (folder / "events.jsonl").write_text("".join(json.dumps(e) + "\n" for e in events) + '{"half wri')
+    return folder
+
+
+PX4_DIED = {"process": "px4.uav2", "from": "READY", "to": "EXITED", "reason": "exit 1"}
+CRASHED = {"process": "world", "event": "uav1 crashed: tilted 61 degrees at 3.20 s"}
+
+
+def test_a_simulated_one_whose_px4_has_ended_is_not_waited_for_and_not_called_landed(tmp_path):
+    run = record(tmp_path / "run", CRASHED, PX4_DIED)
+    with Fleet([Fake(system=1)], "127.74.30.1") as fleet:
+        began = time.monotonic()
+        silent = dataclasses.replace(target(2, "127.74.30.1"), run=run)
+        code, lines = land([*fleet.targets, silent], timeout_s=20.0)
+    assert code == 1 and 3.0 < time.monotonic() - began < 8.0
+    assert lines[-1] == "uav2: NOT CONFIRMED: not heard at all; its run says: its PX4 has ended: exit 1"
+    assert lines[-2].startswith("uav1: landed and disarmed"), "one that crashed by the record, and lands all the same, has landed"
+
+
+def test_a_real_one_is_waited_for_whatever_stands_in_a_record(tmp_path):
+    record(tmp_path / "run", PX4_DIED)
+    began = time.monotonic()
+    code, lines = land([target(2, "127.74.31.1")], timeout_s=5.0)
+    assert (code, lines) == (1, ["uav2: NOT CONFIRMED: not heard at all"]) and time.monotonic() - began >= 5.0
+
+
+def test_the_record_tells_the_first_crash_and_forgets_a_px4_that_was_started_again(tmp_path):
+    again = {"process": "px4.uav2", "from": "STARTING", "to": "READY", "reason": "it says so"}
+    program = {"process": "program.uav3", "event": "uav3 crashed: nowhere"}
+    both = {"uav1": "crashed: tilted 61 degrees at 3.20 s", "uav2": "its PX4 has ended: exit 1"}
+    names = ["uav1", "uav2", "uav3"]
+    assert told_down(record(tmp_path / "a", CRASHED, PX4_DIED, program, {"process": None}), names) == both
+    assert told_down(record(tmp_path / "b", PX4_DIED, again), names) == {}
+    assert told_down(record(tmp_path / "a", CRASHED), ["uav2"]) == {}
+    assert told_down(tmp_path / "none", names) == {}
 
 
 def test_with_a_third_of_all_datagrams_lost_everybody_lands():

@@ -67,6 +67,12 @@ def test_a_plan_and_the_yaml_it_came_from_name_the_same_addresses(tmp_path):
     assert from_yaml(file).targets == from_plan(plan().to_json()) == (target(1, HOST), target(2, HOST))
 
 
+def test_only_of_a_simulated_vehicle_is_the_record_of_its_run_believed(tmp_path):
+    raw = json.loads(plan().to_json())
+    raw["vehicles"][1]["simulated"] = False
+    assert [t.run for t in from_plan(json.dumps(raw), tmp_path)] == [tmp_path, None]
+
+
 def test_the_running_plan_is_read_before_any_yaml(runtime, tmp_path):
     (tmp_path / "arena.yaml").write_text("vehicles:\n  other:\n")
     folder = runtime("a", plan((3,)))

@@ -12,6 +12,7 @@ from arena.errors import InputError
 from arena.schema import load_arena
 
 V1 = "  uav1: {program: hover.py}\n"
+NATNET = "mocap: {source: natnet, server: 10.0.0.2}\nvehicles:\n"
 
 # name of the breakage -> (the YAML, `line: field: ` it must be told at, words it must hold)
 BROKEN: dict[str, tuple[str, str, str]] = {
@@ -108,17 +109,56 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "autopilot that does not exist": ("vehicles:\n  uav1: {autopilot: buitlin}\n", "2: vehicles.uav1.autopilot: ", "Did you mean builtin?"),
     "autopilot px4": ("vehicles:\n  uav1: {autopilot: px4}\n", "2: vehicles.uav1.autopilot: ", "got px4, and no PX4 was found on this machine. Try autopilot: builtin"),
     "autopilot hardware": (
-        "defaults: {autopilot: hardware}\nvehicles:\n" + V1, "1: defaults.autopilot: ", "hardware is not supported yet",
+        "defaults: {autopilot: hardware}\nvehicles:\n" + V1, "1: vehicles.uav1.autopilot: ", "got hardware, which needs `url`",
     ),
-    "autopilot hitl": ("vehicles:\n  uav1: {autopilot: hitl}\n", "2: vehicles.uav1.autopilot: ", "hitl is not supported yet"),
-    "mocap source natnet": ("mocap: {source: natnet}\nvehicles:\n" + V1, "1: mocap.source: ", "natnet is not supported yet. Use emulator"),
+    "autopilot hitl": ("vehicles:\n  uav1: {autopilot: hitl}\n", "2: vehicles.uav1.autopilot: ", "got hitl, which needs `serial`"),
+    "hardware that nobody sees": (
+        "vehicles:\n  uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14540'}\n", "2: vehicles.uav1.autopilot: ", "the emulator cannot see",
+    ),
+    "hardware with a word for a url": (
+        NATNET + "  uav1: {autopilot: hardware, url: here}\n", "3: vehicles.uav1.url: ", "got 'here', expected udpin:HOST:PORT",
+    ),
+    "hardware by a host name": (
+        NATNET + "  uav1: {autopilot: hardware, url: 'udpout:drone:14540'}\n", "3: vehicles.uav1.url: ", "a numeric address",
+    ),
+    "hardware that is spoken to everywhere": (
+        NATNET + "  uav1: {autopilot: hardware, url: 'udpout:0.0.0.0:14540'}\n", "3: vehicles.uav1.url: ", "one vehicle's own address",
+    ),
+    "two hardware vehicles on one port": (
+        NATNET + "  uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14540'}\n  uav2: {autopilot: hardware, url: 'udpin:10.0.0.9:14540'}\n",
+        "4: vehicles.uav2.url: ", "which uav1 has too",
+    ),
+    "hardware faster than time": (
+        "sim: {speed: 2}\n" + NATNET + "  uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14540'}\n", "1: sim.speed: ", "real time only",
+    ),
+    "poses on a slow radio": (
+        NATNET + "  uav1: {autopilot: hardware, url: 'serial:/dev/ttyUSB0', baud: 57600}\n",
+        "3: vehicles.uav1.baud: ", "Try 230400 or a lower pose_rate_hz",
+    ),
+    "hitl on a slow wire": (
+        "vehicles:\n  uav1: {autopilot: hitl, serial: /dev/ttyACM0, baud: 115200}\n", "2: vehicles.uav1.baud: ", "Try 460800.",
+    ),
+    "satellites for the built-in autopilot": (
+        "vehicles:\n  uav1: {autopilot: builtin, gps: true}\n", "2: vehicles.uav1.gps: ", "for autopilot: px4 or hitl",
+    ),
+    "sticks for a board in the loop": (
+        "vehicles:\n  uav1: {autopilot: hitl, serial: /dev/a, sticks: true}\n", "2: vehicles.uav1.sticks: ", "for autopilot: px4,",
+    ),
+    "hitl with a url": (
+        "vehicles:\n  uav1: {autopilot: hitl, serial: /dev/a, url: 'udpin:0.0.0.0:1'}\n", "2: vehicles.uav1.url: ", "is for autopilot: hardware",
+    ),
+    "mocap source natnet without a server": ("mocap: {source: natnet}\nvehicles:\n" + V1, "1: mocap.source: ", "needs `server`"),
+    "mocap source natnet for simulated vehicles": (NATNET + V1, "1: mocap.source: ", "every vehicle is simulated"),
     "mocap source vrpn": ("mocap: {source: vrpn}\nvehicles:\n" + V1, "1: mocap.source: ", "vrpn is not supported yet"),
-    "mocap server": ("mocap: {server: 10.0.0.2}\nvehicles:\n" + V1, "1: mocap.server: ", "not supported yet"),
+    "mocap server beside the emulator": ("mocap: {server: 10.0.0.2}\nvehicles:\n" + V1, "1: mocap.server: ", "Add source: natnet"),
     "failsafe": ("failsafe: {offboard_loss: land}\nvehicles:\n" + V1, "1: failsafe: ", "not supported yet. Set the autopilot's"),
     "geofence": ("geofence: {margin_m: 1}\nvehicles:\n" + V1, "1: geofence: ", "not supported yet"),
     "hosts": ("hosts: {pi: {address: 10.0.0.2}}\nvehicles:\n" + V1, "1: hosts: ", "not supported yet"),
-    "parameter file": ("vehicles:\n  uav1: {params_file: a.params}\n", "2: vehicles.uav1.params_file: ", "Write the parameters under"),
-    "url": ("vehicles:\n  uav1: {url: 'udp://:1'}\n", "2: vehicles.uav1.url: ", "not supported yet"),
+    "parameter file that is not there": (
+        "vehicles:\n  uav1: {params_file: a.params}\n", "2: vehicles.uav1.params_file: ", "got 'a.params', which cannot be read",
+    ),
+    "parameter file that is none": ("vehicles:\n  uav1: {params_file: notes.txt}\n", "2: vehicles.uav1.params_file: ", "notes.txt: "),
+    "url of a simulated vehicle": ("vehicles:\n  uav1: {url: 'udpin:0.0.0.0:1'}\n", "2: vehicles.uav1.url: ", "is for autopilot: hardware"),
     "tool without a command": ("tools:\n  rec:\n    env: {}\nvehicles:\n" + V1, "2: tools.rec.argv: ", "is missing"),
     "tool as one string": (
         "tools:\n  rec: {argv: ls -l}\nvehicles:\n" + V1, "2: tools.rec.argv: ", "expected a list. Did you mean [ls, -l]?",
@@ -146,7 +186,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "hover.py").touch()
-    (tmp_path / "notes.txt").touch()
+    (tmp_path / "notes.txt").write_text("a note\n")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

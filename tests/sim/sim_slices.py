@@ -24,6 +24,8 @@ PROFILE: dict[str, Any] = {
     "motor_down_s": 0.025,
     "thrust_curve": {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": None},
     "drag_kg_s": [0.0, 0.0, 0.0],
+    "body_drag_kg_m": [0.0, 0.0, 0.0],
+    "ground_effect": None,
     "sensors": {
         "imu": {
             "accel_noise_m_s2": 0.03,

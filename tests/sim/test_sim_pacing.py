@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from arena.sim.pacing import Lateness, Pacer, speed_of
+from arena.sim.pacing import Lateness, Pacer, own_core, speed_of
 
 P = 0.004
 
@@ -85,3 +85,14 @@ def test_percentiles_never_understate():
         lateness.add(3.0)
     assert lateness.percentile(99) == 3.0
     assert not math.isnan(Lateness().percentile(99))
+
+
+def test_a_world_that_hurries_keeps_to_a_core_where_every_px4_has_one_too():
+    assert own_core((3, 2), speed=math.inf, outside=1, pid=10) == 2
+    assert own_core((3, 2), speed=5.0, outside=1, pid=11) == 3, "another world beside it takes the other"
+    assert own_core(tuple(range(8)), speed=math.inf, outside=7, pid=0) == 0
+
+
+@pytest.mark.parametrize(("speed", "outside", "cores"), [(1.0, 1, 2), (math.inf, 0, 2), (math.inf, 2, 2), (math.inf, 1, 1)])
+def test_else_the_kernel_chooses(speed, outside, cores):
+    assert own_core(tuple(range(cores)), speed=speed, outside=outside, pid=7) is None

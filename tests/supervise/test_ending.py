@@ -5,7 +5,9 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 
-from arena.supervise.ending import Cause, End, exit_code, failures, is_done, lost, may_fly, may_stop
+import pytest
+
+from arena.supervise.ending import Cause, End, exit_code, failures, grounded, is_done, lost, may_fly, may_stop
 from arena.supervise.life import Exit, Life, State
 
 from .conftest import plan_of, program, spec, vehicle, world
@@ -33,6 +35,53 @@ def test_simulated_vehicles_are_gone_with_their_world_and_real_ones_are_not():
     assert may_fly(PLAN, lives, facts, facts) == []
     real = replace(PLAN, vehicles=(vehicle("uav1", simulated=False),))
     assert may_fly(real, lives, facts, facts) == ["uav1"]
+
+
+def test_a_real_vehicle_that_was_never_switched_on_holds_up_no_end():
+    real = replace(PLAN, vehicles=(vehicle("uav1", simulated=False),))
+    lives = {"world": READY, "p": DONE}
+    assert may_fly(real, lives, {}, {}) == []
+    assert may_fly(real, lives, {}, {"uav1.heard": False, "uav1.armed": True}) == ["uav1"]
+
+
+def seen(crashed: str = "", *, airborne: bool = False, px4: str = "in step") -> dict[str, dict[str, object]]:
+    """What the world tells of uav1."""
+    return {"world": {"vehicles": {"uav1": {"crashed": crashed, "airborne": airborne}}, "autopilot": {"uav1": {"px4": px4}}}}
+
+
+def test_a_simulated_vehicle_that_lies_on_the_floor_crashed_is_not_waited_for():
+    lives, armed = {"world": READY, "p": DONE}, {"uav1.armed": True, "uav2.armed": False}
+    crashed = seen("tilted 61 degrees at 3.20 s")
+    assert may_fly(PLAN, lives, armed, armed, crashed) == [] and is_done(PLAN, lives, armed, crashed)
+    assert grounded(PLAN, lives, crashed) == {"uav1": "crashed: tilted 61 degrees at 3.20 s"}
+    assert may_fly(PLAN, lives, armed, armed, seen()) == ["uav1"]
+    assert not is_done(PLAN, lives, armed, seen())
+
+
+def test_one_that_has_touched_something_and_flies_on_is_landed_as_any_other():
+    lives, armed = {"world": READY, "p": DONE}, {"uav1.armed": True, "uav2.armed": False}
+    assert may_fly(PLAN, lives, armed, armed, seen("touched a wall at 3.20 s", airborne=True)) == ["uav1"]
+
+
+@pytest.mark.parametrize(("px4", "why"), [
+    ("never connected", "its PX4 has never connected to the world"), ("gone", "its PX4 has gone"),
+    ("booting", "its PX4 has not begun to fly"), ("late", "its PX4 does not answer"), ("in step", ""),
+])  # fmt: skip
+def test_one_whose_px4_commands_no_motor_stands_where_the_world_sees_it_stand(px4: str, why: str):
+    lives = {"world": READY, "p": DONE}
+    assert grounded(PLAN, lives, seen(px4=px4)).get("uav1", "") == why
+    assert grounded(PLAN, lives, seen(px4=px4, airborne=True)) == {}
+
+
+def test_of_a_real_vehicle_only_its_own_word_counts():
+    real = replace(PLAN, vehicles=(vehicle("uav1", simulated=False),))
+    for told in (seen("tilted 61 degrees at 3.20 s"), seen(px4="never connected")):
+        assert may_fly(real, {"world": READY, "p": DONE}, {"uav1.armed": True}, {}, told) == ["uav1"]
+
+
+def test_a_program_cannot_say_that_a_vehicle_has_crashed_to_have_it_left_in_the_air():
+    told = {"p": seen("tilted 61 degrees at 3.20 s")["world"]}
+    assert grounded(PLAN, {"world": READY, "p": READY}, told) == {}
 
 
 def test_done_needs_every_program_ended_and_every_vehicle_known_to_be_disarmed():

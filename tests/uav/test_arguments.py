@@ -58,11 +58,21 @@ def test_by_hand_the_link_follows_from_the_id():
     assert read_arguments(["--id", "4"])["link"] == "udpin:127.0.0.1:16004"
 
 
+def test_by_hand_a_motion_capture_server_is_named_by_its_address():
+    found = read_arguments(["--ns", "uav1", "--capture", "natnet:10.0.0.5:unicast", "--body", "aero"])
+    capture = found["capture"]
+    assert (capture["server"], capture["transport"], capture["local"]) == ("10.0.0.5", "unicast", None)
+    assert (capture["bodies"], found["body"]) == (["aero"], "aero")
+    assert read_arguments(["--capture", "natnet:127.0.0.2"])["capture"]["group"] == "239.192.0.2"
+    assert read_arguments([])["capture"] is None
+
+
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
         (["--uav", "/nowhere.json"], "nowhere.json"), (["--ns", "alpha"], "--id"), (["--profile", "irsi"], "iris"),
-        (["--link", "tcp:1"], "udpin:HOST:PORT"),
+        (["--link", "tcp:1"], "udpin:HOST:PORT"), (["--capture", "vrpn:10.0.0.5"], "natnet:ADDRESS"),
+        (["--capture", "natnet:motive"], "natnet:10.0.0.5"), (["--capture", "natnet:10.0.0.5:tcp"], "multicast"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said(argv, said):

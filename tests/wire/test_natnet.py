@@ -22,7 +22,7 @@ BODIES = (
     natnet.Body(streaming_id=7, position=(-1.5, 0.25, 0.5), quat_xyzw=(0.5, 0.5, 0.5, 0.5), tracked=False),
 )
 FRAME = natnet.Frame(number=12345, timestamp_s=68.5, exposure_ticks=685_000_000, bodies=BODIES)
-VERSIONS = [(3, 1), (4, 1)]
+VERSIONS = [(3, 0), (3, 1), (4, 0), (4, 1), (4, 2)]
 
 GOLDEN_31 = bytes.fromhex(
     "0700" "9a00"  # frame of data, 154 bytes
@@ -112,3 +112,20 @@ def test_a_damaged_frame_never_escapes_as_another_error(at, value, version):
     for cut in (len(data), at % len(data)):
         with suppress(WireError):
             natnet.decode_frame(bytes(data[:cut]), version)
+
+
+def test_a_newer_minor_version_is_read_where_its_frames_are_laid_out_alike_and_refused_where_not():
+    data = natnet.encode_frame(FRAME, (4, 4))
+    assert natnet.decode_frame(data, (4, 4)).bodies == natnet.decode_frame(data, (4, 2)).bodies
+    at = len(data) - 54  # one more empty section before the time stamps
+    longer = natnet.packet(natnet.FRAME, data[4:at] + bytes(8) + data[at:])
+    with pytest.raises(WireError, match=r"4\.4 frame with 62 bytes"):
+        natnet.decode_frame(longer, (4, 4))
+    understood = [v for v in ((2, 10), (3, 0), (3, 1), (3, 2), (4, 0), (4, 2), (4, 4), (5, 0)) if natnet.is_understood(v)]
+    assert understood == [(3, 0), (3, 1), (4, 0), (4, 2), (4, 4)]
+
+
+@pytest.mark.parametrize(("said", "sent"), [((4, 1), (3, 1)), ((3, 1), (4, 1))])
+def test_frames_of_another_layout_than_the_server_said_give_no_pose(said, sent):
+    with suppress(WireError):
+        assert natnet.decode_frame(natnet.encode_frame(FRAME, sent), said).bodies == ()

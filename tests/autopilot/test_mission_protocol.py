@@ -1,0 +1,164 @@
+"""Uploads, downloads and their misfortunes, as PX4 v1.16 answers them. No flying."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from planned import RELATIVE, do, download, item, lat_lon, ready, said, send_item, texts, upload, waypoint
+from pymavlink.dialects.v20 import common as mavlink
+
+SQUARE = [item(22, up=2.0), waypoint(2, 0, 2, 1.0, 0.4, -90.0), do(178, 1, 2.5, -1), do(177, 1, 3), item(21)]
+ERROR, UNSUPPORTED_FRAME, UNSUPPORTED, NO_SPACE, INVALID = 1, 2, 3, 4, 5
+
+
+@pytest.fixture(scope="module")
+def station():
+    return ready()
+
+
+@pytest.fixture(autouse=True)
+def cleared(station):
+    """No list and no transfer of the test before."""
+    station.run(0.02)
+    station.send(0, mavlink.MAVLink_mission_ack_message(1, 1, mavlink.MAV_MISSION_OPERATION_CANCELLED, 0))
+    station.send(0, mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
+    station.run(0.04)
+    station.heard[0].clear()
+
+
+def test_what_was_uploaded_is_given_back_as_px4_gives_it_back(station):
+    assert upload(station, SQUARE) == 0
+    back = download(station)
+    assert [m.command for m in back] == [22, 16, 178, 177, 21]
+    assert [m.frame for m in back] == [RELATIVE, RELATIVE, 2, 2, RELATIVE]
+    assert (back[1].x, back[1].y) == lat_lon(2, 0)
+    assert (back[1].param1, round(back[1].param2, 3), back[1].param4, back[1].z) == (1.0, 0.4, 270.0, 2.0)
+    assert (back[3].param1, back[3].param2) == (1, 3)
+    assert math.isnan(back[0].param4) and back[0].param1 == 0.0
+
+
+def test_the_list_has_an_id_that_changes_with_it_and_is_told_with_count_current_and_acknowledgement(station):
+    missions = station.pilots.faces[0].missions
+    upload(station, SQUARE)
+    first = missions.ids[0]
+    upload(station, SQUARE[:2])
+    second = missions.ids[0]
+    assert len({0, first, second}) == 3
+    upload(station, SQUARE)
+    assert missions.ids[0] == first
+    raw = missions._current().pack(mavlink.MAVLink(None))
+    assert first.to_bytes(4, "little") in raw
+
+
+@pytest.mark.parametrize(
+    ("bad", "result"),
+    [
+        ({**item(16), "frame": 1}, UNSUPPORTED_FRAME), ({**item(16), "frame": 10}, UNSUPPORTED_FRAME),
+        (item(18), UNSUPPORTED), (do(16), UNSUPPORTED), (do(201, 7), 6), (item(5001, p=(4.0,)), ERROR),
+        (item(16, up=math.nan), INVALID), ({**item(16), "x": 2_000_000_000}, INVALID),
+    ],
+)  # fmt: skip
+def test_an_item_that_cannot_be_is_refused_and_leaves_the_old_list(station, bad, result):
+    assert upload(station, SQUARE) == 0
+    assert upload(station, [SQUARE[0], bad]) == result
+    assert [m.command for m in download(station)] == [22, 16, 178, 177, 21]
+
+
+def test_too_many_items_are_refused_at_once(station):
+    for kind, most in ((0, 10000), (1, 64), (2, 32)):
+        station.heard[0].clear()
+        station.send(0, mavlink.MAVLink_mission_count_message(1, 1, most + 1, kind))
+        station.run(0.04)
+        assert [m.type for m in said(station, "MISSION_ACK")] == [NO_SPACE]
+
+
+def test_a_lost_item_is_asked_for_again_and_a_silent_partner_given_up_after_5_s(station):
+    upload(station, SQUARE)
+    station.heard[0].clear()
+    station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    station.run(1.0)
+    assert 3 <= len(said(station, "MISSION_REQUEST_INT")) <= 5
+    send_item(station, 0, SQUARE[0])
+    station.run(5.5)
+    assert "Operation timeout" in texts(station)
+    assert len(station.pilots.faces[0].missions.items[0]) == len(SQUARE)
+    assert upload(station, SQUARE[:2]) == 0
+
+
+def test_items_out_of_turn_are_ignored_and_a_repeated_last_one_acknowledged_again(station):
+    station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 1, 0))
+    send_item(station, 1, SQUARE[1])
+    assert station.pilots.faces[0].missions.items[0] == ()
+    for _ in range(2):
+        send_item(station, 0, SQUARE[0])
+    station.run(0.04)
+    assert [m.type for m in said(station, "MISSION_ACK")] == [0, 0]
+
+
+def test_one_transfer_at_a_time_also_over_another_link(station):
+    station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 2, 0), "panic")
+    station.heard[0].clear()
+    station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 2, 0), "router")
+    station.run(0.04)
+    assert [m.type for m in said(station, "MISSION_ACK")] == [ERROR]
+    station.send(0, mavlink.MAVLink_mission_ack_message(1, 1, mavlink.MAV_MISSION_OPERATION_CANCELLED, 0), "panic")
+
+
+def test_a_request_out_of_turn_ends_a_download(station):
+    upload(station, SQUARE)
+    station.heard[0].clear()
+    station.send(0, mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+    station.send(0, mavlink.MAVLink_mission_request_int_message(1, 1, 3, 0))
+    station.run(0.04)
+    assert [m.type for m in said(station, "MISSION_ACK")] == [ERROR]
+    assert "Req. WP was unexpected" in texts(station)
+
+
+def test_fence_and_rally_points_are_kept_beside_the_mission_and_cleared_alone(station):
+    fence = [item(5001, n, e, p=(4.0,)) for n, e in ((5, 5), (5, -5), (-5, -5), (-5, 5))] + [item(5004, 20, 20, p=(3.0,))]
+    assert upload(station, SQUARE) == upload(station, fence, 1) == upload(station, [item(5100, 1, 1, 2)], 2) == 0
+    assert [(m.command, m.param1, m.frame) for m in download(station, 1)] == [(5001, 4.0, 5)] * 4 + [(5004, 3.0, 5)]
+    assert [(m.command, m.z) for m in download(station, 2)] == [(5100, 2.0)]
+    station.send(0, mavlink.MAVLink_mission_clear_all_message(1, 1, 1))
+    assert [len(download(station, kind)) for kind in (0, 1, 2)] == [len(SQUARE), 0, 1]
+
+
+def test_the_current_item_is_told_every_second_and_set_within_the_list_alone(station):
+    upload(station, SQUARE)
+    station.send(0, mavlink.MAVLink_mission_set_current_message(1, 1, 1))
+    station.run(1.1)
+    station.heard[0].clear()
+    station.run(3.0)
+    told = said(station, "MISSION_CURRENT")
+    assert 3 <= len(told) <= 4 and {(m.seq, m.total) for m in told} == {(1, len(SQUARE))}
+    station.send(0, mavlink.MAVLink_mission_set_current_message(1, 1, 9))
+    station.run(0.04)
+    assert "Not in list" in texts(station)
+
+
+@pytest.mark.parametrize(
+    ("items", "words"),
+    [
+        ([item(21)], "starts with landing"), ([waypoint(0, 0, 2), item(22, up=2)], "takeoff not first waypoint item"),
+        ([item(22, up=-1.0)], "Takeoff altitude below home altitude!"), ([item(84, up=2)], "vehicle is not a VTOL"),
+        ([waypoint(20_000, 0, 2)], "First waypoint far away from home: 20000m"), ([do(112, 3)], "item 1: unsupported cmd: 112"),
+    ],
+)  # fmt: skip
+def test_a_mission_that_cannot_be_flown_is_taken_explained_and_not_started(station, items, words):
+    assert upload(station, items) == 0
+    assert words in texts(station)
+    assert station.command(0, mavlink.MAV_CMD_MISSION_START) == 2
+    station.run(0.04)
+    assert "Mission start denied! No valid mission" in texts(station)
+    assert not station.armed(0)
+
+
+def test_messages_of_the_protocol_for_others_are_ignored(station):
+    for system, component in ((0, 1), (7, 1), (1, 51)):
+        station.send(0, mavlink.MAVLink_mission_count_message(system, component, 1, 0))
+    station.run(0.04)
+    assert not said(station, "MISSION_REQUEST_INT") and not said(station, "MISSION_ACK")
+    station.send(0, mavlink.MAVLink_mission_request_list_message(1, 190, 0))
+    station.run(0.04)
+    assert len(said(station, "MISSION_COUNT")) == 1

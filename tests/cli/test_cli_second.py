@@ -1,0 +1,48 @@
+"""A second arena on one computer: what `arena up` says when the first one is in its way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from arena.cli import up
+from arena.errors import RunError
+from arena.plan import Plan, make_plan
+from arena.schema import load_arena
+
+
+def plan_on(folder: Path, address: str, first_id: int) -> Plan:
+    """Of one vehicle that flies the real PX4, as far as a plan can tell: an empty binary."""
+    binary, scripts = folder / "px4/bin/px4", folder / "px4/etc/init.d-posix"
+    for made in (binary.parent, scripts):
+        made.mkdir(parents=True, exist_ok=True)
+    binary.touch(mode=0o755)
+    (scripts / "rcS").touch()
+    file = folder / f"{address}.yaml"
+    file.write_text(f"address: {address}\npx4: {{home: {folder / 'px4'}}}\nvehicles: {{a: {{autopilot: px4, id: {first_id}}}}}\n")
+    return make_plan(load_arena(file))
+
+
+def refuse(monkeypatch: pytest.MonkeyPatch, second: Plan, first: Plan) -> None:
+    run = SimpleNamespace(
+        live=True, address=first.address, name="first", supervisor=SimpleNamespace(pid=123), run="/runs/first",
+    )  # fmt: skip
+    monkeypatch.setattr(up, "active_runs", lambda: [run])
+    monkeypatch.setattr(up, "plan_of", lambda _: first)
+    up._refuse_second(second)
+
+
+def test_two_that_fly_px4_with_the_same_ids_are_told_to_have_other_ids_for_another_address_does_not_help(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = r"the arena .first. is up on 127.74.6.1 .* ids: PX4 binds its links \(24070, 24072, 24074, ...\) on every address"
+    with pytest.raises(RunError, match=said):
+        refuse(monkeypatch, plan_on(tmp_path, "127.74.6.2", 7), plan_on(tmp_path, "127.74.6.1", 7))
+    refuse(monkeypatch, plan_on(tmp_path, "127.74.6.2", 8), plan_on(tmp_path, "127.74.6.1", 7))
+
+
+def test_two_on_one_address_are_told_to_have_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(RunError, match=r"`arena down --run /runs/first` ends it, or give this one another `address`"):
+        refuse(monkeypatch, plan_on(tmp_path, "127.74.6.1", 8), plan_on(tmp_path, "127.74.6.1", 7))

@@ -1,0 +1,50 @@
+"""One arena a file, flown by the built-in autopilot and, where it is found, the real PX4; nobody but the clients flies in it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+from end_to_end.flight import Flight, Hangar
+
+from arena.schema.px4 import find_px4
+
+from .site import Site
+
+_SEEN: dict[str, int] = {}
+
+
+@pytest.fixture(scope="module", params=["builtin", pytest.param("px4", marks=pytest.mark.px4)])
+def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    """An arena at speed 1, as SDKs need it."""
+    kind = request.param
+    if kind == "px4" and ((found := find_px4()) is None or found.stand_in):
+        pytest.skip("no PX4 is found: set PX4_HOME")
+    number = _SEEN[kind] = _SEEN.get(kind, 0) + 1
+    address = f"127.82.{os.getpid() % 250 + 1}.{2 * number + (kind == 'px4')}"
+    hangar = Hangar(tmp_path_factory.mktemp("clients"), address)
+    try:
+        yield _open(hangar, kind)
+    finally:
+        hangar.close()
+
+
+def _open(hangar: Hangar, kind: str) -> Site:
+    vehicle = 150 + os.getpid() % 40 if kind == "px4" else 1
+    yaml = hangar.folder / "arena.yaml"
+    yaml.write_text(
+        f"name: clients\naddress: {hangar.address}\nworld: {{size: [30, 30, 12]}}\ndefaults: {{autopilot: {kind}}}\n"
+        f"vehicles:\n  uav1: {{id: {vehicle}, start: {{position: [0, 0, 0]}}}}\n"
+    )
+    flight: Flight = hangar.up(yaml)
+    return Site(flight=flight, kind=kind, vehicle=vehicle)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Clients that are not installed are counted, never skipped in silence."""
+    missing = [r for r in terminalreporter.stats.get("skipped", []) if "client is not installed" in str(r.longrepr)]
+    ran = [r for k in ("passed", "failed") for r in terminalreporter.stats.get(k, []) if "tests/clients/" in r.nodeid]
+    if missing or ran:
+        terminalreporter.write_line(f"clients: {len(ran)} tests ran, {len(missing)} did not for a client that is not installed")
+

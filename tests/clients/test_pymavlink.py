@@ -1,0 +1,112 @@
+"""pymavlink's own tools: mavutil's connection, its modes and arming, mavparm and mavwp."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from end_to_end.flight import eventually
+
+from .site import Site
+
+pytestmark = pytest.mark.flight
+os.environ.setdefault("MAVLINK20", "1")
+from pymavlink import mavparm, mavutil, mavwp  # noqa: E402
+from pymavlink.dialects.v20 import common as mavlink  # noqa: E402
+
+
+class _Beat:
+    """A ground station's heartbeat beside what the test does."""
+
+    def __init__(self, connection: Any) -> None:
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(connection,), daemon=True)
+        self._thread.start()
+
+    def _run(self, connection: Any) -> None:
+        while not self._over.wait(0.5):
+            connection.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join(2.0)
+
+
+@pytest.fixture
+def link(site: Site) -> Iterator[Any]:
+    site.ready()
+    connection = mavutil.mavlink_connection(f"udpout:{site.tools}", source_system=238, source_component=190, dialect="common")
+    beat = _Beat(connection)
+    assert connection.wait_heartbeat(timeout=20) is not None
+    connection.target_system, connection.target_component = site.vehicle, 1
+    yield connection
+    beat.close()
+    connection.close()
+
+
+def ready(link: Any, limit_s: float = 60.0) -> None:
+    """May be armed, by SYS_STATUS; in a mode that only comes down nothing may."""
+    link.set_mode("LOITER")
+    deadline = time.monotonic() + limit_s
+    bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    while not (m := link.recv_match(type="SYS_STATUS", blocking=True, timeout=5)) or not m.onboard_control_sensors_health & bit:
+        assert time.monotonic() < deadline
+
+
+def test_mavparm_sets_both_types_and_a_file_of_all_parameters_can_be_saved(link: Any, tmp_path: Path) -> None:
+    params = mavparm.MAVParmDict()
+    link.param_fetch_all()
+    count, deadline = 1, time.monotonic() + 30
+    while len(params) < count:
+        assert time.monotonic() < deadline
+        m = link.recv_match(type="PARAM_VALUE", blocking=True, timeout=5)
+        assert m is not None
+        if m.param_index < 65535:
+            params[m.param_id], count = m.param_value, m.param_count
+    assert params.mavset(link, "MPC_XY_CRUISE", 4.5, retries=5)
+    assert params.mavset(link, "NAV_DLL_ACT", 0, retries=5, parm_type=mavlink.MAV_PARAM_TYPE_INT32)
+    params.save(str(tmp_path / "all.parm"))
+    assert len((tmp_path / "all.parm").read_text().splitlines()) >= 0.9 * count
+
+
+def test_it_arms_takes_off_by_mode_and_lands(link: Any, site: Site) -> None:
+    ready(link)
+    link.set_mode("TAKEOFF")
+    link.arducopter_arm()
+    link.motors_armed_wait()
+    site.flight.until_up(1.0, 30)
+    link.set_mode("LAND")
+    link.motors_disarmed_wait()
+    site.down()
+
+
+@pytest.mark.xfail(reason="uploaded and accepted, but MISSION_START after it is not obeyed; not yet understood", strict=False)
+def test_mavwp_s_list_is_uploaded_item_by_item_flown_and_its_end_told(link: Any, site: Site) -> None:
+    ready(link)
+    loader = mavwp.MAVWPLoader(site.vehicle, 1)
+    relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
+    for seq, (command, up) in enumerate(((22, 1.5), (16, 1.5), (21, 0.0))):
+        to, place = (site.vehicle, 1), (47.397742, 8.545594, up)
+        loader.add(mavutil.mavlink.MAVLink_mission_item_message(*to, seq, relative, command, 0, 1, 0, 0.4, 0, 0, *place))
+    link.waypoint_count_send(loader.count())
+    while (m := link.recv_match(type=["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"], blocking=True, timeout=5)):
+        if m.get_type() == "MISSION_ACK":
+            break
+        link.mav.send(loader.wp(m.seq))
+    assert m is not None and m.type == mavlink.MAV_MISSION_ACCEPTED
+    link.mav.command_long_send(site.vehicle, 1, mavlink.MAV_CMD_MISSION_START, 0, 0, 0, 0, 0, 0, 0, 0)
+    site.flight.until_up(1.0, 40)
+    reached: set[int] = set()
+
+    def all_reached() -> bool:
+        m = link.recv_match(type="MISSION_ITEM_REACHED", blocking=True, timeout=1)
+        reached.update({m.seq} if m else ())
+        return reached >= {0, 1, 2}
+
+    eventually(all_reached, 60, "all reached", lambda: reached)
+    site.down()

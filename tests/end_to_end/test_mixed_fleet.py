@@ -1,0 +1,92 @@
+"""Real vehicles beside simulated ones in one arena. A room on another loopback address poses as reality: its vehicle's MAVLink
+comes in on UDP, its cameras serve NatNet, and nothing of this arena can tell it from a flying lab.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from .flight import PROGRAMS, ROOT, Flight, Hangar, eventually
+from .posing import PosingRoom
+
+pytestmark = pytest.mark.flight
+EXAMPLE = ROOT / "examples" / "01_two_quads" / "position_setpoints.py"
+WIRE_PORT = 14540
+
+
+def arena(hangar: Hangar, server: str, program: Path | str, args: str = "", more: str = "") -> Path:
+    """uav1 simulated, uav2 real; both fly the same program."""
+    file = hangar.folder / "arena.yaml"
+    file.write_text(f"""\
+name: mixed
+address: {hangar.address}
+world: {{size: [14, 6, 3]}}
+mocap: {{source: natnet, server: {server}}}
+defaults: {{program: {{path: '{program}', args: [{args}]}}, neighbours: [uav1, uav2]}}
+vehicles:
+  uav1: {{autopilot: builtin, start: {{position: [3, 1, 0]}}}}
+  uav2: {{autopilot: hardware, url: "udpin:{hangar.address}:{WIRE_PORT}"{more}}}
+""")
+    return file
+
+
+@pytest.fixture
+def room(hangar: Hangar) -> Iterator[PosingRoom]:
+    a, b, c, d = hangar.address.split(".")
+    address = f"{a}.{int(b) + 60}.{c}.{d}"
+    with PosingRoom(address, (hangar.address, WIRE_PORT), vehicle="uav2", number=2, position=[-2.0, 0.0, 0.0]) as made:
+        yield made
+
+
+def up(hangar: Hangar, room: PosingRoom, program: Path, *options: str, args: str = "", more: str = "") -> Flight:
+    return hangar.up(arena(hangar, room.address, program, args, more), "--yes", "--time-limit", "120", *options)
+
+
+def test_a_real_and_a_simulated_vehicle_fly_one_program_unchanged(hangar: Hangar, room: PosingRoom) -> None:
+    flight = up(hangar, room, EXAMPLE, "--until-done")
+    highest = 0.0
+
+    def over() -> bool:
+        nonlocal highest
+        highest = max(highest, -float(room.truth().p_n[0, 2]))
+        return flight.process.poll() is not None
+
+    eventually(over, 150, "the end", flight.said)
+    assert flight.wait() == 0, flight.said()
+    told = flight.summary["vehicles"]
+    assert told["uav1"]["judged_by"] == "truth" and told["uav2"]["judged_by"] != "truth"
+    for name in ("uav1", "uav2"):
+        assert len(told[name]["setpoints"]["each"]) == 5
+        assert all(s["error_m"] <= 0.15 for s in told[name]["setpoints"]["each"]), (name, told[name]["setpoints"])
+        assert told[name]["landing"]["landed"]
+    assert highest > 1.2  # by the other room's own truth
+    end = room.truth().p_n[0]
+    assert -end[2] < 0.15 and np.hypot(end[0] + 2.0, end[1]) < 3.0
+    flight.assert_nothing_left()
+
+
+def test_a_gate_that_does_not_hold_refuses_arming_with_its_reason(hangar: Hangar, room: PosingRoom) -> None:
+    flight = up(hangar, room, EXAMPLE, "--until-done", more=", params: {COM_OF_LOSS_T: 7}")
+    assert flight.wait(120) == 1
+    assert "COM_OF_LOSS_T" in flight.log("program.uav2") and "Preflight" in flight.log("program.uav2")
+    assert not any(row["info.is_armed"] == "True" for row in flight.rows("uav2"))
+    assert -float(room.truth().p_n[0, 2]) < 0.15
+    assert flight.summary["vehicles"]["uav1"]["landing"]["landed"]  # the other has flown
+
+
+def test_land_all_lands_both_with_the_supervisor_and_the_router_gone(hangar: Hangar, room: PosingRoom) -> None:
+    flight = up(hangar, room, PROGRAMS / "fly.py", args="hovers")
+    flight.until_up(0.7)
+    eventually(lambda: -room.truth().p_n[0, 2] > 0.7, 30, "the real one in the air", flight.said)
+    flight.signal(signal.SIGKILL)
+    os.kill(flight.pid("router"), signal.SIGKILL)
+    landed = flight.cli("land-all", "--run", str(flight.folder))
+    assert landed.returncode == 0, landed.stdout + landed.stderr
+    assert "uav1: landed" in landed.stdout and "uav2: landed" in landed.stdout, landed.stdout
+    assert -float(room.truth().p_n[0, 2]) < 0.15

@@ -1,0 +1,130 @@
+"""Twelve vehicles that fly PX4 keep apart: every port once, every number once, and each knows its own place and no other's."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from arena.plan import Plan, make_plan
+from arena.schema import load_arena
+
+from .flight import Flight, Hangar, eventually
+from .test_px4 import BOTH, GroundStation, px4, px4_process
+
+__all__ = ["px4"]
+
+FIRST = 150 + os.getpid() % 40
+NAMES = [f"uav{k}" for k in range(1, 13)]
+NEAR_M, NEAR_RAD = 0.1, math.radians(5.0)
+
+
+def places() -> dict[str, tuple[float, float, float]]:
+    """Name -> north, east [m] and yaw [deg], no two alike."""
+    return {name: (1.5 * (i % 4) - 2.25, 1.5 * (i // 4) - 1.5, 15.0 * i - 80.0) for i, name in enumerate(NAMES)}
+
+
+def twelve(folder: Path, address: str = "127.74.12.1") -> Path:
+    lines = [f"address: {address}", "world: {size: [8, 6, 3]}", "defaults: {autopilot: px4}", "vehicles:"]
+    for k, (name, (n, e, yaw)) in enumerate(places().items()):
+        lines.append(f"  {name}: {{id: {FIRST + k}, start: {{position: [{n:g}, {e:g}, 0], rpy_deg: [0, 0, {yaw:g}]}}}}")
+    file = folder / "arena.yaml"
+    file.write_text("\n".join(lines) + "\n")
+    return file
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Plan:
+    return make_plan(load_arena(twelve(tmp_path), ["px4.home=stand-in"]))
+
+
+def test_every_port_and_every_number_is_given_once(plan: Plan) -> None:
+    owners = Counter((x.protocol, x.port) for spec in plan.processes for x in spec.listens)
+    assert len(owners) > 12 * 9 and set(owners.values()) == {1}
+    slices = [plan.slices[f"px4.{name}.json"] for name in NAMES]
+    for key in ("instance", "folder", "vehicle"):
+        assert len({s[key] for s in slices}) == 12, key
+    assert [v.id for v in plan.vehicles] == [FIRST + k for k in range(12)]
+    assert len({v.mocap_body for v in plan.vehicles}) == 12
+    for s, v in zip(slices, plan.vehicles, strict=True):
+        assert f"param set MAV_SYS_ID {v.id}\n" in s["scripts"]["px4-rc.mavlinksim"]
+
+
+def test_both_ends_of_every_link_name_each_other_and_nobody_else(plan: Plan) -> None:
+    """What an autopilot sends to is what its partner has bound, and the other way round."""
+    routed = {v["name"]: v["link"] for v in plan.slices["router.json"]["vehicles"]}
+    ends = []
+    for name in NAMES:
+        links = plan.slices[f"px4.{name}.json"]["links"]
+        for link, partner in ((links["vision"], plan.slices[f"forward.{name}.json"]["link"]), (links["router"], routed[name])):
+            assert (link["local"], link["remote"]) == (partner["remote"], partner["local"]), name
+        ends += [tuple(link[end]) for link in links.values() for end in ("local", "remote")]
+        assert plan.slices[f"forward.{name}.json"]["body"] == plan.slices[f"forward.{name}.json"]["capture"]["bodies"][0] == name
+    assert len(set(ends)) == len(ends) == 12 * 6
+
+
+def position_and_yaw(station: GroundStation, system: int) -> tuple[Any, float] | None:
+    place, turned = (station.newest.get((system, kind)) for kind in ("LOCAL_POSITION_NED", "ATTITUDE"))
+    return (np.array([place.x, place.y]), turned.yaw) if place is not None and turned is not None else None
+
+
+def assert_at_home(flight: Flight, station: GroundStation) -> None:
+    """By each autopilot's own estimate, which has nothing but its vision link to learn the place from."""
+    for k, (name, (n, e, yaw)) in enumerate(places().items()):
+        found = eventually(lambda k=k: position_and_yaw(station, FIRST + k), 10, f"the estimate of {name}", flight.said)
+        assert np.linalg.norm(found[0] - (n, e)) < NEAR_M, name
+        assert abs(math.remainder(found[1] - math.radians(yaw), 2.0 * math.pi)) < NEAR_RAD, name
+
+
+def assert_loopback_only(flight: Flight) -> None:
+    """A real PX4's own sockets: the three links of the plan and the simulator's, which are all that its scripts start."""
+    for k, name in enumerate(NAMES):
+        sockets = px4_process(flight, name).net_connections("inet")
+        links = flight.json(f"slices/px4.{name}.json")["links"]
+        assert sorted(c.laddr[1] for c in sockets if not c.raddr) == sorted(link["local"][1] for link in links.values()), name
+        (world,) = [c.raddr for c in sockets if c.raddr]
+        assert tuple(world) == (flight.address, 24009 + 10 * (FIRST + k)), name
+
+
+def logged_lines(flight: Flight, name: str) -> int:
+    file = flight.folder / "csv" / f"{name}.csv"
+    return len(file.read_bytes().splitlines()) if file.exists() else 0
+
+
+def assert_logged_at_home(flight: Flight, name: str) -> None:
+    """Its logger has heard its own autopilot alone, and has seen its own body alone."""
+    rows, (north, east, _) = flight.rows(name), places()[name]
+    assert len(rows) > 20, name
+    for group, some in (("mocap.pos", rows), ("ekf.pos", rows[-15:])):  # an estimate begins anywhere
+        seen = np.array([[float(r[f"{group}.{axis}"] or "nan") for axis in ("north", "east")] for r in some])
+        seen = seen[~np.isnan(seen).any(axis=1)]
+        assert len(seen) > 5 and np.abs(seen - (north, east)).max() < NEAR_M, (name, group)
+
+
+@pytest.mark.crowd
+@pytest.mark.parametrize("px4", BOTH, indirect=True)
+def test_twelve_stand_each_in_its_own_place_and_nobody_hears_another(hangar: Hangar, px4: list[str]) -> None:
+    station = GroundStation(hangar.address)
+    flight = hangar.up(twelve(hangar.folder, hangar.address), "--time-limit", "150", *px4)
+    try:
+        for name in NAMES:
+            flight.until_event(f"forward.{name}", "READY", 120)  # it serves an autopilot that may arm
+        assert_at_home(flight, station)
+        assert_loopback_only(flight)
+        assert {system for system, kind in station.newest if kind == "HEARTBEAT"} == set(range(FIRST, FIRST + 12))
+        for name in NAMES:
+            eventually(lambda name=name: logged_lines(flight, name) > 40, 30, f"a log of {name}", flight.said)
+        assert flight.cli("down", "--run", str(flight.folder)).returncode == 0, flight.said()
+        assert flight.wait(60) == 0, flight.said()
+    finally:
+        station.close()
+    for name in NAMES:
+        told = flight.stats(f"forward.{name}")  # PX4 passes the router's heartbeats on; datagrams come from nobody but itself
+        assert not [key for key in told if "foreign datagram" in key or "not in frame" in key], name
+        assert_logged_at_home(flight, name)
+    flight.assert_nothing_left()

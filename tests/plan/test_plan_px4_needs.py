@@ -1,0 +1,27 @@
+"""What waits for a PX4, and what does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from arena.plan import make_plan
+from arena.schema import load_arena
+
+
+def test_one_px4_that_never_comes_takes_its_forwarder_and_program_along_and_nothing_of_the_others(tmp_path: Path) -> None:
+    file = tmp_path / "arena.yaml"
+    (tmp_path / "fly.py").touch()
+    file.write_text(
+        "px4: {home: stand-in}\ndefaults: {program: fly.py}\nvehicles: {uav1: {autopilot: px4},"
+        " uav2: {autopilot: px4, start: {position: [1, 0, 0]}}, uav3: {autopilot: builtin, start: {position: [2, 0, 0]}}}\n"
+    )
+    needs = {spec.name: set(spec.needs) for spec in make_plan(load_arena(file)).processes}
+
+    def lost_with(dead: str) -> set[str]:
+        """All that would never start."""
+        gone = {dead}
+        while more := {name for name, wanted in needs.items() if wanted & gone} - gone:
+            gone |= more
+        return gone
+
+    assert lost_with("px4.uav1") == {"px4.uav1", "forward.uav1", "program.uav1"}

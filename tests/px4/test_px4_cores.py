@@ -1,0 +1,35 @@
+"""PX4 leaves the core that a hurrying world keeps to; nothing changes beside one that does not."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+ASK = """import os, sys
+from arena.px4.__main__ import leave_its_core
+leave_its_core(int(sys.argv[1]))
+print(*sorted(os.sched_getaffinity(0)))"""
+CORES = os.sched_getaffinity(0)
+
+
+def left_by(world_cores: set[int]) -> set[int]:
+    with subprocess.Popen(["sleep", "30"]) as world:
+        try:
+            os.sched_setaffinity(world.pid, world_cores)
+            said = subprocess.run([sys.executable, "-c", ASK, str(world.pid)], capture_output=True, text=True, check=True).stdout
+        finally:
+            world.kill()
+    return {int(core) for core in said.split()}
+
+
+@pytest.mark.skipif(len(CORES) < 2, reason="one core")
+def test_px4_leaves_the_core_of_a_world_that_keeps_to_one() -> None:
+    core = max(CORES)
+    assert left_by({core}) == CORES - {core}
+
+
+def test_px4_may_run_anywhere_beside_a_world_that_does() -> None:
+    assert left_by(CORES) == CORES

@@ -1,0 +1,106 @@
+"""Who is let in at a vehicle's simulator port: whoever speaks MAVLink first, and nobody else."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from arena.px4 import door as module
+from arena.px4 import links
+
+from .fake import FakePx4, World, greeting
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(links, "LATE_S", 5.0)
+
+
+@pytest.fixture
+def one() -> Iterator[World]:
+    made = World(1)
+    yield made
+    made.links.close()
+
+
+def knock(world: World) -> socket.socket:
+    made = socket.create_connection(world.places[0], 5.0)
+    made.settimeout(5.0)
+    return made
+
+
+def hung_up(connection: socket.socket) -> bool:
+    """Has the world closed it? What it sent before that counts as having been let in."""
+    connection.setblocking(False)
+    try:
+        return connection.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:
+        return True
+
+
+def test_a_stranger_who_is_silent_gets_no_samples_and_does_not_stand_in_the_way_of_px4(one: World) -> None:
+    with knock(one) as stranger:
+        one.step(5)
+        assert one.status() == ["never connected"]
+        FakePx4(one.places[0], [0.5] * 4)
+        one.until(lambda: one.status() == ["in step"])
+        assert hung_up(stranger)
+        assert one.step(20).tolist() == [[0.5] * 4]
+
+
+def test_one_who_says_nothing_in_time_is_sent_away_counted_and_told_once(one: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "PROVE_S", 0.05)
+    for n in (1, 2):
+        with knock(one) as stranger:
+            one.until(lambda: hung_up(stranger))
+            assert one.links.stats()["uav1"]["strangers"] == n
+    host, port = one.places[0]
+    assert len(one.said) == 1 and one.said[0].startswith(f"uav1: simulator port {host}:{port}: a connection from ")
+    assert one.said[0].endswith("was closed: it said nothing valid within 0.05 s, so it is no PX4")
+
+
+@pytest.mark.parametrize("rubbish", [b"GET / HTTP/1.0\r\n\r\n", b"\0" * 40, greeting()[1:20] + b"\xff" * 300])
+def test_one_who_speaks_something_else_is_sent_away_at_once(one: World, rubbish: bytes) -> None:
+    with knock(one) as stranger:
+        stranger.sendall(rubbish)
+        began = time.monotonic()
+        one.until(lambda: hung_up(stranger))
+        assert time.monotonic() - began < module.PROVE_S
+        assert "does not speak MAVLink" in one.said[0] and one.status() == ["never connected"]
+
+
+def test_a_greeting_in_pieces_is_a_greeting(one: World) -> None:
+    with knock(one) as px4:
+        for byte in greeting():
+            px4.sendall(bytes([byte]))
+            one.step()
+        one.until(lambda: one.status() == ["booting"])
+
+
+def test_while_a_px4_is_connected_others_are_refused_and_told_once(one: World) -> None:
+    px4 = FakePx4(one.places[0], [0.5] * 4)
+    one.until_in_step()
+    for _ in range(3):
+        with knock(one) as second:
+            second.sendall(greeting())
+            one.until(lambda: hung_up(second))
+    assert one.status() == ["in step"] and one.links.stats()["uav1"]["refused"] == 3
+    assert [text for text in one.said if "was refused" in text] == one.said[1:2]
+    before = len(px4.samples)
+    assert one.step(20).tolist() == [[0.5] * 4] and len(px4.samples) >= before + 19
+
+
+def test_a_flight_controller_in_the_loop_is_flown_and_never_waited_for(one: World) -> None:
+    controller = FakePx4(one.places[0], [0.5] * 4, free_run=0, flags=0)
+    one.until(lambda: one.step().tolist() == [[0.5] * 4])
+    controller.mute()
+    began = time.monotonic()
+    one.step(200)
+    assert time.monotonic() - began < links.LATE_S, "it was waited for"
+    assert one.status() == ["booting"] and one.said == ["uav1: PX4 connected"]
+    controller.hang_up()

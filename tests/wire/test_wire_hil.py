@@ -1,0 +1,102 @@
+"""The messages of PX4's simulator API, against bytes written down and against pymavlink."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.wire import hil
+from arena.wire.mavframe import Stream, cut
+
+floats = st.floats(width=32, allow_nan=False)
+int16s, int32s = st.integers(-(2**15), 2**15 - 1), st.integers(-(2**31), 2**31 - 1)
+times = st.integers(0, 2**64 - 1)
+
+
+def many(what: st.SearchStrategy[Any], count: int) -> st.SearchStrategy[list[Any]]:
+    return st.lists(what, min_size=count, max_size=count)
+
+
+def oracle(message: Any, number: int = 0) -> bytes:
+    voice = mavlink.MAVLink(None, srcSystem=1, srcComponent=200)
+    voice.seq = number
+    return bytes(message.pack(voice))
+
+
+def read(data: bytes) -> hil.Controls:
+    buffer, found = Stream().feed(data)
+    (frame,) = found.frames
+    return hil.controls(buffer, frame)
+
+
+def test_a_sensor_message_has_these_bytes() -> None:
+    data = hil.Voice(1, 200).sensor(1_500_000, [1.0, 0, -2.0, 0, 0, 0, 0, 0, 0, 956.0, 0, 488.0, 25.0], 0x1AFF)
+    assert data.hex() == (
+        "fd" "3e" "00" "00" "00" "01" "c8" "6b0000"  # magic, length, flags, flags, number, system, component, message
+        "60e3160000000000"  # time_usec
+        "0000803f" "00000000" "000000c0"  # accel
+        "000000000000000000000000" "000000000000000000000000"  # gyro, mag
+        "00006f44" "00000000" "0000f443" "0000c841"  # pressure, difference, height, temperature
+        "ff1a"  # fields_updated; the zeros behind it, and id 0, are left away
+    ) + data[-2:].hex()  # fmt: skip
+    assert data == oracle(mavlink.MAVLink_hil_sensor_message(1_500_000, 1, 0, -2, *[0] * 6, 956, 0, 488, 25, 0x1AFF, 0))
+
+
+@given(times, many(floats, 13), st.integers(0, 2**32 - 1))
+def test_sensors_are_packed_as_the_other_codec_packs_them(time_usec: int, readings: list[float], fields: int) -> None:
+    expected = mavlink.MAVLink_hil_sensor_message(time_usec, *readings, fields, 0)
+    assert hil.Voice(1, 200).sensor(time_usec, readings, fields) == oracle(expected)
+
+
+@given(times, many(floats, 4), many(floats, 3), many(int32s, 3), many(int16s, 3), st.integers(0, 2**16 - 1), many(int16s, 3))
+def test_the_truth_is_packed_as_the_other_codec_packs_it(
+    time_usec: int, q: list[float], rates: list[float], place: list[int], v: list[int], speed: int, accel: list[int]
+) -> None:
+    expected = mavlink.MAVLink_hil_state_quaternion_message(time_usec, q, *rates, *place, *v, speed, speed, *accel)
+    found = hil.Voice(1, 200).state(time_usec, q, rates, (place[0], place[1], place[2]), v, speed, accel)
+    assert found == oracle(expected)
+
+
+@given(times, many(st.floats(width=32), 16), st.integers(0, 255), times)
+def test_controls_are_read_as_the_other_codec_packs_them(
+    time_usec: int, outputs: list[float], mode: int, flags: int
+) -> None:
+    found = read(oracle(mavlink.MAVLink_hil_actuator_controls_message(time_usec, outputs, mode, flags)))
+    assert (found.time_usec, found.mode, found.flags) == (time_usec, mode, flags)
+    assert all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in zip(found.controls, outputs, strict=True))
+    assert found.armed == bool(mode & 128) and found.lockstep == bool(flags & 1)
+
+
+def test_controls_of_nothing_but_zeros_are_cut_to_a_byte_on_the_wire_and_whole_again_here() -> None:
+    data = oracle(mavlink.MAVLink_hil_actuator_controls_message(0, [0.0] * 16, 0, 0))
+    assert data[1] == 1
+    assert read(data) == hil.Controls(0, (0.0,) * 16, 0, 0)
+
+
+def test_messages_are_numbered_so_that_a_lost_one_is_seen() -> None:
+    voice = hil.Voice(1, 200)
+    assert [voice.sensor(0, [0.0] * 13, 1)[4] for _ in range(257)] == [*range(256), 0]
+
+
+@pytest.mark.parametrize("at", range(10, 70))
+def test_a_bit_that_flips_on_the_way_is_noticed(at: int) -> None:
+    data = bytearray(hil.Voice(1, 200).sensor(1, [1.0] * 13, 0x1FFF))
+    assert len(cut(data).frames) == 1
+    data[at] ^= 0x10
+    assert cut(data).frames == []
+
+
+def test_satellites_and_sticks_are_read_by_the_reference_codec_as_they_were_meant() -> None:
+    codec, voice = mavlink.MAVLink(None), hil.Voice(1, 200)
+    (gps,) = codec.parse_buffer(voice.gps(5_000_000, (387_000_001, -91_000_002, 103_456), (80, 120), [30, -40, 5], 14))
+    assert (gps.time_usec, gps.lat, gps.lon, gps.alt) == (5_000_000, 387_000_001, -91_000_002, 103_456)
+    assert (gps.eph, gps.epv, gps.vn, gps.ve, gps.vd, gps.fix_type, gps.satellites_visible) == (80, 120, 30, -40, 5, 3, 14)
+    assert gps.vel == 50 and gps.cog == 65535
+    (rc,) = codec.parse_buffer(voice.sticks(5_000, (1500,) * 7 + (1900,)))
+    assert (rc.time_boot_ms, rc.chancount, rc.rssi) == (5_000, 8, 100)
+    assert (rc.chan1_raw, rc.chan8_raw, rc.chan9_raw) == (1500, 1900, 65535)
