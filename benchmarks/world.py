@@ -1,75 +1,215 @@
-"""Microseconds per step of the world's core, by the number of vehicles: `python benchmarks/world.py`.
+"""What a vehicle costs: CPU time per step of the world and of its built-in autopilots, by the number of vehicles.
 
-One step is a sensor period: two physics steps at 500 Hz, every sensor, the truth and the verdicts; no
-sockets, no autopilots. Vehicles hover, then stand on the floor, which costs bullet its contacts.
+    python benchmarks/world.py [--counts 1 10 50 200] [--repeat 3] [--plot cost.png]
+
+One step is a sensor period of 4 ms: two physics steps at 500 Hz, every sensor, the truth and the verdicts (world); then
+estimators, control, failsafes and MAVLink both ways (autopilots), each vehicle hovering in OFFBOARD on poses at 60 Hz and
+setpoints at 30 Hz, its telemetry packed at PX4's rates. One process, one core, no sockets. The figures are CPU time, the least of
+several rounds; `x real time` is 4 ms over their sum. `standing`: the world's step with every vehicle on the floor, where bullet
+has contacts to solve.
 """
 
 from __future__ import annotations
 
+import argparse
+import math
+import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+from pymavlink.dialects.v20 import common as mavlink
 
+from arena.autopilot import Autopilots
+from arena.plan import make_plan
+from arena.schema import load_arena
 from arena.sim.world import World
 
-PROFILE = yaml.safe_load((Path(__file__).parents[1] / "profiles" / "iris.yaml").read_text())
-COUNTS = (1, 10, 50, 200)
-LEAST_S = 0.5
+STEP_US = 4000.0
+POSES_EVERY, SETPOINTS_EVERY = 4, 8  # steps: 62.5 Hz, 31.25 Hz
+HEIGHT_M = 1.5
+ROUND = 250  # steps in a round: a second, in which every stream has had its turn
+NAN21 = [math.nan] * 21
+COVARIANCE = [1e-6 if k in (0, 6, 11, 15, 18, 20) else math.nan for k in range(21)]
 
 
-def settings(count: int, height_m: float) -> dict[str, Any]:
-    side = int(np.ceil(np.sqrt(count)))
-    vehicles = [
-        {
-            "name": f"uav{k + 1}",
-            "id": k + 1,
-            "profile": PROFILE,
-            "position": [k % side - side / 2, k // side - side / 2, -height_m],
-        }
-        for k in range(count)
+def settings(count: int, folder: Path) -> dict[str, Any]:
+    """The world's slice of an arena of so many vehicles, two metres apart."""
+    side = math.ceil(math.sqrt(count))
+    lines = [
+        f"world: {{size: [{2 * side + 6}, {2 * side + 6}, 6]}}",
+        "defaults: {profile: iris, autopilot: builtin}",
+        "vehicles:",
     ]
-    return {"seed": 1, "size_m": [side + 5, side + 5, 50], "physics_hz": 500, "sensor_hz": 250, "vehicles": vehicles}
+    for k in range(count):
+        north, east = (2.0 * (each - (side - 1) / 2) for each in divmod(k, side))
+        lines.append(f"  uav{k + 1}: {{start: {{position: [{north}, {east}, 0]}}}}")
+    path = folder / f"{count}.yaml"
+    path.write_text("\n".join(lines) + "\n")
+    slice_: dict[str, Any] = make_plan(load_arena(path)).slices["world.json"]
+    return slice_
 
 
-def measure(count: int, *, flying: bool) -> tuple[float, float]:
-    """Time per step, and of it in pybullet [us]. The vehicles hover open loop, so they are put back before
-    they drift away.
-    """
-    world = World(settings(count, 10.0 if flying else 0.0))
-    motors = np.repeat(world.fleet.hover[:, None] * (1.0 if flying else 0.1), world.fleet.rotors, axis=1)
-    inside = [0.0]
-    step, contacts = world.bodies.step, world.bodies.contacts
+class Fleet:
+    """World and autopilots stepped in one process, as the world's process does it."""
 
-    def timed(call: Any) -> Any:
-        def run(*args: Any) -> Any:
-            began = time.perf_counter()
-            result = call(*args)
-            inside[0] += time.perf_counter() - began
-            return result
+    def __init__(self, slice_: dict[str, Any]) -> None:
+        self.world = World(slice_)
+        self.pilots = Autopilots(slice_, self.world.period_s)
+        self.count = len(slice_["vehicles"])
+        self.ids = [v["id"] for v in slice_["vehicles"]]
+        self.voices = [mavlink.MAVLink(None, srcSystem=i, srcComponent=191) for i in self.ids]
+        self.stood = self.world.truth().p_n.copy()
+        self.motors: Any = np.zeros((self.count, 4))
+        self.steps, self.spent = 0, {"world": 0.0, "autopilots": 0.0}
 
-        return run
+    def close(self) -> None:
+        self.world.close()
 
-    world.bodies.step, world.bodies.contacts, world.bodies.push = timed(step), timed(contacts), timed(world.bodies.push)  # type: ignore[method-assign]
-    for _ in range(20):
-        world.step(motors)
-    inside[0], steps, began = 0.0, 0, time.perf_counter()
-    while (took := time.perf_counter() - began) < LEAST_S:
-        world.sense()
-        world.step(motors)
-        world.truth()
-        steps += 1
-    world.close()
-    return took / steps * 1e6, inside[0] / steps * 1e6
+    def step(self) -> None:
+        said = self._said()  # made outside the figures: it is the forwarders' and programs' work
+        began = time.process_time()
+        sensors = self.world.sense()
+        sensed = time.process_time()
+        for i, link, data in said:
+            self.pilots.receive(i, link, data)
+        self.motors = self.pilots.step(self.world.now, sensors)
+        self.pilots.transmit()
+        flown = time.process_time()
+        self.world.step(self.motors)
+        self.world.truth()
+        self.spent["world"] += sensed - began + time.process_time() - flown
+        self.spent["autopilots"] += flown - sensed
+        self.steps += 1
+
+    def _said(self) -> list[tuple[int, str, bytes]]:
+        said = []
+        if self.steps % POSES_EVERY == 0:
+            truth = self.world.truth()
+            for i, voice in enumerate(self.voices):
+                pose = mavlink.MAVLink_odometry_message(
+                    0, 1, 12, *truth.p_n[i], truth.q_nb[i].tolist(), *NAN21[:6], COVARIANCE, NAN21, 0, 2, 0
+                )
+                said.append((i, "vision", pose.pack(voice)))
+        if self.steps % SETPOINTS_EVERY == 0:
+            for i, voice in enumerate(self.voices):
+                n, e, d = self.stood[i]
+                target = mavlink.MAVLink_set_position_target_local_ned_message(
+                    0, self.ids[i], 1, 1, 0b100111111000, n, e, d - HEIGHT_M, 0, 0, 0, 0, 0, 0, 0, 0
+                )
+                said.append((i, "router", target.pack(voice)))
+        return said
+
+    def command(self, command: int, *values: float) -> None:
+        for i, voice in enumerate(self.voices):
+            message = mavlink.MAVLink_command_long_message(self.ids[i], 1, command, 0, *(*values, *[0.0] * 7)[:7])
+            self.pilots.receive(i, "router", message.pack(voice))
+
+    def take_off(self) -> None:
+        """Every vehicle in OFFBOARD at its height. Raises SystemExit where one is not."""
+        for i, voice in enumerate(self.voices):
+            origin = mavlink.MAVLink_set_gps_global_origin_message(self.ids[i], 387_000_000, -91_000_000, 100_000)
+            self.pilots.receive(i, "vision", origin.pack(voice))
+        self.run(1000)  # estimators settle
+        self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6, 0)
+        self.run(10)
+        self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        self.run(1500)
+        if np.any(np.abs(self.stood[:, 2] - HEIGHT_M - self.world.truth().p_n[:, 2]) > 0.15):
+            raise SystemExit(f"of {self.count} vehicles, not every one hovers: {self.world.truth().p_n[:, 2]}")
+
+    def run(self, steps: int) -> None:
+        for _ in range(steps):
+            self.step()
+
+    def costs(self, rounds: int) -> dict[str, float]:
+        """The least CPU time of a step over some rounds, by part [us]."""
+        seen: dict[str, list[float]] = {part: [] for part in self.spent}
+        for _ in range(rounds):
+            before = dict(self.spent)
+            self.run(ROUND)
+            for part, was in before.items():
+                seen[part].append((self.spent[part] - was) / ROUND * 1e6)
+        return {part: min(each) for part, each in seen.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """count: vehicles; the others CPU time of a step [us]."""
+
+    count: int
+    world: float
+    autopilots: float
+    standing: float
+
+    @property
+    def whole(self) -> float:
+        return self.world + self.autopilots
+
+
+def measure(count: int, folder: Path, rounds: int) -> Row:
+    fleet = Fleet(settings(count, folder))
+    fleet.run(ROUND)
+    standing = fleet.costs(rounds)["world"]
+    fleet.take_off()
+    flying = fleet.costs(rounds)
+    fleet.close()
+    return Row(count=count, world=flying["world"], autopilots=flying["autopilots"], standing=standing)
+
+
+def table(rows: list[Row]) -> str:
+    lines = [
+        "| vehicles | world µs | autopilots µs | both µs | per vehicle µs | x real time | world, standing µs |",
+        "|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    lines += [
+        f"| {r.count} | {r.world:.0f} | {r.autopilots:.0f} | {r.whole:.0f} | {r.whole / r.count:.1f} "
+        f"| {STEP_US / r.whole:.1f} | {r.standing:.0f} |"
+        for r in rows
+    ]
+    return "\n".join(lines)
+
+
+def plot(rows: list[Row], path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    counts = [r.count for r in rows]
+    figure, (cost, speed) = plt.subplots(1, 2, figsize=(9, 3.6), constrained_layout=True)
+    for part, colour in (("autopilots", "tab:blue"), ("world", "tab:orange")):
+        cost.plot(counts, [getattr(r, part) / r.count for r in rows], "o-", color=colour, label=part)
+    cost.plot(counts, [r.whole / r.count for r in rows], "o-", color="black", label="both")
+    cost.set(xscale="log", yscale="log", xlabel="vehicles", ylabel="CPU time per vehicle and step [µs]")
+    cost.legend()
+    speed.plot(counts, [STEP_US / r.whole for r in rows], "o-", color="black")
+    speed.axhline(1.0, color="grey", linewidth=0.8)
+    speed.annotate("real time", (counts[0], 1.0), textcoords="offset points", xytext=(0, 3), color="grey")
+    speed.set(xscale="log", yscale="log", xlabel="vehicles", ylabel="times real time, on one core")
+    for axes in (cost, speed):
+        axes.set_xticks(counts, map(str, counts))
+        axes.minorticks_off()
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=110)
 
 
 def main() -> None:
-    print(f"{'vehicles':>8} {'flying us':>10} {'pybullet':>9} {'numpy':>7} {'standing us':>12} {'x real time':>12}")
-    for count in COUNTS:
-        (flying, bullet), (standing, _) = measure(count, flying=True), measure(count, flying=False)
-        print(f"{count:8d} {flying:10.0f} {bullet:9.0f} {flying - bullet:7.0f} {standing:12.0f} {4000 / flying:12.1f}")
+
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--counts", type=int, nargs="+", default=[1, 2, 5, 10, 20, 50, 100, 200])
+    options.add_argument(
+        "--repeat", type=int, default=3, metavar="ROUNDS", help="of one simulated second, of which the least counts"
+    )
+    options.add_argument("--plot", type=Path, metavar="FILE")
+    given = options.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [measure(count, Path(folder), given.repeat) for count in given.counts]
+    print(table(rows))
+    if given.plot:
+        plot(rows, given.plot)
 
 
 if __name__ == "__main__":
