@@ -63,7 +63,7 @@ def frame(number: int) -> bytes:
     return natnet.encode_frame(natnet.Frame(number=number, timestamp_s=1.0, exposure_ticks=0, bodies=(body,)), V)
 
 
-def until(capture, done, deadline_s: float = 5.0) -> list:
+def until(capture, done, deadline_s: float = 30.0) -> list:
     """Poll when there is something to read, or a twentieth of a second has passed, until it is done."""
     found, end = [], time.monotonic() + deadline_s
     while not done():

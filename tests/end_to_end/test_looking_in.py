@@ -98,7 +98,7 @@ def test_a_ground_station_sees_every_vehicle_and_asks_one(flying: Flight, client
 def test_mavsdk_connects_and_reads_a_parameter(flying: Flight) -> None:
     pytest.importorskip("mavsdk.asyncio", reason="mavsdk 4 is not installed: pip install 'flying-arena[sdk]'")
     command = [sys.executable, str(PROGRAMS / "sdk.py"), f"udpin://{flying.address}:{SDK_PORT + 2}"]
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     told = json.loads(ran.stdout.splitlines()[-1])
     assert told == {"heard": [2], "descent_m_s": pytest.approx(0.7), "armed": True}

@@ -22,7 +22,7 @@ from arena.room import LIFELINE
 from arena.wire.truth import Truth
 
 _hosts = itertools.count(1)
-DEADLINE_S = 10.0
+DEADLINE_S = 40.0
 
 
 def truth_at(time_s: float) -> Truth:
@@ -126,7 +126,7 @@ class Arena:
     def close(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
-        self.process.wait(5)
+        self.process.wait(30)
         self.process.stderr.close()
         for s in (self.server, self.autopilot, self.line):
             s.close()
@@ -158,11 +158,11 @@ def test_poses_flow_in_ned_and_it_is_ready_when_the_autopilot_may_arm(arena):
     assert abs(sum(a * b for a, b in zip(m.q, truth.q_nb[0], strict=True))) > 0.9999
     assert arena.of("SET_GPS_GLOBAL_ORIGIN")
     arena.until(lambda: arena.stats.get("poses", 0) > 100)
-    assert arena.stats["rate_hz"] == pytest.approx(60, abs=10)
+    assert 20 < arena.stats["rate_hz"] < 66  # a starved machine gives less, never more
     beat = arena.of("HEARTBEAT")[0]
     assert (beat.type, beat.get_srcSystem(), beat.get_srcComponent()) == (18, 1, 197)
     arena.process.terminate()
-    assert arena.process.wait(5) == 0
+    assert arena.process.wait(30) == 0
 
 
 def test_a_stranger_on_the_vision_link_is_not_heard_and_a_flood_stops_no_pose(arena):
@@ -216,7 +216,7 @@ def test_a_slice_without_a_key_is_a_sentence(tmp_path):
     (tmp_path / "slice.json").write_text('{"name": "forward.x"}')
     for room in ("arena.forward", "arena.mocap"):
         command = [sys.executable, "-m", room, str(tmp_path / "slice.json")]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert done.returncode == 2
         assert "is missing" in done.stderr
         assert "Traceback" not in done.stderr

@@ -81,7 +81,7 @@ def emulator(tmp_path, address: str, **changes):
         yield settings
     finally:
         process.terminate()
-        assert process.wait(5) == 0
+        assert process.wait(30) == 0
         ours.close()
         world.end()
 
@@ -135,7 +135,7 @@ print(sorted(bodies), *bodies["uav1"].position)
 """
     with emulator(tmp_path, "127.0.0.1", version=version, transport=transport) as s:
         out = subprocess.run(
-            [sys.executable, "-c", script, str(s["command_port"])], capture_output=True, text=True, timeout=20, check=False
+            [sys.executable, "-c", script, str(s["command_port"])], capture_output=True, text=True, timeout=120, check=False
         )  # fmt: skip
     assert out.returncode == 0, out.stderr
     names, _, position = out.stdout.splitlines()[-1].partition("] ")

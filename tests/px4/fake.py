@@ -127,7 +127,7 @@ class World:
             self.said += self.links.events()
         return motors
 
-    def until(self, true: Callable[[], Any], limit_s: float = 10.0) -> Any:
+    def until(self, true: Callable[[], Any], limit_s: float = 40.0) -> Any:
         """Step until this holds."""
         deadline = time.monotonic() + limit_s
         while not (found := true()):

@@ -182,7 +182,7 @@ def test_a_second_stand_in_of_one_instance_and_address_is_refused_by_its_lock(
     folder = Path(settings["folder"])
     env = {**os.environ, **{f"PX4_PARAM_{k}": text(v) for k, v in settings["params"].items()}}
     argv = [*settings["argv"], "-d", "-i", "6", "-w", str(folder), str(folder / "etc")]
-    second = subprocess.run(argv, env=env, capture_output=True, text=True, timeout=30, check=False)
+    second = subprocess.run(argv, env=env, capture_output=True, text=True, timeout=120, check=False)
     assert second.returncode == 1 and f"stand-in 6 of {world.address} is already running" in second.stderr
 
 

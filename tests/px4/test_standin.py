@@ -151,6 +151,6 @@ def test_a_command_line_that_cannot_be_ends_with_2_and_says_that_it_is_no_px4(
 ) -> None:
     argv = [sys.executable, "-m", "arena.autopilot.standin", "-d", "-i", "0", *arguments]
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    done = subprocess.run(argv, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run(argv, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2 and said in done.stderr
     assert BANNER in done.stdout or "usage" in done.stderr

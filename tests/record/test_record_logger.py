@@ -66,7 +66,7 @@ class Running:
     def close(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
-        self.process.wait(10)
+        self.process.wait(30)
         self.line.close()
         self.vehicle.close()
 
@@ -89,7 +89,7 @@ def test_it_writes_from_the_moment_it_hears_the_vehicle_and_ends_when_told(start
     assert len(logger.rows()) == 1  # the header
     logger.speak_until_rows(20)
     logger.process.send_signal(signal.SIGTERM)
-    assert logger.process.wait(5) == 0
+    assert logger.process.wait(30) == 0
     rows = logger.rows()
     assert {len(row) for row in rows} == {len(rows[0])}
     stamps = np.array([float(row[0]) for row in rows[1:]])
@@ -117,7 +117,7 @@ def test_a_simulated_vehicle_is_logged_on_simulation_time_with_its_truth(start, 
         logger.speak_until_rows(20, step)
     finally:
         clock.close()
-    assert logger.process.wait(5) == 0  # the world has ended, and the log with it
+    assert logger.process.wait(30) == 0  # the world has ended, and the log with it
     header, *rows = logger.rows()
     column = {name: i for i, name in enumerate(header)}
     first, last = float(rows[0][0]), float(rows[-1][0])
@@ -144,7 +144,7 @@ def test_an_orphan_ends_by_itself_once_the_vehicle_is_disarmed(start):
     logger = start()
     logger.speak_until_rows(2, armed=False)
     logger.line.close()
-    assert logger.process.wait(10) == 0
+    assert logger.process.wait(30) == 0
 
 
 def test_a_port_that_is_taken_is_one_line_and_a_failure(start, tmp_path):
@@ -152,7 +152,7 @@ def test_a_port_that_is_taken_is_one_line_and_a_failure(start, tmp_path):
     settings = {**json.loads((tmp_path / "slice.json").read_text())}
     (tmp_path / "other.json").write_text(json.dumps({**settings, "folder": str(tmp_path / "other")}))
     argv = [sys.executable, "-m", "arena.record", str(tmp_path / "other.json")]
-    second = subprocess.run(argv, capture_output=True, text=True, timeout=20, check=False)
+    second = subprocess.run(argv, capture_output=True, text=True, timeout=120, check=False)
     assert second.returncode == 1
     assert second.stderr == f"logger: cannot listen on UDP {logger.to[0]}:{logger.to[1]}: Address already in use\n"
     assert logger.process.poll() is None

@@ -181,7 +181,7 @@ def test_through_a_real_router_alone_everybody_is_landed_and_heard(tmp_path):
 
 def arena(*arguments, module="arena.cli", cwd=None, env=None):
     return subprocess.run(
-        [sys.executable, "-m", module, *map(str, arguments)], capture_output=True, text=True, timeout=60, cwd=cwd, check=False,
+        [sys.executable, "-m", module, *map(str, arguments)], capture_output=True, text=True, timeout=180, cwd=cwd, check=False,
         env={**os.environ, **(env or {})},
     )
 
@@ -239,7 +239,7 @@ def test_the_panic_path_imports_nothing_heavy():
 
 
 def arena_python(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True).stdout
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True).stdout
 
 
 def test_fifty_vehicles_are_all_commanded_soon_after_the_start_of_the_process(tmp_path, record_property):

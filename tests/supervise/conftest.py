@@ -20,9 +20,9 @@ from arena.supervise import Control, RunState, open_run, proc
 CHILDREN = Path(__file__).parents[1] / "children"
 
 
-def eventually(check: Callable[[], Any], limit_s: float = 10.0, what: str = "") -> Any:
+def eventually(check: Callable[[], Any], limit_s: float = 40.0, what: str = "") -> Any:
     """The first true value of `check`; fails at the deadline."""
-    deadline = time.monotonic() + limit_s
+    deadline = time.monotonic() + limit_s  # generous: the machine may be shared
     while time.monotonic() < deadline:
         if value := check():
             return value

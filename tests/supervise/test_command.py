@@ -23,7 +23,7 @@ class Terminal:
 
     def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, str(CHILDREN / "arena_up.py"), *arguments]
-        return subprocess.run(command, capture_output=True, text=True, timeout=30, cwd=self.folder, check=False)
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=self.folder, check=False)
 
     def up(self, plan: Plan, name: str = "a.json", *options: str) -> subprocess.CompletedProcess[str]:
         (self.folder / name).write_text(plan.to_json())

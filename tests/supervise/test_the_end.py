@@ -215,4 +215,4 @@ def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_iden
 
 
 def run_python(code: str) -> str:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30, check=True).stdout
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True).stdout

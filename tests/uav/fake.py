@@ -28,7 +28,7 @@ def free_address() -> tuple[str, int]:
         return host, probe.getsockname()[1]
 
 
-def until(done: Callable[[], object], deadline_s: float = 5.0) -> None:
+def until(done: Callable[[], object], deadline_s: float = 30.0) -> None:
     """Wait for an event with a deadline."""
     end = time.monotonic() + deadline_s
     tick = threading.Event()
