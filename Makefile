@@ -33,6 +33,8 @@ docs: .venv/ready
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("arena needs Python 3.11 or newer: make PYTHON=python3.11")'
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[sim,test]'
+	# tested against too; of what it asks for, half a gigabyte of viewers, nothing is needed here
+	-$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'MAVProxy>=1.8.70'
 	touch $@
 
 clean:
