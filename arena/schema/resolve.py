@@ -25,6 +25,7 @@ DEFAULT_BAUD = 921_600
 DEFAULT_PROFILE = "iris"
 MOST_POSE_RATE_HZ = 60.0
 _FORWARD_MS = 1.0
+_RETURN_SHARE = 0.6  # of the room's height, up to which AUTO.RTL climbs
 
 # What an arena without sticks and satellites needs of any PX4. Sources: PX4's parameter reference and its guide to external
 # vision; land when setpoints stop (COM_OBL_RC_ACT 4, at once), no sticks (COM_RC_IN_MODE 4, COM_RCL_EXCEPT bit 2), a brisk
@@ -37,6 +38,9 @@ VISION_PARAMS: Mapping[str, float] = {
     "EKF2_EV_CTRL": 15, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_MAG_TYPE": 5,
     "EKF2_EVP_NOISE": 0.01, "EKF2_EVA_NOISE": 0.05, "EKF2_NOAID_TOUT": 1_000_000,
 }  # fmt: skip
+
+# How high AUTO.RTL climbs and where it waits before it lands, PX4's defaults [m]: in a room its ceiling comes first.
+RETURN_HEIGHTS: Mapping[str, float] = {"RTL_RETURN_ALT": 30.0, "RTL_DESCEND_ALT": 10.0}
 
 # With satellites: seen by all that asks for them. Where cameras are, EKF2 goes on flying by those alone (EKF2_GPS_CTRL 0).
 GPS_PARAMS: Mapping[str, float] = {"SYS_HAS_GPS": 1}
@@ -213,6 +217,8 @@ class _Merge:
         delay_ms = self.model.mocap.latency_ms + _FORWARD_MS
         computed = {"MAV_SYS_ID": (vehicle_id, "rule: id"),
                     "MPC_THR_HOVER": (profile.hover_command, f"thrust curve of profile {profile.name}")}  # fmt: skip
+        height = round(_RETURN_SHARE * self.model.world.size[2], 2)
+        computed |= {k: (min(height, most), "under the ceiling: 0.6 of the room's height") for k, most in RETURN_HEIGHTS.items()}
         if has["forward"]:
             computed["EKF2_EV_DELAY"] = (delay_ms, "mocap.latency_ms + 1 ms of forwarding")
         layers: list[tuple[str, float, str]] = [(k, v, "arena's default") for k, v in ARENA_PARAMS.items()]

@@ -97,6 +97,9 @@ def test_parameters_follow_from_the_arena(folder: Path) -> None:
     assert two["MPC_THR_HOVER"] == pytest.approx(0.6099, abs=1e-4)
     assert (one["MAV_SYS_ID"], two["MAV_SYS_ID"]) == (1.0, 2.0)
     assert one["COM_OBL_RC_ACT"] == 4.0, "offboard loss must land"
+    assert (one["RTL_RETURN_ALT"], one["RTL_DESCEND_ALT"]) == (pytest.approx(1.8), pytest.approx(1.8)), "under a ceiling of 3 m"
+    high = load(TWO, "world.size=[30,30,40]").vehicles[0].params
+    assert (high["RTL_RETURN_ALT"], high["RTL_DESCEND_ALT"]) == (24.0, 10.0)
     assert load(TWO, "defaults.params.MPC_THR_HOVER=0.4").vehicles[0].params["MPC_THR_HOVER"] == 0.4
 
 
