@@ -166,7 +166,7 @@ class Commander:
         ]
         return [words for failed, words in checks if failed]
 
-    def arm(self, s: Sensed, limits: Limits) -> str:
+    def arm(self, s: Sensed, limits: Limits, *, why: str = "by external command") -> str:
         """Arm, or return why not."""
         reasons = self.arm_checks(s, limits)
         if self.armed:
@@ -177,7 +177,7 @@ class Commander:
         self.armed, self.armed_since, self.took_off, self._landed_since = True, s.now, False, None
         self._pending, self._battery_level, self._fence = None, 0, ""
         self.failsafe = ""
-        self.say(INFO, "Armed by external command")
+        self.say(INFO, f"Armed {why}")
         return ""
 
     def disarm(self, s: Sensed, *, force: bool = False, why: str = "by external command") -> str:
@@ -208,7 +208,9 @@ class Commander:
         """Failsafes, take-off bookkeeping, automatic disarming."""
         if not self.armed:
             return
-        self.took_off |= s.flying and not s.landed
+        if s.flying and not (s.landed or self.took_off):
+            self.took_off = True
+            self.say(INFO, "Takeoff detected")
         self._check_attitude(s, limits)
         self._check_position(s)
         self._check_fence(s, limits)

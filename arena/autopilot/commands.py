@@ -23,7 +23,7 @@ Command = Callable[["Face", "Link", Parameters], int]
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 FORCE_MAGIC = 21196.0
-_SHORTEST_S = 0.004
+_SHORTEST_S, _LONGEST_S = 0.004, 2147.0  # between messages; MESSAGE_INTERVAL tells no longer one
 _UNSAID = 2**31 - 1  # INT32_MAX in COMMAND_INT: no place given
 
 
@@ -93,7 +93,7 @@ def _mission_start(f: Face, link: Link, p: Parameters) -> int:
     if not (math.isfinite(p[0]) and -1 <= p[0] < len(f.missions.items[0])):
         return DENIED
     result = _change_mode(f, Mode.MISSION)
-    if result == ACCEPTED and f.commander.arm(f.sensed, f.limits):
+    if result == ACCEPTED and f.commander.arm(f.sensed, f.limits, why="by mission start"):
         return TEMPORARILY_REJECTED
     return result
 
@@ -146,7 +146,7 @@ def _set_interval(f: Face, link: Link, p: Parameters) -> int:
         return FAILED
     default = streams.LINK_RATES[link.name].get(msgid, 0.0)
     interval = (1.0 / default if default else 0.0) if us == 0 else us * 1e-6 if us > 0 else 0.0
-    f.schedule(link, msgid, max(interval, _SHORTEST_S) if interval else 0.0)
+    f.schedule(link, msgid, min(max(interval, _SHORTEST_S), _LONGEST_S) if interval else 0.0)
     return ACCEPTED
 
 

@@ -60,14 +60,15 @@ class _Current(mavlink.MAVLink_mission_current_message):  # type: ignore[misc]
 
 @dataclass(slots=True)
 class _Transfer:
-    """One link's side of the protocol. seq: expected next; heard, sent: when last [s]."""
+    """One link's side of the protocol. seq: expected next; ints: ask for MISSION_ITEM_INT, once the partner has shown that it has
+    them; heard, sent: when last [s]."""
 
     state: str = _IDLE
     partner: tuple[int, int] = (0, 0)
     kind: int = MISSION
     seq: int = 0
     count: int = 0
-    ints: bool = True
+    ints: bool = False
     heard: float = 0.0
     sent: float = 0.0
     crc: int = 0

@@ -68,7 +68,7 @@ def upload(flight: Flight, items: list[dict], kind: int = 0) -> int:
         flight.run(0.02)
         heard, flight.heard[0] = flight.heard[0], []
         for m in heard:
-            if m.get_type() == "MISSION_REQUEST_INT":
+            if m.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                 send_item(flight, m.seq, items[m.seq], kind)
             elif m.get_type() == "MISSION_ACK":
                 flight.run(0.1)

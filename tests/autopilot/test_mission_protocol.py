@@ -65,6 +65,16 @@ def test_an_item_that_cannot_be_is_refused_and_leaves_the_old_list(station, bad,
     assert [m.command for m in download(station)] == [22, 16, 178, 177, 21]
 
 
+def test_integers_are_asked_for_once_the_partner_has_sent_some():
+    station = ready()
+    station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    station.run(0.04)
+    assert said(station, "MISSION_REQUEST") and not said(station, "MISSION_REQUEST_INT")
+    send_item(station, 0, SQUARE[0])
+    station.run(0.04)
+    assert [m.seq for m in said(station, "MISSION_REQUEST_INT")] == [1]
+
+
 def test_too_many_items_are_refused_at_once(station):
     for kind, most in ((0, 10000), (1, 64), (2, 32)):
         station.heard[0].clear()
@@ -158,7 +168,7 @@ def test_messages_of_the_protocol_for_others_are_ignored(station):
     for system, component in ((0, 1), (7, 1), (1, 51)):
         station.send(0, mavlink.MAVLink_mission_count_message(system, component, 1, 0))
     station.run(0.04)
-    assert not said(station, "MISSION_REQUEST_INT") and not said(station, "MISSION_ACK")
+    assert not said(station, "MISSION_REQUEST") and not said(station, "MISSION_ACK")
     station.send(0, mavlink.MAVLink_mission_request_list_message(1, 190, 0))
     station.run(0.04)
     assert len(said(station, "MISSION_COUNT")) == 1

@@ -47,4 +47,3 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     ran = [r for k in ("passed", "failed") for r in terminalreporter.stats.get(k, []) if "tests/clients/" in r.nodeid]
     if missing or ran:
         terminalreporter.write_line(f"clients: {len(ran)} tests ran, {len(missing)} did not for a client that is not installed")
-

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from end_to_end.flight import eventually
+from end_to_end.flight import PATIENCE, eventually
 
 from .site import Site
 
@@ -37,6 +38,13 @@ class _Beat:
         self._thread.join(2.0)
 
 
+def mission_starts(link: Any) -> bool:
+    """A mission is checked after its upload is acknowledged, in PX4 too: until then its start is refused."""
+    link.mav.command_long_send(link.target_system, 1, mavlink.MAV_CMD_MISSION_START, 0, 0, 0, 0, 0, 0, 0, 0)
+    answer = wait_for(link, "COMMAND_ACK", lambda m: m.command == mavlink.MAV_CMD_MISSION_START, 2)
+    return answer is not None and bool(answer.result == mavlink.MAV_RESULT_ACCEPTED)
+
+
 @pytest.fixture
 def link(site: Site) -> Iterator[Any]:
     site.ready()
@@ -49,27 +57,37 @@ def link(site: Site) -> Iterator[Any]:
     connection.close()
 
 
+def wait_for(link: Any, kind: str | list[str], good: Callable[[Any], bool], limit_s: float = 30.0) -> Any:
+    """The first message of these kinds that is good, or None."""
+    deadline = time.monotonic() + PATIENCE * limit_s
+    while time.monotonic() < deadline:
+        m = link.recv_match(type=kind, blocking=True, timeout=1)
+        if m is not None and good(m):
+            return m
+    return None
+
+
 def ready(link: Any, limit_s: float = 60.0) -> None:
     """May be armed, by SYS_STATUS; in a mode that only comes down nothing may."""
     link.set_mode("LOITER")
-    deadline = time.monotonic() + limit_s
     bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-    while not (m := link.recv_match(type="SYS_STATUS", blocking=True, timeout=5)) or not m.onboard_control_sensors_health & bit:
-        assert time.monotonic() < deadline
+    assert wait_for(link, "SYS_STATUS", lambda m: bool(m.onboard_control_sensors_health & bit), limit_s)
 
 
 def test_mavparm_sets_both_types_and_a_file_of_all_parameters_can_be_saved(link: Any, tmp_path: Path) -> None:
     params = mavparm.MAVParmDict()
     link.param_fetch_all()
-    count, deadline = 1, time.monotonic() + 30
+    count = 1
     while len(params) < count:
-        assert time.monotonic() < deadline
-        m = link.recv_match(type="PARAM_VALUE", blocking=True, timeout=5)
-        assert m is not None
-        if m.param_index < 65535:
-            params[m.param_id], count = m.param_value, m.param_count
+        m = wait_for(link, "PARAM_VALUE", lambda m: m.param_index < 65535)
+        assert m is not None, f"{len(params)} of {count} parameters"
+        params[m.param_id], count = m.param_value, m.param_count
     assert params.mavset(link, "MPC_XY_CRUISE", 4.5, retries=5)
-    assert params.mavset(link, "NAV_DLL_ACT", 0, retries=5, parm_type=mavlink.MAV_PARAM_TYPE_INT32)
+    assert params.mavset(link, "SYS_FAILURE_EN", 1, retries=5, parm_type=mavlink.MAV_PARAM_TYPE_INT32)
+    link.param_fetch_one("SYS_FAILURE_EN")
+    assert wait_for(
+        link, "PARAM_VALUE", lambda m: (m.param_id, struct.pack("<f", m.param_value)) == ("SYS_FAILURE_EN", b"\1\0\0\0")
+    )
     params.save(str(tmp_path / "all.parm"))
     assert len((tmp_path / "all.parm").read_text().splitlines()) >= 0.9 * count
 
@@ -85,28 +103,27 @@ def test_it_arms_takes_off_by_mode_and_lands(link: Any, site: Site) -> None:
     site.down()
 
 
-@pytest.mark.xfail(reason="uploaded and accepted, but MISSION_START after it is not obeyed; not yet understood", strict=False)
 def test_mavwp_s_list_is_uploaded_item_by_item_flown_and_its_end_told(link: Any, site: Site) -> None:
     ready(link)
     loader = mavwp.MAVWPLoader(site.vehicle, 1)
     relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
-    for seq, (command, up) in enumerate(((22, 1.5), (16, 1.5), (21, 0.0))):
+    for seq, (command, up) in enumerate(((22, 3.0), (16, 3.0), (21, 0.0))):
         to, place = (site.vehicle, 1), (47.397742, 8.545594, up)
         loader.add(mavutil.mavlink.MAVLink_mission_item_message(*to, seq, relative, command, 0, 1, 0, 0.4, 0, 0, *place))
     link.waypoint_count_send(loader.count())
-    while (m := link.recv_match(type=["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"], blocking=True, timeout=5)):
+    while m := wait_for(link, ["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"], lambda _: True):
         if m.get_type() == "MISSION_ACK":
             break
         link.mav.send(loader.wp(m.seq))
     assert m is not None and m.type == mavlink.MAV_MISSION_ACCEPTED
-    link.mav.command_long_send(site.vehicle, 1, mavlink.MAV_CMD_MISSION_START, 0, 0, 0, 0, 0, 0, 0, 0)
+    eventually(lambda: mission_starts(link), 20, "a mission that starts", site.flight.said)
     site.flight.until_up(1.0, 40)
     reached: set[int] = set()
 
-    def all_reached() -> bool:
+    def at_the_end() -> bool:
         m = link.recv_match(type="MISSION_ITEM_REACHED", blocking=True, timeout=1)
         reached.update({m.seq} if m else ())
-        return reached >= {0, 1, 2}
+        return reached >= {1, 2}  # the take-off's may be followed so soon by the next one's that PX4 tells that alone
 
-    eventually(all_reached, 60, "all reached", lambda: reached)
+    eventually(at_the_end, 60, "the last is reached", lambda: reached)
     site.down()

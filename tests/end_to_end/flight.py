@@ -48,7 +48,7 @@ _PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 
 
-def _end_with_us() -> None:
+def end_with_us() -> None:
     """In the child: a test run that is ended, even by SIGKILL, ends its arena as a SIGTERM would."""
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
@@ -82,7 +82,7 @@ class Flight:
         with self.out.open("wb") as out:
             self.process = subprocess.Popen(
                 self._command(*up), stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
-                start_new_session=True, env=self._env(), preexec_fn=_end_with_us,  # noqa: PLW1509  nothing else is done in it
+                start_new_session=True, env=self._env(), preexec_fn=end_with_us,  # noqa: PLW1509  nothing else is done in it
             )  # fmt: skip
         self._truth: TruthReader | None = None
         self._stood: NDArray[np.float64] | None = None
