@@ -108,7 +108,8 @@ class PositionControl:
         short = (a_sp[:, :2] ** 2).sum(1) > (produced**2).sum(1)
         e[:, :2] -= (short * 2.0 / self._vp[:, 0])[:, None] * (a_sp[:, :2] - produced)
         self.integral += e * self._vi * self.dt
-        np.clip(self.integral[:, 2], -GRAVITY, GRAVITY, out=self.integral[:, 2])
+        # PX4 bounds the vertical one; the horizontal one would follow an absurd acceleration to where no flight unwinds it.
+        np.clip(self.integral, -GRAVITY, GRAVITY, out=self.integral)
 
 
 def attitude_from_thrust(thrust_n: Array, yaw: Array) -> Array:
@@ -159,7 +160,9 @@ class AttitudeControl:
         error = quat_multiply(quat_conj(q_nb), quat_multiply(reduced, yaw_part))
         error *= np.where(error[:, :1] < 0, -2.0, 2.0)
         down_b = _z_axis(quat_conj(q_nb))
-        rates = error[:, 1:] * self._gain + down_b * np.where(np.isfinite(yaw_rate), yaw_rate, 0.0)[:, None]
+        # Bounded before it is turned: of a faster one each body axis would get its all, and the vehicle would roll over.
+        turn = np.clip(np.where(np.isfinite(yaw_rate), yaw_rate, 0.0), -self._limit[:, 2], self._limit[:, 2])
+        rates = error[:, 1:] * self._gain + down_b * turn[:, None]
         return np.clip(rates, -self._limit, self._limit)
 
 
@@ -203,7 +206,7 @@ class RateControl:
         fade = np.maximum(0.0, 1.0 - (error / np.radians(400.0)) ** 2)
         self.integral = np.clip(self.integral + fade * grow * self._i * self.dt, -self._limit, self._limit)
         # Rotors that gather speed push back on the body: what yaw asks for is smoothed, as PX4 does.
-        self._yaw_torque += self._lp_yaw * (torque[:, 2] - self._yaw_torque)
+        self._yaw_torque += self._lp_yaw * (np.clip(torque[:, 2], -1.0, 1.0) - self._yaw_torque)
         torque[:, 2] = self._yaw_torque
         return torque
 

@@ -27,19 +27,19 @@ from arena.wire.codec import Codec
 
 _QUEUE_LIMIT = 256
 _TEXT_BYTES = 50
+_LOWEST_M, _HIGHEST_M = -12_000.0, 100_000.0  # of an origin, as PX4
 Wgs = tuple[float, float, float]
 
 
 @dataclass(slots=True)
 class Link:
-    """One MAVLink channel. due: heap of (time, message id, generation)."""
+    """One MAVLink channel. due: heap of (time, message id), one entry for each that is sent by itself."""
 
     name: str
     codec: Codec
     out: list[bytes] = field(default_factory=list)
-    due: list[tuple[float, int, int]] = field(default_factory=list)
+    due: list[tuple[float, int]] = field(default_factory=list)
     interval: dict[int, float] = field(default_factory=dict)
-    generation: dict[int, int] = field(default_factory=dict)
     gcs_heard: float = -1e9
 
 
@@ -50,6 +50,7 @@ class Face:
         self.i, self.system, self.params = i, system, params
         self.commander = Commander(name)
         self.vision: Vision | None = None
+        self._seen: Vision | None = None
         self.setpoint: offboard.Offboard | None = None
         self.setpoint_at = -1e9
         self.takeoff_d = math.nan
@@ -85,9 +86,10 @@ class Face:
     def schedule(self, link: Link, msgid: int, interval_s: float, first: float | None = None) -> None:
         """Send a message by itself every interval_s [s], 0 for not; first: when to begin, one interval from now unless told."""
         link.interval[msgid] = interval_s
-        generation = link.generation[msgid] = link.generation.get(msgid, 0) + 1
+        link.due = [entry for entry in link.due if entry[1] != msgid]
         if interval_s > 0:
-            heapq.heappush(link.due, (self.now + interval_s if first is None else first, msgid, generation))
+            link.due.append((self.now + interval_s if first is None else first, msgid))
+        heapq.heapify(link.due)
 
     # -- hearing -------------------------------------------------------------------------------------------------------
 
@@ -145,13 +147,19 @@ class Face:
         self._take_vision(from_vision_estimate(m))
 
     def _take_vision(self, found: Vision | None) -> None:
+        """In the air no measured pose is the same to the last bit as the one before: a repeated one says nothing of now."""
+        flying = self.sensed is not None and self.sensed.flying
+        if found and flying and self._seen and (found.p_n, found.q_nb) == (self._seen.p_n, self._seen.q_nb):
+            self.counts["vision repeated"] += 1
+            return
         self.counts["vision" if found else "vision refused"] += 1
         if found:
-            self.vision = found
+            self.vision = self._seen = found
 
     def _on_origin(self, link: Link, m: Any) -> None:
         lat, lon, alt = m.latitude * 1e-7, m.longitude * 1e-7, m.altitude * 1e-3
-        if abs(lat) <= 90.0 and abs(lon) <= 180.0 and not self.commander.armed:
+        on_earth = abs(lat) <= 90.0 and abs(lon) <= 180.0 and _LOWEST_M < alt < _HIGHEST_M
+        if on_earth and not self.commander.armed:
             self.origin = (lat, lon, alt)
         self.send(link, streams.gps_global_origin(self, _stamp(self.now)))  # whether it was taken or not: what holds
 
@@ -256,10 +264,9 @@ class Face:
     def _speak_due(self, link: Link, s: Snapshot, now: float) -> None:
         due = link.due
         while due and due[0][0] <= now + 1e-6:
-            when, msgid, generation = heapq.heappop(due)
-            if generation == link.generation[msgid]:
-                self.send(link, streams.BUILDERS[msgid](self, s))
-                heapq.heappush(due, (max(when + link.interval[msgid], now - 0.1), msgid, generation))
+            when, msgid = due[0]
+            self.send(link, streams.BUILDERS[msgid](self, s))
+            heapq.heapreplace(due, (max(when + link.interval[msgid], now - 0.1), msgid))
 
     def take_out(self) -> list[tuple[str, bytes]]:
         """What to send now: one datagram a link."""
@@ -289,9 +296,9 @@ class Face:
         """p_n [m] [NED] -> latitude, longitude [1e-7 deg] and altitude AMSL [m], around the origin."""
         assert self.origin
         lat0, lon0, alt0 = self.origin
-        lat = lat0 + math.degrees(p_n[0] / streams.EARTH_RADIUS_M)
+        lat = min(max(lat0 + math.degrees(p_n[0] / streams.EARTH_RADIUS_M), -90.0), 90.0)
         lon = lon0 + math.degrees(p_n[1] / (streams.EARTH_RADIUS_M * math.cos(math.radians(lat0))))
-        return int(lat * 1e7), int(lon * 1e7), alt0 - p_n[2]
+        return int(lat * 1e7), int(((lon + 180.0) % 360.0 - 180.0) * 1e7), alt0 - p_n[2]
 
 
 def _stamp(now: float) -> Any:

@@ -16,6 +16,7 @@ _NAN = math.nan
 _NOTHING: Triple = (_NAN, _NAN, _NAN)
 _TILTING = mavlink.ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE | mavlink.ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE
 _SHORTEST = 1e-3  # of a quaternion: below this there is no direction in it
+_MOST = 1e6  # m, m/s, m/s2, rad, rad/s: what is larger is no setpoint but a mistake
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +83,7 @@ def _cascade(m: Any, p: Triple, v: Triple, a: Triple) -> Offboard | str:
     mask = m.type_mask
     yaw = _NAN if mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE else m.yaw
     yaw_rate = _NAN if mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else m.yaw_rate
-    if any(math.isinf(x) for x in (*p, *v, *a, yaw, yaw_rate)):
+    if any(abs(x) > _MOST for x in (*p, *v, *a, yaw, yaw_rate)):  # PX4 refuses the infinite alone
         return "infinite value in setpoint"
     if mask & mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET and _any_finite(a):
         return "force setpoints are not supported"
@@ -108,7 +109,7 @@ def from_attitude_target(m: Any) -> Offboard | str:
     rates = tuple(0.0 if mask & (1 << i) else x for i, x in enumerate((m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)))
     if mask & mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE or not math.isfinite(m.thrust):
         return "attitude setpoint without thrust"
-    if not all(math.isfinite(x) for x in rates):
+    if not all(abs(x) <= _MOST for x in rates):
         return "body rate that is not finite"
     thrust = min(max(m.thrust, 0.0), 1.0)
     if not by_attitude:

@@ -111,7 +111,7 @@ def global_position_int(f: Face, s: Snapshot) -> Any:
     heading = int(math.degrees(s.rpy[i][2]) % 360.0 * 100.0) % 36000
     above_home = -s.p_n[i][2] + (f.home_n[2] if f.home_n else 0.0)
     return mavlink.MAVLink_global_position_int_message(
-        _ms(s), lat, lon, int(alt * 1e3), int(above_home * 1e3), *(_clip16(100.0 * x) for x in v), heading
+        _ms(s), lat, lon, _mm(alt), _mm(above_home), *(_clip16(100.0 * x) for x in v), heading
     )
 
 
@@ -227,14 +227,14 @@ def home_position(f: Face, s: Snapshot) -> Any:
     if f.origin is None or f.home_n is None:
         return None
     lat, lon, alt = f.global_from_local(f.home_n)
-    return mavlink.MAVLink_home_position_message(lat, lon, int(alt * 1e3), *f.home_n, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, _us(s))
+    return mavlink.MAVLink_home_position_message(lat, lon, _mm(alt), *f.home_n, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, _us(s))
 
 
 def gps_global_origin(f: Face, s: Snapshot) -> Any:
     if f.origin is None:
         return None
     lat, lon, alt = f.origin
-    return mavlink.MAVLink_gps_global_origin_message(int(lat * 1e7), int(lon * 1e7), int(alt * 1e3), _us(s))
+    return mavlink.MAVLink_gps_global_origin_message(int(lat * 1e7), int(lon * 1e7), _mm(alt), _us(s))
 
 
 def estimator_status(f: Face, s: Snapshot) -> Any:
@@ -308,3 +308,8 @@ LINK_RATES: dict[str, dict[int, float]] = {
 
 def _clip16(x: float) -> int:
     return int(min(max(x, -32768.0), 32767.0)) if math.isfinite(x) else 0
+
+
+def _mm(metres: float) -> int:
+    """As far as an int32 goes."""
+    return int(min(max(metres * 1e3, -(2.0**31)), 2.0**31 - 1.0))
