@@ -54,7 +54,8 @@ _NO_ARMING = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
 class Sensed:
     """What the commander decides on. now [s]; battery remaining 0..1; offboard_age: since the last setpoint [s].
 
-    global_ok: position and the origin are known; mission_ok: one is there that may be flown; fence: what is violated, in words.
+    global_ok: position and the origin are known; mission_ok: one is there that may be flown; fence: what is violated, in words;
+    poses_rejected: the newest pose contradicts the estimate.
     """
 
     now: float
@@ -73,6 +74,7 @@ class Sensed:
     home_ok: bool = True
     mission_ok: bool = False
     fence: str = ""
+    poses_rejected: bool = False
 
 
 @dataclass(slots=True, kw_only=True)
@@ -155,6 +157,7 @@ class Commander:
         checks = [
             (not s.aligned, "Attitude not valid: waiting for external vision"),
             (position and not s.xy_valid, "Horizontal position not valid: no external vision"),
+            (s.aligned and s.poses_rejected, "Position not stable: the poses contradict the estimate"),
             (position and not s.z_valid, "Height not valid: no external vision"),
             (s.aligned and not s.yaw_valid, "Heading not valid: vision yaw rejected"),
             (offboard and s.offboard_age > limits.com_of_loss_t, "No offboard signal"),
@@ -241,7 +244,7 @@ class Commander:
         returns = level == 2 and limits.com_low_bat_act == 3
         done = _NO_ARMING if returns else _NO_ARMING - {Mode.RTL}
         if (level >= 2 and limits.com_low_bat_act in (2, 3)) and self.mode not in done:
-            self._act(_home_or_land(s) if returns else Mode.LAND, s.now, "battery")
+            self._act_soon(_home_or_land(s) if returns else Mode.LAND, s, limits, "battery")
 
     def _check_fence(self, s: Sensed, limits: Limits) -> None:
         """Answered once, when it is crossed: who then chooses another mode flies."""
@@ -253,7 +256,7 @@ class Commander:
         reaction = {2: Mode.HOLD, 3: _home_or_land(s), 4: Mode.TERMINATE, 5: Mode.LAND}.get(action)
         down = self.mode in (Mode.LAND, Mode.DESCEND, Mode.TERMINATE) or (self.mode is Mode.RTL and action == 2)
         if reaction is Mode.TERMINATE or (reaction and not down):
-            self._act(reaction, s.now, "geofence")
+            self._act_soon(reaction, s, limits, "geofence")
 
     def _check_offboard(self, s: Sensed, limits: Limits) -> None:
         if self.mode is not Mode.OFFBOARD or s.offboard_age <= limits.com_of_loss_t:
@@ -262,9 +265,6 @@ class Commander:
         if limits.com_obl_rc_act == 7:
             self.say(EMERGENCY, "Failsafe activated: offboard control lost: disarming")
             self.disarm(s, force=True, why="by failsafe")
-        elif limits.com_fail_act_t > 0 and action is not Mode.HOLD and _position_ok(s):
-            self._act(Mode.HOLD, s.now, "offboard control lost")
-            self._pending = (s.now + limits.com_fail_act_t, action)
         else:
             self._act(action, s.now, "offboard control lost")
 
@@ -272,7 +272,17 @@ class Commander:
         coming_down = self.mode in (*_NO_ARMING, Mode.LAND)
         if limits.nav_dll_act and s.gcs_age > limits.com_dl_loss_t and not coming_down and not self.failsafe:
             action = {1: Mode.HOLD, 2: _home_or_land(s), 5: Mode.TERMINATE}.get(limits.nav_dll_act, Mode.LAND)
-            self._act(action, s.now, "data link lost")
+            self._act_soon(action, s, limits, "data link lost")
+
+    def _act_soon(self, mode: Mode, s: Sensed, limits: Limits, why: str) -> None:
+        """After a hold of COM_FAIL_ACT_T in which a pilot may take over; at once where another failsafe acts already."""
+        waits = limits.com_fail_act_t > 0 and mode not in (Mode.HOLD, Mode.TERMINATE) and _position_ok(s)
+        if not waits or (self.failsafe and self.mode is not Mode.HOLD):
+            self._act(mode, s.now, why)
+            return
+        until = self._pending[0] if self._pending else s.now + limits.com_fail_act_t
+        self._act(Mode.HOLD, s.now, why)
+        self._pending = (until, mode)
 
     def _run_pending(self, s: Sensed) -> None:
         if self._pending and self.mode is Mode.HOLD and s.now >= self._pending[0]:

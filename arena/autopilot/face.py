@@ -202,7 +202,9 @@ class Face:
     def _on_set_mode(self, link: Link, m: Any) -> None:
         """The message of old, which does what MAV_CMD_DO_SET_MODE does."""
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
-        self._obey(link, mavlink.MAV_CMD_DO_SET_MODE, (float(m.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0))
+        command = mavlink.MAV_CMD_DO_SET_MODE
+        result = self._obey(link, command, (float(m.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0))
+        self.send(link, mavlink.MAVLink_command_ack_message(command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()))
 
     def _obey(self, link: Link, number: int, p: tuple[float, ...]) -> int:
         if self.sensed is not None:
@@ -298,7 +300,7 @@ class Face:
         lat0, lon0, alt0 = self.origin
         lat = min(max(lat0 + math.degrees(p_n[0] / streams.EARTH_RADIUS_M), -90.0), 90.0)
         lon = lon0 + math.degrees(p_n[1] / (streams.EARTH_RADIUS_M * math.cos(math.radians(lat0))))
-        return int(lat * 1e7), int(((lon + 180.0) % 360.0 - 180.0) * 1e7), alt0 - p_n[2]
+        return round(lat * 1e7), round(((lon + 180.0) % 360.0 - 180.0) * 1e7), alt0 - p_n[2]
 
 
 def _stamp(now: float) -> Any:

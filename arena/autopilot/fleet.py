@@ -144,6 +144,7 @@ class Autopilots:
         xy, z, yaw = est.xy_valid(now).tolist(), est.z_valid(now).tolist(), est.yaw_valid(now).tolist()
         landed, flying = self.land.landed.tolist(), self.takeoff.flying.tolist()
         battery, aligned = self._sensors["battery_remaining"].tolist(), est.aligned.tolist()
+        rejected = (est.test_ratio > 1.0).any(axis=1).tolist()
         if self._limits_version != self.params.version:
             self._limits = [self._limits_of(i) for i in range(len(self.faces))]
             self._limits_version = self.params.version
@@ -154,7 +155,7 @@ class Autopilots:
             f.sensed = Sensed(
                 now=now, xy_valid=xy[i], z_valid=z[i], yaw_valid=yaw[i], landed=landed[i], flying=flying[i], tilt_rad=tilt[i],
                 battery=battery[i], offboard_age=now - f.setpoint_at, gcs_age=f.gcs_age(now), aligned=aligned[i],
-                offboard_needs_position=f.setpoint is not None and f.setpoint.needs_position,
+                offboard_needs_position=f.setpoint is not None and f.setpoint.needs_position, poses_rejected=rejected[i],
             )  # fmt: skip
             if f.failures.battery:
                 f.sensed.battery = 0.0

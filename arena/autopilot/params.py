@@ -66,7 +66,7 @@ SPECS: dict[str, Spec] = {
     "MPC_THR_MIN": _f(0.12, 0.05, 0.5),
     "MPC_THR_MAX": _f(1.0, 0, 1), "MPC_THR_XY_MARG": _f(0.3, 0, 0.5), "MPC_USE_HTE": _i(1, 0, 1), "MPC_VELD_LP": _f(5.0, 0, 50),
     "MPC_TKO_SPEED": _f(1.5, 1, 5), "MPC_TKO_RAMP_T": _f(3.0, 0, 5), "MPC_LAND_SPEED": _f(0.7, 0.6),
-    "MPC_YAWRAUTO_MAX": _f(60.0, 5, 360),
+    "MPC_YAWRAUTO_MAX": _f(45.0, 5, 360),
     "MIS_TAKEOFF_ALT": _f(2.5, 0), "MPC_HOLD_MAX_XY": _f(0.8, 0, 3),
     "MPC_Z_V_AUTO_UP": _f(3.0, 0.5, 8), "MPC_Z_V_AUTO_DN": _f(1.5, 0.5, 4), "MPC_XY_ERR_MAX": _f(2.0, 0.1, 10),
     # missions, return and geofence; PX4's defaults for a multirotor

@@ -56,9 +56,9 @@ def _us(s: Snapshot) -> int:
 def heartbeat(f: Face, s: Snapshot) -> Any:
     c = f.commander
     base = 1 | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if c.armed else 0)
-    base |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+    base |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
     if c.mode is not Mode.OFFBOARD:
-        base |= mavlink.MAV_MODE_FLAG_AUTO_ENABLED
+        base |= mavlink.MAV_MODE_FLAG_AUTO_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
     status = mavlink.MAV_STATE_CRITICAL if c.failsafe else mavlink.MAV_STATE_ACTIVE if c.armed else mavlink.MAV_STATE_STANDBY
     if c.mode is Mode.TERMINATE:
         status = mavlink.MAV_STATE_FLIGHT_TERMINATION
@@ -140,7 +140,7 @@ def position_target_local_ned(f: Face, s: Snapshot) -> Any:
 
 def servo_output_raw(f: Face, s: Snapshot) -> Any:
     pwm = [int(1000 + 1000 * u) if f.commander.armed else 900 for u in s.motors[f.i]]
-    pwm = (pwm + [0] * 8)[:8]
+    pwm = (pwm + [900] * 8)[:8]
     return mavlink.MAVLink_servo_output_raw_message(_us(s) & 0xFFFFFFFF, 0, *pwm)
 
 
@@ -234,7 +234,7 @@ def gps_global_origin(f: Face, s: Snapshot) -> Any:
     if f.origin is None:
         return None
     lat, lon, alt = f.origin
-    return mavlink.MAVLink_gps_global_origin_message(int(lat * 1e7), int(lon * 1e7), _mm(alt), _us(s))
+    return mavlink.MAVLink_gps_global_origin_message(round(lat * 1e7), round(lon * 1e7), _mm(alt), _us(s))
 
 
 def estimator_status(f: Face, s: Snapshot) -> Any:

@@ -72,24 +72,31 @@ def test_offboard_loss_action_disarm_disarms():
     assert not c.armed
 
 
-def test_offboard_loss_waits_in_hold_for_the_action_delay():
+def test_offboard_loss_is_answered_at_once_whatever_the_action_delay():
     c, up = flying()
-    slow = limits(com_fail_act_t=5.0)
-    c.update(sensed(now=106.0, offboard_age=1.5, **up), slow)
-    assert c.mode is Mode.HOLD
-    c.update(sensed(now=110.9, offboard_age=6.0, **up), slow)
-    assert c.mode is Mode.HOLD
-    c.update(sensed(now=111.1, offboard_age=6.0, **up), slow)
+    c.update(sensed(now=106.0, offboard_age=1.5, **up), limits(com_fail_act_t=5.0))
     assert c.mode is Mode.LAND
 
 
-def test_a_pilots_mode_change_cancels_a_pending_failsafe():
+@pytest.mark.parametrize(
+    ("what", "settings"),
+    [({"gcs_age": 20.0}, {"nav_dll_act": 3}), ({"battery": 0.04}, {"com_low_bat_act": 2}), ({"fence": "outside"}, {"gf_action": 5})],
+)
+def test_the_others_wait_in_hold_for_the_action_delay_in_which_a_pilot_may_take_over(what, settings):
+    slow = limits(com_fail_act_t=5.0, **settings)
     c, up = flying()
-    slow = limits(com_fail_act_t=5.0)
-    c.update(sensed(now=106.0, offboard_age=1.5, **up), slow)
+    c.update(sensed(now=106.0, **what, **up), slow)
+    assert c.mode is Mode.HOLD
+    c.update(sensed(now=110.9, **what, **up), slow)
+    assert c.mode is Mode.HOLD
+    c.update(sensed(now=111.1, **what, **up), slow)
+    assert c.mode is Mode.LAND
+
+    c, up = flying()
+    c.update(sensed(now=106.0, **what, **up), slow)
     c.request_mode(Mode.OFFBOARD, sensed(now=107.0, **up), slow)
     c.update(sensed(now=112.0, **up), slow)
-    assert c.mode is Mode.OFFBOARD
+    assert c.mode is Mode.OFFBOARD, "who takes over flies"
 
 
 def test_position_loss_in_attitude_offboard_is_no_failsafe_but_in_position_offboard_it_is():
