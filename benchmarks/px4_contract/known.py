@@ -19,6 +19,14 @@ _INTERVAL = "an interval shorter than a step is the step; PX4 stops the stream"
 _CLOCK = "no calendar: the pure core has simulation time alone"
 _JUMP = "safer: a pose that jumps is rejected, then declared lost; PX4 follows it"
 
+_NO_SUCH_MODE = (
+    "modes flown by hand, precision landing, following and external modes are not there: refused with a text. PX4 takes them, or "
+    "acknowledges them first and refuses then, in silence"
+)
+_NOT_THERE = "not there and acknowledged as unsupported; PX4 has it, says nothing at all, or accepts what it then does not do"
+_STAYS = "refused with a text; PX4 v1.16 acknowledges it first, refuses then, and says nothing"
+_BLIND = "safer: its heading comes from the poses alone, and nothing arms without one; PX4 does, by attitude and rates"
+_MORE_MESSAGES = "nothing there that it could tell: what it has comes in other messages"
 _PROTOCOL = "PROTOCOL_VERSION is deprecated and not in the dialect: AUTOPILOT_VERSION says the same"
 _FTP = "no files: FTP is not there"
 _PLACE = "needs no place on the globe to arm in HOLD; the arena's forwarder tells one"
@@ -40,8 +48,8 @@ KNOWN: dict[str, str] = {
     "rates, disarmed: id 29*": _STREAMS,
     "rates, disarmed: id 380 *": _STREAMS,
     "rates, disarmed: id 411 *": _STREAMS,
-    "rates, disarmed: VIBRATION *": _STREAMS,
     "rates, disarmed: OPEN_DRONE_ID*": _STREAMS,
+    "rates, disarmed: VIBRATION *": _STREAMS,
     "rates, *: SYSTEM_TIME on *": _STREAMS,
     "*: SYS_STATUS present": _SENSORS,
     "*: SYS_STATUS enabled": _SENSORS,
@@ -76,6 +84,59 @@ KNOWN: dict[str, str] = {
     "capabilities: capabilities*": _FTP,
     "capabilities: protocol version*": _PROTOCOL,
     "request message: id 300*": _PROTOCOL,
+    "modes *: [1-357-9].0: *": _NO_SUCH_MODE,
+    "modes *: 1[01].0: *": _NO_SUCH_MODE,
+    "modes *: 3.[12]: *": _NO_SUCH_MODE,
+    "modes *: 4.0: *": _NO_SUCH_MODE,
+    "modes *: 4.[89]: *": _NO_SUCH_MODE,
+    "modes *: 4.1[0-9]: *": _NO_SUCH_MODE,
+    "modes *: 4.99: ack": _NO_SUCH_MODE,
+    "modes *: 4.[147]: *": _STAYS,
+    "modes on the ground: SET_MODE 3.0: *": _STICKS,
+    "arm without poses: mode [1-357].0: *": _STICKS,
+    "arm without poses: OFFBOARD by attitude: *": _BLIND,
+    "arm without poses: OFFBOARD by rates: *": _BLIND,
+    "commands *: calibrate *: ack": _NOT_THERE,
+    "commands *: actuator test: ack": _NOT_THERE,
+    "commands *: orbit: *": _NOT_THERE,
+    "commands *: region of interest: ack": _NOT_THERE,
+    "commands *: no region of interest: ack": _NOT_THERE,
+    "commands *: *actuator: ack": _NOT_THERE,
+    "commands *: sensor offsets: ack": _NOT_THERE,
+    "commands *: storage nan: ack": _NOT_THERE,
+    "commands *: *gimbal*: ack": _NOT_THERE,
+    "commands *: *camera*: ack": _NOT_THERE,
+    "commands *: request storage information: ack": _NOT_THERE,
+    "commands *: request flight information: ack": _NOT_THERE,
+    "commands *: logging st*: ack": _NOT_THERE,
+    "commands *: control high latency: *": _NOT_THERE,
+    "commands *: set standard mode: ack": _NOT_THERE,
+    "commands *: land local: *": _NOT_THERE,
+    "commands *: vtol transition: ack": _NOT_THERE,
+    "commands *: external position estimate: ack": _NOT_THERE,
+    "commands *: payload deploy: ack": _NOT_THERE,
+    "commands *: autotune: ack": _NOT_THERE,
+    "commands *: preflight uavcan: ack": _NOT_THERE,
+    "commands *: set sys status: ack": _NOT_THERE,
+    "commands *: command 0: ack": _NOT_THERE,
+    "commands *: figure eight: *": _NOT_THERE,
+    "commands *: inject failure: ack": "failures are injected where SYS_FAILURE_EN is set and the unit can fail; PX4's answer to unit 0 is yes",
+    "commands *: set home at no place: ack": _ARGUMENTS,
+    "request message: SCALED_IMU: *": _MORE_MESSAGES,
+    "request message: HIL_ACTUATOR_CONTROLS: *": _MORE_MESSAGES,
+    "request message: VIBRATION: *": _MORE_MESSAGES,
+    "request message: *_INFORMATION: *": _MORE_MESSAGES,
+    "request message: id 395: *": _MORE_MESSAGES,
+    "rates and contents in the air: OPEN_DRONE_ID*": _STREAMS,
+    "rates and contents in the air: VIBRATION *": _STREAMS,
+    "rates and contents in the air: id [23489]*": _STREAMS,
+    "rates and contents in the air: after landing": _AFTER,
+    "*: SYS_STATUS voltage": "the battery is the profile's, here of three cells; PX4's simulation has one of four of its own",
+    "*: HIGHRES_IMU abs_pressure": "in hPa, as the message says; PX4 v1.16 fills in pascals",
+    "*: POSITION_TARGET_LOCAL_NED frame and mask": "what is not asked for is masked; PX4 tells zeros and its own feed-forward there",
+    "*: ESTIMATOR_STATUS flags": "another filter: it predicts where PX4's flags a constant position",
+    "parameter list: COM_LOW_BAT_ACT value": "the firmware's default; the startup of PX4's SITL sets 3 by itself",
+    "parameter list: MIS_*": "PX4 lists a parameter only once a module has asked for it",
     "gps origin: before: may arm": _PLACE,
     "take off and land: height at the change": _CLIMB,
     "take off and land: take-off lasts": _CLIMB,

@@ -122,7 +122,7 @@ def reason_of(name: str, known: Known) -> str:
 
 def fits(name: str, pattern: str) -> bool:
     """`*` stands for anything; nothing else is special."""
-    return fnmatchcase(name, pattern.replace("[", "[[]").replace("?", "[?]"))
+    return fnmatchcase(name, pattern.replace("?", "[?]"))
 
 
 def idle(known: Known, differences: Iterable[Difference]) -> list[str]:
