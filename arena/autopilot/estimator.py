@@ -37,6 +37,7 @@ _RING = 96
 _NEVER = -1e9
 _SETTLE_S = 1.0  # after alignment, before the estimate may be flown on
 _UNUSED_VARIANCE = 1e9
+_VELOCITY_VARIANCE = 0.16  # that may be flown on [m2/s2]
 _EYE = np.eye(15)
 
 
@@ -59,6 +60,8 @@ class Estimator:
         self.reset_counter = np.zeros(v, int)
         self.test_ratio = np.zeros((v, 2))  # position, yaw: innovation squared over its gate [-]
         self.innovation = np.zeros((v, 4))  # position [m] [NED], yaw [rad]
+        self.innovation_var = np.ones((v, 4))  # what the filter takes the variance of these to be [m2], [rad2]
+        self._strict = np.full((v, 4), np.inf)  # since a rejection: the variance that its gate had
         self._accel_mean = np.tile([0.0, 0.0, -GRAVITY], (v, 1))
         self._baro_offset, self._baro_seen = np.zeros(v), np.zeros(v, bool)
         self._ring_p, self._ring_q = np.zeros((_RING, v, 3)), np.zeros((_RING, v, 4))
@@ -87,9 +90,13 @@ class Estimator:
     def yaw_valid(self, now: float) -> Bool:
         return np.asarray(self.aligned & ((now - self.last_yaw < self._timeout_s) | (self._ctrl & 8 == 0)))
 
+    def velocity_known(self, i: int) -> bool:
+        """Whether the velocity of vehicle i is still good enough to brake by, with vision or for a while without."""
+        return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
+
     def _converged(self, now: float) -> Bool:
         d = np.diagonal(self.cov, axis1=1, axis2=2)
-        sure = (d[:, _P].max(1) < 0.25) & (d[:, _V].max(1) < 0.16) & (d[:, _TH].max(1) < 0.01)
+        sure = (d[:, _P].max(1) < 0.25) & (d[:, _V].max(1) < _VELOCITY_VARIANCE) & (d[:, _TH].max(1) < 0.01)
         return np.asarray(sure & (now - self.aligned_at > _SETTLE_S))
 
     # -- prediction ----------------------------------------------------------------------------------------------------
@@ -99,13 +106,15 @@ class Estimator:
         if self._version != self.params.version:
             self._read_params()
         dt = self.dt
-        self.omega_b = gyro_b - self.gyro_bias
+        omega_b = gyro_b - self.gyro_bias
         force_b = accel_b - self.accel_bias
         self._accel_mean += 0.02 * (accel_b - self._accel_mean)
-        self.q_nb = quat_multiply(self.q_nb, quat_exp(self.omega_b * dt))
+        # The gyroscope tells the rates at either end of the period, the accelerometer the mean over it.
+        self.q_nb = quat_multiply(self.q_nb, quat_exp((self.omega_b + omega_b) * (0.5 * dt)))
         self.q_nb /= np.sqrt((self.q_nb * self.q_nb).sum(1))[:, None]
+        self.omega_b, before = omega_b, self.r_nb
         self.r_nb = matrix_from_quat(self.q_nb)
-        a_n = (self.r_nb @ force_b[:, :, None])[:, :, 0]
+        a_n = ((self.r_nb + before) @ (0.5 * force_b[:, :, None]))[:, :, 0]
         a_n[:, 2] += GRAVITY
         self.a_n = a_n
         moving = self.aligned[:, None]
@@ -153,7 +162,7 @@ class Estimator:
             p_n, q_nb, var_p, var_yaw = (x[~fresh] for x in (p_n, q_nb, var_p, var_yaw))
         if not len(idx):
             return
-        delay = np.clip(self._delay_s[idx], 0.0, (_RING - 3) * self.dt)
+        delay = np.clip(self._delay_s[idx] + 0.5 * self.dt, 0.0, (_RING - 3) * self.dt)
         past_p, past_q = self._past(idx, delay)
         y = np.zeros((len(idx), 4))
         y[:, :3] = p_n - past_p
@@ -167,14 +176,22 @@ class Estimator:
         r = np.empty((len(idx), 4))
         r[:, :3] = np.maximum(var_p, self.params["EKF2_EVP_NOISE"][idx, None] ** 2)
         r[:, 3] = np.maximum(var_yaw, self.params["EKF2_EVA_NOISE"][idx] ** 2)
+        # Heard at some moment of the period that ends now: uniform, half a period old on average, dt^2 / 12.
+        r[:, :3] += self.v_n[idx] ** 2 * (self.dt**2 / 12)
+        r[:, 3] += self.omega_b[idx, 2] ** 2 * (self.dt**2 / 12)
         self._gate_and_update(idx, y, h, r, has_yaw, now)
 
     def _gate_and_update(self, idx: Index, y: Array, h: Array, r: Array, has_yaw: Bool, now: float) -> None:
-        """Reject what lies outside its gate; a rejected row gets a variance that leaves it no weight."""
+        """Reject what lies outside its gate; a rejected row gets a variance that leaves it no weight.
+
+        A gate that has rejected grows no more: what jumped while the estimate was sure is no better for the estimate having
+        become unsure since. It is taken again when it comes back to where it was expected.
+        """
         hp = h @ self.cov[idx]
         s_diag = np.einsum("mij,mij->mi", hp, h) + r
-        self.innovation[idx] = y
-        ratio = y * y / s_diag
+        self.innovation[idx], self.innovation_var[idx] = y, s_diag
+        strict = np.minimum(s_diag, self._strict[idx])
+        ratio = y * y / strict
         gate_p, gate_yaw = self.params["EKF2_EVP_GATE"][idx], self.params["EKF2_HDG_GATE"][idx]
         position_ratio = ratio[:, :3].max(1) / gate_p**2
         yaw_ratio = ratio[:, 3] / gate_yaw**2
@@ -186,6 +203,9 @@ class Estimator:
         use_yaw = has_yaw & consistent & (yaw_ratio < 1.0)
         self.rejected[idx] += ~consistent | (has_yaw & (yaw_ratio >= 1.0))
         use = np.stack([use_xy, use_xy, use_z, use_yaw], axis=-1)
+        passed = np.stack([consistent, consistent, consistent, use_yaw], axis=-1)
+        strict[~has_yaw, 3] = self._strict[idx[~has_yaw], 3]
+        self._strict[idx] = np.where(passed, np.inf, strict)
         self.last_xy[idx[use_xy]] = now
         self.last_z[idx[use_z]] = now
         self.last_yaw[idx[use_yaw]] = now
@@ -260,6 +280,7 @@ class Estimator:
         sigma = np.array([0.1] * 3 + [0.1] * 3 + [0.05, 0.05, 0.1] + [0.02] * 3 + [0.1] * 3)
         self.cov[idx] = np.diag(sigma**2)
         self.aligned[idx], self.aligned_at[idx] = True, now
+        self._strict[idx] = np.inf
         self.last_xy[idx] = self.last_z[idx] = self.last_yaw[idx] = now
 
     def _past(self, idx: Index, delay_s: Array) -> tuple[Array, Array]:

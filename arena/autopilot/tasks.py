@@ -45,8 +45,10 @@ class Task:
         if self.mode is Mode.LAND:
             sp.fly(i, p_n=(n, e, math.nan), v_n=(0.0, 0.0, float(params["MPC_LAND_SPEED"][i])), yaw=self.yaw)
         elif self.mode is Mode.DESCEND:
-            # No position to hold: level, down; the horizontal velocity is not known, so nothing chases it.
-            sp.fly(i, v_n=(math.nan, math.nan, float(params["MPC_LAND_SPEED"][i])), a_n=(0.0, 0.0, math.nan), yaw=math.nan)
+            # No position to hold. It brakes by the velocity that the inertial sensors carry on while that is known, then is
+            # level: what is not known nothing chases.
+            over_ground = 0.0 if est.velocity_known(i) else math.nan
+            sp.fly(i, v_n=(over_ground, over_ground, float(params["MPC_LAND_SPEED"][i])), a_n=(0.0, 0.0, math.nan), yaw=math.nan)
         elif self.mode is Mode.TAKEOFF:
             self._climb(sp, est, params)
         elif landed:
