@@ -7,7 +7,7 @@ import numpy as np
 from arena.wire.px4mode import mode_words
 from px4_contract.cases import case
 from px4_contract.flying import hover, watch_modes
-from px4_contract.params import FLOAT, packed, write
+from px4_contract.params import FLOAT, INT, packed, write
 from px4_contract.rig import Rig, Setup
 from px4_contract.transcript import Transcript
 
@@ -156,10 +156,10 @@ def poses_back(r: Rig, t: Transcript) -> None:
 
 
 def _data_link(action: int) -> None:
-    @case(f"data link lost, NAV_DLL_ACT {action}", "the ground station falls silent while it hovers in OFFBOARD", ground=False,
-          setup=Setup(params={"NAV_DLL_ACT": action}))  # fmt: skip
+    @case(f"data link lost, NAV_DLL_ACT {action}", "the ground station falls silent while it hovers in OFFBOARD", ground=False)
     def run(r: Rig, t: Transcript) -> None:
         hover(r)
+        write(r, "NAV_DLL_ACT", packed(action), INT)  # in the air: while PX4 boots nobody is heard, and 5 terminates it there
         _watch(r)
         r.clear()
         r.gcs = False

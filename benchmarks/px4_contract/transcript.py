@@ -121,7 +121,7 @@ def reason_of(name: str, known: Known) -> str:
 
 
 def fits(name: str, pattern: str) -> bool:
-    """`*` stands for anything; nothing else is special."""
+    """`*` stands for anything, `[3-5]` for one of these letters; nothing else is special."""
     return fnmatchcase(name, pattern.replace("?", "[?]"))
 
 

@@ -56,10 +56,9 @@ def test_a_known_difference_has_its_reason_and_another_has_none():
     assert idle(known, found) == ["a: gone*"]
 
 
-def test_brackets_in_a_pattern_are_plain_letters():
-    assert fits("a: list [3]", "a: list [3]")
-    assert not fits("a: list 3", "a: list [3]")
-    assert fits("a: list [3]", "a: *]")
+def test_a_pattern_may_hold_stars_and_letters_to_choose_from_and_no_more():
+    assert fits("a: list 3", "a: list [3-5]") and not fits("a: list 6", "a: list [3-5]")
+    assert fits("a: really?", "a: *?") and not fits("a: really!", "a: *?")
 
 
 def test_an_observation_made_twice_keeps_both():
