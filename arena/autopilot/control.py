@@ -161,7 +161,7 @@ class AttitudeControl:
         error *= np.where(error[:, :1] < 0, -2.0, 2.0)
         down_b = _z_axis(quat_conj(q_nb))
         # Bounded before it is turned: of a faster one each body axis would get its all, and the vehicle would roll over.
-        turn = np.clip(np.where(np.isfinite(yaw_rate), yaw_rate, 0.0), -self._limit[:, 2], self._limit[:, 2])
+        turn: Array = np.clip(np.where(np.isfinite(yaw_rate), yaw_rate, 0.0), -self._limit[:, 2], self._limit[:, 2])
         rates = error[:, 1:] * self._gain + down_b * turn[:, None]
         return np.clip(rates, -self._limit, self._limit)
 

@@ -1,0 +1,113 @@
+"""Fuzzed MAVLink against every other room that reads it: no core raises, and what goes on is sound."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+
+import pytest
+
+FOLDER = Path(__file__).parent
+sys.path.insert(0, str(FOLDER))
+
+from fuzzing import KINDS, Fuzz, read  # noqa: E402
+
+from arena.forward.forwarder import Forwarder  # noqa: E402
+from arena.link.core import Link  # noqa: E402
+from arena.link.settings import Settings  # noqa: E402
+from arena.route.router import Router  # noqa: E402
+from arena.route.table import Table  # noqa: E402
+from arena.safety.landing import Landing  # noqa: E402
+from arena.wire.mavframe import cut  # noqa: E402
+from arena.wire.telemetry import Telemetry  # noqa: E402
+
+MESSAGES, STEP_S = 3000, 0.004
+
+
+def heard(system: int, *, own: float = 0.8, seed: int = 5) -> Iterator[tuple[bytes, float]]:
+    """Every message of the dialect, most from the autopilot itself: (frame, now [s])."""
+    rng = Random(seed)
+    fuzz = Fuzz(rng, system)
+    other = fuzz.speaker
+    fuzz.speaker = lambda: (system, 1) if rng.random() < own else other()  # type: ignore[method-assign]
+    for k in range(MESSAGES):
+        yield fuzz.frame(rng.choice(list(KINDS))), 10.0 + k * STEP_S
+
+
+def test_the_forwarder_says_nothing_but_its_heartbeat_and_its_origin():
+    settings = {
+        "name": "forward.uav1", "vehicle": "uav1", "id": 3, "body": "a", "frame_rate_hz": 180, "rate_hz": 60, "stale_s": 0.1,
+        "noise": {"position_m": 0.001, "rotation_deg": 0.5}, "origin": {"lat_deg": 38.7, "lon_deg": -9.1, "alt_m": 100.0},
+    }  # fmt: skip
+    forwarder = Forwarder(settings)
+    for data, now in heard(3):
+        forwarder.on_mavlink(data, now)
+        for said in forwarder.tick(now):
+            assert read(said).get_type() == "HEARTBEAT"  # without a pose there is no place to tell
+    assert forwarder.poses == 0 and forwarder.autopilot.heard > 0
+
+
+@pytest.mark.parametrize("who", ["autopilot", "program", "gcs"])
+def test_the_router_passes_whole_frames_and_to_no_vehicle_that_was_not_named(who):
+    host = "127.22.0.1"
+    vehicles = [
+        {"name": f"uav{k}", "id": k, "link": {"local": [host, 1000 + k], "remote": [host, 2000 + k]}, "serve": [host, 3000 + k],
+         "clients": [{"name": "program", "address": [host, 4000 + k]}], "logger": [host, 5000 + k], "tools": [host, 6000 + k]}
+        for k in (1, 2)
+    ]  # fmt: skip
+    table = Table.from_slice({
+        "name": "router", "vehicles": vehicles, "gcs_local": [host, 7000], "gcs": [{"name": "gcs", "address": [host, 7001]}],
+        "heartbeat": True, "simulated": True,
+    })  # fmt: skip
+    router = Router(table)
+    at, sender = {"autopilot": (1001, 2001), "program": (3001, 4001), "gcs": (7000, 7001)}[who]
+    for data, now in heard(1, own=0.8 if who == "autopilot" else 0.0):
+        frame = cut(data).frames[0]
+        for piece, destinations in router.on_datagram(router.sockets.index((host, at)), (host, sender), data, now):
+            assert cut(bytes(piece)).garbage == 0
+            to = {address[1] for _, address in destinations} & {2001, 2002}
+            assert who == "gcs" or 2002 not in to
+            assert not to or frame.target_sys in (0, *(port - 2000 for port in to))
+        router.tick(now)
+
+
+def test_the_telemetry_of_a_program_takes_anything_and_keeps_what_it_can_tell():
+    telemetry = Telemetry(1)
+    for data, now in heard(1):
+        telemetry.hear(data, now)
+    assert telemetry.heart is not None
+
+
+def test_the_link_arms_on_nothing_that_fuzz_makes_it_believe():
+    ends = {n: {"local": ["127.22.0.1", 24000 + 2 * i], "remote": ["127.22.0.1", 24001 + 2 * i]}
+            for i, n in enumerate(("router", "vision", "panic"))}  # fmt: skip
+    preflight = {"position_m": 0.2, "yaw_deg": 15.0, "pose_age_s": 0.1, "pose_rate_hz": 50.0, "battery": 0.2, "size_m": [7, 4, 3],
+                 "height_m": 0.1, "poses": True}  # fmt: skip
+    link = Link(Settings.from_slice({
+        "name": "link.uav7", "vehicle": "uav7", "id": 7, "wire": {"kind": "udpin", "address": ["127.22.0.1", 14540]},
+        "links": ends, "simulator": None, "preflight": preflight, "params": {}, "params_file": "", "simulated": False,
+    }), 0.0)  # fmt: skip
+    rng, arming = Random(3), Fuzz(Random(1), 7).command(400, 1.0)
+    for data, now in heard(7):
+        link.from_wire(data, cut(data), now)
+        for end in ("router", "vision", "panic"):
+            link.from_partner(end, data if rng.random() < 0.9 else arming, now)
+        link.tick(now)
+        while (frame := link.next_out(now)) is not None:
+            assert len(cut(frame).frames) == 1
+            assert link.gates.armed or frame != arming
+        assert all(isinstance(words, str) for words in link.reasons(now))
+
+
+@pytest.mark.parametrize("action", ["land", "kill"])
+def test_a_landing_goes_on_asking_and_tells_what_it_knows(action):
+    landing = Landing(name="uav1", system=1, component=200, action=action, now=10.0)
+    for data, now in heard(1):
+        landing.hear(data, now)
+        for said in landing.due(now):
+            m = read(said)
+            assert m.get_type() != "COMMAND_LONG" or all(math.isfinite(getattr(m, f"param{k}")) for k in (1, 2))
+        assert landing.line(now)
