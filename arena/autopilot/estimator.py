@@ -37,6 +37,7 @@ _RING = 96
 _NEVER = -1e9
 _SETTLE_S = 1.0  # after alignment, before the estimate may be flown on
 _UNUSED_VARIANCE = 1e9
+_SMALL_VARIANCE = 1e-6
 _VELOCITY_VARIANCE = 0.16  # that may be flown on [m2/s2]
 _EYE = np.eye(15)
 
@@ -217,7 +218,7 @@ class Estimator:
         gain = np.linalg.solve(s, hp).transpose(0, 2, 1)
         dx = (gain @ y[:, :, None])[:, :, 0]
         cov = self.cov[idx] - gain @ hp
-        self.cov[idx] = 0.5 * (cov + cov.transpose(0, 2, 1))
+        self.cov[idx] = _sound(0.5 * (cov + cov.transpose(0, 2, 1)))
         self._inject(idx, dx)
 
     def _inject(self, idx: Index, dx: Array) -> None:
@@ -292,6 +293,15 @@ class Estimator:
         p = (1 - part) * self._ring_p[newer, idx] + part * self._ring_p[older, idx]
         q = (1 - part) * self._ring_q[newer, idx] + part * self._ring_q[older, idx]
         return p, q / np.sqrt((q * q).sum(1))[:, None]
+
+
+def _sound(cov: Array) -> Array:
+    """A variance that rounding made negative is set small and its correlations are forgotten, as PX4 does. (m, 15, 15)"""
+    lost = np.einsum("mii->mi", cov) < 0.0
+    if lost.any():
+        cov = np.where(lost[:, :, None] | lost[:, None, :], 0.0, cov)
+        np.einsum("mii->mi", cov)[lost] = _SMALL_VARIANCE
+    return cov
 
 
 def _skew(v: Array) -> Array:

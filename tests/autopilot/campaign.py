@@ -190,6 +190,7 @@ def check(flight: Noisy) -> None:
     ):  # fmt: skip
         assert np.isfinite(array).all(), f"{name} is not finite: {array}"
     assert np.all((flight.motors >= 0.0) & (flight.motors <= 1.0))
+    assert np.all(np.einsum("vii->vi", est.cov) >= 0.0), "a variance below zero"
     assert np.abs(cascade.position.integral).max() <= 20.0, "wound up"
     for name, spec in SPECS.items():
         assert np.all((pilots.params[name] >= spec.low) & (pilots.params[name] <= spec.high)), name

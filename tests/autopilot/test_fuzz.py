@@ -18,6 +18,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 from test_face import ready
 
+from arena.autopilot.estimator import _sound
+
 SHARE = {"powerless": 6000, "ground": 3000, "hover": 4000, "offboard": 400, "wild": 400}
 
 
@@ -119,3 +121,12 @@ def test_a_setpoint_that_no_vehicle_could_follow_is_refused(frame):
         flight.send(0, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, 0, *values))
     refused = 9 if frame == 1 else 6  # of a position in body axes nothing is read
     assert flight.pilots.faces[0].counts["refused setpoint"] == refused
+
+
+def test_a_variance_that_rounding_made_negative_is_small_and_correlated_with_nothing():
+    cov = np.full((2, 15, 15), 0.5) + np.eye(15)
+    cov[1, 3, 3] = -1e-3
+    sound = _sound(cov.copy())
+    assert np.array_equal(sound[0], cov[0])
+    assert sound[1, 3, 3] > 0.0 and np.count_nonzero(sound[1, 3]) == np.count_nonzero(sound[1, :, 3]) == 1
+    assert (np.linalg.eigvalsh(sound[1]) > 0.0).all()
