@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any, TypeVar
+
 SEA_LEVEL_HPA = 1013.25
+Real = TypeVar("Real", float, Any)  # or an array of them
 
 
-def pressure_hpa(height_m: float) -> float:
+def pressure_hpa(height_m: Real) -> Real:
     """Static pressure [hPa] at a height above mean sea level [m]."""
-    return float(SEA_LEVEL_HPA * (1.0 - 2.25577e-5 * height_m) ** 5.25588)
+    return SEA_LEVEL_HPA * (1.0 - 2.25577e-5 * height_m) ** 5.25588  # type: ignore[no-any-return]

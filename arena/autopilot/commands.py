@@ -142,7 +142,7 @@ def _set_interval(f: Face, link: Link, p: Parameters) -> int:
     if not all(math.isfinite(x) for x in p[:2]) or any(math.isfinite(x) and abs(x) >= 0.5 for x in (p[2], p[3], p[6])):
         return FAILED
     msgid, us = math.floor(p[0] + 0.5), p[1]
-    if msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT or msgid not in streams.BUILDERS:
+    if msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT or msgid not in streams.TOLD:
         return FAILED
     default = streams.LINK_RATES[link.name].get(msgid, 0.0)
     interval = (1.0 / default if default else 0.0) if us == 0 else us * 1e-6 if us > 0 else 0.0

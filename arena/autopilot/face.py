@@ -10,12 +10,13 @@ from __future__ import annotations
 import heapq
 import math
 from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot import commands, offboard, parameters, streams
+from arena.autopilot import commands, offboard, often, parameters, streams
 from arena.autopilot import mission as missions
 from arena.autopilot.commander import CRITICAL, Commander, Limits, Sensed
 from arena.autopilot.failures import Failures
@@ -27,6 +28,7 @@ from arena.wire.codec import Codec
 
 _QUEUE_LIMIT = 256
 _TEXT_BYTES = 50
+_TICK_S = 1e-6  # of rounding in a time that is a sum
 _LOWEST_M, _HIGHEST_M = -12_000.0, 100_000.0  # of an origin, as PX4
 Wgs = tuple[float, float, float]
 
@@ -72,7 +74,8 @@ class Face:
         self._q_nb = [1.0, 0.0, 0.0, 0.0]
         self.now = 0.0
         self.param_server = parameters.ParamServer(i, params)
-        self._newest: Snapshot | None = None
+        self.newest: Snapshot | None = None  # the fleet's, at its last step
+        self._quiet_until = 0.0  # [s]
         self._text_id = 0
         self._links = {name: self._open(name) for name in streams.LINK_RATES}
 
@@ -215,10 +218,10 @@ class Face:
 
     def set_home_here(self) -> bool:
         """False while the position is not known."""
-        s = self._newest
+        s = self.newest
         if s is None or self.origin is None or not s.xy_valid[self.i]:
             return False
-        self.home_n, self.home_yaw = list(s.p_n[self.i]), s.rpy[self.i][2]
+        self.home_n, self.home_yaw = s.p_n[self.i].tolist(), float(s.rpy[self.i, 2])
         return True
 
     def set_home_there(self, lat: float, lon: float, alt: float) -> bool:
@@ -229,20 +232,34 @@ class Face:
 
     def tell_now(self, link: Link, msgid: int) -> bool:
         """One message on request; False when it is not there, or has nothing to say now."""
-        builder, snapshot = streams.BUILDERS.get(msgid), self._newest
-        message = builder(self, snapshot) if builder and snapshot else None
-        self.send(link, message)
-        return message is not None
+        s = self.newest
+        return s is not None and self.tell(link, msgid, s, often.payloads([(self, msgid)], s))
 
     # -- speaking ------------------------------------------------------------------------------------------------------
 
     def send(self, link: Link, message: Any) -> None:
         if message is not None and len(link.out) < _QUEUE_LIMIT:
             link.out.append(link.codec.pack(message))
+            self._quiet_until = 0.0
 
-    def speak(self, s: Snapshot) -> None:
-        """Put on each link what is due at this step."""
-        now, self._newest = s.now_s, s
+    def tell(self, link: Link, msgid: int, s: Snapshot, payloads: Mapping[tuple[int, int], bytes]) -> bool:
+        """Put a message on a link; False when it is not there, or has nothing to say now. payloads: see often.payloads."""
+        payload = payloads.get((msgid, self.i))
+        if payload is not None:
+            if len(link.out) < _QUEUE_LIMIT:
+                link.out.append(link.codec.frame(msgid, payload))
+            return True
+        builder = streams.BUILDERS.get(msgid)
+        message = builder(self, s) if builder else None
+        self.send(link, message)
+        return message is not None
+
+    def has_to_speak(self, now: float) -> bool:
+        """Is anything due, or waiting to be taken out?"""
+        return now >= self._quiet_until or now >= self.missions.due or bool(self.commander.texts)
+
+    def speak(self, now: float) -> list[tuple[Link, int]]:
+        """Put on each link what this vehicle has to say for itself -> the messages due at this step, for the fleet to fill in."""
         if now >= self.missions.due:
             self.missions.speak(now)
             self._speak_missions()
@@ -253,7 +270,7 @@ class Face:
                     self._say(link, severity, text)
             for message in self.param_server.speak(link.name):
                 self.send(link, message)
-            self._speak_due(link, s, now)
+        return [(link, msgid) for link in self._links.values() for msgid in _due(link, now)]
 
     def _say(self, link: Link, severity: int, text: str) -> None:
         """A text longer than one message holds goes out in numbered chunks, as the STATUSTEXT of MAVLink 2 allows."""
@@ -263,13 +280,6 @@ class Face:
         for k, chunk in enumerate(chunks):
             self.send(link, mavlink.MAVLink_statustext_message(severity, chunk, self._text_id if len(chunks) > 1 else 0, k))
 
-    def _speak_due(self, link: Link, s: Snapshot, now: float) -> None:
-        due = link.due
-        while due and due[0][0] <= now + 1e-6:
-            when, msgid = due[0]
-            self.send(link, streams.BUILDERS[msgid](self, s))
-            heapq.heapreplace(due, (max(when + link.interval[msgid], now - 0.1), msgid))
-
     def take_out(self) -> list[tuple[str, bytes]]:
         """What to send now: one datagram a link."""
         found = []
@@ -277,6 +287,7 @@ class Face:
             if link.out:
                 found.append((name, b"".join(link.out)))
                 link.out = []
+        self._quiet_until = 0.0 if self.param_server.busy else min(x.due[0][0] for x in self._links.values() if x.due) - _TICK_S
         return found
 
     def garbled(self) -> Counter[str]:
@@ -294,13 +305,14 @@ class Face:
         n, e = local(self.origin, lat, lon)
         return n, e, self.origin[2] - alt
 
-    def global_from_local(self, p_n: list[float]) -> tuple[int, int, float]:
-        """p_n [m] [NED] -> latitude, longitude [1e-7 deg] and altitude AMSL [m], around the origin."""
-        assert self.origin
-        lat0, lon0, alt0 = self.origin
-        lat = min(max(lat0 + math.degrees(p_n[0] / streams.EARTH_RADIUS_M), -90.0), 90.0)
-        lon = lon0 + math.degrees(p_n[1] / (streams.EARTH_RADIUS_M * math.cos(math.radians(lat0))))
-        return round(lat * 1e7), round(((lon + 180.0) % 360.0 - 180.0) * 1e7), alt0 - p_n[2]
+
+def _due(link: Link, now: float) -> Iterator[int]:
+    """The messages whose time has come, each set to its next."""
+    due = link.due
+    while due and due[0][0] <= now + _TICK_S:
+        when, msgid = due[0]
+        yield msgid
+        heapq.heapreplace(due, (max(when + link.interval[msgid], now - 0.1), msgid))
 
 
 def _stamp(now: float) -> Any:

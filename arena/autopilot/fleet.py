@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.autopilot import often
 from arena.autopilot.auto import Auto
 from arena.autopilot.commander import Commander, Limits, Mode, Sensed
 from arena.autopilot.control import Cascade
@@ -85,12 +86,17 @@ class Autopilots:
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
         """Everything to send after this step: (vehicle, link, datagram)."""
-        snapshot = self._snapshot()
-        found = []
+        now, s = self._now, Snapshot(
+            self._now, self.est, self.sp, self.cascade, self._sensors, thrust=self.thrust, motors=self.motors
+        )  # fmt: skip
         for face in self.faces:
-            face.speak(snapshot)
-            found += [(face.i, link, data) for link, data in face.take_out()]
-        return found
+            face.newest = s
+        speaking = [face for face in self.faces if face.has_to_speak(now)]
+        due = [(face, link, msgid) for face in speaking for link, msgid in face.speak(now)]
+        payloads = often.payloads(((face, msgid) for face, _, msgid in due), s)
+        for face, link, msgid in due:
+            face.tell(link, msgid, s, payloads)
+        return [(face.i, link, data) for face in speaking for link, data in face.take_out()]
 
     def events(self) -> list[str]:
         """Sentences since the last call."""
@@ -259,23 +265,6 @@ class Autopilots:
         self.motors = np.where(up[:, None], u, np.where(on[:, None], _IDLE, 0.0)) * self.mixer.present
         for i, k in self._dead_motors:
             self.motors[i, k : k + 1] = 0.0
-
-    def _snapshot(self) -> Snapshot:
-        est, sp, pos, sensors, now = self.est, self.sp, self.cascade.position, self._sensors, self._now
-        variance = np.einsum("vii->vi", est.cov)[:, :9].tolist()
-        by_position = (sp.level == Level.POSITION)[:, None]
-        return Snapshot(
-            now_s=now, p_n=est.p_n.tolist(), v_n=est.v_n.tolist(), q_nb=est.q_nb.tolist(), rpy=euler_from_quat(est.q_nb).tolist(),
-            omega_b=est.omega_b.tolist(), gyro_b=sensors["gyro_b"].tolist(), accel_b=sensors["accel_b"].tolist(),
-            mag_b=sensors["mag_b"].tolist(), baro_alt_m=sensors["baro_alt_m"].tolist(), p_sp=sp.p_n.tolist(),
-            v_sp=np.where(by_position, pos.v_sp_n, np.nan).tolist(), a_sp=np.where(by_position, pos.a_sp_n, np.nan).tolist(),
-            yaw_sp=sp.yaw.tolist(), yaw_rate_sp=sp.yaw_rate.tolist(), q_sp=self.cascade.q_sp.tolist(),
-            omega_sp=self.cascade.omega_sp.tolist(), thrust=self.thrust.tolist(), motors=self.motors.tolist(),
-            battery_v=sensors["battery_v"].tolist(), battery_a=sensors["battery_current_a"].tolist(),
-            battery=sensors["battery_remaining"].tolist(), xy_valid=est.xy_valid(now).tolist(), z_valid=est.z_valid(now).tolist(),
-            yaw_valid=est.yaw_valid(now).tolist(), variance=variance, test_ratio=est.test_ratio.tolist(),
-            reset_counter=est.reset_counter.tolist(),
-        )  # fmt: skip
 
 
 def _landed_state(c: Commander, s: Sensed) -> int:

@@ -46,6 +46,11 @@ class ParamServer:
             return self._read(m)
         return self._write(link, m)
 
+    @property
+    def busy(self) -> bool:
+        """Is a list being told?"""
+        return any(self._left.values())
+
     def speak(self, link: str) -> list[Any]:
         """The next few of a list that was asked for on this link."""
         left = self._left.get(link)

@@ -1,45 +1,85 @@
-"""What the telemetry of one step is made of: plain Python numbers, one entry per vehicle, taken from the arrays once a step."""
+"""What the telemetry of one step is made of: the fleet's arrays as they stand, and what is derived from them when it is read."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from functools import cached_property
 
-Row = list[float]
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.autopilot.control import Cascade
+from arena.autopilot.estimator import Estimator
+from arena.autopilot.setpoint import Level, Setpoints
+from arena.geometry import euler_from_quat
+
+Array = NDArray[np.float64]
+Bool = NDArray[np.bool_]
 
 
-@dataclass(slots=True, kw_only=True)
 class Snapshot:
-    """now_s: [s] since boot.  p_n, v_n [m], [m/s] [NED]; q_nb wxyz; rpy [rad]; omega_b, gyro_b [rad/s], accel_b [m/s2] [FRD];
+    """To be read before the next step. now_s: [s] since boot; est, sp, cascade: what they hold now; thrust 0..1 (V,);
 
-    mag_b [gauss]; baro_alt_m [m]; p_sp, v_sp, a_sp [NED] with NaN where free; q_sp wxyz; omega_sp [rad/s]; thrust 0..1;
-    motors 0..1; battery volts, amperes, 0..1; var: position variance n, velocity variance, yaw variance (summary of the filter).
+    motors 0..1 (V, R); gyro_b [rad/s], accel_b [m/s2], mag_b [gauss] [FRD] (V, 3); baro_alt_m [m], battery_v [V],
+    battery_a [A], battery 0..1 (V,).
     """
 
-    now_s: float
-    p_n: list[Row]
-    v_n: list[Row]
-    q_nb: list[Row]
-    rpy: list[Row]
-    omega_b: list[Row]
-    gyro_b: list[Row]
-    accel_b: list[Row]
-    mag_b: list[Row]
-    baro_alt_m: Row
-    p_sp: list[Row]
-    v_sp: list[Row]
-    a_sp: list[Row]
-    yaw_sp: Row
-    yaw_rate_sp: Row
-    q_sp: list[Row]
-    omega_sp: list[Row]
-    thrust: Row
-    motors: list[Row]
-    battery_v: Row
-    battery_a: Row
-    battery: Row
-    xy_valid: list[bool]
-    z_valid: list[bool]
-    yaw_valid: list[bool]
-    variance: list[Row]
-    test_ratio: list[Row]
-    reset_counter: list[int]
+    def __init__(
+        self, now_s: float, est: Estimator, sp: Setpoints, cascade: Cascade, sensors: Mapping[str, Array], *, thrust: Array,
+        motors: Array,
+    ) -> None:  # fmt: skip
+        self.now_s, self.est, self.sp, self.cascade, self.thrust, self.motors = now_s, est, sp, cascade, thrust, motors
+        self.gyro_b, self.accel_b, self.mag_b = sensors["gyro_b"], sensors["accel_b"], sensors["mag_b"]
+        self.baro_alt_m, self.battery_v = sensors["baro_alt_m"], sensors["battery_v"]
+        self.battery_a, self.battery = sensors["battery_current_a"], sensors["battery_remaining"]
+
+    @cached_property
+    def ms(self) -> int:
+        """Since boot, as far as 32 bits go."""
+        return int(self.now_s * 1e3) & 0xFFFFFFFF
+
+    @cached_property
+    def us(self) -> int:
+        return int(self.now_s * 1e6)
+
+    @property
+    def p_n(self) -> Array:
+        """[m] [NED] (V, 3)."""
+        return self.est.p_n
+
+    @property
+    def v_n(self) -> Array:
+        """[m/s] [NED] (V, 3)."""
+        return self.est.v_n
+
+    @cached_property
+    def rpy(self) -> Array:
+        """[rad] (V, 3)."""
+        return euler_from_quat(self.est.q_nb)
+
+    @cached_property
+    def xy_valid(self) -> list[bool]:
+        valid: list[bool] = self.est.xy_valid(self.now_s).tolist()
+        return valid
+
+    @cached_property
+    def z_valid(self) -> list[bool]:
+        valid: list[bool] = self.est.z_valid(self.now_s).tolist()
+        return valid
+
+    @cached_property
+    def variance(self) -> Array:
+        """Of position [m2], velocity [m2/s2] and attitude [rad2] (V, 9)."""
+        return np.asarray(np.diagonal(self.est.cov, axis1=1, axis2=2)[:, :9])
+
+    @cached_property
+    def setpoint(self) -> Array:
+        """p_n, v_n, a_n [NED], yaw [rad], yaw rate [rad/s], NaN where free (V, 11)."""
+        sp, position = self.sp, self.cascade.position
+        by_position = (sp.level == Level.POSITION)[:, None]
+        found = np.empty((len(sp.level), 11))
+        found[:, 0:3] = sp.p_n
+        found[:, 3:6] = np.where(by_position, position.v_sp_n, np.nan)
+        found[:, 6:9] = np.where(by_position, position.a_sp_n, np.nan)
+        found[:, 9], found[:, 10] = sp.yaw, sp.yaw_rate
+        return found

@@ -13,6 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavframe import Buffer, cut
+from arena.wire.onboard import SEEDS, frame
 
 
 class Codec:
@@ -28,6 +29,12 @@ class Codec:
         self._voice.seq = (self._voice.seq + 1) % 256
         return data
 
+    def frame(self, msgid: int, payload: bytes) -> bytes:
+        """The frame of a payload that is ready, with the next sequence number."""
+        data = frame(msgid, payload, self._voice, SEEDS[msgid])
+        self._voice.seq = (self._voice.seq + 1) % 256
+        return data
+
     def parse(self, datagram: Buffer, wanted: Container[int] | None = None) -> list[Any]:
         """Every message of a datagram that this dialect knows. wanted: decode only these ids. Never raises."""
         found = cut(datagram)
@@ -36,11 +43,11 @@ class Codec:
         if found.bad_crc:
             self.counts["bad checksum"] += found.bad_crc
         messages = []
-        for frame in found.frames:
-            if wanted is not None and frame.msgid not in wanted:
+        for at in found.frames:
+            if wanted is not None and at.msgid not in wanted:
                 continue
             try:
-                messages.append(self._voice.decode(bytearray(datagram[frame.start : frame.end])))
+                messages.append(self._voice.decode(bytearray(datagram[at.start : at.end])))
             except (mavlink.MAVError, ValueError, IndexError):  # unknown here, or a text that is no text
                 self.counts["not understood"] += 1
         return messages

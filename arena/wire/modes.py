@@ -10,24 +10,14 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Protocol
 
-from fastcrc import crc16
+from arena.wire.onboard import Voice, frame
 
 AVAILABLE_MODES, CURRENT_MODE = 435, 436
-CRC_EXTRA = {AVAILABLE_MODES: 134, CURRENT_MODE: 193}
+SEEDS = {AVAILABLE_MODES: bytes([134]), CURRENT_MODE: bytes([193])}
 ADVANCED, NOT_SELECTABLE = 1, 2
 """Bits of `properties`."""
 _CURRENT, _AVAILABLE = struct.Struct("<IIB"), struct.Struct("<IIBBB35s")
-_HEAD = struct.Struct("<BBBBBBBHB")
-
-
-class Voice(Protocol):
-    """What a pymavlink.MAVLink tells of who speaks."""
-
-    seq: int
-    srcSystem: int
-    srcComponent: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +29,8 @@ class CurrentMode:
     standard: int = 0
 
     def pack(self, voice: Voice) -> bytes:
-        return _frame(CURRENT_MODE, _CURRENT.pack(self.custom_mode, self.intended, self.standard), voice)
+        payload = _CURRENT.pack(self.custom_mode, self.intended, self.standard)
+        return frame(CURRENT_MODE, payload, voice, SEEDS[CURRENT_MODE])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,11 +46,4 @@ class AvailableMode:
 
     def pack(self, voice: Voice) -> bytes:
         given = (self.custom_mode, self.properties, self.count, self.index, self.standard, self.name.encode()[:34])
-        return _frame(AVAILABLE_MODES, _AVAILABLE.pack(*given), voice)
-
-
-def _frame(number: int, payload: bytes, voice: Voice) -> bytes:
-    payload = payload.rstrip(b"\0") or b"\0"  # MAVLink 2 leaves zeros at the end away
-    head = _HEAD.pack(0xFD, len(payload), 0, 0, voice.seq, voice.srcSystem, voice.srcComponent, number, 0)
-    crc: int = crc16.mcrf4xx(head[1:] + payload + bytes((CRC_EXTRA[number],)))
-    return head + payload + crc.to_bytes(2, "little")
+        return frame(AVAILABLE_MODES, _AVAILABLE.pack(*given), voice, SEEDS[AVAILABLE_MODES])
