@@ -25,17 +25,18 @@ def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     address = f"127.82.{os.getpid() % 250 + 1}.{2 * number + (kind == 'px4')}"
     hangar = Hangar(tmp_path_factory.mktemp("clients"), address)
     try:
-        yield _open(hangar, kind)
+        yield _open(hangar, kind, getattr(request.module, "PX4_VEHICLE", "") if kind == "px4" else "")
     finally:
         hangar.close()
 
 
-def _open(hangar: Hangar, kind: str) -> Site:
+def _open(hangar: Hangar, kind: str, more: str) -> Site:
+    """more: of the vehicle's YAML."""
     vehicle = 150 + os.getpid() % 40 if kind == "px4" else 1
     yaml = hangar.folder / "arena.yaml"
     yaml.write_text(
         f"name: clients\naddress: {hangar.address}\nworld: {{size: [30, 30, 12]}}\ndefaults: {{autopilot: {kind}}}\n"
-        f"vehicles:\n  uav1: {{id: {vehicle}, start: {{position: [0, 0, 0]}}}}\n"
+        f"vehicles:\n  uav1: {{id: {vehicle}, start: {{position: [0, 0, 0]}}{more}}}\n"
     )
     flight: Flight = hangar.up(yaml)
     return Site(flight=flight, kind=kind, vehicle=vehicle)

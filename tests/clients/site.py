@@ -45,6 +45,7 @@ class Site:
         """The router hears it: clients may come."""
 
         def heard() -> Any:
+            assert self.flight.process.poll() is None, self.flight.said()
             with suppress(RunError):  # its control socket is not there at first
                 return self.flight.fact("uav1.mode")
 

@@ -31,4 +31,4 @@ async def main() -> None:
     print(json.dumps({"highest_m": highest}))
 
 
-asyncio.run(asyncio.wait_for(main(), 100))
+asyncio.run(asyncio.wait_for(main(), 300))
