@@ -150,7 +150,7 @@ class Autopilots:
         xy, z, yaw = est.xy_valid(now).tolist(), est.z_valid(now).tolist(), est.yaw_valid(now).tolist()
         landed, flying = self.land.landed.tolist(), self.takeoff.flying.tolist()
         battery, aligned = self._sensors["battery_remaining"].tolist(), est.aligned.tolist()
-        rejected = (est.test_ratio > 1.0).any(axis=1).tolist()
+        rejected: list[bool] = np.any(est.test_ratio > 1.0, axis=1).tolist()
         if self._limits_version != self.params.version:
             self._limits = [self._limits_of(i) for i in range(len(self.faces))]
             self._limits_version = self.params.version
