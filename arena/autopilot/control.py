@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from arena.autopilot.estimator import GRAVITY, Estimator
 from arena.autopilot.params import Params
 from arena.autopilot.setpoint import Level, Setpoints
-from arena.geometry import quat_conj, quat_from_matrix, quat_multiply, yaw_from_quat
+from arena.geometry import quat_between, quat_from_euler, yaw_from_quat
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
+_NO_TRIM = 1.0 / np.radians(400.0)  # an error of this rate is a transient, not a trim [s/rad]
 _POSITION_EVERY = 2  # IMU steps per position loop: 125 Hz at 250 Hz
 
 
@@ -67,7 +68,7 @@ class PositionControl:
         self._integrate(error, a_sp)
         self.v_sp_n, self.a_sp_n = v_sp, a_sp
         yaw = np.where(np.isfinite(sp.yaw), sp.yaw, yaw_from_quat(est.q_nb))
-        return attitude_from_thrust(self.thrust_n, yaw), np.sqrt((self.thrust_n * self.thrust_n).sum(1))
+        return attitude_from_thrust(self.thrust_n, yaw), _length(self.thrust_n)
 
     def _velocity_setpoint(self, sp: Setpoints, est: Estimator) -> Array:
         wanted = (sp.p_n - est.p_n) * self._p
@@ -81,11 +82,11 @@ class PositionControl:
 
     def _to_thrust(self, a_sp: Array) -> None:
         """Acceleration -> thrust vector: tilt limit, then vertical before horizontal but for a margin."""
-        body_z = np.stack([-a_sp[:, 0], -a_sp[:, 1], np.full(len(a_sp), GRAVITY)], axis=-1)
-        body_z /= np.sqrt((body_z * body_z).sum(1))[:, None]
+        body_z = -a_sp
+        body_z[:, 2] = GRAVITY
+        body_z /= _length(body_z)[:, None]
         limit = np.minimum(self._tilt_air, self.tilt_max)
-        tilt = np.arccos(np.clip(body_z[:, 2], -1.0, 1.0))
-        over = tilt > limit
+        over = body_z[:, 2] < np.cos(limit)
         if over.any():
             flat = body_z[:, :2] / np.maximum(np.hypot(body_z[:, 0], body_z[:, 1]), 1e-9)[:, None]
             body_z[over] = np.concatenate([flat * np.sin(limit)[:, None], np.cos(limit)[:, None]], axis=1)[over]
@@ -105,23 +106,25 @@ class PositionControl:
         stuck = ((thrust_z >= -self._thr_min) & (z >= 0)) | ((thrust_z <= -self._thr_max) & (z <= 0))
         e[stuck, 2] = 0.0
         produced = self.thrust_n[:, :2] * (GRAVITY / self._hover)[:, None]
-        short = (a_sp[:, :2] ** 2).sum(1) > (produced**2).sum(1)
+        short = np.hypot(a_sp[:, 0], a_sp[:, 1]) > np.hypot(produced[:, 0], produced[:, 1])
         e[:, :2] -= (short * 2.0 / self._vp[:, 0])[:, None] * (a_sp[:, :2] - produced)
         self.integral += e * self._vi * self.dt
         # PX4 bounds the vertical one; the horizontal one would follow an absurd acceleration to where no flight unwinds it.
-        np.clip(self.integral, -GRAVITY, GRAVITY, out=self.integral)
+        self.integral = np.minimum(np.maximum(self.integral, -GRAVITY), GRAVITY)
 
 
 def attitude_from_thrust(thrust_n: Array, yaw: Array) -> Array:
-    """The attitude whose body z axis opposes thrust_n (V, 3) and whose heading is yaw [rad] (V,); wxyz (V, 4)."""
-    norm = np.sqrt((thrust_n * thrust_n).sum(1))[:, None]
-    z_b = np.where(norm > 1e-6, -thrust_n / np.maximum(norm, 1e-6), (0.0, 0.0, 1.0))
-    y_c = np.stack([-np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)], axis=-1)
-    x_b = _cross(y_c, z_b)
-    x_b *= np.where(z_b[:, 2:] < 0, -1.0, 1.0)
-    x_norm = np.sqrt((x_b * x_b).sum(1))[:, None]
-    x_b = np.where(x_norm > 1e-6, x_b / np.maximum(x_norm, 1e-6), (0.0, 0.0, 1.0))
-    return quat_from_matrix(np.stack([x_b, _cross(z_b, x_b), z_b], axis=-1))
+    """The attitude whose body z axis opposes thrust_n (V, 3) and whose heading is yaw [rad] (V,); wxyz, w >= 0 (V, 4)."""
+    x, y, z = -thrust_n.T
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    ahead, aside = cos * x + sin * y, cos * y - sin * x
+    up = np.where(z < 0, -1.0, 1.0)
+    rpy = np.empty((len(yaw), 3))
+    rpy[:, 0] = np.arctan2(-aside, up * np.hypot(ahead, z))
+    rpy[:, 1] = np.arctan2(up * ahead, np.abs(z))
+    rpy[:, 2] = yaw
+    q = quat_from_euler(rpy)
+    return np.asarray(q * np.where(q[:, :1] < 0, -1.0, 1.0))
 
 
 class AttitudeControl:
@@ -140,30 +143,30 @@ class AttitudeControl:
         self._gain = gain
         self._limit = np.radians(p.columns("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"))
 
-    def update(self, q_nb: Array, q_sp: Array, yaw_rate: Array) -> Array:
-        """q_nb, q_sp: attitude and its setpoint [-] wxyz (V, 4); yaw_rate: feed-forward about down [rad/s] (V,).
+    def update(self, q_nb: Array, r_nb: Array, q_sp: Array, yaw_rate: Array) -> Array:
+        """q_nb, r_nb: attitude [-] wxyz (V, 4) and its matrix (V, 3, 3); q_sp: its setpoint (V, 4); yaw_rate: feed-forward about
+        down [rad/s] (V,).
 
         -> body rates [rad/s] [FRD] (V, 3).
         """
         if self._version != self.params.version:
             self._read_params()
-        e_z, e_z_d = _z_axis(q_nb), _z_axis(q_sp)
-        tilt = _between(e_z, e_z_d)
-        # Where the two point opposite ways the shortest arc has no axis: fly the full attitude instead.
-        opposite = np.abs(tilt[:, 1:3]).max(1) > 1.0 - 1e-5
-        reduced = np.where(opposite[:, None], q_sp, quat_multiply(tilt, q_nb))
-        mix = quat_multiply(quat_conj(reduced), q_sp)
-        mix *= np.where(mix[:, :1] < 0, -1.0, 1.0)
-        half_yaw = self._weight * np.arctan2(mix[:, 3], mix[:, 0])
-        yaw_part = np.zeros_like(mix)
-        yaw_part[:, 0], yaw_part[:, 3] = np.cos(half_yaw), np.sin(half_yaw)
-        error = quat_multiply(quat_conj(q_nb), quat_multiply(reduced, yaw_part))
+        # The error in body axes, tilt * twist about z: only the twist, by half its angle, is weighted. Where the two z axes are
+        # opposite the twist is nothing, and the error is flown as it is.
+        error = quat_between(q_nb, q_sp)
         error *= np.where(error[:, :1] < 0, -2.0, 2.0)
-        down_b = _z_axis(quat_conj(q_nb))
+        w, x, y, z = error.T
+        half = np.arctan2(z, w)
+        kept = self._weight * half
+        cos, sin = np.cos(half - kept), np.sin(half - kept)
+        turn = np.empty_like(r_nb[:, 2])
+        turn[:, 0], turn[:, 1] = cos * x - sin * y, cos * y + sin * x
+        turn[:, 2] = np.hypot(w, z) * np.sin(kept)
         # Bounded before it is turned: of a faster one each body axis would get its all, and the vehicle would roll over.
-        turn: Array = np.clip(np.where(np.isfinite(yaw_rate), yaw_rate, 0.0), -self._limit[:, 2], self._limit[:, 2])
-        rates = error[:, 1:] * self._gain + down_b * turn[:, None]
-        return np.clip(rates, -self._limit, self._limit)
+        feed = np.minimum(np.maximum(yaw_rate, -self._limit[:, 2]), self._limit[:, 2])
+        # The last row of the rotation matrix is down, in body axes.
+        rates = turn * self._gain + r_nb[:, 2] * feed[:, None]
+        return np.asarray(np.minimum(np.maximum(rates, -self._limit), self._limit))
 
 
 class RateControl:
@@ -181,7 +184,7 @@ class RateControl:
         self._version = p.version
         k = p.columns(*(f"MC_{a}RATE_K" for a in axes))
         self._p = k * p.columns(*(f"MC_{a}RATE_P" for a in axes))
-        self._i = k * p.columns(*(f"MC_{a}RATE_I" for a in axes))
+        self._i_dt = k * p.columns(*(f"MC_{a}RATE_I" for a in axes)) * self.dt
         self._d = k * p.columns(*(f"MC_{a}RATE_D" for a in axes))
         self._limit = p.columns("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
         self._lp_rate = _low_pass(p["IMU_GYRO_CUTOFF"], self.dt)
@@ -203,10 +206,11 @@ class RateControl:
         torque = self._p * error + self.integral - self._d * self._accel
         grow = np.where(saturated * error > 0, 0.0, error)
         # Large errors are transients, not trims: let the integral sleep through them (400 deg/s and more: none).
-        fade = np.maximum(0.0, 1.0 - (error / np.radians(400.0)) ** 2)
-        self.integral = np.clip(self.integral + fade * grow * self._i * self.dt, -self._limit, self._limit)
+        fade = np.maximum(0.0, 1.0 - (error * _NO_TRIM) ** 2)
+        integral = self.integral + fade * grow * self._i_dt
+        self.integral = np.minimum(np.maximum(integral, -self._limit), self._limit)
         # Rotors that gather speed push back on the body: what yaw asks for is smoothed, as PX4 does.
-        self._yaw_torque += self._lp_yaw * (np.clip(torque[:, 2], -1.0, 1.0) - self._yaw_torque)
+        self._yaw_torque += self._lp_yaw * (np.minimum(np.maximum(torque[:, 2], -1.0), 1.0) - self._yaw_torque)
         torque[:, 2] = self._yaw_torque
         return torque
 
@@ -222,27 +226,9 @@ def _shorten(v: Array, most: Array) -> Array:
     return np.asarray(v * np.minimum(1.0, most / np.maximum(length, 1e-9))[:, None])
 
 
-def _z_axis(q: Array) -> Array:
-    """Third column of the rotation matrix (V, 3)."""
-    w, x, y, z = q[:, 0], q[:, 1], q[:, 2], q[:, 3]
-    return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
-
-
-def _between(a: Array, b: Array) -> Array:
-    """The shortest rotation that turns unit a into unit b; wxyz (V, 4)."""
-    q = np.empty((len(a), 4))
-    q[:, 0] = 1.0 + (a * b).sum(1)
-    q[:, 1:] = _cross(a, b)
-    norm = np.sqrt((q * q).sum(1))[:, None]
-    return np.where(norm > 1e-6, q / np.maximum(norm, 1e-6), (0.0, 1.0, 0.0, 0.0))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    out = np.empty_like(a)
-    out[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
-    out[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
-    out[:, 2] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return out
+def _length(v: Array) -> Array:
+    """Of vectors (V, 3); numpy's own norm costs several times as much."""
+    return np.asarray(np.hypot(np.hypot(v[:, 0], v[:, 1]), v[:, 2]))
 
 
 class Cascade:
@@ -266,13 +252,12 @@ class Cascade:
         """-> torque [-] [FRD] (V, 3), thrust 0..1 [-] (V,)."""
         level = sp.level
         by_position = level == Level.POSITION
-        turning = np.isfinite(sp.yaw_rate) & by_position
         if self._steps % _POSITION_EVERY == 0:
             q_sp, thrust = self.position.update(sp, est)
             self.q_sp = np.where(by_position[:, None], q_sp, sp.q_nb)
             self.thrust = np.where(by_position, thrust, sp.thrust)
         self._steps += 1
-        feed = np.where(turning, sp.yaw_rate, sp.yaw_rate_ff)
-        rates = self.attitude.update(est.q_nb, self.q_sp, feed)
+        feed = np.where(by_position & np.isfinite(sp.yaw_rate), sp.yaw_rate, sp.yaw_rate_ff)
+        rates = self.attitude.update(est.q_nb, est.r_nb, self.q_sp, feed)
         self.omega_sp = np.where((level >= Level.ATTITUDE)[:, None], rates, sp.omega_b)
         return self.rate.update(est.omega_b, self.omega_sp, self.saturated), self.thrust

@@ -48,7 +48,9 @@ class Mixer:
         up, down = np.where(yaw > 0, (1.0 - base) / np.maximum(yaw, 1e-9), np.inf), np.where(
             yaw < 0, base / np.maximum(-yaw, 1e-9), np.inf
         )
-        yaw_fit = np.clip(np.minimum(up, down).min(1, initial=1.0), 0.0, 1.0)
-        u = np.clip(base + yaw * yaw_fit[:, None], 0.0, 1.0) * self.present
-        kept = np.stack([fit * room, fit * room, yaw_fit], axis=-1)
+        yaw_fit = np.maximum(np.minimum(up, down).min(1, initial=1.0), 0.0)
+        u = np.minimum(np.maximum(base + yaw * yaw_fit[:, None], 0.0), 1.0) * self.present
+        kept = np.empty_like(torque)
+        kept[:, 0] = kept[:, 1] = fit * room
+        kept[:, 2] = yaw_fit
         return u, np.sign(torque) * (kept < 0.999)

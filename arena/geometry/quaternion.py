@@ -18,6 +18,14 @@ for _i, _j, _k, _sign in (
     (0, 3, 3, 1), (1, 2, 3, 1), (2, 1, 3, -1), (3, 0, 3, 1),
 ):  # fmt: skip
     _HAMILTON[4 * _i + _j, _k] = _sign
+# Likewise made of the products of a quaternion's components: conj(a) * b from those of a and b, and, of one quaternion's with
+# themselves, the entries of its matrix: the k-th column is q * e_k * conj(q).
+_CONJ = np.array([1.0, -1.0, -1.0, -1.0])
+_H = _HAMILTON.reshape(4, 4, 4)
+_BETWEEN = (_H * _CONJ[:, None, None]).reshape(16, 4)
+_MATRIX = np.einsum("akm,b,mbl->ablk", _H[:, 1:], _CONJ, _H[:, :, 1:]).reshape(16, 9)
+# From the products of cosine and sine of half the yaw, of half the pitch and of half the roll: q = q_yaw * q_pitch * q_roll.
+_EULER = np.einsum("ypm,mrk->yprk", _H[[0, 3]][:, [0, 2]], _H[:, [0, 1]]).reshape(8, 4)
 
 
 def wrap_pi(angle: ArrayLike) -> Array:
@@ -33,9 +41,16 @@ def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
     return np.asarray(products.reshape(*products.shape[:-2], 16) @ _HAMILTON)
 
 
+def quat_between(a: ArrayLike, b: ArrayLike) -> Array:
+    """conj(a) * b [-] wxyz (..., 4): of two attitudes, b as seen from the body axes of a."""
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    products = a[..., :, None] * b[..., None, :]
+    return np.asarray(products.reshape(*products.shape[:-2], 16) @ _BETWEEN)
+
+
 def quat_conj(q: ArrayLike) -> Array:
     """Conjugate, which is the inverse of a unit quaternion [-] wxyz (..., 4)."""
-    return np.asarray(q, float) * (1.0, -1.0, -1.0, -1.0)
+    return np.asarray(q, float) * _CONJ
 
 
 def quat_normalize(q: ArrayLike) -> Array:
@@ -50,18 +65,8 @@ def quat_normalize(q: ArrayLike) -> Array:
 def matrix_from_quat(q: ArrayLike) -> Array:
     """R [-] (..., 3, 3) with R @ v_b = q * v_b * conj(q)."""
     q = np.asarray(q, float)
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    m = np.empty((*q.shape[:-1], 3, 3))
-    m[..., 0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    m[..., 0, 1] = 2.0 * (x * y - w * z)
-    m[..., 0, 2] = 2.0 * (x * z + w * y)
-    m[..., 1, 0] = 2.0 * (x * y + w * z)
-    m[..., 1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    m[..., 1, 2] = 2.0 * (y * z - w * x)
-    m[..., 2, 0] = 2.0 * (x * z - w * y)
-    m[..., 2, 1] = 2.0 * (y * z + w * x)
-    m[..., 2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    return m
+    shape = q.shape[:-1]
+    return np.asarray(((q[..., :, None] * q[..., None, :]).reshape(*shape, 16) @ _MATRIX).reshape(*shape, 3, 3))
 
 
 def quat_from_matrix(m: ArrayLike) -> Array:
@@ -105,8 +110,11 @@ def quat_exp(rotation_vector: ArrayLike) -> Array:
     """rotation_vector: axis times angle [rad] (..., 3) -> unit quaternion wxyz (..., 4)."""
     v = np.asarray(rotation_vector, float)
     half = 0.5 * np.sqrt((v * v).sum(-1, keepdims=True))
-    scale = 0.5 * np.sinc(half / np.pi)  # sin(half) / angle, exact at zero
-    return np.concatenate([np.cos(half), scale * v], axis=-1)
+    q = np.empty((*v.shape[:-1], 4))
+    q[..., :1] = np.cos(half)
+    half = np.maximum(half, 1e-100)
+    q[..., 1:] = v * (0.5 * np.sin(half) / half)  # sin(half) / angle, exact at zero
+    return q
 
 
 def quat_log(q: ArrayLike) -> Array:
@@ -129,16 +137,11 @@ def quat_slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
 def quat_from_euler(rpy: ArrayLike) -> Array:
     """rpy: roll, pitch, yaw [rad] (..., 3), intrinsic z-y'-x'' as in aviation -> wxyz (..., 4)."""
     half = 0.5 * np.asarray(rpy, float)
-    (cr, cp, cy), (sr, sp, sy) = np.moveaxis(np.cos(half), -1, 0), np.moveaxis(np.sin(half), -1, 0)
-    return np.stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
-        axis=-1,
-    )
+    cs = np.empty((*half.shape, 2))
+    np.cos(half, out=cs[..., 0])
+    np.sin(half, out=cs[..., 1])
+    products = cs[..., 2, :, None, None] * cs[..., 1, None, :, None] * cs[..., 0, None, None, :]
+    return np.asarray(products.reshape(*half.shape[:-1], 8) @ _EULER)
 
 
 def euler_from_quat(q: ArrayLike) -> Array:

@@ -43,25 +43,6 @@ _ORIGIN = (0.0, 0.0, 0.0)
 _Q_NB_XYZW = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
 
 
-def _quadratic() -> Array:
-    """T (16, 9) with vec(R) = vec(q q^T) @ T for unit q: matrix_from_quat in two numpy calls. Found by
-    polarisation.
-    """
-    eye, out = np.eye(4), np.zeros((4, 4, 9))
-
-    def form(q: Array) -> Array:
-        # matrix_from_quat is I + (a form of q); the identity is |q|^2 times I for a unit quaternion.
-        return (matrix_from_quat(q) + (q @ q - 1.0) * np.eye(3)).ravel()
-
-    for i in range(4):
-        for j in range(4):
-            out[i, j] = (form(eye[i] + eye[j]) - form(eye[i]) - form(eye[j])) / 2.0
-    return out.reshape(16, 9)
-
-
-_MATRIX_QQ = _quadratic()
-
-
 @dataclass(frozen=True, kw_only=True)
 class Contacts:
     """floor: does each vehicle touch the floor (V,) bool. others: what else it touches, by vehicle: a wall's
@@ -191,7 +172,7 @@ class Bodies:
         found = np.array(rows)
         self.p_n, self.v_n, self._omega_n = found[:, 0:3], found[:, 3:6], found[:, 6:9]
         self.q_nb = q = found[:, 9:] @ _Q_NB_XYZW
-        self.r_nb = ((q[:, :, None] * q[:, None, :]).reshape(-1, 16) @ _MATRIX_QQ).reshape(-1, 3, 3)
+        self.r_nb = matrix_from_quat(q)
         self._omega_b = None
 
     def _floor(self) -> int:

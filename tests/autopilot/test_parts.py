@@ -12,7 +12,7 @@ from arena.autopilot.mixer import Mixer, mixing_rows
 from arena.autopilot.offboard import from_attitude_target, from_position_target
 from arena.autopilot.params import Params
 from arena.autopilot.setpoint import Level
-from arena.geometry import euler_from_quat, quat_exp, quat_from_euler, quat_multiply, quat_rotate
+from arena.geometry import euler_from_quat, matrix_from_quat, quat_conj, quat_exp, quat_from_euler, quat_multiply, quat_rotate
 
 QUAD_X = [
     {"position_m": [0.2, 0.2, 0.0], "direction": "ccw"}, {"position_m": [-0.2, -0.2, 0.0], "direction": "ccw"},
@@ -61,11 +61,29 @@ def test_attitude_control_turns_towards_the_setpoint_at_a_generic_attitude():
     control = AttitudeControl(Params(3))
     q = np.tile(quat_from_euler(GENERIC_RPY), (3, 1))
     q_sp = np.stack([quat_multiply(q[0], quat_exp(0.1 * axis)) for axis in np.eye(3)])
-    rates = control.update(q, q_sp, np.zeros(3))
+    rates = control.update(q, matrix_from_quat(q), q_sp, np.zeros(3))
     assert np.all(np.diag(rates) > 0.2)
     # Roll and pitch errors are met along their own axis; yaw, weighted down, may lag.
     assert np.abs(rates[0, 1:]).max() < 0.2 * rates[0, 0]
     assert np.abs(rates[1, [0, 2]]).max() < 0.2 * rates[1, 1]
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), st.sampled_from([0.1, 0.4, 1.0]))
+def test_attitude_control_meets_the_tilt_by_the_shortest_way_and_the_yaw_that_is_left_by_its_weight(turns, weight):
+    params = Params(1)
+    params.set(0, "MC_YAW_WEIGHT", weight)
+    q, q_sp = quat_exp(turns[:3]), quat_exp(turns[3:])
+    z, z_sp = quat_rotate(q, [0, 0, 1.0]), quat_rotate(q_sp, [0, 0, 1.0])
+    tilt = np.array([1.0 + z @ z_sp, *np.cross(z, z_sp)])
+    reduced = quat_multiply(tilt / np.linalg.norm(tilt), q)
+    left = quat_multiply(quat_conj(reduced), q_sp)
+    half = weight * np.arctan(left[3] / left[0])
+    error = quat_multiply(quat_conj(q), quat_multiply(reduced, [np.cos(half), 0, 0, np.sin(half)]))
+    gains = [float(params[f"MC_{axis}_P"][0]) for axis in ("ROLL", "PITCH", "YAW")]
+    limits = np.radians([float(params[f"MC_{axis}RATE_MAX"][0]) for axis in ("ROLL", "PITCH", "YAW")])
+    wanted = 2.0 * np.sign(error[0]) * error[1:] * gains / [1.0, 1.0, weight]
+    rates = AttitudeControl(params).update(q[None], matrix_from_quat(q)[None], q_sp[None], np.zeros(1))[0]
+    assert np.allclose(rates, np.clip(wanted, -limits, limits), atol=1e-9)
 
 
 def test_body_setpoints_turn_by_yaw_alone_and_their_position_is_ignored():

@@ -13,6 +13,7 @@ from arena.geometry import (
     ned_from_world,
     q_nb_from_q_wf,
     q_wf_from_q_nb,
+    quat_between,
     quat_conj,
     quat_exp,
     quat_from_euler,
@@ -46,6 +47,11 @@ def same(a, b, atol=1e-9):
 def test_products_associate_and_have_inverses(a, b, c):
     assert np.allclose(quat_multiply(quat_multiply(a, b), c), quat_multiply(a, quat_multiply(b, c)))
     assert same(quat_multiply(a, quat_conj(a)), [1, 0, 0, 0])
+
+
+@given(rotation, rotation)
+def test_between_is_the_product_with_the_conjugate(a, b):
+    assert np.allclose(quat_between(a, b), quat_multiply(quat_conj(a), b), atol=1e-15)
 
 
 @given(rotation, rotation, vector)
