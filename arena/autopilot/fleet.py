@@ -59,6 +59,7 @@ class Autopilots:
         self.thrust = np.zeros(v)
         self._armed_since = np.full(v, np.inf)
         self._steps, self._now = 0, 0.0
+        self._consumed_mah = np.zeros(v)
         self._dead_motors: list[tuple[int, int]] = []
         self._limits = [self._limits_of(i) for i in range(v)]
         self._limits_version = self.params.version
@@ -87,7 +88,8 @@ class Autopilots:
     def transmit(self) -> list[tuple[int, str, bytes]]:
         """Everything to send after this step: (vehicle, link, datagram)."""
         now, s = self._now, Snapshot(
-            self._now, self.est, self.sp, self.cascade, self._sensors, thrust=self.thrust, motors=self.motors
+            self._now, self.est, self.sp, self.cascade, self._sensors, thrust=self.thrust, motors=self.motors,
+            consumed_mah=self._consumed_mah,
         )  # fmt: skip
         for face in self.faces:
             face.newest = s
@@ -131,6 +133,7 @@ class Autopilots:
 
     def _decide(self, now: float) -> None:
         est, sp = self.est, self.sp
+        self._consumed_mah += self._sensors["battery_current_a"] * (self.dt * _DECIDE_EVERY / 3.6)
         up = wants_up(sp, est, self.params) & self.armed
         sink = np.where(sp.level == Level.POSITION, self.cascade.position.v_sp_n[:, 2], np.nan)
         self.land.update(now, est, self.thrust, up, np.nan_to_num(sink, nan=-1.0))

@@ -21,17 +21,18 @@ class Snapshot:
     """To be read before the next step. now_s: [s] since boot; est, sp, cascade: what they hold now; thrust 0..1 (V,);
 
     motors 0..1 (V, R); gyro_b [rad/s], accel_b [m/s2], mag_b [gauss] [FRD] (V, 3); baro_alt_m [m], battery_v [V],
-    battery_a [A], battery 0..1 (V,).
+    battery_a [A], battery 0..1, consumed_mah (V,).
     """
 
     def __init__(
         self, now_s: float, est: Estimator, sp: Setpoints, cascade: Cascade, sensors: Mapping[str, Array], *, thrust: Array,
-        motors: Array,
+        motors: Array, consumed_mah: Array,
     ) -> None:  # fmt: skip
         self.now_s, self.est, self.sp, self.cascade, self.thrust, self.motors = now_s, est, sp, cascade, thrust, motors
         self.gyro_b, self.accel_b, self.mag_b = sensors["gyro_b"], sensors["accel_b"], sensors["mag_b"]
         self.baro_alt_m, self.battery_v = sensors["baro_alt_m"], sensors["battery_v"]
         self.battery_a, self.battery = sensors["battery_current_a"], sensors["battery_remaining"]
+        self.consumed_mah = consumed_mah
 
     @cached_property
     def ms(self) -> int:

@@ -56,8 +56,8 @@ def battery_status(f: Face, s: Snapshot) -> Any:
     i = f.i
     cells = [min(max(int(1e3 * s.battery_v[i]), 0), 65534)] + [65535] * 9
     return mavlink.MAVLink_battery_status_message(
-        0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 32767, cells, _centi(s.battery_a[i]), -1, -1,
-        round(100 * s.battery[i]), 0, _charge_state(f, s),
+        0, mavlink.MAV_BATTERY_FUNCTION_ALL, mavlink.MAV_BATTERY_TYPE_LIPO, 32767, cells, _centi(s.battery_a[i]),
+        int(s.consumed_mah[i]), -1, round(100 * s.battery[i]), 0, _charge_state(f, s),
     )  # fmt: skip
 
 

@@ -120,6 +120,8 @@ KNOWN: dict[str, str] = {
     "commands *: set sys status: ack": _NOT_THERE,
     "commands *: command 0: ack": _NOT_THERE,
     "commands *: figure eight: *": _NOT_THERE,
+    "commands *: * parameters: ack": "nothing is stored: parameters are the YAML's again at the next start",
+    "other setters: SET_GPS_GLOBAL_ORIGIN: moved": "safer: an armed vehicle keeps its origin; PX4 flies off by the difference",
     "commands *: inject failure: ack": "only what can fail is injected, where SYS_FAILURE_EN is set; PX4 accepts unit 0",
     "commands *: set home at no place: ack": _ARGUMENTS,
     "request message: SCALED_IMU: *": _MORE_MESSAGES,

@@ -1,9 +1,10 @@
-"""Where the built-in autopilot's flight once differed from PX4's: the take-off ramp, and the torque about yaw."""
+"""Where the built-in autopilot once differed from PX4: take-off ramp, torque about yaw, what its battery and readiness tell."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from flight import Flight
 
 from arena.autopilot.control import RateControl
 from arena.autopilot.landing import TakeoffRamp
@@ -42,3 +43,22 @@ def test_torque_about_yaw_follows_with_its_time_constant_and_tilt_at_once():
     assert last[2] == pytest.approx(asked[2] * (1 - np.exp(-1)), rel=0.02)
     control.reset(0)
     assert control.update(np.zeros((1, 3)), wanted * 0, np.zeros((1, 3)))[0, 2] == 0.0, "no memory of an earlier flight"
+
+
+def test_the_charge_drawn_is_told():
+    flight = Flight().run(1.0)
+    flight.heard[0].clear()
+    drawn_a = flight.world.sense()["battery_current_a"][0]
+    flight.run(60.0)
+    told = [m.current_consumed for m in flight.heard[0] if m.get_type() == "BATTERY_STATUS"]
+    assert told[-1] - told[0] == pytest.approx(drawn_a * 1000 / 3600 * (len(told) - 1) * 2.0, abs=1.1), "mAh, told every 2 s"
+
+
+def test_poses_that_jump_keep_a_vehicle_on_the_ground():
+    flight = Flight().run(4.0)
+    assert flight.pilots.faces[0].ready_to_arm
+    see = flight._see
+    flight._see = lambda p, q: see(p + [3.0, 0.0, 0.0], q)  # type: ignore[method-assign]
+    flight.run(0.5)
+    assert not flight.pilots.faces[0].ready_to_arm
+    assert flight.arm(0) != 0
