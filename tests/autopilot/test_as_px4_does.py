@@ -58,7 +58,7 @@ def test_poses_that_jump_keep_a_vehicle_on_the_ground():
     flight = Flight().run(4.0)
     assert flight.pilots.faces[0].ready_to_arm
     see = flight._see
-    flight._see = lambda p, q: see(p + [3.0, 0.0, 0.0], q)  # type: ignore[method-assign]
+    flight._see = lambda p, q: see(p + np.array([3.0, 0.0, 0.0]), q)  # type: ignore[method-assign]
     flight.run(0.5)
     assert not flight.pilots.faces[0].ready_to_arm
     assert flight.arm(0) != 0
