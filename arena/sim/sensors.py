@@ -2,7 +2,7 @@
 seeded.
 
 Every vehicle draws from streams of its own, seeded by the arena's seed and its id: one more vehicle changes
-nobody's noise. White noise on each sample; a bias drawn once. The arena's heading turns the magnetometer and
+nobody's noise. White noise on each sample, a bias drawn once; a GPS receiver's position wanders. The arena's heading turns the magnetometer and
 the global position, nothing else.
 """
 
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 _FIELD_GAUSS, _DIP_RAD = 0.48, math.radians(64.0)
 _EARTH_M = 6_371_000.0
 _BLOCK = 256
+# A receiver's position wanders: its error is a Gauss-Markov process. Source: the simulators that PX4 is flown in take 60 s.
+_GPS_WANDERS_S, _GPS_RATE_HZ = 60.0, 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +91,8 @@ class Sensors:
         self._streams = [np.random.default_rng([seed, vehicle, 1]) for vehicle in fleet.ids]
         self._gps_streams = [np.random.default_rng([seed, vehicle, 2]) for vehicle in fleet.ids]
         self._gps_sigma = np.array([_gps_sigma(p) for p in fleet.profiles])
+        self._gps_keep = np.exp(-1.0 / (_GPS_WANDERS_S * np.array([_gps_rate_hz(p) for p in fleet.profiles])))[:, None]
+        self._gps_error: Array | None = None  # of position [sigma] (V, 3)
         drawn = np.array([stream.standard_normal(_WIDTH) for stream in self._streams])
         self.bias: Array = drawn * _rows(fleet, "bias")
         self._next = _BLOCK
@@ -116,11 +120,14 @@ class Sensors:
         """p_n [m] [NED] (V, 3), v_n [m/s] [NED] (V, 3) -> lat_deg, lon_deg, alt_m (V,), v_true_n: velocity,
         true north [m/s] (V, 3).
 
-        Without an origin there is no GPS: an empty dict.
+        One fix of each receiver at its own rate. Without an origin there is no GPS: an empty dict.
         """
         if self._origin is None:
             return {}
-        noise = np.array([stream.standard_normal(6) for stream in self._gps_streams]) * self._gps_sigma
+        drawn = np.array([stream.standard_normal(6) for stream in self._gps_streams])
+        keep, before = self._gps_keep, self._gps_error
+        self._gps_error = drawn[:, :3] if before is None else keep * before + np.sqrt(1.0 - keep**2) * drawn[:, :3]
+        noise = np.concatenate([self._gps_error, drawn[:, 3:]], axis=1) * self._gps_sigma
         position, velocity = self._true_north(p_n) + noise[:, :3], self._true_north(v_n) + noise[:, 3:]
         lat = math.radians(self._origin.lat_deg)
         return {
@@ -162,3 +169,7 @@ def _gps_sigma(profile: Mapping[str, Any]) -> list[float]:
         float(gps.get(k, d)) for k, d in (("horizontal_noise_m", 0.8), ("vertical_noise_m", 1.8), ("velocity_noise_m_s", 0.1))
     )
     return [level, level, up, speed, speed, speed]
+
+
+def _gps_rate_hz(profile: Mapping[str, Any]) -> float:
+    return float(profile.get("sensors", {}).get("gps", {}).get("rate_hz", _GPS_RATE_HZ))

@@ -100,5 +100,14 @@ def test_altitude_and_global_position_follow_the_origin_and_the_heading():
     assert found["v_true_n"][0] == pytest.approx([0.0, 2.0, 0.5], abs=1e-9)
 
 
+def test_a_receivers_position_wanders_as_far_as_its_profile_says_and_no_faster_than_a_receiver_does():
+    gps = {"horizontal_noise_m": 0.8, "vertical_noise_m": 1.8, "velocity_noise_m_s": 0.1, "rate_hz": 10}
+    made = sensors(vehicle(sensors=QUIET | {"gps": gps}), origin=LISBON)
+    zero = np.zeros((1, 3))
+    alt = np.array([made.gps(p_n=zero, v_n=zero)["alt_m"][0] for _ in range(60_000)])
+    assert alt.std() == pytest.approx(1.8, rel=0.35)  # a hundred times its correlation time
+    assert np.diff(alt).std() == pytest.approx(1.8 * np.sqrt(2 * 0.1 / 60), rel=0.03)
+
+
 def test_without_an_origin_there_is_no_gps():
     assert sensors(vehicle()).gps(p_n=np.zeros((1, 3)), v_n=np.zeros((1, 3))) == {}
