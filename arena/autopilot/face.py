@@ -24,7 +24,9 @@ from arena.autopilot.items import local
 from arena.autopilot.params import Params
 from arena.autopilot.snapshot import Snapshot
 from arena.autopilot.vision import Vision, from_odometry, from_vision_estimate
+from arena.wire import onboard
 from arena.wire.codec import Codec
+from arena.wire.mavframe import Frame
 
 _QUEUE_LIMIT = 256
 _TEXT_BYTES = 50
@@ -88,6 +90,7 @@ class Face:
 
     def schedule(self, link: Link, msgid: int, interval_s: float, first: float | None = None) -> None:
         """Send a message by itself every interval_s [s], 0 for not; first: when to begin, one interval from now unless told."""
+        self._quiet_until = 0.0
         link.interval[msgid] = interval_s
         link.due = [entry for entry in link.due if entry[1] != msgid]
         if interval_s > 0:
@@ -100,10 +103,25 @@ class Face:
         """One datagram. now: [s]; q_nb: attitude now, for setpoints in body axes."""
         link = self._links[link_name]
         self.now, self._q_nb = now, q_nb
-        for message in link.codec.parse(data):
-            self._hear(link, message)
+        for at in link.codec.frames(data):
+            if at.msgid in _OFTEN_HEARD:
+                self._hear_often(data, at)
+            elif (message := link.codec.decode(data, at)) is not None:
+                self._hear(link, message)
+
+    def _hear_often(self, data: bytes, at: Frame) -> None:
+        """What comes many times a second is read without a message object, by the rules of all others."""
+        if at.target_sys not in (0, self.system) or at.target_comp not in (0, 1):
+            self.counts["other target"] += 1
+        elif at.sysid == self.system and at.compid == 1:
+            self.counts["own echo"] += 1
+        elif at.msgid == onboard.ODOMETRY:
+            self._take_vision(from_odometry(onboard.Odometry.read(data, at)))
+        else:
+            self._take_setpoint(offboard.from_position_target(onboard.PositionTarget.read(data, at), self._q_nb))
 
     def _hear(self, link: Link, m: Any) -> None:
+        self._quiet_until = 0.0
         handler = _HANDLERS.get(m.get_msgId())
         if m.get_msgId() in missions.HEARD:
             self._hear_mission(link, m)
@@ -125,9 +143,6 @@ class Face:
         if m.type == mavlink.MAV_TYPE_GCS:
             link.gcs_heard = self.now
 
-    def _on_position_target(self, link: Link, m: Any) -> None:
-        self._take_setpoint(offboard.from_position_target(m, self._q_nb))
-
     def _on_global_target(self, link: Link, m: Any) -> None:
         home_down = self.home_n[2] if self.home_n else None
         self._take_setpoint(offboard.from_global_target(m, self.local_from_global, home_down))
@@ -142,9 +157,6 @@ class Face:
                 self.commander.say(CRITICAL, f"Setpoint ignored: {found}")
             return
         self.setpoint, self.setpoint_at = found, self.now
-
-    def _on_odometry(self, link: Link, m: Any) -> None:
-        self._take_vision(from_odometry(m))
 
     def _on_vision_estimate(self, link: Link, m: Any) -> None:
         self._take_vision(from_vision_estimate(m))
@@ -324,16 +336,15 @@ def _stamp(now: float) -> Any:
     return Stamp
 
 
+_OFTEN_HEARD = (onboard.ODOMETRY, onboard.SET_POSITION_TARGET)  # by everybody where they name nobody
 _PLANNERS = (0, 1, mavlink.MAV_COMP_ID_MISSIONPLANNER)
 _HANDLERS = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: Face._on_heartbeat,
     mavlink.MAVLINK_MSG_ID_COMMAND_LONG: Face._on_command,
     mavlink.MAVLINK_MSG_ID_COMMAND_INT: Face._on_command,
     mavlink.MAVLINK_MSG_ID_SET_MODE: Face._on_set_mode,
-    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: Face._on_position_target,
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: Face._on_global_target,
     mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: Face._on_attitude_target,
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: Face._on_odometry,
     mavlink.MAVLINK_MSG_ID_VISION_POSITION_ESTIMATE: Face._on_vision_estimate,
     mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: Face._on_origin,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: Face._on_timesync,
@@ -342,6 +353,6 @@ _HANDLERS = {
 }
 # These are heard by everybody where they name nobody, the rest by whom they name alone: as PX4, which no broadcast arms.
 _FOR_ALL = {
-    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED, mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
-    mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET, mavlink.MAVLINK_MSG_ID_PING, mavlink.MAVLINK_MSG_ID_TIMESYNC,
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT, mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
+    mavlink.MAVLINK_MSG_ID_PING, mavlink.MAVLINK_MSG_ID_TIMESYNC,
 }  # fmt: skip

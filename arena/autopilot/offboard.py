@@ -131,7 +131,10 @@ def _any_finite(values: tuple[float, ...]) -> bool:
 
 
 def _given(values: Triple, mask: int, shift: int) -> Triple:
-    x, y, z = (_NAN if mask >> (shift + i) & 1 else value for i, value in enumerate(values))
+    ignored = mask >> shift & 0b111
+    if not ignored:
+        return values
+    x, y, z = (_NAN if ignored >> i & 1 else value for i, value in enumerate(values))
     return x, y, z
 
 

@@ -50,7 +50,7 @@ def quat_between(a: ArrayLike, b: ArrayLike) -> Array:
 
 def quat_conj(q: ArrayLike) -> Array:
     """Conjugate, which is the inverse of a unit quaternion [-] wxyz (..., 4)."""
-    return np.asarray(q, float) * _CONJ
+    return np.asarray(np.asarray(q, float) * _CONJ)
 
 
 def quat_normalize(q: ArrayLike) -> Array:

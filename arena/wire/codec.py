@@ -12,7 +12,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavframe import Buffer, cut
+from arena.wire.mavframe import Buffer, Frame, cut
 from arena.wire.onboard import SEEDS, frame
 
 
@@ -35,19 +35,24 @@ class Codec:
         self._voice.seq = (self._voice.seq + 1) % 256
         return data
 
-    def parse(self, datagram: Buffer, wanted: Container[int] | None = None) -> list[Any]:
-        """Every message of a datagram that this dialect knows. wanted: decode only these ids. Never raises."""
+    def frames(self, datagram: Buffer) -> list[Frame]:
+        """Every frame of a datagram, for `decode` or a reader of one's own. Never raises."""
         found = cut(datagram)
         if found.garbage:
             self.counts["garbage bytes"] += found.garbage
         if found.bad_crc:
             self.counts["bad checksum"] += found.bad_crc
-        messages = []
-        for at in found.frames:
-            if wanted is not None and at.msgid not in wanted:
-                continue
-            try:
-                messages.append(self._voice.decode(bytearray(datagram[at.start : at.end])))
-            except (mavlink.MAVError, ValueError, IndexError):  # unknown here, or a text that is no text
-                self.counts["not understood"] += 1
-        return messages
+        return found.frames
+
+    def decode(self, datagram: Buffer, at: Frame) -> Any | None:
+        """The message of a frame; None for one that this dialect does not know. Never raises."""
+        try:
+            return self._voice.decode(bytearray(datagram[at.start : at.end]))
+        except (mavlink.MAVError, ValueError, IndexError):  # unknown here, or a text that is no text
+            self.counts["not understood"] += 1
+            return None
+
+    def parse(self, datagram: Buffer, wanted: Container[int] | None = None) -> list[Any]:
+        """Every message of a datagram that this dialect knows. wanted: decode only these ids. Never raises."""
+        frames = [at for at in self.frames(datagram) if wanted is None or at.msgid in wanted]
+        return [m for m in (self.decode(datagram, at) for at in frames) if m is not None]
