@@ -18,10 +18,10 @@ import io
 import json
 import lzma
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 from arena.errors import InputError
 from arena.params.table import COLUMNS, CSV
@@ -68,16 +68,15 @@ def read_xml(data: bytes) -> dict[str, Fact]:
 
 
 def read_json(data: bytes) -> dict[str, Fact]:
-    """parameters.json as PX4's build writes it -> facts by name."""
+    """parameters.json as PX4's build writes it -> facts by name. Up to 1.18 it says rebootRequired of parameters that
+    parameters.xml says `false` of (14 in 1.16): the XML is right."""
     rows: list[dict[str, Any]] = json.loads(data)["parameters"]
-    return _named(
-        {
-            row["name"]: _fact(
-                row["type"], row.get("units"), row["default"], row.get("min"), row.get("max"), bool(row.get("rebootRequired"))
-            )
-            for row in rows
-        }
-    )
+    return _named({row["name"]: _row(row) for row in rows})
+
+
+def _row(row: Mapping[str, Any]) -> Fact:
+    reboot = str(row.get("rebootRequired", "")).lower() == "true"
+    return _fact(row["type"], row.get("units"), row["default"], row.get("min"), row.get("max"), reboot)
 
 
 def read(path: Path) -> dict[str, Fact]:
@@ -97,11 +96,12 @@ def _fact(kind: str, unit: str | None, default: object, least: object, most: obj
     kind = kind.upper()
     if kind not in ("INT32", "FLOAT"):
         raise InputError(f"a parameter's type is {kind}; expected INT32 or FLOAT")
-    texts = ("" if value in (None, "") else _number(kind, value) for value in (default, least, most))
-    return Fact(kind, unit or "", *texts, "1" if reboot else "")
+    return Fact(kind, unit or "", _number(kind, default), _number(kind, least), _number(kind, most), "1" if reboot else "")
 
 
 def _number(kind: str, value: object) -> str:
+    if value in (None, ""):
+        return ""
     number = float(str(value))
     return str(int(number)) if kind == "INT32" else f"{number:.9g}"
 
@@ -120,8 +120,10 @@ def sources(tree: Path, names: Sequence[str]) -> dict[str, str]:
             exact.update({name: place for name in _IN_C.findall(path.read_text(errors="replace"))})
         elif path.suffix == ".yaml":
             patterns.update({name: place for name in _IN_YAML.findall(path.read_text(errors="replace"))})
-    shaped = [(re.compile(re.sub(r"\\\$\\\{\w+\\\}", r"\\w+", re.escape(text)) + r"(_\w+)?"), text, place)
-              for text, place in sorted(patterns.items(), key=lambda item: -len(item[0]))]  # the longest prefix says most
+    shaped = [
+        (re.compile(re.sub(r"\\\$\\\{\w+\\\}", r"\\w+", re.escape(text)) + r"(_\w+)?"), text, place)
+        for text, place in sorted(patterns.items(), key=lambda item: -len(item[0]))
+    ]  # the longest prefix says most
     found = {}
     for name in names:
         place = exact.get(name) or patterns.get(name) or next((p for shape, _, p in shaped if shape.fullmatch(name)), "")
@@ -215,7 +217,9 @@ def _inputs(given: argparse.Namespace) -> Iterator[tuple[str, list[Path], str, P
         files = sorted(f for f in folder.iterdir() if re.search(r"\.(xml|json)(\.xz)?$", f.name))
         of, tree = (folder / "of.txt", folder / "tree.txt")
         yield (
-            _minor(folder.name), files, of.read_text().strip() if of.exists() else "",
+            _minor(folder.name),
+            files,
+            of.read_text().strip() if of.exists() else "",
             Path(tree.read_text().strip()) if tree.exists() else None,
         )
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -46,7 +46,7 @@ class Version:
 
     @classmethod
     def parse(cls, text: str) -> Version:
-        """"1.16", "v1.9.2", "1.18.0-beta1". Raises InputError with the versions that are known."""
+        """From a text like 1.16, v1.9.2 or 1.18.0-beta1. Raises InputError with the versions that are known."""
         found = _VERSION.fullmatch(text.strip())
         if found is None:
             raise InputError(f"{text!r} is no version of PX4; expected one like 1.16 or v1.9.2. {_known()}")
@@ -100,8 +100,8 @@ def source(name: str, version: Version | str) -> str:
 @cache
 def provenance() -> Mapping[str, Provenance]:
     """By minor version, oldest first: where its facts come from."""
-    heads = (match for line in _lines() if line.startswith("#") and (match := _HEAD.fullmatch(line)))
-    return MappingProxyType({name: Provenance(text, mark == "=") for name, mark, text in (head.groups() for head in heads)})
+    heads = (found.groups() for line in _parts()[0] if (found := _HEAD.fullmatch(line)))
+    return MappingProxyType({name: Provenance(text, mark == "=") for name, mark, text in heads})
 
 
 @cache
@@ -112,24 +112,25 @@ def _parameters(table: str) -> Mapping[str, Parameter]:
 
 def _parameter(row: list[str]) -> Parameter:
     name, kind, unit, default, least, most, reboot = row[:7]
-    if kind == "INT32":
-        return Parameter(name, "INT32", unit, int(default), int(least) if least else None, int(most) if most else None, reboot == "1")
-    return Parameter(
-        name, "FLOAT", unit, float(default), float(least) if least else None, float(most) if most else None, reboot == "1"
-    )
-
-
-def _spans() -> Iterator[tuple[list[str], int, int]]:
-    """Each row with the places of its first and last version."""
-    places = {name: place for place, name in enumerate(provenance())}
-    for row in csv.reader(line for line in _lines() if not line.startswith("#")):
-        if row[0] != "name":
-            yield row, places[row[7]], places[row[8]]
+    number: Callable[[str], float] = int if kind == "INT32" else float
+    low, high = number(least) if least else None, number(most) if most else None
+    return Parameter(name, "INT32" if kind == "INT32" else "FLOAT", unit, number(default), low, high, bool(reboot))
 
 
 @cache
-def _lines() -> tuple[str, ...]:
-    return tuple(files(__package__).joinpath(CSV).read_text(encoding="utf-8").splitlines())
+def _spans() -> tuple[tuple[list[str], int, int], ...]:
+    """Each row with the places of its first and last version."""
+    _, rows = _parts()
+    places = {name: place for place, name in enumerate(provenance())}
+    return tuple((row, places[row[7]], places[row[8]]) for row in csv.reader(rows[1:]))
+
+
+@cache
+def _parts() -> tuple[list[str], list[str]]:
+    """The lines of the head, which say where the facts come from, and those of the table with its heading."""
+    lines = files(__package__).joinpath(CSV).read_text(encoding="utf-8").splitlines()
+    head = next(place for place, line in enumerate(lines) if not line.startswith("#"))
+    return lines[:head], lines[head:]
 
 
 def _known() -> str:
