@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 
 from arena.errors import InputError, NotInstalledError, RunError
 from arena.geometry import (
+    frd_from_flu,
     matrix_from_quat,
+    ned_from_world,
     q_nb_from_q_wf,
     q_wf_from_q_nb,
     world_from_ned,
@@ -39,8 +41,12 @@ _WALL_M = 1.0
 # Deeper than what bullet lets a resting body sink, less than anyone would call a gap.
 _TOUCH_M = 1e-3
 _ORIGIN = (0.0, 0.0, 0.0)
-# The conversion is linear, so it is the matrix of its action on a basis: q_nb = quat_xyzw @ _Q_NB_XYZW.
-_Q_NB_XYZW = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
+# What bullet tells of a body, position, velocity, rate and attitude, becomes p_n, v_n, omega_n and q_nb by one product: each
+# conversion is linear, so it is the matrix of its action on a basis.
+_NED = np.zeros((13, 13))
+for _at in (0, 3, 6):
+    _NED[_at : _at + 3, _at : _at + 3] = ned_from_world(np.eye(3))
+_NED[9:, 9:] = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,10 +85,11 @@ class Bodies:
         """
         bullet, client = self._bullet, self._client
         frame = bullet.LINK_FRAME
-        # FLU from FRD (arena.geometry.frd_from_flu, its own inverse), without the cost of an array.
-        for body, (fx, fy, fz), (tx, ty, tz) in zip(self._ids, force_b.tolist(), torque_b.tolist(), strict=True):
-            bullet.applyExternalForce(body, -1, (fx, -fy, -fz), _ORIGIN, frame, client)
-            bullet.applyExternalTorque(body, -1, (tx, -ty, -tz), frame, client)
+        apply_force, apply_torque = bullet.applyExternalForce, bullet.applyExternalTorque
+        forces, torques = frd_from_flu(force_b).tolist(), frd_from_flu(torque_b).tolist()  # its own inverse
+        for body, force, torque in zip(self._ids, forces, torques, strict=True):
+            apply_force(body, -1, force, _ORIGIN, frame, client)
+            apply_torque(body, -1, torque, frame, client)
 
     def push_one(self, i: int, force_b: Triple, torque_b: Triple) -> None:
         """`push` for one vehicle."""
@@ -163,16 +170,17 @@ class Bodies:
         """Take the state of all vehicles over from bullet."""
         bullet, client = self._bullet, self._client
         pose, velocity = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
-        rows = []
+        rows: list[float] = []
         for body in self._ids:
-            (x, y, z), (qx, qy, qz, qw) = pose(body, client)
-            (vx, vy, vz), (wx, wy, wz) = velocity(body, client)
-            # NED from the z-up world (arena.geometry.ned_from_world), without the cost of an array.
-            rows.append((y, x, -z, vy, vx, -vz, wy, wx, -wz, qx, qy, qz, qw))
-        found = np.array(rows)
-        self.p_n, self.v_n, self._omega_n = found[:, 0:3], found[:, 3:6], found[:, 6:9]
-        self.q_nb = q = found[:, 9:] @ _Q_NB_XYZW
-        self.r_nb = matrix_from_quat(q)
+            position, quat = pose(body, client)
+            linear, angular = velocity(body, client)
+            rows += position
+            rows += linear
+            rows += angular
+            rows += quat
+        found = np.array(rows).reshape(-1, 13) @ _NED
+        self.p_n, self.v_n, self._omega_n, self.q_nb = found[:, 0:3], found[:, 3:6], found[:, 6:9], found[:, 9:]
+        self.r_nb = matrix_from_quat(self.q_nb)
         self._omega_b = None
 
     def _floor(self) -> int:
