@@ -206,7 +206,7 @@ CHANGES: tuple[Change, ...] = (
     Change(
         "EKF2_HGT_MODE",
         14,
-        ("EKF2_HGT_REF", "EKF2_BARO_CTRL"),
+        ("EKF2_HGT_REF", "EKF2_BARO_CTRL", "EKF2_RNG_CTRL"),
         _height,
         "the source of height is a reference now, and several are"
         " fused: what was not chosen is switched off here; PX4 itself leaves the barometer on",
