@@ -164,6 +164,7 @@ class Commander:
             (self.mode in _NO_ARMING, f"Mode {self.mode.words} does not allow arming"),
             (s.battery <= limits.bat_crit_thr, f"Battery too low: {100 * s.battery:.0f} %"),
             (s.tilt_rad > limits.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
+            (limits.nav_dll_act > 0 and s.gcs_age > limits.com_dl_loss_t, "No connection to the ground control station"),
             (self.mode is Mode.MISSION and not s.mission_ok, "No valid mission available"),
             (s.fence != "" and limits.gf_action > 0, s.fence),
         ]

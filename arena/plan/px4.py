@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from arena.errors import InputError
+from arena.params.table import parameters, versions
 from arena.schema import Vehicle
 from arena.schema.library import data_folder
 
@@ -32,6 +35,17 @@ def px4_params(v: Vehicle) -> dict[str, float | int]:
     found.pop("MAV_SYS_ID", None)  # the startup sets it after PX4 has set its own
     # Whole numbers without a point: `param set` refuses one in an integer, and minds none that is missing in a float.
     return {name: int(value) if float(value).is_integer() else float(value) for name, value in sorted(found.items())}
+
+
+def forgotten(params: Mapping[str, float | int], version: str) -> dict[str, float | int]:
+    """Those that are to be set once more, after PX4's own startup: a value that is the firmware's default counts as not set
+    there, and the startup's default for a simulated vehicle takes its place (COM_LOW_BAT_ACT 0 became 3).
+    """
+    try:
+        known = parameters(version)
+    except InputError:  # one that no table has, or a binary that does not say
+        known = parameters(versions()[-1])
+    return {name: value for name, value in params.items() if name in known and value == known[name].default}
 
 
 def hitl_params(v: Vehicle) -> dict[str, float | int]:

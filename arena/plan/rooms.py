@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from arena.plan.model import Link
-from arena.plan.px4 import hitl_params, px4_params, px4_scripts
+from arena.plan.px4 import forgotten, hitl_params, px4_params, px4_scripts
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import GROUND_STATION, LINK_BASE
 
@@ -87,12 +87,16 @@ def px4(arena: Arena, v: Vehicle) -> Json:
     """What `python -m arena.px4` needs to run this vehicle's PX4."""
     if arena.px4 is None:
         raise ValueError(f"{v.name} flies PX4, and none was found")
-    given: Json = {"vehicle": v.name, "id": v.id, "simulator": [arena.address, v.ports.simulator], **_links(arena, v)}
+    params = px4_params(v)
+    given: Json = {
+        "vehicle": v.name, "id": v.id, "simulator": [arena.address, v.ports.simulator], **_links(arena, v),
+        "again": forgotten(params, arena.px4.version),
+    }  # fmt: skip
     return {
         "name": f"px4.{v.name}", "vehicle": v.name, "argv": list(arena.px4.argv), "data": arena.px4.data, "instance": v.id - 1,
         "version": arena.px4.version, "stand_in": arena.px4.stand_in,
         "folder": f"{{run}}/px4/{v.name}", "model": "none_iris", "links": _links(arena, v), "clock": CLOCK,
-        "params": px4_params(v), "scripts": px4_scripts(given),
+        "params": params, "scripts": px4_scripts(given),
     }  # fmt: skip
 
 

@@ -22,7 +22,8 @@ HOME = "PX4_HOME"
 STAND_IN = "stand-in"
 _BUILDS = ("", "build/px4_sitl_default", "build/px4_sitl_nolockstep", "build/px4_sitl")
 _DATA = ("etc", "../etc", "../share/px4/etc", "share/px4/etc", "../lib/px4/etc")
-_TAG = re.compile(rb"\x00v(1\.\d{1,2}\.\d{1,2}(?:-[0-9a-z.\-]{1,40})?)\x00")
+# 1.9 and newer: PX4's tests of its own version strings, with versions up to 1.8, are linked into the same binary
+_TAG = re.compile(rb"\x00v(1\.(?:9|[1-9]\d)\.\d{1,2}(?:-[0-9a-z.\-]{1,40})?)\x00")
 
 WAYS = (
     "build it from its sources (make px4_sitl_default) and set PX4_HOME to the source or build folder",

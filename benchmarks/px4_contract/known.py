@@ -11,6 +11,7 @@ _RANGE = "safer: a value that is not finite or out of its documented range is an
 _STREAMS = "nothing there that it could tell: ESCs, vibration, remote id, events, link statistics, time to target"
 _SENSORS = "the sensors that are there differ: no compass, logger and stick receiver, but vision"
 _STICKS = "no sticks: modes flown by hand do not exist; the failsafes that ask for them land"
+_NO_NUMBERS = "safer: an attitude, rates or thrust that are no numbers are refused; PX4 v1.16 enters OFFBOARD with them"
 _ARGUMENTS = "an argument that makes no sense is denied; PX4 acknowledges it and does nothing, or something else"
 _TWICE = "PX4 v1.16 acknowledges MAV_CMD_DO_SET_MODE twice, accepted first; only the answer that counts is sent"
 _TERMINATES = "flight termination is told as a mode and a state of its own; PX4's heartbeat goes on as it was"
@@ -37,6 +38,13 @@ KNOWN: dict[str, str] = {
     "offboard lost and found: a gap*": _SAFER,
     "poses lost and found: *": _SAFER,
     "*: mode after disarming": _AFTER,
+    "battery empties, COM_LOW_BAT_ACT [23]: modes": _AFTER,
+    "battery empties*: warnings at about": "a warning is said once; PX4 repeats it when it acts",
+    "battery empties*: in the end": "the battery it has drained at its own pace: it is empty before the landing disarms",
+    "offboard entered: infinite: *": _NO_NUMBERS,
+    "offboard entered: attitude*: *": _NO_NUMBERS,
+    "offboard entered: rates nan: *": _NO_NUMBERS,
+    "offboard entered: *: ack": _STAYS,
     "setpoints in the air, attitude: attitude, thrust ignored*": _THRUST,
     "parameter write: *out of*": _RANGE,
     "parameter write: float below*": _RANGE,

@@ -115,6 +115,12 @@ def test_data_link_loss_acts_only_when_asked_to():
     assert c.mode is Mode.LAND
 
 
+def test_who_answers_a_lost_data_link_does_not_arm_without_one():
+    c = Commander("uav1")
+    assert c.arm_checks(sensed(gcs_age=11.0), limits(nav_dll_act=3)) == ["No connection to the ground control station"]
+    assert c.arm_checks(sensed(gcs_age=11.0), LIMITS) == []
+
+
 def test_attitude_failure_terminates_only_with_the_breaker_open():
     c, up = flying()
     c.update(sensed(now=106.0, tilt_rad=1.3, **up), LIMITS)

@@ -62,6 +62,7 @@ def test_a_binary_that_may_not_be_run_or_has_no_startup_scripts_is_none(tmp_path
 @pytest.mark.parametrize(
     ("content", "version"),
     [(b"..\0v1.16.0\0..", "1.16.0"), (b"\0v1.17.0-beta1\0", "1.17.0-beta1"), (b"\0v1.16.0-2-g0123abc\0", "1.16.0-2-g0123abc"),
+     (b"\0v1.6.10-100-g890c415\0\0v1.8.2-beta4\0\0v1.16.0\0", "1.16.0"),
      (b"version v1.16.0 of\0", ""), (b"\0v2.0.0\0", ""), (b"", "")],
 )  # fmt: skip
 def test_the_version_is_what_the_binary_says(tmp_path: Path, content: bytes, version: str) -> None:
