@@ -240,14 +240,14 @@ CHANGES: tuple[Change, ...] = (
     ),
     *_moved(
         14,
-        "one wait for every failsafe: it holds before it acts",
+        "one wait before failsafes of links, battery, fence and motors",
         "modules/commander/failsafe/framework.cpp",
         COM_RCL_ACT_T="COM_FAIL_ACT_T",
     ),
     *_gone(
         "COM_BAT_ACT_T",
         at=14,
-        why="COM_FAIL_ACT_T is the wait of every failsafe",
+        why="COM_FAIL_ACT_T is the wait of several failsafes",
         source="modules/commander/failsafe/framework.cpp",
     ),
     *_moved(
@@ -316,7 +316,7 @@ CHANGES: tuple[Change, ...] = (
     *_gone(
         "COM_POSCTL_NAVL",
         at=17,
-        why="position mode without a position becomes altitude, then stabilized; without sticks NAV_RCL_ACT acts",
+        why="position mode without a position becomes altitude, then stabilized; from 1.18 on NAV_RCL_ACT acts without sticks",
         source="modules/commander/failsafe/failsafe.cpp (checkModeFallback)",
     ),
     *_moved(

@@ -167,7 +167,7 @@ ROWS: tuple[Row, ...] = (
         12,
         NEWEST,
         _RCL,
-        "0 is outside NAV_RCL_ACT's range; COM_RCL_EXCEPT excepts missions (1), hold (2) and offboard (4)",
+        "0 is outside NAV_RCL_ACT's range; COM_RCL_EXCEPT excepts missions (1), hold (2) and offboard (4); 1.18 adds 7, a hold that is no failsafe",
         "commander_params.c; failsafe/failsafe.cpp (fromNavDllOrRclActParam)",
     ),
     Row(
@@ -328,38 +328,27 @@ ROWS: tuple[Row, ...] = (
     ),
 )
 
+_WAITS = "it holds so long first, where hold can run (a global position); hold, disarm and terminate come at once"
+
 DELAYS: tuple[Delay, ...] = (
-    Delay(
-        "offboard_loss",
-        "COM_OF_LOSS_T",
-        9,
-        9,
-        1.0,
-        0.5,
-        "0.5 s after the last setpoint it holds (position with sticks), then acts",
-    ),
+    Delay("offboard_loss", "COM_OF_LOSS_T", 9, 9, 1.0, 0.5, "0.5 s after the last setpoint it holds (position with sticks)"),
     Delay("offboard_loss", "COM_OF_LOSS_T", 10, 10, 1.0, 0.5, "0.5 s come on top"),
-    Delay("offboard_loss", "COM_OF_LOSS_T", 11, NEWEST, 1.0, 0.0, ""),
-    Delay(
-        "offboard_loss",
-        "COM_FAIL_ACT_T",
-        14,
-        NEWEST,
-        1.0,
-        0.0,
-        "it holds so long before it acts; disarm and terminate come at once",
-    ),
-    Delay("sticks_loss", "COM_RC_LOSS_T", 9, NEWEST, 1.0, 0.0, ""),
-    Delay("sticks_loss", "COM_RCL_ACT_T", 12, 13, 1.0, 0.0, "it holds so long before it acts"),
-    Delay("sticks_loss", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, "it holds so long before it acts"),
-    Delay("data_link_loss", "COM_DL_LOSS_T", 9, NEWEST, 1.0, 0.0, ""),
-    Delay("data_link_loss", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, "it holds so long before it acts"),
+    Delay("offboard_loss", "COM_OF_LOSS_T", 11, NEWEST, 1.0, 0.0, "then at once: COM_FAIL_ACT_T is not waited for"),
+    Delay("sticks_loss", "COM_RC_LOSS_T", 9, NEWEST, 1.0, 0.0, "none comes from the radio or the joystick"),
+    Delay("sticks_loss", "COM_RCL_ACT_T", 12, 13, 1.0, 0.0, "it holds so long first"),
+    Delay("sticks_loss", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
+    Delay("data_link_loss", "COM_DL_LOSS_T", 9, NEWEST, 1.0, 0.0, "no ground station's heartbeat"),
+    Delay("data_link_loss", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
     Delay("position_loss_in_offboard", "EKF2_NOAID_TOUT", 9, NEWEST, 1e-6, 0.0, "so long EKF2 reckons on without any aid"),
     Delay("position_loss_in_offboard", "COM_POS_FS_DELAY", 9, 15, 1.0, 0.0, "for an estimate that is not published any more"),
-    Delay("low_battery", "COM_BAT_ACT_T", 13, 13, 1.0, 0.0, "it holds so long before it acts"),
-    Delay("low_battery", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, "it holds so long before it acts"),
-    Delay("geofence", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, "it holds so long before it acts"),
+    Delay("low_battery", "COM_BAT_ACT_T", 13, 13, 1.0, 0.0, "it holds so long first"),
+    Delay("low_battery", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
+    Delay("geofence", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
+    Delay("motor_failure", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
 )
+"""COM_FAIL_ACT_T: failsafe/framework.cpp (checkFailsafe) starts it for actions that a user may take over after it (Auto); the
+fallback of a mode that cannot run, which the loss of offboard or of the position is, is not among them. Measured with 1.16 and
+COM_FAIL_ACT_T 5: position mode 1.03 s after the last setpoint."""
 
 STICKS: Mapping[str, tuple[tuple[int, int, int], ...]] = {
     "radio": ((9, NEWEST, 0),),

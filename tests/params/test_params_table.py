@@ -312,7 +312,9 @@ def test_where_sticks_come_from_has_a_number_in_each_version() -> None:
 def test_the_waits_are_in_seconds() -> None:
     (first, *_) = meanings.delays("position_loss_in_offboard", "1.16")
     assert parameters("1.16")[first.parameter].default * first.scale == pytest.approx(5.0)
-    assert [d.parameter for d in meanings.delays("offboard_loss", "1.16")] == ["COM_OF_LOSS_T", "COM_FAIL_ACT_T"]
+    assert [(d.parameter, d.fixed_s) for d in meanings.delays("offboard_loss", "1.9")] == [("COM_OF_LOSS_T", 0.5)]
+    assert [(d.parameter, d.fixed_s) for d in meanings.delays("offboard_loss", "1.16")] == [("COM_OF_LOSS_T", 0.0)]
+    assert [d.parameter for d in meanings.delays("low_battery", "1.16")] == ["COM_FAIL_ACT_T"]
 
 
 def test_the_table_is_read_once() -> None:
