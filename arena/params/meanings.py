@@ -167,7 +167,8 @@ ROWS: tuple[Row, ...] = (
         12,
         NEWEST,
         _RCL,
-        "0 is outside NAV_RCL_ACT's range; COM_RCL_EXCEPT excepts missions (1), hold (2) and offboard (4); 1.18 adds 7, a hold that is no failsafe",
+        "0 is outside NAV_RCL_ACT's range; COM_RCL_EXCEPT excepts missions (1), hold (2) and offboard (4);"
+        " 1.18 adds 7, a hold that is no failsafe",
         "commander_params.c; failsafe/failsafe.cpp (fromNavDllOrRclActParam)",
     ),
     Row(
