@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -254,10 +254,12 @@ class Face:
             link.out.append(link.codec.pack(message))
             self._quiet_until = 0.0
 
-    def tell(self, link: Link, msgid: int, s: Snapshot, payloads: Mapping[tuple[int, int], bytes]) -> bool:
+    def tell(self, link: Link, msgid: int, s: Snapshot, payloads: Mapping[int, Mapping[int, bytes]]) -> bool:
         """Put a message on a link; False when it is not there, or has nothing to say now. payloads: see often.payloads."""
-        payload = payloads.get((msgid, self.i))
-        if payload is not None:
+        if msgid in payloads:
+            payload = payloads[msgid].get(self.i)
+            if payload is None:
+                return False
             if len(link.out) < _QUEUE_LIMIT:
                 link.out.append(link.codec.frame(msgid, payload))
             return True
@@ -275,14 +277,20 @@ class Face:
         if now >= self.missions.due:
             self.missions.speak(now)
             self._speak_missions()
+        if self.commander.texts:
+            self._say_texts(now)
+        if self.param_server.busy:
+            for link in self._links.values():
+                for message in self.param_server.speak(link.name):
+                    self.send(link, message)
+        return [(link, msgid) for link in self._links.values() for msgid in _due(link, now)]
+
+    def _say_texts(self, now: float) -> None:
         texts, self.commander.texts = self.commander.texts, []
         for link in self._links.values():
-            if texts and now - link.gcs_heard < 10.0:
+            if now - link.gcs_heard < 10.0:
                 for severity, text in texts:
                     self._say(link, severity, text)
-            for message in self.param_server.speak(link.name):
-                self.send(link, message)
-        return [(link, msgid) for link in self._links.values() for msgid in _due(link, now)]
 
     def _say(self, link: Link, severity: int, text: str) -> None:
         """A text longer than one message holds goes out in numbered chunks, as the STATUSTEXT of MAVLink 2 allows."""
@@ -299,8 +307,11 @@ class Face:
             if link.out:
                 found.append((name, b"".join(link.out)))
                 link.out = []
-        self._quiet_until = 0.0 if self.param_server.busy else min(x.due[0][0] for x in self._links.values() if x.due) - _TICK_S
+        self._quiet_until = 0.0 if self.param_server.busy else self._next_due() - _TICK_S
         return found
+
+    def _next_due(self) -> float:
+        return min([link.due[0][0] for link in self._links.values() if link.due], default=math.inf)
 
     def garbled(self) -> Counter[str]:
         """What was heard and could not be read, over all links."""
@@ -318,13 +329,14 @@ class Face:
         return n, e, self.origin[2] - alt
 
 
-def _due(link: Link, now: float) -> Iterator[int]:
+def _due(link: Link, now: float) -> list[int]:
     """The messages whose time has come, each set to its next."""
-    due = link.due
-    while due and due[0][0] <= now + _TICK_S:
+    due, soon, found = link.due, now + _TICK_S, []
+    while due and due[0][0] <= soon:
         when, msgid = due[0]
-        yield msgid
+        found.append(msgid)
         heapq.heapreplace(due, (max(when + link.interval[msgid], now - 0.1), msgid))
+    return found
 
 
 def _stamp(now: float) -> Any:

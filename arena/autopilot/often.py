@@ -6,6 +6,7 @@ Each filler writes into the records of a message (their fields: wire/onboard.py)
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -32,7 +33,7 @@ _INT16 = (-32768.0, 32767.0)
 _DIAGONAL = np.array((0, 6, 11, 15, 18, 20))  # of the row-major upper triangle
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Rows:
     """The vehicles that send a message now: their faces, their rows in the fleet's arrays, and these arrays."""
 
@@ -50,21 +51,22 @@ class Often:
     has: Callable[[Face, Snapshot], bool] | None = None
 
 
-def payloads(asked: Iterable[tuple[Face, int]], s: Snapshot) -> dict[tuple[int, int], bytes]:
-    """(face, message id), of any messages, once or more -> (message id, row) to payload, of those that are made here."""
-    senders: dict[int, dict[int, Face]] = {}
+def payloads(asked: Iterable[tuple[Face, int]], s: Snapshot) -> dict[int, dict[int, bytes]]:
+    """(face, message id), of any messages, once or more -> of those that are made here, by message id: row to payload."""
+    senders: defaultdict[int, dict[int, Face]] = defaultdict(dict)
     for f, msgid in asked:
-        often = OFTEN.get(msgid)
-        if often is not None and (often.has is None or often.has(f, s)):
-            senders.setdefault(msgid, {})[f.i] = f
-    found = {}
-    for msgid, faces in senders.items():
-        often = OFTEN[msgid]
-        records = often.blank.repeat(len(faces))
-        often.fill(records, Rows(list(faces.values()), np.array(list(faces)), s))
-        for i, payload in zip(faces, onboard.payloads(records), strict=True):
-            found[msgid, i] = payload
-    return found
+        senders[msgid][f.i] = f
+    return {msgid: _filled(OFTEN[msgid], faces, s) for msgid, faces in senders.items() if msgid in OFTEN}
+
+
+def _filled(often: Often, faces: dict[int, Face], s: Snapshot) -> dict[int, bytes]:
+    if often.has is not None:
+        faces = {i: f for i, f in faces.items() if often.has(f, s)}
+        if not faces:
+            return {}
+    records = often.blank.repeat(len(faces))
+    often.fill(records, Rows(list(faces.values()), np.array(list(faces), np.intp), s))
+    return dict(zip(faces, onboard.payloads(records), strict=True))
 
 
 def globe(origins: Array, p_n: Array) -> tuple[Array, Array, Array]:
