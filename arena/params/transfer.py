@@ -12,7 +12,17 @@ from typing import Literal, NamedTuple
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.params.messages import (
-    AUTOPILOT, ERROR, HASH, REBOOT, VALUE, Message, Value, parse_error, parse_value, reboot, request_read,
+    AUTOPILOT,
+    ERROR,
+    HASH,
+    REBOOT,
+    VALUE,
+    Message,
+    Value,
+    parse_error,
+    parse_value,
+    reboot,
+    request_read,
 )  # fmt: skip
 from arena.wire.codec import Codec
 from arena.wire.mavframe import Buffer, Frame, byte_at, uint_at
