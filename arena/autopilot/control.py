@@ -43,6 +43,8 @@ class PositionControl:
         self._vi = p.columns("MPC_XY_VEL_I_ACC", "MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC")
         self._vd = p.columns("MPC_XY_VEL_D_ACC", "MPC_XY_VEL_D_ACC", "MPC_Z_VEL_D_ACC")
         self._hover, self._thr_min, self._thr_max = p["MPC_THR_HOVER"], p["MPC_THR_MIN"], p["MPC_THR_MAX"]
+        self._per_thrust, self._short_gain = GRAVITY / self._hover, 2.0 / self._vp[:, 0]
+        self._vi_dt = self._vi * self.dt
         self._margin, self._xy_max = p["MPC_THR_XY_MARG"], p["MPC_XY_VEL_MAX"]
         self._up_max, self._down_max = p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"]
         self._tilt_air = np.radians(p["MPC_TILTMAX_AIR"])
@@ -61,9 +63,10 @@ class PositionControl:
         self._v_dot += self._lp * ((est.v_n - self._v_last) / self.dt - self._v_dot)
         self._v_last = est.v_n.copy()
         v_sp = self._velocity_setpoint(sp, est)
-        error = np.where(np.isfinite(v_sp), v_sp - est.v_n, 0.0)
-        a_sp = error * self._vp + self.integral - self._v_dot * self._vd * np.isfinite(v_sp)
-        a_sp = a_sp + np.where(np.isfinite(sp.a_n), sp.a_n, 0.0)
+        held = np.isfinite(v_sp)
+        error = np.where(held, v_sp - est.v_n, 0.0)
+        a_sp = error * self._vp + self.integral - self._v_dot * self._vd * held
+        a_sp += np.where(np.isfinite(sp.a_n), sp.a_n, 0.0)
         self._to_thrust(a_sp)
         self._integrate(error, a_sp)
         self.v_sp_n, self.a_sp_n = v_sp, a_sp
@@ -90,7 +93,7 @@ class PositionControl:
         if over.any():
             flat = body_z[:, :2] / np.maximum(np.hypot(body_z[:, 0], body_z[:, 1]), 1e-9)[:, None]
             body_z[over] = np.concatenate([flat * np.sin(limit)[:, None], np.cos(limit)[:, None]], axis=1)[over]
-        along_z = a_sp[:, 2] * (self._hover / GRAVITY) - self._hover
+        along_z = a_sp[:, 2] / self._per_thrust - self._hover
         collective = np.minimum(along_z / body_z[:, 2], -self._thr_min)
         thrust = body_z * collective[:, None]
         horizontal = np.hypot(thrust[:, 0], thrust[:, 1])
@@ -105,10 +108,10 @@ class PositionControl:
         z, thrust_z = e[:, 2], self.thrust_n[:, 2]
         stuck = ((thrust_z >= -self._thr_min) & (z >= 0)) | ((thrust_z <= -self._thr_max) & (z <= 0))
         e[stuck, 2] = 0.0
-        produced = self.thrust_n[:, :2] * (GRAVITY / self._hover)[:, None]
+        produced = self.thrust_n[:, :2] * self._per_thrust[:, None]
         short = np.hypot(a_sp[:, 0], a_sp[:, 1]) > np.hypot(produced[:, 0], produced[:, 1])
-        e[:, :2] -= (short * 2.0 / self._vp[:, 0])[:, None] * (a_sp[:, :2] - produced)
-        self.integral += e * self._vi * self.dt
+        e[:, :2] -= (short * self._short_gain)[:, None] * (a_sp[:, :2] - produced)
+        self.integral += e * self._vi_dt
         # PX4 bounds the vertical one; the horizontal one would follow an absurd acceleration to where no flight unwinds it.
         self.integral = np.minimum(np.maximum(self.integral, -GRAVITY), GRAVITY)
 
@@ -250,8 +253,7 @@ class Cascade:
 
     def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
         """-> torque [-] [FRD] (V, 3), thrust 0..1 [-] (V,)."""
-        level = sp.level
-        by_position = level == Level.POSITION
+        by_position = sp.at(Level.POSITION)
         if self._steps % _POSITION_EVERY == 0:
             q_sp, thrust = self.position.update(sp, est)
             self.q_sp = np.where(by_position[:, None], q_sp, sp.q_nb)
@@ -259,5 +261,5 @@ class Cascade:
         self._steps += 1
         feed = np.where(by_position & np.isfinite(sp.yaw_rate), sp.yaw_rate, sp.yaw_rate_ff)
         rates = self.attitude.update(est.q_nb, est.r_nb, self.q_sp, feed)
-        self.omega_sp = np.where((level >= Level.ATTITUDE)[:, None], rates, sp.omega_b)
+        self.omega_sp = np.where((by_position | sp.at(Level.ATTITUDE))[:, None], rates, sp.omega_b)
         return self.rate.update(est.omega_b, self.omega_sp, self.saturated), self.thrust

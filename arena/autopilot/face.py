@@ -30,6 +30,7 @@ from arena.wire.mavframe import Frame
 
 _QUEUE_LIMIT = 256
 _TEXT_BYTES = 50
+_LATE_S = 0.1  # that a stream catches up
 _TICK_S = 1e-6  # of rounding in a time that is a sum
 _LOWEST_M, _HIGHEST_M = -12_000.0, 100_000.0  # of an origin, as PX4
 Wgs = tuple[float, float, float]
@@ -331,11 +332,12 @@ class Face:
 
 def _due(link: Link, now: float) -> list[int]:
     """The messages whose time has come, each set to its next."""
-    due, soon, found = link.due, now + _TICK_S, []
+    due, soon, late, found = link.due, now + _TICK_S, now - _LATE_S, []
     while due and due[0][0] <= soon:
         when, msgid = due[0]
         found.append(msgid)
-        heapq.heapreplace(due, (max(when + link.interval[msgid], now - 0.1), msgid))
+        after = when + link.interval[msgid]
+        heapq.heapreplace(due, (after if after > late else late, msgid))
     return found
 
 

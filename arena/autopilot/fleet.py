@@ -58,6 +58,8 @@ class Autopilots:
         self.motors = np.zeros((v, self.mixer.rows.shape[1]))
         self.thrust = np.zeros(v)
         self._armed_since = np.full(v, np.inf)
+        self._up_from = np.full(v, np.inf)  # [s] when the motors follow the cascade
+        self._standing_motors = np.zeros_like(self.motors)
         self._steps, self._now = 0, 0.0
         self._consumed_mah = np.zeros(v)
         self._dead_motors: list[tuple[int, int]] = []
@@ -135,7 +137,7 @@ class Autopilots:
         est, sp = self.est, self.sp
         self._consumed_mah += self._sensors["battery_current_a"] * (self.dt * _DECIDE_EVERY / 3.6)
         up = wants_up(sp, est, self.params) & self.armed
-        sink = np.where(sp.level == Level.POSITION, self.cascade.position.v_sp_n[:, 2], np.nan)
+        sink = np.where(sp.at(Level.POSITION), self.cascade.position.v_sp_n[:, 2], np.nan)
         self.land.update(now, est, self.thrust, up, np.nan_to_num(sink, nan=-1.0))
         self.takeoff.update(now, self._armed_since, self.land.landed, up)
         self._sense(now)
@@ -146,6 +148,11 @@ class Autopilots:
             self._decide_one(face, now)
         self.armed = np.array([f.commander.armed for f in self.faces])
         self._armed_since = np.array([f.commander.armed_since for f in self.faces])
+        on = self.armed & ~sp.at(Level.NONE)
+        # Armed on the ground with nothing to climb for: idle, whatever the cascade says.
+        climbs = on & (self.takeoff.flying | np.isfinite(self.takeoff.begun))
+        self._up_from = np.where(climbs, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf)
+        self._standing_motors = np.where(on, _IDLE, 0.0)[:, None] * self.mixer.present
 
     def _sense(self, now: float) -> None:
         est = self.est
@@ -257,15 +264,11 @@ class Autopilots:
 
     def _control(self, now: float) -> None:
         torque, thrust = self.cascade.update(self.sp, self.est)
-        spooled = now - self._armed_since >= self.params["COM_SPOOLUP_TIME"]
-        on = self.armed & (self.sp.level != Level.NONE)
-        # Armed on the ground with nothing to climb for: idle, whatever the cascade says.
-        standing = ~self.takeoff.flying & ~np.isfinite(self.takeoff.begun)
-        up = on & spooled & ~standing
+        up = now >= self._up_from
         self.thrust = np.where(up, thrust, 0.0)
-        u, saturated = self.mixer.mix(torque * up[:, None], self.thrust)
-        self.cascade.saturated = saturated
-        self.motors = np.where(up[:, None], u, np.where(on[:, None], _IDLE, 0.0)) * self.mixer.present
+        up = up[:, None]
+        u, self.cascade.saturated = self.mixer.mix(torque * up, self.thrust)
+        self.motors = np.where(up, u, self._standing_motors)
         for i, k in self._dead_motors:
             self.motors[i, k : k + 1] = 0.0
 

@@ -77,5 +77,4 @@ def wants_up(sp: Setpoints, est: Estimator, params: Params) -> Bool:
     by_height = np.nan_to_num(sp.p_n[:, 2] - est.p_n[:, 2], nan=0.0) < -0.1
     by_speed = np.nan_to_num(sp.v_n[:, 2], nan=0.0) < -0.1
     by_thrust = sp.thrust > params["MPC_THR_MIN"] + 0.5 * (params["MPC_THR_HOVER"] - params["MPC_THR_MIN"])
-    position = sp.level == Level.POSITION
-    return np.asarray(np.where(position, by_height | by_speed, (sp.level != Level.NONE) & by_thrust))
+    return np.asarray(np.where(sp.at(Level.POSITION), by_height | by_speed, ~sp.at(Level.NONE) & by_thrust))

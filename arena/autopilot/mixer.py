@@ -45,10 +45,10 @@ class Mixer:
         room = np.minimum(1.0, np.maximum(lift, 0.0) / np.maximum(-low * fit, 1e-9))
         base = np.maximum(lift, 0.0)[:, None] + tilt * room[:, None]
         yaw = self.rows[:, :, 2] * torque[:, 2:]
-        up, down = np.where(yaw > 0, (1.0 - base) / np.maximum(yaw, 1e-9), np.inf), np.where(
-            yaw < 0, base / np.maximum(-yaw, 1e-9), np.inf
-        )
-        yaw_fit = np.maximum(np.minimum(up, down).min(1, initial=1.0), 0.0)
+        # Of a rotor that yaw does not ask, `size` is nothing and its room without end.
+        size = np.abs(yaw)
+        left = np.where(size > 0, np.where(yaw > 0, 1.0 - base, base), np.inf) / np.maximum(size, 1e-9)
+        yaw_fit = np.maximum(left.min(1, initial=1.0), 0.0)
         u = np.minimum(np.maximum(base + yaw * yaw_fit[:, None], 0.0), 1.0) * self.present
         kept = np.empty_like(torque)
         kept[:, 0] = kept[:, 1] = fit * room

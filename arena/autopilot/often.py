@@ -81,8 +81,7 @@ def globe(origins: Array, p_n: Array) -> tuple[Array, Array, Array]:
 
 
 def _within(values: Array, limits: tuple[float, float]) -> Array:
-    """What is no number is 0."""
-    return np.asarray(np.minimum(np.maximum(np.where(np.isfinite(values), values, 0.0), limits[0]), limits[1]))
+    return np.asarray(np.minimum(np.maximum(values, limits[0]), limits[1]))
 
 
 def _heartbeat(out: Records, rows: Rows) -> None:

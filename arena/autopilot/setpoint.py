@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Bool = NDArray[np.bool_]
 
 
 class Level(IntEnum):
@@ -34,6 +35,10 @@ class Setpoints:
         self.q_nb, self.omega_b = np.tile([1.0, 0.0, 0.0, 0.0], (v, 1)), np.zeros((v, 3))
         self.thrust = np.zeros(v)
         self.yaw_rate_ff = np.zeros(v)
+
+    def at(self, level: Level) -> Bool:
+        """Which vehicles have a setpoint of this level (V,). Compared as plain numbers: numpy is slow with enums."""
+        return np.asarray(self.level == level.value)
 
     def clear(self, i: int) -> None:
         """Vehicle i has no setpoint: motors off if it were flown."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from arena.autopilot.control import Cascade
 from arena.autopilot.estimator import Estimator
 from arena.autopilot.setpoint import Level, Setpoints
-from arena.geometry import euler_from_quat
+from arena.geometry import euler_from_matrix
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -56,7 +56,7 @@ class Snapshot:
     @cached_property
     def rpy(self) -> Array:
         """[rad] (V, 3)."""
-        return euler_from_quat(self.est.q_nb)
+        return euler_from_matrix(self.est.r_nb)
 
     @cached_property
     def xy_valid(self) -> list[bool]:
@@ -77,7 +77,7 @@ class Snapshot:
     def setpoint(self) -> Array:
         """p_n, v_n, a_n [NED], yaw [rad], yaw rate [rad/s], NaN where free (V, 11)."""
         sp, position = self.sp, self.cascade.position
-        by_position = (sp.level == Level.POSITION)[:, None]
+        by_position = sp.at(Level.POSITION)[:, None]
         found = np.empty((len(sp.level), 11))
         found[:, 0:3] = sp.p_n
         found[:, 3:6] = np.where(by_position, position.v_sp_n, np.nan)

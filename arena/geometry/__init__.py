@@ -22,6 +22,7 @@ from arena.geometry.frames import (
 )
 from arena.geometry.quaternion import (
     Array,
+    euler_from_matrix,
     euler_from_quat,
     matrix_from_quat,
     quat_between,
@@ -39,7 +40,8 @@ from arena.geometry.quaternion import (
 )
 
 __all__ = [
-    "Array", "euler_from_quat", "frd_from_flu", "matrix_from_quat", "ned_from_world", "q_nb_from_q_wf", "q_wf_from_q_nb",
-    "quat_between", "quat_conj", "quat_exp", "quat_from_euler", "quat_from_matrix", "quat_log", "quat_multiply", "quat_normalize",
-    "quat_rotate", "quat_slerp", "world_from_ned", "wrap_pi", "wxyz_from_xyzw", "xyzw_from_wxyz", "yaw_from_quat",
+    "Array", "euler_from_matrix", "euler_from_quat", "frd_from_flu", "matrix_from_quat", "ned_from_world", "q_nb_from_q_wf",
+    "q_wf_from_q_nb", "quat_between", "quat_conj", "quat_exp", "quat_from_euler", "quat_from_matrix", "quat_log",
+    "quat_multiply", "quat_normalize", "quat_rotate", "quat_slerp", "world_from_ned", "wrap_pi", "wxyz_from_xyzw",
+    "xyzw_from_wxyz", "yaw_from_quat",
 ]

@@ -146,12 +146,16 @@ def quat_from_euler(rpy: ArrayLike) -> Array:
 
 def euler_from_quat(q: ArrayLike) -> Array:
     """Roll, pitch, yaw [rad] (..., 3) of wxyz (..., 4), intrinsic z-y'-x''."""
-    q = np.asarray(q, float)
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    out = np.empty((*q.shape[:-1], 3))
-    out[..., 0] = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    out[..., 1] = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    out[..., 2] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return euler_from_matrix(matrix_from_quat(q))
+
+
+def euler_from_matrix(m: ArrayLike) -> Array:
+    """Roll, pitch, yaw [rad] (..., 3) of a rotation matrix (..., 3, 3), intrinsic z-y'-x''."""
+    m = np.asarray(m, float)
+    out = np.empty(m.shape[:-1])
+    out[..., 0] = np.arctan2(m[..., 2, 1], m[..., 2, 2])
+    out[..., 1] = np.arcsin(np.minimum(np.maximum(-m[..., 2, 0], -1.0), 1.0))
+    out[..., 2] = np.arctan2(m[..., 1, 0], m[..., 0, 0])
     return out
 
 
