@@ -27,7 +27,7 @@ class Mode(Enum):
     OFFBOARD = (6, 0, "OFFBOARD")
     STABILIZED = (7, 0, "STABILIZED")
     DESCEND = (4, 106, "DESCEND")  # inside only: told to the world as AUTO.LAND
-    TERMINATE = (4, 107, "TERMINATION")  # inside only
+    TERMINATE = (10, 0, "TERMINATION")  # nobody can ask for it
 
     @property
     def custom_mode(self) -> int:

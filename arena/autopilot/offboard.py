@@ -109,9 +109,11 @@ def from_attitude_target(m: Any) -> Offboard | str:
     rates = tuple(0.0 if mask & (1 << i) else x for i, x in enumerate((m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)))
     if mask & mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE or not math.isfinite(m.thrust):
         return "attitude setpoint without thrust"
+    if m.thrust < 0.0:
+        return "thrust below nought"  # PX4 v1.16 flies its absolute value
     if not all(abs(x) <= _MOST for x in rates):
         return "body rate that is not finite"
-    thrust = min(max(m.thrust, 0.0), 1.0)
+    thrust = min(m.thrust, 1.0)
     if not by_attitude:
         return Offboard(level=Level.RATE, omega_b=rates, thrust=thrust)  # type: ignore[arg-type]
     q = tuple(m.q)

@@ -12,6 +12,8 @@ _STREAMS = "nothing there that it could tell: ESCs, vibration, remote id, events
 _SENSORS = "the sensors that are there differ: no compass, logger and stick receiver, but vision"
 _STICKS = "no sticks: modes flown by hand do not exist; the failsafes that ask for them land"
 _NO_NUMBERS = "safer: an attitude, rates or thrust that are no numbers are refused; PX4 v1.16 enters OFFBOARD with them"
+_LANDS_SOONER = "AUTO.LAND sets out at once; PX4's jerk-limited trajectory takes half a second to"
+_TOLD = "what flies is told: none in attitude and rates, a point to brake to while landing; PX4 repeats what was told before"
 _ARGUMENTS = "an argument that makes no sense is denied; PX4 acknowledges it and does nothing, or something else"
 _TWICE = "PX4 v1.16 acknowledges MAV_CMD_DO_SET_MODE twice, accepted first; only the answer that counts is sent"
 _TERMINATES = "flight termination is told as a mode and a state of its own; PX4's heartbeat goes on as it was"
@@ -35,7 +37,6 @@ _CLIMB = "AUTO.TAKEOFF ends at its height; PX4's ends within NAV_MC_ALT_RAD belo
 
 KNOWN: dict[str, str] = {
     "offboard lost and found: with setpoints again": _SAFER,
-    "offboard lost and found: a gap*": _SAFER,
     "poses lost and found: *": _SAFER,
     "*: mode after disarming": _AFTER,
     "battery empties, COM_LOW_BAT_ACT [23]: modes": _AFTER,
@@ -78,7 +79,6 @@ KNOWN: dict[str, str] = {
     "message interval: *as fast as it goes*": _INTERVAL,
     "message interval: nan*": _ARGUMENTS,
     "message interval: infinite*": _ARGUMENTS,
-    "message interval: ATTITUDE after nan*": _ARGUMENTS,
     "message interval: ATTITUDE after infinite*": _ARGUMENTS,
     "request message: nan: ack": _ARGUMENTS,
     "request message: infinite: ack": _ARGUMENTS,
@@ -147,6 +147,14 @@ KNOWN: dict[str, str] = {
     "*: ESTIMATOR_STATUS flags": "another filter: it predicts where PX4's flags a constant position",
     "parameter list: COM_LOW_BAT_ACT value": "the firmware's default; the startup of PX4's SITL sets 3 by itself",
     "parameter list: MIS_*": "PX4 lists a parameter only once a module has asked for it",
+    "battery empties*: ended by itself": "the battery it has drained at its own pace; PX4's simulated one never quite empties",
+    "setpoints in the air, *: target told": _TOLD,
+    "setpoints in the air, frames: *: down": _LANDS_SOONER,
+    "setpoints in the air, attitude: attitude nan: *": _NO_NUMBERS,
+    "setpoints in the air, attitude: attitude of zero length: *": _NO_NUMBERS,
+    "setpoints in the air, attitude: rates nan: *": _NO_NUMBERS,
+    "setpoints in the air, attitude: thrust nan: *": _NO_NUMBERS,
+    "setpoints in the air, attitude: thrust negative: *": "safer: refused; PX4 v1.16 flies its absolute value",
     "gps origin: before: may arm": _PLACE,
     "take off and land: height at the change": _CLIMB,
     "take off and land: take-off lasts": _CLIMB,
