@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from arena.autopilot.control import Cascade
 from arena.autopilot.estimator import Estimator
 from arena.autopilot.setpoint import Level, Setpoints
-from arena.geometry import euler_from_matrix
+from arena.geometry import euler_from_matrix, yaw_from_quat
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -82,5 +82,7 @@ class Snapshot:
         found[:, 0:3] = sp.p_n
         found[:, 3:6] = np.where(by_position, position.v_sp_n, np.nan)
         found[:, 6:9] = np.where(by_position, position.a_sp_n, np.nan)
-        found[:, 9], found[:, 10] = sp.yaw, sp.yaw_rate
+        turned = by_position[:, 0] & np.isnan(sp.yaw)  # no heading asked for: the one that is held is told
+        found[:, 9] = np.where(turned, yaw_from_quat(self.cascade.q_sp), sp.yaw)
+        found[:, 10] = sp.yaw_rate
         return found
