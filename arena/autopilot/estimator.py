@@ -39,6 +39,7 @@ _SETTLE_S = 1.0  # after alignment, before the estimate may be flown on
 _UNUSED_VARIANCE = 1e9
 _SMALL_VARIANCE = 1e-6
 _VELOCITY_VARIANCE = 0.16  # that may be flown on [m2/s2]
+_SURE = np.repeat((0.25, _VELOCITY_VARIANCE, 0.01), 3)  # variances of position, velocity and attitude that may be flown on
 _EYE = np.eye(15)
 
 
@@ -73,10 +74,14 @@ class Estimator:
     def _read_params(self) -> None:
         p = self.params
         self._version = p.version
-        self._noise = p.columns("EKF2_ACC_NOISE", "EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_B_NOISE")
         self._timeout_s = p["EKF2_NOAID_TOUT"] * 1e-6
         self._delay_s = p["EKF2_EV_DELAY"] * 1e-3
         self._ctrl = p["EKF2_EV_CTRL"].astype(int)
+        self._least_variance = (p.columns("EKF2_EVP_NOISE", "EKF2_EVA_NOISE") ** 2)[:, (0, 0, 0, 1)]
+        self._gate_squared = p.columns("EKF2_EVP_GATE", "EKF2_HDG_GATE") ** 2
+        # Of velocity, attitude and both biases. PX4 adds (noise * dt)^2 at each of its own steps; the same growth per second.
+        noise = p.columns("EKF2_ACC_NOISE", "EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_B_NOISE").repeat(3, axis=1)
+        self._growth = (noise * self.dt) ** 2 * _COVARIANCE_EVERY
 
     # -- what others ask -----------------------------------------------------------------------------------------------
 
@@ -96,9 +101,8 @@ class Estimator:
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
 
     def _converged(self, now: float) -> Bool:
-        d = np.diagonal(self.cov, axis1=1, axis2=2)
-        sure = (d[:, _P].max(1) < 0.25) & (d[:, _V].max(1) < _VELOCITY_VARIANCE) & (d[:, _TH].max(1) < 0.01)
-        return np.asarray(sure & (now - self.aligned_at > _SETTLE_S))
+        d = np.einsum("vii->vi", self.cov)[:, :9]
+        return np.asarray((d < _SURE).all(1) & (now - self.aligned_at > _SETTLE_S))
 
     # -- prediction ----------------------------------------------------------------------------------------------------
 
@@ -138,15 +142,9 @@ class Estimator:
         f[:, _TH, _TH] -= dt * _skew(self.omega_b)
         f[:, 6, 9] = f[:, 7, 10] = f[:, 8, 11] = -dt
         cov = f @ self.cov @ f.transpose(0, 2, 1)
-        acc, gyr, gyr_b, acc_b = (self._noise[:, i, None] for i in range(4))
         d = np.einsum("vii->vi", cov)  # a view of the diagonals
-        # PX4 adds (noise * dt)^2 at each of its own steps; the same growth per second at this, longer, step.
-        small = self.dt * dt
-        d[:, _V] += acc * acc * small
-        d[:, _TH] += gyr * gyr * small
-        d[:, _BG] += gyr_b * gyr_b * small
-        d[:, _BA] += acc_b * acc_b * small
-        np.clip(d, 0.0, 1e4, out=d)
+        d[:, 3:] += self._growth
+        np.minimum(np.maximum(d, 0.0), 1e4, out=d)
         self.cov = cov
 
     # -- correction ----------------------------------------------------------------------------------------------------
@@ -163,7 +161,7 @@ class Estimator:
             p_n, q_nb, var_p, var_yaw = (x[~fresh] for x in (p_n, q_nb, var_p, var_yaw))
         if not len(idx):
             return
-        delay = np.clip(self._delay_s[idx] + 0.5 * self.dt, 0.0, (_RING - 3) * self.dt)
+        delay = np.minimum(np.maximum(self._delay_s[idx] + 0.5 * self.dt, 0.0), (_RING - 3) * self.dt)
         past_p, past_q = self._past(idx, delay)
         y = np.zeros((len(idx), 4))
         y[:, :3] = p_n - past_p
@@ -173,10 +171,10 @@ class Estimator:
         h = np.zeros((len(idx), 4, 15))
         h[:, 0, 0] = h[:, 1, 1] = h[:, 2, 2] = 1.0
         h[:, 0, 3] = h[:, 1, 4] = h[:, 2, 5] = -delay
-        h[:, 3, _TH] = self.r_nb[idx][:, 2, :]
+        h[:, 3, _TH] = self.r_nb[idx, 2]
         r = np.empty((len(idx), 4))
-        r[:, :3] = np.maximum(var_p, self.params["EKF2_EVP_NOISE"][idx, None] ** 2)
-        r[:, 3] = np.maximum(var_yaw, self.params["EKF2_EVA_NOISE"][idx] ** 2)
+        r[:, :3], r[:, 3] = var_p, var_yaw
+        np.maximum(r, self._least_variance[idx], out=r)
         # Heard at some moment of the period that ends now: uniform, half a period old on average, dt^2 / 12.
         r[:, :3] += self.v_n[idx] ** 2 * (self.dt**2 / 12)
         r[:, 3] += self.omega_b[idx, 2] ** 2 * (self.dt**2 / 12)
@@ -193,18 +191,21 @@ class Estimator:
         self.innovation[idx], self.innovation_var[idx] = y, s_diag
         strict = np.minimum(s_diag, self._strict[idx])
         ratio = y * y / strict
-        gate_p, gate_yaw = self.params["EKF2_EVP_GATE"][idx], self.params["EKF2_HDG_GATE"][idx]
-        position_ratio = ratio[:, :3].max(1) / gate_p**2
-        yaw_ratio = ratio[:, 3] / gate_yaw**2
-        self.test_ratio[idx] = np.stack([position_ratio, yaw_ratio], axis=-1)
+        tested = np.empty((len(idx), 2))
+        tested[:, 0], tested[:, 1] = ratio[:, :3].max(1), ratio[:, 3]
+        tested /= self._gate_squared[idx]
+        self.test_ratio[idx] = tested
+        position_ratio, yaw_ratio = tested.T
         ctrl = self._ctrl[idx]
         consistent = position_ratio < 1.0
         use_xy, use_z = consistent & (ctrl & 1 > 0), consistent & (ctrl & 2 > 0)
         # A yaw that jumped while the position stayed is a flipped rigid body: declare, do not follow.
         use_yaw = has_yaw & consistent & (yaw_ratio < 1.0)
         self.rejected[idx] += ~consistent | (has_yaw & (yaw_ratio >= 1.0))
-        use = np.stack([use_xy, use_xy, use_z, use_yaw], axis=-1)
-        passed = np.stack([consistent, consistent, consistent, use_yaw], axis=-1)
+        use, passed = np.empty_like(y, bool), np.empty_like(y, bool)
+        use[:, 0] = use[:, 1] = use_xy
+        use[:, 2], use[:, 3] = use_z, use_yaw
+        passed[:, :3], passed[:, 3] = consistent[:, None], use_yaw
         strict[~has_yaw, 3] = self._strict[idx[~has_yaw], 3]
         self._strict[idx] = np.where(passed, np.inf, strict)
         self.last_xy[idx[use_xy]] = now
@@ -231,12 +232,11 @@ class Estimator:
         self.q_nb[idx] = quat_multiply(turn, self.q_nb[idx])
         self.gyro_bias[idx] += dx[:, _BG]
         limit = self.params["EKF2_ABL_LIM"][idx, None]
-        self.accel_bias[idx] = np.clip(self.accel_bias[idx] + dx[:, _BA], -limit, limit)
+        self.accel_bias[idx] = np.minimum(np.maximum(self.accel_bias[idx] + dx[:, _BA], -limit), limit)
         self.r_nb[idx] = matrix_from_quat(self.q_nb[idx])
         depth = min(self._steps, int(np.max(self._delay_s[idx], initial=0.0) / self.dt) + 3)
         ages = np.arange(depth)
-        slots = (self._steps - 1 - ages) % _RING
-        at = np.ix_(slots, idx)
+        at = ((self._steps - 1 - ages)[:, None] % _RING, idx)
         self._ring_p[at] += dx[None, :, _P] - (ages * self.dt)[:, None, None] * dx[None, :, _V]
         self._ring_q[at] = quat_multiply(turn[None], self._ring_q[at])
 

@@ -202,6 +202,7 @@ class StressFlight:
         for i, s in enumerate(stresses):
             if s.matched:  # below the floors that PX4 allows
                 self.pilots.params["EKF2_EVP_NOISE"][i] = self.pilots.params["EKF2_EVA_NOISE"][i] = 1e-6
+        self.est._read_params()
         self.rng = np.random.default_rng(seed)
         self.home = self.world.truth().p_n.copy()
         self.motors = np.zeros((v, 4))
