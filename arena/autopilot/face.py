@@ -320,7 +320,7 @@ class Face:
 
     def gcs_age(self, now: float) -> float:
         """Since the last ground-station heartbeat on any link [s]."""
-        return now - max(link.gcs_heard for link in self._links.values())
+        return now - max([link.gcs_heard for link in self._links.values()])
 
     def local_from_global(self, lat: float, lon: float, alt: float) -> tuple[float, float, float] | None:
         """Latitude, longitude [deg], altitude AMSL [m] -> p_n [m] [NED]; None without an origin."""

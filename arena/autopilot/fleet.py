@@ -138,19 +138,22 @@ class Autopilots:
         self._consumed_mah += self._sensors["battery_current_a"] * (self.dt * _DECIDE_EVERY / 3.6)
         up = wants_up(sp, est, self.params) & self.armed
         sink = np.where(sp.at(Level.POSITION), self.cascade.position.v_sp_n[:, 2], np.nan)
-        self.land.update(now, est, self.thrust, up, np.nan_to_num(sink, nan=-1.0))
+        self.land.update(now, est, self.thrust, up, sink)
         self.takeoff.update(now, self._armed_since, self.land.landed, up)
         self._sense(now)
         offboard = np.array([f.commander.mode is Mode.OFFBOARD for f in self.faces])
         full = np.where(offboard, self.params["MPC_Z_VEL_MAX_UP"], self.params["MPC_TKO_SPEED"])
-        self._speed_up = self.takeoff.speed_up(now, full)
         for face in self.faces:
-            self._decide_one(face, now)
+            self._decide_one(face)
+        flying, begun = self.takeoff.flying, np.isfinite(self.takeoff.begun)
+        self.cascade.position.speed_up = self.takeoff.speed_up(now, full)
+        self.cascade.position.tilt_max = np.where(flying, np.inf, np.radians(self.params["MPC_TILTMAX_LND"]))
+        self.cascade.reset(~(flying | begun))
         self.armed = np.array([f.commander.armed for f in self.faces])
         self._armed_since = np.array([f.commander.armed_since for f in self.faces])
         on = self.armed & ~sp.at(Level.NONE)
         # Armed on the ground with nothing to climb for: idle, whatever the cascade says.
-        climbs = on & (self.takeoff.flying | np.isfinite(self.takeoff.begun))
+        climbs = on & (flying | begun)
         self._up_from = np.where(climbs, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf)
         self._standing_motors = np.where(on, _IDLE, 0.0)[:, None] * self.mixer.present
 
@@ -178,8 +181,8 @@ class Autopilots:
             self.auto.sense(f, f.sensed)
         self._dead_motors = [(f.i, k) for f in self.faces for k in f.failures.motors]
 
-    def _decide_one(self, f: Face, now: float) -> None:
-        c, i, s, limits = f.commander, f.i, f.sensed, f.limits
+    def _decide_one(self, f: Face) -> None:
+        c, s, limits = f.commander, f.sensed, f.limits
         assert s is not None and limits is not None
         was_armed = c.armed
         c.update(s, limits)
@@ -191,10 +194,6 @@ class Autopilots:
         else:
             self._stand(f)
         f.landed_state = _landed_state(c, s)
-        self.cascade.position.speed_up[i] = np.inf if s.flying else self._speed_up[i]
-        self.cascade.position.tilt_max[i] = np.inf if s.flying else math.radians(float(self.params["MPC_TILTMAX_LND"][i]))
-        if not s.flying and not np.isfinite(self.takeoff.begun[i]):
-            self.cascade.reset(i)
 
     def _stand(self, f: Face) -> None:
         """Disarmed: nothing to fly; a wrong estimate may start anew."""

@@ -74,7 +74,7 @@ class TakeoffRamp:
 
 def wants_up(sp: Setpoints, est: Estimator, params: Params) -> Bool:
     """Is each vehicle told to leave the floor? By height, climb rate or thrust. (V,)"""
-    by_height = np.nan_to_num(sp.p_n[:, 2] - est.p_n[:, 2], nan=0.0) < -0.1
-    by_speed = np.nan_to_num(sp.v_n[:, 2], nan=0.0) < -0.1
+    by_height = sp.p_n[:, 2] - est.p_n[:, 2] < -0.1  # which what is not given is not
+    by_speed = sp.v_n[:, 2] < -0.1
     by_thrust = sp.thrust > params["MPC_THR_MIN"] + 0.5 * (params["MPC_THR_HOVER"] - params["MPC_THR_MIN"])
     return np.asarray(np.where(sp.at(Level.POSITION), by_height | by_speed, ~sp.at(Level.NONE) & by_thrust))

@@ -33,10 +33,11 @@ class Mixer:
 
     def __init__(self, rows: Array, present: NDArray[np.bool_]) -> None:
         self.rows, self.present = rows, present
+        self._tilt_rows, self._yaw_rows = rows[:, :, :2].copy(), rows[:, :, 2].copy()
 
     def mix(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
         """torque [-] (V, 3), thrust 0..1 (V,) -> commands 0..1 (V, R), and the signs of torque not delivered (V, 3)."""
-        tilt = (self.rows[:, :, :2] @ torque[:, :2, None])[:, :, 0]
+        tilt = (self._tilt_rows @ torque[:, :2, None])[:, :, 0]
         high, low = tilt.max(1), tilt.min(1)
         fit = np.minimum(1.0, 1.0 / np.maximum(high - low, 1e-9))
         tilt = tilt * fit[:, None]
@@ -44,7 +45,7 @@ class Mixer:
         # Without airmode roll and pitch shrink when lift is low, rather than lift rising.
         room = np.minimum(1.0, np.maximum(lift, 0.0) / np.maximum(-low * fit, 1e-9))
         base = np.maximum(lift, 0.0)[:, None] + tilt * room[:, None]
-        yaw = self.rows[:, :, 2] * torque[:, 2:]
+        yaw = self._yaw_rows * torque[:, 2:]
         # Of a rotor that yaw does not ask, `size` is nothing and its room without end.
         size = np.abs(yaw)
         left = np.where(size > 0, np.where(yaw > 0, 1.0 - base, base), np.inf) / np.maximum(size, 1e-9)
