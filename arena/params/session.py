@@ -106,10 +106,11 @@ def push(
     reboot_names: frozenset[str] = frozenset(),
     on_progress: OnProgress | None = None,
 ) -> dict[str, Report]:
-    """Write what differs to every vehicle of `wanted`. record: kept as it goes, and removed once all is done.
+    """Write what differs to every vehicle of `wanted`.
 
+    record: of the same vehicles; kept as it goes, and removed once all are done. To resume one, push its own `wanted` with it.
     reboot_names: parameters that take effect only after the vehicle has started anew.
-    Raises OSError when the record cannot be written: nothing has been sent to be written then.
+    Raises OSError when the record cannot be written, before anything is sent that it should have told of.
     """
     component = own_component()
 

@@ -34,7 +34,8 @@ _HEARTBEAT_S = 1.0
 _KNOCK_S = 0.4
 _ARMED, _BASE_MODE = 128, 6
 _REBOOTING_S = 2.5
-PROBE = 0           # the index of a parameter that is always there
+_RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed"}
+PROBE = 0  # the index of a parameter that is always there
 
 Ending = Literal["", "done", "armed", "vanished", "not heard", "interrupted"]
 Outcome = Literal["same", "written", "refused", "unknown", "lost", "differs", "untried"]
@@ -188,5 +189,5 @@ class Rebooter(Transfer):
             return
         if frame.target_sys in (0, SYSTEM) and frame.target_comp in (0, self._component):
             result = byte_at(data, frame, 2)
-            self.refusal = "" if result == mavlink.MAV_RESULT_ACCEPTED else f"refused (result {result})"
+            self.refusal = "" if result == mavlink.MAV_RESULT_ACCEPTED else f"refused: {_RESULTS.get(result, result)}"
             self.ending = "done"

@@ -1,0 +1,75 @@
+"""Parameters read and written through the router of a running arena: of the built-in autopilot, the stand-in and the real PX4."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from arena.params.messages import Value
+from arena.params.session import Target, pull, push
+from arena.safety.targets import from_plan
+from arena.schema.px4 import find_px4
+
+from .flight import Flight, Hangar
+
+pytestmark = pytest.mark.flight
+
+NUMBER = 200 + os.getpid() % 40
+"""PX4 binds its links on every address: an id that no other test's arena has."""
+INT32 = 6
+A_SIGNALLING_NAN = -5_000_001
+"""What its bytes are as a float."""
+
+
+def targets_of(flight: Flight) -> dict[str, Target]:
+    flight.until_said("router: READY", 60)
+    return {t.name: Target(system=t.id, remote=t.tools) for t in from_plan((flight.folder / "plan.json").read_text())}
+
+
+def another(value: Value) -> float:
+    """That PX4 has no reason to object to."""
+    return (1 - value.value if value.value in (0, 1) else value.value + 1) if value.kind == INT32 else value.value * 0.9 + 0.01
+
+
+def sixty(values: Mapping[str, Value]) -> dict[str, float]:
+    """Thirty integers and thirty floats, to other values; what identifies the vehicle or moves its wires is left alone."""
+    calm_names = ("MPC_", "MC_", "MIS_", "RTL_", "NAV_", "GF_", "LNDMC_", "EKF2_", "COM_")
+    calm = [v for n, v in values.items() if n.startswith(calm_names)]
+    chosen = [v for v in calm if v.kind == INT32][:30] + [v for v in calm if v.kind != INT32][:30]
+    return {v.name: another(v) for v in chosen}
+
+
+def yaml(folder: Path, autopilot: str) -> Path:
+    file = folder / "arena.yaml"
+    file.write_text(f"world: {{size: [10, 10, 5]}}\nvehicles:\n  uav1: {{autopilot: {autopilot}, id: {NUMBER}}}\n")
+    return file
+
+
+@pytest.mark.parametrize("autopilot", ["builtin", "stand-in", pytest.param("real", marks=pytest.mark.px4)])
+def test_the_list_is_whole_sixty_are_written_and_an_unknown_name_is_told_apart(hangar: Hangar, autopilot: str) -> None:
+    options = ["--set", "px4.home=stand-in"] if autopilot == "stand-in" else []
+    if autopilot == "real" and ((found := find_px4()) is None or found.stand_in):
+        pytest.skip("no PX4 is found: set PX4_HOME")
+    flight = hangar.up(yaml(hangar.folder, "builtin" if autopilot == "builtin" else "px4"), *options)
+    targets = targets_of(flight)
+    before = pull(targets)["uav1"]
+    assert before.whole and len(before.values) == {v.total for v in before.values.values()}.pop(), (before.ending, before.missing)
+    wanted = sixty(before.values)
+    assert len(wanted) == (60 if autopilot == "real" else len(wanted)) and len(wanted) > 40
+    if autopilot == "real":
+        wanted["COM_FLIGHT_UUID"] = A_SIGNALLING_NAN
+    report = push(targets, {"uav1": {**wanted, "NO_SUCH_NAME": 1.0}})["uav1"]
+    assert report.ending == "done" and report.those("unknown") == ["NO_SUCH_NAME"], report
+    refused = report.those("refused")
+    assert set(report.those("written")) == set(wanted) - set(refused) and (autopilot != "real" or not refused), report
+    after = pull(targets, names=list(wanted))["uav1"]
+    assert after.whole and all(after.values[n].value == pytest.approx(wanted[n]) for n in wanted if n not in refused)
+    again = push(targets, {"uav1": {n: v for n, v in wanted.items() if n not in refused}})["uav1"]
+    assert set(r.outcome for r in again.results.values()) == {"same"}
+    told = {"list": before.traffic, "push": report.traffic, "names": len(before.values)}
+    print(autopilot, json.dumps(told, default=str), file=sys.stderr)
