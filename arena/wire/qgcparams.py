@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from arena.errors import WireError
 
@@ -19,29 +20,56 @@ _AUTOPILOT = 1
 INTEGERS = range(1, 9)
 _TYPES = range(1, 11)
 _NAME = re.compile(r"[A-Za-z0-9_]{1,16}")
-_WHOLE = re.compile(r"[+-]?\d+")
+_ID = re.compile(r"[0-9]{1,3}")
+_WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _LAYOUT = "expected five columns (system, component, NAME, value, type), or `NAME value`"
 
 
-def parse_params(text: str) -> dict[str, float]:
-    """-> {name: value}; whole numbers as int. Raises WireError with the number of the first line that is wrong."""
-    found: dict[str, float] = {}
-    lines: dict[str, int] = {}
-    for number, line in enumerate(text.splitlines(), 1):
+class Entry(NamedTuple):
+    """One parameter as a line gives it. kind: MAV_PARAM_TYPE, or None where the line has no type.  line: 1-based."""
+
+    name: str
+    value: float
+    kind: int | None
+    line: int
+
+
+class Fault(NamedTuple):
+    """One line that is wrong: what was found and what is expected."""
+
+    line: int
+    name: str
+    message: str
+
+
+def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
+    """Every parameter of the autopilot, and every line that is wrong, in the order of the text."""
+    entries: dict[str, Entry] = {}
+    faults: list[Fault] = []
+    for number, line in enumerate(text.split("\n"), 1):
         words = line.lstrip("\ufeff").split()
         if not words or words[0].startswith("#"):
             continue
         try:
-            read = _line(words)
+            found = _line(words, number)
         except ValueError as error:
-            raise WireError(f"line {number}: {error}") from None
-        if read is None:
+            faults.append(Fault(number, words[2] if len(words) == 5 and _NAME.fullmatch(words[2]) else "", str(error)))
             continue
-        name, value = read
-        if name in found:
-            raise WireError(f"line {number}: {name} stands on line {lines[name]} already")
-        found[name], lines[name] = value, number
-    return found
+        if found is not None and found.name in entries:
+            there = entries[found.name].line
+            faults.append(Fault(number, found.name, f"{found.name} stands on line {there} already; expected each name once"))
+        elif found is not None:
+            entries[found.name] = found
+    return list(entries.values()), faults
+
+
+def parse_params(text: str) -> dict[str, float]:
+    """-> {name: value}; whole numbers as int. Raises WireError with the number of the first line that is wrong."""
+    entries, faults = parse_entries(text)
+    for fault in faults:
+        raise WireError(f"line {fault.line}: {fault.message}")
+    return {entry.name: entry.value for entry in entries}
 
 
 def format_params(
@@ -56,16 +84,16 @@ def format_params(
     return "\n".join(lines) + "\n"
 
 
-def _line(words: list[str]) -> tuple[str, float] | None:
-    """(name, value), or None for another component's. Raises ValueError with what is wrong."""
+def _line(words: list[str], number: int) -> Entry | None:
+    """None for another component's. Raises ValueError with what is wrong."""
     if len(words) == 2:
-        return _name(words[0]), _value(words[1], None)
+        return Entry(_name(words[0]), _value(words[1], None), None, number)
     if len(words) != 5:
         raise ValueError(f"got {len(words)} columns, {_LAYOUT}")
     system, component, name, value, kind = words
-    if not (system.isdecimal() and component.isdecimal() and kind.isdecimal()) or int(kind) not in _TYPES:
+    if not (_ID.fullmatch(system) and _ID.fullmatch(component) and _ID.fullmatch(kind)) or int(kind) not in _TYPES:
         raise ValueError(f"got {' '.join(words)!r}, {_LAYOUT}")
-    read = _name(name), _value(value, int(kind))
+    read = Entry(_name(name), _value(value, int(kind)), int(kind), number)
     return read if int(component) == _AUTOPILOT else None
 
 
@@ -77,10 +105,9 @@ def _name(word: str) -> str:
 
 def _value(word: str, kind: int | None) -> float:
     whole = _WHOLE.fullmatch(word) is not None
-    try:
-        value = float(word)
-    except ValueError:
-        raise ValueError(f"{word!r} is no number") from None
+    if not _NUMBER.fullmatch(word):  # float() would take 1_000 and the digits of other scripts
+        raise ValueError(f"{word!r} is no number")
+    value = float(word)
     if not math.isfinite(value):
         raise ValueError(f"{word} is no value for a parameter, expected a finite number")
     if kind is not None and kind in INTEGERS and not whole:
