@@ -51,7 +51,8 @@ def yaml_page() -> str:
     text += "Values are laid over each other in this order: defaults, profile, `defaults`, the vehicle, `--set key=value`.\n\n"
     text += "## The arena\n\n" + _keys(schema)
     order = ["World", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "VehicleKeys", "Start", "Program", "Tool",
-             "VehicleDefaults", "Preflight", "Failsafe", "Geofence", "Host"]  # fmt: skip
+             "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss", "PositionLoss", "LowBattery",
+             "RcLoss", "DataLinkLoss", "FenceLoss", "Geofence", "Host"]  # fmt: skip
     if set(order) != set(defs):
         raise ValueError(f"models without a place on the page: {set(order) ^ set(defs)}")
     for name in order:

@@ -27,11 +27,11 @@ def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
 
 
 def px4_params(v: Vehicle) -> dict[str, float | int]:
-    """Every parameter that differs from PX4's airframe: the arena's, the profile's with its geometry, the YAML's."""
+    """Every parameter that differs from PX4's airframe: the arena's, the profile's, the YAML's."""
     battery = v.profile.battery
     lasts = {"SIM_BAT_DRAIN": round(3.6 * battery.capacity_mah / battery.hover_a)}
     compass = {} if v.forward or not v.gps else {"SYS_HAS_MAG": 1}  # on satellites alone heading comes from it
-    found: dict[str, float] = {**SIMULATED, **lasts, **compass, **_geometry(v), **v.params}
+    found: dict[str, float] = {**SIMULATED, **lasts, **compass, **v.params}
     found.pop("MAV_SYS_ID", None)  # the startup sets it after PX4 has set its own
     # Whole numbers without a point: `param set` refuses one in an integer, and minds none that is missing in a float.
     return {name: int(value) if float(value).is_integer() else float(value) for name, value in sorted(found.items())}
@@ -53,13 +53,3 @@ def hitl_params(v: Vehicle) -> dict[str, float | int]:
     outputs = {f"HIL_ACT_FUNC{i + 1}": 101 + i for i in range(len(v.profile.rotors))}
     held = {name: value for name, value in px4_params(v).items() if not name.startswith("SIM_")}  # a board need not know those
     return {**held, "MAV_SYS_ID": v.id, "SYS_HITL": 1, "CBRK_SUPPLY_CHK": 894281, **outputs}
-
-
-def _geometry(v: Vehicle) -> dict[str, float]:
-    """CA_ROTOR*: where each rotor is and which way it turns (KM is positive for one that turns counter-clockwise)."""
-    found: dict[str, float] = {"CA_ROTOR_COUNT": len(v.profile.rotors)}
-    for i, rotor in enumerate(v.profile.rotors):
-        x, y, _ = rotor.position_m
-        turning = 1.0 if rotor.direction == "ccw" else -1.0
-        found |= {f"CA_ROTOR{i}_PX": x, f"CA_ROTOR{i}_PY": y, f"CA_ROTOR{i}_KM": turning * v.profile.moment_ratio_m}
-    return found

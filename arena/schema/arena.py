@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from arena.params.needs import Needs
 from arena.schema.models import Mocap, Preflight, RestartMode, Sim, Tool, World
 from arena.schema.ports import VehiclePorts
 from arena.schema.profile import Profile
@@ -59,7 +60,8 @@ class Vehicle:
     profile_key: how the profile is found, a name or an absolute path.
     autopilot: what will fly it; asked: what the YAML said.  position: N, E, D of its lowest point [m] [NED].
     rpy_deg: roll, pitch, yaw [deg].  params: PX4 name -> value, all that differ from PX4's own defaults; of hardware, those
-    that the YAML asks for.  wire: how a real autopilot is reached, None when it runs here.
+    that the YAML asks for.  needs: the same in words, for any version of PX4.
+    wire: how a real autopilot is reached, None when it runs here.
     """
 
     name: str
@@ -82,6 +84,7 @@ class Vehicle:
     wire: Wire | None = None
     gps: bool = False
     sticks: bool = False
+    needs: Needs
 
     @property
     def simulated(self) -> bool:

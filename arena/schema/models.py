@@ -10,7 +10,7 @@ import ipaddress
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
 from arena.schema.base import NotNegative, Port, Positive, PositiveVector, Strict, Vector
 
@@ -146,15 +146,80 @@ class Preflight(Strict):
     """Least charge, 0 to 1; 0 for a vehicle that does not measure it."""
 
 
-class Failsafe(Strict):
-    """What vehicles do when something is lost."""
+Share = Annotated[float, Field(gt=0, lt=1)]
 
-    offboard_loss: Literal["land", "hold", "return", "disarm"] | None = None
+
+class OffboardLoss(Strict):
+    """Setpoints stop in OFFBOARD."""
+
+    action: Literal["land", "hold", "return", "terminate", "disarm"] = "land"
+    """What the vehicle does."""
+    after_s: Annotated[float, Field(gt=0, le=60)] = 1.0
+    """How long they may be missing [s]."""
+
+
+class PositionLoss(Strict):
+    """Poses stop, or are rejected."""
+
+    action: Literal["land", "terminate", "disarm"] = "land"
+    """What the vehicle does; `land` is straight down, by its inertial sensors."""
+    after_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0
+    """How long they may be missing [s]."""
+
+
+class LowBattery(Strict):
+    """Charge left, from 0 to 1."""
+
+    warn: Share = 0.15
+    """At this it warns."""
+    land: Share | None = 0.07
+    """At this it lands; null: it goes on until it falls."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> LowBattery:
+        if self.land is not None and self.land >= self.warn:
+            raise ValueError(f"land below warn; got land {self.land:g} and warn {self.warn:g}")
+        return self
+
+
+class RcLoss(Strict):
+    """A pilot's sticks are lost."""
+
+    action: Literal["none", "hold", "return", "land", "terminate", "disarm"] | None = None
+    """What the vehicle does. Default: land where there are sticks, else none."""
+
+
+class DataLinkLoss(Strict):
+    """No ground station is heard any more."""
+
+    action: Literal["none", "hold", "return", "land", "terminate", "disarm"] = "none"
+    """What the vehicle does."""
+    after_s: Annotated[float, Field(ge=5, le=300)] = 10.0
+    """How long it may be silent [s]."""
+
+
+class FenceLoss(Strict):
+    """A geofence is crossed that the vehicle holds."""
+
+    action: Literal["none", "warn", "hold", "return", "land", "terminate"] = "land"
+    """What the vehicle does."""
+
+
+class Failsafe(Strict):
+    """What vehicles do when something is lost: it becomes parameters of their autopilots."""
+
+    offboard_loss: OffboardLoss = OffboardLoss()
     """When setpoints stop."""
-    position_loss: Literal["land", "disarm"] | None = None
-    """When the pose is lost."""
-    low_battery: Literal["warn", "land", "return"] | None = None
+    position_loss: PositionLoss = PositionLoss()
+    """When poses stop."""
+    low_battery: LowBattery = LowBattery()
     """When the battery is low."""
+    rc_loss: RcLoss = RcLoss()
+    """When sticks are lost."""
+    data_link_loss: DataLinkLoss = DataLinkLoss()
+    """When no ground station is heard."""
+    geofence: FenceLoss = FenceLoss()
+    """When a geofence is crossed."""
 
 
 class Geofence(Strict):
@@ -277,8 +342,10 @@ class ArenaFile(Strict):
     """The PX4 that flies the vehicles that ask for it."""
     preflight: Preflight = Preflight()
     """What must hold before a real autopilot may arm."""
-    failsafe: Failsafe | None = None
+    failsafe: Failsafe = Failsafe()
     """What happens when something is lost."""
+    landing_speed_m_s: Annotated[float | None, Field(ge=0.3, le=2)] = None
+    """Of every vehicle [m/s]. Default: its autopilot's own, 0.7 for PX4."""
     geofence: Geofence | None = None
     """Where vehicles may be."""
     hosts: dict[str, Host] = Field(default_factory=dict)
@@ -293,7 +360,6 @@ class ArenaFile(Strict):
 
 # known, and not built yet: (where, value or None for any) -> what to use instead. `*` stands for any vehicle
 NOT_YET: Mapping[tuple[str, str | None], str] = {
-    ("failsafe", None): "Set the autopilot's own parameters under `params`, such as COM_OBL_RC_ACT",
     ("geofence", None): "Remove it; the walls of the simulated room hold the vehicles",
     ("hosts", None): "Remove it; everything runs on this computer",
     ("mocap.source", "vrpn"): "Use emulator or natnet",

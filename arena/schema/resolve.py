@@ -12,9 +12,14 @@ from typing import Any, Literal
 
 from pydantic import BaseModel
 
+from arena.errors import InputError
+from arena.params.generate import generate
+from arena.params.needs import Failsafe, Needs, Rotor
+from arena.params.table import Version
 from arena.schema.arena import Arena, Origin, Program, Px4, Vehicle
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
+from arena.schema.models import Failsafe as FailsafeKeys
 from arena.schema.ports import MOST_ID, capture_group, vehicle_ports
 from arena.schema.profile import Profile
 from arena.schema.px4 import STAND_IN
@@ -25,30 +30,9 @@ DEFAULT_BAUD = 921_600
 DEFAULT_PROFILE = "iris"
 MOST_POSE_RATE_HZ = 60.0
 _FORWARD_MS = 1.0
-_RETURN_SHARE = 0.6  # of the room's height, up to which AUTO.RTL climbs
 
-# What an arena without sticks and satellites needs of any PX4. Sources: PX4's parameter reference and its guide to external
-# vision; land when setpoints stop (COM_OBL_RC_ACT 4, at once), no sticks (COM_RC_IN_MODE 4, COM_RCL_EXCEPT bit 2), a brisk
-# take-off (MPC_TKO_RAMP_T 1 s of 3).
-ARENA_PARAMS: Mapping[str, float] = {
-    "COM_OBL_RC_ACT": 4, "COM_FAIL_ACT_T": 0.0, "MPC_TKO_RAMP_T": 1.0, "COM_RC_IN_MODE": 4, "COM_RCL_EXCEPT": 4, "SYS_HAS_GPS": 0,
-}  # fmt: skip
-# Noise: floors under the covariance that the forwarder sends. NOAID: a room is a second and a half long.
-VISION_PARAMS: Mapping[str, float] = {
-    "EKF2_EV_CTRL": 15, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_MAG_TYPE": 5,
-    "EKF2_EVP_NOISE": 0.01, "EKF2_EVA_NOISE": 0.05, "EKF2_NOAID_TOUT": 1_000_000,
-}  # fmt: skip
-
-# How high AUTO.RTL climbs and where it waits before it lands, PX4's defaults [m]: in a room its ceiling comes first.
-RETURN_HEIGHTS: Mapping[str, float] = {"RTL_RETURN_ALT": 30.0, "RTL_DESCEND_ALT": 10.0}
-
-# With satellites: seen by all that asks for them. Where cameras are, EKF2 goes on flying by those alone (EKF2_GPS_CTRL 0).
-GPS_PARAMS: Mapping[str, float] = {"SYS_HAS_GPS": 1}
-# With a radio: PX4's own answer to its loss holds in OFFBOARD too; its sticks are channels 1 to 4.
-STICKS_PARAMS: Mapping[str, float] = {
-    "COM_RC_IN_MODE": 0, "COM_RCL_EXCEPT": 0, "RC_CHAN_CNT": 8, "RC_MAP_ROLL": 1, "RC_MAP_PITCH": 2, "RC_MAP_THROTTLE": 3,
-    "RC_MAP_YAW": 4,
-}  # fmt: skip
+SIMULATED_VERSION = "1.16"
+"""Whose names a simulated vehicle's parameters have: the built-in autopilot keeps this one's contract."""
 
 
 def resolve(
@@ -64,7 +48,7 @@ def resolve(
     """
     folder = Path(source.document.file).absolute().parent
     origins: dict[str, Origin] = {}
-    for key in ("address", "world", "sim", "mocap", "preflight"):
+    for key in ("address", "world", "sim", "mocap", "preflight", "failsafe", "landing_speed_m_s"):
         _trace(origins, source, (key,), getattr(model, key))
     name = model.name or _name_from(folder.name)
     served = model.mocap.source != "emulator"
@@ -82,13 +66,21 @@ def resolve(
     px4 = find_px4(_home(model, folder)) if wanted & {"auto", "px4"} else None
     files = params_files or {}
     vehicles = tuple(
-        _Merge(model, source, profiles, origins, v, folder, px4 is not None, files).vehicle(ids[v]) for v in model.vehicles
+        _Merge(model, source, profiles, origins, v, folder, px4, files).vehicle(ids[v]) for v in model.vehicles
     )
     return Arena(
         name=name, file=source.document.file, folder=str(folder), address=model.address, world=model.world, sim=model.sim,
         mocap=model.mocap, group=group, server_group=server_group, preflight=model.preflight, tools=model.tools,
         vehicles=vehicles, px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None, origins=origins,
     )  # fmt: skip
+
+
+def _version(px4: Px4 | None) -> str:
+    """Of the parameters' names; one that does not say, or that no table has, is taken for the one that is kept here."""
+    try:
+        return str(Version.parse(px4.version)) if px4 else SIMULATED_VERSION
+    except InputError:
+        return SIMULATED_VERSION
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
@@ -117,9 +109,9 @@ class _Merge:
     """One vehicle's layers. Each `_take` notes where the value came from."""
 
     def __init__(self, model: ArenaFile, source: Source, profiles: Mapping[str, Profile], origins: dict[str, Origin],
-                 name: str, folder: Path, has_px4: bool, params_files: Mapping[str, Mapping[str, float]]) -> None:  # fmt: skip
+                 name: str, folder: Path, px4: Px4 | None, params_files: Mapping[str, Mapping[str, float]]) -> None:  # fmt: skip
         self.model, self.source, self.profiles = model, source, profiles
-        self.origins, self.name, self.folder, self.has_px4 = origins, name, folder, has_px4
+        self.origins, self.name, self.folder, self.px4 = origins, name, folder, px4
         self.own, self.common = model.vehicles[name], model.defaults
         self.params_files = params_files
 
@@ -136,6 +128,7 @@ class _Merge:
         start = self._start()
         forward = bool(self._take("forward", True))
         gps, sticks = bool(self._take("gps", False)), bool(self._take("sticks", False))
+        needs = self._needs(profile, vehicle_id, {"forward": forward, "gps": gps, "sticks": sticks}, autopilot)
         rate = self._take(
             "pose_rate_hz",
             pose_rate_hz(self.model.mocap.rate_hz),
@@ -146,7 +139,7 @@ class _Merge:
             profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted,
             autopilot=autopilot, asked=asked, wire=self._wire(autopilot), gps=gps, sticks=sticks, position=start.position,
             rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()),
-            params=self._params(profile, vehicle_id, {"forward": forward, "gps": gps, "sticks": sticks}, autopilot != "hardware"),
+            needs=needs, params=self._params(needs, autopilot),
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
             pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),
         )  # fmt: skip
@@ -156,7 +149,7 @@ class _Merge:
             return "hardware"
         if asked == "hitl":
             return "hitl"
-        return "px4" if self.has_px4 and asked in ("auto", "px4") else "builtin"
+        return "px4" if self.px4 and asked in ("auto", "px4") else "builtin"
 
     def _wire(self, autopilot: str) -> Wire | None:
         """None too when what the YAML says of it is missing or wrong: `checks` tells."""
@@ -198,35 +191,52 @@ class _Merge:
             self._note(f"start.{key}", layers[key], words)
         return Start(**layers)
 
-    def _params(self, profile: Profile, vehicle_id: int, has: Mapping[str, bool], simulated: bool) -> dict[str, float]:
+    def _params(self, needs: Needs, autopilot: str) -> dict[str, float]:
         """Of hardware those that the YAML asks for, and no others: they must hold before it arms."""
-        layers = self._generated(profile, vehicle_id, has) if simulated else []
+        version = _version(self.px4) if autopilot == "px4" else SIMULATED_VERSION
+        if autopilot == "hardware":
+            lines = [(name, value, needs.asked[f"own.{name}"]) for name, value in needs.own.items()]
+        else:
+            lines = [(line.name, line.value, line.asked) for line in generate(needs, version).lines]
+        for key, value, words in lines:
+            self._note(f"params.{key}", value, words)
+        return {key: float(value) for key, value, _ in lines}
+
+    def _needs(self, profile: Profile, vehicle_id: int, has: Mapping[str, bool], autopilot: str) -> Needs:
+        """What an arena needs of this vehicle's autopilot, each with who asked for it."""
+        own = self._own_params()
+        asked = {f"own.{name}": words for name, (_, words) in own.items()}
+        asked |= {
+            "gains": f"profile {profile.name}", "rotors": f"profile {profile.name}", "system_id": "rule: id",
+            "hover": f"thrust curve of profile {profile.name}", "ceiling_m": "under the ceiling: 0.6 of the room's height",
+            "vision": "arena's default with motion capture", "vision_delay_ms": "mocap.latency_ms + 1 ms of forwarding",
+        }  # fmt: skip
+        for key in ("gps", "sticks"):
+            asked[key] = f"{key}: true" if has[key] else "arena's default"
+        for key in (*(f"failsafe.{k}" for k in type(self.model.failsafe).model_fields), "landing_speed_m_s"):
+            if self.source.given(tuple(key.split("."))):
+                asked[key] = self.source.origin(tuple(key.split(".")))
+        rotors = [Rotor(x_m=r.position_m[0], y_m=r.position_m[1], spin=1 if r.direction == "ccw" else -1) for r in profile.rotors]
+        return Needs(
+            system_id=vehicle_id, hover=profile.hover_command, gps=has["gps"], sticks=has["sticks"],
+            vision_delay_ms=self.model.mocap.latency_ms + _FORWARD_MS if has["forward"] else None,
+            failsafe=_failsafe(self.model.failsafe, has["sticks"]), landing_speed_m_s=self.model.landing_speed_m_s,
+            ceiling_m=self.model.world.size[2], rotors=() if autopilot == "builtin" else tuple(rotors),
+            moment_ratio_m=profile.moment_ratio_m, gains=dict(profile.params),
+            own={name: float(value) for name, (value, _) in own.items()}, asked=asked,
+        )  # fmt: skip
+
+    def _own_params(self) -> dict[str, tuple[float, str]]:
+        """What the user names: his file's, then those of `defaults`, then the vehicle's; name -> value and where it stands."""
+        found: dict[str, tuple[float, str]] = {}
         if name := self._take("params_file", None):
-            layers += [(k, v, str(name)) for k, v in self.params_files.get(name, {}).items() if k != "MAV_SYS_ID"]
+            found |= {k: (v, str(name)) for k, v in self.params_files.get(name, {}).items() if k != "MAV_SYS_ID"}
         for given, path in (
             (self.common.params, ("defaults", "params")),
             (self.own.params, ("vehicles", self.name, "params")),
         ):
-            layers += [(k, v, self.source.origin((*path, k))) for k, v in (given or {}).items()]
-        for key, value, words in layers:
-            self._note(f"params.{key}", value, words)
-        return {key: float(value) for key, value, _ in layers}
-
-    def _generated(self, profile: Profile, vehicle_id: int, has: Mapping[str, bool]) -> list[tuple[str, float, str]]:
-        """What an arena needs of a simulated vehicle's autopilot: name, value, why."""
-        delay_ms = self.model.mocap.latency_ms + _FORWARD_MS
-        computed = {"MAV_SYS_ID": (vehicle_id, "rule: id"),
-                    "MPC_THR_HOVER": (profile.hover_command, f"thrust curve of profile {profile.name}")}  # fmt: skip
-        height = round(_RETURN_SHARE * self.model.world.size[2], 2)
-        computed |= {k: (min(height, most), "under the ceiling: 0.6 of the room's height") for k, most in RETURN_HEIGHTS.items()}
-        if has["forward"]:
-            computed["EKF2_EV_DELAY"] = (delay_ms, "mocap.latency_ms + 1 ms of forwarding")
-        layers: list[tuple[str, float, str]] = [(k, v, "arena's default") for k, v in ARENA_PARAMS.items()]
-        layers += [(k, v, "arena's default with motion capture") for k, v in VISION_PARAMS.items() if has["forward"]]
-        layers += [(k, v, "gps: true") for k, v in GPS_PARAMS.items() if has["gps"]]
-        layers += [(k, v, "sticks: true") for k, v in STICKS_PARAMS.items() if has["sticks"]]
-        layers += [(k, float(v), words) for k, (v, words) in computed.items()]
-        return layers + [(k, v, f"profile {profile.name}") for k, v in profile.params.items()]
+            found |= {k: (v, self.source.origin((*path, k))) for k, v in (given or {}).items()}
+        return found
 
     def _program(self) -> Program | None:
         given = self._take("program", None)
@@ -246,6 +256,17 @@ class _Merge:
     def _note(self, key: str, value: Any, words: str) -> Any:
         _note(self.origins, f"vehicles.{self.name}.{key}", value, words)
         return value
+
+
+def _failsafe(given: FailsafeKeys, has_sticks: bool) -> Failsafe:
+    return Failsafe(
+        offboard_loss=given.offboard_loss.action, offboard_loss_after_s=given.offboard_loss.after_s,
+        position_loss=given.position_loss.action, position_loss_after_s=given.position_loss.after_s,
+        low_battery_warn=given.low_battery.warn, low_battery_land=given.low_battery.land,
+        rc_loss=given.rc_loss.action or ("land" if has_sticks else "none"),
+        data_link_loss=given.data_link_loss.action, data_link_loss_after_s=given.data_link_loss.after_s,
+        geofence=given.geofence.action,
+    )  # fmt: skip
 
 
 def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: Any) -> None:

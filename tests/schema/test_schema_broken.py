@@ -151,7 +151,9 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "mocap source natnet for simulated vehicles": (NATNET + V1, "1: mocap.source: ", "every vehicle is simulated"),
     "mocap source vrpn": ("mocap: {source: vrpn}\nvehicles:\n" + V1, "1: mocap.source: ", "vrpn is not supported yet"),
     "mocap server beside the emulator": ("mocap: {server: 10.0.0.2}\nvehicles:\n" + V1, "1: mocap.server: ", "Add source: natnet"),
-    "failsafe": ("failsafe: {offboard_loss: land}\nvehicles:\n" + V1, "1: failsafe: ", "not supported yet. Set the autopilot's"),
+    "failsafe": ("failsafe: {offboard_loss: land}\nvehicles:\n" + V1, "1: failsafe.offboard_loss: ", "keys such as action, after_s"),
+    "failsafe that comes before it warns": (
+        "failsafe: {low_battery: {warn: 0.05, land: 0.1}}\nvehicles:\n" + V1, "1: failsafe.low_battery: ", "expected land below warn"),
     "geofence": ("geofence: {margin_m: 1}\nvehicles:\n" + V1, "1: geofence: ", "not supported yet"),
     "hosts": ("hosts: {pi: {address: 10.0.0.2}}\nvehicles:\n" + V1, "1: hosts: ", "not supported yet"),
     "parameter file that is not there": (
