@@ -18,8 +18,8 @@ from arena.atmosphere import pressure_hpa
 from arena.autopilot.commander import Mode
 from arena.autopilot.often import OFTEN, globe
 from arena.autopilot.snapshot import Snapshot
+from arena.wire.mavframe import Voice
 from arena.wire.modes import ADVANCED, AVAILABLE_MODES, CURRENT_MODE, AvailableMode, CurrentMode
-from arena.wire.onboard import Voice
 
 if TYPE_CHECKING:
     from arena.autopilot.face import Face

@@ -2,8 +2,8 @@
 seeded.
 
 Every vehicle draws from streams of its own, seeded by the arena's seed and its id: one more vehicle changes
-nobody's noise. White noise on each sample, a bias drawn once; a GPS receiver's position wanders. The arena's heading turns the magnetometer and
-the global position, nothing else.
+nobody's noise. White noise on each sample, a bias drawn once; a GPS receiver's position wanders. The arena's
+heading turns the magnetometer and the global position, nothing else.
 """
 
 from __future__ import annotations

@@ -12,8 +12,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavframe import Buffer, Frame, cut
-from arena.wire.onboard import SEEDS, frame
+from arena.wire.mavframe import SEEDS, Buffer, Frame, cut, frame
 
 
 class Codec:

@@ -1,4 +1,5 @@
-"""Cuts datagrams into MAVLink 1 and 2 frames by their headers. Decodes nothing but the bytes that name a target.
+"""Cuts datagrams into MAVLink 1 and 2 frames by their headers, and makes frames of payloads. Decodes nothing but the bytes that
+name a target.
 
     MAVLink 1   FE len seq sys comp id                          payload  crc lo, hi
     MAVLink 2   FD len incompat compat seq sys comp id id id    payload  crc lo, hi  [13 bytes of signature]
@@ -11,7 +12,8 @@ so a byte beyond its end is 0. Work is bounded: after `TRIES` false starts the r
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+import struct
+from typing import NamedTuple, Protocol
 
 from fastcrc import crc16
 
@@ -22,11 +24,29 @@ _V1, _V2 = 0xFE, 0xFD
 _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
 _SIGNED = 0x01
 _MAGIC = re.compile(rb"[\xfd\xfe]")
-_SEED = {number: bytes([extra]) for number, extra in CRC_EXTRA.items()}
+SEEDS = {number: bytes([extra]) for number, extra in CRC_EXTRA.items()}
+"""What ends the CRC of each message."""
+_HEAD, _LITTLE = struct.Struct("<BBBBBBHB"), struct.Struct("<H")
 _crc = crc16.mcrf4xx
 _new = tuple.__new__  # a NamedTuple's own constructor costs twice as much, and there is one per message
 
 Buffer = bytes | bytearray | memoryview
+
+
+class Voice(Protocol):
+    """What a pymavlink.MAVLink tells of who speaks."""
+
+    seq: int
+    srcSystem: int
+    srcComponent: int
+
+
+def frame(msgid: int, payload: bytes, voice: Voice, crc_extra: bytes) -> bytes:
+    """The MAVLink 2 frame of a payload, which loses the zeros at its end."""
+    if not payload[-1]:
+        payload = payload.rstrip(b"\0") or b"\0"
+    body = _HEAD.pack(len(payload), 0, 0, voice.seq, voice.srcSystem, voice.srcComponent, msgid & 0xFFFF, msgid >> 16) + payload
+    return b"\xfd" + body + _LITTLE.pack(_crc(body + crc_extra))
 
 
 class Frame(NamedTuple):
@@ -69,7 +89,7 @@ def cut(data: Buffer) -> Cut:
     while at < size:
         frame = _frame_at(data, at, size)
         if frame is not None:
-            seed = _SEED.get(frame[6])
+            seed = SEEDS.get(frame[6])
             if _plausible(data, frame, at == used, size) if seed is None else _crc_fits(data, frame, seed):
                 frames.append(frame)
                 used += frame[1] - at
@@ -107,7 +127,7 @@ class Stream:
                 at, garbage, self._clean = self._skip(at, found.start() if found else size, garbage)
                 continue
             frame = _frame_at(buffer, at, size)
-            seed = None if frame is None else _SEED.get(frame[6])
+            seed = None if frame is None else SEEDS.get(frame[6])
             if frame is None or (seed is None and frame[1] == size):
                 break  # not whole yet; or one whose end only the next byte can prove
             if _plausible(buffer, frame, self._clean, size) if seed is None else _crc_fits(buffer, frame, seed):

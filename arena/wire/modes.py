@@ -11,7 +11,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from arena.wire.onboard import Voice, frame
+from arena.wire.mavframe import Voice, frame
 
 AVAILABLE_MODES, CURRENT_MODE = 435, 436
 SEEDS = {AVAILABLE_MODES: bytes([134]), CURRENT_MODE: bytes([193])}

@@ -1,21 +1,19 @@
 """What an autopilot says and hears many times a second, as plain records: no message object in between.
 
-Said: one numpy record per vehicle, in wire order; `payloads` cuts a fleet's records into payloads and `frame` makes a MAVLink 2
-frame of one. Fields that follow each other and belong together are one: `p_n` is x, y, z. Heard: `Odometry` and `PositionTarget`,
-as much of them as is read. Tests hold both against pymavlink.
+Said: one numpy record per vehicle, in wire order; `payloads` cuts a fleet's records into payloads. Fields that follow each other
+and belong together are one: `p_n` is x, y, z. Heard: `Odometry` and `PositionTarget`, as much of them as is read. Tests hold
+both against pymavlink.
 """
 
 from __future__ import annotations
 
 import struct
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from fastcrc import crc16
 from numpy.typing import NDArray
 
 from arena.wire.mavframe import Buffer, Frame
-from arena.wire.mavtargets import CRC_EXTRA
 
 Records = NDArray[np.void]
 Triple = tuple[float, float, float]
@@ -74,31 +72,6 @@ def payloads(records: Records) -> list[bytes]:
     """The payload of each record."""
     data, size = records.tobytes(), records.itemsize
     return [data[at : at + size] for at in range(0, len(data), size)]
-
-
-class Voice(Protocol):
-    """What a pymavlink.MAVLink tells of who speaks."""
-
-    seq: int
-    srcSystem: int
-    srcComponent: int
-
-
-_HEAD = struct.Struct("<BBBBBBHB")
-_LITTLE = struct.Struct("<H")
-_crc = crc16.mcrf4xx
-
-
-def frame(msgid: int, payload: bytes, voice: Voice, crc_extra: bytes) -> bytes:
-    """The MAVLink 2 frame of a payload, which loses the zeros at its end."""
-    if not payload[-1]:
-        payload = payload.rstrip(b"\0") or b"\0"
-    body = _HEAD.pack(len(payload), 0, 0, voice.seq, voice.srcSystem, voice.srcComponent, msgid & 0xFFFF, msgid >> 16) + payload
-    return b"\xfd" + body + _LITTLE.pack(_crc(body + crc_extra))
-
-
-SEEDS = {msgid: bytes([extra]) for msgid, extra in CRC_EXTRA.items()}
-"""What ends the CRC of each message."""
 
 
 class Odometry(NamedTuple):
