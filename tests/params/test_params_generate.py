@@ -53,7 +53,7 @@ def test_every_line_is_of_that_version_and_within_its_limits_whatever_is_asked(v
 
 def test_what_a_version_cannot_do_is_said() -> None:
     assert any("geofence" in words and "came with 1.11" in words for words in made("1.9").cannot)
-    assert any("mixer file" in words for words in made("1.12").cannot) and made("1.13").cannot == ()
+    assert any("mixer file" in words for words in made("1.12").cannot) and made("1.13", ceiling_m=10.0).cannot == ()
     terminate = made("1.16", failsafe=Failsafe(position_loss="terminate"))
     assert [words.split(":")[0] for words in terminate.cannot] == ["failsafe.position_loss"]
     assert made("1.16", failsafe=Failsafe(offboard_loss="terminate", position_loss="terminate")).cannot == ()
