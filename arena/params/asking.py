@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
 WINDOW = 10          # in flight at a time: 4 kB of a slow radio's second
-DENIALS = 2          # other values than the one written, to as many writes
 _FEWEST, _MOST = 5, 30
 _UNHEARD = 10        # questions that met silence when nothing else was answered either
 _CHANCE = 1e-6
@@ -22,7 +21,7 @@ _BACK_OFF, _STEPS = 1.3, 2
 _SLOWER = 1.2
 
 Key = TypeVar("Key", bound=Hashable)
-Fate = Literal["open", "answered", "denied", "silent", "lost"]
+Fate = Literal["open", "answered", "silent", "lost"]
 
 
 @dataclass(kw_only=True)
@@ -71,8 +70,6 @@ class _Question:
     until: float = -math.inf
     heard: int = 0
     silences: int = 0
-    denials: int = 0
-    denied_at: int = 0
     fate: Fate = "open"
 
 
@@ -112,14 +109,6 @@ class Asking(Generic[Key]):
             self._pace.learn(q.tries, now - q.asked)
             self._settle(key, q, "answered")
 
-    def deny(self, key: Key) -> None:
-        """An answer, but another than wanted: believed after `DENIALS`, for it may have been under way already."""
-        q = self._question(key)
-        if q is not None and q.denied_at < q.tries:
-            q.denied_at, q.denials = q.tries, q.denials + 1
-            if q.denials >= DENIALS:
-                self._settle(key, q, "denied")
-
     def refuse(self, key: Key, fate: Fate) -> None:
         """The vehicle has said in words what becomes of it."""
         q = self._question(key)
@@ -139,10 +128,10 @@ class Asking(Generic[Key]):
                 q.until = -math.inf
                 if not self._heard:
                     self._pace.waited()
-                q.silences += self._heard > q.heard and q.denied_at < q.tries
+                q.silences += self._heard > q.heard
                 if q.silences >= self._pace.enough:
                     self._settle(key, q, "silent")
-                elif q.tries - q.silences - q.denials >= _UNHEARD:
+                elif q.tries - q.silences >= _UNHEARD:
                     self._settle(key, q, "lost")
 
     def _settle(self, key: Key, q: _Question, fate: Fate) -> None:

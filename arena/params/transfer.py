@@ -14,7 +14,6 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.params.messages import (
     AUTOPILOT,
     ERROR,
-    HASH,
     REBOOT,
     VALUE,
     Message,
@@ -120,9 +119,7 @@ class Transfer:
             self.armed = bool(byte_at(data, frame, _BASE_MODE) & _ARMED)
             self._look(now)
         elif frame.msgid == VALUE:
-            value = parse_value(data, frame)
-            if value.name != HASH:
-                self._on_value(value, now)
+            self._on_value(parse_value(data, frame), now)
         elif frame.msgid == ERROR and frame.target_sys in (0, SYSTEM) and frame.target_comp in (0, self._component):
             self._on_error(*parse_error(data, frame))
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:

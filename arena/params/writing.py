@@ -128,22 +128,14 @@ class Writer(Transfer):
                 self._compare(item, value)
             elif item.step != "unread":
                 item.new = value.value
-                if self._phase == "writing" and not item.holds:
-                    self._asking.deny(value.name)
-                    return
                 if item.step == "sent" and item.holds:
                     item.step = "acknowledged"
         answer(self._asking, value, now)
 
     def _on_error(self, name: str, error: int, why: str) -> None:
-        item = self._items.get(name)
-        if item is None:
-            return
-        if self._phase == "writing":
-            item.why, item.refused = why, True
-            self._asking.refuse(name, "denied")
-        else:
-            self._asking.refuse(name, "silent" if error == DOES_NOT_EXIST else "lost")
+        if name in self._items and self._phase == "writing":
+            self._items[name].why = why
+        self._asking.refuse(name, "silent" if error == DOES_NOT_EXIST or self._phase == "writing" else "lost")
 
     def _compare(self, item: _Item, value: Value) -> None:
         """What was read with what is wanted."""
@@ -199,7 +191,7 @@ class Writer(Transfer):
             item = self._items[name]
             item.rounds += 1
             if item.holds:
-                item.step = "acknowledged"
+                item.step, item.why = "acknowledged", ""
                 item.settle("written")
             elif item.refused or item.rounds >= _ROUNDS:
                 item.settle("refused", item.why)

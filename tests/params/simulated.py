@@ -12,6 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.params.transfer import Transfer
+from arena.wire.codec import Codec
 from arena.wire.mavframe import cut
 
 INT32, REAL32 = 6, 9
@@ -118,12 +119,9 @@ class Vehicle:
     def hash(self) -> bytes:
         return self.pack(mavlink.MAVLink_param_value_message(b"_HASH_CHECK", 0.5, 5, len(self.names), 65535))
 
-    def error(self, name: str) -> bytes:
-        """Not in every version's dialect."""
-        body = struct.pack("<hBB16sB", -1, 252, 200, name.encode(), 1)
-        from arena.wire.codec import Codec
-
-        return Codec(self.system, 1).frame(345, body)
+    def error(self, name: str, error: int = 1) -> bytes:
+        """PARAM_ERROR, which is not in every version's dialect."""
+        return Codec(self.system, 1).frame(345, struct.pack("<hBB16sB", -1, 252, 200, name.encode(), error))
 
     def _exists(self, name: str) -> bool:
         if name in self.hidden:

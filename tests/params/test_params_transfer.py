@@ -7,7 +7,7 @@ import struct
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -187,6 +187,17 @@ def test_a_vehicle_that_says_an_error_in_words_is_believed_at_once() -> None:
     assert outcomes(slow) == outcomes(quick) == {"NO_SUCH": "unknown", "P_03": "written"}
 
 
+def test_a_write_that_is_refused_in_words_is_told_with_them() -> None:
+    class Strict(Vehicle):
+        def _answer(self, m: Any) -> list[bytes]:
+            return [self.error(m.param_id, 2)] if m.get_type() == "PARAM_SET" and m.param_id == "P_03" else super()._answer(m)
+
+    core = writer({"P_03": 9, "P_05": 6})
+    assert run(core, Strict(), Air(delay_s=0.02)) < 2.0
+    assert core.result["P_03"] == ("refused", 9, 3, 3, INT32, "the value is out of range")
+    assert core.result["P_05"].outcome == "written"
+
+
 def test_nothing_but_unknown_names_is_found_out_with_a_probe() -> None:
     core = writer({"NO_SUCH": 1})
     run(core, Vehicle(), Air(delay_s=0.02))
@@ -252,10 +263,10 @@ def test_a_list_that_grows_while_it_is_read_is_read_anew() -> None:
 
     def grow(now: float) -> None:
         if len(core.values) > 20:
-            vehicle.params.setdefault("A_NEW", (1, INT32))
+            vehicle.params.setdefault("P_05A", (1, INT32))
 
     run(core, vehicle, Air(delay_s=0.02), each=grow)
-    assert core.ending == "done" and set(core.values) == {*sixty(), "A_NEW"}
+    assert core.ending == "done" and set(core.values) == {*sixty(), "P_05A"}
 
 
 def test_a_list_that_another_program_stops_is_asked_for_again() -> None:
@@ -383,6 +394,7 @@ def test_an_armed_vehicle_is_not_rebooted() -> None:
 
 
 @given(st.integers(-(2**31), 2**31 - 1))
+@example(-5_000_001)
 def test_every_integer_survives_the_float_it_travels_in(value: int) -> None:
     """Signalling NaNs among them, which a copy as a float would change."""
     number, payload = messages.set_value(1, "P", value, INT32)
