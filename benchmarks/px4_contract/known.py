@@ -154,7 +154,7 @@ KNOWN: dict[str, str] = {
     "setpoints in the air, attitude: attitude of zero length: *": _NO_NUMBERS,
     "setpoints in the air, attitude: rates nan: *": _NO_NUMBERS,
     "setpoints in the air, attitude: thrust nan: *": _NO_NUMBERS,
-    "setpoints in the air, attitude: thrust [mb]o*: down": "thrust alone is flown open loop: the charge left and the speed at the start decide",
+    "setpoints in the air, attitude: thrust [mb]o*: down": "thrust alone is open loop: charge and speed at the start decide",
     "setpoints in the air, attitude: thrust negative: *": "safer: refused; PX4 v1.16 flies its absolute value",
     "gps origin: before: may arm": _PLACE,
     "take off and land: height at the change": _CLIMB,
