@@ -15,6 +15,7 @@ _MOST_AMISS_MS = 20.0     # a tenth of a metre at 5 m/s
 _MOST_NOISE_M = 0.05
 _LONGEST_BLIND_S = 2.0
 _NO_MAG = (5, 6)          # none; none after the first heading (since 1.16)
+_HEIGHTS = ((0, "the barometer"), (1, "satellites"), (2, "a range finder"))
 _NEW = 14                 # EKF2_EV_CTRL in EKF2_AID_MASK's place
 
 
@@ -53,7 +54,7 @@ def vision_is_fused(look: Look) -> Iterator[Finding]:
 def height_reference(look: Look) -> Iterator[Finding]:
     name = "EKF2_HGT_REF" if look.minor >= _NEW else "EKF2_HGT_MODE"
     value = look.value(name)
-    source = {0: "the barometer", 1: "satellites", 2: "a range finder"}.get(value or 0, "an unknown source")
+    source = next((words for number, words in _HEIGHTS if number == value), "an unknown source")
     if look.room.vision and value != 3:
         yield look.finding("warning", name, f"the height refers to {source}",
                            "a door or a fan moves the barometer by a metre, and there are no satellites indoors: the floor is"

@@ -130,12 +130,21 @@ def _foreign(name: str, value: float, look: Look) -> Finding:
         last = earlier[-1]
         why = f"PX4 {look.version} does not know it, and no successor of it is known here"
         return Finding("warning", name, value, f"was last in PX4 {last}", why, "leave it out")
-    close = difflib.get_close_matches(name.upper(), look.facts, n=1, cutoff=0.8)
+    what = f"no version of PX4 from {versions()[0]} to {versions()[-1]} has such a name"
     why = f"PX4 {look.version} does not know it: it would be loaded without effect, or refused"
-    if close:
-        return Finding("error", name, value, "no version of PX4 has such a name", why, f"perhaps {close[0]} is meant")
-    return Finding("warning", name, value, "no version of PX4 from 1.9 to 1.18 has such a name", why,
-                   "leave it out, unless it is of a module of your own")  # fmt: skip
+    meant = _close(name, look)
+    if meant:
+        return Finding("error", name, value, what, why, f"perhaps {meant} is meant")
+    return Finding("warning", name, value, what, why, "leave it out, unless it is of a module of your own")
+
+
+def _close(name: str, look: Look) -> str:
+    """The nearest name of this version, else of any; "" when none is near."""
+    every = {known for version in versions() for known in parameters(version)}
+    for names in (look.facts.keys(), every):
+        if found := difflib.get_close_matches(name.upper(), names, n=1, cutoff=0.85):
+            return found[0]
+    return ""
 
 
 def types_and_ranges(look: Look) -> Iterator[Finding]:
@@ -151,8 +160,9 @@ def types_and_ranges(look: Look) -> Iterator[Finding]:
             yield Finding("error", name, value, f"is written as {look.types[name]}, and is {p.type}",
                           "the bytes of the one are not those of the other", f"give it the type {_KIND[p.type]}")  # fmt: skip
         elif not _within(value, p) and not _named_elsewhere(name):
+            past = [c.why for c in CHANGES if c.old == name and name in c.new and c.at <= look.minor]
             yield Finding("warning", name, value, f"lies outside {_limits(p)}",
-                          "PX4 does not refuse it, and was not made for it",
+                          past[-1] if past else "PX4 does not refuse it, and was not made for it",
                           f"set it within {_limits(p)}; its default is {p.default:g}")  # fmt: skip
 
 

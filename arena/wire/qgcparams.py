@@ -54,7 +54,8 @@ def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
         try:
             found = _line(words, number)
         except ValueError as error:
-            faults.append(Fault(number, words[2] if len(words) == 5 and _NAME.fullmatch(words[2]) else "", str(error)))
+            name = words[0] if len(words) == 2 else words[2] if len(words) == 5 else ""
+            faults.append(Fault(number, name if _NAME.fullmatch(name) else "", str(error)))
             continue
         if found is not None and found.name in entries:
             there = entries[found.name].line
@@ -73,12 +74,18 @@ def parse_params(text: str) -> dict[str, float]:
 
 
 def format_params(
-    values: Mapping[str, float], system: int, *, header: Sequence[str] = (), types: Mapping[str, int] | None = None
+    values: Mapping[str, float], system: int, *, header: Sequence[str] = (), types: Mapping[str, int] | None = None,
+    comments: Mapping[str, str] | None = None,
 ) -> str:
-    """types: MAV_PARAM_TYPE by name where it is known; elsewhere an int is INT32 and a float REAL32."""
+    """types: MAV_PARAM_TYPE by name where it is known; elsewhere an int is INT32 and a float REAL32.
+
+    comments: by name, each on a line before its own.
+    """
     lines = [f"# {line}".rstrip() for line in header]
     for name, value in values.items():
         kind = (types or {}).get(name, INT32 if isinstance(value, int) else REAL32)
+        if comments and name in comments:
+            lines.append(f"# {comments[name]}")
         shown = str(round(value)) if kind in INTEGERS else f"{value:.9g}"
         lines.append(f"{system}\t{_AUTOPILOT}\t{name}\t{shown}\t{kind}")
     return "\n".join(lines) + "\n"
@@ -106,7 +113,7 @@ def _name(word: str) -> str:
 def _value(word: str, kind: int | None) -> float:
     whole = _WHOLE.fullmatch(word) is not None
     if not _NUMBER.fullmatch(word):  # float() would take 1_000 and the digits of other scripts
-        raise ValueError(f"{word!r} is no number")
+        raise ValueError(f"{word!r} is no number, expected one such as 4 or 0.5")
     value = float(word)
     if not math.isfinite(value):
         raise ValueError(f"{word} is no value for a parameter, expected a finite number")
