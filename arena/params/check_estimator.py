@@ -10,7 +10,6 @@ from collections.abc import Iterator
 
 from arena.params.check_facts import Finding, Look
 
-_FORWARD_MS = 1.0
 _MOST_AMISS_MS = 20.0     # a tenth of a metre at 5 m/s
 _MOST_NOISE_M = 0.05
 _LONGEST_BLIND_S = 2.0
@@ -65,9 +64,8 @@ def vision_delay(look: Look) -> Iterator[Finding]:
     name, value = "EKF2_EV_DELAY", look.value("EKF2_EV_DELAY")
     if not look.room.vision or value is None:
         return
-    latency = look.room.latency_ms
-    wanted = None if latency is None else latency + _FORWARD_MS
-    fix = f"set {name} {wanted:g}" if wanted is not None else f"set {name} to the cameras' latency and 1 ms of forwarding"
+    wanted = look.room.latency_ms
+    fix = f"set {name} {wanted:g}" if wanted is not None else f"set {name} to the cameras' latency and what forwarding takes, some 1 ms"
     why = "poses are stamped on arrival: at 1 m/s, 100 ms too much or too little are 0.1 m of position, and oscillation"
     if wanted is not None and abs(value - wanted) > _MOST_AMISS_MS:
         yield look.finding("warning", name, f"is {abs(value - wanted):g} ms from the arena's {wanted:g} ms", why, fix)

@@ -32,12 +32,11 @@ class Kept(NamedTuple):
 
 
 NO_SETTINGS: tuple[Kept, ...] = (
-    Kept(r"CAL_\w+", "calibration of this vehicle's sensors"),
+    Kept(r"CAL_\w+", "calibration of this vehicle's sensors, and which of them is preferred"),
     Kept(r"TC_\w+", "calibration of this vehicle's sensors over temperature"),
     Kept(r"SENS_DPRES_(OFF|ANSC)", "calibration of this vehicle's air speed sensor"),
     Kept(r"RC\d+_(MIN|MAX|TRIM|REV|DZ)", "calibration of this vehicle's radio"),
     Kept(r"EKF2_MAGBIAS_(X|Y|Z|ID)", "learned in flight"),
-    Kept(r"EKF2_ABIAS_\w+_ID|\w+_PRIO", "which sensor of this vehicle is preferred"),
     Kept(r"LND_FLIGHT_T_(HI|LO)", "a counter of flight time"),
     Kept(r"COM_FLIGHT_UUID", "a counter of flights"),
     Kept(r"MAV_SYS_ID", "each vehicle has its own"),

@@ -1,0 +1,319 @@
+"""The linter: each rule fires on the least that is wrong, is silent on what is right, and says why and what to do."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from arena.errors import InputError
+from arena.params.check import RULES, Finding, Room, check
+from arena.params.sources import read_values
+from arena.params.table import parameters, versions
+from arena.schema.load import load_arena
+
+DATA = Path(__file__).parent / "data"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "01_two_quads" / "arena.yaml"
+BLIND, GPS, PILOT, LOW = Room(vision=False, gps=True), Room(gps=True), Room(sticks=True), Room(height_m=3.0)
+EVERY_NAME = sorted({name for version in versions() for name in parameters(version)} | {"FOO", "ekf2_ev_ctrl"})
+
+
+def of(name: str, findings: list[Finding]) -> list[Finding]:
+    return [f for f in findings if f.name == name]
+
+
+def found(values, version, room=None) -> dict[str, str]:
+    """{name: the worst severity} of what is more than a note."""
+    return {f.name: f.severity for f in reversed(check(values, version, room=room)) if f.severity != "note"}
+
+
+# --- what is right
+
+
+def test_what_an_arena_sets_is_right():
+    arena = load_arena(EXAMPLE)
+    room = Room(latency_ms=arena.mocap.latency_ms, height_m=arena.world.size[2])
+    for vehicle in arena.vehicles:
+        findings = check(vehicle.params, "1.16", room=room)
+        assert [f for f in findings if f.severity != "note"] == []
+        assert {f.name for f in findings} <= {"BAT1_N_CELLS", "CBRK_FLIGHTTERM", "GF_MAX_HOR_DIST"}
+
+
+GOOD = {
+    "1.9.2": {
+        "EKF2_AID_MASK": 24, "EKF2_HGT_MODE": 3, "EKF2_MAG_TYPE": 5, "EKF2_EV_DELAY": 20.0, "EKF2_EVP_NOISE": 0.02,
+        "EKF2_NOAID_TOUT": 1_000_000, "COM_OF_LOSS_T": 0.5, "COM_OBL_ACT": 0, "COM_OBL_RC_ACT": 4, "COM_RC_IN_MODE": 1,
+        "COM_LOW_BAT_ACT": 2, "BAT_N_CELLS": 4, "CBRK_FLIGHTTERM": 0, "COM_DISARM_LAND": 2.0, "MPC_THR_HOVER": 0.4,
+        "GF_MAX_HOR_DIST": 4.0, "GF_MAX_VER_DIST": 2.5, "GF_ACTION": 2, "RTL_RETURN_ALT": 1.5,
+    },
+    "1.13": {
+        "EKF2_AID_MASK": 24, "EKF2_HGT_MODE": 3, "EKF2_MAG_TYPE": 5, "EKF2_EV_DELAY": 20.0, "EKF2_EVP_NOISE": 0.02,
+        "EKF2_NOAID_TOUT": 1_000_000, "COM_OF_LOSS_T": 1.0, "COM_OBL_ACT": 0, "COM_OBL_RC_ACT": 4, "COM_RC_IN_MODE": 4,
+        "COM_RCL_EXCEPT": 4, "COM_LOW_BAT_ACT": 2, "BAT1_N_CELLS": 4, "CBRK_FLIGHTTERM": 0, "SYS_HAS_GPS": 0,
+        "MPC_THR_HOVER": 0.4, "GF_MAX_HOR_DIST": 4.0, "GF_MAX_VER_DIST": 2.5, "GF_ACTION": 5, "RTL_RETURN_ALT": 1.5,
+    },
+    "1.16": {
+        "EKF2_EV_CTRL": 11, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_MAG_TYPE": 5, "EKF2_EV_DELAY": 20.0,
+        "EKF2_EVP_NOISE": 0.02, "EKF2_NOAID_TOUT": 1_000_000, "COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 4, "COM_RC_IN_MODE": 4,
+        "COM_FAIL_ACT_T": 0.0, "COM_LOW_BAT_ACT": 2, "BAT1_N_CELLS": 4, "CBRK_FLIGHTTERM": 0, "SYS_HAS_GPS": 0,
+        "MPC_THR_HOVER": 0.4, "GF_MAX_HOR_DIST": 4.0, "GF_MAX_VER_DIST": 2.5, "GF_ACTION": 5, "RTL_RETURN_ALT": 1.5,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("version", GOOD)
+def test_on_what_is_right_there_is_nothing_to_say(version):
+    assert check(GOOD[version], version, room=LOW) == []
+
+
+@pytest.mark.parametrize("version", ["1.14", "1.15", "1.17", "1.18"])
+def test_what_is_right_with_1_16_is_right_in_the_versions_about_it(version):
+    assert check(GOOD["1.16"], version, room=LOW) == []
+
+
+# --- what is wrong: (version, what differs from what is right, the parameter, its severity, a word of it, the room)
+
+WRONG: list[tuple[str, dict[str, float], str, str, str, Room]] = [
+    # external vision
+    ("1.16", {"EKF2_EV_CTRL": 0}, "EKF2_EV_CTRL", "error", "not fused", LOW),
+    ("1.16", {"EKF2_EV_CTRL": 8}, "EKF2_EV_CTRL", "error", "not fused", LOW),
+    ("1.16", {"EKF2_EV_CTRL": 9}, "EKF2_EV_CTRL", "warning", "height", LOW),
+    ("1.16", {"EKF2_EV_CTRL": 3}, "EKF2_EV_CTRL", "error", "no heading", LOW),
+    ("1.16", {"EKF2_EV_CTRL": 3, "EKF2_MAG_TYPE": 1}, "EKF2_EV_CTRL", "warning", "yaw", LOW),
+    ("1.9.2", {"EKF2_AID_MASK": 1}, "EKF2_AID_MASK", "error", "not fused", LOW),
+    ("1.13", {"EKF2_AID_MASK": 8}, "EKF2_AID_MASK", "error", "no heading", LOW),
+    ("1.16", {"EKF2_EN": 0}, "EKF2_EN", "error", "EKF2 is off", LOW),
+    ("1.9.2", {"SYS_MC_EST_GROUP": 1}, "SYS_MC_EST_GROUP", "error", "another estimator", LOW),
+    ("1.16", {"EKF2_HGT_REF": 1}, "EKF2_HGT_REF", "warning", "satellites", LOW),
+    ("1.13", {"EKF2_HGT_MODE": 0}, "EKF2_HGT_MODE", "warning", "barometer", LOW),
+    ("1.16", {"EKF2_EV_DELAY": 0.0}, "EKF2_EV_DELAY", "warning", "unset", LOW),
+    ("1.9.2", {"EKF2_EV_DELAY": 175.0}, "EKF2_EV_DELAY", "warning", "the default", LOW),
+    ("1.16", {"EKF2_EV_DELAY": 0.0}, "EKF2_EV_DELAY", "warning", "set EKF2_EV_DELAY 41", Room(latency_ms=41.0, height_m=3.0)),
+    ("1.16", {"EKF2_EVP_NOISE": 0.1}, "EKF2_EVP_NOISE", "note", "0.1 m", LOW),
+    ("1.16", {"EKF2_MAG_TYPE": 0}, "EKF2_MAG_TYPE", "warning", "magnetometer", LOW),
+    ("1.16", {"EKF2_NOAID_TOUT": 5_000_000}, "EKF2_NOAID_TOUT", "warning", "5 s", LOW),
+    # satellites
+    ("1.16", {"EKF2_GPS_CTRL": 7}, "EKF2_GPS_CTRL", "warning", "satellites", LOW),
+    ("1.13", {"EKF2_AID_MASK": 25}, "EKF2_AID_MASK", "warning", "satellites", LOW),
+    ("1.16", {"SYS_HAS_GPS": 1}, "SYS_HAS_GPS", "warning", "receiver", LOW),
+    ("1.16", {"COM_ARM_WO_GPS": 0}, "COM_ARM_WO_GPS", "error", "arming", LOW),
+    ("1.9.2", {"COM_ARM_WO_GPS": 0}, "COM_ARM_WO_GPS", "error", "arming", LOW),
+    # the stream of setpoints
+    ("1.16", {"COM_OBL_RC_ACT": 0}, "COM_OBL_RC_ACT", "error", "position", LOW),
+    ("1.16", {"COM_OBL_RC_ACT": 2}, "COM_OBL_RC_ACT", "error", "stabilized", LOW),
+    ("1.16", {"COM_OBL_RC_ACT": -1}, "COM_OBL_RC_ACT", "error", "no such action", LOW),
+    ("1.16", {"COM_OBL_RC_ACT": 7}, "COM_OBL_RC_ACT", "warning", "disarm", LOW),
+    ("1.13", {"COM_OBL_RC_ACT": -1}, "COM_OBL_RC_ACT", "error", "not answered", LOW),
+    ("1.13", {"COM_OBL_ACT": -1}, "COM_OBL_ACT", "error", "not answered", LOW),
+    ("1.13", {"COM_OBL_ACT": 9}, "COM_OBL_ACT", "error", "no action", LOW),
+    ("1.9.2", {"COM_OBL_RC_ACT": 0}, "COM_OBL_RC_ACT", "warning", "position", LOW),
+    ("1.16", {"COM_OF_LOSS_T": 0.0}, "COM_OF_LOSS_T", "error", "too old", LOW),
+    ("1.16", {"COM_OF_LOSS_T": 0.1}, "COM_OF_LOSS_T", "warning", "pause", LOW),
+    ("1.16", {"COM_OF_LOSS_T": 10.0}, "COM_OF_LOSS_T", "warning", "10 s", LOW),
+    ("1.9.2", {"COM_OF_LOSS_T": 0.0}, "COM_OF_LOSS_T", "warning", "at once", LOW),
+    ("1.9.2", {"COM_OF_LOSS_T": 1.5}, "COM_OF_LOSS_T", "warning", "2 s", LOW),
+    # sticks and the ground station
+    ("1.16", {"COM_RC_IN_MODE": 3}, "COM_RC_IN_MODE", "warning", "expected", LOW),
+    ("1.9.2", {"COM_RC_IN_MODE": 0}, "COM_RC_IN_MODE", "error", "does not arm", LOW),
+    ("1.16", {"COM_RC_IN_MODE": 4}, "COM_RC_IN_MODE", "error", "ignored", PILOT),
+    ("1.16", {"COM_RCL_EXCEPT": 4}, "COM_RCL_EXCEPT", "warning", "ignored", PILOT),
+    ("1.16", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "error", "no such action", PILOT),
+    ("1.11", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "error", "not answered", PILOT),
+    ("1.16", {"COM_RC_IN_MODE": 0, "NAV_RCL_ACT": 6}, "NAV_RCL_ACT", "warning", "falls", PILOT),
+    ("1.16", {"NAV_DLL_ACT": 3}, "NAV_DLL_ACT", "note", "ground station", LOW),
+    ("1.16", {"NAV_DLL_ACT": 6}, "NAV_DLL_ACT", "warning", "falls", LOW),
+    # wrong in a room
+    ("1.16", {"COM_LOW_BAT_ACT": 3, "RTL_RETURN_ALT": 30.0}, "COM_LOW_BAT_ACT", "warning", "30 m", LOW),
+    ("1.16", {"COM_OBL_RC_ACT": 3, "RTL_RETURN_ALT": 3.0}, "COM_OBL_RC_ACT", "warning", "ceiling", LOW),
+    ("1.16", {"GF_ACTION": 4}, "GF_ACTION", "warning", "terminate", LOW),
+    ("1.16", {"COM_ACT_FAIL_ACT": 4}, "COM_ACT_FAIL_ACT", "warning", "terminate", LOW),
+    # the battery
+    ("1.16", {"COM_LOW_BAT_ACT": 0}, "COM_LOW_BAT_ACT", "warning", "not answered", LOW),
+    ("1.16", {"COM_LOW_BAT_ACT": 9}, "COM_LOW_BAT_ACT", "error", "no such action", LOW),
+    ("1.16", {"BAT_CRIT_THR": 0.0, "BAT_EMERGEN_THR": 0.0}, "BAT_CRIT_THR", "error", "never reached", LOW),
+    ("1.16", {"BAT_CRIT_THR": 0.05}, "BAT_EMERGEN_THR", "warning", "critical charge is never reached", LOW),
+    ("1.16", {"BAT_CRIT_THR": 0.2}, "BAT_CRIT_THR", "warning", "not below BAT_LOW_THR", LOW),
+    ("1.16", {"BAT1_SOURCE": -1}, "BAT1_SOURCE", "error", "no battery", LOW),
+    ("1.16", {"BAT1_N_CELLS": 0}, "BAT1_N_CELLS", "error", "never reached", LOW),
+    ("1.9.2", {"BAT_N_CELLS": 0}, "BAT_N_CELLS", "error", "never reached", LOW),
+    ("1.16", {"BAT1_V_EMPTY": 3.0}, "BAT1_V_EMPTY", "warning", "in time", LOW),
+    ("1.16", {"BAT1_V_EMPTY": 4.2}, "BAT1_V_EMPTY", "error", "not below", LOW),
+    # circuit breakers and attitude
+    ("1.16", {"CBRK_FLIGHTTERM": 121212}, "CBRK_FLIGHTTERM", "warning", "circuit breaker", LOW),
+    ("1.9.2", {"CBRK_FLIGHTTERM": 121212}, "CBRK_FLIGHTTERM", "warning", "warns only", LOW),
+    ("1.16", {"CBRK_FLIGHTTERM": 1}, "CBRK_FLIGHTTERM", "warning", "neither 0 nor 121212", LOW),
+    ("1.16", {"CBRK_SUPPLY_CHK": 894281}, "CBRK_SUPPLY_CHK", "error", "battery", LOW),
+    ("1.13", {"CBRK_SUPPLY_CHK": 894281}, "CBRK_SUPPLY_CHK", "warning", "power supply", LOW),
+    ("1.13", {"CBRK_VELPOSERR": 201607}, "CBRK_VELPOSERR", "error", "position", LOW),
+    ("1.13", {"CBRK_RATE_CTRL": 140253}, "CBRK_RATE_CTRL", "error", "rate controller", LOW),
+    ("1.16", {"FD_FAIL_R": 0}, "FD_FAIL_R", "warning", "not looked for", LOW),
+    ("1.16", {"MPC_TILTMAX_AIR": 70.0}, "MPC_TILTMAX_AIR", "error", "ends the flight", LOW),
+    ("1.16", {"MPC_TILTMAX_AIR": 70.0, "CBRK_FLIGHTTERM": 121212}, "MPC_TILTMAX_AIR", "warning", "would end", LOW),
+    ("1.16", {"MPC_MAN_TILT_MAX": 65.0}, "MPC_MAN_TILT_MAX", "error", "65 deg", PILOT),
+    # the rest of a flight
+    ("1.16", {"COM_FAIL_ACT_T": 5.0}, "COM_FAIL_ACT_T", "warning", "5 s", LOW),
+    ("1.16", {"MPC_LAND_SPEED": 1.5}, "MPC_LAND_SPEED", "warning", "1.5 m/s", LOW),
+    ("1.16", {"COM_DISARM_LAND": -1.0}, "COM_DISARM_LAND", "warning", "does not disarm", LOW),
+    ("1.16", {"COM_DISARM_LAND": 10.0}, "COM_DISARM_LAND", "note", "10 s", LOW),
+    ("1.16", {"MPC_THR_HOVER": 0.5}, "MPC_THR_HOVER", "note", "default", LOW),
+    ("1.16", {"GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0}, "GF_MAX_HOR_DIST", "note", "no fence", LOW),
+    ("1.16", {"GF_ACTION": 0}, "GF_ACTION", "warning", "not answered", LOW),
+    ("1.16", {"GF_MAX_VER_DIST": 20.0}, "GF_MAX_VER_DIST", "note", "higher than the room", LOW),
+    # names
+    ("1.16", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "EKF2_EV_CTRL 11", LOW),
+    ("1.14", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "has no effect since PX4 1.14", LOW),
+    ("1.16", {"MPC_XY_VEL_P": 0.1}, "MPC_XY_VEL_P", "error", "set MPC_XY_VEL_P_ACC 2 ", LOW),
+    ("1.16", {"BAT_V_EMPTY": 3.6}, "BAT_V_EMPTY", "error", "set BAT1_V_EMPTY 3.6 ", LOW),
+    ("1.16", {"COM_POS_FS_DELAY": 1}, "COM_POS_FS_DELAY", "warning", "leave it out", LOW),
+    ("1.18", {"COM_RC_OVERRIDE": 1}, "COM_RC_OVERRIDE", "error", "choose MAN_OVERRIDE_SPD", LOW),
+    ("1.13", {"EKF2_EV_CTRL": 11}, "EKF2_EV_CTRL", "error", "1.13 has EKF2_AID_MASK", LOW),
+    ("1.15", {"COM_DLL_EXCEPT": 4}, "COM_DLL_EXCEPT", "error", "came with PX4 1.16", LOW),
+    ("1.16", {"ARSP_TAS_GATE": 3}, "ARSP_TAS_GATE", "warning", "was last in PX4 1.10", LOW),
+    ("1.16", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "perhaps EKF2_EV_CTRL", LOW),
+    ("1.9.2", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "perhaps EKF2_EV_CTRL", LOW),
+    ("1.16", {"com_of_loss_t": 1.0}, "com_of_loss_t", "error", "perhaps COM_OF_LOSS_T", LOW),
+    ("1.16", {"MY_OWN": 1}, "MY_OWN", "warning", "module of your own", LOW),
+    # types and ranges
+    ("1.16", {"EKF2_HGT_REF": 2.5}, "EKF2_HGT_REF", "error", "whole number", LOW),
+    ("1.16", {"EKF2_HGT_REF": 2.0**31}, "EKF2_HGT_REF", "error", "too large", LOW),
+    ("1.16", {"MPC_THR_HOVER": float("nan")}, "MPC_THR_HOVER", "error", "finite", LOW),
+    ("1.16", {"MPC_THR_HOVER": float("inf")}, "MPC_THR_HOVER", "error", "finite", LOW),
+    ("1.16", {"EKF2_EV_CTRL": float("nan")}, "EKF2_EV_CTRL", "error", "finite", LOW),
+    ("1.16", {"MPC_THR_HOVER": 0.05}, "MPC_THR_HOVER", "warning", "outside 0.1 to 0.8", LOW),
+    ("1.16", {"MPC_LAND_SPEED": 0.1}, "MPC_LAND_SPEED", "warning", "outside 0.6 and more", LOW),
+    ("1.16", {"EKF2_EV_CTRL": 31}, "EKF2_EV_CTRL", "warning", "outside 0 to 15", LOW),
+    ("1.12", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "warning", "COM_RCL_EXCEPT", LOW),
+]  # fmt: skip
+
+
+def right(version: str) -> dict[str, float]:
+    base = "1.9.2" if version in ("1.9.2", "1.11") else "1.13" if version in ("1.12", "1.13") else "1.16"
+    return {name: value for name, value in GOOD[base].items() if name in parameters(version)}
+
+
+@pytest.mark.parametrize(("version", "change", "name", "severity", "words", "room"), WRONG, ids=[f"{w[0]}-{w[1]}" for w in WRONG])
+def test_what_is_wrong_is_found(version, change, name, severity, words, room):
+    before = of(name, check({n: v for n, v in right(version).items() if n not in change}, version, room=room))
+    findings = of(name, check({**right(version), **change}, version, room=room))
+    hits = [f for f in findings if words in " ".join(f[3:]) and f.severity == severity]
+    assert len(hits) == 1, findings
+    assert hits[0] not in before, "and it is the change that is wrong"
+    assert repr(hits[0].value) == repr(change[name] if name in change else parameters(version)[name].default)
+
+
+def test_every_rule_is_among_what_is_wrong():
+    """A rule that nothing here sets off would be one without a test."""
+    from arena.params.check_facts import Look
+    from arena.params.table import Version
+
+    for rule in RULES:
+        assert any(
+            list(rule(Look(given={**right(version), **change}, version=Version.parse(version), room=room)))
+            for version, change, *_, room in WRONG
+        ), rule.__name__
+
+
+@pytest.mark.parametrize("change", [{"EKF2_EV_CTRL": 0}, {"EKF2_EV_DELAY": 0.0}, {"EKF2_HGT_REF": 1}, {"EKF2_MAG_TYPE": 0}])
+def test_without_cameras_nothing_is_asked_of_external_vision(change):
+    assert not set(change) & set(found({**GOOD["1.16"], **change}, "1.16", BLIND))
+
+
+@pytest.mark.parametrize("change", [{"EKF2_GPS_CTRL": 7}, {"SYS_HAS_GPS": 1}, {"COM_ARM_WO_GPS": 0}, {"EKF2_MAG_TYPE": 0}])
+def test_with_satellites_they_may_be_used(change):
+    assert not set(change) & set(found({**GOOD["1.16"], **change}, "1.16", GPS))
+
+
+def test_with_a_pilot_sticks_are_wanted_and_position_mode_is_his_to_fly():
+    values = {**GOOD["1.16"], "COM_RC_IN_MODE": 0, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 3}
+    assert found(values, "1.16", PILOT) == {}
+    assert found({**values, "COM_OBL_RC_ACT": 0}, "1.16", PILOT) == {"COM_OBL_RC_ACT": "warning"}
+
+
+def test_a_battery_that_tells_its_charge_itself_needs_no_cells():
+    assert not of("BAT1_N_CELLS", check({**GOOD["1.16"], "BAT1_N_CELLS": 0, "BAT1_SOURCE": 1}, "1.16"))
+
+
+def test_what_is_not_given_is_a_note_at_most_and_says_that_it_is_the_default():
+    for version in versions():
+        findings = check({}, version)
+        assert findings
+        assert {f.severity for f in findings} == {"note"}
+        assert all(f"default of PX4 {version}" in f.what for f in findings)
+
+
+def test_the_worst_comes_first():
+    order = [f.severity for f in check({"EKF2_EV_CTRL": 0, "MPC_THR_HOVER": 0.5, "COM_FAIL_ACT_T": 5.0}, "1.16")]
+    assert order == sorted(order, key=["error", "warning", "note"].index) and len(set(order)) == 3
+
+
+def test_a_type_that_is_not_the_parameters_is_wrong():
+    values = {**GOOD["1.16"]}
+    (finding,) = check(values, "1.16", room=LOW, types={"EKF2_EV_CTRL": "FLOAT", "EKF2_HGT_REF": "INT32"})
+    assert (finding.severity, finding.name) == ("error", "EKF2_EV_CTRL") and "6 (INT32)" in finding.fix
+
+
+def test_a_version_that_is_not_known_is_refused():
+    with pytest.raises(InputError, match=r"Known: 1\.9"):
+        check({}, "1.8")
+
+
+# --- real vehicles
+
+
+@pytest.mark.parametrize("vehicle", [2, 3])
+def test_what_is_wrong_with_two_real_vehicles_is_found(vehicle):
+    source = read_values(DATA / f"aero_{vehicle}.params")
+    assert source.version == "1.9.2"
+    findings = check(source.values, source.version, room=Room(sticks=True), types=source.types)
+    assert {f.name: f.severity for f in findings} == {
+        "COM_OF_LOSS_T": "warning", "COM_OBL_RC_ACT": "warning", "CBRK_FLIGHTTERM": "warning", "EKF2_NOAID_TOUT": "warning",
+        "MPC_XY_VEL_P": "warning", "MPC_Z_VEL_P": "warning", "MPC_Z_VEL_I": "warning", "MPC_THR_HOVER": "note",
+        "GF_MAX_HOR_DIST": "note",
+    }  # fmt: skip
+    assert "0.5 s after the last" in of("COM_OF_LOSS_T", findings)[0].what
+    assert "position mode" in of("COM_OBL_RC_ACT", findings)[0].what
+    assert of("COM_RC_IN_MODE", check(source.values, "1.9.2"))[0].severity == "error", "without a radio it would not arm"
+
+
+def test_the_values_of_a_real_vehicle_loaded_into_a_newer_version_are_told_their_successors():
+    source = read_values(DATA / "aero_2.params")
+    findings = check(source.values, "1.16", room=Room(sticks=True))
+    assert "EKF2_EV_CTRL 11, EKF2_GPS_CTRL 0" in of("EKF2_AID_MASK", findings)[0].fix
+    assert "EKF2_HGT_REF 3" in of("EKF2_HGT_MODE", findings)[0].fix
+    assert "MPC_XY_VEL_P_ACC 4" in of("MPC_XY_VEL_P", findings)[0].fix
+    assert of("COM_OF_LOSS_T", findings)[0].severity == "error", "offboard cannot be entered with 0 any more"
+
+
+# --- whatever it is
+
+
+@given(
+    st.dictionaries(st.sampled_from(EVERY_NAME), st.integers(-(2**33), 2**33) | st.floats() | st.integers(-2, 9)),
+    st.sampled_from(versions()), st.builds(Room, vision=st.booleans(), gps=st.booleans(), sticks=st.booleans(),
+                                           latency_ms=st.none() | st.floats(0, 300), height_m=st.none() | st.floats(1, 20)),
+)  # fmt: skip
+@settings(max_examples=300, deadline=None)
+def test_whatever_the_values_every_finding_has_a_reason_and_a_fix(values, version, room):
+    known = parameters(version)
+    for f in check(values, version, room=room):
+        assert f.name in values or f.name in known
+        for text in (f.what, f.why, f.fix):
+            assert text and text.isprintable() and not re.search(r"None|nan\b.*nan|\{|\}|  |set *$", text), f
+
+
+@given(st.sampled_from(versions()), st.data())
+@settings(max_examples=300, deadline=None)
+def test_what_a_fix_says_to_set_mends_it(version, data):
+    """Apply what the first error or warning says to set, with one parameter wrong: that finding is gone."""
+    name = data.draw(st.sampled_from(sorted({n for w in WRONG for n in w[1] if n in parameters(version)})))
+    value = data.draw(st.sampled_from(sorted({w[1][name] for w in WRONG if name in w[1] and w[1][name] == w[1][name]})))
+    for finding in check({name: value}, version):
+        fix = re.match(r"set ((?:[A-Z0-9_]+ -?[0-9.]+(?:, )?)+)", finding.fix)
+        if finding.severity == "note" or fix is None or finding.name != name:
+            continue
+        wanted = {n: float(v) for n, v in (pair.split() for pair in fix[1].rstrip(", ").split(", "))}
+        after = check({name: value, **wanted}, version)
+        assert (finding.severity, finding.name, finding.what) not in [(f.severity, f.name, f.what) for f in after]
