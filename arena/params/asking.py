@@ -18,7 +18,6 @@ _UNHEARD = 10        # questions that met silence when nothing else was answered
 _CHANCE = 1e-6
 _FIRST_S, _SHORTEST_S, _LONGEST_S = 0.5, 0.2, 3.0
 _BACK_OFF, _STEPS = 1.3, 2
-_SLOWER = 1.2
 
 Key = TypeVar("Key", bound=Hashable)
 Fate = Literal["open", "answered", "silent", "lost"]
@@ -44,11 +43,6 @@ class Pace:
         self._spread_s = after_s / 2 if first else 0.75 * self._spread_s + 0.25 * abs(self._mean_s - after_s)
         self._mean_s = after_s if first else 0.875 * self._mean_s + 0.125 * after_s
         self._patience_s = min(max(self._mean_s + 4.0 * self._spread_s, _SHORTEST_S), _LONGEST_S)
-
-    def waited(self) -> None:
-        """In vain, and there has been no answer at all: the wire may be slow, and we would only crowd it."""
-        if self._answered == 1:
-            self._patience_s = min(self._patience_s * _SLOWER, _LONGEST_S)
 
     def patience(self, tries: int) -> float:
         """How long to wait for the answer to the `tries`-th of a question [s]."""
@@ -126,8 +120,6 @@ class Asking(Generic[Key]):
         for key, q in list(self._open.items()):
             if q.tries and q.until <= now and q.until != -math.inf:
                 q.until = -math.inf
-                if not self._heard:
-                    self._pace.waited()
                 q.silences += self._heard > q.heard
                 if q.silences >= self._pace.enough:
                     self._settle(key, q, "silent")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import select
 import socket
 import subprocess
 import sys
 import threading
 import time
+import tty
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +20,9 @@ import pytest
 from arena.autopilot.params import SPECS
 from arena.errors import InputError
 from arena.params.record import Record
-from arena.params.session import Report, Target, pull, push, reboot
+from arena.params.session import Report, SerialWire, Target, pull, push, reboot
 from arena.params.transfer import Progress
+from arena.wire.mavframe import cut
 
 from .fleet import BuiltIn, Simulated, own_address, serve
 from .simulated import INT32, Air, Vehicle, sixty
@@ -147,6 +150,31 @@ def test_over_a_serial_line(serial_cable: tuple[str, str]) -> None:
         thread.join(10)
         os.close(fd)
     assert report.holds and holds(vehicle, others()) and pulled.whole
+
+
+def test_a_device_that_is_unplugged_is_a_vehicle_that_vanishes_and_nobody_spins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("arena.params.transfer.SILENT_S", 1.0)
+    reads, read = [], SerialWire.read
+    monkeypatch.setattr(SerialWire, "read", lambda wire: reads.append(1) or read(wire))
+    board, device = pty.openpty()
+    tty.setraw(device)
+    name = os.ttyname(device)
+
+    def speak_and_go() -> None:
+        beat, asked = Vehicle().step(0.0)[0], False
+        while not asked:
+            os.write(board, beat)
+            if select.select([board], [], [], 0.05)[0]:
+                asked = any(frame.msgid == 20 for frame in cut(os.read(board, 65536)).frames)
+        os.close(board)
+
+    thread = threading.Thread(target=speak_and_go, daemon=True)
+    thread.start()
+    report = push({"uav1": Target(system=1, device=name)}, {"uav1": {"P_03": 9}})["uav1"]
+    thread.join(10)
+    os.close(device)
+    assert report.ending == "vanished" and report.those("untried") == ["P_03"]
+    assert len(reads) < 1000
 
 
 def test_a_device_that_is_not_there_is_told() -> None:

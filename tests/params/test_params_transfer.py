@@ -177,8 +177,10 @@ def test_a_write_of_another_type_which_px4_meets_with_silence_ends_as_refused() 
             return [] if m.get_type() == "PARAM_SET" and m.param_id == "P_03" else super()._answer(m)
 
     core = writer({"P_03": 9, "P_05": 6})
-    run(core, Stubborn(), Air(delay_s=0.02))
+    vehicle = Stubborn()
+    run(core, vehicle, Air(delay_s=0.02))
     assert core.result["P_03"][:4] == ("refused", 9, 3, 3) and core.result["P_05"].outcome == "written"
+    assert vehicle.requests < 35, "one silence that is believed is enough"
 
 
 def test_a_vehicle_that_says_an_error_in_words_is_believed_at_once() -> None:
@@ -321,6 +323,25 @@ def test_nothing_is_written_before_a_heartbeat_has_told_that_it_is_not_armed() -
     with pytest.raises(AssertionError, match="not done within 20"):
         run(core, vehicle, Air(), limit_s=20.0)
     assert core.progress.phase == "writing" and vehicle.told == []
+
+
+def test_one_whose_heartbeats_are_lost_for_8_s_is_not_written_to_meanwhile_and_not_believed_to_have_gone() -> None:
+    class Faint(Vehicle):
+        def step(self, now: float) -> list[bytes]:
+            found = super().step(now)
+            return [] if 1.0 < now < 9.0 else found
+
+    vehicle, core = Faint(), writer(others())
+    told: dict[int, int] = {}
+    run(core, vehicle, Air(delay_s=0.5), each=lambda now: told.__setitem__(int(now), len(vehicle.told)))
+    assert core.ending == "done" and holds(vehicle, others())
+    assert told[6] == told[8] < 60, "the last heartbeat is older than 3 s"
+
+
+def test_a_slow_wire_is_not_crowded() -> None:
+    air, core = Air(delay_s=1.2), writer(others())
+    run(core, Vehicle(), air)
+    assert core.ending == "done" and air.counted["up"] - 60 < 1.3 * 3 * 60, "no more than a third is asked for in vain"
 
 
 def test_a_vehicle_that_vanishes_ends_it_after_3_s_with_what_is_known() -> None:
