@@ -65,7 +65,8 @@ def vision_delay(look: Look) -> Iterator[Finding]:
     if not look.room.vision or value is None:
         return
     wanted = look.room.latency_ms
-    fix = f"set {name} {wanted:g}" if wanted is not None else f"set {name} to the cameras' latency and what forwarding takes, some 1 ms"
+    right = "to the cameras' latency and what forwarding takes, some 1 ms" if wanted is None else f"{wanted:g}"
+    fix = f"set {name} {right}"
     why = "poses are stamped on arrival: at 1 m/s, 100 ms too much or too little are 0.1 m of position, and oscillation"
     if wanted is not None and abs(value - wanted) > _MOST_AMISS_MS:
         yield look.finding("warning", name, f"is {abs(value - wanted):g} ms from the arena's {wanted:g} ms", why, fix)

@@ -91,9 +91,9 @@ def unknown_names(look: Look) -> Iterator[Finding]:
     """Renamed and removed ones with their successor, later ones with their forerunner, and what no version knows."""
     for name, value in look.given.items():
         change = _change(name, look)
-        if change is not None:
+        if change is not None and value != look.default(name):
             yield _replaced(name, value, change, look)
-        elif name not in look.facts:
+        elif change is None and name not in look.facts:
             yield _foreign(name, value, look)
 
 
@@ -106,8 +106,7 @@ def _change(name: str, look: Look) -> Change | None:
 def _replaced(name: str, value: float, change: Change, look: Look) -> Finding:
     before = Version(1, change.at - 1)
     given = carry({name: value}, before, look.version).values if math.isfinite(value) else {}
-    word = "has no effect since" if name in look.facts else "went with"
-    what = f"{word} PX4 1.{change.at}"
+    what = f"{'is not used as before since' if name in look.facts else 'went with'} PX4 1.{change.at}"
     if given:
         held = [n for n in given if n in look.given]
         says = f"; it holds {', '.join(held)} already" if held else ""

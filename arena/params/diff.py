@@ -53,9 +53,11 @@ def no_setting(name: str) -> str:
 
 def same(a: float, b: float, kind: str = "") -> bool:
     """As the autopilot would hold them: INT32 exactly, FLOAT in 32 bits. kind: "" when it is not known."""
+    if math.isnan(a) or math.isnan(b):
+        return math.isnan(a) and math.isnan(b)
     if kind == "INT32" or (not kind and isinstance(a, int) and isinstance(b, int)):
         return a == b
-    return _held(a) == _held(b) or (math.isnan(a) and math.isnan(b))
+    return _held(a) == _held(b)
 
 
 def diff(

@@ -164,7 +164,7 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Room]] = [
     ("1.16", {"GF_MAX_VER_DIST": 20.0}, "GF_MAX_VER_DIST", "note", "higher than the room", LOW),
     # names
     ("1.16", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "EKF2_EV_CTRL 11", LOW),
-    ("1.14", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "has no effect since PX4 1.14", LOW),
+    ("1.14", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "is not used as before since PX4 1.14", LOW),
     ("1.16", {"MPC_XY_VEL_P": 0.1}, "MPC_XY_VEL_P", "error", "set MPC_XY_VEL_P_ACC 2 ", LOW),
     ("1.16", {"BAT_V_EMPTY": 3.6}, "BAT_V_EMPTY", "error", "set BAT1_V_EMPTY 3.6 ", LOW),
     ("1.16", {"COM_POS_FS_DELAY": 1}, "COM_POS_FS_DELAY", "warning", "leave it out", LOW),
@@ -242,6 +242,11 @@ def test_what_is_not_given_is_a_note_at_most_and_says_that_it_is_the_default():
         assert findings
         assert {f.severity for f in findings} == {"note"}
         assert all(f"default of PX4 {version}" in f.what for f in findings)
+
+
+def test_an_old_name_that_lingers_at_its_default_is_nobodys_concern():
+    assert not of("BAT_V_EMPTY", check({"BAT_V_EMPTY": 3.5}, "1.12"))
+    assert "BAT1_V_EMPTY 3.6" in of("BAT_V_EMPTY", check({"BAT_V_EMPTY": 3.6}, "1.12"))[0].fix
 
 
 def test_the_worst_comes_first():
