@@ -12,7 +12,7 @@ from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
-WINDOW = 10          # in flight at a time: 4 kB of a slow radio's second
+WINDOW = 10          # in flight at a time: some 400 bytes
 _FEWEST, _MOST = 5, 30
 _UNHEARD = 10        # questions that met silence when nothing else was answered either
 _CHANCE = 1e-6
