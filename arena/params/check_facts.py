@@ -110,7 +110,9 @@ def _replaced(name: str, value: float, change: Change, look: Look) -> Finding:
     if given:
         held = [n for n in given if n in look.given]
         says = f"; it holds {', '.join(held)} already" if held else ""
-        fix = f"set {_listed(given)} in its place{says}"
+        old = look.default(name)  # where it lingers
+        rest = "" if old is None else f", and leave {name} at its default {old:g}"
+        fix = f"set {_listed(given)} in its place{says}{rest}"
         return Finding("warning" if held else "error", name, value, what, change.why, fix)
     if change.new:
         return Finding("error", name, value, what, change.why, f"choose {' and '.join(change.new)} anew")

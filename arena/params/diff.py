@@ -126,7 +126,7 @@ def _meet(
             continue
         for new, number in given.values.items():
             values[new] = carried.get(new, number)
-            if given.notes and values[new] == number and new not in older:
+            if given.notes and values[new] == number:
                 notes[new] = "; ".join(given.notes)
     return values, notes
 

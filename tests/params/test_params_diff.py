@@ -75,6 +75,11 @@ def test_what_stands_under_the_new_name_already_is_compared_itself():
     assert diff(old, {"COM_OBL_RC_ACT": 4}, "1.13", "1.16") == [Row("COM_OBL_RC_ACT", 5, 4, "")]
 
 
+def test_a_number_that_came_to_mean_something_else_is_told_with_its_reason():
+    (row,) = diff({"EKF2_MAG_TYPE": 3}, {"EKF2_MAG_TYPE": 5}, "1.13", "1.16")
+    assert row[:3] == ("EKF2_MAG_TYPE", 0, 5) and "EKF2_MAG_TYPE 3 becomes EKF2_MAG_TYPE 0" in row.note
+
+
 def test_without_a_version_names_are_names():
     rows = diff({"EKF2_AID_MASK": 24}, {"EKF2_EV_CTRL": 11})
     assert [row.name for row in rows] == ["EKF2_AID_MASK", "EKF2_EV_CTRL"]
