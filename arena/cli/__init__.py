@@ -15,7 +15,7 @@ import typer
 
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, ArenaError
 
-VERBS = ("init", "doctor", "check", "plan", "schema", "up", "ps", "logs", "restart", "down", "land-all", "kill-all")
+VERBS = ("init", "doctor", "check", "plan", "schema", "params", "up", "ps", "logs", "restart", "down", "land-all", "kill-all")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

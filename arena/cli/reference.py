@@ -158,13 +158,22 @@ def cli_page() -> str:
     """Every verb with its arguments and options, from the app itself."""
     group: Any = typer.main.get_command(build(()))
     text = "# The command line\n\n`--debug` before or after any verb shows the traceback of a failure.\n"
-    for verb in (v for v in VERBS if v in group.commands):
-        command = group.commands[verb]
+    for verb, command in _commands(group):
         words = [_name(p) if p.required else f"[{_name(p)}]" for p in command.params if p.param_type_name == "argument"]
         text += f"\n## arena {' '.join([verb, *words])}\n\n{(command.help or '').strip()}\n\n"
         rows = [_parameter(p) for p in command.params if p.name != "help"]
         text += table(("argument or option", "meaning"), rows) if rows else ""
     return text
+
+
+def _commands(group: Any) -> Iterator[tuple[str, Any]]:
+    """Verbs with their commands; those of a group one by one."""
+    for verb in (v for v in VERBS if v in group.commands):
+        command = group.commands[verb]
+        if inner := getattr(command, "commands", None):
+            yield from ((f"{verb} {name}", each) for name, each in inner.items())
+        else:
+            yield verb, command
 
 
 def _name(p: Any) -> str:

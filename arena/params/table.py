@@ -7,6 +7,7 @@ last one of each was read, and nothing differs between v1.16.0 and v1.16.2.
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from arena.errors import InputError
 CSV = "px4_parameters.csv"
 COLUMNS = ("name", "type", "unit", "default", "min", "max", "reboot", "since", "until", "source")
 Type = Literal["INT32", "FLOAT"]
+_ROUNDING = 1e-6
 _VERSION = re.compile(r"v?(\d{1,2})\.(\d{1,2})(?:\.(\d{1,3}))?(?:[-+ ].*)?")
 _HEAD = re.compile(r"# (\d+\.\d+) ([=~]) (.+)")
 
@@ -34,6 +36,13 @@ class Parameter(NamedTuple):
     min: float | None
     max: float | None
     reboot: bool
+
+    def objection(self, value: float) -> str:
+        """What is expected instead of this value; "" when it is allowed. PX4 itself takes any number over MAVLink."""
+        if not math.isfinite(value) or (self.type == "INT32" and not float(value).is_integer()):
+            return "a whole number" if self.type == "INT32" else "a number"
+        least, most = (-math.inf if self.min is None else self.min), (math.inf if self.max is None else self.max)
+        return "" if least - _ROUNDING <= value <= most + _ROUNDING else f"from {least:g} to {most:g}"
 
 
 @dataclass(frozen=True, order=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -75,7 +76,7 @@ def resolve(
     )  # fmt: skip
 
 
-def _version(px4: Px4 | None) -> str:
+def version_of(px4: Px4 | None) -> str:
     """Of the parameters' names; one that does not say, or that no table has, is taken for the one that is kept here."""
     try:
         return str(Version.parse(px4.version)) if px4 else SIMULATED_VERSION
@@ -128,7 +129,7 @@ class _Merge:
         start = self._start()
         forward = bool(self._take("forward", True))
         gps, sticks = bool(self._take("gps", False)), bool(self._take("sticks", False))
-        needs = self._needs(profile, vehicle_id, {"forward": forward, "gps": gps, "sticks": sticks}, autopilot)
+        needs = self._needs(profile, vehicle_id, {"forward": forward, "gps": gps, "sticks": sticks})
         rate = self._take(
             "pose_rate_hz",
             pose_rate_hz(self.model.mocap.rate_hz),
@@ -193,16 +194,17 @@ class _Merge:
 
     def _params(self, needs: Needs, autopilot: str) -> dict[str, float]:
         """Of hardware those that the YAML asks for, and no others: they must hold before it arms."""
-        version = _version(self.px4) if autopilot == "px4" else SIMULATED_VERSION
+        version = version_of(self.px4) if autopilot == "px4" else SIMULATED_VERSION
         if autopilot == "hardware":
             lines = [(name, value, needs.asked[f"own.{name}"]) for name, value in needs.own.items()]
         else:
-            lines = [(line.name, line.value, line.asked) for line in generate(needs, version).lines]
+            flown = replace(needs, rotors=()) if autopilot == "builtin" else needs  # that one knows its mixer from the profile
+            lines = [(line.name, line.value, line.asked) for line in generate(flown, version).lines]
         for key, value, words in lines:
             self._note(f"params.{key}", value, words)
         return {key: float(value) for key, value, _ in lines}
 
-    def _needs(self, profile: Profile, vehicle_id: int, has: Mapping[str, bool], autopilot: str) -> Needs:
+    def _needs(self, profile: Profile, vehicle_id: int, has: Mapping[str, bool]) -> Needs:
         """What an arena needs of this vehicle's autopilot, each with who asked for it."""
         own = self._own_params()
         asked = {f"own.{name}": words for name, (_, words) in own.items()}
@@ -221,7 +223,7 @@ class _Merge:
             system_id=vehicle_id, hover=profile.hover_command, gps=has["gps"], sticks=has["sticks"],
             vision_delay_ms=self.model.mocap.latency_ms + _FORWARD_MS if has["forward"] else None,
             failsafe=_failsafe(self.model.failsafe, has["sticks"]), landing_speed_m_s=self.model.landing_speed_m_s,
-            ceiling_m=self.model.world.size[2], rotors=() if autopilot == "builtin" else tuple(rotors),
+            ceiling_m=self.model.world.size[2], rotors=tuple(rotors),
             moment_ratio_m=profile.moment_ratio_m, gains=dict(profile.params),
             own={name: float(value) for name, (value, _) in own.items()}, asked=asked,
         )  # fmt: skip

@@ -1,0 +1,111 @@
+"""`arena params`, where nothing flies: files made, compared and checked, and what is wrong told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import typer
+
+import arena.cli as cli
+from arena.schema import load_arena
+from arena.wire.qgcparams import parse_params
+
+YAML = """name: lab
+address: 127.52.9.1
+failsafe: {offboard_loss: {action: hold, after_s: 0.5}}
+landing_speed_m_s: 0.6
+vehicles:
+  uav1: {params: {MPC_XY_P: 0.9}}
+  uav2: {start: {position: [1, 0, 0]}, profile: intel_aero}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arena.yaml").write_text(YAML)
+    return tmp_path
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    code = cli.main(("params", *arguments))
+    said = capsys.readouterr()
+    return code, said.out, said.err
+
+
+@pytest.mark.parametrize("version", ["1.9", "1.13", "1.16", "1.18"])
+def test_a_file_per_vehicle_can_be_read_back_and_says_who_asked_for_each_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], version: str
+) -> None:
+    code, out, err = run(capsys, "generate", "--px4-version", version, "-o", "made")
+    assert (code, err) == (0, "") and out.split() == ["made/uav1.params", "made/uav2.params"]
+    text = (folder / "made" / "uav1.params").read_text()
+    values = parse_params(text)
+    assert values["MPC_LAND_SPEED"] == 0.6 and values["MPC_XY_P"] == 0.9 and values["MAV_SYS_ID"] == 1
+    assert values["COM_OF_LOSS_T"] == (0.0 if version == "1.9" else 0.5)
+    assert "landing speed [m/s]; arena.yaml:4\n" in text and "as written; arena.yaml:6\n" in text
+    assert ("CA_ROTOR0_PX" in values) == (version != "1.9")
+    assert ("NOT POSSIBLE" in text) == (version in ("1.9", "1.13")), "old ones hold no more than 2 m above the floor"
+    assert parse_params((folder / "made" / "uav2.params").read_text())["MAV_SYS_ID"] == 2
+
+
+def test_what_is_made_is_what_the_simulated_vehicles_get(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = run(capsys, "generate", "--px4-version", "1.16")
+    made, flown = parse_params(out.split("# uav2 of")[0]), load_arena("arena.yaml").vehicles[0].params
+    assert {k: v for k, v in made.items() if not k.startswith("CA_")} == pytest.approx(dict(flown))
+
+
+def test_two_files_are_compared_and_a_file_with_what_the_yaml_asks_for(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(capsys, "generate", "-o", "made")
+    (folder / "other.params").write_text((folder / "made/uav1.params").read_text().replace("MPC_XY_P\t0.9", "MPC_XY_P\t0.8"))
+    code, out, _ = run(capsys, "diff", "made/uav1.params", "other.params")
+    assert code == 1 and out.split()[-3:] == ["MPC_XY_P", "0.9", "0.8"]
+    assert run(capsys, "diff", "yaml:uav1", "made/uav1.params")[:2] == (0, "yaml:uav1 and made/uav1.params: no difference\n")
+    code, out, _ = run(capsys, "diff", "made/uav1.params", "defaults")
+    assert code == 1 and "EKF2_EV_CTRL" in out and "SYS_AUTOSTART" not in out
+
+
+def test_check_finds_nothing_wrong_in_what_is_made_and_what_is_wrong_elsewhere(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = run(capsys, "check")
+    assert code == 0 and " error:" not in out
+    (folder / "bad.params").write_text("EKF2_EV_CTRL 0\nCOM_OF_LOSS_T 0.0\nCOM_OBL_RC_ACT 0\n")
+    code, out, _ = run(capsys, "check", "bad.params", "--px4-version", "1.16")
+    assert code == 1 and "error: EKF2_EV_CTRL" in out and "COM_OBL_RC_ACT" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("push",), "uav1 is simulated, and no arena is up on 127.52.9.1: start one with arena up"),
+        (("push", "uav7"), "got vehicle uav7, expected one of uav1, uav2"),
+        (("push", "--resume"), "push.json: No such file or directory: there is no push to resume"),
+        (("push", "--file", "none.params"), "none.params"),
+        (("push", "--file", "range.params"), "MPC_XY_P: got 99, expected from 0 to 2"),
+        (("push", "--file", "range.params"), "COM_OBL_RC_ACT: got 1.5, expected a whole number"),
+        (("push", "--file", "huge.params"), "huge.params:1: MPC_Z_P: 1e999 is no value for a parameter"),
+        (("pull",), "no arena is up"),
+        (("diff", "nowhere", "uav1"), "nowhere: no such file, and no vehicle; there are uav1, uav2, yaml:VEHICLE and defaults"),
+        (("diff", "yaml:uav9", "defaults"), "got vehicle uav9"),
+        (("check", "torn.params"), "torn.params:2"),
+        (("generate", "--px4-version", "1.8"), "PX4 1.8 is not in the table"),
+        (("generate", "--px4-version", "soon"), "'soon' is no version of PX4"),
+        (("generate", "none.yaml"), "none.yaml: cannot be read"),
+    ],
+)
+def test_what_cannot_be_is_told_without_a_traceback(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], words: str
+) -> None:
+    (folder / "range.params").write_text("MPC_XY_P 99\nCOM_OBL_RC_ACT 1.5\n")
+    (folder / "huge.params").write_text("MPC_Z_P 1e999\n")
+    (folder / "torn.params").write_text("MPC_XY_P 0.9\nMPC_Z_P\n")
+    code, _, err = run(capsys, *arguments)
+    assert code == 2 and words in err and "Traceback" not in err, err
+
+
+def test_help_names_the_five(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "--help")
+    assert code == 0 and all(name in out for name in ("generate", "push", "pull", "diff", "check"))
+    assert isinstance(cli.build(["params"]), typer.Typer)
