@@ -199,7 +199,9 @@ def _version(arena: Arena, vehicle: Vehicle | None, asked: str) -> str:
 
     if asked:
         return str(Version.parse(asked))
-    return version_of(arena.px4) if vehicle is not None and vehicle.autopilot == "px4" else SIMULATED_VERSION
+    if vehicle is not None and vehicle.autopilot == "px4":
+        return version_of(arena.px4)
+    return SIMULATED_VERSION if vehicle is None else vehicle.px4_version
 
 
 def _file(arena: Arena, vehicle: Vehicle, asked: str) -> str:

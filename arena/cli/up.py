@@ -26,7 +26,7 @@ Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", hel
 
 def register(app: typer.Typer) -> None:
     @app.command()
-    def up(
+    def up(  # noqa: PLR0913, PLR0917 - an option each
         file: File = Path("arena.yaml"),
         set_: Set = None,
         detach: Annotated[bool, typer.Option("--detach", help="return once all programs are started")] = False,
@@ -35,6 +35,9 @@ def register(app: typer.Typer) -> None:
         speed: Annotated[
             str | None, typer.Option("--speed", metavar="X", help="simulated seconds per second, or max; as --set sim.speed=X")
         ] = None,
+        allow_diff: Annotated[
+            bool, typer.Option("--allow-diff", help="hardware need not hold what `arena params push` would write")
+        ] = False,
         yes: Annotated[bool, typer.Option("--yes", help="with hardware in the arena: do not ask before it may arm")] = False,
         until_done: Annotated[
             bool, typer.Option("--until-done", help="end when every program has ended and every vehicle is disarmed")
@@ -48,6 +51,7 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Start an arena and watch it until it is done or told to stop. Ctrl-C lands the vehicles first."""
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
+        overrides += ["preflight.params=false"] if allow_diff else []
         overrides += [f"sim.speed={speed}"] if speed is not None else []
         plan = _plan(file, overrides)
         ask_consent(plan, yes=yes)

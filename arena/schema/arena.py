@@ -60,7 +60,7 @@ class Vehicle:
     profile_key: how the profile is found, a name or an absolute path.
     autopilot: what will fly it; asked: what the YAML said.  position: N, E, D of its lowest point [m] [NED].
     rpy_deg: roll, pitch, yaw [deg].  params: PX4 name -> value, all that differ from PX4's own defaults; of hardware, those
-    that the YAML asks for.  needs: the same in words, for any version of PX4.
+    that must hold before it arms.  needs: the same in words, for any version of PX4.  px4_version: of hardware.
     wire: how a real autopilot is reached, None when it runs here.
     """
 
@@ -85,6 +85,7 @@ class Vehicle:
     gps: bool = False
     sticks: bool = False
     needs: Needs
+    px4_version: str = "1.16"
 
     @property
     def simulated(self) -> bool:

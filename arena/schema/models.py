@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
+from arena.errors import InputError
+from arena.params.table import Version
 from arena.schema.base import NotNegative, Port, Positive, PositiveVector, Strict, Vector
 
 
@@ -28,6 +30,13 @@ def _speed(value: Any) -> float | Literal["max"]:
     if isinstance(value, (int, float)) and not isinstance(value, bool) and 0.0 < value <= 1000.0:
         return float(value)
     raise ValueError("a number from 0 to 1000, or max")
+
+
+def _px4_version(text: str) -> str:
+    try:
+        return str(Version.parse(text))
+    except InputError as error:
+        raise ValueError(f"a version of PX4 such as 1.16; {error}") from error
 
 
 def _program(value: Any) -> Any:
@@ -144,6 +153,8 @@ class Preflight(Strict):
     """Oldest that the last pose sent to it may be [s]."""
     battery: Annotated[float, Field(ge=0, le=1)] = 0.2
     """Least charge, 0 to 1; 0 for a vehicle that does not measure it."""
+    params: bool = True
+    """Whether hardware must hold all that `arena params push` would write; false: what stands under `params` alone."""
 
 
 Share = Annotated[float, Field(gt=0, lt=1)]
@@ -290,6 +301,8 @@ class VehicleDefaults(Strict):
     """A file of PX4 parameters, as QGroundControl saves it, relative to arena.yaml; `params` goes before it."""
     params: dict[str, float] | None = None
     """PX4 parameters by name; merged name by name."""
+    px4_version: Annotated[str | None, AfterValidator(_px4_version)] = None
+    """Which PX4 a hardware vehicle runs, 1.9 to 1.18: its parameters have that one's names. Default 1.16."""
     gps: bool | None = None
     """Whether a simulated PX4 receives satellites. Default false."""
     sticks: bool | None = None

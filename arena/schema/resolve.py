@@ -140,7 +140,7 @@ class _Merge:
             profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted,
             autopilot=autopilot, asked=asked, wire=self._wire(autopilot), gps=gps, sticks=sticks, position=start.position,
             rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()),
-            needs=needs, params=self._params(needs, autopilot),
+            needs=needs, params=self._params(needs, autopilot), px4_version=self._take("px4_version", SIMULATED_VERSION),
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
             pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),
         )  # fmt: skip
@@ -193,12 +193,13 @@ class _Merge:
         return Start(**layers)
 
     def _params(self, needs: Needs, autopilot: str) -> dict[str, float]:
-        """Of hardware those that the YAML asks for, and no others: they must hold before it arms."""
-        version = version_of(self.px4) if autopilot == "px4" else SIMULATED_VERSION
-        if autopilot == "hardware":
+        """Of hardware they must hold before it arms; its rotors are its own affair."""
+        version = version_of(self.px4) if autopilot == "px4" else self._take("px4_version", SIMULATED_VERSION)
+        if autopilot == "hardware" and not self.model.preflight.params:
             lines = [(name, value, needs.asked[f"own.{name}"]) for name, value in needs.own.items()]
         else:
-            flown = replace(needs, rotors=()) if autopilot == "builtin" else needs  # that one knows its mixer from the profile
+            mixed = autopilot in ("builtin", "hardware")  # these know where their rotors are
+            flown = replace(needs, rotors=()) if mixed else needs
             lines = [(line.name, line.value, line.asked) for line in generate(flown, version).lines]
         for key, value, words in lines:
             self._note(f"params.{key}", value, words)

@@ -15,7 +15,6 @@ from arena.params.sources import read_values
 from arena.params.table import parameters, versions
 from arena.schema.load import load_arena
 
-DATA = Path(__file__).parent / "data"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "01_two_quads" / "arena.yaml"
 BLIND, GPS, PILOT, LOW = Room(vision=False, gps=True), Room(gps=True), Room(sticks=True), Room(height_m=3.0)
 EVERY_NAME = sorted({name for version in versions() for name in parameters(version)} | {"FOO", "ekf2_ev_ctrl"})
@@ -275,11 +274,16 @@ def test_a_version_that_is_not_known_is_refused():
 
 # --- real vehicles
 
+LOGS = Path(__file__).parents[3] / "shared" / "data" / "thesis"
+"""Flight logs of two real PX4 v1.9.2 vehicles, which are not part of the repository."""
+needs_logs = pytest.mark.skipif(not LOGS.is_dir(), reason="the flight logs are not there")
 
+
+@needs_logs
 @pytest.mark.parametrize("vehicle", [2, 3])
 def test_what_is_wrong_with_two_real_vehicles_is_found(vehicle):
-    source = read_values(DATA / f"aero_{vehicle}.params")
-    assert source.version == "1.9.2"
+    source = read_values(LOGS / f"setpoints_real_uav{vehicle}.ulg")
+    assert source.version.startswith("1.9.2")
     findings = check(source.values, source.version, room=Room(sticks=True), types=source.types)
     assert {f.name: f.severity for f in findings} == {
         "COM_OF_LOSS_T": "warning", "COM_OBL_RC_ACT": "warning", "CBRK_FLIGHTTERM": "warning", "EKF2_NOAID_TOUT": "warning",
@@ -291,13 +295,20 @@ def test_what_is_wrong_with_two_real_vehicles_is_found(vehicle):
     assert of("COM_RC_IN_MODE", check(source.values, "1.9.2"))[0].severity == "error", "without a radio it would not arm"
 
 
+@needs_logs
 def test_the_values_of_a_real_vehicle_loaded_into_a_newer_version_are_told_their_successors():
-    source = read_values(DATA / "aero_2.params")
-    findings = check(source.values, "1.16", room=Room(sticks=True))
+    findings = check(read_values(LOGS / "setpoints_real_uav2.ulg").values, "1.16", room=Room(sticks=True))
     assert "EKF2_EV_CTRL 11, EKF2_GPS_CTRL 0" in of("EKF2_AID_MASK", findings)[0].fix
     assert "EKF2_HGT_REF 3" in of("EKF2_HGT_MODE", findings)[0].fix
     assert "MPC_XY_VEL_P_ACC 4" in of("MPC_XY_VEL_P", findings)[0].fix
     assert of("COM_OF_LOSS_T", findings)[0].severity == "error", "offboard cannot be entered with 0 any more"
+
+
+def test_an_old_vehicle_that_never_answers_the_end_of_its_setpoints_is_found():
+    old = {"EKF2_AID_MASK": 24, "EKF2_HGT_MODE": 3, "COM_OF_LOSS_T": 0.0, "COM_OBL_RC_ACT": 0, "CBRK_FLIGHTTERM": 121212}
+    findings = check(old, "1.9.2", room=Room(sticks=True))
+    assert of("COM_OF_LOSS_T", findings) and "position mode" in of("COM_OBL_RC_ACT", findings)[0].what
+    assert of("EKF2_AID_MASK", check(old, "1.16"))[0].fix
 
 
 @pytest.mark.parametrize(("version", "change", "name", "severity", "words", "room"), WRONG, ids=[f"{w[0]}-{w[1]}" for w in WRONG])

@@ -66,11 +66,15 @@ def test_real_vehicles_live_on_the_wall_clock_and_are_never_taken_for_simulated(
     assert {v.name: v.simulated for v in mixed.vehicles} == {"real": False, "sim": True}
 
 
-def test_hardware_is_asked_for_the_parameters_of_the_yaml_and_no_others(mixed: Plan, tmp_path: Path) -> None:
-    assert mixed.slices["link.real.json"]["params"] == {"COM_OF_LOSS_T": 0.5}
+def test_hardware_must_hold_what_the_yaml_makes_or_what_it_names_alone(mixed: Plan, tmp_path: Path) -> None:
+    asked = mixed.slices["link.real.json"]["params"]
+    assert asked["COM_OF_LOSS_T"] == 0.5 and asked["COM_OBL_RC_ACT"] == 4.0 and not [k for k in asked if k.startswith("CA_")]
+    without = MIXED.replace("preflight: {", "preflight: {params: false, ")
+    alone = make_plan(arena_of(without, tmp_path))
+    assert alone.slices["link.real.json"]["params"] == {"COM_OF_LOSS_T": 0.5}
     assert mixed.slices["link.real.json"]["preflight"]["position_m"] == 0.3
     (tmp_path / "lab.params").write_text("1\t1\tCOM_OF_LOSS_T\t1.5\t9\n1\t1\tEKF2_HGT_REF\t3\t6\n1\t1\tMAV_SYS_ID\t1\t6\n")
-    plan = make_plan(arena_of(MIXED.replace("id: 7,", "id: 7, params_file: lab.params,"), tmp_path))
+    plan = make_plan(arena_of(without.replace("id: 7,", "id: 7, params_file: lab.params,"), tmp_path))
     assert plan.slices["link.real.json"]["params"] == {"COM_OF_LOSS_T": 0.5, "EKF2_HGT_REF": 3.0}
 
 
