@@ -18,6 +18,7 @@ Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", hel
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:
     """A line per vehicle, then one for the processes."""
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
+    lines += [f"{v.name}: not possible: {words}" for v in arena.vehicles for words in v.cannot]
     programs = sum(p.kind == "program" for p in plan.processes)
     return [*lines, f"{len(plan.processes)} processes, {programs} of them programs"]
 

@@ -130,6 +130,7 @@ class _Merge:
         forward = bool(self._take("forward", True))
         gps, sticks = bool(self._take("gps", False)), bool(self._take("sticks", False))
         needs = self._needs(profile, vehicle_id, {"forward": forward, "gps": gps, "sticks": sticks})
+        params, cannot = self._params(needs, autopilot)
         rate = self._take(
             "pose_rate_hz",
             pose_rate_hz(self.model.mocap.rate_hz),
@@ -140,7 +141,7 @@ class _Merge:
             profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted,
             autopilot=autopilot, asked=asked, wire=self._wire(autopilot), gps=gps, sticks=sticks, position=start.position,
             rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()),
-            needs=needs, params=self._params(needs, autopilot), px4_version=self._take("px4_version", SIMULATED_VERSION),
+            needs=needs, params=params, cannot=cannot, px4_version=self._take("px4_version", SIMULATED_VERSION),
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
             pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),
         )  # fmt: skip
@@ -192,18 +193,17 @@ class _Merge:
             self._note(f"start.{key}", layers[key], words)
         return Start(**layers)
 
-    def _params(self, needs: Needs, autopilot: str) -> dict[str, float]:
-        """Of hardware they must hold before it arms; its rotors are its own affair."""
+    def _params(self, needs: Needs, autopilot: str) -> tuple[dict[str, float], tuple[str, ...]]:
+        """Of hardware they must hold before it arms; its rotors are its own affair. -> values, what its PX4 has none for."""
         version = version_of(self.px4) if autopilot == "px4" else self._take("px4_version", SIMULATED_VERSION)
+        mixed = autopilot in ("builtin", "hardware")  # these know where their rotors are
+        made = generate(replace(needs, rotors=()) if mixed else needs, version)
+        lines = [(line.name, line.value, line.asked) for line in made.lines]
         if autopilot == "hardware" and not self.model.preflight.params:
             lines = [(name, value, needs.asked[f"own.{name}"]) for name, value in needs.own.items()]
-        else:
-            mixed = autopilot in ("builtin", "hardware")  # these know where their rotors are
-            flown = replace(needs, rotors=()) if mixed else needs
-            lines = [(line.name, line.value, line.asked) for line in generate(flown, version).lines]
         for key, value, words in lines:
             self._note(f"params.{key}", value, words)
-        return {key: float(value) for key, value, _ in lines}
+        return {key: float(value) for key, value, _ in lines}, made.cannot
 
     def _needs(self, profile: Profile, vehicle_id: int, has: Mapping[str, bool]) -> Needs:
         """What an arena needs of this vehicle's autopilot, each with who asked for it."""
