@@ -73,3 +73,27 @@ def test_the_list_is_whole_sixty_are_written_and_an_unknown_name_is_told_apart(h
     assert set(r.outcome for r in again.results.values()) == {"same"}
     told = {"list": before.traffic, "push": report.traffic, "names": len(before.values)}
     print(autopilot, json.dumps(told, default=str), file=sys.stderr)
+
+
+@pytest.mark.parametrize("autopilot", ["builtin", pytest.param("real", marks=pytest.mark.px4)])
+def test_by_the_command_line_what_is_pushed_is_what_the_yaml_asks_for(hangar: Hangar, autopilot: str) -> None:
+    if autopilot == "real" and ((found := find_px4()) is None or found.stand_in):
+        pytest.skip("no PX4 is found: set PX4_HOME")
+    file = yaml(hangar.folder, "builtin" if autopilot == "builtin" else "px4")
+    flight = hangar.up(file)
+    targets_of(flight)
+    pull(targets_of(flight))  # it is heard, and has booted
+    loss = "offboard_loss: {action: hold, after_s: 0.6}, low_battery: {land: null}"
+    file.write_text(f"{file.read_text()}landing_speed_m_s: 0.9\nfailsafe: {{{loss}}}\n")
+    where = ("--arena", str(file), "--set", f"address={hangar.address}")
+    differ = flight.cli("params", "diff", "uav1", "yaml:uav1", *where)
+    assert differ.returncode == 1, differ.stderr
+    assert {line.split()[0] for line in differ.stdout.splitlines()[1:] if line.strip()} == {
+        "COM_LOW_BAT_ACT", "COM_OBL_RC_ACT", "COM_OF_LOSS_T", "MPC_LAND_SPEED"
+    }, differ.stdout  # fmt: skip
+    tried = flight.cli("params", "push", "--dry-run", *where)
+    assert tried.returncode == 0 and "4 differs" in tried.stdout, tried.stdout
+    pushed = flight.cli("params", "push", *where)
+    assert pushed.returncode == 0 and "4 written" in pushed.stdout, pushed.stdout + pushed.stderr
+    same = flight.cli("params", "diff", "uav1", "yaml:uav1", *where)
+    assert (same.returncode, same.stdout) == (0, "uav1 and yaml:uav1: no difference\n"), same.stdout + same.stderr
