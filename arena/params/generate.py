@@ -132,6 +132,8 @@ class _Making:
             return
         event: Event = "position_loss_in_offboard"
         yield from self._after("position_loss", "EKF2_NOAID_TOUT", f.position_loss_after_s, "poses may be missing so long [us]")
+        if f.position_loss == "land":  # modes flown by sticks; 1.17 and newer go to altitude mode whatever is asked
+            yield from self._react("position_loss", "position_loss_in_position_mode", "descend", "poses are lost", quiet=True)
         wanted: Action = "descend" if f.position_loss == "land" else f.position_loss
         falls_to = f.offboard_loss in ("land", "hold", "return")  # these want a position, and become descend without one
         if wanted == "descend" and (falls_to or self.version.minor < 12):
@@ -202,7 +204,7 @@ class _Making:
                 self.cannot.append(f"params: PX4 {self.version} has no {name}")
             yield Line(name, value, "as written", self._asked(f"own.{name}"))
 
-    def _react(self, need: str, event: Event, action: Reaction, when: str, *, quiet: bool = False) -> Iterator[Line]:
+    def _react(self, need: str, event: Event, action: Action, when: str, *, quiet: bool = False) -> Iterator[Line]:
         """quiet: this event is a twin of another, which has said already what cannot be."""
         try:
             found = ways(event, action, self.version)

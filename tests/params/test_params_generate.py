@@ -22,6 +22,7 @@ def made(version: str, **changes: object) -> Generated:
 
 def test_then_and_now_the_same_words_have_other_names() -> None:
     then, now = made("1.9").values, made("1.16").values
+    assert then["COM_POSCTL_NAVL"] == 1
     assert (then["EKF2_AID_MASK"], then["EKF2_HGT_MODE"], then["COM_OBL_ACT"], then["COM_OBL_RC_ACT"]) == (24, 3, 0, 4)
     assert then["MPC_XY_VEL_P"] == pytest.approx(1.8 * 0.5 / 9.81)
     assert (now["EKF2_EV_CTRL"], now["EKF2_HGT_REF"], now["COM_OBL_RC_ACT"], now["MPC_XY_VEL_P_ACC"]) == (15, 3, 4, 1.8)
