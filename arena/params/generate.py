@@ -116,6 +116,8 @@ class _Making:
         )
         if sticky and f.rc_loss != "none":
             yield from self._react("rc_loss", "sticks_loss", f.rc_loss, "sticks are lost")
+        if not sticky and f.rc_loss != "none":
+            self.cannot.append(f"failsafe.rc_loss: the vehicle has no sticks that could be lost; {f.rc_loss} is not set")
         yield from self._react("data_link_loss", "data_link_loss", f.data_link_loss, "no ground station is heard")
         if f.data_link_loss != "none":
             yield from self._react("data_link_loss", "data_link_loss_in_offboard", f.data_link_loss, "no ground station is heard")
