@@ -80,7 +80,11 @@ def test_offboard_loss_is_answered_at_once_whatever_the_action_delay():
 
 @pytest.mark.parametrize(
     ("what", "settings"),
-    [({"gcs_age": 20.0}, {"nav_dll_act": 3}), ({"battery": 0.04}, {"com_low_bat_act": 2}), ({"fence": "outside"}, {"gf_action": 5})],
+    [
+        ({"gcs_age": 20.0}, {"nav_dll_act": 3}),
+        ({"battery": 0.04}, {"com_low_bat_act": 2}),
+        ({"fence": "outside"}, {"gf_action": 5}),
+    ],
 )
 def test_the_others_wait_in_hold_for_the_action_delay_in_which_a_pilot_may_take_over(what, settings):
     slow = limits(com_fail_act_t=5.0, **settings)
@@ -117,8 +121,9 @@ def test_data_link_loss_acts_only_when_asked_to():
 
 def test_who_answers_a_lost_data_link_does_not_arm_without_one():
     c = Commander("uav1")
-    assert c.arm_checks(sensed(gcs_age=11.0), limits(nav_dll_act=3)) == ["No connection to the ground control station"]
-    assert c.arm_checks(sensed(gcs_age=11.0), LIMITS) == []
+    assert c.arm_checks(sensed(gcs_age=13.0), limits(nav_dll_act=3)) == ["No connection to the ground control station"]
+    assert c.arm_checks(sensed(gcs_age=12.0), limits(nav_dll_act=3)) == [], "2.5 s without a heartbeat, then COM_DL_LOSS_T"
+    assert c.arm_checks(sensed(gcs_age=13.0), LIMITS) == []
 
 
 def test_attitude_failure_terminates_only_with_the_breaker_open():
