@@ -47,6 +47,8 @@ def mode_of(main: int, sub: int) -> Mode | None:
 
 _FLOWN = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND, Mode.OFFBOARD}
 _NEEDS_POSITION = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND}
+_DLL_EXCEPT = {Mode.MISSION: 1, Mode.HOLD: 2, Mode.OFFBOARD: 4}  # bits of COM_DLL_EXCEPT
+_GCS_QUIET_S = 2.5  # after its last heartbeat a ground station counts as gone, and COM_DL_LOSS_T begins
 _NO_ARMING = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
 
 
@@ -95,6 +97,7 @@ class Limits:
     cbrk_flightterm: int
     fd_fail_rad: float
     gf_action: int = 2
+    com_dll_except: int = 0
 
 
 @dataclass(slots=True)
@@ -164,7 +167,7 @@ class Commander:
             (self.mode in _NO_ARMING, f"Mode {self.mode.words} does not allow arming"),
             (s.battery <= limits.bat_crit_thr, f"Battery too low: {100 * s.battery:.0f} %"),
             (s.tilt_rad > limits.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
-            (limits.nav_dll_act > 0 and s.gcs_age > limits.com_dl_loss_t, "No connection to the ground control station"),
+            (limits.nav_dll_act > 0 and _gcs_lost(s, limits), "No connection to the ground control station"),
             (self.mode is Mode.MISSION and not s.mission_ok, "No valid mission available"),
             (s.fence != "" and limits.gf_action > 0, s.fence),
         ]
@@ -215,12 +218,13 @@ class Commander:
         if s.flying and not (s.landed or self.took_off):
             self.took_off = True
             self.say(INFO, "Takeoff detected")
-        self._check_attitude(s, limits)
-        self._check_position(s)
-        self._check_fence(s, limits)
-        self._check_battery(s, limits)
-        self._check_offboard(s, limits)
-        self._check_data_link(s, limits)
+        for check in (
+            self._check_attitude, self._check_position, self._check_fence, self._check_battery, self._check_offboard,
+            self._check_data_link,
+        ):  # fmt: skip
+            check(s, limits)
+            if not self.armed:
+                return
         self._run_pending(s)
         self._auto_disarm(s, limits)
 
@@ -228,11 +232,18 @@ class Commander:
         if limits.cbrk_flightterm == 0 and s.tilt_rad > limits.fd_fail_rad and self.took_off:
             self.terminate(s.now, "attitude failure")
 
-    def _check_position(self, s: Sensed) -> None:
+    def _check_position(self, s: Sensed, limits: Limits) -> None:
+        """In OFFBOARD it counts as its loss, as in PX4: who stops the motors then stops them now, all others want a position."""
         needs = self.mode in _NEEDS_POSITION or (self.mode is Mode.OFFBOARD and s.offboard_needs_position)
         if needs and not _position_ok(s):
             what = "position" if not s.xy_valid else "heading" if not s.yaw_valid else "height"
-            self._act(Mode.DESCEND, s.now, f"external vision lost, no valid {what}: blind land")
+            why = f"external vision lost, no valid {what}"
+            if self.mode is Mode.OFFBOARD and limits.com_obl_rc_act == 7:
+                self._drop(s, why)
+            elif self.mode is Mode.OFFBOARD and limits.com_obl_rc_act == 6:
+                self._act(Mode.TERMINATE, s.now, why)
+            else:
+                self._act(Mode.DESCEND, s.now, f"{why}: blind land")
 
     def _check_battery(self, s: Sensed, limits: Limits) -> None:
         below = [s.battery <= t for t in (limits.bat_low_thr, limits.bat_crit_thr, limits.bat_emergen_thr)]
@@ -264,16 +275,24 @@ class Commander:
             return
         action = {3: _home_or_land(s), 5: Mode.HOLD, 6: Mode.TERMINATE}.get(limits.com_obl_rc_act, Mode.LAND)
         if limits.com_obl_rc_act == 7:
-            self.say(EMERGENCY, "Failsafe activated: offboard control lost: disarming")
-            self.disarm(s, force=True, why="by failsafe")
+            self._drop(s, "offboard control lost")
         else:
             self._act(action, s.now, "offboard control lost")
 
     def _check_data_link(self, s: Sensed, limits: Limits) -> None:
         coming_down = self.mode in (*_NO_ARMING, Mode.LAND)
-        if limits.nav_dll_act and s.gcs_age > limits.com_dl_loss_t and not coming_down and not self.failsafe:
+        excepted = _DLL_EXCEPT.get(self.mode, 0) & limits.com_dll_except
+        if not limits.nav_dll_act or excepted or coming_down or self.failsafe or not _gcs_lost(s, limits):
+            return
+        if limits.nav_dll_act == 6:
+            self._drop(s, "data link lost")
+        else:
             action = {1: Mode.HOLD, 2: _home_or_land(s), 5: Mode.TERMINATE}.get(limits.nav_dll_act, Mode.LAND)
             self._act_soon(action, s, limits, "data link lost")
+
+    def _drop(self, s: Sensed, why: str) -> None:
+        self.say(EMERGENCY, f"Failsafe activated: {why}: disarming")
+        self.disarm(s, force=True, why="by failsafe")
 
     def _act_soon(self, mode: Mode, s: Sensed, limits: Limits, why: str) -> None:
         """After a hold of COM_FAIL_ACT_T in which a pilot may take over; at once where another failsafe acts already."""
@@ -324,6 +343,10 @@ class Commander:
 def _home_or_land(s: Sensed) -> Mode:
     """What a failsafe that asks for a return can have."""
     return Mode.RTL if s.global_ok and s.home_ok and _position_ok(s) else Mode.LAND
+
+
+def _gcs_lost(s: Sensed, limits: Limits) -> bool:
+    return s.gcs_age > _GCS_QUIET_S + limits.com_dl_loss_t
 
 
 def _position_ok(s: Sensed) -> bool:

@@ -256,7 +256,7 @@ class Autopilots:
             com_low_bat_act=int(get("COM_LOW_BAT_ACT")), bat_low_thr=get("BAT_LOW_THR"), bat_crit_thr=get("BAT_CRIT_THR"),
             bat_emergen_thr=get("BAT_EMERGEN_THR"), nav_dll_act=int(get("NAV_DLL_ACT")), com_dl_loss_t=get("COM_DL_LOSS_T"),
             cbrk_flightterm=int(get("CBRK_FLIGHTTERM")), fd_fail_rad=math.radians(get("FD_FAIL_R")),
-            gf_action=int(get("GF_ACTION")),
+            gf_action=int(get("GF_ACTION")), com_dll_except=int(get("COM_DLL_EXCEPT")),
         )  # fmt: skip
 
     # -- control, every step -------------------------------------------------------------------------------------------

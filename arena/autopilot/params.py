@@ -42,7 +42,8 @@ SPECS: dict[str, Spec] = {
     "COM_ARM_BAT_MIN": _f(-1.0), "COM_LKDOWN_TKO": _f(3.0), "CBRK_FLIGHTTERM": _i(121212),
     # failsafes
     "COM_OF_LOSS_T": _f(1.0, 0, 60), "COM_OBL_RC_ACT": _i(0, 0, 7), "COM_FAIL_ACT_T": _f(5.0, 0, 25),
-    "COM_DL_LOSS_T": _i(10, 5, 300), "NAV_DLL_ACT": _i(0, 0, 6), "NAV_RCL_ACT": _i(2, 1, 6), "COM_RCL_EXCEPT": _i(0, 0, 31),
+    "COM_DL_LOSS_T": _i(10, 5, 300), "NAV_DLL_ACT": _i(0, 0, 6), "COM_DLL_EXCEPT": _i(0, 0, 7),
+    "NAV_RCL_ACT": _i(2, 1, 6), "COM_RCL_EXCEPT": _i(0, 0, 31),
     "COM_RC_IN_MODE": _i(3, 0, 8), "COM_RC_LOSS_T": _f(0.5, 0, 35), "COM_POSCTL_NAVL": _i(0, 0, 1),
     "COM_LOW_BAT_ACT": _i(0, 0, 3), "BAT_LOW_THR": _f(0.15, 0.05, 0.5), "BAT_CRIT_THR": _f(0.07, 0.03, 0.5),
     "BAT_EMERGEN_THR": _f(0.05, 0.03, 0.5), "FD_FAIL_R": _i(60, 0, 180), "FD_FAIL_P": _i(60, 0, 180), "FD_FAIL_R_TTRI": _f(0.3),

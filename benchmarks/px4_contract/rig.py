@@ -61,12 +61,17 @@ class Heard:
 
 @dataclass(kw_only=True)
 class Setup:
-    """What a case needs of its vehicle. params: beside the arena's; poses: from the start; origin: told by the forwarder."""
+    """What a case needs of its vehicle. params: beside the arena's; poses: from the start; origin: told by the forwarder.
+
+    yaml: further lines of the arena's file; sticks: `sticks: true`, and the script is the radio.
+    """
 
     params: dict[str, float] = field(default_factory=dict)
     poses: bool = True
     origin: bool = True
     profile: dict[str, Any] = field(default_factory=dict)
+    yaml: str = ""
+    sticks: bool = False
 
 
 class Link:
@@ -108,6 +113,7 @@ class Rig:
         self.poses = True
         self.shift = np.zeros(3)
         self.gcs = True
+        self.sticks = False
         self.has_origin = forwarder["origin"] is not None
         self._forwarder = Forwarder(forwarder)
         self._body, self._rng = forwarder["body"], np.random.default_rng(1)
@@ -129,6 +135,8 @@ class Rig:
             self._next_beat = now + 0.5
             if self.gcs:  # PX4 sends STATUSTEXT where it has heard a ground station
                 self.send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
+        if self.sticks:  # PX4 takes these as its radio's
+            self.send(mavlink.MAVLink_rc_channels_override_message(self.id, 1, *(1500,) * 8))
         self._see(now)
         self._next = max(self._next + TICK_S, now)
         self.clock.sleep_until(self._next)
@@ -306,10 +314,10 @@ class Rig:
 def arena_yaml(autopilot: str, setup: Setup, address: str, number: int) -> str:
     # PX4 drains its simulated battery in a minute unless told otherwise.
     params = "".join(f"\n    {name}: {value}" for name, value in {"SIM_BAT_DRAIN": 10_000.0, **setup.params}.items())
-    given = f"\n  params:{params}"
+    given = f"\n  params:{params}" + ("\n  sticks: true" if setup.sticks else "")
     return (
         f"address: {address}\nworld: {{size: [60, 60, 30]}}\ndefaults:\n  profile: iris\n  autopilot: {autopilot}{given}\n"
-        f"vehicles:\n  uav1: {{id: {number}}}\n"
+        f"vehicles:\n  uav1: {{id: {number}}}\n{setup.yaml}"
     )
 
 
@@ -322,6 +330,7 @@ def vehicle(autopilot: str, setup: Setup, *, address: str, number: int, speed: s
         path.write_text(arena_yaml(autopilot, setup, address, number))
         slices = {s["name"]: s for s in make_plan(load_arena(path, [f"sim.speed={speed}"])).slices.values()}
         _merge(slices["world"]["vehicles"][0]["profile"], setup.profile)
+        slices["world"]["vehicles"][0]["sticks"] = False  # those of the simulator cannot be lost
         rooms = {"world": "arena.sim"} | ({"px4.uav1": "arena.px4"} if autopilot == "px4" else {})
         with contextlib.ExitStack() as stack:
             children = [stack.enter_context(_room(module, slices[room], folder)) for room, module in rooms.items()]
@@ -332,7 +341,7 @@ def vehicle(autopilot: str, setup: Setup, *, address: str, number: int, speed: s
                 forwarder["origin"] = None
             rig = Rig(links, clock, TruthReader(folder / "truth"), forwarder, number)
             stack.callback(rig.close)
-            rig.poses = setup.poses
+            rig.poses, rig.sticks = setup.poses, setup.sticks
             _boot(rig, folder)
             yield rig
 

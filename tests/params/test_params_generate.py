@@ -65,7 +65,7 @@ def test_what_a_version_cannot_do_is_said() -> None:
         "failsafe.rc_loss: the vehicle has no sticks that could be lost; land is not set",
     )
     soon = Failsafe(data_link_loss="land", data_link_loss_after_s=2)
-    assert any("COM_DL_LOSS_T 2, which PX4 1.16 does not take: 5" in words for words in made("1.16", failsafe=soon).cannot)
+    assert any("COM_DL_LOSS_T -0.5, which PX4 1.16 does not take: 5" in words for words in made("1.16", failsafe=soon).cannot)
     assert any("RTL_DESCEND_ALT" in words for words in made("1.9").cannot), "a room lower than PX4 comes down from"
 
 
