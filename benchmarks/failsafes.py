@@ -30,7 +30,8 @@ STOPPED = 0.05
 """Motor command below which nothing is flown any more."""
 NEAR_M = 0.7
 EARLY_S, LATE_S = 0.6, 1.2
-"""The ground station's last heartbeat is up to half a second old when it falls silent."""
+"""The ground station's last heartbeat is up to half a second old when it falls silent, and PX4 1.16 gives up poses that stop
+altogether 0.4 s before EKF2_NOAID_TOUT."""
 WATCHED_S = 30.0
 CURRENT_MODE, SYS_STATUS, SET_INTERVAL = 436, 1, 511
 
@@ -195,12 +196,12 @@ def flights() -> list[Flight]:
     found += [
         Flight(lost="sticks", action=action, after_s=None if action == "none" else 0.5, yaml=section("rc_loss", action),
                lose=_radio, wanted=ACTIONS[action], sticks=True)
-        for action in ("none", "land", "return", "hold")
+        for action in ("none", "land", "return", "hold", "terminate", "disarm")
     ]  # fmt: skip
     found += [
-        Flight(lost="ground station", action=action, after_s=None if action == "none" else 6.0,
-               yaml=section("data_link_loss", action, 6.0), lose=_ground_station, wanted=ACTIONS[action])
-        for action in ("none", "land", "hold", "return", "terminate", "disarm")
+        Flight(lost="ground station", action=action, after_s=None if action == "none" else 10.0,
+               yaml=section("data_link_loss", action, 10.0), lose=_ground_station, wanted=ACTIONS[action])
+        for action in ("none", "land", "hold", "return", "disarm")
     ]  # fmt: skip
     return found
 
@@ -223,7 +224,7 @@ def fly(flight: Flight, autopilot: str, given: argparse.Namespace) -> Row:
             level = r.state["SYS_STATUS"].battery_remaining
             if r.now > begin:  # what is lost by and by is lost now
                 begin = r.now
-            return Row(flight, autopilot, watch(r, begin, 4.0 if flight.lost == "charge" else 12.0, level), "")
+            return Row(flight, autopilot, watch(r, begin, 4.0 if flight.lost == "charge" else 14.0, level), "")
     except Unfit as error:
         return Row(flight, autopilot, None, str(error)[-300:])
 

@@ -118,16 +118,26 @@ class _Making:
             yield from self._react("rc_loss", "sticks_loss", f.rc_loss, "sticks are lost")
         if not sticky and f.rc_loss != "none":
             self.cannot.append(f"failsafe.rc_loss: the vehicle has no sticks that could be lost; {f.rc_loss} is not set")
-        yield from self._react("data_link_loss", "data_link_loss", f.data_link_loss, "no ground station is heard")
-        if f.data_link_loss != "none":
-            yield from self._react("data_link_loss", "data_link_loss_in_offboard", f.data_link_loss, "no ground station is heard")
-            yield from self._after(
-                "data_link_loss", "COM_DL_LOSS_T", f.data_link_loss_after_s, "a ground station may be silent so long [s]"
-            )
+        yield from self._data_link_loss(f)
         yield from self._react("geofence", "geofence", f.geofence, "a geofence is crossed")
         for name in ("COM_FAIL_ACT_T", "COM_RCL_ACT_T", "COM_BAT_ACT_T"):
             if name in self.known:
                 yield Line(name, 0.0, "failsafes act at once, without a hold before [s]", self._asked("failsafe"))
+
+    def _data_link_loss(self, f: Failsafe) -> Iterator[Line]:
+        action, when = f.data_link_loss, "no ground station is heard"
+        if action == "terminate" and self.version.minor >= 14:
+            self.cannot.append(
+                f"failsafe.data_link_loss: PX4 {self.version} misses the ground station while it boots and has heard none"
+                " yet, and never takes a termination back: no flight could begin; terminate is not set, and disarm would do"
+            )
+            action = "none"
+        yield from self._react("data_link_loss", "data_link_loss", action, when)
+        if action != "none":
+            yield from self._react("data_link_loss", "data_link_loss_in_offboard", action, when)
+            yield from self._after(
+                "data_link_loss", "COM_DL_LOSS_T", f.data_link_loss_after_s, "a ground station may be silent so long [s]"
+            )
 
     def _position_loss(self, f: Failsafe) -> Iterator[Line]:
         if self.needs.vision_delay_ms is None:
