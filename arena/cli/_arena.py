@@ -18,9 +18,14 @@ Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", hel
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:
     """A line per vehicle, then one for the processes."""
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
-    lines += [f"{v.name}: not possible: {words}" for v in arena.vehicles for words in v.cannot]
+    lines += not_possible(arena)
     programs = sum(p.kind == "program" for p in plan.processes)
     return [*lines, f"{len(plan.processes)} processes, {programs} of them programs"]
+
+
+def not_possible(arena: Arena) -> list[str]:
+    """What the YAML asks of the vehicles' parameters and their PX4 has none for: never dropped in silence."""
+    return [f"{v.name}: not possible: {words}" for v in arena.vehicles for words in v.cannot]
 
 
 def _vehicle_line(arena: Arena, name: str) -> str:

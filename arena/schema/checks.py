@@ -9,14 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from arena.errors import Problem
-from arena.params.generate import generate
 from arena.schema.arena import Arena, Vehicle
 from arena.schema.checking import Check
 from arena.schema.checks_real import REAL
 from arena.schema.loader import YamlPath
 from arena.schema.models import NOT_YET, Tool
 from arena.schema.ports import GROUND_STATION, LINK_BASE, SDK_ABOVE, WHAT
-from arena.schema.resolve import SIMULATED_VERSION, version_of
 from arena.schema.source import near
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
@@ -289,18 +287,6 @@ def _capture(c: Check) -> Iterator[Problem]:
         yield c.source.problem(("mocap", "group"), f"got {group}, expected a multicast address. Try 239.255.42.99.")
 
 
-def _failsafes(c: Check) -> Iterator[Problem]:
-    """What the YAML asks for and the autopilots that get their parameters here cannot do; for real ones `arena params` tells."""
-    alike = {(v.autopilot, v.sticks, v.forward): v for v in c.arena.vehicles if v.autopilot != "hardware"}
-    for v in alike.values():
-        version = version_of(c.arena.px4) if v.autopilot == "px4" else SIMULATED_VERSION
-        for words in generate(v.needs, version).cannot:
-            key, _, why = words.partition(": ")
-            path = tuple(key.split("."))
-            if path[0] == "failsafe" and path[1:] != ("rc_loss",) and c.source.given(path):
-                yield c.source.problem(path, f"{why}.")
-
-
 def _params(c: Check) -> Iterator[Problem]:
     for v in c.arena.vehicles:
         for name in v.params:
@@ -333,5 +319,5 @@ def _tools(c: Check) -> Iterator[Problem]:
 _CHECKS = (
     _names, _not_yet,
     _px4, *REAL, _senses, _ids, _ports, _port_range, _start, _overlap, _rates, _programs, _neighbours, _bodies, _gcs, _capture,
-    _failsafes, _params, _tools,
+    _params, _tools,
 )  # fmt: skip

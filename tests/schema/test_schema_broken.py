@@ -154,15 +154,6 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "failsafe": ("failsafe: {offboard_loss: land}\nvehicles:\n" + V1, "1: failsafe.offboard_loss: ", "keys such as action, after_s"),
     "failsafe that comes before it warns": (
         "failsafe: {low_battery: {warn: 0.05, land: 0.1}}\nvehicles:\n" + V1, "1: failsafe.low_battery: ", "expected land below warn"),
-    "position loss with an action of its own": (
-        "failsafe: {position_loss: {action: disarm}}\nvehicles:\n" + V1, "1: failsafe.position_loss: ", "disarm is not set",
-    ),
-    "termination by a lost ground station": (
-        "failsafe: {data_link_loss: {action: terminate}}\nvehicles:\n" + V1, "1: failsafe.data_link_loss: ", "disarm would do",
-    ),
-    "ground station lost too soon": (
-        "failsafe: {data_link_loss: {action: land, after_s: 6}}\nvehicles:\n" + V1, "1: failsafe.data_link_loss: ", "does not take: 5",
-    ),
     "geofence": ("geofence: {margin_m: 1}\nvehicles:\n" + V1, "1: geofence: ", "not supported yet"),
     "hosts": ("hosts: {pi: {address: 10.0.0.2}}\nvehicles:\n" + V1, "1: hosts: ", "not supported yet"),
     "parameter file that is not there": (
