@@ -40,10 +40,14 @@ def test_without_its_supervisor_an_arena_lands_and_ends_by_itself(hangar: Hangar
 def test_the_next_start_lands_and_sweeps_what_a_killed_supervisor_left_flying(hangar: Hangar) -> None:
     flight = hangar.fly({"uav1": "hovers"})
     flight.until_up(0.9)
+    world = psutil.Process(flight.pid("world"))
+    world.suspend()  # it would land and end by itself, before a slow machine has started the next
     flight.signal(signal.SIGKILL)
     flight.wait()
 
     again = hangar.fly({"uav1": "lands"}, "--until-done")
+    again.until_said("the supervisor of", 30)
+    world.resume()
     assert again.wait(90) == 0, again.said()
     assert "the supervisor of" in again.said() and "uav1: landed and disarmed" in again.said()
     assert max(float(r["truth.vel.down"]) for r in flight.rows("uav1")) < 1.5
