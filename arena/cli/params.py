@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,10 +17,12 @@ from arena.errors import EXIT_FAILED, InputError
 if TYPE_CHECKING:
     from arena.params.check import Finding, Room
     from arena.params.diff import Row
+    from arena.params.record import Record
     from arena.params.session import Report, Target
     from arena.params.sources import Source
     from arena.params.table import Parameter
     from arena.schema import Arena, Vehicle
+    from arena.supervise import RunState
 
 ArenaOption = Annotated[Path, typer.Option("--arena", metavar="FILE", help="the arena's YAML, or its folder")]
 VersionOption = Annotated[
@@ -46,15 +50,15 @@ def generate(
     from arena.schema import load_arena
 
     arena = load_arena(file, set_ or [])
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
     for vehicle in arena.vehicles:
         text = _file(arena, vehicle, px4_version)
         if out is None:
             print(text, end="")
-        else:
+            continue
+        with _writable(out):
+            out.mkdir(parents=True, exist_ok=True)
             (out / f"{vehicle.name}.params").write_text(text)
-            print(out / f"{vehicle.name}.params")
+        print(out / f"{vehicle.name}.params")
 
 
 def push(
@@ -68,37 +72,29 @@ def push(
     set_: Set = None,
 ) -> None:
     """Make vehicles hold what the YAML asks for: reads first, writes what differs, reads back. Refuses while armed."""
-    from arena.params.record import Record
     from arena.params.session import push as push_now
     from arena.params.table import parameters
     from arena.schema import load_arena
 
     lab = load_arena(arena, set_ or [])
     chosen = _chosen(lab, vehicles)
-    path = Path(lab.folder) / RECORD
-    if resume:
-        record = Record.read(path)
-        chosen = [v for v in chosen if v.name in record.wanted]
-        if not chosen:
-            raise InputError(f"{path}: the push that was cut short was of {', '.join(record.wanted)}")
-    else:
-        record = Record.begin(path, {v.name: _wanted(lab, v, file, px4_version) for v in chosen})
-    facts = parameters(_version(lab, chosen[0], px4_version))
-    _within_limits(record.wanted, facts)
-    needs_reboot = frozenset(name for name, fact in facts.items() if fact.reboot)
-    targets = _targets(lab, chosen)
+    record = _resumed(lab, chosen, file) if resume else _begun(lab, chosen, file, px4_version)
+    chosen = [v for v in chosen if v.name in record.wanted]
     wanted = {v.name: record.wanted[v.name] for v in chosen}
-    with _Bars(wanted) as bars:
+    facts = {v.name: parameters(_version(lab, v, px4_version)) for v in chosen}
+    _within_limits(wanted, facts)
+    needs_reboot = frozenset(name for each in facts.values() for name, fact in each.items() if fact.reboot)
+    targets = _targets(lab, chosen)
+    with _Bars(wanted) as bars, _writable(record.path):
         reports = push_now(targets, wanted, dry_run=dry_run, record=record, reboot_names=needs_reboot, on_progress=bars.show)
     for name, report in reports.items():
-        print("\n".join(_told(name, report, dry_run=dry_run)))
-    again = {name: targets[name] for name, report in reports.items() if report.needs_reboot}
-    if again and (reboot or typer.confirm(f"reboot {', '.join(again)}, so that it takes effect?", default=False)):
-        from arena.params.session import reboot as reboot_now
-
-        for name, became in reboot_now(again).items():
-            print(f"{name}: reboot: {became}")
-    if not all(report.holds or (dry_run and report.ending == "done") for report in reports.values()):
+        print("\n".join(_told(name, report)))
+    held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
+    if record.unfinished and not dry_run:
+        print(f"cut short: arena params push --resume goes on with it ({record.path})")
+    again = {name: targets[name] for name, report in reports.items() if report.needs_reboot and report.ending == "done"}
+    held &= _rebooted(again, asked=reboot)
+    if not held:
         raise typer.Exit(EXIT_FAILED)
 
 
@@ -115,9 +111,10 @@ def pull(
 
     lab = load_arena(arena, set_ or [])
     chosen = _chosen(lab, vehicles)
+    with _writable(out):
+        out.mkdir(parents=True, exist_ok=True)
     with _Bars([v.name for v in chosen]) as bars:
         found = pull_now(_targets(lab, chosen), on_progress=bars.show)
-    out.mkdir(parents=True, exist_ok=True)
     for v in chosen:
         pulled = found[v.name]
         if not pulled.whole:
@@ -127,7 +124,9 @@ def pull(
         values = {name: value.value for name, value in sorted(pulled.values.items())}
         types = {name: value.kind for name, value in pulled.values.items()}
         path = out / f"{v.name}.params"
-        path.write_text(format_params(values, v.id, header=[f"pulled from {v.name} by arena params pull"], types=types))
+        header = [f"pulled from {v.name} by arena params pull", f"Version: {_version(lab, v, '')}"]
+        with _writable(path):
+            path.write_text(format_params(values, v.id, header=header, types=types))
         print(f"{path}: {len(values)} parameters")
     if not all(found[v.name].whole for v in chosen):
         raise typer.Exit(EXIT_FAILED)
@@ -193,6 +192,58 @@ def _chosen(arena: Arena, names: Sequence[str] | None) -> list[Vehicle]:
     return [known[name] for name in dict.fromkeys(names)] if names else list(arena.vehicles)
 
 
+def _begun(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, asked: str) -> Record:
+    """A new push; one that was cut short is not forgotten for it. Raises InputError."""
+    from arena.params.record import Record
+
+    path = Path(arena.folder) / RECORD
+    if path.exists() and Record.read(path).unfinished:
+        raise InputError(f"{path}: a push was cut short. Go on with it by --resume, or remove the file and the old values in it")
+    wanted = {v.name: _wanted(arena, v, file, asked) for v in chosen}
+    return Record.begin(path, wanted, {v.name: _place(arena, v) for v in chosen})
+
+
+def _resumed(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> Record:
+    """Raises InputError where there is none, or it is of other vehicles."""
+    from arena.params.record import Record
+
+    if file is not None:
+        raise InputError("--resume goes on with the values that the record holds: leave --file out")
+    record = Record.read(Path(arena.folder) / RECORD)
+    if not any(v.name in record.wanted for v in chosen):
+        raise InputError(f"{record.path}: the push that was cut short was of {', '.join(record.wanted)}")
+    for v in chosen:
+        if v.name in record.wanted and record.entries[v.name].at != _place(arena, v):
+            raise InputError(f"{record.path}: is of {v.name} at {record.entries[v.name].at}; here it is at {_place(arena, v)}")
+    return record
+
+
+def _place(arena: Arena, v: Vehicle) -> str:
+    return f"id {v.id}, {v.wire.words if v.wire and not v.simulated else f'simulated on {arena.address}'}"
+
+
+def _rebooted(targets: Mapping[str, Target], *, asked: bool) -> bool:
+    """Reboots those who need it, if it is wished. False when one refuses."""
+    question = f"reboot {', '.join(targets)}, so that it takes effect?"
+    if not targets or not (asked or (sys.stdin.isatty() and typer.confirm(question))):
+        return True
+    from arena.params.session import reboot as reboot_now
+
+    became = reboot_now(targets)
+    for name, why_not in became.items():
+        print(f"{name}: {f'no reboot: {why_not}' if why_not else 'reboots'}")
+    return not any(became.values())
+
+
+@contextmanager
+def _writable(path: Path) -> Iterator[None]:
+    """What cannot be written is the user's to know, in a line."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{error.filename or path}: {error.strerror}") from error
+
+
 def _version(arena: Arena, vehicle: Vehicle | None, asked: str) -> str:
     from arena.params.table import Version
     from arena.schema.resolve import SIMULATED_VERSION, version_of
@@ -211,7 +262,7 @@ def _file(arena: Arena, vehicle: Vehicle, asked: str) -> str:
 
     version = _version(arena, vehicle, asked)
     made, known = make(vehicle.needs, version), parameters(version)
-    header = [f"{vehicle.name} of {arena.name} ({arena.file}), for PX4 {version}; made by arena params generate"]
+    header = [f"{vehicle.name} of {arena.name} ({arena.file}), made by arena params generate", f"Version: {version}"]
     if assumed(version):
         header.append(f"no release of PX4 {version} was there to read: these are the names of its development")
     header += [f"NOT POSSIBLE: {words}" for words in made.cannot]
@@ -231,21 +282,19 @@ def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> di
     made = make(vehicle.needs, version)
     for words in made.cannot:
         print(f"{vehicle.name}: not possible: {words}")
-    if vehicle.autopilot == "builtin":
-        return dict(vehicle.params)
-    return made.values
+    return dict(vehicle.params) if vehicle.autopilot == "builtin" and not asked else made.values
 
 
-def _within_limits(wanted: Mapping[str, Mapping[str, float]], facts: Mapping[str, Parameter]) -> None:
+def _within_limits(wanted: Mapping[str, Mapping[str, float]], facts: Mapping[str, Mapping[str, Parameter]]) -> None:
     """PX4 takes any number over MAVLink. Raises InputError with each that its own table does not allow."""
     said = [
-        f"{name}: got {value:g}, expected {expected}"
-        for values in wanted.values()
+        f"  {vehicle}: {name}: got {value:g}, expected {expected}"
+        for vehicle, values in wanted.items()
         for name, value in values.items()
-        if name in facts and (expected := facts[name].objection(value))
+        if name in facts[vehicle] and (expected := facts[vehicle][name].objection(value))
     ]
     if said:
-        raise InputError("nothing is pushed:\n" + "\n".join(f"  {words}" for words in dict.fromkeys(said)))
+        raise InputError("nothing is pushed:\n" + "\n".join(said))
 
 
 def _targets(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, Target]:
@@ -253,7 +302,8 @@ def _targets(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, Target]:
     from arena.params.session import Target
     from arena.supervise import active_runs
 
-    up = any(state.live and state.address == arena.address for state in active_runs())
+    run = next((state for state in active_runs() if state.live and state.address == arena.address), None)
+    up = _same_vehicles(run, vehicles) if run else False
     found: dict[str, Target] = {}
     for v in vehicles:
         if up:
@@ -266,6 +316,19 @@ def _targets(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, Target]:
             there = (v.wire.host, v.wire.port)
             found[v.name] = Target(system=v.id, local=there) if v.wire.kind == "udpin" else Target(system=v.id, remote=there)
     return found
+
+
+def _same_vehicles(run: RunState, vehicles: Sequence[Vehicle]) -> bool:
+    """True, and a line that says whose they are; raises InputError where that arena has others of these names."""
+    from arena.supervise import plan_of
+
+    plan = plan_of(run)
+    there = {v.name: (v.id, v.simulated) for v in plan.vehicles} if plan else {}
+    for v in vehicles:
+        if there.get(v.name) != (v.id, v.simulated):
+            raise InputError(f"the arena that is up on {run.address}, {run.name} ({run.run}), has no such {v.name}")
+    print(f"through {run.name}, {run.run}", file=sys.stderr)
+    return True
 
 
 class _Sides:
@@ -301,7 +364,8 @@ class _Sides:
         if name.startswith(_YAML):
             vehicle = _chosen(self.arena, [name.removeprefix(_YAML)])[0]
             version = self.version(vehicle)
-            values = dict(vehicle.params) if vehicle.autopilot == "builtin" else make(vehicle.needs, version).values
+            own = vehicle.autopilot == "builtin" and not self._version  # that one has no rotors among its parameters
+            values = dict(vehicle.params) if own else make(vehicle.needs, version).values
             return Source(values=values, types={}, version=version, origin=name)
         if Path(name).is_file():
             return read_values(Path(name))
@@ -333,8 +397,9 @@ class _Bars:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+        console = Console(stderr=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[phase]}"))
-        self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._tasks = {name: self._progress.add_task(name, total=None, phase="") for name in names}
 
     def __enter__(self) -> _Bars:
@@ -353,20 +418,20 @@ class _Bars:
         return update
 
 
-def _told(name: str, report: Report, *, dry_run: bool) -> list[str]:
+def _told(name: str, report: Report) -> list[str]:
     """What became of a push, for people."""
     counts = Counter(r.outcome for r in report.results.values())
     said = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n)
     ending = "" if report.ending == "done" else f"{report.ending}{f': {report.why}' if report.why else ''}; "
     lines = [f"{name}: {ending}{said or 'nothing'}, {report.traffic.seconds:.1f} s"]
     for parameter, r in report.results.items():
-        if r.outcome == "same":
+        if r.outcome in ("same", "untried"):
             continue
         old = "?" if r.old is None else f"{r.old:g}"
         what = {"written": f"{old} -> {r.wanted:g}", "differs": f"holds {old}, wanted {r.wanted:g}",
                 "refused": f"wanted {r.wanted:g}, it keeps {'?' if r.new is None else f'{r.new:g}'}",
-                "unknown": "the vehicle has no such parameter", "lost": "no answer: it may or may not be set",
-                "untried": "not tried"}[r.outcome]  # fmt: skip
+                "unknown": "the vehicle has no such parameter",
+                "lost": "no answer: it may or may not be set"}[r.outcome]  # fmt: skip
         lines.append(f"  {parameter}: {r.outcome}: {what}{f' ({r.why})' if r.why else ''}")
     if report.needs_reboot:
         lines.append(f"  {name} needs a reboot for {', '.join(report.needs_reboot)}")

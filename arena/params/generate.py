@@ -15,6 +15,7 @@ from arena.params.needs import Failsafe, Needs, Reaction
 from arena.params.table import Parameter, Version, parameters
 
 GRAVITY = 9.81
+_EMERGENCY = 0.7  # of the charge at which it lands
 RETURN_SHARE = 0.6
 """Of the room's height, up to which AUTO.RTL climbs."""
 VISION_NOISE_M, VISION_NOISE_RAD = 0.01, 0.05
@@ -167,11 +168,14 @@ class _Making:
         asked = self._asked("failsafe.low_battery")
         action: Reaction = "warn" if f.low_battery_land is None else "land"
         yield from self._react("low_battery", "low_battery", action, "the battery is low")
-        yield Line("BAT_LOW_THR", f.low_battery_warn, "it warns at this charge", asked)
+        warns = self._held("BAT_LOW_THR", f.low_battery_warn, "failsafe.low_battery: warn")
+        yield Line("BAT_LOW_THR", warns, "it warns at this charge", asked)
         if f.low_battery_land is not None:
-            least = self.known["BAT_EMERGEN_THR"].min or 0.03
-            yield Line("BAT_CRIT_THR", f.low_battery_land, "it lands at this charge", asked)
-            yield Line("BAT_EMERGEN_THR", max(least, round(0.7 * f.low_battery_land, 3)), "emergency, at less than that", asked)
+            lands = self._held("BAT_CRIT_THR", f.low_battery_land, "failsafe.low_battery: land")
+            known = self.known["BAT_EMERGEN_THR"]
+            lowest = min(max(round(_EMERGENCY * lands, 3), known.min or 0.0), known.max or 1.0)
+            yield Line("BAT_CRIT_THR", lands, "it lands at this charge", asked)
+            yield Line("BAT_EMERGEN_THR", lowest, "emergency, which is answered with landing too", asked)
 
     def landing(self) -> Iterator[Line]:
         height = round(RETURN_SHARE * self.needs.ceiling_m, 2)
@@ -246,7 +250,7 @@ class _Making:
         known = self.known[name]
         held = min(max(value, -math.inf if known.min is None else known.min), math.inf if known.max is None else known.max)
         if abs(held - value) > 1e-6 * max(1.0, abs(value)):
-            self.cannot.append(f"{need} would be {name} {value:g}, which PX4 {self.version} does not take: {held:g}")
+            self.cannot.append(f"{need} would be {name} {value:g}, which PX4 {self.version} does not take; {held:g} is set")
         return round(held) if known.type == "INT32" else held
 
     def _asked(self, need: str) -> str:

@@ -23,13 +23,14 @@ _FORMAT = "arena params push 1"
 class Entry:
     """One vehicle, names -> values.  wanted: as the user gave them.  before: old values of what differed.  written: acknowledged.
 
-    ending: why it ended, "" while it goes on.
+    ending: why it ended, "" while it goes on.  at: which vehicle it is, in the caller's words.
     """
 
     wanted: dict[str, float]
     before: dict[str, float] = field(default_factory=dict)
     written: dict[str, float] = field(default_factory=dict)
     ending: str = ""
+    at: str = ""
 
 
 class Record:
@@ -39,9 +40,9 @@ class Record:
         self.path, self.entries = path, entries
 
     @classmethod
-    def begin(cls, path: Path, wanted: Mapping[str, Mapping[str, float]]) -> Record:
+    def begin(cls, path: Path, wanted: Mapping[str, Mapping[str, float]], at: Mapping[str, str] | None = None) -> Record:
         """A new one. wanted: of each vehicle."""
-        return cls(path, {vehicle: Entry(wanted=dict(values)) for vehicle, values in wanted.items()})
+        return cls(path, {name: Entry(wanted=dict(values), at=(at or {}).get(name, "")) for name, values in wanted.items()})
 
     @classmethod
     def read(cls, path: Path) -> Record:
@@ -54,7 +55,12 @@ class Record:
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}: there is no push to resume") from error
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: is no record of a push: {type(error).__name__} {error}") from error
+            raise InputError(f"{path}: is no record of a push: {error}") from error
+
+    @property
+    def unfinished(self) -> bool:
+        """Something was written, and not all of it is done."""
+        return any(entry.written and entry.ending != "done" for entry in self.entries.values())
 
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
@@ -65,7 +71,7 @@ class Record:
         """What is known now; True when that is news. The oldest value of before stays."""
         entry = self.entries[vehicle]
         before, written = {**before, **entry.before}, {**entry.written, **written}
-        new = Entry(wanted=entry.wanted, before=dict(before), written=dict(written), ending=ending or entry.ending)
+        new = Entry(wanted=entry.wanted, before=dict(before), written=dict(written), ending=ending or entry.ending, at=entry.at)
         self.entries[vehicle] = new
         return new != entry
 
@@ -92,7 +98,7 @@ class Record:
 
 def _entry(raw: Any) -> Entry:
     wanted, before, written = ({str(n): _number(v) for n, v in raw[what].items()} for what in ("wanted", "before", "written"))
-    return Entry(wanted=wanted, before=before, written=written, ending=str(raw["ending"]))
+    return Entry(wanted=wanted, before=before, written=written, ending=str(raw["ending"]), at=str(raw.get("at", "")))
 
 
 def _number(value: Any) -> float:

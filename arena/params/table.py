@@ -42,7 +42,13 @@ class Parameter(NamedTuple):
         if not math.isfinite(value) or (self.type == "INT32" and not float(value).is_integer()):
             return "a whole number" if self.type == "INT32" else "a number"
         least, most = (-math.inf if self.min is None else self.min), (math.inf if self.max is None else self.max)
-        return "" if least - _ROUNDING <= value <= most + _ROUNDING else f"from {least:g} to {most:g}"
+        return "" if least - _ROUNDING <= value <= most + _ROUNDING else _range(least, most)
+
+
+def _range(least: float, most: float) -> str:
+    if math.isinf(most):
+        return f"at least {least:g}"
+    return f"at most {most:g}" if math.isinf(least) else f"from {least:g} to {most:g}"
 
 
 @dataclass(frozen=True, order=True)

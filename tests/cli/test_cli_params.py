@@ -8,6 +8,7 @@ import pytest
 import typer
 
 import arena.cli as cli
+from arena.params.record import Record
 from arena.schema import load_arena
 from arena.wire.qgcparams import parse_params
 
@@ -103,6 +104,44 @@ def test_what_cannot_be_is_told_without_a_traceback(
     (folder / "torn.params").write_text("MPC_XY_P 0.9\nMPC_Z_P\n")
     code, _, err = run(capsys, *arguments)
     assert code == 2 and words in err and "Traceback" not in err, err
+
+
+def test_a_push_that_was_cut_short_goes_on_to_the_same_vehicles_or_not_at_all(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = Record.begin(folder / "push.json", {"uav1": {"MPC_XY_P": 0.9}}, {"uav1": "id 1, simulated on 127.0.0.9"})
+    record.note("uav1", {"MPC_XY_P": 0.95}, {"MPC_XY_P": 0.9}, "interrupted")
+    record.save()
+    kept = (folder / "push.json").read_text()
+    for arguments, words in (
+        ((), "a push was cut short. Go on with it by --resume"),
+        (("--resume",), "is of uav1 at id 1, simulated on 127.0.0.9; here it is at id 1, simulated on 127.52.9.1"),
+        (("--resume", "uav2"), "the push that was cut short was of uav1"),
+        (("--resume", "--file", "x"), "leave --file out"),
+    ):
+        code, _, err = run(capsys, "push", *arguments)
+        assert code == 2 and words in err, err
+    assert (folder / "push.json").read_text() == kept, "its old values are all there is"
+
+
+def test_a_made_file_tells_its_version_to_check(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(capsys, "generate", "--px4-version", "1.9", "-o", "made")
+    code, out, _ = run(capsys, "check", "made/uav1.params")
+    assert code == 0 and " error:" not in out, out
+
+
+def test_what_cannot_be_written_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "made").touch()
+    code, _, err = run(capsys, "generate", "-o", "made")
+    assert code == 2 and err == "arena: made: File exists\n"
+
+
+def test_battery_limits_that_px4_does_not_take_are_said_and_moved(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "arena.yaml").write_text("failsafe: {low_battery: {warn: 0.9, land: 0.02}}\nvehicles: {uav1: {}}\n")
+    _, out, _ = run(capsys, "generate")
+    assert out.count("NOT POSSIBLE: failsafe.low_battery") == 2
+    assert run(capsys, "push", "--dry-run")[0] == 2  # nobody is up; its limits were no obstacle
+    assert "nothing is pushed" not in run(capsys, "push", "--dry-run")[2]
 
 
 def test_help_names_the_five(capsys: pytest.CaptureFixture[str]) -> None:

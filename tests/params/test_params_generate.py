@@ -69,7 +69,7 @@ def test_what_a_version_cannot_do_is_said() -> None:
     assert made("1.16", failsafe=unheard).values["NAV_DLL_ACT"] == 0
     assert [words.split(":")[0] for words in made("1.16", failsafe=unheard).cannot] == ["failsafe.data_link_loss"]
     soon = Failsafe(data_link_loss="land", data_link_loss_after_s=2)
-    assert any("COM_DL_LOSS_T -0.5, which PX4 1.16 does not take: 5" in words for words in made("1.16", failsafe=soon).cannot)
+    assert any("COM_DL_LOSS_T -0.5, which PX4 1.16 does not take; 5 is" in words for words in made("1.16", failsafe=soon).cannot)
     assert any("RTL_DESCEND_ALT" in words for words in made("1.9").cannot), "a room lower than PX4 comes down from"
 
 
