@@ -135,9 +135,11 @@ class ClockServer:
         page, sock = Path(f"{path}.page"), Path(f"{path}.sock")
         for stale in (page, sock):
             stale.unlink(missing_ok=True)
-        with page.open("w+b") as file:
+        part = Path(f"{path}.page.new")  # a client finds the page whole or not at all
+        with part.open("w+b") as file:
             file.truncate(_PAGE_BYTES)
             self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES)).cast("d")
+        part.replace(page)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.bind(str(sock))
         sock.chmod(0o600)

@@ -60,11 +60,12 @@ class TruthWriter:
 
     def __init__(self, path: str | Path, vehicles: int) -> None:
         width = 1 + vehicles * _PER_VEHICLE
-        Path(path).unlink(missing_ok=True)
-        with Path(path).open("w+b") as file:
+        part = Path(f"{path}.new")  # a reader finds the page whole or not at all
+        with part.open("w+b") as file:
             file.truncate(8 * (_HEAD + _RING * width))
             self._all = np.frombuffer(mmap.mmap(file.fileno(), 0), dtype=np.float64)
         self._all[1:3] = vehicles, _RING
+        part.replace(path)
         self._rows = self._all[_HEAD:].reshape(_RING, width)
         self._count = 0
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -50,3 +53,23 @@ def test_a_missing_or_foreign_page_is_a_sentence(tmp_path):
     (tmp_path / "truth").write_bytes(bytes(800))
     with pytest.raises(WireError, match="expected"):
         TruthReader(tmp_path / "truth")
+
+
+def test_a_reader_finds_a_page_whole_however_often_it_is_made_anew(tmp_path):
+    page = tmp_path / "truth"
+    TruthWriter(page, 3)
+    over = threading.Event()
+
+    def read() -> int:
+        found = 0
+        while not over.is_set():
+            assert TruthReader(page).newest() is None
+            found += 1
+        return found
+
+    with ThreadPoolExecutor(1) as pool:
+        reading = pool.submit(read)
+        for _ in range(300):
+            TruthWriter(page, 3)
+        over.set()
+        assert reading.result() > 0
