@@ -118,7 +118,9 @@ class Flight:
         return self.stats("world")["vehicles"][vehicle]
 
     def events(self, process: str = "") -> list[dict[str, Any]]:
-        lines = (self.folder / "events.jsonl").read_text().splitlines()
+        file = self.folder / "events.jsonl"
+        whole = file.read_text().rpartition("\n")[0] if file.exists() else ""  # it may be about to be written
+        lines = whole.splitlines()
         return [e for e in map(json.loads, lines) if process in ("", e["process"])]
 
     def log(self, name: str) -> str:
