@@ -24,6 +24,7 @@ VISION_NOISE_M, VISION_NOISE_RAD = 0.01, 0.05
 _EV_CTRL = 15  # position 1, height 2, velocity 4, yaw 8
 _AID_MASK = 8 | 16  # vision position and yaw, up to 1.13
 _VISION = 3  # EKF2_HGT_REF, EKF2_HGT_MODE
+_WITHOUT_STICKS: Event = "offboard_loss_without_sticks"
 _NO_COMPASS = 5  # EKF2_MAG_TYPE: heading comes with the poses
 _RETURN = {"RTL_RETURN_ALT": 30.0, "RTL_DESCEND_ALT": 10.0}  # PX4's own heights [m], where the room is higher
 # gains of velocity, which became accelerations with 1.11: then = now * hover / g
@@ -103,13 +104,12 @@ class _Making:
 
     def failsafes(self) -> Iterator[Line]:
         f, sticky = self.needs.failsafe, self.needs.sticks
-        without: Event = "offboard_loss_without_sticks"
-        yield from self._react("offboard_loss", without, f.offboard_loss, "setpoints stop")
-        if sticky and "COM_OBL_ACT" in self.known:
-            yield from self._react("offboard_loss", "offboard_loss", f.offboard_loss, "setpoints stop, with sticks")
-        elif "COM_OBL_ACT" in self.known:  # which of the two 1.12 and 1.13 obey depends on COM_RCL_EXCEPT: both say the same
-            yield from self._react("offboard_loss", "offboard_loss", f.offboard_loss, "setpoints stop", quiet=True)
-        yield from self._after("offboard_loss", "COM_OF_LOSS_T", f.offboard_loss_after_s, "setpoints may be missing so long [s]")
+        need, why = "offboard_loss", "setpoints stop"
+        yield from self._react(need, _WITHOUT_STICKS, f.offboard_loss, why)
+        if "COM_OBL_ACT" in self.known:  # which of the two 1.12 and 1.13 obey depends on COM_RCL_EXCEPT: both say the same
+            yield from self._react(need, "offboard_loss", f.offboard_loss, f"{why}, with sticks", quiet=not sticky)
+        may = "setpoints may be missing so long [s]"
+        yield from self._after(need, "offboard_loss", "COM_OF_LOSS_T", f.offboard_loss_after_s, may)
         yield from self._position_loss(f)
         yield from self._battery(f)
         yield from self._react(
@@ -135,30 +135,24 @@ class _Making:
             action = "none"
         yield from self._react("data_link_loss", "data_link_loss", action, when)
         if action != "none":
-            yield from self._react("data_link_loss", "data_link_loss_in_offboard", action, when)
-            yield from self._after(
-                "data_link_loss", "COM_DL_LOSS_T", f.data_link_loss_after_s, "a ground station may be silent so long [s]"
-            )
+            need, may = "data_link_loss", "a ground station may be silent so long [s]"
+            yield from self._react(need, "data_link_loss_in_offboard", action, when)
+            yield from self._after(need, "data_link_loss", "COM_DL_LOSS_T", f.data_link_loss_after_s, may)
 
     def _position_loss(self, f: Failsafe) -> Iterator[Line]:
         if self.needs.vision_delay_ms is None:
             return
         event: Event = "position_loss_in_offboard"
-        yield from self._after("position_loss", "EKF2_NOAID_TOUT", f.position_loss_after_s, "poses may be missing so long [us]")
+        may = "poses may be missing so long [us]"
+        yield from self._after("position_loss", event, "EKF2_NOAID_TOUT", f.position_loss_after_s, may)
         if f.position_loss == "land":  # modes flown by sticks; 1.17 and newer go to altitude mode whatever is asked
             yield from self._react("position_loss", "position_loss_in_position_mode", "descend", "poses are lost", quiet=True)
         wanted: Action = "descend" if f.position_loss == "land" else f.position_loss
         falls_to = f.offboard_loss in ("land", "hold", "return")  # these want a position, and become descend without one
         if wanted == "descend" and (falls_to or self.version.minor < 12):
             return
-        set_already = {name: line.value for name, line in self.lines.items()}
-        own = {
-            name: value
-            for action in (f.offboard_loss,)
-            for name, value in self._ways("offboard_loss_without_sticks", action).items()
-        }
-        way = self._ways(event, wanted)
-        if not way or any((set_already | own).get(name) not in (None, value) for name, value in way.items()):
+        way, asked_already = self._ways(event, wanted), self._ways(_WITHOUT_STICKS, f.offboard_loss)
+        if not way or any(asked_already.get(name, value) != value for name, value in way.items()):
             self.cannot.append(
                 f"failsafe.position_loss: PX4 {self.version} has no answer of its own to lost poses in OFFBOARD: it gives that of"
                 f" offboard_loss ({f.offboard_loss}), a blind descent where this wants a position; {f.position_loss} is not set"
@@ -237,13 +231,12 @@ class _Making:
         except InputError:
             return {}
 
-    def _after(self, event: str, name: str, seconds: float, what: str) -> Iterator[Line]:
-        """Whole numbers where PX4 keeps whole numbers; within the parameter's limits, which is said when they bite."""
-        event_of: Event = {"position_loss": "position_loss_in_offboard"}.get(event, event)  # type: ignore[assignment]
-        delay = next((d for d in delays(event_of, self.version) if d.parameter == name), None)
+    def _after(self, need: str, event: Event, name: str, seconds: float, what: str) -> Iterator[Line]:
+        """Less what passes before the parameter's own time begins."""
+        delay = next((d for d in delays(event, self.version) if d.parameter == name), None)
         scale, fixed = (delay.scale, delay.fixed_s) if delay else (1.0, 0.0)
-        held = self._held(name, (seconds - fixed) / scale, f"failsafe.{event}: {seconds:g} s")
-        yield Line(name, held, what, self._asked(f"failsafe.{event}"))
+        held = self._held(name, (seconds - fixed) / scale, f"failsafe.{need}: {seconds:g} s")
+        yield Line(name, held, what, self._asked(f"failsafe.{need}"))
 
     def _held(self, name: str, value: float, need: str) -> float:
         """The nearest value that PX4 takes, a whole number where it keeps those; said when it is another one."""
