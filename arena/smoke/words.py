@@ -1,0 +1,90 @@
+"""What a scenario says and what a referee sees, as data. Pure, and known to both halves of this room: those who judge and those who fly."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Vector = tuple[float, float, float]
+
+
+# -- what a referee sees ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleNow:
+    """One vehicle at one instant. Truth: p_n of its origin [m] [NED], v_n [m/s] [NED], tilt of its z axis [rad], height of its
+    lowest point above the floor [m], airborne by that height. Its own words: mode as PX4 says it ("" unknown), armed and landed
+    (None unknown), estimate est_p_n and setpoint target_p_n [m] [NED], battery 0..1, None where not heard in the last second of
+    simulation time. crashed: the world's verdict, "" for none.
+    """
+
+    name: str
+    p_n: Vector
+    v_n: Vector
+    tilt_rad: float
+    height_m: float
+    airborne: bool
+    mode: str = ""
+    armed: bool | None = None
+    landed: bool | None = None
+    est_p_n: Vector | None = None
+    target_p_n: Vector | None = None
+    battery: float | None = None
+    crashed: str = ""
+
+    @property
+    def down(self) -> bool:
+        """On the floor, and disarmed by its own word."""
+        return not self.airborne and self.armed is False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Now:
+    """One look, at simulation time time_s [s]. processes: name -> READY, EXITED, ... as in `arena ps`; events: lines that the
+    arena has told since the last look.
+    """
+
+    time_s: float
+    vehicles: Mapping[str, VehicleNow]
+    processes: Mapping[str, str] = field(default_factory=dict)
+    events: tuple[str, ...] = ()
+
+
+# -- what a scenario says -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where it was written."""
+
+    file: str
+    line: int
+    text: str
+
+
+Verb = Literal[
+    "kill", "hang", "resume", "restart",  # processes
+    "mocap dropout", "mocap freeze", "mocap jump", "mocap swap", "mocap delay",
+    "link loss", "link delay", "ground station loss", "rc loss",
+    "battery drain", "motor loss", "wind",
+    "land all", "kill all", "down", "mode",
+]  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deed:
+    """One `do`. processes: plan names, or "supervisor"; vehicles: names, in order; number: in the unit of the verb (share 0..1 of
+    link loss, ms of a delay, s until empty, rotor from 1); by: metres of a jump or m/s of the wind [NED]; word: a mode.
+    for_s: taken back after so long [s], None: it stays.
+    """
+
+    verb: Verb
+    place: Place
+    processes: tuple[str, ...] = ()
+    vehicles: tuple[str, ...] = ()
+    number: float = 0.0
+    by: Vector = (0.0, 0.0, 0.0)
+    word: str = ""
+    for_s: float | None = None
