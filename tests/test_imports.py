@@ -31,7 +31,8 @@ MAY: dict[str, set[str]] = {
     "record": GROUND | {"capture", "schema", "plan"},
     "uav": GROUND | {"capture", "schema"},
     "safety": GROUND | {"schema", "plan"},
-    "cli": GROUND | {"schema", "plan", "supervise", "safety", "record", "params"},
+    "smoke": GROUND | {"faults", "schema", "plan", "supervise", "record"},
+    "cli": GROUND | {"schema", "plan", "supervise", "safety", "record", "params", "smoke"},
 }
 # the world's shell alone puts two cores together; the package's face lends the user's names
 EXCEPT: dict[str, set[str]] = {"sim/__main__.py": {"autopilot", "px4"}, "__init__.py": {"uav"}, "__main__.py": {"cli"}}

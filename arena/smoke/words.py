@@ -1,4 +1,4 @@
-"""What a scenario says and what a referee sees, as data. Pure, and known to both halves of this room: those who judge and those who fly."""
+"""What a scenario says and what a referee sees, as data: known to both halves of this room, those who judge and those who fly."""
 
 from __future__ import annotations
 
@@ -52,6 +52,18 @@ class Now:
     events: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """Where vehicles may be: lowest and highest north, east, down [m] [NED]."""
+
+    low_n: Vector
+    high_n: Vector
+
+    def outside_m(self, p_n: Vector) -> float:
+        """How far p_n is outside [m]; negative inside: the distance to the nearest side."""
+        return max(max(low - p, p - high) for low, p, high in zip(self.low_n, p_n, self.high_n, strict=True))
+
+
 # -- what a scenario says -----------------------------------------------------------------------------------------------------
 
 
@@ -77,7 +89,7 @@ Verb = Literal[
 class Deed:
     """One `do`. processes: plan names, or "supervisor"; vehicles: names, in order; number: in the unit of the verb (share 0..1 of
     link loss, ms of a delay, s until empty, rotor from 1); by: metres of a jump or m/s of the wind [NED]; word: a mode.
-    for_s: taken back after so long [s], None: it stays.
+    for_s: taken back after so long [s], None: it stays. undo: this is the taking back of the same deed.
     """
 
     verb: Verb
@@ -88,3 +100,4 @@ class Deed:
     by: Vector = (0.0, 0.0, 0.0)
     word: str = ""
     for_s: float | None = None
+    undo: bool = False
