@@ -27,7 +27,8 @@ REAL_START_TIMEOUT_S = 600.0
 # kind -> (module, cpu budget [cores], memory budget [MB], further fields)
 _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
     "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0, "nice": -10}),
-    "px4": ("arena.px4", 0.3, 150.0, {"restart": Restart(), "start_timeout_s": 60.0}),
+    # stopped, it is left alone: its PX4 goes on flying, and would fall with it
+    "px4": ("arena.px4", 0.3, 150.0, {"restart": Restart(), "start_timeout_s": 60.0, "stopped_for_s": None}),
     "link": ("arena.link", 0.2, 120.0, {}),
     "mocap": ("arena.mocap", 0.3, 150.0, {}),
     "forward": ("arena.forward", 0.1, 120.0, {}),
@@ -178,7 +179,7 @@ def _program(arena: Arena, python: str, v: Vehicle) -> ProcessSpec:
     return ProcessSpec(
         name=name, kind="program", vehicle=v.name, argv=(*start, "--uav", f"{{run}}/slices/{name}.json", *program.args),
         cwd=arena.folder, env=ENV, needs=(*needs, "router", f"logger.{v.name}"), ready="started",
-        restart=Restart(mode=program.restart), cpu_budget=0.3, memory_budget_mb=300.0,
+        restart=Restart(mode=program.restart), stopped_for_s=None, cpu_budget=0.3, memory_budget_mb=300.0,
         nice=NICE_PROGRAM, listens=tuple(_listens(arena, "program", v)),
     )  # fmt: skip
 
@@ -195,7 +196,7 @@ def _tool(arena: Arena, name: str, tool: Tool, vehicle: str | None) -> ProcessSp
     return ProcessSpec(
         name=name, kind="tool", vehicle=vehicle, argv=tool.argv, cwd=str(Path(arena.folder) / (tool.cwd or "")),
         env=(*ENV, *sorted(tool.env.items())), needs=("router",) if tool.needs is None else tool.needs, ready="started",
-        restart=Restart(mode=tool.restart),
+        restart=Restart(mode=tool.restart), stopped_for_s=None,
     )  # fmt: skip
 
 

@@ -44,6 +44,7 @@ class ProcessSpec:
     needs: names that must be READY first.  ready: how readiness is proven: `told` (the room says so on its line), `started`
     (the exec worked: programs and plain tools), `port` (something listens on ready_port).  outlives: it serves a vehicle that
     may be flying, so it survives the supervisor and ends by itself; others get a parent-death signal.
+    stopped_for_s: one that is stopped (SIGSTOP) so long is killed, and its restart policy holds; None: it is only told of.
     cpu_budget: fraction of one core; memory_budget_mb: resident [MB]; both only reported on.
     """
 
@@ -59,6 +60,7 @@ class ProcessSpec:
     start_timeout_s: float = 30.0
     stop_signal: Literal["SIGTERM", "SIGINT"] = "SIGTERM"
     stop_timeout_s: float = 5.0
+    stopped_for_s: float | None = 1.0
     restart: Restart = Restart()
     outlives: bool = False
     nice: int = 0

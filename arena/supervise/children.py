@@ -39,6 +39,7 @@ class Child:
     """One started process. pid is also its process group and session. start_s: when the kernel started it [s since boot].
 
     garbage: packets that were none.  cut: how often its log was.  cpu_s: what it and its children used, once reaped [s].
+    stopped: the signal that has stopped it, as of the last `reap`; "" when it may run. A debugger's hold is none.
     """
 
     spec: ProcessSpec
@@ -49,6 +50,7 @@ class Child:
     garbage: int = 0
     cut: int = 0
     cpu_s: float = 0.0
+    stopped: str = ""
     _popen: subprocess.Popen[bytes] | None = field(default=None, repr=False)
 
     def signal(self, number: int) -> None:
@@ -59,10 +61,11 @@ class Child:
     def reap(self) -> Exit | None:
         """Its end, or None while it runs. Kills what is left of its group while its own pid still holds the number."""
         try:
-            ended = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+            found = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
         except ChildProcessError:
             return Exit(code=1, words="ended, and somebody else took its exit code")
-        if ended is None:
+        if found is None or found.si_code == os.CLD_STOPPED:
+            self.stopped = _signal_name(found.si_status) if found is not None else ""
             return None
         self.signal(signal.SIGKILL)
         _, status, used = os.wait4(self.pid, 0)

@@ -102,7 +102,8 @@ class Fleet:
     def _see(self, name: str, spec: ProcessSpec, orders: Orders) -> Seen:
         life = self.lives[name]
         exit = self._exits.pop(name, None)
-        if life.state is State.READY and exit is None and not (orders.stop or orders.kill or self._restarts):
+        stopped = name in self.children and self.children[name].stopped != ""
+        if life.state is State.READY and exit is None and not (stopped or orders.stop or orders.kill or self._restarts):
             return _NOTHING
         needs = [(self.specs[n], self.lives[n]) for n in spec.needs if n in self.specs]
         restart = name in self._restarts
@@ -114,6 +115,7 @@ class Fleet:
             needs_dead=next((need.name for need, its in needs if ending.is_dead(need, its)), ""),
             proof=self._proof(name, spec) if life.state is State.STARTING and exit is None else "",
             exit=exit,
+            stopped=stopped,
             starts_on=orders.starts_on,
             stop=name in orders.stop,
             kill=name in orders.kill,
@@ -133,6 +135,8 @@ class Fleet:
         before = self.lives[spec.name]
         life, action = step(spec, before, seen, now)
         self.lives[spec.name] = life
+        if (life.stopped_at is None) is not (before.stopped_at is None):
+            self._tell_stopped(spec, before, life, now)
         if life.state is not before.state:
             self.journal.transition(now, spec.name, before.state, life.state, life.reason)
             self.changed = True
@@ -143,10 +147,19 @@ class Fleet:
                 self._start(spec, now)
             case Action.TERMINATE:
                 self._signal(spec.name, signal.Signals[spec.stop_signal])
+                self._signal(spec.name, signal.SIGCONT)  # one that is stopped would not hear of it
             case Action.KILL:
                 self._signal(spec.name, signal.SIGKILL)
                 if life.state is before.state:
                     self.journal.event(now, spec.name, f"did not end within {spec.stop_timeout_s:g} s: SIGKILL")
+
+    def _tell_stopped(self, spec: ProcessSpec, before: Life, life: Life, now: float) -> None:
+        child = self.children.get(spec.name)
+        if child is not None and life.stopped_at is not None:
+            what = "it is left alone" if spec.stopped_for_s is None else f"it is killed if it stays so for {spec.stopped_for_s:g} s"
+            self.journal.event(now, spec.name, f"stopped by {child.stopped}; {what}, and `kill -CONT {child.pid}` lets it go on")
+        elif child is not None and before.stopped_at is not None:
+            self.journal.event(now, spec.name, f"goes on after {now - before.stopped_at:.1f} s")
 
     def _tell_last_words(self, name: str, exit: Exit, now: float) -> None:
         """Of a process that failed: the end of its log is what a person would look for."""

@@ -5,6 +5,7 @@
     STARTING  --start time-out-->  STOPPING  --it ended-->  BACKOFF | FATAL
     STARTING, READY  --asked to stop-->  STOPPING  --it ended-->  EXITED
     READY  --asked to restart-->  STOPPING  --it ended-->  STARTING
+    STARTING, READY  --stopped by a signal for too long-->  STOPPING  --it ended-->  BACKOFF | EXITED | FATAL
     BACKOFF  --waited-->  STARTING
     EXITED, FATAL  --asked to restart-->  STARTING
 
@@ -66,7 +67,8 @@ class Seen:
     """What the shell has seen of a process since the last step, and what is wanted of it.
 
     needs_ready: all it needs is there.  needs_dead: the name of a need that will never be there, or "".
-    proof: how readiness was proven, or "".  exit: its end, told once.
+    proof: how readiness was proven, or "".  exit: its end, told once.  stopped: it is there, and the kernel does not let it
+    run (SIGSTOP).
     starts_on: new starts are allowed (False once the run ends).
     stop: it shall end.  kill: it shall end at once.  restart: a person asked for a new start.  why: the reason for these three.
     """
@@ -75,6 +77,7 @@ class Seen:
     needs_dead: str = ""
     proof: str = ""
     exit: Exit | None = None
+    stopped: bool = False
     starts_on: bool = True
     stop: bool = False
     kill: bool = False
@@ -87,7 +90,8 @@ class Life:
     """Where a process is in its life. Times are monotonic [s].
 
     since: of this state.  reason: why it came here.  starts: those within the restart window.  unproven: starts in a row
-    that never became READY.  next_at: when BACKOFF is over, or when a STOPPING process is killed.
+    that never became READY.  next_at: when BACKOFF is over, or when a STOPPING process is killed.  stopped_at: since when a signal
+    has stopped it, None when it runs.
     """
 
     state: State = State.STOPPED
@@ -99,6 +103,7 @@ class Life:
     next_at: float = 0.0
     after: After = After.END
     exit: Exit | None = None
+    stopped_at: float | None = None
 
     @property
     def restarts(self) -> int:
@@ -143,7 +148,9 @@ def _absent(spec: ProcessSpec, life: Life, seen: Seen, now: float) -> Step:
 
 def _start(spec: ProcessSpec, life: Life, reason: str, now: float) -> Step:
     recent = tuple(t for t in life.starts if now - t < spec.restart.window_s)
-    counted = replace(life, starts=(*recent, now), unproven=life.unproven + 1, started=life.started + 1, exit=None)
+    counted = replace(
+        life, starts=(*recent, now), unproven=life.unproven + 1, started=life.started + 1, exit=None, stopped_at=None
+    )
     return _to(counted, State.STARTING, reason, now), Action.START
 
 
@@ -154,11 +161,20 @@ def _alive(spec: ProcessSpec, life: Life, seen: Seen, now: float) -> Step:
         return _stop(spec, life, After.END, seen.why or "asked to stop", now)
     if seen.restart:
         return _stop(spec, life, After.RESTART, seen.why or "restart asked", now)
+    life = _stopped(life, seen, now)
+    if life.stopped_at is not None and spec.stopped_for_s is not None and now - life.stopped_at >= spec.stopped_for_s:
+        return _stop(spec, life, After.RETRY, f"stopped for {now - life.stopped_at:.1f} s", now, Action.KILL)
     if life.state is State.STARTING and seen.proof:
         return replace(_to(life, State.READY, seen.proof, now), unproven=0), Action.NONE
     if life.state is State.STARTING and now - life.since >= spec.start_timeout_s:
         return _stop(spec, life, After.RETRY, f"not ready within {spec.start_timeout_s:g} s", now)
     return life, Action.NONE
+
+
+def _stopped(life: Life, seen: Seen, now: float) -> Life:
+    if seen.stopped == (life.stopped_at is not None):
+        return life
+    return replace(life, stopped_at=now if seen.stopped else None)
 
 
 def _stop(spec: ProcessSpec, life: Life, after: After, why: str, now: float, action: Action = Action.TERMINATE) -> Step:

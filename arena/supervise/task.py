@@ -12,18 +12,23 @@ from arena.supervise.journal import Say
 from arena.supervise.life import Exit
 from arena.supervise.runfolder import RunFolder
 
+STOPPED_S = 1.0
 _SHOWN_PER_TURN = 1 << 16
 
 
 @dataclass(kw_only=True)
 class Task:
-    """deadline: monotonic [s]; past it the group is killed.  say: where its output is shown."""
+    """deadline: monotonic [s]; past it the group is killed, and so is one that a signal has stopped for STOPPED_S.
+
+    say: where its output is shown.  expired: why it was killed, or "".
+    """
 
     name: str
     child: Child
     deadline: float
     say: Say
-    expired: bool = False
+    expired: str = ""
+    _stopped_at: float | None = None
     _shown: int = 0
     _half: bytes = field(default=b"", repr=False)
 
@@ -46,13 +51,19 @@ class Task:
             self.child.close()
             if self._half:
                 self.say(f"{self.name}: {self._half.decode(errors='replace')}")
-            return replace(exit, words=f"did not end in time: {exit.words}") if self.expired else exit
+            return replace(exit, words=f"{self.expired}: {exit.words}") if self.expired else exit
+        if not self.child.stopped:
+            self._stopped_at = None
+        elif self._stopped_at is None:
+            self._stopped_at = now
+        elif now - self._stopped_at >= STOPPED_S:
+            self.stop(f"stopped by {self.child.stopped}")
         if now >= self.deadline:
             self.stop()
         return None
 
-    def stop(self) -> None:
-        self.expired = True
+    def stop(self, why: str = "did not end in time") -> None:
+        self.expired = self.expired or why
         self.child.signal(signal.SIGKILL)
 
     def _show(self) -> None:

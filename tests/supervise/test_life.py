@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,6 +21,7 @@ SPEC = ProcessSpec(
 NEVER = ProcessSpec(name="x", kind="program", argv=("x",), ready="started")
 READY_NEEDS = Seen(needs_ready=True)
 FAILED = Exit(code=1, words="exit 1")
+KILLED = Exit(code=137, words="killed by SIGKILL")
 
 
 def walk(spec, *moves, life=None):
@@ -116,8 +119,35 @@ def test_the_given_up_can_be_started_by_a_person():
     assert actions[-1] is Action.START and life.state is State.STARTING
 
 
+def test_what_a_signal_has_stopped_for_too_long_is_killed_and_started_again():
+    began, _ = walk(SPEC, (0, READY_NEEDS), (1, Seen(proof="p")))
+    life, actions = walk(SPEC, (5, Seen(stopped=True)), (5.9, Seen(stopped=True)), (6, Seen(stopped=True)), life=began)
+    assert actions == [Action.NONE, Action.NONE, Action.KILL] and life.state is State.STOPPING
+    life, _ = walk(SPEC, (6.1, Seen(exit=KILLED)), life=life)
+    assert life.state is State.BACKOFF and life.reason == "stopped for 1.0 s, then killed by SIGKILL; again in 0.25 s"
+    life, actions = walk(SPEC, (7, READY_NEEDS), (7.1, Seen(stopped=True)), (8, Seen(stopped=True)), life=life)
+    assert actions == [Action.START, Action.NONE, Action.NONE], "its successor's time is counted anew"
+
+
+def test_what_goes_on_in_time_lives_and_the_next_stop_is_counted_anew():
+    began, _ = walk(SPEC, (0, READY_NEEDS), (1, Seen(proof="p")))
+    moves = ((5, Seen(stopped=True)), (5.9, Seen()), (6, Seen(stopped=True)), (6.9, Seen(stopped=True)), (7, Seen()))
+    life, actions = walk(SPEC, *moves, life=began)
+    assert set(actions) == {Action.NONE} and life.state is State.READY and life.stopped_at is None
+
+
+def test_a_stopped_one_that_is_not_started_again_is_given_up_and_one_that_is_left_alone_lives_on():
+    once, left = (replace(SPEC, restart=Restart(), stopped_for_s=limit_s) for limit_s in (1.0, None))
+    moves = ((0, READY_NEEDS), (1, Seen(proof="p")), (5, Seen(stopped=True)), (7, Seen(stopped=True)))
+    life, actions = walk(once, *moves, (7.1, Seen(exit=KILLED)))
+    assert life.state is State.FATAL and life.reason == "stopped for 2.0 s, then killed by SIGKILL"
+    life, actions = walk(left, *moves, (700, Seen(stopped=True)))
+    assert life.state is State.READY and Action.KILL not in actions
+
+
 seens = st.builds(
     Seen,
+    stopped=st.booleans(),
     needs_ready=st.booleans(),
     needs_dead=st.sampled_from(["", "", "", "w"]),
     proof=st.sampled_from(["", "", "p"]),
@@ -154,8 +184,6 @@ def test_whatever_happens_there_is_never_a_second_process_nor_a_signal_to_none(s
 
 @given(specs, walks)
 def test_once_starts_are_off_nothing_starts(spec, moves):
-    from dataclasses import replace
-
     life, now = Life(), 0.0
     for i, (wait_s, seen) in enumerate(moves):
         now += wait_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import socket
 import sys
@@ -104,6 +105,31 @@ def test_what_ignores_sigterm_is_killed_and_said_so(start):
     assert run.wait() == 0
     assert run.outcome["processes"]["i"]["exit"] == "killed by SIGKILL"
     assert any("did not end within 0.3 s" in e.get("event", "") for e in run.events("i"))
+
+
+def test_what_is_stopped_for_too_long_is_killed_and_started_again_and_said_so(start):
+    run = start(plan_of(spec("s", "good", restart=Restart(mode="on_failure"), stopped_for_s=0.2)))
+    run.until("s", "READY")
+    os.kill(run.pid("s"), signal.SIGSTOP)
+    run.until("s", "READY", times=2)
+    assert "stopped by SIGSTOP; it is killed if it stays so for 0.2 s" in run.said()
+    assert run.until("s", "BACKOFF")["reason"].startswith("stopped for ")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_what_is_stopped_and_left_alone_is_told_of_once_goes_on_and_hears_of_the_end(start):
+    run = start(plan_of(spec("s", "good", stopped_for_s=None, stop_timeout_s=60.0)))
+    run.until("s", "READY")
+    for times in (1, 2):
+        os.kill(run.pid("s"), signal.SIGSTOP)
+        eventually(lambda: run.said().count("s: stopped by SIGSTOP; it is left alone") == times)
+        if times == 1:
+            os.kill(run.pid("s"), signal.SIGCONT)
+            run.until_said("s: goes on after ")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert run.outcome["processes"]["s"]["exit"] == "exit 0" and "SIGKILL" not in run.said()
 
 
 def test_grandchildren_end_with_their_program_even_from_a_session_of_their_own(start):

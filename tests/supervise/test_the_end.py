@@ -100,6 +100,16 @@ def test_a_landing_that_is_never_confirmed_is_tried_again_then_fails_the_run(sta
     assert "pid" in run.log("land") and run.log("land").count("pid") == 3
 
 
+def test_a_landing_that_a_signal_has_stopped_is_killed_and_the_next_one_lands(start, tmp_path):
+    run = begin(start, flying(tmp_path))
+    run.signal(signal.SIGINT)
+    os.kill(run.pid("land"), signal.SIGSTOP)
+    run.until_said("the landing of uav1 is not confirmed (stopped by SIGSTOP: killed by SIGKILL)")
+    (tmp_path / "go").touch()
+    assert run.wait() == 130
+    assert run.outcome["landing"] == "landed and disarmed" and run.log("land").count("pid") == 2
+
+
 def test_a_real_vehicle_is_served_until_its_landing_is_confirmed(start, tmp_path):
     run = begin(start, flying(tmp_path, simulated=False, landing="dies_at_once"))
     run.signal(signal.SIGINT)
