@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
+from arena.autopilot.sticks import NONE as NO_STICKS
+
 EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
 
 
@@ -47,7 +49,9 @@ def mode_of(main: int, sub: int) -> Mode | None:
 
 _FLOWN = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND, Mode.OFFBOARD}
 _NEEDS_POSITION = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND}
-_DLL_EXCEPT = {Mode.MISSION: 1, Mode.HOLD: 2, Mode.OFFBOARD: 4}  # bits of COM_DLL_EXCEPT
+_EXCEPT = {Mode.MISSION: 1, Mode.HOLD: 2, Mode.TAKEOFF: 2, Mode.OFFBOARD: 4}  # bits of COM_DLL_EXCEPT and COM_RCL_EXCEPT
+_WORSE = (Mode.HOLD, Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE)  # the later, the worse: of two failsafes the worse acts
+_BY_HAND = (0, 1, 2)  # COM_OBL_RC_ACT: position, altitude, stabilized
 _GCS_QUIET_S = 2.5  # after its last heartbeat a ground station counts as gone, and COM_DL_LOSS_T begins
 _NO_ARMING = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
 
@@ -57,7 +61,7 @@ class Sensed:
     """What the commander decides on. now [s]; battery remaining 0..1; offboard_age: since the last setpoint [s].
 
     global_ok: position and the origin are known; mission_ok: one is there that may be flown; fence: what is violated, in words;
-    poses_rejected: the newest pose contradicts the estimate.
+    poses_rejected: the newest pose contradicts the estimate; sticks: a pilot's are there.
     """
 
     now: float
@@ -77,6 +81,7 @@ class Sensed:
     mission_ok: bool = False
     fence: str = ""
     poses_rejected: bool = False
+    sticks: bool = False
 
 
 @dataclass(slots=True, kw_only=True)
@@ -98,13 +103,18 @@ class Limits:
     fd_fail_rad: float
     gf_action: int = 2
     com_dll_except: int = 0
+    nav_rcl_act: int = 2
+    com_rcl_except: int = 0
+    com_rc_in_mode: int = 3
+    com_rc_loss_t: float = 0.5
 
 
 @dataclass(slots=True)
 class Commander:
     """State of one vehicle.
 
-    mode: what it flies; intended: what was asked for last; `armed_since` and `took_off` belong to the present arming.
+    mode: what it flies; intended: what was asked for last; `armed_since`, `took_off` and what was lost belong to the present
+    arming.
     """
 
 
@@ -121,6 +131,8 @@ class Commander:
     _pending: tuple[float, Mode] | None = None
     _battery_level: int = 0
     _fence: str = ""
+    _had_sticks: bool = False
+    _sticks_lost: bool = False
 
     # -- asked for from outside ----------------------------------------------------------------------------------------
 
@@ -183,6 +195,7 @@ class Commander:
             return "; ".join(reasons)
         self.armed, self.armed_since, self.took_off, self._landed_since = True, s.now, False, None
         self._pending, self._battery_level, self._fence = None, 0, ""
+        self._had_sticks, self._sticks_lost = False, False
         self.failsafe = ""
         self.say(INFO, f"Armed {why}")
         return ""
@@ -220,7 +233,7 @@ class Commander:
             self.say(INFO, "Takeoff detected")
         for check in (
             self._check_attitude, self._check_position, self._check_fence, self._check_battery, self._check_offboard,
-            self._check_data_link,
+            self._check_data_link, self._check_sticks,
         ):  # fmt: skip
             check(s, limits)
             if not self.armed:
@@ -274,6 +287,8 @@ class Commander:
         if self.mode is not Mode.OFFBOARD or s.offboard_age <= limits.com_of_loss_t:
             return
         action = {3: _home_or_land(s), 5: Mode.HOLD, 6: Mode.TERMINATE}.get(limits.com_obl_rc_act, Mode.LAND)
+        if limits.com_obl_rc_act in _BY_HAND and s.sticks:
+            action = Mode.HOLD  # what sticks in the middle ask for
         if limits.com_obl_rc_act == 7:
             self._drop(s, "offboard control lost")
         else:
@@ -281,14 +296,26 @@ class Commander:
 
     def _check_data_link(self, s: Sensed, limits: Limits) -> None:
         coming_down = self.mode in (*_NO_ARMING, Mode.LAND)
-        excepted = _DLL_EXCEPT.get(self.mode, 0) & limits.com_dll_except
-        if not limits.nav_dll_act or excepted or coming_down or self.failsafe or not _gcs_lost(s, limits):
-            return
-        if limits.nav_dll_act == 6:
-            self._drop(s, "data link lost")
-        else:
-            action = {1: Mode.HOLD, 2: _home_or_land(s), 5: Mode.TERMINATE}.get(limits.nav_dll_act, Mode.LAND)
-            self._act_soon(action, s, limits, "data link lost")
+        excepted = _EXCEPT.get(self.mode, 0) & limits.com_dll_except
+        if limits.nav_dll_act and not (excepted or coming_down or self.failsafe) and _gcs_lost(s, limits):
+            self._answer_link(limits.nav_dll_act, s, limits, "data link lost")
+
+    def _check_sticks(self, s: Sensed, limits: Limits) -> None:
+        """Answered once, when they are lost: who then chooses another mode flies. Those that never came are not missed."""
+        self._had_sticks = self._had_sticks or s.sticks
+        excepted = _EXCEPT.get(self.intended, 0) & limits.com_rcl_except
+        lost = self._had_sticks and not s.sticks and limits.com_rc_in_mode != NO_STICKS and not excepted
+        crossed, self._sticks_lost = lost and not self._sticks_lost, lost
+        if crossed:
+            self._answer_link(limits.nav_rcl_act, s, limits, "manual control lost")
+
+    def _answer_link(self, action: int, s: Sensed, limits: Limits, why: str) -> None:
+        """action: of NAV_DLL_ACT or NAV_RCL_ACT. What comes down goes on coming down."""
+        reaction = {1: Mode.HOLD, 2: _home_or_land(s), 3: Mode.LAND, 5: Mode.TERMINATE}.get(action)
+        if action == 6:
+            self._drop(s, why)
+        elif reaction and not (self.mode in _WORSE[1:] and _WORSE.index(self.mode) >= _WORSE.index(reaction)):
+            self._act_soon(reaction, s, limits, why)
 
     def _drop(self, s: Sensed, why: str) -> None:
         self.say(EMERGENCY, f"Failsafe activated: {why}: disarming")

@@ -23,6 +23,7 @@ from arena.autopilot.failures import Failures
 from arena.autopilot.items import local
 from arena.autopilot.params import Params
 from arena.autopilot.snapshot import Snapshot
+from arena.autopilot.sticks import Sticks
 from arena.autopilot.vision import Vision, from_odometry, from_vision_estimate
 from arena.wire import onboard
 from arena.wire.codec import Codec
@@ -66,6 +67,7 @@ class Face:
         self.goto: tuple[float, float, float, float] | None = None  # latitude, longitude [deg], altitude [m], yaw [rad]
         self.speed_asked = math.nan
         self.failures = Failures()
+        self.sticks = Sticks()
         self.landed_state = mavlink.MAV_LANDED_STATE_ON_GROUND
         self.ready_to_arm = False
         self.aligned = False
@@ -143,6 +145,13 @@ class Face:
     def _on_heartbeat(self, link: Link, m: Any) -> None:
         if m.type == mavlink.MAV_TYPE_GCS:
             link.gcs_heard = self.now
+
+    def _on_radio(self, link: Link, m: Any) -> None:
+        self.sticks.hear("radio", self.now)
+
+    def _on_joystick(self, link: Link, m: Any) -> None:
+        if m.target in (0, self.system):
+            self.sticks.hear("joystick", self.now)
 
     def _on_global_target(self, link: Link, m: Any) -> None:
         home_down = self.home_n[2] if self.home_n else None
@@ -363,10 +372,12 @@ _HANDLERS = {
     mavlink.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: Face._on_origin,
     mavlink.MAVLINK_MSG_ID_TIMESYNC: Face._on_timesync,
     mavlink.MAVLINK_MSG_ID_PING: Face._on_ping,
+    mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: Face._on_radio,
+    mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: Face._on_joystick,
     **dict.fromkeys(parameters.HEARD, Face._on_param),
 }
 # These are heard by everybody where they name nobody, the rest by whom they name alone: as PX4, which no broadcast arms.
 _FOR_ALL = {
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT, mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
-    mavlink.MAVLINK_MSG_ID_PING, mavlink.MAVLINK_MSG_ID_TIMESYNC,
+    mavlink.MAVLINK_MSG_ID_PING, mavlink.MAVLINK_MSG_ID_TIMESYNC, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE,
 }  # fmt: skip

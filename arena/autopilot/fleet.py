@@ -25,7 +25,7 @@ from arena.autopilot.params import Params
 from arena.autopilot.setpoint import Level, Setpoints
 from arena.autopilot.snapshot import Snapshot
 from arena.autopilot.tasks import Task, termination
-from arena.geometry import euler_from_quat
+from arena.geometry import yaw_from_quat
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,7 @@ class Autopilots:
         self.mixer = _mixer(vehicles)
         self.land = LandDetector(self.params, v)
         self.takeoff = TakeoffRamp(self.params, v)
+        self._radio_on = [bool(x.get("sticks", False)) for x in vehicles]
         self.faces = [Face(i, x["name"], x["id"], self.params) for i, x in enumerate(vehicles)]
         self.tasks = [Task(i) for i in range(v)]
         self.auto = Auto(self.params, self.est, self.faces, dt * _DECIDE_EVERY)
@@ -71,6 +72,10 @@ class Autopilots:
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
         """A datagram that arrived on a link (router, vision, panic) of a vehicle."""
         self.faces[vehicle].receive(link, data, self._now, self.est.q_nb[vehicle].tolist())
+
+    def sticks(self, vehicle: int, on: bool) -> None:
+        """A pilot's radio goes on or off, its sticks in the middle. The slice says how it begins."""
+        self._radio_on[vehicle] = on
 
     def step(self, now: float, sensors: Mapping[str, Array]) -> Array:
         """One sensor period ends at now [s]. sensors: accel_b, gyro_b, mag_b (V, 3), baro_alt_m, battery_* (V,).
@@ -170,11 +175,14 @@ class Autopilots:
         for f in self.faces:
             i = f.i
             f.aligned = aligned[i]
-            f.limits = self._limits[i]
+            f.limits = limits = self._limits[i]
+            if self._radio_on[i]:
+                f.sticks.hear("radio", now)
             f.sensed = Sensed(
                 now=now, xy_valid=xy[i], z_valid=z[i], yaw_valid=yaw[i], landed=landed[i], flying=flying[i], tilt_rad=tilt[i],
                 battery=battery[i], offboard_age=now - f.setpoint_at, gcs_age=f.gcs_age(now), aligned=aligned[i],
                 offboard_needs_position=f.setpoint is not None and f.setpoint.needs_position, poses_rejected=rejected[i],
+                sticks=f.sticks.there(now, limits.com_rc_in_mode, limits.com_rc_loss_t),
             )  # fmt: skip
             if f.failures.battery:
                 f.sensed.battery = 0.0
@@ -234,7 +242,7 @@ class Autopilots:
                 c.request_mode(Mode.HOLD, s, f.limits or self._limits[i])
 
     def _yaw(self, i: int) -> float:
-        return float(euler_from_quat(self.est.q_nb[i])[2])
+        return float(yaw_from_quat(self.est.q_nb[i]))
 
     def _offboard(self, f: Face) -> None:
         o, i, sp = f.setpoint, f.i, self.sp
@@ -257,6 +265,8 @@ class Autopilots:
             bat_emergen_thr=get("BAT_EMERGEN_THR"), nav_dll_act=int(get("NAV_DLL_ACT")), com_dl_loss_t=get("COM_DL_LOSS_T"),
             cbrk_flightterm=int(get("CBRK_FLIGHTTERM")), fd_fail_rad=math.radians(get("FD_FAIL_R")),
             gf_action=int(get("GF_ACTION")), com_dll_except=int(get("COM_DLL_EXCEPT")),
+            nav_rcl_act=int(get("NAV_RCL_ACT")), com_rcl_except=int(get("COM_RCL_EXCEPT")),
+            com_rc_in_mode=int(get("COM_RC_IN_MODE")), com_rc_loss_t=get("COM_RC_LOSS_T"),
         )  # fmt: skip
 
     # -- control, every step -------------------------------------------------------------------------------------------

@@ -72,7 +72,7 @@ def _body(arena: Arena, v: Vehicle) -> Json:
             "autopilot": "px4", "simulator": [arena.address, v.ports.simulator], "gps": v.gps, "sticks": v.sticks,
         }  # fmt: skip
     else:
-        flown = {"autopilot": "builtin", "params": dict(v.params), "links": _links(arena, v)}
+        flown = {"autopilot": "builtin", "params": dict(v.params), "links": _links(arena, v), "sticks": v.sticks}
     return {
         "name": v.name, "id": v.id, "profile": v.profile.slice(), "position": list(v.position),
         "rpy": [math.radians(a) for a in v.rpy_deg], **flown,

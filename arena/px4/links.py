@@ -88,6 +88,10 @@ class Px4Links:
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
         """PX4 has its own MAVLink links: nothing comes this way."""
 
+    def sticks(self, vehicle: int, on: bool) -> None:
+        """A pilot's radio goes on or off, its sticks in the middle."""
+        self._servers[vehicle].core.sticks = on
+
     def transmit(self) -> list[tuple[int, str, bytes]]:
         return []
 

@@ -73,9 +73,9 @@ def _px4(c: Check) -> Iterator[Problem]:
 
 
 def _senses(c: Check) -> Iterator[Problem]:
-    """What only a simulated PX4 has a use for."""
+    """What only some autopilots have a use for."""
     for v in c.arena.vehicles:
-        for key, fits in (("gps", ("px4", "hitl")), ("sticks", ("px4",))):
+        for key, fits in (("gps", ("px4", "hitl")), ("sticks", ("px4", "builtin"))):
             if getattr(v, key) and v.autopilot not in fits and c.sound(v, key, "autopilot"):
                 said = f"got true, which is for autopilot: {' or '.join(fits)}, and {v.name} has {v.autopilot}. Remove it."
                 yield c.problem(v.name, (key,), said)

@@ -306,7 +306,7 @@ class VehicleDefaults(Strict):
     gps: bool | None = None
     """Whether a simulated PX4 receives satellites. Default false."""
     sticks: bool | None = None
-    """Whether a pilot's radio is on, its sticks in the middle, for a simulated PX4. Default false."""
+    """Whether a pilot's radio is on, its sticks in the middle, for a simulated vehicle. Default false."""
     forward: bool | None = None
     """Whether a pose forwarder feeds the autopilot. Default true."""
     pose_rate_hz: Positive | None = None

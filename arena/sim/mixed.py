@@ -38,6 +38,10 @@ class Mixed:
         pilots, i = self._home[vehicle]
         pilots.receive(i, link, data)
 
+    def sticks(self, vehicle: int, on: bool) -> None:
+        pilots, i = self._home[vehicle]
+        pilots.sticks(i, on)
+
     def step(self, now: float, sensors: dict[str, Array]) -> Array:
         self.begin(now, sensors)
         return self.finish()

@@ -7,6 +7,7 @@ import dataclasses
 import pytest
 
 from arena.autopilot.commander import Commander, Limits, Mode, Sensed, mode_of
+from arena.autopilot.sticks import Sticks
 
 OK = Sensed(
     now=100.0, xy_valid=True, z_valid=True, yaw_valid=True, landed=True, flying=False, tilt_rad=0.0, battery=0.9,
@@ -151,3 +152,107 @@ def test_custom_modes_are_px4s_numbers():
     assert mode_of(4, 6) is Mode.LAND
     assert mode_of(6, 0) is Mode.OFFBOARD
     assert mode_of(9, 0) is None
+
+
+def _radio_lost(mode=Mode.HOLD, had=True, **changes) -> Commander:
+    """Armed and flying in a mode with sticks, which then are gone."""
+    c, up = flying()
+    c.request_mode(mode, sensed(now=105.0, **up), LIMITS)
+    c.update(sensed(now=105.5, sticks=had, **up), limits(**changes))
+    c.update(sensed(now=106.0, **up), limits(**changes))
+    return c
+
+
+@pytest.mark.parametrize(
+    ("action", "mode"), [(1, Mode.HOLD), (2, Mode.RTL), (3, Mode.LAND), (5, Mode.TERMINATE), (0, Mode.OFFBOARD)]
+)
+def test_lost_sticks_are_answered_as_nav_rcl_act_says(action, mode):
+    c = _radio_lost(Mode.OFFBOARD, nav_rcl_act=action)
+    assert c.mode is mode and c.armed
+    assert bool(c.failsafe) is (action != 0)
+
+
+def test_lost_sticks_may_disarm():
+    assert not _radio_lost(nav_rcl_act=6).armed
+
+
+@pytest.mark.parametrize(
+    ("mode", "bits", "acts"),
+    [(Mode.OFFBOARD, 4, False), (Mode.OFFBOARD, 3, True), (Mode.HOLD, 2, False), (Mode.HOLD, 5, True), (Mode.TAKEOFF, 2, False),
+     (Mode.TAKEOFF, 5, True)],
+)  # fmt: skip
+def test_com_rcl_except_excepts_the_mode_that_was_asked_for(mode, bits, acts):
+    c = _radio_lost(mode, nav_rcl_act=3, com_rcl_except=bits)
+    assert (c.mode is Mode.LAND) is acts
+
+
+def test_sticks_that_never_came_or_do_not_count_are_not_missed():
+    assert _radio_lost(had=False, nav_rcl_act=3).mode is Mode.HOLD
+    assert _radio_lost(nav_rcl_act=3, com_rc_in_mode=4).mode is Mode.HOLD
+
+
+def test_sticks_that_come_back_give_nothing_back_and_may_be_lost_again():
+    c = _radio_lost(Mode.OFFBOARD, nav_rcl_act=1)
+    up = {"landed": False, "flying": True}
+    c.update(sensed(now=107.0, sticks=True, **up), limits(nav_rcl_act=1))
+    assert c.mode is Mode.HOLD
+    c.request_mode(Mode.OFFBOARD, sensed(now=108.0, sticks=True, **up), LIMITS)
+    c.update(sensed(now=108.1, sticks=True, **up), limits(nav_rcl_act=1))
+    assert c.mode is Mode.OFFBOARD
+    c.update(sensed(now=109.0, **up), limits(nav_rcl_act=1))
+    assert c.mode is Mode.HOLD
+
+
+def test_who_chooses_a_mode_without_sticks_flies():
+    c = _radio_lost(nav_rcl_act=3)
+    up = {"landed": False, "flying": True}
+    assert c.request_mode(Mode.HOLD, sensed(now=107.0, **up), LIMITS) == ""
+    c.update(sensed(now=107.1, **up), limits(nav_rcl_act=3))
+    assert c.mode is Mode.HOLD
+
+
+def test_lost_sticks_wait_com_fail_act_t_in_hold():
+    c = _radio_lost(Mode.OFFBOARD, nav_rcl_act=3, com_fail_act_t=5.0)
+    up = {"landed": False, "flying": True}
+    assert c.mode is Mode.HOLD
+    c.update(sensed(now=110.9, **up), limits(nav_rcl_act=3, com_fail_act_t=5.0))
+    assert c.mode is Mode.HOLD
+    c.update(sensed(now=111.1, **up), limits(nav_rcl_act=3, com_fail_act_t=5.0))
+    assert c.mode is Mode.LAND
+
+
+@pytest.mark.parametrize(("action", "mode"), [(1, Mode.LAND), (2, Mode.LAND), (3, Mode.LAND), (5, Mode.TERMINATE)])
+def test_lost_sticks_do_not_stop_a_landing(action, mode):
+    assert _radio_lost(Mode.LAND, nav_rcl_act=action).mode is mode
+
+
+def test_of_two_failsafes_the_worse_acts():
+    c, up = flying()
+    now = {"offboard_age": 1.5, **up}
+    c.update(sensed(now=106.0, sticks=True, **now), limits(com_obl_rc_act=5))
+    assert c.mode is Mode.HOLD
+    c.update(sensed(now=107.0, **now), limits(com_obl_rc_act=5, nav_rcl_act=3))
+    assert c.mode is Mode.LAND
+
+
+@pytest.mark.parametrize(("there", "mode"), [(True, Mode.HOLD), (False, Mode.LAND)])
+def test_offboard_loss_into_a_mode_flown_by_hand_holds_where_there_are_sticks_and_lands_where_not(there, mode):
+    for action in (0, 1, 2):
+        c, up = flying()
+        c.update(sensed(now=106.0, offboard_age=1.5, sticks=there, **up), limits(com_obl_rc_act=action))
+        assert c.mode is mode
+
+
+@pytest.mark.parametrize(
+    ("in_mode", "first", "counted"),
+    [(0, "radio", {"radio"}), (1, "radio", {"joystick"}), (2, "radio", {"radio", "joystick"}), (3, "radio", {"radio"}),
+     (3, "joystick", {"joystick"}), (4, "radio", set())],
+)  # fmt: skip
+def test_com_rc_in_mode_says_whose_sticks_count(in_mode, first, counted):
+    for source in ("radio", "joystick"):
+        sticks = Sticks()
+        sticks.hear(first, 1.0)
+        assert not sticks.there(2.0, in_mode, 0.5)
+        sticks.hear(source, 2.0)
+        assert sticks.there(2.4, in_mode, 0.5) is (source in counted)
+        assert not sticks.there(2.6, in_mode, 0.5)

@@ -142,7 +142,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "vehicles:\n  uav1: {autopilot: builtin, gps: true}\n", "2: vehicles.uav1.gps: ", "for autopilot: px4 or hitl",
     ),
     "sticks for a board in the loop": (
-        "vehicles:\n  uav1: {autopilot: hitl, serial: /dev/a, sticks: true}\n", "2: vehicles.uav1.sticks: ", "for autopilot: px4,",
+        "vehicles:\n  uav1: {autopilot: hitl, serial: /dev/a, sticks: true}\n", "2: vehicles.uav1.sticks: ", "for autopilot: px4 or builtin,",
     ),
     "hitl with a url": (
         "vehicles:\n  uav1: {autopilot: hitl, serial: /dev/a, url: 'udpin:0.0.0.0:1'}\n", "2: vehicles.uav1.url: ", "is for autopilot: hardware",
