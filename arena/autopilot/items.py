@@ -14,7 +14,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.often import EARTH_RADIUS_M
+from arena.geometry import local_from_globe
 
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE
 _ABSOLUTE = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)
@@ -143,9 +143,8 @@ def place(item: Item, origin: tuple[float, float, float], home_d: float) -> tupl
 
 def local(origin: tuple[float, float, float], lat: float, lon: float) -> tuple[float, float]:
     """[deg] -> north, east [m]; the sphere that the streams use, which is PX4's."""
-    east_deg = (lon - origin[1] + 180.0) % 360.0 - 180.0
-    n, e = math.radians(lat - origin[0]), math.radians(east_deg) * math.cos(math.radians(origin[0]))
-    return n * EARTH_RADIUS_M, e * EARTH_RADIUS_M
+    n, e = local_from_globe(origin[0], origin[1], lat, lon)
+    return float(n), float(e)
 
 
 def item_message(item: Item, seq: int, kind: int, to: tuple[int, int], *, current: bool, ints: bool) -> Any:

@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.atmosphere import pressure_hpa
 from arena.autopilot.commander import Mode
 from arena.autopilot.snapshot import Snapshot
+from arena.geometry import globe_from_local
 from arena.wire import onboard
 from arena.wire.onboard import Records
 
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-EARTH_RADIUS_M = 6_371_000.0
 _NAN = math.nan
 _INT32 = (-(2.0**31), 2.0**31 - 1.0)
 _INT16 = (-32768.0, 32767.0)
@@ -75,8 +75,8 @@ def globe(origins: Array, p_n: Array) -> tuple[Array, Array, Array]:
     As far as the numbers of the wire go.
     """
     lat0, lon0, alt0 = origins.T
-    lat = np.minimum(np.maximum(lat0 + np.degrees(p_n[:, 0] / EARTH_RADIUS_M), -90.0), 90.0)
-    lon = lon0 + np.degrees(p_n[:, 1] / (EARTH_RADIUS_M * np.cos(np.radians(lat0))))
+    lat, lon = globe_from_local(lat0, lon0, p_n[:, 0], p_n[:, 1])
+    lat = np.minimum(np.maximum(lat, -90.0), 90.0)
     return np.rint(lat * 1e7), np.rint(((lon + 180.0) % 360.0 - 180.0) * 1e7), _within((alt0 - p_n[:, 2]) * 1e3, _INT32)
 
 
@@ -215,7 +215,8 @@ def _sys_status(out: Records, rows: Rows) -> None:
 
 def _present(f: Face, s: Snapshot) -> int:
     # SDKs read "the global position is good" from the satellites' bit, whatever gives it.
-    return int(_SENSORS | (mavlink.MAV_SYS_STATUS_SENSOR_GPS if f.origin is not None and s.xy_valid[f.i] else 0))
+    present = _SENSORS | (mavlink.MAV_SYS_STATUS_SENSOR_GPS if f.origin is not None and s.xy_valid[f.i] else 0)
+    return int(present | (mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if f.sensed and f.sensed.sticks else 0))
 
 
 def _health(f: Face, s: Snapshot) -> int:

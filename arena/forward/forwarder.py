@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.capture import CapturedFrame, Pose
 from arena.capture.order import FrameOrder
 from arena.forward.lateness import Lateness
+from arena.geometry import globe_from_local
 from arena.wire.codec import Codec
 
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
@@ -29,7 +30,6 @@ _SAME_PLACE_E7 = 10
 _SILENT_S = 3.0
 _ORIGIN_TRIES = 5
 _HOLD_S, _HOLD_UNKNOWN_S = 3.0, 0.3
-_EARTH_M = 6_371_000.0  # PX4's map projection
 _PLACE = 43003  # MAV_CMD_EXTERNAL_POSITION_ESTIMATE, not in every version's dialect
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
 
@@ -239,7 +239,7 @@ class Forwarder:
         assert self._origin is not None
         lat, lon = self._origin["lat_deg"], self._origin["lon_deg"]
         north, east, _ = pose.p_n
-        there = lat + math.degrees(north / _EARTH_M), lon + math.degrees(east / (_EARTH_M * math.cos(math.radians(lat))))
+        there = globe_from_local(lat, lon, north, east)
         accuracy_m = max(math.sqrt(self._covariance[0]), 0.01)
         origin = mavlink.MAVLink_set_gps_global_origin_message(self.system, round(lat * 1e7), round(lon * 1e7), 0, 0)
         place = mavlink.MAVLink_command_int_message(

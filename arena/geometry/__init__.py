@@ -20,6 +20,7 @@ from arena.geometry.frames import (
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
+from arena.geometry.globe import EARTH_M, globe_from_local, local_from_globe
 from arena.geometry.quaternion import (
     Array,
     euler_from_matrix,
@@ -40,8 +41,8 @@ from arena.geometry.quaternion import (
 )
 
 __all__ = [
-    "Array", "euler_from_matrix", "euler_from_quat", "frd_from_flu", "matrix_from_quat", "ned_from_world", "q_nb_from_q_wf",
-    "q_wf_from_q_nb", "quat_between", "quat_conj", "quat_exp", "quat_from_euler", "quat_from_matrix", "quat_log",
-    "quat_multiply", "quat_normalize", "quat_rotate", "quat_slerp", "world_from_ned", "wrap_pi", "wxyz_from_xyzw",
-    "xyzw_from_wxyz", "yaw_from_quat",
+    "EARTH_M", "Array", "euler_from_matrix", "euler_from_quat", "frd_from_flu", "globe_from_local", "local_from_globe",
+    "matrix_from_quat", "ned_from_world", "q_nb_from_q_wf", "q_wf_from_q_nb", "quat_between", "quat_conj", "quat_exp",
+    "quat_from_euler", "quat_from_matrix", "quat_log", "quat_multiply", "quat_normalize", "quat_rotate", "quat_slerp",
+    "world_from_ned", "wrap_pi", "wxyz_from_xyzw", "xyzw_from_wxyz", "yaw_from_quat",
 ]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.atmosphere import pressure_hpa
+from arena.geometry import globe_from_local
 from arena.wire import hil
 from arena.wire.mavframe import Stream
 from arena.wire.truth import Truth
@@ -31,14 +32,14 @@ _LATELY = 256
 
 
 class SimulatorLink:
-    """One vehicle. rotors: how many commands it takes from the front of `controls`. sticks: a pilot's radio is on.
+    """One vehicle. rotors: how many commands it takes from the front of `controls`. sticks: a pilot's radio is on; may change.
 
     motors: its newest commands, 0..1 [-], one a rotor, all 0 while disarmed. owed: samples not answered yet, once in step.
     """
 
     def __init__(self, rotors: int, *, sticks: bool = False) -> None:
         self._voice = hil.Voice(1, 200)
-        self._rotors, self._has_sticks = rotors, sticks
+        self._rotors, self.sticks = rotors, sticks
         self.counts: Counter[str] = Counter()
         self.reset()
 
@@ -63,7 +64,7 @@ class SimulatorLink:
             self.owed += 1
         inertial = (x for key in ("accel_b", "gyro_b", "mag_b") for x in sensors[key][row].tolist())
         data = self._voice.sensor(self._sent_us, (*inertial, pressure_hpa(height), 0.0, height, _CELSIUS), fields)
-        if self._has_sticks and self._samples % _STICKS_EVERY == 0:
+        if self.sticks and self._samples % _STICKS_EVERY == 0:
             data += self._voice.sticks(round(now * 1e3), _STICKS_US)
         return data
 
@@ -112,8 +113,7 @@ class SimulatorLink:
 
 def _global(p_n: Array, origin: tuple[float, float, float]) -> tuple[int, int, float]:
     lat0, lon0, alt0 = origin
-    lat = lat0 + math.degrees(p_n[0] / 6_371_000.0)
-    lon = lon0 + math.degrees(p_n[1] / (6_371_000.0 * math.cos(math.radians(lat0))))
+    lat, lon = globe_from_local(lat0, lon0, p_n[0], p_n[1])
     return round(lat * 1e7), round(lon * 1e7), float(alt0 - p_n[2])
 
 

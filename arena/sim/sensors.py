@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.geometry import globe_from_local
 from arena.sim.fleet import Fleet
 
 Array = NDArray[np.float64]
 
 # Mid-northern latitudes: field 0.48 gauss, dipping 64 degrees, declination taken as nought.
 _FIELD_GAUSS, _DIP_RAD = 0.48, math.radians(64.0)
-_EARTH_M = 6_371_000.0
 _BLOCK = 256
 # A receiver's position wanders: its error is a Gauss-Markov process. Source: the simulators that PX4 is flown in take 60 s.
 _GPS_WANDERS_S, _GPS_RATE_HZ = 60.0, 10.0
@@ -129,10 +129,10 @@ class Sensors:
         self._gps_error = drawn[:, :3] if before is None else keep * before + np.sqrt(1.0 - keep**2) * drawn[:, :3]
         noise = np.concatenate([self._gps_error, drawn[:, 3:]], axis=1) * self._gps_sigma
         position, velocity = self._true_north(p_n) + noise[:, :3], self._true_north(v_n) + noise[:, 3:]
-        lat = math.radians(self._origin.lat_deg)
+        lat, lon = globe_from_local(self._origin.lat_deg, self._origin.lon_deg, position[:, 0], position[:, 1])
         return {
-            "lat_deg": self._origin.lat_deg + np.degrees(position[:, 0] / _EARTH_M),
-            "lon_deg": self._origin.lon_deg + np.degrees(position[:, 1] / (_EARTH_M * math.cos(lat))),
+            "lat_deg": lat,
+            "lon_deg": lon,
             "alt_m": self._origin.alt_m - position[:, 2],
             "v_true_n": velocity,
         }

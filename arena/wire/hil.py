@@ -18,10 +18,7 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from fastcrc import crc16
-
-from arena.wire.mavframe import Buffer, Frame
-from arena.wire.mavtargets import CRC_EXTRA
+from arena.wire.mavframe import SEEDS, Buffer, Frame, frame
 
 HIL_ACTUATOR_CONTROLS, HIL_SENSOR, HIL_STATE_QUATERNION, HIL_GPS, RC_CHANNELS = 93, 107, 115, 113, 65
 LOCKSTEP, ARMED = 1, 128
@@ -29,8 +26,6 @@ LOCKSTEP, ARMED = 1, 128
 _SENSOR, _STATE, _CONTROLS = struct.Struct("<Q13fIB"), struct.Struct("<Q4f3f3i3h2H3h"), struct.Struct("<QQ16fB")
 _GPS, _RC = struct.Struct("<Q3i3H3hH2B"), struct.Struct("<I18H2B")
 _UNKNOWN_COURSE, _FIX_3D, _UNUSED_CHANNEL, _RSSI = 65535, 3, 65535, 100
-_HEAD = struct.Struct("<BBBBBBBHB")
-_crc = crc16.mcrf4xx
 
 
 class Controls(NamedTuple):
@@ -54,7 +49,7 @@ class Voice:
     """Frames as one system and component, numbered."""
 
     def __init__(self, system: int, component: int) -> None:
-        self._system, self._component, self._number = system, component, 0
+        self.srcSystem, self.srcComponent, self.seq = system, component, 0
 
     def sensor(self, time_usec: int, readings: Sequence[float], fields: int) -> bytes:
         """HIL_SENSOR. readings: accel [m/s2], gyro [rad/s], mag [gauss], each FRD (3,), then pressure [hPa], its difference,
@@ -90,16 +85,13 @@ class Voice:
         return self._frame(RC_CHANNELS, _RC.pack(time_ms, *pulses, len(channels), _RSSI))
 
     def _frame(self, number: int, payload: bytes) -> bytes:
-        payload = payload.rstrip(b"\0") or b"\0"  # MAVLink 2 leaves zeros at the end away
-        head = _HEAD.pack(0xFD, len(payload), 0, 0, self._number, self._system, self._component, number, 0)
-        self._number = (self._number + 1) & 0xFF
-        body = head + payload
-        crc = _crc(body[1:] + bytes((CRC_EXTRA[number],)))
-        return body + crc.to_bytes(2, "little")
+        made = frame(number, payload, self, SEEDS[number])
+        self.seq = (self.seq + 1) & 0xFF
+        return made
 
 
-def controls(data: Buffer, frame: Frame) -> Controls:
+def controls(data: Buffer, found: Frame) -> Controls:
     """The HIL_ACTUATOR_CONTROLS that stands in `data`, as `mavframe` has cut it."""
-    payload = bytes(data[frame.payload : frame.payload + frame.size]).ljust(_CONTROLS.size, b"\0")
+    payload = bytes(data[found.payload : found.payload + found.size]).ljust(_CONTROLS.size, b"\0")
     time_usec, flags, *outputs, mode = _CONTROLS.unpack_from(payload)
     return Controls(time_usec, tuple(outputs), mode, flags)
