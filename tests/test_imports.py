@@ -10,10 +10,11 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "arena"
 
-GROUND = {"errors", "geometry", "wire", "clock", "room", "rundirs", "thrust", "atmosphere"}
+GROUND = {"errors", "faults", "geometry", "wire", "clock", "room", "rundirs", "thrust", "atmosphere"}
 MAY: dict[str, set[str]] = {
     "errors": set(),
     "thrust": {"errors"},
+    "faults": {"errors"},
     "geometry": {"errors"},
     "clock": {"errors"},
     "room": {"errors"},

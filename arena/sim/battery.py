@@ -57,14 +57,25 @@ class Battery:
         )
         self._used_per_a = step_s / (3.6 * of["capacity_mah"])
         self.remaining: Array = of["remaining"]
+        self._step_s = step_s
+        self._pace: dict[int, float] = {}
         self._per_volt = fleet.per_volt
         self.step(np.zeros((fleet.size, 1)))
 
     def step(self, spin: Array) -> None:
         """spin: what the rotors do, 0..1 (V, R), held for one step."""
         self.current = self._idle + self._per_square * np.add.reduce(spin * spin, 1)
-        self.remaining = np.maximum(self.remaining - self.current * self._used_per_a, 0.0)
+        used = self.current * self._used_per_a
+        for vehicle, share in self._pace.items():
+            used[vehicle] = share
+        self.remaining = np.maximum(self.remaining - used, 0.0)
         self.voltage = self._empty + self._span * self.remaining - self._resistance * self.current
+
+    def drain(self, vehicle: int, empty_in_s: float | None) -> None:
+        """From now on it falls at the pace full to empty in so long, whatever the motors draw. None: as they draw."""
+        self._pace.pop(vehicle, None)
+        if empty_in_s is not None:
+            self._pace[vehicle] = self._step_s / empty_in_s
 
     @property
     def supply(self) -> Array:

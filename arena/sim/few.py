@@ -27,11 +27,15 @@ class _Quad:
     def __init__(self, fleet: Fleet, rotors: Rotors, i: int) -> None:
         self.rise, self.fall = float(rotors.rise[i, 0]), float(rotors.fall[i, 0])
         self.table, self.slope = fleet.thrust[i].tolist(), rotors.slope[i].tolist()
-        self.wrench = [tuple(column) for column in fleet.wrench[i].T.tolist()]
+        self.fit(rotors, i)
         self.drag, self.loss = tuple(fleet.drag[i].tolist()), float(fleet.speed_loss[i])
         self.body, self.per_weight = tuple(fleet.body_drag[i].tolist()), float(fleet.per_weight[i])
         self.ground: list[float] = fleet.ground[i * (CELLS + 1) : (i + 1) * (CELLS + 1)].tolist()
         self.scale, self.reach = float(fleet.ground_scale[i]), float(fleet.ground_reach[i])
+
+    def fit(self, rotors: Rotors, i: int) -> None:
+        """What its rotors give has changed."""
+        self.wrench = [tuple(column) for column in rotors.wrench[i].T.tolist()]
 
     def push(self, spin: list[float], motors: list[float], air_b: Triple, height: float) -> tuple[Triple, Triple]:
         """Turns the rotors on by one physics step. -> force [N] and torque [N m] [FRD]."""
@@ -65,6 +69,10 @@ class Few:
     def __init__(self, fleet: Fleet, bodies: Bodies, rotors: Rotors, *, step_s: float) -> None:
         self._bodies, self._rotors, self._h = bodies, rotors, step_s
         self._quads = [_Quad(fleet, rotors, i) for i in range(fleet.size)]
+
+    def fit(self, vehicle: int) -> None:
+        """A rotor of it has been weakened."""
+        self._quads[vehicle].fit(self._rotors, vehicle)
 
     def move(self, motors: Array, wind_n: Array, substeps: int) -> Array:
         """motors: commands 0..1 (V, R); wind_n [m/s] (3,). -> mean specific force [m/s2] [FRD] (V, 3)."""

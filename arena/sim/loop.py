@@ -21,10 +21,12 @@ import numpy as np
 
 from arena.clock import ClockServer
 from arena.errors import InputError, RunError
+from arena.faults import Faults
 from arena.room import Afterlife, Room
 from arena.sim.links import Links
 from arena.sim.pacing import Pacer, own_core, speed_of
 from arena.sim.pilots import MakePilots, Outside
+from arena.sim.spoil import spoil
 from arena.sim.world import World
 from arena.wire.truth import Truth, TruthWriter
 
@@ -52,6 +54,7 @@ class Loop:
         self._links = Links(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
         self._truth_path = Path(settings["truth"])
         self._truth, self._clock = self._pages(settings["clock"])
+        self._faults = self._listen(settings.get("faults"))
         self._afterlife = Afterlife()
         self._struck_off = 0
 
@@ -68,6 +71,7 @@ class Loop:
 
     def close(self) -> None:
         """Tell the last figures and leave nothing behind: no socket, no page."""
+        self._faults.close()
         self._clock.close()
         self._links.close()
         if (close := getattr(self._pilots, "close", None)) is not None:
@@ -88,6 +92,14 @@ class Loop:
             for page in (self._truth_path, Path(f"{clock}.page"), Path(f"{clock}.sock")):
                 page.unlink(missing_ok=True)
             raise RunError(f"cannot serve truth at {self._truth_path} and time at {clock}: {error}") from error
+
+    def _listen(self, path: str | None) -> Faults:
+        try:
+            return Faults(path)
+        except RunError:
+            self._clock.close()
+            self._truth_path.unlink(missing_ok=True)
+            raise
 
     def _serve(self) -> None:
         now = time.monotonic()
@@ -113,6 +125,7 @@ class Loop:
         world, pilots = self._world, self._pilots
         self._links.drain(pilots.receive)
         if self._outside is None:
+            self._take_faults()
             world.step(pilots.step(world.now, world.sense()))
             self._publish(world.truth())
         else:
@@ -124,9 +137,15 @@ class Loop:
             self._outside.begin(world.now, sensors)
             world.watch()
             self._until_asleep()
+            self._take_faults()
             self._publish(truth)
             world.move(self._outside.finish())
         self._links.send(pilots.transmit())
+
+    def _take_faults(self) -> None:
+        """Once a step, when everybody who is awake has had his say and before anything moves."""
+        for text in self._faults.obey(lambda fault: spoil(self._world, self._pilots, fault)):
+            self._room.event(text)
 
     def _publish(self, truth: Truth) -> None:
         """Truth first: who is woken may read it."""

@@ -28,6 +28,7 @@ LEAST_SHARE = 0.1  # as in the thrust curve: no speed takes more than this away
 class Rotors:
     """spin: what the rotors do, as the command that would hold it at nominal voltage, 0..1 [-] (V, R).
 
+    wrench: the fleet's, but for rotors that have been weakened (V, 4, R).
     supply: voltage now per nominal, where the profile lets it matter, else 1 [-] (V, 1); the world keeps it.
     rise, fall: share of the gap to the command that a step closes (V, 1). slope: thrust per cell of the curve's grid
     [N] (V, GRID + 1).
@@ -36,6 +37,7 @@ class Rotors:
     def __init__(self, fleet: Fleet, *, step_s: float) -> None:
         self._fleet = fleet
         self.spin: Array = np.zeros((fleet.size, fleet.rotors))
+        self.wrench: Array = fleet.wrench.copy()
         self.supply: Array = np.ones((fleet.size, 1))
         self.sags = bool(fleet.per_volt.any())
         self.rise = 1.0 - np.exp(-step_s / np.maximum(fleet.tau_up, 1e-6))
@@ -49,6 +51,10 @@ class Rotors:
         self._blunt = bool(fleet.body_drag.any())
         self._reach = float(fleet.ground_reach.max())
 
+    def weaken(self, vehicle: int, rotor: int, share: float) -> None:
+        """A broken propeller: the rotor (0..) turns as it is told and gives that share of its thrust and torque."""
+        self.wrench[vehicle, :, rotor] = share * self._fleet.wrench[vehicle, :, rotor]
+
     def step(self, motors: Array, air_b: Array, height: Array) -> tuple[Array, Array]:
         """One physics step. motors: commands 0..1 (V, R). air_b: velocity through the air [m/s] [FRD] (V, 3).
         height of the body origins above the floor [m] (V,).
@@ -57,7 +63,7 @@ class Rotors:
         """
         gap = (np.minimum(motors * self.supply, 1.0) if self.sags else motors) - self.spin
         self.spin = self.spin + gap * np.where(gap > 0.0, self.rise, self.fall)
-        wrench = (self._fleet.wrench @ self._thrust(air_b, height)[:, :, None])[:, :, 0]
+        wrench = (self.wrench @ self._thrust(air_b, height)[:, :, None])[:, :, 0]
         lift = wrench[:, 3]
         force = air_b * self._drag
         force *= np.sqrt(lift * self._fleet.per_weight)[:, None]  # both are negative: up

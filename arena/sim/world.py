@@ -8,7 +8,7 @@ world.truth(), world.sense()       what is, and what the vehicles would measure
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -105,6 +105,24 @@ class World:
         bodies.push(*self._rotors.step(motors, _b_from_n(r_nb, v_n - self.wind_n), -bodies.p_n[:, 2]))
         bodies.step()
         return _b_from_n(r_nb, (bodies.v_n - v_n) / self._h - _G_N)
+
+    # -- spoiled on purpose ----------------------------------------------------------------------------------------------
+
+    def weaken(self, vehicle: int, rotor: int, share: float) -> None:
+        """Of a rotor's thrust (0..) that share is left, 0..1 [-]; it turns on as it is told."""
+        self._rotors.weaken(vehicle, rotor, share)
+        if self._few is not None:
+            self._few.fit(vehicle)
+
+    def drain(self, vehicle: int, empty_in_s: float | None) -> None:
+        """The battery falls at the pace full to empty in so long; None: as the motors draw."""
+        self._battery.drain(vehicle, empty_in_s)
+
+    def blow(self, wind_n: Sequence[float]) -> None:
+        """The wind from now on [m/s] [NED] (3,)."""
+        self.wind_n = np.array(wind_n, float)
+
+    # -- what is to be known ---------------------------------------------------------------------------------------------
 
     def truth(self) -> Truth:
         bodies, motors = self.bodies, self._rotors.spin

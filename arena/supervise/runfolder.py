@@ -22,7 +22,7 @@ from arena.rundirs import ONLY, runtime_bases
 from arena.supervise import proc
 
 _SOCKET_PATH_BYTES = 107
-_LONGEST_SOCKET = "/control.sock"
+_LONGEST_SOCKET = "/router.faults"
 
 
 
@@ -55,6 +55,11 @@ class RunState:
     def live(self) -> bool:
         """Its supervisor is running."""
         return self.boot == proc.boot_id() and self.supervisor.alive
+
+    @property
+    def stopped(self) -> bool:
+        """Its supervisor is there, and a signal keeps it from running: it hears nobody."""
+        return self.live and proc.is_stopped(self.supervisor.pid)
 
     def survivors(self) -> dict[str, list[int]]:
         """Process name -> the pids of its group that still run and are really the ones recorded."""

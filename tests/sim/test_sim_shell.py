@@ -18,6 +18,7 @@ import pytest
 from sim_slices import slice_of, vehicle
 
 from arena.clock import SimClock
+from arena.faults import inject
 from arena.wire.truth import TruthReader
 
 HOST = "127.55.3.1"
@@ -165,6 +166,32 @@ def test_a_client_that_hangs_in_lockstep_is_struck_off_by_name():
         assert "hung program has not slept" in run.told("event")
         assert clock.sleep_until(held + 0.5) > held
         clock.close()
+
+
+@pytest.mark.parametrize("outside", [False, True])
+def test_a_fault_is_in_force_at_the_next_step_of_a_lockstep_world_and_is_told(outside, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with running(speed="max", stub_outside=outside, stub_command=0.7, faults=str(tmp_path / "world.faults")) as run:
+        run.told("ready")
+        clock, truth = SimClock(run.folder / "clock", "a test"), TruthReader(run.folder / "truth")
+        now = clock.sleep_until(clock.now() + 0.1)  # from here on nothing moves while this test is awake
+        before = truth.newest()
+        for rotor in (1, 2, 3, 4):
+            inject("world.faults", {"do": "motor", "vehicle": "uav1", "rotor": rotor, "thrust": 0.0})
+        inject("world.faults", {"do": "motor", "vehicle": "uav9", "rotor": 1, "thrust": 0.0})
+        assert clock.now() == now
+        clock.sleep_until(now + 0.0079)
+        climb, fell = before.v_n[0, 2], truth.at(now + 0.004).v_n[0, 2]
+        assert before.accel_b[0, 2] < -12.0, "it climbs"
+        assert fell - climb == pytest.approx(9.81 * 0.004, rel=0.05), "all of the next step it falls freely"
+        told = [run.told("event") for _ in range(5)]
+        assert told[0] == "fault: rotor 1 of uav1 gives 0 % of its thrust"
+        assert told[4].startswith("fault refused: ") and told[4].endswith('vehicle: got "uav9", expected one of uav1')
+        clock.sleep_until(now + 0.1)
+        clock.close()
+        run.child.terminate()
+        assert run.child.wait(DEADLINE_S) == 0
+        assert not (tmp_path / "world.faults").exists()
 
 
 def test_without_its_supervisor_it_ends_once_all_are_disarmed():

@@ -1,0 +1,139 @@
+"""The socket of faults, and the reading of one."""
+
+from __future__ import annotations
+
+import json
+import socket
+import stat
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from arena import faults
+from arena.errors import InputError, RunError
+from arena.faults import Faults, inject
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A short path, as sockets need."""
+    monkeypatch.chdir(tmp_path)
+    return Path("world.faults")
+
+
+@pytest.fixture
+def listening(place):
+    found = Faults(place)
+    yield found
+    found.close()
+
+
+def raw(place, data: bytes) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+        sender.sendto(data, str(place))
+
+
+def test_faults_are_taken_once_and_in_order(listening, place):
+    assert listening.take() == []
+    for k in range(3):
+        inject(place, {"do": "wind", "wind_m_s": [k, 0, 0]})
+    assert [f["wind_m_s"][0] for f in listening.take()] == [0, 1, 2]
+    assert listening.take() == []
+
+
+def test_the_socket_is_its_owners_alone_and_gone_at_the_end(listening, place):
+    assert stat.S_IMODE(place.stat().st_mode) == 0o600
+    listening.close()
+    assert not place.exists()
+    assert listening.take() == [] and listening.fileno() == -1
+    listening.close()
+
+
+def test_a_restarted_room_binds_anew_where_a_killed_one_was(place):
+    killed = Faults(place)
+    again = Faults(place)
+    inject(place, {"do": "wind"})
+    assert killed.take() == [] and again.take() == [{"do": "wind"}]
+    again.close()
+
+
+def test_without_a_path_nobody_listens():
+    nobody = Faults(None)
+    assert nobody.take() == [] and nobody.fileno() == -1
+    nobody.close()
+
+
+def test_a_path_too_long_for_a_socket_is_one_sentence(tmp_path):
+    with pytest.raises(RunError, match=r"cannot take faults at .*too long"):
+        Faults(tmp_path / ("x" * 120))
+
+
+def test_nobody_there_is_an_error_and_so_is_one_who_never_looks(listening, place):
+    with pytest.raises(RunError, match="nobody takes faults there"):
+        inject("nowhere.faults", {"do": "wind"})
+    with pytest.raises(RunError, match="nobody takes faults there"):
+        for _ in range(10_000):
+            inject(place, {"do": "wind"})
+    while listening.take():
+        pass
+    inject(place, {"do": "wind"})
+
+
+def test_what_is_no_fault_is_refused_with_an_event_and_ends_nothing(listening, place):
+    def spoil(fault):
+        return f"did {faults.word(fault, 'do', ('this',))}"
+
+    for data in (b"", b"\xff\xfe", b"[1]", b"[" * 4000, b"{}", b'{"do": "this"', b"x" * 9000):
+        raw(place, data)
+        assert listening.obey(spoil) == ["fault refused: no JSON object, or an empty one"], data[:20]
+    raw(place, json.dumps({"do": "that" * 100}).encode())
+    (told,) = listening.obey(spoil)
+    assert told.startswith('fault refused: {"do": "thatthat') and told.endswith("expected one of this") and len(told) < 250
+    inject(place, {"do": "this"})
+    assert listening.obey(spoil) == ["fault: did this"]
+
+
+NOT_NUMBERS = [None, "1", True, [1], float("nan"), float("inf"), -0.1, 1.1, 10**400]
+
+
+@pytest.mark.parametrize("wrong", NOT_NUMBERS, ids=str)
+def test_a_number_is_a_finite_one_within_its_limits(wrong):
+    assert faults.number({"x": 1}, "x", 0.0, 1.0) == 1.0
+    with pytest.raises(InputError, match=r"x: got .*, expected a number from 0 to 1"):
+        faults.number({"x": wrong}, "x", 0.0, 1.0)
+    with pytest.raises(InputError, match="x: got"):
+        faults.vector({"x": [0, wrong, 0]}, "x", 1.0) if wrong != -0.1 else faults.vector({"x": [0, 0]}, "x", 1.0)
+    with pytest.raises(InputError, match="x: got"):
+        faults.whole({"x": wrong}, "x", 0, 1)
+
+
+@pytest.mark.parametrize("wrong", [None, "a", ["a"], ["a", "a"], ["a", "c"], ["a", ["b"]], ["a", "b", "b"], {"a": "b"}], ids=str)
+def test_two_words_are_two_different_known_ones(wrong):
+    assert faults.words({"x": ["b", "a"]}, "x", ("a", "b"), 2) == ("b", "a")
+    with pytest.raises(InputError, match=r"x: got .*, expected 2 different ones of a, b"):
+        faults.words({"x": wrong}, "x", ("a", "b"), 2)
+
+
+@pytest.mark.parametrize("wrong", [None, 0, 1, "true", []], ids=str)
+def test_on_is_true_or_false(wrong):
+    assert faults.flag({"on": True}, "on") is True and faults.flag({"on": False}, "on") is False
+    with pytest.raises(InputError, match="on: got"):
+        faults.flag({"on": wrong}, "on")
+
+
+SCALAR = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
+
+
+@given(SCALAR | st.lists(SCALAR | st.lists(SCALAR), max_size=4))
+def test_any_value_is_read_or_refused(value):
+    fault, ab = {"x": value}, ("a", "b")
+    for read in (
+        lambda: faults.word(fault, "x", ab), lambda: faults.words(fault, "x", ab, 2), lambda: faults.flag(fault, "x"),
+        lambda: faults.number(fault, "x", -9, 9), lambda: faults.whole(fault, "x", -9, 9), lambda: faults.vector(fault, "x", 9),
+    ):  # fmt: skip
+        try:
+            read()
+        except InputError as error:
+            assert str(error).startswith("x: got ")
