@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.geometry import (
     euler_from_quat,
     frd_from_flu,
+    globe_from_local,
+    local_from_globe,
     matrix_from_quat,
     ned_from_world,
     q_nb_from_q_wf,
@@ -131,3 +134,13 @@ def test_a_zero_or_broken_quaternion_is_refused():
         except ValueError:
             continue
         raise AssertionError(f"{q} was taken for a rotation")
+
+
+@given(lat0=st.floats(-80, 80), lon0=st.floats(-180, 180), n=st.floats(-500, 500), e=st.floats(-500, 500))
+def test_a_place_on_the_globe_and_back_is_where_it_was(lat0: float, lon0: float, n: float, e: float) -> None:
+    assert local_from_globe(lat0, lon0, *globe_from_local(lat0, lon0, n, e)) == pytest.approx((n, e), abs=1e-6)
+
+
+def test_a_degree_north_is_111_km_and_east_shrinks_with_the_latitude() -> None:
+    north, east = local_from_globe(60.0, 179.5, 61.0, -179.5)  # across the date line
+    assert north == pytest.approx(111_195, abs=1) and east == pytest.approx(111_195 / 2, abs=1)
