@@ -24,6 +24,7 @@ _DOUBLE = struct.Struct("=d")
 _CREDENTIALS = struct.Struct("=3i")  # pid, uid, gid
 _PAGE_BYTES = 64
 _HUNG_AFTER_S = 1.0
+_ENDED = "the world that serves the simulation clock has ended"
 
 
 class Clock(Protocol):
@@ -85,13 +86,31 @@ class SimClock:
         return self._page[0]
 
     def sleep_until(self, t: float) -> float:
+        self.ask(t)
+        while (now := self.told(None)) is None:
+            pass
+        return now
+
+    def ask(self, t: float) -> None:
+        """The first half of `sleep_until`: time may go on, and `told` says when it is t [s]."""
         try:
             self._socket.send(_DOUBLE.pack(t))
-            told = self._socket.recv(_DOUBLE.size)
         except OSError as error:
-            raise RunError("the world that serves the simulation clock has ended") from error
+            raise RunError(_ENDED) from error
+
+    def told(self, patience_s: float | None) -> float | None:
+        """The second half: the time [s] when what was asked for has come; None when it has not
+        within patience_s [s] of wall time."""
+        if patience_s != self._socket.gettimeout():
+            self._socket.settimeout(patience_s)
+        try:
+            told = self._socket.recv(_DOUBLE.size)
+        except TimeoutError:
+            return None
+        except OSError as error:
+            raise RunError(_ENDED) from error
         if len(told) != _DOUBLE.size:
-            raise RunError("the world that serves the simulation clock has ended")
+            raise RunError(_ENDED)
         return float(_DOUBLE.unpack(told)[0])
 
     def rate(self, hz: float) -> Rate:

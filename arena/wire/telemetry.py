@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,8 +159,10 @@ class Ack:
 class Telemetry:
     """The newest of each group, None before the first. Feed it with `hear`; each value is replaced as a whole."""
 
-    def __init__(self, system_id: int) -> None:
+    def __init__(self, system_id: int, only: Collection[int] | None = None) -> None:
+        """only: the messages that are wanted, all that it knows when None."""
         self._system = system_id
+        self._handlers = {number: handler for number, handler in _HEARD.items() if only is None or number in only}
         self._codec = mavlink.MAVLink(None)
         self.heard: float | None = None
         self.local: Local | None = None
@@ -187,7 +189,7 @@ class Telemetry:
         found = cut(datagram)
         self.refused += found.bad_crc
         for frame in found.frames:
-            handler = _HEARD.get(frame.msgid)
+            handler = self._handlers.get(frame.msgid)
             if handler is None or frame.sysid != self._system or frame.compid != _AUTOPILOT:
                 continue
             try:
