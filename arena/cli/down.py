@@ -1,4 +1,4 @@
-"""`arena down`: land, then stop a running arena; or sweep what a dead supervisor left."""
+"""`arena down`: land, then stop a running arena; or sweep what a dead supervisor left, or a stopped one does not look after."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from arena.errors import EXIT_FAILED, EXIT_OK, RunError
 from arena.supervise import Control, RunState, sweep
 
 _LONGEST_S = 600.0
+_STOPPED_S = 3.0
 
 
 def register(app: typer.Typer) -> None:
@@ -24,18 +25,37 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Land the vehicles, then stop the arena. Exits as the run does."""
         state = find(run, stale=True)
-        if not state.live:
-            sweep(state, print)
-            print(f"nothing is left of {state.run}")
-            return
-        raise SystemExit(_down(state, now))
+        if state.live and not _stays_stopped(state):
+            code = _down(state, now)
+            if code is not None:
+                raise SystemExit(code)
+        if state.live:
+            print(f"the supervisor {state.supervisor.pid} is stopped and hears nobody: the arena ends without it", flush=True)
+        sweep(state, print)
+        print(f"nothing is left of {state.run}")
 
 
-def _down(state: RunState, now: bool) -> int:
+def _stays_stopped(state: RunState) -> bool:
+    """A signal has stopped the supervisor, and nobody lets it go on within some seconds."""
+    deadline = time.monotonic() + _STOPPED_S
+    while (stopped := state.stopped) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return stopped
+
+
+def _down(state: RunState, now: bool) -> int | None:
+    """The exit code of the run; None when its supervisor was stopped meanwhile."""
     control = connect(state)
-    control.ask(do="subscribe")
-    control.ask(do="down", now=now)
-    _tell(control, time.monotonic() + _LONGEST_S)
+    try:
+        control.ask(do="subscribe")
+        control.ask(do="down", now=now)
+    except RunError:
+        if _stays_stopped(state):
+            return None
+        raise
+    _tell(control, state, time.monotonic() + _LONGEST_S)
+    if _stays_stopped(state):
+        return None
     while state.live:
         if not _wait_for_end(state):
             raise RunError(f"the supervisor {state.supervisor.pid} closed its line but still runs: see {state.run}")
@@ -43,13 +63,15 @@ def _down(state: RunState, now: bool) -> int:
     return _verdict(Path(state.run))
 
 
-def _tell(control: Control, deadline: float) -> None:
-    """Print what the supervisor says until it has ended."""
+def _tell(control: Control, state: RunState, deadline: float) -> None:
+    """Print what the supervisor says until it has ended, or is stopped."""
     while time.monotonic() < deadline:
         try:
-            packet = control.listen(deadline - time.monotonic())
+            packet = control.listen(1.0)
         except TimeoutError:
-            return
+            if _stays_stopped(state):
+                return
+            continue
         if packet is None:
             return
         if "say" in packet:

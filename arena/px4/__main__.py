@@ -30,6 +30,7 @@ UP = b"Startup script returned successfully"
 _PR_SET_PDEATHSIG = 1
 _STOP_S = 2.0
 _SLOW_S = 20.0  # not up for so long: say so
+_STOPPED_S = 5.0  # by a signal for so long: its vehicle has long fallen, and it would believe for ever that it flies
 _libc = ctypes.CDLL(None)
 
 
@@ -75,7 +76,7 @@ def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock | None)
     os.set_blocking(process.stdout.fileno(), False)
     selector = selectors.DefaultSelector()
     selector.register(process.stdout, selectors.EVENT_READ)
-    tail, up, slow_at = b"", False, time.monotonic() + _SLOW_S
+    tail, up, slow_at, ran_at = b"", False, time.monotonic() + _SLOW_S, time.monotonic()
     while not room.stopping:
         for _ in selector.select(0.2):
             said = process.stdout.read()
@@ -89,7 +90,13 @@ def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock | None)
                 room.ready()
         code = process.poll()
         if code is not None and not room.stopping:
-            return _tell_end(room, code, None if up else last_words(tail))
+            return _tell_end(room, end_of(code), None if up else last_words(tail))
+        if not is_stopped(process.pid):
+            ran_at = time.monotonic()
+        elif time.monotonic() - ran_at > _STOPPED_S:
+            process.kill()
+            process.wait()
+            return _tell_end(room, f"stopped by a signal for {_STOPPED_S:g} s, then killed", None if up else last_words(tail))
         if world is not None and world.ended():
             return 0
         if not up and time.monotonic() > slow_at:
@@ -98,9 +105,19 @@ def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock | None)
     return 0
 
 
-def _tell_end(room: Room, code: int, before_up: str | None) -> int:
+def is_stopped(pid: int) -> bool:
+    """A signal keeps this child from running. It is not one when a debugger holds it."""
+    with contextlib.suppress(ChildProcessError):  # it has just ended
+        return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    return False
+
+
+def end_of(code: int) -> str:
+    return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
+
+
+def _tell_end(room: Room, why: str, before_up: str | None) -> int:
     """before_up: its last words, when it was never up."""
-    why = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
     if before_up is None:
         _tell(room, f"PX4 has ended by itself ({why}); nothing flies this vehicle any more")
     else:

@@ -156,7 +156,8 @@ class Fleet:
     def _tell_stopped(self, spec: ProcessSpec, before: Life, life: Life, now: float) -> None:
         child = self.children.get(spec.name)
         if child is not None and life.stopped_at is not None:
-            what = "it is left alone" if spec.stopped_for_s is None else f"it is killed if it stays so for {spec.stopped_for_s:g} s"
+            limit_s = spec.stopped_for_s
+            what = "it is left alone" if limit_s is None else f"it is killed if it stays so for {limit_s:g} s"
             self.journal.event(now, spec.name, f"stopped by {child.stopped}; {what}, and `kill -CONT {child.pid}` lets it go on")
         elif child is not None and before.stopped_at is not None:
             self.journal.event(now, spec.name, f"goes on after {now - before.stopped_at:.1f} s")

@@ -90,8 +90,8 @@ class Life:
     """Where a process is in its life. Times are monotonic [s].
 
     since: of this state.  reason: why it came here.  starts: those within the restart window.  unproven: starts in a row
-    that never became READY.  next_at: when BACKOFF is over, or when a STOPPING process is killed.  stopped_at: since when a signal
-    has stopped it, None when it runs.
+    that never became READY.  next_at: when BACKOFF is over, or when a STOPPING process is killed.
+    stopped_at: since when a signal has stopped it, None when it runs.
     """
 
     state: State = State.STOPPED

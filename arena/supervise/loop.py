@@ -142,6 +142,8 @@ class Supervisor:
             self._fleet.changed = True
             if number in _CAUSES:
                 self._ask_end(_CAUSES[signal.Signals(number)], hurry=number == signal.SIGINT)
+            elif number == signal.SIGTSTP:
+                self._say("Ctrl-Z does not stop an arena: nobody would look after what flies. Ctrl-C lands it")
         if self._fleet.changed or now >= self._next_turn:
             self._decide(now)
         if now >= self._next_sample:

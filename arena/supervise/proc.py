@@ -67,6 +67,12 @@ def is_zombie(pid: int) -> bool:
     return bool(fields) and fields[0] in (b"Z", b"X")
 
 
+def is_stopped(pid: int) -> bool:
+    """A signal, or a debugger, keeps it from running."""
+    fields = _stat(pid)
+    return bool(fields) and fields[0] in (b"T", b"t")
+
+
 def is_same(pid: int, start_s: float) -> bool:
     """Is this the very process that was recorded, and is it still running?"""
     found = start_time(pid)

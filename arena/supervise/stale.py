@@ -1,7 +1,8 @@
-"""Runs whose supervisor has gone: land what may fly, then end what is left, by recorded identity and never by name."""
+"""Runs whose supervisor is gone or stopped: land what may fly, then end what is left, by recorded identity and never by name."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -32,16 +33,21 @@ def sweep_all(say: Say, address: str) -> None:
 
 
 def sweep(state: RunState, say: Say) -> None:
-    """One stale run: land, end, remove its runtime folder. say: told what is found and done."""
+    """One stale run: land, end, remove its runtime folder. say: told what is found and done.
+
+    A supervisor that is stopped would wake up to a run that is none: it is killed, once the landing is over.
+    """
     plan = runfolder.plan_of(state)
     if left := state.survivors():
-        say(f"the supervisor of {state.run} has died; still running: {', '.join(left)}")
+        say(f"the supervisor of {state.run} {'is stopped' if state.stopped else 'has died'}; still running: {', '.join(left)}")
         landed = _land(state, plan, left, say)
         if not landed and plan is not None and any(not v.simulated for v in plan.vehicles):
             raise RunError(
                 f"{state.run}: a real vehicle is not confirmed on the ground, so what serves it goes on running. "
                 f"Land it by hand, or try `arena land-all`, then `arena down --run {state.run}` again"
             )
+    _end_supervisor(state)
+    if left:
         _end(state, plan, say)
     _forget(state)
 
@@ -70,6 +76,15 @@ def _may_fly(plan: Plan | None, left: set[str]) -> bool:
         return True
     world = any(spec.kind == "world" and spec.name in left for spec in plan.processes)
     return any(world or not vehicle.simulated for vehicle in plan.vehicles)
+
+
+def _end_supervisor(state: RunState) -> None:
+    """Programs and tools go with it."""
+    deadline = time.monotonic() + _GRACE_S
+    while state.live and time.monotonic() < deadline:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.kill(state.supervisor.pid, signal.SIGKILL)
+        time.sleep(0.02)
 
 
 def _end(state: RunState, plan: Plan | None, say: Say) -> None:

@@ -78,7 +78,7 @@ def test_px4_and_the_built_in_autopilot_fly_side_by_side_in_one_arena(hangar: Ha
 
 
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
-def test_one_killed_and_one_stopped_for_3_s_are_told_apart_and_the_others_fly_on(hangar: Hangar, px4: list[str]) -> None:
+def test_one_killed_and_one_stopped_for_a_second_are_told_apart_and_the_others_fly_on(hangar: Hangar, px4: list[str]) -> None:
     flight = hangar.fly(
         {"uav1": "hovers", "uav2": "hovers", "uav3": "tours"}, "--until-done", "--time-limit", "60", *px4,
         *flown_by_px4("uav1", "uav2"),
@@ -89,7 +89,7 @@ def test_one_killed_and_one_stopped_for_3_s_are_told_apart_and_the_others_fly_on
     killed.kill()
     stopped.suspend()
     try:
-        eventually(lambda: flight.truth().time_s > began + 3.0, 30, "the world steps on", flight.said)
+        eventually(lambda: flight.truth().time_s > began + 1.0, 30, "the world steps on", flight.said)
         assert "uav2: PX4 answers again" not in flight.said()
     finally:
         stopped.resume()

@@ -168,6 +168,17 @@ def test_one_that_is_stopped_is_late_and_not_gone_and_goes_on_when_continued(sta
     assert any("answers again" in text for text in world.said) and not [t for t in started.hear() if "event" in t]
 
 
+def test_one_that_stays_stopped_has_ended(tmp_path: Path, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(room, "_STOPPED_S", 0.1)
+    given = SimpleNamespace(settings=settings, stopping=False, event=told.append, stats=told.append)
+    with subprocess.Popen(["sleep", "60"], stdout=subprocess.PIPE) as process:
+        process.send_signal(signal.SIGSTOP)
+        assert room._watch(given, process, None) == 1
+        assert process.poll() == -signal.SIGKILL
+    assert "(stopped by a signal for 0.1 s, then killed)" in told[0] and "stopped by a signal" in told[1]["ended"]
+
+
 def test_the_killed_room_takes_its_px4_along(started: Started, world: World) -> None:
     until_ready(started, world)
     child = started.standin()
