@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from arena.schema import Arena
-from arena.smoke.grammar import Allowance, Rule, Step
-from arena.smoke.words import Box, Place
+from arena.smoke.words import Allowance, Box, Place, Rule, Step
 
 
 @dataclass(frozen=True, kw_only=True)
