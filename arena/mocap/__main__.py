@@ -11,7 +11,9 @@ from typing import Any
 
 from arena.clock import SimClock
 from arena.errors import RunError
+from arena.faults import Faults
 from arena.mocap.emulator import Emulator
+from arena.mocap.spoil import spoil
 from arena.room import Room, run_room
 from arena.wire.truth import TruthReader
 
@@ -29,36 +31,51 @@ class _Shell:
         self.room, self.core = room, Emulator(s)
         self.clock, self.truth = SimClock(s["clock"], room.name), TruthReader(s["truth"])
         self.command, self.out = _command_socket(s), _stream_socket(s)
+        self.faults = Faults(s.get("faults"))
         self.ready, self.late, self.skipped, self.not_sent = False, 0, 0, 0
         self.began = self.told = time.monotonic()
 
     def serve(self) -> None:
         """Until told to stop, or until the world ends."""
+        try:
+            self._serve()
+        finally:
+            self.faults.close()
+
+    def _serve(self) -> None:
         core, clock = self.core, self.clock
         number = math.ceil((clock.now() + core.latency_s) * core.rate_hz)
         while not self.room.stopping:
-            leaves = core.exposure(number) + core.latency_s
+            due = core.due(number)
             try:
-                now = clock.sleep_until(leaves)
+                now = clock.sleep_until(due)
             except RunError:
                 return  # the world has ended, and with it what there was to see
-            self.late += now - leaves > max(1.0 / core.rate_hz, _LATE_S)
+            self.late += now - due > max(1.0 / core.rate_hz, _LATE_S)
+            for text in self.faults.obey(lambda fault: spoil(core, fault)):
+                self.room.event(text)
             wall = time.monotonic()
-            self._send(number, wall)
+            if core.exposure(number) + core.latency_s <= due:
+                number = self._take(number, now)
+            for packet in core.leaving(now):
+                self._send(packet, wall)
             self._answer(wall)
             if wall - self.told >= 1.0:
                 self._report(wall)
-            # A frame or two late are caught up with at once; more are gone, as the cameras' would be.
-            due = math.ceil((now - core.latency_s) * core.rate_hz) - 2
-            self.skipped += max(0, due - number - 1)
-            number = max(number + 1, due)
 
-    def _send(self, number: int, wall: float) -> None:
+    def _take(self, number: int, now: float) -> int:
+        """Returns the frame after it."""
         sample = self.truth.at(self.core.exposure(number))
         if sample is None:
             self.skipped += 1
-            return
-        packet = self.core.frame(number, sample, self.clock.now())
+        else:
+            self.core.take(number, sample)
+        # A frame or two late are caught up with at once; more are gone, as the cameras' would be.
+        due = math.ceil((now - self.core.latency_s) * self.core.rate_hz) - 2
+        self.skipped += max(0, due - number - 1)
+        return max(number + 1, due)
+
+    def _send(self, packet: bytes, wall: float) -> None:
         failed = 0
         for address in self.core.destinations(wall):
             try:

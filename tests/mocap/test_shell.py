@@ -17,6 +17,7 @@ from natnet import NatNetClient
 
 from arena.capture import open_capture
 from arena.clock import ClockServer
+from arena.faults import inject
 from arena.geometry import quat_from_euler
 from arena.room import LIFELINE
 from arena.wire.truth import Truth, TruthWriter
@@ -78,6 +79,7 @@ def emulator(tmp_path, address: str, **changes):
     theirs.close()
     try:
         assert [json.loads(ours.recv(4096)) for _ in range(2)] == [{"entered": True}, {"ready": True}]
+        settings["line"] = ours
         yield settings
     finally:
         process.terminate()
@@ -165,3 +167,34 @@ def test_our_receiver_gets_180_frames_a_second_in_ned(tmp_path, version, transpo
     assert np.allclose(poses["uav1"].p_n, World.P_N[0], atol=0.003)
     assert np.allclose(poses["uav1"].q_nb, World.Q_NB[0], atol=0.005)
     assert np.allclose(poses["aero2"].p_n, World.P_N[1], atol=0.003)
+
+
+def test_faults_are_taken_by_the_process_told_and_its_socket_is_gone_at_the_end(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    address, path = "127.61.1.1", str(tmp_path / "mocap.faults")
+    with emulator(tmp_path, address, group="239.253.61.1", faults=path) as s:
+        capture = open_capture({
+            "kind": "natnet", "server": address, "local": address, "group": s["group"], "transport": "multicast",
+            "command_port": s["command_port"], "data_port": s["data_port"], "bodies": ["uav1"],
+        })  # fmt: skip
+
+        def see(what):
+            end = time.monotonic() + 60
+            while not any(what(p) for f in capture.poll(time.monotonic()) for p in f.poses):
+                assert time.monotonic() < end, capture.counts
+                threading.Event().wait(0.005)
+
+        see(lambda pose: np.allclose(pose.p_n, World.P_N[0], atol=0.003))
+        inject("mocap.faults", {"do": "jump", "body": "uav1", "by_m": [0.5, -1, 0.25]})
+        see(lambda pose: np.allclose(pose.p_n, World.P_N[0] + [0.5, -1, 0.25], atol=0.003))
+        inject("mocap.faults", {"do": "delay", "ms": 300})
+        inject("mocap.faults", {"do": "jump", "body": "uav2", "by_m": [0.5, -1, 0.25]})
+        told = []
+        while len(told) < 3:
+            packet = json.loads(s["line"].recv(4096))
+            told += [packet["event"]] if "event" in packet else []
+        see(lambda pose: True)
+        capture.close()
+    assert told[:2] == ["fault: uav1 is seen 0.5 -1 0.25 m off", "fault: frames leave 300 ms later"]
+    assert told[2].startswith("fault refused: ") and told[2].endswith('body: got "uav2", expected one of uav1, aero2')
+    assert not (tmp_path / "mocap.faults").exists()
