@@ -7,6 +7,7 @@ Exit codes: 0 all good; 1 a program, vehicle, process or the landing failed; 2 t
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import json
 import os
 import sys
@@ -49,6 +50,9 @@ def register(app: typer.Typer) -> None:
         runs: Annotated[
             Path | None, typer.Option("--runs", metavar="DIR", help="where run folders go; else `runs` beside the YAML")
         ] = None,
+        no_report: Annotated[
+            bool, typer.Option("--no-report", help="make no summary and no plots; python -m arena.record.report RUN does, later")
+        ] = False,
     ) -> None:
         """Start an arena and watch it until it is done or told to stop. Ctrl-C lands the vehicles first."""
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
@@ -56,6 +60,7 @@ def register(app: typer.Typer) -> None:
         overrides += [f"sim.speed={speed}"] if speed is not None else []
         plan = _plan(file, overrides)
         ask_consent(plan, yes=yes)
+        plan = dataclasses.replace(plan, report=None) if no_report else plan
         beside = file if file.is_dir() else file.parent
         folder = create(plan, runs if runs is not None else beside / "runs")
         options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True)

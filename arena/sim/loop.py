@@ -185,6 +185,7 @@ class Loop:
         """Pass events on; True when the supervisor has died and no vehicle needs this world any more."""
         for text in (*self._world.events(), *self._pilots.events(), *self._strikes()):
             self._room.event(text)
+            print(text, flush=True)  # the log is there when the supervisor is not
         return self._afterlife.over(orphaned=self._room.orphaned, any_armed=bool(np.any(self._pilots.armed)), now=now)
 
     def _complain(self, pacer: Pacer) -> None:
