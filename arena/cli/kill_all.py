@@ -1,4 +1,4 @@
-"""`arena kill-all --yes`: stops the motors, flying or not."""
+"""`arena kill-all --yes`: stops the motors, flying or not. Read as `arena land-all` is."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from arena.safety.land_all import kill_all
+from arena.safety.land_all import KILL_TIMEOUT_S, kill_all, names
 
 
 def register(app: typer.Typer) -> None:
@@ -15,8 +15,11 @@ def register(app: typer.Typer) -> None:
     def kill_all_(
         arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, where no run is active")] = None,  # noqa: UP045
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
+        only: Annotated[str, typer.Option(help="Vehicles to stop, as a,b; all by default.")] = "",
+        spared: Annotated[str, typer.Option("--except", help="Vehicles to leave alone, as a,b.")] = "",
         yes: Annotated[bool, typer.Option("--yes", help="Needed: what flies will fall.")] = False,
-        timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = 10.0,
+        timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = KILL_TIMEOUT_S,
     ) -> None:
         """Stop every motor at once, also in the air. To land, use land-all."""
-        raise typer.Exit(kill_all(arena=arena, run=run, yes=yes, timeout_s=timeout))
+        code = kill_all(arena=arena, run=run, only=names(only), spared=names(spared), yes=yes, timeout_s=timeout)
+        raise typer.Exit(code)

@@ -1,4 +1,4 @@
-"""`arena land-all`: the panic path."""
+"""`arena land-all`: the panic path. Here is its help; `arena.cli` hands the command line straight to `arena.safety`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from arena.safety.land_all import TIMEOUT_S, land_all, names
+from arena.safety.land_all import LAND_TIMEOUT_S, land_all, names
 
 
 def register(app: typer.Typer) -> None:
@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
         only: Annotated[str, typer.Option(help="Vehicles to land, as a,b; all by default.")] = "",
         spared: Annotated[str, typer.Option("--except", help="Vehicles to leave alone, as a,b.")] = "",
-        timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = TIMEOUT_S,
+        timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = LAND_TIMEOUT_S,
     ) -> None:
         """Land every vehicle, until each is on the ground and disarmed. Needs no supervisor and no router."""
         code = land_all(arena=arena, run=run, only=names(only), spared=names(spared), timeout_s=timeout)

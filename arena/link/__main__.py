@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import select
 import socket
 import sys
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from arena.errors import ArenaError, RunError
 from arena.link.core import SIMULATOR, Link, Out
@@ -46,6 +48,7 @@ class Shell:
         self._next_tick = self._next_second = now
         self._flow: Counter[str] = Counter()
         self._ready = self._over = self._typed = False
+        self._placed: dict[str, Any] = {}
         self._write_params()
 
     def run(self) -> None:
@@ -94,7 +97,7 @@ class Shell:
                 return
             except OSError:  # the network's answer to something sent before
                 continue
-            if sender == remote:
+            if sender == remote or (name == "panic" and sender[0] == remote[0]):  # a second land-all, as PX4 would hear it
                 self._send(self._core.from_partner(name, data, time.monotonic()))
             else:
                 self._core.counts[f"from {name}: stranger"] += 1
@@ -119,6 +122,7 @@ class Shell:
         if self._world is not None:
             self._world.tick(self._core.alive(now), now)
         self._tell()
+        self._keep_place()
         if not self._typed and self._core.params.complete:
             self._write_params()
         orphaned = self._room.orphaned
@@ -150,6 +154,20 @@ class Shell:
             "partner": self._wire.partner(), "armed": self._core.armed(now), "may_not_arm": self._core.reasons(now),
             "dropped": dict(self._core.counts),
         })  # fmt: skip
+
+    def _keep_place(self) -> None:
+        """For land-all, should this process end or hang: written whole, and only when it changes."""
+        place = self._wire.place()
+        if not self._s.wire_file or place == self._placed:
+            return
+        self._placed, path = place, Path(self._s.wire_file)
+        half = path.with_name(path.name + ".new")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            half.write_text(json.dumps(place))
+            half.replace(path)
+        except OSError as error:
+            self._say(f"{self._s.vehicle}: cannot write {path}: {error.strerror}")
 
     def _write_params(self) -> None:
         """At the start, and again with the vehicle's own types once they are known: a ground station minds them."""

@@ -57,7 +57,10 @@ class Preflight:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """simulator: the world's TCP address, for a controller in the loop.  params: what it must hold before arming."""
+    """simulator: the world's TCP address, for a controller in the loop.  params: what it must hold before arming.
+
+    wire_file: where the vehicle's last address is kept for land-all; "" for nowhere.
+    """
 
     vehicle: str
     id: int
@@ -68,6 +71,7 @@ class Settings:
     params: Mapping[str, float]
     params_file: str
     simulated: bool
+    wire_file: str = ""
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Settings:
@@ -84,6 +88,7 @@ class Settings:
                 params={str(k): _finite(f"params.{k}", v) for k, v in raw["params"].items()},
                 params_file=str(raw["params_file"]),
                 simulated=bool(raw["simulated"]),
+                wire_file=str(raw.get("wire_file", "")),
             )  # fmt: skip
         except (KeyError, TypeError) as error:
             what = f"{type(error).__name__} {error}"

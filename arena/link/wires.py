@@ -50,6 +50,9 @@ class Wire(Protocol):
 
     def partner(self) -> str: ...
 
+    def place(self) -> dict[str, Any]:
+        """Where the vehicle is to be found by who must speak to it without us, as JSON."""
+
     def close(self) -> None: ...
 
 
@@ -63,7 +66,7 @@ class UdpWire:
 
     def __init__(self, wire: WireSettings, core: Link) -> None:
         self.events: list[str] = []
-        self._fixed = wire.address if wire.kind == "udpout" else None
+        self._kind, self._fixed = wire.kind, wire.address if wire.kind == "udpout" else None
         self._core = core
         self._learned = Partner()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -111,6 +114,11 @@ class UdpWire:
     def partner(self) -> str:
         to = self._fixed or self._learned.address
         return f"{to[0]}:{to[1]}" if to else ""
+
+    def place(self) -> dict[str, Any]:
+        to = self._fixed or self._learned.address
+        local = list(self._socket.getsockname())
+        return {"kind": self._kind, "local": local if local[1] else None, "vehicle": list(to) if to else None}
 
     def close(self) -> None:
         self._socket.close()
@@ -182,6 +190,9 @@ class SerialWire:
 
     def partner(self) -> str:
         return self._device if self._port is not None else ""
+
+    def place(self) -> dict[str, Any]:
+        return {"kind": "serial", "device": self._device, "baud": self._wire.baud}
 
     def close(self) -> None:
         if self._port is not None:

@@ -134,6 +134,7 @@ def link(arena: Arena, v: Vehicle) -> Json:
             "height_m": v.profile.height_m / 2.0 if v.simulated else 0.0,
         },
         "params": hitl_params(v) if v.simulated else dict(v.params), "params_file": f"{{run}}/params/{v.name}.params",
+        "wire_file": f"{{run}}/wire/{v.name}.json",
         "simulated": v.simulated,
     }  # fmt: skip
 

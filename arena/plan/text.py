@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from arena.schema import Arena, Vehicle
@@ -11,7 +12,7 @@ from arena.schema.models import Tool
 
 def arena_yaml(arena: Arena) -> str:
     """The resolved arena as a YAML that loads to the same plan, with nothing left to a default."""
-    return f"# resolved from {arena.file}\n" + dump_yaml(
+    return f"# resolved from {Path(arena.folder) / Path(arena.file).name}\n" + dump_yaml(
         {
             "name": arena.name,
             "address": arena.address,
@@ -20,6 +21,7 @@ def arena_yaml(arena: Arena) -> str:
             "mocap": _plain({**arena.mocap.model_dump(exclude_none=True), "group": _group(arena)}),
             "preflight": _plain(arena.preflight.model_dump()),
             **({"px4": {"home": arena.px4.home}} if arena.px4 else {}),
+            **({"geofence": arena.geofence.slice()} if arena.geofence else {}),
             "tools": {name: _tool(tool) for name, tool in arena.tools.items()},
             "vehicles": {v.name: _vehicle(v) for v in arena.vehicles},
         }

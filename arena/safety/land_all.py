@@ -1,40 +1,47 @@
-"""`python -m arena.safety.land_all`, and the body of `arena land-all`: every vehicle on the ground and disarmed."""
+"""`python -m arena.safety.land_all`, and the body of `arena land-all` and `arena kill-all`."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from arena.errors import EXIT_OK, ArenaError, InputError
 from arena.safety.panic import bring_down
-from arena.safety.targets import choose, find
+from arena.safety.targets import Found, Target, choose, find
 
-TIMEOUT_S = 60.0
+LAND_TIMEOUT_S, KILL_TIMEOUT_S = 60.0, 10.0
 
 
 def land_all(
     *, arena: Path | None = None, run: Path | None = None, only: Sequence[str] = (), spared: Sequence[str] = (),
-    timeout_s: float = TIMEOUT_S,
+    timeout_s: float = LAND_TIMEOUT_S,
 ) -> int:
     """Land everybody found, say a line for each; returns the exit code. Raises InputError when nobody is found."""
-    found = find(arena=arena, run=run)
-    targets = choose(found.targets, only, spared)
+    found, targets = _chosen(arena, run, only, spared)
     if not targets:
-        print("no vehicle is left to land")
+        _say("no vehicle is left to land")
         return EXIT_OK
-    print(f"landing {', '.join(t.name for t in targets)} ({found.source})", flush=True)
+    _say(f"landing {', '.join(t.name for t in targets)} ({found.source})")
     return bring_down(targets, action="land", timeout_s=timeout_s, say=_say)
 
 
-def kill_all(*, arena: Path | None = None, run: Path | None = None, yes: bool = False, timeout_s: float = 10.0) -> int:
+def kill_all(
+    *, arena: Path | None = None, run: Path | None = None, only: Sequence[str] = (), spared: Sequence[str] = (),
+    yes: bool = False, timeout_s: float = KILL_TIMEOUT_S,
+) -> int:
     """Stop every motor, flying or not. Raises InputError without `yes`."""
     if not yes:
         raise InputError("kill-all stops every motor, also in the air: vehicles fall. To mean it, give --yes; to land, land-all")
-    found = find(arena=arena, run=run)
-    print(f"STOPPING THE MOTORS of {', '.join(t.name for t in found.targets)} ({found.source})", flush=True)
-    return bring_down(found.targets, action="kill", timeout_s=timeout_s, say=_say)
+    found, targets = _chosen(arena, run, only, spared)
+    if not targets:
+        _say("no vehicle is left to stop")
+        return EXIT_OK
+    _say(f"STOPPING THE MOTORS of {', '.join(t.name for t in targets)} ({found.source})")
+    return bring_down(targets, action="kill", timeout_s=timeout_s, say=_say)
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -42,20 +49,45 @@ def names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
+def command(verb: str, arguments: Sequence[str], prog: str = "arena") -> int:
+    """One of the two command lines, without the packages of other verbs. Raises ArenaError, and SystemExit as argparse does."""
+    parser = argparse.ArgumentParser(prog=f"{prog} {verb}".strip(), allow_abbrev=False)
+    parser.add_argument("arena", nargs="?", type=Path, help="arena.yaml; only its addresses are read, where no run is active")
+    parser.add_argument("--run", type=Path, metavar="DIR", help="the run folder")
+    parser.add_argument("--only", type=names, default=(), metavar="A,B")
+    parser.add_argument("--except", dest="spared", type=names, default=(), metavar="A,B")
+    parser.add_argument("--timeout", type=float, default=KILL_TIMEOUT_S if verb == "kill-all" else LAND_TIMEOUT_S, metavar="S")
+    if verb == "kill-all":
+        parser.add_argument("--yes", action="store_true", help="needed: what flies will fall")
+    a = parser.parse_args(arguments)
+    whom = {"arena": a.arena, "run": a.run, "only": a.only, "spared": a.spared, "timeout_s": a.timeout}
+    with _outliving_the_terminal():
+        return kill_all(**whom, yes=a.yes) if verb == "kill-all" else land_all(**whom)
+
+
+def _chosen(arena: Path | None, run: Path | None, only: Sequence[str], spared: Sequence[str]) -> tuple[Found, tuple[Target, ...]]:
+    found = find(arena=arena, run=run)
+    return found, choose(found.targets, only, spared)
+
+
 def _say(line: str) -> None:
-    print(line, flush=True)
+    with contextlib.suppress(OSError, ValueError):  # nobody reads any more: the landing goes on
+        print(line, flush=True)
+
+
+@contextlib.contextmanager
+def _outliving_the_terminal() -> Iterator[None]:
+    """A dropped ssh does not end a landing; Ctrl-C does."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m arena.safety.land_all", description="Land every vehicle.")
-    parser.add_argument("arena", nargs="?", type=Path, help="arena.yaml; only its addresses are read")
-    parser.add_argument("--run", type=Path, help="the run folder")
-    parser.add_argument("--only", type=names, default=(), metavar="A,B")
-    parser.add_argument("--except", dest="spared", type=names, default=(), metavar="A,B")
-    parser.add_argument("--timeout", type=float, default=TIMEOUT_S, metavar="S")
-    a = parser.parse_args(argv)
     try:
-        return land_all(arena=a.arena, run=a.run, only=a.only, spared=a.spared, timeout_s=a.timeout)
+        return command("", sys.argv[1:] if argv is None else argv, prog="python -m arena.safety.land_all")
     except ArenaError as error:
         print(f"land-all: {error}", file=sys.stderr)
         return error.exit_code

@@ -3,30 +3,50 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Any
 
-import yaml
+from arena.safety.wire import Wire, from_url
 
 _MOST_DEPTH = 4
 
 
+@dataclass(frozen=True, kw_only=True)
+class Named:
+    """A vehicle of the file. wire: of a real one, by its `url`."""
+
+    name: str
+    id: int
+    wire: Wire | None = None
+
+
 def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
     """The document; where it is broken, each block that can be read by itself, and None for one that cannot."""
+    import yaml  # not where a run's plan is read
+
     try:
         return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except (yaml.YAMLError, ValueError, RecursionError):
         return _blocks(text, depth) if depth else None
 
 
-def vehicles_of(document: Any) -> tuple[str, list[tuple[str, int]]]:
-    """(the arena's address, [(vehicle, id)]): ids as written, the others the lowest free in order."""
+def vehicles_of(document: Any) -> tuple[str, list[Named]]:
+    """(the arena's address, its vehicles): ids as written, the others the lowest free in order."""
     root = document if isinstance(document, dict) else {}
     vehicles = root.get("vehicles")
     vehicles = vehicles if isinstance(vehicles, dict) else {}
     given = {str(name): _id(keys) for name, keys in vehicles.items()}
     free = iter(i for i in range(1, 1000) if i not in given.values())
-    address = root.get("address")
-    return _address(address), [(name, number or next(free)) for name, number in given.items()]
+    wires = {str(name): _wire(root, keys) for name, keys in vehicles.items()}
+    named = [Named(name=name, id=number or next(free), wire=wires[name]) for name, number in given.items()]
+    return _address(root.get("address")), named
+
+
+def _wire(root: dict[str, Any], keys: Any) -> Wire | None:
+    """By its own keys, else by the defaults'."""
+    defaults = root.get("defaults")
+    own = {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
+    return from_url(own.get("url"), own.get("baud")) if own.get("autopilot", "hardware") == "hardware" else None
 
 
 def _id(keys: Any) -> int | None:
@@ -67,8 +87,10 @@ def _value(rest: str, inner: list[str], depth: int) -> Any:
 
 
 def _flow(rest: str) -> Any:
-    """A value on one line. A broken flow mapping still gives its id and address."""
+    """A value on one line. A broken flow mapping still gives its id and url."""
     value = read_yaml(rest, 0)
-    if value is None and (number := re.search(r"\bid:\s*(\d+)", rest)):
-        return {"id": int(number[1])}
-    return value
+    if value is not None:
+        return value
+    number, url = re.search(r"\bid:\s*(\d+)", rest), re.search(r"""\burl:\s*["']?([^\s"',}]+)""", rest)
+    found = {**({"id": int(number[1])} if number else {}), **({"url": url[1]} if url else {})}
+    return found or None

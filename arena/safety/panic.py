@@ -1,17 +1,22 @@
-"""The panic path's sockets: every vehicle at once, on its panic link and through its router, until all are confirmed."""
+"""The panic path's sockets: every vehicle at once, on its panic link and through its router, until all are confirmed; a real one
+also straight on its wire, when nothing is heard of it.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import resource
 import select
 import socket
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from arena.safety.landing import Action, Landing
 from arena.safety.record import told_down
+from arena.safety.straight import Straight
 from arena.safety.targets import Target
 
 _TURN_S = 0.05
@@ -20,6 +25,9 @@ _AT_A_TIME = 64  # datagrams of one socket in one turn
 # A simulated vehicle that its run has written down as crashed, or as without its PX4, is tried for so long: it may fly on after a
 # touch, and lands in that time; silent, it will not speak.
 _TRY_DOWN_S, _TRY_SILENT_S, _LOOK_S = 15.0, 3.0, 1.0
+_REBIND_S = 0.5
+
+Say = Callable[[str], None]
 
 
 def own_component() -> int:
@@ -28,21 +36,44 @@ def own_component() -> int:
 
 
 class Link:
-    """One vehicle, its state machine and the two sockets towards it."""
+    """One vehicle, its state machine and the ways to it."""
 
-    def __init__(self, target: Target, landing: Landing) -> None:
+    def __init__(self, target: Target, landing: Landing, say: Say, now: float) -> None:
         self.target, self.landing = target, landing
         self.down = ""
-        self.panic = _open(target.partner)
-        self.router = _open(None)
+        self.router = _open()
+        self.panic = _bound(target.partner)
+        self._began, self._next_bind = now, now + _REBIND_S
+        self._straight = Straight(
+            target.wire, name=target.name, system=target.id, door=target.autopilot, say=say,
+        ) if target.wire is not None else None  # fmt: skip
 
     def send(self, now: float) -> None:
-        for frame in self.landing.due(now):
-            for sock, dest in ((self.panic, self.target.autopilot), (self.router, self.target.tools)):
+        frames = self.landing.due(now)
+        for frame in frames:
+            for sock, dest in ((self.panic or self.router, self.target.autopilot), (self.router, self.target.tools)):
                 with contextlib.suppress(OSError):  # a network that is away now may be back at the next try
                     sock.sendto(frame, dest)
+        if self._straight is not None:
+            heard = self.landing.known.heard_at
+            if not self.landing.confirmed:
+                self._straight.step(now - (self._began if heard is None else heard), now)
+            for frame in frames:
+                self._straight.send(frame)
+        if self.panic is None and now >= self._next_bind:
+            self._next_bind = now + _REBIND_S
+            self.panic = _bound(self.target.partner)
 
-    def read(self, sock: socket.socket) -> None:
+    def ears(self) -> dict[int, Callable[[], None]]:
+        """File descriptor -> what reads it."""
+        found: dict[int, Callable[[], None]] = {
+            sock.fileno(): partial(self._read, sock) for sock in (self.router, self.panic) if sock is not None
+        }
+        if self._straight is not None:
+            found |= {fd: partial(self._read_straight, fd) for fd in self._straight.files()}
+        return found
+
+    def _read(self, sock: socket.socket) -> None:
         for _ in range(_AT_A_TIME):
             try:
                 data, sender = sock.recvfrom(_DATAGRAM_BYTES)
@@ -50,6 +81,11 @@ class Link:
                 return
             if sender in (self.target.autopilot, self.target.tools):
                 self.landing.hear(data, time.monotonic())
+
+    def _read_straight(self, fd: int) -> None:
+        assert self._straight is not None
+        for data in self._straight.read(fd):
+            self.landing.hear(data, time.monotonic())
 
     def over(self, began: float, now: float) -> bool:
         """Confirmed; or the run tells why it will not be, and it was tried long enough."""
@@ -61,18 +97,20 @@ class Link:
         return self.landing.line(now) + told
 
     def close(self) -> None:
-        self.panic.close()
-        self.router.close()
+        for held in (self.panic, self.router, self._straight):
+            if held is not None:
+                held.close()
 
 
 def bring_down(
-    targets: Sequence[Target], *, action: Action, timeout_s: float, say: Callable[[str], None] = print
+    targets: Sequence[Target], *, action: Action, timeout_s: float, say: Say = print
 ) -> int:
     """Command all vehicles until each is confirmed or the time is over; says a line for each. Returns the exit code."""
+    _allow_files()
     began = time.monotonic()
     component = own_component()
     links = [
-        Link(t, Landing(name=t.name, system=t.id, component=component, action=action, now=began)) for t in targets
+        Link(t, Landing(name=t.name, system=t.id, component=component, action=action, now=began), say, began) for t in targets
     ]
     code = EXIT_OK
     try:
@@ -85,13 +123,7 @@ def bring_down(
     return code or (EXIT_OK if all(link.landing.confirmed for link in links) else EXIT_FAILED)
 
 
-def _work(links: list[Link], began: float, end: float, say: Callable[[str], None]) -> None:
-    poll = select.poll()
-    owners: dict[int, tuple[Link, socket.socket]] = {}
-    for link in links:
-        for sock in (link.panic, link.router):
-            owners[sock.fileno()] = link, sock
-            poll.register(sock, select.POLLIN)
+def _work(links: list[Link], began: float, end: float, say: Say) -> None:
     refusals: dict[str, str] = {}
     next_look = began + _LOOK_S
     while (now := time.monotonic()) < end:
@@ -103,9 +135,17 @@ def _work(links: list[Link], began: float, end: float, say: Callable[[str], None
             _say_refusal(link.landing, refusals, say)
         if all(link.over(began, now) for link in links):
             return
-        for fd, _ in poll.poll(_TURN_S * 1e3):
-            owner, sock = owners[fd]
-            owner.read(sock)
+        _listen(links)
+
+
+def _listen(links: list[Link]) -> None:
+    """For one turn, or until somebody speaks."""
+    poll = select.poll()
+    readers = {fd: read for link in links for fd, read in link.ears().items()}
+    for fd in readers:
+        poll.register(fd, select.POLLIN)
+    for fd, _ in poll.poll(_TURN_S * 1e3):
+        readers[fd]()
 
 
 def _look_into_records(links: list[Link]) -> None:
@@ -117,17 +157,34 @@ def _look_into_records(links: list[Link]) -> None:
                 link.down = down.get(link.target.name, "")
 
 
-def _say_refusal(landing: Landing, said: dict[str, str], say: Callable[[str], None]) -> None:
+def _say_refusal(landing: Landing, said: dict[str, str], say: Say) -> None:
     if landing.refusal and said.get(landing.name) != landing.refusal:
         said[landing.name] = landing.refusal
         say(f"{landing.name}: {landing.refusal}; trying on")
 
 
-def _open(address: tuple[str, int] | None) -> socket.socket:
-    """address: the panic link's own end. If another holds it we still send: PX4 obeys every sender, but answers that one."""
+def _bound(address: tuple[str, int]) -> socket.socket | None:
+    """The panic link's own end, or None while another land-all holds it: PX4 obeys every sender, but answers that one.
+
+    Until it has ended we send from elsewhere, and hear through the router.
+    """
+    sock = _open()
+    try:
+        sock.bind(address)
+    except OSError:
+        sock.close()
+        return None
+    return sock
+
+
+def _open() -> socket.socket:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.setblocking(False)
-    if address is not None:
-        with contextlib.suppress(OSError):
-            sock.bind(address)
     return sock
+
+
+def _allow_files() -> None:
+    """Three sockets a vehicle: two hundred are more than some shells allow."""
+    with contextlib.suppress(OSError, ValueError):
+        _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

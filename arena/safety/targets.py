@@ -11,7 +11,8 @@ from typing import Any
 
 from arena.errors import InputError
 from arena.rundirs import runtime_bases
-from arena.safety.lenient import read_yaml, vehicles_of
+from arena.safety.lenient import Named, read_yaml, vehicles_of
+from arena.safety.wire import Wire, as_last_seen, from_slice
 
 Address = tuple[str, int]
 _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
@@ -21,7 +22,7 @@ _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
 class Target:
     """One vehicle. autopilot, partner: the two ends of its panic link.  tools: where its router listens.
 
-    run: the folder of a simulated one's run, whose record tells of a crash.
+    run: the folder of a simulated one's run, whose record tells of a crash.  wire: of a real one.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Target:
     partner: Address
     tools: Address
     run: Path | None = field(default=None, compare=False)
+    wire: Wire | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,17 +43,22 @@ class Found:
 
 
 def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
-    """--run, else the active runs (of the same address when a YAML is given), else the YAML. Raises InputError."""
+    """--run, else the active runs, else the YAML. Raises InputError.
+
+    Of a YAML that is given, the runs that were started from it, whatever it says by now; else one on its address.
+    """
     if run is not None:
         return _of_run(run)
     runs = active_runs()
     if arena is None:
-        plans = [_of_run(folder) for folder in runs]
-        if plans:
-            return Found(source=", ".join(p.source for p in plans), targets=_distinct(t for p in plans for t in p.targets))
+        if found := _of_runs(runs):
+            return found
         arena = Path("arena.yaml")
         if not arena.is_file():
             raise InputError("nothing to land: no run is active, and there is no arena.yaml here. Name one: arena land-all FILE")
+    arena = arena / "arena.yaml" if arena.is_dir() else arena
+    if found := _of_runs([folder for folder in runs if _began_from(folder) == str(arena.resolve())]):
+        return found
     written = from_yaml(arena)
     hosts = {target.tools[0] for target in written.targets}
     for folder in reversed(runs):
@@ -60,6 +67,26 @@ def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
             if hosts & {target.tools[0] for target in running.targets}:
                 return running
     return written
+
+
+def _of_runs(folders: Iterable[Path]) -> Found | None:
+    """Everybody in them; one that cannot be read keeps nobody from landing."""
+    plans = []
+    for folder in folders:
+        with contextlib.suppress(InputError):
+            plans.append(_of_run(folder))
+    if not plans:
+        return None
+    return Found(source=", ".join(p.source for p in plans), targets=_distinct(t for p in plans for t in p.targets))
+
+
+def _began_from(folder: Path) -> str:
+    """The YAML that a run was started from: the first line of its resolved one tells."""
+    try:
+        with (folder / "arena.yaml").open(errors="replace") as file:
+            return str(Path(file.readline().partition("# resolved from ")[2].strip()).resolve())
+    except OSError:
+        return ""
 
 
 def choose(targets: Sequence[Target], only: Sequence[str] = (), spared: Sequence[str] = ()) -> tuple[Target, ...]:
@@ -85,6 +112,7 @@ def active_runs() -> list[Path]:
 
 def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
     """The vehicles of a plan.json, which lies in this run. Raises ValueError, KeyError or TypeError when it is none."""
+    plan = json.loads(text)
     return tuple(
         Target(
             name=str(v["name"]), id=int(v["id"]),
@@ -92,9 +120,18 @@ def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
             partner=(v["panic"]["partner_host"], int(v["panic"]["partner_port"])),
             tools=(v["router"]["partner_host"], int(v["tools_port"])),
             run=run if v["simulated"] is True else None,
+            wire=None if v["simulated"] is True else _planned_wire(plan, str(v["name"]), run),
         )
-        for v in json.loads(text)["vehicles"]
-    )
+        for v in plan["vehicles"]
+    )  # fmt: skip
+
+
+def _planned_wire(plan: Any, vehicle: str, run: Path | None) -> Wire | None:
+    try:
+        wire = from_slice(plan["slices"][f"link.{vehicle}.json"]["wire"])
+    except (KeyError, TypeError, ValueError):
+        return None
+    return as_last_seen(wire, vehicle, run) if run is not None else wire
 
 
 def from_yaml(path: Path) -> Found:
@@ -106,13 +143,13 @@ def from_yaml(path: Path) -> Found:
     host, vehicles = vehicles_of(read_yaml(text))
     if not vehicles:
         raise InputError(f"{path}: no vehicle can be found in it. Expected `vehicles:` with one name a line")
-    return Found(source=str(path), targets=tuple(_by_rule(name, number, host) for name, number in vehicles))
+    return Found(source=str(path), targets=tuple(_by_rule(one, host) for one in vehicles))
 
 
-def _by_rule(name: str, number: int, host: str) -> Target:
-    base = _LINK_BASE + 10 * number
+def _by_rule(one: Named, host: str) -> Target:
+    base = _LINK_BASE + 10 * one.id
     autopilot, partner, tools = ((host, base + k) for k in (_PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS))
-    return Target(name=name, id=number, autopilot=autopilot, partner=partner, tools=tools)
+    return Target(name=one.name, id=one.id, autopilot=autopilot, partner=partner, tools=tools, wire=one.wire)
 
 
 def _of_run(folder: Path) -> Found:

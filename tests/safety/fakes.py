@@ -88,7 +88,8 @@ class Fake:
 class Fleet:
     """Fakes on sockets, in one thread.
 
-    paths: "panic", "tools" (as its router would) and "router" (the link of a real router).  loss: of datagrams, each way.
+    paths: "panic", "tools" (as its router would), "router" (the link of a real router), "wire" (a real vehicle's own).
+    loss: of datagrams, each way.
     """
 
     def __init__(self, fakes, host, paths=("panic", "tools"), loss=0.0):
@@ -103,6 +104,7 @@ class Fleet:
                 link = host, 24000 + 10 * t.id
                 own, partner = {
                     "panic": (t.autopilot, t.partner), "tools": (t.tools, None), "router": (link, (host, link[1] + 1)),
+                    "wire": ((host, 25000 + t.id), (host, 14540 + t.id)),
                 }[path]
                 s.bind(own)
                 self.ways.append((s, t.id, partner))

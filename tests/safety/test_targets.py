@@ -14,9 +14,16 @@ from arena.errors import InputError
 from arena.plan.model import Link, Plan, VehiclePlan
 from arena.safety.lenient import read_yaml, vehicles_of
 from arena.safety.targets import active_runs, choose, find, from_plan, from_yaml
+from arena.safety.wire import BAUD, Owner, Wire
 from arena.schema.ports import vehicle_ports
+from arena.schema.resolve import DEFAULT_BAUD
 
 HOST = "127.54.20.1"
+
+
+def named(text):
+    address, vehicles = vehicles_of(read_yaml(text))
+    return address, [(v.name, v.id) for v in vehicles]
 
 
 def link(k, at, host=HOST):
@@ -96,6 +103,71 @@ def test_a_yaml_takes_the_running_plan_of_its_address_and_no_other(runtime, tmp_
     assert find(arena=other).targets == (target(1, "127.54.20.9", "x"),)
 
 
+def test_the_running_plan_wins_over_the_yaml_as_it_is_by_now(runtime, tmp_path):
+    """Started from it, then edited: another address, another vehicle, and broken."""
+    file = tmp_path / "lab.yaml"
+    for number, edited in enumerate(("address: 127.54.20.9\nvehicles: {x: {id: 9}}\n", "", "vehicles: [")):
+        folder = runtime(f"a{number}", plan((3,)))
+        (folder / "arena.yaml").write_text(f"# resolved from {file}\naddress: {HOST}\nvehicles: {{uav3: {{id: 3}}}}\n")
+        file.write_text(edited)
+        assert find(arena=file).targets == (target(3, HOST),)
+
+
+def test_a_plan_that_cannot_be_read_at_all_keeps_nobody_else_from_landing(runtime):
+    (runtime("a", plan((1,))) / "plan.json").write_text("{")
+    runtime("b", plan((2,), host="127.54.20.2"))
+    assert find().targets == (target(2, "127.54.20.2"),)
+
+
+URLS = [
+    ('"udpin:0.0.0.0:14540"', Wire(kind="udpin", local=("0.0.0.0", 14540))),
+    ('"udpout:10.0.0.7:14550"', Wire(kind="udpout", vehicle=("10.0.0.7", 14550))),
+    ('"serial:/dev/ttyUSB0"', Wire(kind="serial", device="/dev/ttyUSB0", baud=BAUD)),
+    ('"serial:/dev/ttyUSB0", baud: 57600', Wire(kind="serial", device="/dev/ttyUSB0", baud=57600)),
+    ('"nonsense"', None), ("7", None), ('"udpin:host:port"', None),
+]
+
+
+@pytest.mark.parametrize(("url", "wire"), URLS)
+def test_a_yaml_tells_how_a_real_vehicle_is_reached(url, wire):
+    _, (a, b) = vehicles_of(read_yaml(f"vehicles:\n  a: {{autopilot: hardware, url: {url}}}\n  b: {{autopilot: builtin}}\n"))
+    assert (a.wire, b.wire) == (wire, None)
+
+
+def test_also_where_it_is_broken_or_in_the_defaults():
+    _, (a,) = vehicles_of(read_yaml('vehicles:\n  a: {id: 4, url: "udpin:0.0.0.0:14540", start: [}\n'))
+    assert (a.id, a.wire) == (4, Wire(kind="udpin", local=("0.0.0.0", 14540)))
+    _, (a, b) = vehicles_of(read_yaml('defaults: {url: "serial:/dev/x"}\nvehicles:\n  a:\n  b: {autopilot: builtin}\n'))
+    assert (a.wire, b.wire) == (Wire(kind="serial", device="/dev/x", baud=BAUD), None)
+    assert BAUD == DEFAULT_BAUD
+
+
+def real(host=HOST):
+    """Of one real vehicle, as its run was started."""
+    slices = {"link.uav1.json": {"wire": {"kind": "udpin", "address": ["0.0.0.0", 14540]}}}
+    vehicles = tuple(dataclasses.replace(v, simulated=False) for v in plan((1,), host).vehicles)
+    return Plan(name="lab", address=host, vehicles=vehicles, processes=(), slices=slices)
+
+
+def test_a_run_tells_a_real_vehicles_last_address_and_who_holds_its_wire(runtime):
+    folder = runtime("a", real())
+    assert find().targets[0].wire == Wire(kind="udpin", local=("0.0.0.0", 14540))
+    (folder / "wire").mkdir()
+    seen = folder / "wire" / "uav1.json"
+    seen.write_text(json.dumps({"kind": "udpin", "local": ["0.0.0.0", 14540], "vehicle": ["10.0.0.7", 9]}))
+    boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    state = {"boot": boot, "supervisor": {"pid": os.getpid()}, "processes": {"link.uav1": {"pid": 77, "start_s": 1.5}}}
+    (folder / "state.json").write_text(json.dumps(state))
+    owner = Owner(name="link.uav1", pid=77, start_s=1.5)
+    wire = Wire(kind="udpin", local=("0.0.0.0", 14540), vehicle=("10.0.0.7", 9), owner=owner)
+    assert find(run=folder).targets[0].wire == wire
+    (folder / "state.json").write_text(json.dumps({**state, "boot": "another"}))
+    assert find(run=folder).targets[0].wire.owner is None
+    for broken in ("{", "[]", '{"kind": "serial"}', '{"kind": "udpin", "vehicle": 3}'):
+        seen.write_text(broken)
+        assert find(run=folder).targets[0].wire == Wire(kind="udpin", local=("0.0.0.0", 14540))
+
+
 def test_a_run_of_which_nothing_runs_is_no_active_run(runtime):
     gone = next(pid for pid in range(2**22 - 1, 0, -1) if not Path(f"/proc/{pid}").exists())
     runtime("a", plan(), pid=gone)
@@ -139,7 +211,7 @@ def test_the_yaml_of_this_folder_is_the_last_resort(runtime, tmp_path):
     "\ufeffvehicles:\r\n  a:\r\n  b: {\r\n",
 ])
 def test_a_yaml_wrong_anywhere_else_still_names_its_vehicles(text):
-    assert vehicles_of(read_yaml(text)) == ("127.0.0.1", [("a", 1), ("b", 2)])
+    assert named(text) == ("127.0.0.1", [("a", 1), ("b", 2)])
 
 
 @pytest.mark.parametrize(("text", "found"), [
@@ -148,7 +220,7 @@ def test_a_yaml_wrong_anywhere_else_still_names_its_vehicles(text):
     ("vehicles: {a: {id: many}, b: {id: true}, c: {id: 999}}", [("a", 1), ("b", 2), ("c", 3)]),
 ])
 def test_ids_are_those_written_and_else_the_lowest_free_in_order(text, found):
-    assert vehicles_of(read_yaml(text))[1] == found
+    assert named(text)[1] == found
 
 
 def test_a_broken_yaml_keeps_its_address():
