@@ -10,7 +10,7 @@ from arena.schema.arena import Arena
 from arena.schema.checking import Check, Files, RealFiles
 from arena.schema.checks import check
 from arena.schema.library import load_profile, read_profile
-from arena.schema.loader import YamlPath, load_yaml
+from arena.schema.loader import Document, YamlPath, load_yaml
 from arena.schema.models import ArenaFile
 from arena.schema.profile import Profile
 from arena.schema.resolve import DEFAULT_PROFILE, resolve
@@ -22,7 +22,12 @@ def load_arena(path: str | Path, overrides: Sequence[str] = (), files: Files | N
     """overrides: `key=value` texts of `--set`. Raises InputError; its `problems` are in the order of the file."""
     if Path(path).is_dir():
         path = Path(path) / "arena.yaml"
-    source = with_overrides(load_yaml(path), overrides)
+    return arena_of(load_yaml(path), overrides, files)
+
+
+def arena_of(document: Document, overrides: Sequence[str] = (), files: Files | None = None) -> Arena:
+    """The same of a document that is read already: an arena written inside another file."""
+    source = with_overrides(document, overrides)
     found = validate(ArenaFile, source)
     if found.model is None:
         raise InputError(found.problems)

@@ -13,12 +13,13 @@ Outcome = Literal["passed", "failed", "not reached"]
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
-    """One step. begun_s: when its moment came, or what it counts from [s]; done_s: when it was carried out or fulfilled [s];
-    simulation time, None: never. failure: why it failed, a sentence with what was seen; "" otherwise.
+    """One moment, deed or expectation, in simulation time. begun_s: when its moment came, or what it counts from [s]; done_s: when
+    it was carried out or fulfilled [s]; None: never. failure: why it failed, a sentence with what was seen; "" otherwise.
     """
 
     place: Place
     outcome: Outcome
+    kind: Literal["at", "do", "expect"] = "expect"
     begun_s: float | None = None
     done_s: float | None = None
     failure: str = ""
@@ -59,8 +60,8 @@ class Touchdown:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """failures: every reason, a sentence each; empty when it passed. lasted_s: simulation time from first to last look [s].
-    ended: why the referee stopped.
+    """troubles: what went wrong with the flight itself. lasted_s: simulation time from the first look to the last [s].
+    ended: why there were no more looks.
     """
 
     steps: tuple[StepResult, ...]
