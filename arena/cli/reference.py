@@ -52,7 +52,7 @@ def yaml_page() -> str:
     text += "## The arena\n\n" + _keys(schema)
     order = ["World", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "VehicleKeys", "Start", "Program", "Tool",
              "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss", "PositionLoss", "LowBattery",
-             "RcLoss", "DataLinkLoss", "FenceLoss", "Geofence", "Host"]  # fmt: skip
+             "RcLoss", "DataLinkLoss", "FenceLoss", "AttitudeLoss", "Geofence", "Host"]  # fmt: skip
     if set(order) != set(defs):
         raise ValueError(f"models without a place on the page: {set(order) ^ set(defs)}")
     for name in order:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from arena.errors import InputError
-from arena.params.meanings import Action, Event, delays, sticks, ways
+from arena.params.meanings import Action, Event, actions, delays, sticks, ways
 from arena.params.needs import Failsafe, Needs, Reaction
 from arena.params.table import Parameter, Version, parameters
 
@@ -26,6 +26,8 @@ _AID_MASK = 8 | 16  # vision position and yaw, up to 1.13
 _VISION = 3  # EKF2_HGT_REF, EKF2_HGT_MODE
 _WITHOUT_STICKS: Event = "offboard_loss_without_sticks"
 _NO_COMPASS = 5  # EKF2_MAG_TYPE: heading comes with the poses
+_EVERYWHERE = 7  # COM_RCL_EXCEPT: missions, hold and take-off, offboard; a landing and a return go on by themselves
+_TAKEOFF_M = 2.5  # MIS_TAKEOFF_ALT
 _RETURN = {"RTL_RETURN_ALT": 30.0, "RTL_DESCEND_ALT": 10.0}  # PX4's own heights [m], where the room is higher
 # gains of velocity, which became accelerations with 1.11: then = now * hover / g
 _VELOCITY_GAINS = {f"MPC_{axis}_VEL_{term}_ACC": f"MPC_{axis}_VEL_{term}" for axis in ("XY", "Z") for term in "PID"}
@@ -55,7 +57,7 @@ def generate(needs: Needs, version: Version | str) -> Generated:
     """Later lines win over earlier ones of the same name: what a user names himself comes last."""
     version = Version.parse(version) if isinstance(version, str) else version
     made = _Making(needs, version)
-    for part in (made.vision, made.sensors, made.failsafes, made.landing, made.vehicle, made.own):
+    for part in (made.vision, made.sensors, made.failsafes, made.fence, made.landing, made.vehicle, made.own):
         for line in part():
             made.lines[line.name] = line
     return Generated(tuple(made.lines.values()), tuple(made.cannot))
@@ -119,8 +121,13 @@ class _Making:
             yield from self._react("rc_loss", "sticks_loss", f.rc_loss, "sticks are lost")
         if not sticky and f.rc_loss != "none":
             self.cannot.append(f"failsafe.rc_loss: the vehicle has no sticks that could be lost; {f.rc_loss} is not set")
+        if sticky and f.rc_loss == "none":
+            yield from self._react("rc_loss", "sticks_loss", "none", "sticks are lost", quiet=True)
+            if "COM_RCL_EXCEPT" in self.known:
+                yield Line("COM_RCL_EXCEPT", _EVERYWHERE, "none when sticks are lost", self._asked("failsafe.rc_loss"))
         yield from self._data_link_loss(f)
         yield from self._react("geofence", "geofence", f.geofence, "a geofence is crossed")
+        yield from self._attitude(f)
         for name in ("COM_FAIL_ACT_T", "COM_RCL_ACT_T", "COM_BAT_ACT_T"):
             if name in self.known:
                 yield Line(name, 0.0, "failsafes act at once, without a hold before [s]", self._asked("failsafe"))
@@ -171,13 +178,38 @@ class _Making:
             yield Line("BAT_CRIT_THR", lands, "it lands at this charge", asked)
             yield Line("BAT_EMERGEN_THR", lowest, "emergency, which is answered with landing too", asked)
 
+    def _attitude(self, f: Failsafe) -> Iterator[Line]:
+        if f.attitude is None:
+            return
+        mild: Action = "none" if "none" in actions("attitude_failure", self.version) else "warn"  # a warning is all that is left
+        yield from self._react("attitude", "attitude_failure", mild if f.attitude == "none" else f.attitude, "it tilts too far")
+        for name in ("FD_FAIL_R", "FD_FAIL_P") if f.attitude != "none" else ():
+            held = self._held(name, f.attitude_above_deg, f"failsafe.attitude: {f.attitude_above_deg:g} deg")
+            yield Line(name, held, "its attitude has failed beyond [deg]", self._asked("failsafe.attitude"))
+
+    def fence(self) -> Iterator[Line]:
+        """A circle round home, rounded up so that the whole box is in it, and a height above home: no version has a box."""
+        fence, asked = self.needs.fence, self._asked("geofence")
+        if fence is None:
+            return
+        if self.needs.vision_delay_ms is None and not self.needs.gps:
+            self.cannot.append("geofence: without poses and satellites the vehicle has no home to measure from; no fence is set")
+            return
+        across = math.ceil(fence.across_m * 1e3 - 1e-6) / 1e3
+        yield Line("GF_MAX_HOR_DIST", across, "from home to the fence's farthest corner [m]", asked)
+        yield Line("GF_MAX_VER_DIST", round(fence.up_m, 3), "from home to the fence's ceiling [m]", asked)
+        if fence.up_m <= _TAKEOFF_M:
+            height = round(RETURN_SHARE * fence.up_m, 2)
+            yield Line("MIS_TAKEOFF_ALT", height, "AUTO.TAKEOFF stays under the fence's ceiling [m]", asked)
+
     def landing(self) -> Iterator[Line]:
-        height = round(RETURN_SHARE * self.needs.ceiling_m, 2)
+        ceiling = min(self.needs.ceiling_m, self.needs.fence.up_m if self.needs.fence else math.inf)
+        height = round(RETURN_SHARE * ceiling, 2)
         for name, most in _RETURN.items():
             what = (
                 "AUTO.RTL stays under the ceiling [m]" if name == "RTL_RETURN_ALT" else "where AUTO.RTL waits before it lands [m]"
             )
-            held = self._held(name, min(height, most), f"ceiling_m: {self.needs.ceiling_m:g} m")
+            held = self._held(name, min(height, most), f"ceiling_m: {ceiling:g} m")
             yield Line(name, held, what, self._asked("ceiling_m"))
         yield Line("MPC_TKO_RAMP_T", 1.0, "a brisk take-off [s]", self._asked("takeoff"))
         if self.needs.landing_speed_m_s is not None:

@@ -14,6 +14,7 @@ class Failsafe:
     """What happens when something is lost, and after how long [s]. low_battery_*: charge left, 0 to 1; land None: it only warns.
 
     position_loss "land" is straight down without a position, as far as inertial sensors carry.
+    attitude None: as the vehicle has it.
     """
 
     offboard_loss: Reaction = "land"
@@ -26,6 +27,16 @@ class Failsafe:
     data_link_loss: Reaction = "none"
     data_link_loss_after_s: float = 10.0
     geofence: Reaction = "land"
+    attitude: Reaction | None = None
+    attitude_above_deg: float = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FenceAround:
+    """across_m: from home, along the floor; up_m: above home [m]."""
+
+    across_m: float
+    up_m: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +52,8 @@ class Rotor:
 class Needs:
     """vision_delay_ms: from exposure to the pose's arrival, None where no poses come.  hover: thrust command, 0 to 1.
 
-    ceiling_m: the room's height.  gains: a profile's, by the newest names.  own: what a user names himself, as he writes it.
+    ceiling_m: the room's height.  fence: the vehicle's own, None for none.
+    gains: a profile's, by the newest names.  own: what a user names himself, as he writes it.
     asked: need (a field's name, `failsafe.offboard_loss`, `gains`, `own.NAME`, ...) -> who asked for it, in words.
     """
 
@@ -53,6 +65,7 @@ class Needs:
     failsafe: Failsafe = Failsafe()
     landing_speed_m_s: float | None = None
     ceiling_m: float
+    fence: FenceAround | None = None
     rotors: tuple[Rotor, ...] = ()
     moment_ratio_m: float = 0.05
     gains: Mapping[str, float] = field(default_factory=dict)

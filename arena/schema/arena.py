@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from arena.params.needs import Needs
 from arena.schema.models import Mocap, Preflight, RestartMode, Sim, Tool, World
@@ -42,6 +44,25 @@ class Px4:
     def words(self) -> str:
         """What it is, for people."""
         return "arena's stand-in for PX4" if self.stand_in else f"PX4 {self.version or 'of an unknown version'}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fence:
+    """The box that the vehicles' centres must stay in, margin taken off: along north and east (lowest, highest), and its ceiling
+    above the floor [m].
+    """
+
+    north: tuple[float, float]
+    east: tuple[float, float]
+    up: float
+
+    def slice(self) -> dict[str, Any]:
+        """As rooms are told."""
+        return {"north": list(self.north), "east": list(self.east), "up": self.up}
+
+    def farthest(self, north: float, east: float) -> float:
+        """From a place to the farthest of its corners, along the floor [m]."""
+        return max(math.dist((north, east), corner) for corner in itertools.product(self.north, self.east))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +120,7 @@ class Vehicle:
 class Arena:
     """One arena. file: as the user named it.  folder: absolute, of that file.
     group: multicast group of the emulator; server_group: of the vendor's server.
-    px4: the one that its vehicles fly, None when none does.
+    px4: the one that its vehicles fly, None when none does.  geofence: None where the YAML draws none.
 
     origins: dotted key -> its value and where that came from, for `arena plan --explain`.
     """
@@ -117,6 +138,7 @@ class Arena:
     tools: Mapping[str, Tool]
     vehicles: tuple[Vehicle, ...]
     px4: Px4 | None = None
+    geofence: Fence | None = None
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
 
     def vehicle(self, name: str) -> Vehicle:

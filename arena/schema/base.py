@@ -23,5 +23,6 @@ class Strict(BaseModel):
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector = tuple[float, float, float]
+Span = tuple[float, float]
 PositiveVector = tuple[Positive, Positive, Positive]
 Port = Annotated[int, Field(ge=1024, le=65535)]

@@ -11,6 +11,7 @@ from pathlib import Path
 from arena.errors import Problem
 from arena.schema.arena import Arena, Vehicle
 from arena.schema.checking import Check
+from arena.schema.checks_fence import fence
 from arena.schema.checks_real import REAL
 from arena.schema.loader import YamlPath
 from arena.schema.models import NOT_YET, Tool
@@ -318,6 +319,6 @@ def _tools(c: Check) -> Iterator[Problem]:
 
 _CHECKS = (
     _names, _not_yet,
-    _px4, *REAL, _senses, _ids, _ports, _port_range, _start, _overlap, _rates, _programs, _neighbours, _bodies, _gcs, _capture,
-    _params, _tools,
+    _px4, *REAL, _senses, _ids, _ports, _port_range, _start, fence, _overlap, _rates, _programs, _neighbours, _bodies, _gcs,
+    _capture, _params, _tools,
 )  # fmt: skip

@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, mod
 
 from arena.errors import InputError
 from arena.params.table import Version
-from arena.schema.base import NotNegative, Port, Positive, PositiveVector, Strict, Vector
+from arena.schema.base import NotNegative, Port, Positive, PositiveVector, Span, Strict, Vector
 
 
 def _numeric(text: str) -> str:
@@ -209,8 +209,17 @@ class DataLinkLoss(Strict):
     """How long it may be silent [s]."""
 
 
+class AttitudeLoss(Strict):
+    """It tilts too far: hit, turned over, or with a rotor lost."""
+
+    action: Literal["none", "terminate"] = "none"
+    """What the vehicle does; `terminate` stops its motors. Not given: hardware does as it is set."""
+    above_deg: Annotated[int, Field(ge=50, le=90)] = 60
+    """Roll or pitch beyond which its attitude has failed [deg]; more than it may tilt in flight (`MPC_TILTMAX_AIR`, 45)."""
+
+
 class FenceLoss(Strict):
-    """A geofence is crossed that the vehicle holds."""
+    """A geofence is crossed: the one under `geofence`, or one that was uploaded."""
 
     action: Literal["none", "warn", "hold", "return", "land", "terminate"] = "land"
     """What the vehicle does."""
@@ -231,15 +240,21 @@ class Failsafe(Strict):
     """When no ground station is heard."""
     geofence: FenceLoss = FenceLoss()
     """When a geofence is crossed."""
+    attitude: AttitudeLoss = AttitudeLoss()
+    """When the attitude is lost."""
 
 
 class Geofence(Strict):
-    """A box that vehicles must stay in."""
+    """A box that the vehicles' centres must stay in. What follows from leaving it: `failsafe.geofence`."""
 
+    north: Span | None = None
+    """From where to where along north, of the floor's centre [m]. Default: the room's walls."""
+    east: Span | None = None
+    """From where to where along east [m]. Default: the room's walls."""
+    up: Positive | None = None
+    """Its ceiling above the floor [m]. Default: the room's."""
     margin_m: NotNegative = 0.0
-    """Distance kept from the walls [m]."""
-    action: Literal["warn", "hold", "land"] = "land"
-    """What a vehicle does that leaves it."""
+    """Taken off its walls and its ceiling [m]."""
 
 
 class Host(Strict):
@@ -360,7 +375,7 @@ class ArenaFile(Strict):
     landing_speed_m_s: Annotated[float | None, Field(ge=0.3, le=2)] = None
     """Of every vehicle [m/s]. Default: its autopilot's own, 0.7 for PX4."""
     geofence: Geofence | None = None
-    """Where vehicles may be."""
+    """Where vehicles may be. Not given: there is no fence; `{}`: the room."""
     hosts: dict[str, Host] = Field(default_factory=dict)
     """Other computers."""
     defaults: VehicleDefaults = VehicleDefaults()
@@ -373,7 +388,6 @@ class ArenaFile(Strict):
 
 # known, and not built yet: (where, value or None for any) -> what to use instead. `*` stands for any vehicle
 NOT_YET: Mapping[tuple[str, str | None], str] = {
-    ("geofence", None): "Remove it; the walls of the simulated room hold the vehicles",
     ("hosts", None): "Remove it; everything runs on this computer",
     ("mocap.source", "vrpn"): "Use emulator or natnet",
 }

@@ -15,9 +15,9 @@ from pydantic import BaseModel
 
 from arena.errors import InputError
 from arena.params.generate import generate
-from arena.params.needs import Failsafe, Needs, Rotor
+from arena.params.needs import Failsafe, FenceAround, Needs, Rotor
 from arena.params.table import Version
-from arena.schema.arena import Arena, Origin, Program, Px4, Vehicle
+from arena.schema.arena import Arena, Fence, Origin, Program, Px4, Vehicle
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
 from arena.schema.models import Failsafe as FailsafeKeys
@@ -62,6 +62,11 @@ def resolve(
         server_group if served else group,
         source.origin(("mocap", "group")) if model.mocap.group else "rule: from address",
     )
+    drawn, fence = model.geofence, fence_of(model)
+    if drawn is not None:
+        for key in ("north", "east", "up"):
+            words = source.origin(("geofence", key)) if source.given(("geofence", key)) else "default: the room's"
+            _note(origins, f"geofence.{key}", getattr(fence, key), words + (", less margin_m" if drawn.margin_m else ""))
     ids = _ids(model.vehicles)
     wanted = {v.autopilot or model.defaults.autopilot or "auto" for v in model.vehicles.values()}
     px4 = find_px4(_home(model, folder)) if wanted & {"auto", "px4"} else None
@@ -72,7 +77,8 @@ def resolve(
     return Arena(
         name=name, file=source.document.file, folder=str(folder), address=model.address, world=model.world, sim=model.sim,
         mocap=model.mocap, group=group, server_group=server_group, preflight=model.preflight, tools=model.tools,
-        vehicles=vehicles, px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None, origins=origins,
+        vehicles=vehicles, px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None,
+        geofence=fence, origins=origins,
     )  # fmt: skip
 
 
@@ -82,6 +88,16 @@ def version_of(px4: Px4 | None) -> str:
         return str(Version.parse(px4.version)) if px4 else SIMULATED_VERSION
     except InputError:
         return SIMULATED_VERSION
+
+
+def fence_of(model: ArenaFile) -> Fence | None:
+    """The one place where walls that are not given become the room's, and the margin is taken off."""
+    drawn = model.geofence
+    if drawn is None:
+        return None
+    (north, east, up), m = model.world.size, drawn.margin_m
+    n, e = drawn.north or (-north / 2.0, north / 2.0), drawn.east or (-east / 2.0, east / 2.0)
+    return Fence(north=(n[0] + m, n[1] - m), east=(e[0] + m, e[1] - m), up=(drawn.up or up) - m)
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
@@ -130,6 +146,7 @@ class _Merge:
         forward = bool(self._take("forward", True))
         gps, sticks = bool(self._take("gps", False)), bool(self._take("sticks", False))
         needs = self._needs(profile, vehicle_id, {"forward": forward, "gps": gps, "sticks": sticks})
+        needs = replace(needs, fence=self._fence(autopilot, start, profile))
         params, cannot = self._params(needs, autopilot)
         rate = self._take(
             "pose_rate_hz",
@@ -216,9 +233,11 @@ class _Merge:
         }  # fmt: skip
         for key in ("gps", "sticks"):
             asked[key] = f"{key}: true" if has[key] else "arena's default"
-        for key in (*(f"failsafe.{k}" for k in type(self.model.failsafe).model_fields), "landing_speed_m_s"):
+        for key in (*(f"failsafe.{k}" for k in type(self.model.failsafe).model_fields), "landing_speed_m_s", "geofence"):
             if self.source.given(tuple(key.split("."))):
                 asked[key] = self.source.origin(tuple(key.split(".")))
+        if self.model.geofence is not None:
+            asked["ceiling_m"] = "under the ceiling, the room's or the fence's: 0.6 of the lower one"
         rotors = [Rotor(x_m=r.position_m[0], y_m=r.position_m[1], spin=1 if r.direction == "ccw" else -1) for r in profile.rotors]
         return Needs(
             system_id=vehicle_id, hover=profile.hover_command, gps=has["gps"], sticks=has["sticks"],
@@ -228,6 +247,14 @@ class _Merge:
             moment_ratio_m=profile.moment_ratio_m, gains=dict(profile.params),
             own={name: float(value) for name, (value, _) in own.items()}, asked=asked,
         )  # fmt: skip
+
+    def _fence(self, autopilot: str, start: Start, profile: Profile) -> FenceAround | None:
+        """As a circle round its home and a height above it. Where hardware will stand nobody knows: as from a corner."""
+        fence = fence_of(self.model)
+        if fence is None:
+            return None
+        n, e, d = start.position if autopilot != "hardware" else (fence.north[0], fence.east[0], 0.0)
+        return FenceAround(across_m=fence.farthest(n, e), up_m=fence.up + d - profile.ground_clearance_m)
 
     def _own_params(self) -> dict[str, tuple[float, str]]:
         """What the user names: his file's, then those of `defaults`, then the vehicle's; name -> value and where it stands."""
@@ -269,6 +296,8 @@ def _failsafe(given: FailsafeKeys, has_sticks: bool) -> Failsafe:
         rc_loss=given.rc_loss.action or ("land" if has_sticks else "none"),
         data_link_loss=given.data_link_loss.action, data_link_loss_after_s=given.data_link_loss.after_s,
         geofence=given.geofence.action,
+        attitude=given.attitude.action if "attitude" in given.model_fields_set else None,
+        attitude_above_deg=given.attitude.above_deg,
     )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ def test_then_and_now_the_same_words_have_other_names() -> None:
 ACTIONS = {
     "offboard_loss": ("land", "hold", "return", "terminate", "disarm"), "position_loss": ("land", "terminate"),
     "rc_loss": ("none", "land", "return"), "data_link_loss": ("none", "hold", "land"), "geofence": ("none", "land", "terminate"),
+    "attitude": (None, "none", "terminate"),
 }  # fmt: skip
 
 
@@ -78,6 +79,25 @@ def test_who_asked_is_told_and_what_a_user_names_himself_wins() -> None:
     line = {each.name: each for each in own.lines}["COM_OF_LOSS_T"]
     assert (line.value, line.asked) == (0.4, "arena.yaml:7")
     assert any("NO_SUCH" in words for words in own.cannot) and own.values["NO_SUCH"] == 1.0
+
+
+def test_an_attitude_failure_is_armed_where_it_is_asked_for_and_left_as_it_is_where_nothing_is_said() -> None:
+    names = {"CBRK_FLIGHTTERM", "FD_FAIL_R", "FD_FAIL_P"}
+    for version in VERSIONS:
+        assert names.isdisjoint(made(version).values)
+        assert made(version, failsafe=Failsafe(attitude="none")).values["CBRK_FLIGHTTERM"] == 121212
+    armed = made("1.16", failsafe=Failsafe(attitude="terminate", attitude_above_deg=75)).values
+    assert {name: armed[name] for name in names} == {"CBRK_FLIGHTTERM": 0, "FD_FAIL_R": 75, "FD_FAIL_P": 75}
+    then = made("1.9", failsafe=Failsafe(attitude="terminate"))
+    assert "CBRK_FLIGHTTERM" not in then.values and any("v1.9 says that it enforces" in words for words in then.cannot)
+    narrow = made("1.12", failsafe=Failsafe(attitude="terminate", attitude_above_deg=50))
+    assert narrow.values["FD_FAIL_R"] == 60 and any("FD_FAIL_R 50, which PX4 1.12 does not take" in w for w in narrow.cannot)
+
+
+def test_where_lost_sticks_are_answered_with_nothing_no_mode_answers() -> None:
+    for version in VERSIONS:
+        values = made(version, sticks=True, failsafe=Failsafe(rc_loss="none")).values
+        assert values.get("COM_RCL_EXCEPT") == 7 or values.get("NAV_RCL_ACT") == 0, version
 
 
 def test_without_poses_nothing_is_said_of_vision() -> None:

@@ -154,7 +154,32 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "failsafe": ("failsafe: {offboard_loss: land}\nvehicles:\n" + V1, "1: failsafe.offboard_loss: ", "keys such as action, after_s"),
     "failsafe that comes before it warns": (
         "failsafe: {low_battery: {warn: 0.05, land: 0.1}}\nvehicles:\n" + V1, "1: failsafe.low_battery: ", "expected land below warn"),
-    "geofence": ("geofence: {margin_m: 1}\nvehicles:\n" + V1, "1: geofence: ", "not supported yet"),
+    "geofence with an action of its own": ("geofence: {action: land}\nvehicles:\n" + V1, "1: geofence.action: ", "unknown key"),
+    "geofence the wrong way round": (
+        "geofence: {east: [1, -1]}\nvehicles:\n" + V1, "1: geofence.east: ", "got [1, -1], expected the lesser first. Try [-1, 1].",
+    ),
+    "geofence through a wall": (
+        "geofence:\n  up: 2\n  north: [-4, 1]\nvehicles:\n" + V1, "3: geofence.north: ", "within the room's walls, -3.5 .. 3.5. Try [-3.5, 1].",
+    ),
+    "geofence outside the room": ("geofence: {east: [5, 6]}\nvehicles:\n" + V1, "1: geofence.east: ", "Try [-2, 2]."),
+    "geofence through the ceiling": ("geofence: {up: 3.5}\nvehicles:\n" + V1, "1: geofence.up: ", "at most the room's height, 3. Try 3."),
+    "geofence that is all margin": (
+        "geofence: {margin_m: 2.5}\nvehicles:\n" + V1, "1: geofence.margin_m: ", "leaves nothing of east -2 .. 2. Try 0.5.",
+    ),
+    "geofence lower than its margin": (
+        "geofence: {up: 0.5, margin_m: 0.5}\nvehicles:\n" + V1, "1: geofence.margin_m: ", "leaves nothing of a fence 0.5 m high",
+    ),
+    "start outside the geofence": (
+        "geofence: {north: [-1, 1]}\nvehicles:\n  uav1: {start: {position: [2, 0, 0]}}\n",
+        "3: vehicles.uav1.start.position: ", "outside the geofence (arena.yaml:1): got N 2, expected -1 .. 1",
+    ),
+    "start above the geofence": (
+        "geofence: {up: 1}\nvehicles:\n  uav1: {start: {position: [0, 0, -1.5]}}\n",
+        "3: vehicles.uav1.start.position: ", "above the geofence (arena.yaml:1): got D -1.5",
+    ),
+    "attitude failure within what it may tilt": (
+        "failsafe: {attitude: {action: terminate, above_deg: 40}}\nvehicles:\n" + V1, "1: failsafe.attitude.above_deg: ", "50",
+    ),
     "hosts": ("hosts: {pi: {address: 10.0.0.2}}\nvehicles:\n" + V1, "1: hosts: ", "not supported yet"),
     "parameter file that is not there": (
         "vehicles:\n  uav1: {params_file: a.params}\n", "2: vehicles.uav1.params_file: ", "got 'a.params', which cannot be read",
