@@ -78,7 +78,9 @@ class _Act:
             kind: Literal["do", "at"] = "do" if step.do else "at"
             done = None if self.failure else self.begun_s
             outcome: Outcome = "failed" if self.failure else "not reached" if done is None else "passed"
-            yield StepResult(place=step.place, kind=kind, outcome=outcome, begun_s=done, done_s=done, failure=self.failure)
+            yield StepResult(
+                place=step.place, kind=kind, outcome=outcome, begun_s=self.begun_s, done_s=done, failure=self.failure
+            )
         if self.begun_s is None:
             yield from (StepResult(place=e.place, outcome="not reached") for e in step.expect)
         else:
@@ -193,7 +195,7 @@ class Referee:
         """The arena has ended. outcome: its outcome.json, {} where there is none. trouble: what else went wrong, in words, such
         as an arena that did not come up, or a world that no longer moved: it fails the scenario.
         """
-        self._flight.ended = True
+        self._flight.ended = not self._over  # an arena that was taken down since has not ended by itself
         self._over = self._over or _GONE
         self._troubles += [trouble] if trouble else []
         for sentence in outcome.get("failed", ()):

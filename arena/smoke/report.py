@@ -2,38 +2,196 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+import json
+import math
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
-from rich.console import RenderableType
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
 
-from arena.smoke.verdict import Result, Row
+from arena.smoke.verdict import Result, Row, RuleResult, StepResult, Touchdown, Verdict
+from arena.smoke.words import Place
+
+_SUITE = "arena smoke"
+_NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+# -- for people ---------------------------------------------------------------------------------------------------------------
 
 
 def table(results: Sequence[Result]) -> RenderableType:
     """For the terminal: a row a scenario, and under those that failed every reason with file:line."""
-    raise NotImplementedError
+    made = Table("scenario", "verdict", "seed", "flown [s]", "wall [s]", "slowest step", "touch [m/s]", box=None, pad_edge=False)
+    for result in results:
+        verdict = Text("passed", "green") if result.verdict.passed else Text("FAILED", "bold red")
+        made.add_row(escape(result.scenario), verdict, str(result.seed), f"{result.verdict.lasted_s:.1f}", f"{result.wall_s:.1f}",
+                     escape(_slowest(result.verdict)), _hardest(result.verdict))  # fmt: skip
+    wrong = [Text.from_markup(line) for result in results if not result.verdict.passed for line in _reasons(result)]
+    return Group(made, *wrong)
+
+
+def _slowest(verdict: Verdict) -> str:
+    times = [(s.took_s, s.place.text) for s in verdict.steps if s.kind == "expect" and s.took_s is not None]
+    took, text = max(times, default=(0.0, ""))
+    return f"{took:.2f} s: {text}" if text else ""
+
+
+def _hardest(verdict: Verdict) -> str:
+    return max((f"{t.speed_m_s:.2f}" for t in verdict.touchdowns), default="")
+
+
+def _reasons(result: Result) -> Iterator[str]:
+    yield f"\n[bold red]{escape(result.scenario)}[/]" + (f"  {escape(result.run)}" if result.run else "")
+    yield from (f"  {escape(line)}" for line in reasons(result))
+
+
+def reasons(result: Result) -> list[str]:
+    """Why it failed: `file:line: sentence` each; empty when it passed."""
+    told = [f"{_where(place)}{sentence}" for place, sentence in result.verdict.failures]
+    return told if told or result.verdict.passed else [f"{result.file}: not all steps were reached: {result.verdict.ended}"]
+
+
+def _where(place: Place | None) -> str:
+    return "" if place is None else f"{place.file}:{place.line}: "
+
+
+def story(result: Result) -> list[str]:
+    """Everything that was judged, a line each: what, when, how near to failing."""
+    lines = [f"seed {result.seed}, {result.verdict.lasted_s:.2f} s of simulation, over: {result.verdict.ended}"]
+    lines += [f"run folder {result.run}"] if result.run else []
+    lines += [_step(step) for step in result.verdict.steps]
+    lines += [_rule(rule) for rule in result.verdict.rules]
+    lines += [_touchdown(touchdown) for touchdown in result.verdict.touchdowns]
+    return lines + list(result.verdict.troubles)
+
+
+def _step(step: StepResult) -> str:
+    if step.outcome != "passed":
+        when = ""
+    elif step.kind == "expect":
+        when = f" after {step.took_s:.2f} s, at {step.done_s:.2f} s"
+    else:
+        when = f" at {step.done_s:.2f} s"
+    return f"{step.outcome:11} {step.place.text}{when}"
+
+
+def _rule(rule: RuleResult) -> str:
+    when = "" if rule.at_s is None else f" at {rule.at_s:.2f} s"
+    worst = "" if rule.worst is None else f" (worst: {rule.worst:.2f} {rule.unit}, {rule.who}{when})"
+    return f"{rule.outcome:11} {rule.place.text}{worst}"
+
+
+def _touchdown(t: Touchdown) -> str:
+    after = "" if t.after_s is None else f", {t.after_s:.2f} s after the last deed"
+    drift = "" if t.drift_m is None else f", {t.drift_m:.2f} m aside"
+    return f"{t.vehicle} came down at {t.at_s:.2f} s{after}, at {t.speed_m_s:.2f} m/s{drift}"
 
 
 def summary(results: Sequence[Result]) -> str:
-    """One line: how many flew, failed, and in what wall time."""
-    raise NotImplementedError
+    """One line: how many flew, failed, and for how long."""
+    failed = sum(not r.verdict.passed for r in results)
+    flown = sum(r.verdict.lasted_s for r in results)
+    said = f"{len(results)} scenario{'s' if len(results) != 1 else ''}, "
+    return said + (f"{failed} failed" if failed else "all passed") + f"; {flown:.0f} s of simulation"
+
+
+# -- for machines -------------------------------------------------------------------------------------------------------------
 
 
 def junit_xml(results: Sequence[Result]) -> str:
     """JUnit XML as CI servers read it: one testcase a scenario."""
-    raise NotImplementedError
+    failed = sum(not r.verdict.passed for r in results)
+    counts = {"tests": str(len(results)), "failures": str(failed), "errors": "0", "skipped": "0",
+              "time": f"{sum(r.wall_s for r in results):.3f}"}  # fmt: skip
+    root = ElementTree.Element("testsuites", {"name": _SUITE, **counts})
+    suite = ElementTree.SubElement(root, "testsuite", {"name": _SUITE, **counts})
+    for result in results:
+        _testcase(suite, result)
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _testcase(suite: ElementTree.Element, result: Result) -> None:
+    about = {"classname": f"smoke.{Path(result.file).stem}", "name": result.scenario, "time": f"{result.wall_s:.3f}",
+             "file": result.file, "line": str(_line(result))}  # fmt: skip
+    case = ElementTree.SubElement(suite, "testcase", {key: _plain(value) for key, value in about.items()})
+    if not result.verdict.passed:
+        said = [_plain(line) for line in reasons(result)]
+        failure = ElementTree.SubElement(case, "failure", {"message": said[0], "type": "smoke"})
+        failure.text = "\n".join(said)
+    ElementTree.SubElement(case, "system-out").text = _plain("\n".join(story(result)))
+
+
+def _line(result: Result) -> int:
+    """Of the first thing that failed."""
+    return next((place.line for place, _ in result.verdict.failures if place is not None), 1)
+
+
+def _plain(text: str) -> str:
+    """What XML may hold."""
+    return _NO_XML.sub("?", text)
 
 
 def results_json(results: Sequence[Result]) -> str:
-    """`read_results` reads it back equal."""
-    raise NotImplementedError
+    """`read_results` reads it back equal. `passed` is there for other readers."""
+    return json.dumps([{"passed": r.verdict.passed, **dataclasses.asdict(r)} for r in results], indent=1) + "\n"
 
 
 def read_results(text: str) -> list[Result]:
-    raise NotImplementedError
+    return [_result({key: value for key, value in raw.items() if key != "passed"}) for raw in json.loads(text)]
+
+
+def _result(raw: dict[str, Any]) -> Result:
+    verdict = raw["verdict"]
+    made = Verdict(
+        steps=tuple(StepResult(**{**s, "place": Place(**s["place"])}) for s in verdict["steps"]),
+        rules=tuple(RuleResult(**{**r, "place": Place(**r["place"])}) for r in verdict["rules"]),
+        touchdowns=tuple(Touchdown(**t) for t in verdict["touchdowns"]),
+        lasted_s=verdict["lasted_s"],
+        ended=verdict["ended"],
+        troubles=tuple(verdict["troubles"]),
+    )
+    return Result(**{**raw, "verdict": made, "pictures": tuple(raw["pictures"])})
+
+
+# -- pictures -----------------------------------------------------------------------------------------------------------------
 
 
 def draw(result: Result, rows: Sequence[Row], folder: Path) -> list[str]:
     """Height, distance and mode over time into folder/plots/scenario.png; returns the paths, for `Result.pictures`."""
-    raise NotImplementedError
+    if not rows:
+        return []
+    import numpy as np
+
+    from arena.record import smokeplots
+
+    tracks = {}
+    for name in dict.fromkeys(row.vehicle for row in rows):
+        own = [row for row in rows if row.vehicle == name]
+        away = [math.dist(row.p_n[:2], own[0].p_n[:2]) for row in own]
+        near = [math.nan if row.nearest_m is None else row.nearest_m for row in own]
+        several = any(row.vehicle != name for row in rows)
+        tracks[name] = smokeplots.Track(
+            t=np.array([row.time_s for row in own]), height=np.array([row.height_m for row in own]),
+            distance=np.array(near if several else away), modes=[row.mode for row in own],
+        )  # fmt: skip
+    marks = [smokeplots.Mark(at_s=at, text=text, good=good) for at, text, good in _marks(result.verdict)]
+    return [str(smokeplots.draw(result.scenario, tracks, marks, folder / "plots" / "scenario.png"))]
+
+
+def _marks(verdict: Verdict) -> Iterator[tuple[float, str, bool]]:
+    """Instants, in order of the scenario; of a step that failed, when it began."""
+    for step in verdict.steps:
+        at = step.done_s if step.outcome == "passed" else step.begun_s
+        if at is not None:
+            yield at, step.place.text, step.outcome == "passed"
+    for rule in verdict.rules:
+        if rule.outcome == "failed" and rule.at_s is not None:
+            yield rule.at_s, rule.place.text, False

@@ -13,7 +13,7 @@ Outcome = Literal["passed", "failed", "not reached"]
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
-    """One moment, deed or expectation, in simulation time. begun_s: when its moment came, or what it counts from [s]; done_s: when
+    """One moment, deed or expectation, in simulation time. begun_s: when its moment came, or it counts from [s]; done_s: when
     it was carried out or fulfilled [s]; None: never. failure: why it failed, a sentence with what was seen; "" otherwise.
     """
 
