@@ -17,7 +17,9 @@ from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, ArenaError
 if TYPE_CHECKING:
     import typer
 
-VERBS = ("init", "doctor", "check", "plan", "schema", "params", "up", "ps", "logs", "restart", "down", "land-all", "kill-all")
+VERBS = (
+    "init", "doctor", "check", "plan", "schema", "params", "smoke", "up", "ps", "logs", "restart", "down", "land-all", "kill-all",
+)  # fmt: skip
 PANIC = ("land-all", "kill-all")
 _HELP = ("-h", "--help")
 

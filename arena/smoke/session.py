@@ -39,6 +39,7 @@ from arena.wire.truth import TruthReader
 LOOK_S = 0.02
 _UP_S, _STARTED_S, _STILL_S, _DOWN_S = 120.0, 120.0, 30.0, 120.0  # wall time, for a machine that is slow and shared
 _PATIENCE_S, _POLL_S = 0.25, 0.02
+_INTERRUPTIONS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 _PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 
@@ -69,12 +70,14 @@ class Session:
     """`with Session(start) as session: while now := session.look(): ...`. Raises RunError with the words of an arena that does
     not come up. On leaving, the arena is landed and ended, and nothing of it runs.
 
-    run: its run folder, None before there is one.
+    run: its run folder, None before there is one. ended: why there is nothing more to see. trouble: the same, where no scenario
+    may bring it about.
     """
 
     def __init__(self, start: Start) -> None:
         self.run: Path | None = None
         self.ended = ""
+        self.trouble = ""
         self._start = start
         self._rt = Path(tempfile.mkdtemp(prefix="arena-smoke-"))  # short, for socket paths
         self._said = self._rt / "up.txt"
@@ -111,6 +114,9 @@ class Session:
         except RunError as error:
             self.ended = str(error)
             return None
+        if time_s is None:
+            self.ended = self.trouble = f"simulation time has stood still at {self._clock.now():.2f} s for {_STILL_S:g} s"
+            return None
         return self._now(time_s)
 
     def do(self, deed: Deed) -> None:
@@ -127,12 +133,11 @@ class Session:
         seen = self._eyes.see(self._truth.newest(), self._ears.told, self._chronicle.crashed, time_s)
         return Now(time_s=time_s, vehicles=seen, processes=states, events=events)
 
-    def _awaited(self, clock: SimClock) -> float:
-        """The time when it has come. Raises RunError when the world has ended, or stands still for too long."""
+    def _awaited(self, clock: SimClock) -> float | None:
+        """The time when it has come; None when the world stands still. Raises RunError when it has ended."""
         deadline = time.monotonic() + _STILL_S
-        while (time_s := clock.told(_PATIENCE_S)) is None:
-            if time.monotonic() > deadline:
-                raise RunError(f"simulation time has stood still at {clock.now():.2f} s for {_STILL_S:g} s")
+        while (time_s := clock.told(_PATIENCE_S)) is None and time.monotonic() < deadline:
+            pass
         return time_s
 
     # -- its beginning
@@ -213,9 +218,11 @@ class Session:
         try:
             self._end()
         finally:
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTIONS)
             self._kill_rest()
             self._keep_words()
             shutil.rmtree(self._rt, ignore_errors=True)
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def outcome(self) -> dict[str, Any]:
         """outcome.json of an arena that has ended; {} where a killed supervisor wrote none."""

@@ -1,0 +1,111 @@
+"""`arena smoke`: fly scenarios headless and judge them.
+
+Exit codes: 0 all passed; 1 one failed; 2 a scenario or an arena is wrong, and nothing was flown; 130 after a Ctrl-C, the arenas
+landed and gone.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, InputError
+
+if TYPE_CHECKING:
+    from arena.smoke.fly import How
+    from arena.smoke.scenario import Scenario
+    from arena.smoke.verdict import Result
+
+ENDING = ".smoke.yaml"
+
+
+def register(app: typer.Typer) -> None:
+    @app.command()
+    def smoke(
+        scenarios: Annotated[list[Path], typer.Argument(metavar="SCENARIO...", help=f"files, or folders with *{ENDING} in them")],
+        junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="write JUnit XML for a CI server")] = None,
+        jobs: Annotated[
+            int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="so many at a time; default: one for each core")
+        ] = None,
+        speed: Annotated[str, typer.Option("--speed", metavar="X", help="simulated seconds per second, or max")] = "max",
+        seed: Annotated[
+            int | None, typer.Option("--seed", metavar="N", help="of world and motion capture; default: as the YAMLs say")
+        ] = None,
+        set_: Annotated[
+            list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the arenas")
+        ] = None,
+        results: Annotated[Path, typer.Option("--results", metavar="DIR", help="where run folders go")] = Path("results"),
+        repeat: Annotated[int, typer.Option("--repeat", metavar="N", min=1, help="fly each so many times")] = 1,
+        list_: Annotated[bool, typer.Option("--list", help="check the scenarios, name them, fly none")] = False,
+    ) -> None:
+        """Fly scenarios headless, several at a time, and judge them. All are checked before the first one flies."""
+        from arena.smoke.fly import How
+
+        found = load(files(scenarios), set_ or [])
+        if list_:
+            for one in found:
+                print(f"{one.place.file}: {one.name}")
+            return
+        how = How(results=results.resolve(), speed=speed, seed=seed)
+        raise SystemExit(_fly(found * repeat, how, jobs or len(os.sched_getaffinity(0)), junit))
+
+
+def files(named: list[Path]) -> list[Path]:
+    """Folders become the scenarios in them. Raises InputError for a folder without one."""
+    found: list[Path] = []
+    for path in named:
+        inside = sorted(path.rglob(f"*{ENDING}")) if path.is_dir() else [path]
+        if not inside:
+            raise InputError(f"{path}: no *{ENDING} in this folder, nor in one inside it")
+        found += inside
+    return list(dict.fromkeys(found))
+
+
+def load(paths: list[Path], overrides: list[str]) -> list[Scenario]:
+    """Every scenario of every file. Raises InputError with the problems of all of them."""
+    from arena.smoke.scenario import load_scenarios
+
+    found: list[Scenario] = []
+    problems: list[str] = []
+    for path in paths:
+        try:
+            found += load_scenarios(path, overrides)
+        except InputError as error:
+            problems += [line for line in str(error).splitlines() if line not in problems]
+    if problems:
+        raise InputError("\n".join(problems))
+    return found
+
+
+def _fly(scenarios: list[Scenario], how: How, jobs: int, junit: Path | None) -> int:
+    from arena.smoke.runner import Interrupted, fly_all
+
+    try:
+        results = fly_all(scenarios, how, jobs=jobs, tell=_tell)
+    except Interrupted as interrupted:
+        _show(interrupted.results, how.results, junit)
+        return EXIT_INTERRUPTED
+    _show(results, how.results, junit)
+    return EXIT_OK if all(result.verdict.passed for result in results) else EXIT_FAILED
+
+
+def _tell(result: Result) -> None:
+    word = "passed" if result.verdict.passed else "FAILED"
+    print(f"{word}  {result.scenario}  ({result.verdict.lasted_s:.1f} s flown in {result.wall_s:.1f} s)", flush=True)
+
+
+def _show(results: list[Result], folder: Path, junit: Path | None) -> None:
+    from rich.console import Console
+
+    from arena.smoke.report import junit_xml, results_json, summary, table
+
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "results.json").write_text(results_json(results))
+    if junit is not None:
+        junit.parent.mkdir(parents=True, exist_ok=True)
+        junit.write_text(junit_xml(results))
+    Console().print(table(results))
+    print(summary(results), flush=True)

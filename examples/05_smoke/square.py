@@ -1,0 +1,26 @@
+"""Take off, fly a slow square, come back, land: what the scenarios of this folder disturb.
+
+    program: {path: square.py, args: [--laps, 3]}      # more laps for a longer flight; one by default
+
+Places are counted from where the vehicle stands, so that every vehicle of an arena can fly this program at once: they stay as
+far from each other as they started. It needs 1 m of room to the north and east, and 1.5 m above.
+"""
+
+import argparse
+
+from arena import UAV
+
+CORNERS = [[0, 0, -1.2], [1, 0, -1.2], [1, 1, -1.2], [0, 1, -1.2]]  # north, east, down [m] from the start
+SIDE_S = 3.0
+
+with UAV.from_args() as uav:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--laps", type=int, default=1)
+    laps = parser.parse_args(uav.args).laps
+    uav.start_offboard_mission()
+    start = uav.ekf.pos
+    for _ in range(laps):
+        for corner in CORNERS:
+            uav.set_pos_yaw(start + corner, 0.0, SIDE_S)
+    uav.set_pos_yaw(start + CORNERS[0], 0.0, SIDE_S)
+    uav.auto_land()
