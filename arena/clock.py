@@ -100,12 +100,12 @@ class SimClock:
 
     def told(self, patience_s: float | None) -> float | None:
         """The second half: the time [s] when what was asked for has come; None when it has not
-        within patience_s [s] of wall time."""
+        within patience_s [s] of wall time; 0: without waiting."""
         if patience_s != self._socket.gettimeout():
             self._socket.settimeout(patience_s)
         try:
             told = self._socket.recv(_DOUBLE.size)
-        except TimeoutError:
+        except (TimeoutError, BlockingIOError):
             return None
         except OSError as error:
             raise RunError(_ENDED) from error
@@ -115,6 +115,10 @@ class SimClock:
 
     def rate(self, hz: float) -> Rate:
         return Rate(self, hz)
+
+    def fileno(self) -> int:
+        """Readable when `told` has something to tell, or the world has ended: for those who wait for other things as well."""
+        return self._socket.fileno()
 
     @property
     def server_pid(self) -> int:

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.errors import RunError
 from arena.room import Afterlife, Room, run_room
 from arena.route.router import Out, Router
+from arena.route.spoiling import Spoiling
 from arena.route.table import Address, Table
 
 SYSTEM, COMPONENT = 254, 190
@@ -36,6 +37,7 @@ class Shell:
         self._poll = select.epoll()
         for fd in self._key:
             self._poll.register(fd, select.EPOLLIN)
+        self._spoiling = Spoiling(room, self._router, self._poll)
         self._buffer = memoryview(bytearray(_DATAGRAM_BYTES))
         self._voice = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         # Simulated vehicles may fall silent with their world; real ones are served until they are disarmed.
@@ -49,26 +51,32 @@ class Shell:
     def run(self) -> None:
         """Until told to stop, or until the afterlife is over."""
         while not (self._room.stopping or self._over):
-            for fd, _ in self._poll.poll(max(0.0, self._next_tick - time.monotonic())):
+            for fd, _ in self._poll.poll(max(0.0, min(self._next_tick, self._spoiling.turn_at) - time.monotonic())):
                 self._take(fd)
             if news := self._router.news():
                 self._room.facts(news)
             now = time.monotonic()
+            if now >= self._spoiling.turn_at:
+                self._send(self._spoiling.look(now))
             if now >= self._next_tick:
                 self._tick(now)
         self._room.stats(self._stats())
 
     def close(self) -> None:
+        self._spoiling.close()
         self._poll.close()
         for s in self._sockets:
             s.close()
 
     def _take(self, fd: int) -> None:
+        receive = self._receive.get(fd)
+        if receive is None:
+            return self._send(self._spoiling.look(time.monotonic()))
         try:
-            size, sender = self._receive[fd](self._buffer)
+            size, sender = receive(self._buffer)
         except OSError:  # nothing there after all
             return
-        self._send(self._router.on_datagram(self._key[fd], sender, self._buffer[:size], time.monotonic()))
+        self._send(self._spoiling.on_datagram(self._key[fd], sender, self._buffer[:size], time.monotonic()))
 
     def _send(self, out: list[Out]) -> None:
         counts = self._router.counts
@@ -92,7 +100,7 @@ class Shell:
         if now >= self._next_second:
             self._next_second = max(self._next_second + _SECOND_S, now)
             if self._router.table.heartbeat and (not orphaned or self._router.gcs_alive(now)):
-                self._send(self._router.heartbeat(self._heartbeat()))
+                self._send(self._spoiling.heartbeat(self._heartbeat(), now))
             self._room.stats(self._stats())
 
     def _is_over(self, orphaned: bool, now: float) -> bool:

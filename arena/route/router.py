@@ -101,6 +101,11 @@ class Router:
         self._up_routes = {line.vehicle.id: line.up for line in self._lines}
         self._up_routes[_EVERYBODY] = tuple(place for line in self._lines for place in line.up)
 
+    @property
+    def links(self) -> dict[str, int]:
+        """Vehicle -> index in `sockets` of its link's."""
+        return {line.vehicle.name: line.up[0][0] for line in self._lines}
+
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
         """socket: index in `sockets`.  data: as received; the answer holds slices of it.  now: monotonic [s]."""
         self.counts.bytes_in += len(data)

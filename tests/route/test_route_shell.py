@@ -232,7 +232,8 @@ def test_a_port_in_use_is_one_clear_sentence(tmp_path):
 
 def test_one_that_is_never_heard_keeps_the_others_waiting_for_a_while_only_and_is_named():
     told = []
-    room = types.SimpleNamespace(ready=lambda: told.append("ready"), event=told.append, orphaned=False, stats=lambda _: None)
+    room = types.SimpleNamespace(settings={}, ready=lambda: told.append("ready"), event=told.append, orphaned=False,
+                                 stats=lambda _: None)
     shell = Shell(room, Table.from_slice(slice_of((1, 2), host="127.74.5.1")))
     try:
         now = time.monotonic()
