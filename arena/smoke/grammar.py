@@ -21,7 +21,7 @@ from arena.smoke.vocabulary import (
     Form,
 )  # fmt: skip
 from arena.smoke.words import Allowance, Condition, Deed, Expectation, Moment, Place, Rule, Sign
-from arena.wire.px4mode import AUTO, MAIN
+from arena.wire.px4mode import AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,8 +247,8 @@ def _mode(words: Words) -> str:
     """As the autopilot's heartbeat says it: `AUTO.LAND`."""
     name = words.next.text.removeprefix("AUTO.")
     name = "LOITER" if name == "HOLD" else name
-    if words.next.kind != "word" or (name not in MAIN.values() and name not in AUTO.values()) or name == "AUTO":
-        raise words.wrong("a mode", [m for m in MODES if m != "AUTO"])
+    if words.next.kind != "word" or name not in MODES:
+        raise words.wrong("a mode", MODES)
     words.take()
     return f"AUTO.{name}" if name in AUTO.values() else name
 

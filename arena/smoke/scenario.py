@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field
 
 from arena.errors import InputError, Problem
 from arena.schema import Arena, load_arena
+from arena.schema.arena import Fence
 from arena.schema.base import Strict
 from arena.schema.load import arena_of
 from arena.schema.loader import Document, YamlPath, load_yaml
@@ -22,6 +23,7 @@ from arena.smoke.vocabulary import OF_VEHICLES
 from arena.smoke.words import Allowance, Box, Place, Rule, Step
 
 T = TypeVar("T")
+_BELOW_M = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -308,6 +310,5 @@ def _inside(document: Document, path: YamlPath) -> Document:
 def fence_of(arena: Arena) -> Box:
     """The arena's geofence, or the walls of its room where it draws none. The floor is no fence."""
     north, east, height = arena.world.size
-    margin = getattr(getattr(arena, "geofence", None), "margin_m", 0.0)
-    low = (margin - north / 2.0, margin - east / 2.0, margin - height)
-    return Box(low_n=low, high_n=(north / 2.0 - margin, east / 2.0 - margin, 1.0))
+    fence = arena.geofence or Fence(north=(-north / 2.0, north / 2.0), east=(-east / 2.0, east / 2.0), up=height)
+    return Box(low_n=(fence.north[0], fence.east[0], -fence.up), high_n=(fence.north[1], fence.east[1], _BELOW_M))

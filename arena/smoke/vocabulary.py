@@ -39,6 +39,29 @@ class Form:
     lasting: bool = False
 
 
+EXAMPLE = """\
+name: offboard loss lands
+arena: two_quads.yaml
+steps:
+  - at: uav1.airborne + 3 s
+    do: kill program uav1
+  - expect: uav1.mode == LAND within 2 s
+  - expect: uav1.landed within 10 s
+  - expect: not uav2.landed for 3 s
+always:
+  - separation > 0.8 m
+  - inside geofence
+  - tracking(uav2) < 0.15 m rms
+"""
+PHRASES: dict[str, str] = {
+    "at: start": "the first look at the flight, when the arena is up",
+    "at: then": "when the step before is done",
+    "at: CONDITION": "when it became true last, though that was before it is this step's turn",
+    "+ T": "after any of these: so much later",
+    "expect: CONDITION within T": "it holds at one look by then at the latest",
+    "expect: CONDITION for T": "it holds at every look until then",
+    "always: CONDITION": "it holds for whoever is in flight: from its first take-off until its landing",
+}
 STATES: dict[str, str] = {
     "airborne": "its lowest point is off the floor (truth)",
     "landed": "it has flown, is on the floor again (truth) and disarmed (its own word)",
@@ -65,7 +88,7 @@ OTHERS: dict[str, str] = {
     "P is STATE": "a process is READY, EXITED, FATAL, ..., as in `arena ps`",
     "arena ended": "its processes are gone",
 }
-MODES: tuple[str, ...] = (*MAIN.values(), *AUTO.values(), "HOLD")
+MODES: tuple[str, ...] = (*(m for m in MAIN.values() if m != "AUTO"), *AUTO.values(), "HOLD")
 PROCESS_STATES = ("STOPPED", "STARTING", "READY", "BACKOFF", "STOPPING", "EXITED", "FATAL")
 OF_VEHICLES: dict[str, str] = {
     "program": "program.{}", "forwarder": "forward.{}", "logger": "logger.{}", "px4": "px4.{}", "link": "link.{}",
@@ -100,7 +123,7 @@ DEEDS: tuple[Form, ...] = (
     Form(verb="ground station loss", form="ground station loss", meaning="its heartbeat stops", lasting=True),
     Form(verb="rc loss", form="rc loss V", meaning="the pilot's radio is off", lasting=True),
     Form(verb="battery drain", form="drain battery V in T", meaning="at a pace that empties a full one in T", lasting=True),
-    Form(verb="motor loss", form="motor loss V [rotor K]", meaning="this rotor gives none, by default the first", lasting=True),
+    Form(verb="motor loss", form="motor loss V [rotor K]", meaning="this rotor, else the first, gives no thrust", lasting=True),
     Form(verb="wind", form="wind N E D m/s", meaning="steady, in the whole room", lasting=True),
     Form(verb="mode", form="mode V M", meaning="asks for a mode as a pilot would"),
     Form(verb="land all", form="land all", meaning="as `arena land-all`"),

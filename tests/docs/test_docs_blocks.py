@@ -15,6 +15,7 @@ import yaml
 from arena import UAV
 from arena.cli import build, main
 from arena.schema import load_arena
+from arena.smoke.scenario import Scenario, load_scenarios
 from arena.uav import groups
 
 from .pages import ROOT, Block, blocks
@@ -102,8 +103,11 @@ def lab(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("block", YAML, ids=str)
-def test_every_yaml_block_is_an_arena_a_part_of_one_or_a_workflow_of_such_lines(block, tmp_path):
+def test_every_yaml_block_is_an_arena_a_part_of_one_a_scenario_or_a_workflow_of_such_lines(block, tmp_path):
     found = yaml.safe_load(block.text)
+    if "steps" in found:
+        assert scenarios_of(block.text, found, tmp_path)
+        return
     if "jobs" in found:
         for step in found["jobs"]["fly"]["steps"]:
             words = shlex.split(step.get("run", ""))
@@ -114,6 +118,17 @@ def test_every_yaml_block_is_an_arena_a_part_of_one_or_a_workflow_of_such_lines(
     (tmp_path / "lab1").mkdir(exist_ok=True)
     (tmp_path / "lab1" / "arena.yaml").write_text(text)
     assert load_arena(tmp_path / "lab1" / "arena.yaml").vehicles
+
+
+def scenarios_of(text: str, found: dict, folder: Path) -> list[Scenario]:
+    """The block as a scenario, in arenas of two vehicles with programs under the names that it gives them."""
+    for name in [found["arena"]] if isinstance(found["arena"], str) else found["arena"]:
+        (folder / name).write_text(
+            "vehicles:\n  uav1: {program: fly.py}\n  uav2: {program: fly.py, start: {position: [2, 0, 0]}}\n"
+        )
+    (folder / "fly.py").touch()
+    (folder / "scenario.yaml").write_text(text)
+    return load_scenarios(folder / "scenario.yaml")
 
 
 def stub(found: object, folder: Path) -> None:
