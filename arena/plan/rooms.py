@@ -57,7 +57,7 @@ def world(arena: Arena) -> Json:
     return {
         "name": "world", "address": arena.address, "seed": w.seed, "size_m": list(w.size), "heading_deg": w.heading_deg,
         "origin": _origin(arena), "physics_hz": s.physics_hz, "sensor_hz": s.sensor_hz, "speed": s.speed, "gui": s.gui,
-        "clock": CLOCK, "truth": TRUTH, "wind_m_s": list(w.wind_m_s),
+        "clock": CLOCK, "truth": TRUTH, "faults": _faults(arena, "world"), "wind_m_s": list(w.wind_m_s),
         "vehicles": [_body(arena, v) for v in arena.simulated],
     }  # fmt: skip
 
@@ -107,7 +107,13 @@ def mocap(arena: Arena) -> Json:
         "name": "mocap", "address": arena.address, "version": m.version, "transport": m.transport, "group": arena.group,
         "command_port": m.command_port, "data_port": m.data_port, "rate_hz": m.rate_hz, "noise": _noise(arena),
         "latency_ms": m.latency_ms, "seed": m.seed, "clock": CLOCK, "truth": TRUTH, "bodies": bodies,
+        "faults": _faults(arena, "mocap"),
     }  # fmt: skip
+
+
+def _faults(arena: Arena, room: str) -> str | None:
+    """Where a room takes faults on purpose: nowhere while a real vehicle flies."""
+    return None if arena.hardware else f"{{rt}}/{room}.faults"
 
 
 def _noise(arena: Arena) -> Json:
@@ -170,6 +176,7 @@ def router(arena: Arena) -> Json:
     return {
         "name": "router", "vehicles": [_routed(arena, v) for v in arena.vehicles],
         "gcs_local": [arena.address, LINK_BASE], "gcs": gcs, "heartbeat": True, "simulated": not arena.hardware,
+        "faults": _faults(arena, "router"), "clock": None if arena.hardware else CLOCK, "seed": arena.world.seed,
     }  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from arena.plan import Plan, make_plan
 from arena.schema import Arena, load_arena
+from arena.supervise.runfolder import _LONGEST_SOCKET
 
 MIXED = """
 mocap: {source: natnet, server: 10.0.0.5, local: 10.0.0.2, version: "4.1", rate_hz: 120}
@@ -64,6 +65,16 @@ def test_real_vehicles_live_on_the_wall_clock_and_are_never_taken_for_simulated(
         assert mixed.slices[f"{room}.sim.json"]["clock"] == "{rt}/clock", room
     assert mixed.slices["logger.real.json"]["truth"] is None
     assert {v.name: v.simulated for v in mixed.vehicles} == {"real": False, "sim": True}
+
+
+def test_faults_on_purpose_are_taken_where_no_real_vehicle_flies_alone(mixed: Plan, tmp_path: Path) -> None:
+    simulated = make_plan(arena_of("vehicles: {one: {autopilot: builtin}}\n", tmp_path))
+    for room in ("world", "mocap", "router"):
+        assert simulated.slices[f"{room}.json"]["faults"] == f"{{rt}}/{room}.faults"
+        assert mixed.slices[f"{room}.json"]["faults"] is None
+        assert len(f"/{room}.faults") <= len(_LONGEST_SOCKET), "or a run's folder may be too long a path for it"
+    assert simulated.slices["router.json"]["clock"] == "{rt}/clock" and mixed.slices["router.json"]["clock"] is None
+    assert simulated.slices["router.json"]["seed"] == 1
 
 
 def test_hardware_must_hold_what_the_yaml_makes_or_what_it_names_alone(mixed: Plan, tmp_path: Path) -> None:
