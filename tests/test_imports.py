@@ -27,7 +27,7 @@ MAY: dict[str, set[str]] = {
     "schema": {"errors", "geometry", "wire", "clock", "thrust", "params"},
     "plan": {"errors", "geometry", "wire", "clock", "thrust", "params", "schema"},
     "supervise": GROUND | {"schema", "plan"},
-    **{room: GROUND | {"capture"} for room in ("sim", "autopilot", "px4", "mocap", "forward", "route", "link")},
+    **{room: GROUND | {"capture"} for room in ("sim", "autopilot", "px4", "mocap", "forward", "route", "link", "copilot")},
     # tool rooms and what a user imports may read the schema and the plan
     "record": GROUND | {"capture", "schema", "plan"},
     "uav": GROUND | {"capture", "schema"},

@@ -18,7 +18,7 @@ Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", hel
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:
     """A line per vehicle, then one for the processes."""
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
-    lines += not_possible(arena)
+    lines += not_possible(arena) + unwatched(arena)
     programs = sum(p.kind == "program" for p in plan.processes)
     return [*lines, f"{len(plan.processes)} processes, {programs} of them programs"]
 
@@ -26,6 +26,14 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
 def not_possible(arena: Arena) -> list[str]:
     """What the YAML asks of the vehicles' parameters and their PX4 has none for: never dropped in silence."""
     return [f"{v.name}: not possible: {words}" for v in arena.vehicles for words in v.cannot]
+
+
+def unwatched(arena: Arena) -> list[str]:
+    """Hardware that flies without a copilot is worth a line."""
+    if arena.copilot is not None or not arena.hardware:
+        return []
+    names = ", ".join(v.name for v in arena.hardware)
+    return [f"no copilot watches {names}: `copilot: {{}}` in the YAML has one"]
 
 
 def _vehicle_line(arena: Arena, name: str) -> str:

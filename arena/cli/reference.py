@@ -19,7 +19,7 @@ from arena.plan import ProcessSpec, make_plan
 from arena.schema import load_arena
 from arena.schema.json_schema import json_schema
 from arena.schema.models import NOT_YET
-from arena.schema.ports import GROUND_STATION, LINK_BASE, RULE, WHAT
+from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, RULE, WHAT
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 _HEAD = "<!-- written by python -m arena.cli.reference; do not edit -->\n\n"
@@ -52,7 +52,9 @@ def yaml_page() -> str:
     text += "## The arena\n\n" + _keys(schema)
     order = ["World", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "VehicleKeys", "Start", "Program", "Tool",
              "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss", "PositionLoss", "LowBattery",
-             "RcLoss", "DataLinkLoss", "FenceLoss", "AttitudeLoss", "Geofence", "Host"]  # fmt: skip
+             "RcLoss", "DataLinkLoss", "FenceLoss", "AttitudeLoss", "Geofence", "Copilot",
+             "GeofenceRule", "SeparationRule", "TiltRule", "SpeedRule", "PoseAgeRule", "EstimateRule", "BatteryRule",
+             "ProgramRule", "Host"]  # fmt: skip
     if set(order) != set(defs):
         raise ValueError(f"models without a place on the page: {set(order) ^ set(defs)}")
     for name in order:
@@ -108,6 +110,7 @@ def _range(schema: dict[str, Any]) -> str:
 def ports_page() -> str:
     rows = [(rule, *WHAT[key]) for key, rule in RULE.items()]
     rows += [(str(LINK_BASE), "the router", "the socket that serves ground stations"),
+             (str(COPILOT), "the copilot", "heartbeats of programs; it speaks to the tools ports from here"),
              (str(GROUND_STATION), "a ground station", "all vehicles"),
              ("1510, or `mocap.command_port`", "the motion capture", "NatNet commands"),
              ("1511, or `mocap.data_port`", "every receiver", "NatNet frames, shared")]  # fmt: skip

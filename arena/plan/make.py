@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from arena.plan import rooms
+from arena.plan.copilot import copilot
 from arena.plan.model import Kind, Listen, Plan, ProcessSpec, Restart, VehiclePlan
 from arena.plan.text import arena_yaml
 from arena.schema import Arena, Vehicle
 from arena.schema.models import Tool
-from arena.schema.ports import LINK_BASE
+from arena.schema.ports import COPILOT, LINK_BASE
 
 # numpy's own threads would steal the second core from the arena
 ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
@@ -33,6 +35,7 @@ _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
     "mocap": ("arena.mocap", 0.3, 150.0, {}),
     "forward": ("arena.forward", 0.1, 120.0, {}),
     "router": ("arena.route", 0.4, 120.0, {}),
+    "copilot": ("arena.copilot", 0.4, 150.0, {"nice": -5}),
     "logger": ("arena.record", 0.15, 200.0, {"nice": NICE_LOGGER, "stop_timeout_s": 10.0}),
 }
 
@@ -61,6 +64,7 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
 def _slices(arena: Arena) -> Iterator[tuple[str, dict[str, Any]]]:
     made = [rooms.world(arena), rooms.mocap(arena)] if arena.simulated else []
     made += [rooms.router(arena)]
+    made += [copilot(arena)] if arena.copilot is not None else []
     made += [rooms.link(arena, v) for v in arena.vehicles if v.wire is not None]
     made += [rooms.px4(arena, v) for v in arena.vehicles if v.autopilot == "px4"]
     for v in arena.vehicles:
@@ -90,12 +94,23 @@ def _processes(arena: Arena, python: str) -> Iterator[ProcessSpec]:
         if v.forward:
             yield _room(arena, python, "forward", f"forward.{v.name}", v, needs=_before_poses(v, world))
     yield _room(arena, python, "router", "router", needs=world)
+    if arena.copilot is not None:
+        restart = Restart(mode="on_failure" if arena.copilot.on_loss == "restart" else "never")
+        seen_by = ("world", "mocap") if arena.simulated else ()
+        yield replace(_room(arena, python, "copilot", "copilot", needs=(*seen_by, "router")), restart=restart)
     for v in arena.vehicles:
-        yield _room(arena, python, "logger", f"logger.{v.name}", v, needs=("router",))
+        # where no program would be lost with the copilot, its vehicle's logger stands for it
+        needs = ("router",) if v.program is not None else ("router", *_watched(arena))
+        yield _room(arena, python, "logger", f"logger.{v.name}", v, needs=needs)
     for v in arena.vehicles:
         if v.program is not None:
             yield _program(arena, python, v)
     yield from _tools(arena)
+
+
+def _watched(arena: Arena) -> tuple[str, ...]:
+    """What flies needs the copilot, and is landed without it, unless the YAML asks for a warning alone."""
+    return ("copilot",) if arena.copilot is not None and arena.copilot.on_loss != "warn" else ()
 
 
 def _before_poses(v: Vehicle, world: tuple[str, ...]) -> tuple[str, ...]:
@@ -138,6 +153,8 @@ def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[List
         found.append((arena.mocap.command_port, "NatNet commands"))
     if kind == "router":
         found.append((LINK_BASE, "ground stations"))
+    if kind == "copilot":
+        found.append((COPILOT, "heartbeats of programs"))
     for v in of:
         if kind == "world" and v.autopilot != "builtin":
             if v.simulated:
@@ -178,7 +195,7 @@ def _program(arena: Arena, python: str, v: Vehicle) -> ProcessSpec:
     needs = (*needs, f"link.{v.name}") if v.wire is not None else needs
     return ProcessSpec(
         name=name, kind="program", vehicle=v.name, argv=(*start, "--uav", f"{{run}}/slices/{name}.json", *program.args),
-        cwd=arena.folder, env=ENV, needs=(*needs, "router", f"logger.{v.name}"), ready="started",
+        cwd=arena.folder, env=ENV, needs=(*needs, "router", *_watched(arena), f"logger.{v.name}"), ready="started",
         restart=Restart(mode=program.restart), stopped_for_s=None, cpu_budget=0.3, memory_budget_mb=300.0,
         nice=NICE_PROGRAM, listens=tuple(_listens(arena, "program", v)),
     )  # fmt: skip
@@ -195,8 +212,8 @@ def _tools(arena: Arena) -> Iterator[ProcessSpec]:
 def _tool(arena: Arena, name: str, tool: Tool, vehicle: str | None) -> ProcessSpec:
     return ProcessSpec(
         name=name, kind="tool", vehicle=vehicle, argv=tool.argv, cwd=str(Path(arena.folder) / (tool.cwd or "")),
-        env=(*ENV, *sorted(tool.env.items())), needs=("router",) if tool.needs is None else tool.needs, ready="started",
-        restart=Restart(mode=tool.restart), stopped_for_s=None,
+        env=(*ENV, *sorted(tool.env.items())), needs=("router", *_watched(arena)) if tool.needs is None else tool.needs,
+        ready="started", restart=Restart(mode=tool.restart), stopped_for_s=None,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import json
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-Kind = Literal["world", "px4", "link", "mocap", "forward", "router", "logger", "program", "tool", "task"]
+Kind = Literal["world", "px4", "link", "mocap", "forward", "router", "copilot", "logger", "program", "tool", "task"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from typing import Any
 from arena.plan.model import Link
 from arena.plan.px4 import forgotten, hitl_params, px4_params, px4_scripts
 from arena.schema import Arena, Vehicle
-from arena.schema.ports import GROUND_STATION, LINK_BASE
+from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE
 
 CLOCK, TRUTH = "{rt}/clock", "{rt}/truth"
 LOG_RATE_HZ = 30.0
@@ -212,8 +212,13 @@ def program(arena: Arena, v: Vehicle) -> Json:
         "name": f"program.{v.name}", "vehicle": v.name, "id": v.id, "link": f"udpin:{arena.address}:{v.ports.program}",
         "capture": _captures(arena, v), "body": v.mocap_body, "clock": _clock(v),
         "profile": {k: x for k, x in v.profile.slice().items() if k in kept}, "neighbours": neighbours,
-        "stale_s": PROGRAM_STALE_S,
+        "stale_s": PROGRAM_STALE_S, "heart": heart(arena),
     }  # fmt: skip
+
+
+def heart(arena: Arena) -> Address | None:
+    """Where programs beat; None without a copilot."""
+    return [arena.address, COPILOT] if arena.copilot is not None else None
 
 
 def _captures(arena: Arena, v: Vehicle) -> Json | list[Json] | None:

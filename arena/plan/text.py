@@ -21,6 +21,7 @@ def arena_yaml(arena: Arena) -> str:
             "mocap": _plain({**arena.mocap.model_dump(exclude_none=True), "group": _group(arena)}),
             "preflight": _plain(arena.preflight.model_dump()),
             **({"px4": {"home": arena.px4.home}} if arena.px4 else {}),
+            **({"copilot": _plain(arena.copilot.model_dump())} if arena.copilot else {}),
             **({"geofence": arena.geofence.slice()} if arena.geofence else {}),
             "tools": {name: _tool(tool) for name, tool in arena.tools.items()},
             "vehicles": {v.name: _vehicle(v) for v in arena.vehicles},

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from arena.params.needs import Needs
+from arena.schema.copilot import Copilot
 from arena.schema.models import Mocap, Preflight, RestartMode, Sim, Tool, World
 from arena.schema.ports import VehiclePorts
 from arena.schema.profile import Profile
@@ -138,6 +139,7 @@ class Arena:
     tools: Mapping[str, Tool]
     vehicles: tuple[Vehicle, ...]
     px4: Px4 | None = None
+    copilot: Copilot | None = None
     geofence: Fence | None = None
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
 
@@ -161,7 +163,7 @@ class Arena:
         names += [f"px4.{v.name}" for v in self.vehicles if v.autopilot == "px4"]
         names += [f"link.{v.name}" for v in self.vehicles if v.wire is not None]
         names += [f"forward.{v.name}" for v in self.vehicles if v.forward]
-        names += ["router"] + [f"logger.{v.name}" for v in self.vehicles]
+        names += ["router"] + (["copilot"] if self.copilot is not None else []) + [f"logger.{v.name}" for v in self.vehicles]
         names += [f"program.{v.name}" for v in self.vehicles if v.program is not None]
         names += [f"tool.{t}" for t in self.tools]
         return names + [f"tool.{v.name}.{t}" for v in self.vehicles for t in v.tools]

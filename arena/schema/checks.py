@@ -15,7 +15,7 @@ from arena.schema.checks_fence import fence
 from arena.schema.checks_real import REAL
 from arena.schema.loader import YamlPath
 from arena.schema.models import NOT_YET, Tool
-from arena.schema.ports import GROUND_STATION, LINK_BASE, SDK_ABOVE, WHAT
+from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, SDK_ABOVE, WHAT
 from arena.schema.source import near
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
@@ -131,6 +131,8 @@ def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlP
 
 def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
     yield LINK_BASE, "the router's socket for ground stations", ()
+    if c.arena.copilot is not None:
+        yield COPILOT, "the copilot", ("copilot",)
     yield GROUND_STATION, "a ground station's", ()
     yield c.arena.mocap.command_port, "the motion capture's commands", ("mocap", "command_port")
     yield c.arena.mocap.data_port, "the motion capture's data", ("mocap", "data_port")

@@ -13,7 +13,7 @@ from typing import Protocol
 from arena.errors import InputError, NotInstalledError
 from arena.schema.arena import Arena
 from arena.schema.models import Tool
-from arena.schema.ports import LINK_BASE, WHAT
+from arena.schema.ports import COPILOT, LINK_BASE, WHAT
 
 # ports of the rule table that no process of a running arena binds: another program may hold them rightly
 _FOREIGN = ("sdk", "panic_land_all", "simulator")
@@ -112,6 +112,8 @@ def _taken(arena: Arena, probe: Probe) -> Iterator[str]:
 
 def _wanted(arena: Arena) -> Iterator[tuple[str, int, str]]:
     yield arena.address, LINK_BASE, "the router's ground stations"
+    if arena.copilot is not None:
+        yield arena.address, COPILOT, "the copilot"
     if arena.simulated:
         yield arena.address, arena.mocap.command_port, "the motion capture's commands"
     for vehicle in arena.vehicles:

@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, mod
 from arena.errors import InputError
 from arena.params.table import Version
 from arena.schema.base import NotNegative, Port, Positive, PositiveVector, Span, Strict, Vector
+from arena.schema.copilot import Copilot
 
 
 def _numeric(text: str) -> str:
@@ -376,6 +377,8 @@ class ArenaFile(Strict):
     """Of every vehicle [m/s]. Default: its autopilot's own, 0.7 for PX4."""
     geofence: Geofence | None = None
     """Where vehicles may be. Not given: there is no fence; `{}`: the room."""
+    copilot: Copilot | None = None
+    """What watches the vehicles in flight. Default: nothing does; `copilot: {}` is all its defaults."""
     hosts: dict[str, Host] = Field(default_factory=dict)
     """Other computers."""
     defaults: VehicleDefaults = VehicleDefaults()

@@ -51,6 +51,8 @@ def resolve(
     origins: dict[str, Origin] = {}
     for key in ("address", "world", "sim", "mocap", "preflight", "failsafe", "landing_speed_m_s"):
         _trace(origins, source, (key,), getattr(model, key))
+    if model.copilot is not None:
+        _trace(origins, source, ("copilot",), model.copilot)
     name = model.name or _name_from(folder.name)
     served = model.mocap.source != "emulator"
     group = capture_group(model.address) if served else model.mocap.group or capture_group(model.address)
@@ -77,7 +79,7 @@ def resolve(
     return Arena(
         name=name, file=source.document.file, folder=str(folder), address=model.address, world=model.world, sim=model.sim,
         mocap=model.mocap, group=group, server_group=server_group, preflight=model.preflight, tools=model.tools,
-        vehicles=vehicles, px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None,
+        copilot=model.copilot, vehicles=vehicles, px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None,
         geofence=fence, origins=origins,
     )  # fmt: skip
 

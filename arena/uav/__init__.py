@@ -12,9 +12,10 @@ from arena.errors import (
     VehicleError,
 )
 from arena.uav.groups import Snapshot
+from arena.uav.heart import Heart
 from arena.uav.vehicle import UAV
 
 __all__ = [
-    "UAV", "CommandRefusedError", "NotConfirmedError", "OffboardLostError", "SetpointError", "Snapshot", "StaleDataError",
-    "VehicleError",
+    "UAV", "CommandRefusedError", "Heart", "NotConfirmedError", "OffboardLostError", "SetpointError", "Snapshot",
+    "StaleDataError", "VehicleError",
 ]

@@ -46,6 +46,7 @@ def _from_slice(file: str) -> dict[str, Any]:
             "clock": _clock(settings.get("clock"), settings["vehicle"]),
             "neighbours": [(n["name"], n["body"]) for n in settings.get("neighbours", ())],
             "stale_s": settings.get("stale_s", 0.5),
+            "heart": _heart(settings.get("heart")),
         }
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"--uav {file}: {error}") from error
@@ -85,6 +86,10 @@ def _capture(words: str, body: str) -> dict[str, Any]:
         "kind": "natnet", "server": server, "local": None, "transport": transport, "group": capture_group(server),
         "command_port": 1510, "data_port": 1511, "bodies": [body],
     }  # fmt: skip
+
+
+def _heart(address: Sequence[Any] | None) -> tuple[str, int] | None:
+    return None if address is None else (str(address[0]), int(address[1]))
 
 
 def _profile(profile: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from arena.clock import Clock
 from arena.errors import CommandRefusedError, NotConfirmedError, OffboardLostError, StaleDataError, VehicleError
 from arena.geometry import Array, yaw_from_quat
 from arena.uav.groups import Source
+from arena.uav.heart import Heart
 from arena.uav.link import COMPONENT, Link
 from arena.uav.setpoints import Encoder
 from arena.wire.px4mode import mode_numbers
@@ -32,9 +33,10 @@ _SILENCE = 2.0  # in multiples of stale_s: 1 s by default, when the autopilot it
 class Pilot:
     """One vehicle's commands. Everything here runs in the caller's own call."""
 
-    def __init__(self, source: Source, link: Link, clock: Clock, system_id: int) -> None:
+    def __init__(self, source: Source, link: Link, clock: Clock, system_id: int, heart: Heart) -> None:
         self.encoder = Encoder(system_id)
         self._source, self._link, self._clock, self._me = source, link, clock, (system_id, COMPONENT)
+        self._heart = heart
         self._offboard = False
         self._armed = False
         self._lost = ""
@@ -63,6 +65,7 @@ class Pilot:
 
     def send(self, message: mavlink.MAVLink_message) -> None:
         """A setpoint, if the vehicle is still the program's."""
+        self._heart.beat()
         self.guard()
         self._link.send(message)
 
@@ -183,6 +186,7 @@ class Pilot:
         rate = self._clock.rate(STREAM_HZ)
         end = self._clock.now() + timeout_s
         while True:
+            self._heart.beat()
             if self._offboard:
                 self.guard()
             self._link.refresh()

@@ -14,6 +14,7 @@ from arena.clock import Clock, WallClock
 from arena.errors import CommandRefusedError, StaleDataError
 from arena.thrust import thrust_curve as curve_of
 from arena.uav.groups import Actuation, Body, Ekf, Info, Sensors, Snapshot, Source
+from arena.uav.heart import Heart
 from arena.uav.link import Capture, Link
 from arena.uav.pilot import STREAM_HZ, Pilot
 from arena.uav.poses import Poses
@@ -30,6 +31,7 @@ class UAV:
     capture: settings of the motion capture, or of several; body: its own name there (default: ns).
     neighbours: names, or (name, body) pairs.
     clock: what `time` and `freq` are counted by; the wall clock by default. stale_s: data older than this raise.
+    heart: where a copilot listens for heartbeats, which leave in calls of its methods alone.
 
     Setpoints leave only while one of its methods runs. A program that stops calling them goes silent, and the autopilot's
     offboard failsafe lands the vehicle. Nothing is commanded when it is closed.
@@ -51,6 +53,7 @@ class UAV:
         clock: Clock | None = None,
         neighbours: Sequence[str | tuple[str, str]] = (),
         stale_s: float = 0.5,
+        heart: tuple[str, int] | None = None,
         args: Sequence[str] = (),
     ) -> None:
         self.clock: Clock = WallClock() if clock is None else clock
@@ -63,7 +66,8 @@ class UAV:
             ns=ns, stale_s=stale_s, telemetry=self._link.telemetry, poses=poses, now=self.clock.now, refresh=self._link.refresh
         )
         self._body = Body(ns=ns, mass=mass, radius=radius, height=height, num_rotors=num_rotors, thrust_curve=thrust_curve)
-        self._pilot = Pilot(self._source, self._link, self.clock, system_id)
+        self._heart = Heart(heart, system_id, self.clock)
+        self._pilot = Pilot(self._source, self._link, self.clock, system_id, self._heart)
         live = Snapshot.of(self._source, self._body)
         self.ekf: Ekf = live.ekf
         self.sen: Sensors = live.sen
@@ -151,6 +155,7 @@ class UAV:
     def close(self) -> None:
         """Close the link. Commands nothing: a vehicle in the air meets its offboard failsafe."""
         self._link.close()
+        self._heart.close()
 
     def __enter__(self) -> Self:
         return self

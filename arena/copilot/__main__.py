@@ -1,0 +1,148 @@
+"""`python -m arena.copilot slice.json`: the copilot's socket, its receivers of motion capture, and its clock.
+
+One UDP socket hears and says everything: what the routers' tools ports send is known by its sender, and programs beat there. On
+the simulation clock fifty looks a second of simulated time gate the world; where hardware flies they are the wall's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from arena.capture import Complaint, NatNetCapture, open_capture
+from arena.clock import Clock, SimClock, WallClock
+from arena.copilot.copilot import STEP_HZ, Copilot, Output
+from arena.copilot.settings import Rules, Vehicle
+from arena.errors import ArenaError, RunError
+from arena.room import Afterlife, Room, run_room
+
+_BUFFER_BYTES = 1 << 22
+_MOST = 20_000  # datagrams at a look: a flood must not keep us from judging
+_LOOK_S = 0.5
+_PATIENCE_S = 10.0
+
+
+class Shell:
+    def __init__(self, room: Room) -> None:
+        s = room.settings
+        self._room = room
+        self._clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
+        vehicles = [Vehicle.of(row) for row in s["vehicles"]]
+        self._core = Copilot(Rules.of(s), vehicles, self._clock.now())
+        self._socket = _listen((s["listen"][0], int(s["listen"][1])))
+        self._rows = {v.tools: i for i, v in enumerate(vehicles)}
+        self._captures: list[NatNetCapture] = [open_capture(c) for c in s["captures"]]
+        self._complaints = [Complaint() for _ in self._captures]
+        self._afterlives = [(kind, Afterlife(limit_s=60.0 if kind else None)) for kind in (True, False)]
+        self._began = self._looked = time.monotonic()
+        self._beat = -1e9
+        self._ready = False
+        self._spent_s, self._steps, self._longest_s = 0.0, 0, 0.0
+
+    def run(self) -> None:
+        """Until told to stop; without a supervisor, until the vehicles are disarmed."""
+        rate = self._clock.rate(STEP_HZ)
+        while not self._room.stopping:
+            now = rate.sleep()
+            began = time.thread_time()
+            self._turn(now)
+            spent = time.thread_time() - began
+            self._spent_s, self._steps, self._longest_s = self._spent_s + spent, self._steps + 1, max(self._longest_s, spent)
+            if time.monotonic() - self._looked >= _LOOK_S and self._look():
+                return
+
+    def close(self) -> None:
+        self._room.stats(self._stats())
+        self._socket.close()
+        for capture in self._captures:
+            capture.close()
+
+    def _turn(self, now: float) -> None:
+        self._hear(now)
+        for capture in self._captures:
+            with contextlib.suppress(OSError, ArenaError):  # a network that is away: the poses' age tells
+                self._core.see(capture.poll(now), now)
+        if now - self._beat >= 1.0:
+            self._beat = now
+            for vehicle in self._core.vehicles:
+                self._send(self._core.heartbeat(), vehicle.tools)
+        self._do(self._core.step(now))
+
+    def _do(self, output: Output) -> None:
+        for row, frames in output.frames:
+            vehicle = self._core.vehicles[row]
+            for frame in frames:
+                self._send(frame, vehicle.panic)
+                self._send(frame, vehicle.tools)
+        for event in output.events:
+            self._room.event(event)
+            print(event, flush=True)
+
+    def _hear(self, now: float) -> None:
+        for _ in range(_MOST):
+            try:
+                data, sender = self._socket.recvfrom(65535)
+            except OSError:
+                return
+            self._core.hear(self._rows.get(sender), data, now)
+
+    def _send(self, data: bytes, to: tuple[str, int]) -> None:
+        with contextlib.suppress(OSError):  # a network that is away now may be back at the next try
+            self._socket.sendto(data, to)
+
+    def _look(self) -> bool:
+        """Twice a second of wall time. True when there is nothing left to watch."""
+        self._looked = wall = time.monotonic()
+        if not self._ready and (not self._core.unheard or wall - self._began > _PATIENCE_S):
+            self._ready = True
+            if self._core.unheard:
+                self._room.event(f"{', '.join(self._core.unheard)} not heard or not captured after {_PATIENCE_S:g} s")
+            self._room.ready()
+        self._room.stats(self._stats())
+        for capture, complaint in zip(self._captures, self._complaints, strict=True):
+            if (news := complaint.news(capture.trouble())) is not None:
+                self._room.event(news)
+        orphaned = self._room.orphaned
+        over = [a.over(orphaned=orphaned, any_armed=self._core.any_armed(simulated=s), now=wall) for s, a in self._afterlives]
+        return all(over)
+
+    def _stats(self) -> dict[str, Any]:
+        mean = 1e3 * self._spent_s / max(self._steps, 1)
+        return {**self._core.stats(), "step_ms": round(mean, 3), "step_most_ms": round(1e3 * self._longest_s, 2)}
+
+
+def _listen(address: tuple[str, int]) -> socket.socket:
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    found.setblocking(False)
+    with contextlib.suppress(OSError):
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+    try:
+        found.bind(address)
+    except OSError as error:
+        found.close()
+        raise RunError(f"the copilot cannot listen on UDP {address[0]}:{address[1]}: {error.strerror}") from error
+    return found
+
+
+def main(argv: list[str] | None = None) -> int:
+    return run_room("arena:copilot", _make, argv)
+
+
+def _make(room: Room) -> Callable[[], None]:
+    shell = Shell(room)
+
+    def serve() -> None:
+        try:
+            shell.run()
+        finally:
+            shell.close()
+
+    return serve
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,113 @@
+"""What each rule says of one instant. Pure: a moment in, the broken rules out; a rule that needs time keeps since when.
+
+Nothing is judged that is not known: every comparison stands beside the mask of what is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from arena.copilot.moment import Broken, Mask, Moment
+from arena.copilot.separation import Found, separation
+from arena.copilot.settings import Rules, Vehicle
+
+_OUTWARDS_M_S = 0.1
+_SIDES = (("south", "north"), ("west", "east"), ("ceiling", "floor"))
+
+
+class Judge:
+    """Ask it once a step."""
+
+    def __init__(self, rules: Rules, vehicles: Sequence[Vehicle]) -> None:
+        self._rules = rules
+        self._names = [v.name for v in vehicles]
+        self._low = np.array([v.low for v in vehicles], dtype=np.float64)
+        self._high = np.array([v.high for v in vehicles], dtype=np.float64)
+        self._poses = np.array([v.poses for v in vehicles], dtype=np.bool_)
+        self._since = {rule: np.full(len(vehicles), np.inf) for rule in ("tilt", "estimate")}
+        self.found = Found(broken=(), meeting=(), closest=math.inf)
+
+    def broken(self, m: Moment) -> list[Broken]:
+        """Every rule that a flying vehicle breaks, whether it may be commanded or not."""
+        each = {
+            "geofence": self._geofence, "separation": self._separation, "tilt": self._tilt, "speed": self._speed,
+            "pose_age": self._pose_age, "estimate": self._estimate, "battery": self._battery, "program": self._program,
+        }  # fmt: skip
+        return [b for rule, of in each.items() if self._rules.on(rule) for b in of(m) if m.flying[b.row]]
+
+    def _geofence(self, m: Moment) -> Iterator[Broken]:
+        reserve = self._rules.figure["geofence.reserve_m"]
+        way = m.stop.way
+        end = m.p_n + way
+        judged = (m.placed & m.flying)[:, None]
+        above, below = m.v_n > _OUTWARDS_M_S, m.v_n < -_OUTWARDS_M_S
+        past_high = judged & m.moving[:, None] & above & (end > self._high - reserve)
+        past_low = judged & m.moving[:, None] & below & (end < self._low + reserve)
+        past_high |= judged & ~below & (m.p_n > self._high)
+        past_low |= judged & ~above & (m.p_n < self._low)
+        for row, axis in np.argwhere(past_high | past_low):
+            high = bool(past_high[row, axis])
+            left = float(self._high[row, axis] - m.p_n[row, axis] if high else m.p_n[row, axis] - self._low[row, axis])
+            speed, needs = abs(float(m.v_n[row, axis])), abs(float(way[row, axis]))
+            why = _fence_words(left, needs, reserve, speed, _SIDES[axis][high])
+            yield Broken(row=int(row), rule="geofence", why=why)
+
+    def _separation(self, m: Moment) -> Iterator[Broken]:
+        figure = self._rules.figure
+        self.found = separation(m, figure["separation.at_m"], figure["separation.ahead_s"], self._names)
+        yield from self.found.broken
+
+    def _tilt(self, m: Moment) -> Iterator[Broken]:
+        limit = self._rules.figure["tilt.above_deg"]
+        for row in self._lasting(m, "tilt", m.placed & (m.tilt > math.radians(limit))):
+            yield Broken(row=row, rule="tilt", why=f"it is tilted by {math.degrees(m.tilt[row]):.0f} deg (at most {limit:g} deg)")
+
+    def _speed(self, m: Moment) -> Iterator[Broken]:
+        limit = self._rules.figure["speed.above_m_s"]
+        speed = np.linalg.norm(m.v_n, axis=1)
+        for row in np.flatnonzero(m.placed & m.moving & (speed > limit)):
+            yield Broken(row=int(row), rule="speed", why=f"it flies at {speed[row]:.1f} m/s (at most {limit:g} m/s)")
+
+    def _pose_age(self, m: Moment) -> Iterator[Broken]:
+        limit = self._rules.figure["pose_age.above_s"]
+        for row in np.flatnonzero(self._poses & (m.pose_age > limit)):
+            why = f"it has not been captured for {m.pose_age[row]:.2f} s (at most {limit:g} s)"
+            yield Broken(row=int(row), rule="pose_age", why=why, enough="land")
+
+    def _estimate(self, m: Moment) -> Iterator[Broken]:
+        limit = self._rules.figure["estimate.off_m"]
+        known = self._poses & m.placed & np.isfinite(m.off)
+        for row in self._lasting(m, "estimate", known & (np.nan_to_num(m.off) > limit)):
+            why = f"its estimate is {m.off[row]:.2f} m from where it was captured (at most {limit:g} m)"
+            yield Broken(row=row, rule="estimate", why=why, enough="land")
+
+    def _battery(self, m: Moment) -> Iterator[Broken]:
+        limit = self._rules.figure["battery.below"]
+        for row in np.flatnonzero(np.isfinite(m.battery) & (np.nan_to_num(m.battery, nan=1.0) < limit)):
+            why = f"its battery is at {100 * m.battery[row]:.0f} % (at least {100 * limit:g} %)"
+            yield Broken(row=int(row), rule="battery", why=why, enough="land")
+
+    def _program(self, m: Moment) -> Iterator[Broken]:
+        limit = self._rules.figure["program.silent_s"]
+        known = m.offboard & np.isfinite(m.silent_s)
+        for row in np.flatnonzero(known & (np.nan_to_num(m.silent_s) > limit)):
+            why = f"its program has not beaten for {m.silent_s[row]:.1f} s (at most {limit:g} s), and it is in OFFBOARD"
+            yield Broken(row=int(row), rule="program", why=why)
+
+    def _lasting(self, m: Moment, rule: str, now_so: Mask) -> list[int]:
+        """Rows where it has been so for the rule's `for_s`, in the air."""
+        since = self._since[rule]
+        so = now_so & m.flying
+        since[:] = np.where(so, np.minimum(since, m.now), np.inf)
+        return [int(row) for row in np.flatnonzero(so & (m.now - since >= self._rules.figure[f"{rule}.for_s"]))]
+
+
+def _fence_words(left: float, way: float, reserve: float, speed: float, side: str) -> str:
+    if left < 0.0:
+        return (
+            f"it is {-left:.2f} m past the fence in the {side}" if side != "ceiling" else f"it is {-left:.2f} m above the fence"
+        )
+    return f"to stop from {speed:.1f} m/s it needs {way:.2f} m and {reserve:g} m in reserve, and the {side} is {left:.2f} m away"
