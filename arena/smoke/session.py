@@ -85,6 +85,7 @@ class Session:
         self._clock: SimClock | None = None
         self._ears: Ears | None = None
         self._next = 0.0
+        self._all_down = False
 
     def __enter__(self) -> Self:
         try:
@@ -131,6 +132,7 @@ class Session:
             self._chronicle.look_who_is_left()
         states = {**self._chronicle.states, "supervisor": "READY" if self._up and self._up.poll() is None else "EXITED"}
         seen = self._eyes.see(self._truth.newest(), self._ears.told, self._chronicle.crashed, time_s)
+        self._all_down = all(vehicle.down for vehicle in seen.values())
         return Now(time_s=time_s, vehicles=seen, processes=states, events=events)
 
     def _awaited(self, clock: SimClock) -> float | None:
@@ -210,14 +212,12 @@ class Session:
 
     def close(self) -> None:
         """Land, end, leave nothing. Interrupted meanwhile, it kills what is left and lets the interruption pass."""
-        if self._clock is not None:
-            self._clock.close()
-            self._clock = None
         if self._ears is not None:
             self._ears.close()
         try:
             self._end()
         finally:
+            self._leave_clock()
             before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTIONS)
             self._kill_rest()
             self._keep_words()
@@ -238,13 +238,30 @@ class Session:
             return
         for pid in self._processes():
             _signal(pid, signal.SIGCONT)
+        if not self._all_down:  # let time go on as fast as it can, for the landing
+            self._leave_clock()
         if self._up.poll() is None:
             self._up.send_signal(signal.SIGTERM)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._up.wait(_DOWN_S)
+            self._slowly(self._up, time.monotonic() + _DOWN_S)
         elif self.run is not None and (state := open_run(self.run)) is not None:
             with self._said.open("a") as out, contextlib.suppress(RunError):
                 sweep(state, lambda text: print(text, file=out, flush=True))
+
+    def _slowly(self, up: subprocess.Popen[bytes], deadline: float) -> None:
+        """Until it has ended, at the wall's pace where nobody flies any more: a world that races on would only take its core."""
+        while up.poll() is None and time.monotonic() < deadline:
+            try:
+                if self._clock is not None:
+                    self._clock.ask(self._clock.now() + _POLL_S)
+                    self._clock.told(_POLL_S)
+            except RunError:
+                self._leave_clock()
+            time.sleep(_POLL_S)
+
+    def _leave_clock(self) -> None:
+        if self._clock is not None:
+            self._clock.close()
+            self._clock = None
 
     def _kill_rest(self) -> None:
         if self._up is not None and self._up.poll() is None:
