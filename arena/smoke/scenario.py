@@ -139,7 +139,7 @@ class _Reader:
     def scenario(self) -> Scenario | None:
         """None where something is wrong."""
         arena = self._load()
-        names = _names(arena) if arena is not None else self._likely_names()
+        names = names_of(arena) if arena is not None else self._likely_names()
         if names is None:
             return None
         steps, always, allowed = tuple(self._steps(names)), tuple(self._always(names)), self._allowed(names)
@@ -283,7 +283,7 @@ class _Reader:
         self.problems.append(self._source.problem(path, message))
 
 
-def _names(arena: Arena) -> Names:
+def names_of(arena: Arena) -> Names:
     return Names(
         vehicles=tuple(v.name for v in arena.vehicles),
         processes=tuple(arena.process_names),

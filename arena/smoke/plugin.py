@@ -1,0 +1,71 @@
+"""The pytest plugin: the fixture `arena_run` flies scenarios, or an arena that a test leads itself.
+
+    def test_hover(arena_run):
+        arena_run("hover.smoke.yaml")
+
+    def test_a_killed_program(arena_run):
+        with arena_run.up("two_quads.yaml") as flight:
+            flight.until("uav1.airborne", 20)
+            flight.do("kill program uav1")
+            flight.expect("uav1.mode == LAND within 2 s")
+
+Paths are relative to the test's file. Every pytest loads this module, so it imports nothing of arena before a test asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from arena.smoke.by_hand import Led
+    from arena.smoke.verdict import Result
+
+
+class ArenaRun:
+    """folder: what paths are relative to. results: where run folders go, pytest's own folder of the test."""
+
+    def __init__(self, folder: Path, results: Path) -> None:
+        self._folder, self.results = folder, results
+
+    def __call__(
+        self, scenario: str | Path, *, set: Sequence[str] = (), speed: str = "max", seed: int | None = None
+    ) -> list[Result]:
+        """Fly it in every arena that it names. set: `key=value`, as `--set`. Raises AssertionError with what the referee saw, and
+        InputError where the file is wrong.
+        """
+        from arena.smoke.fly import How, fly
+        from arena.smoke.scenario import load_scenarios
+
+        how = How(results=self.results, speed=speed, seed=seed)
+        results = [fly(one, how) for one in load_scenarios(self._folder / scenario, set)]
+        failed = [line for result in results for line in _complaints(result)]
+        if failed:
+            raise AssertionError("\n".join(failed))
+        return results
+
+    def up(self, arena: str | Path, *, set: Sequence[str] = (), speed: str = "max", seed: int | None = None) -> Led:
+        """An arena to lead oneself: `with arena_run.up("arena.yaml") as flight: ...`; see `arena.smoke.by_hand`."""
+        from arena.schema import load_arena
+        from arena.smoke.by_hand import Led
+        from arena.smoke.session import Start
+
+        file = self._folder / arena
+        loaded = load_arena(file, list(set))
+        return Led(loaded, Start(arena=file, runs=self.results, overrides=tuple(set), speed=speed, seed=seed))
+
+
+def _complaints(result: Result) -> list[str]:
+    if result.verdict.passed:
+        return []
+    where = [f"{place.file}:{place.line}: {said}" if place else said for place, said in result.verdict.failures]
+    return [f"{result.scenario}: run folder {result.run or 'none'}", *(f"  {line}" for line in where)]
+
+
+@pytest.fixture
+def arena_run(request: pytest.FixtureRequest, tmp_path: Path) -> ArenaRun:
+    """Flies scenarios and arenas; see `arena.smoke.plugin`."""
+    return ArenaRun(request.path.parent, tmp_path / "arena")
