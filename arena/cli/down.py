@@ -21,9 +21,11 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def down(
         run: RunOption = None,
-        now: Annotated[bool, typer.Option("--now", help="kill programs at once; vehicles still land first")] = False,
+        now: Annotated[
+            bool, typer.Option("--now", help="do not land simulated vehicles; a real one that may fly is always landed")
+        ] = False,
     ) -> None:
-        """Land the vehicles, then stop the arena. Exits as the run does."""
+        """Land the vehicles, then stop the arena; with --now, stop it at once. Exits as the run does."""
         state = find(run, stale=True)
         if state.live and not _stays_stopped(state):
             code = _down(state, now)
@@ -31,7 +33,7 @@ def register(app: typer.Typer) -> None:
                 raise SystemExit(code)
         if state.live:
             print(f"the supervisor {state.supervisor.pid} is stopped and hears nobody: the arena ends without it", flush=True)
-        sweep(state, print)
+        sweep(state, print, now=now)
         print(f"nothing is left of {state.run}")
 
 

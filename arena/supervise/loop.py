@@ -6,7 +6,8 @@ One thread, one selector. The phases of a run:
 
 RUN restarts what dies; from LAND on nothing is started any more. In LAND everything goes on running, programs too:
 their setters raise when the landing takes OFFBOARD away. A second Ctrl-C kills the programs at once; what serves a
-flying vehicle is never stopped before the landing has ended.
+flying vehicle is never stopped before the landing has ended. `arena down --now` lands real vehicles alone: nothing is lost with
+simulated ones, and all that runs is told to stop at once.
 """
 
 from __future__ import annotations
@@ -84,6 +85,7 @@ class Supervisor:
         self._landing = Landing(plan, folder, self._journal)
         self._orders = Orders()
         self._end: End | None = None
+        self._at_once = False
         self._report: Task | None = None
         self._began, self._began_wall = time.monotonic(), datetime.now().astimezone()
         self._quiet_since: float | None = None
@@ -116,7 +118,11 @@ class Supervisor:
             case "restart":
                 return self._restart(str(request.get("name")))
             case "down":
-                self._ask_end(Cause.DOWN, hurry=request.get("now") is True)
+                now = request.get("now") is True
+                if now and not self._at_once and self._landing.task is not None:
+                    self._landing.task.stop("arena down --now")  # it lands simulated vehicles too
+                self._at_once |= now
+                self._ask_end(Cause.DOWN, hurry=now)
                 return {"ok": True}
         raise ValueError(f"unknown request {request.get('do')!r}: ps, restart, down and subscribe are known")
 
@@ -211,13 +217,14 @@ class Supervisor:
         """A person wants the run to end; asked again, with `hurry`, programs are not waited for."""
         first = self.phase is Phase.RUN
         if first:
-            self._begin_end(cause, f"{cause}: landing, then stopping")
+            self._begin_end(cause, f"{cause} --now: stopping" if self._at_once else f"{cause}: landing, then stopping")
         if self.phase is Phase.REPORT and self._report is not None and hurry:
             self._report.stop()
         elif hurry and (not first or cause is Cause.DOWN) and not self._orders.kill:
             programs = {spec.name for spec in self.plan.processes if spec.kind == "program"}
             self._orders.kill, self._orders.why = programs, f"{cause}: not waited for"
-            self._event("programs are killed; whatever serves a vehicle goes on until it has landed")
+            serves = "a real vehicle" if self._at_once else "a vehicle"
+            self._event(f"programs are killed; whatever serves {serves} goes on until it has landed")
         elif not first:
             self._say(f"{self.phase}: waiting for {self._waited_for()}")
         self._fleet.changed = True
@@ -233,14 +240,25 @@ class Supervisor:
         fleet = self._fleet
         flying = ending.may_fly(self.plan, fleet.lives, fleet.facts, fleet.told, fleet.stats)
         down = ending.grounded(self.plan, fleet.lives, fleet.stats)
+        if self._at_once:
+            flying, down = self._real_alone(flying, down)
         if self._landing.step(flying, now, world_gone=ending.is_world_gone(self.plan, fleet.lives), down=down):
             self.phase = Phase.STOP
             fleet.changed = True
 
+    def _real_alone(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
+        """What may fly and is waited for, and what is not, when simulated vehicles are not landed."""
+        simulated = {v.name for v in self.plan.vehicles if v.simulated}
+        left = simulated & set(flying)
+        if left:
+            self._landing.words = f"{', '.join(sorted(left))} not landed: {Cause.DOWN} --now"
+        real = [name for name in flying if name not in simulated]
+        return real, {**down, **dict.fromkeys(sorted(left), f"{Cause.DOWN} --now lands real vehicles alone")}
+
     def _stop(self, now: float) -> None:
         alive = set(self._fleet.alive)
         if alive:
-            turn = ending.may_stop(self.plan, self._fleet.lives) & alive
+            turn = alive if self._at_once else ending.may_stop(self.plan, self._fleet.lives) & alive
             self._orders.stop |= turn or alive
             self._fleet.changed = self._fleet.changed or any(self._fleet.lives[name].state is not State.STOPPING for name in turn)
             return

@@ -32,15 +32,15 @@ def sweep_all(say: Say, address: str) -> None:
             sweep(state, say)
 
 
-def sweep(state: RunState, say: Say) -> None:
-    """One stale run: land, end, remove its runtime folder. say: told what is found and done.
+def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
+    """One stale run: land, end, remove its runtime folder. say: told what is found and done.  now: land real vehicles alone.
 
     A supervisor that is stopped would wake up to a run that is none: it is killed, once the landing is over.
     """
     plan = runfolder.plan_of(state)
     if left := state.survivors():
         say(f"the supervisor of {state.run} {'is stopped' if state.stopped else 'has died'}; still running: {', '.join(left)}")
-        landed = _land(state, plan, left, say)
+        landed = _land(state, plan, left, say, now=now)
         if not landed and plan is not None and any(not v.simulated for v in plan.vehicles):
             raise RunError(
                 f"{state.run}: a real vehicle is not confirmed on the ground, so what serves it goes on running. "
@@ -52,9 +52,10 @@ def sweep(state: RunState, say: Say) -> None:
     _forget(state)
 
 
-def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say) -> bool:
+def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say, *, now: bool) -> bool:
     """Run the land task if anything may be in the air. True when it is confirmed, or nothing can be."""
-    if not _may_fly(plan, set(left)):
+    real = [v.name for v in plan.vehicles if not v.simulated] if plan is not None else []
+    if not _may_fly(plan, set(left)) or (now and plan is not None and not real):
         return True
     folder = RunFolder(path=Path(state.run), rt=Path(state.rt))
     argv, cwd = [sys.executable, "-m", "arena.safety.land_all", "--run", state.run], state.run
@@ -62,6 +63,9 @@ def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say) -> 
     if plan is not None and plan.land is not None:
         spec = folder.spec(plan.land)
         argv, cwd, env = list(spec.argv), spec.cwd, {**env, **dict(spec.env)}
+    if now and real:
+        argv += ["--only", ",".join(real)]
+        say(f"{', '.join(real)} may be flying, and a real vehicle is always landed")
     say(f"landing first: {' '.join(argv)}")
     try:
         return subprocess.run(argv, cwd=cwd, env=env, timeout=TIMEOUT_S, check=False, stdin=subprocess.DEVNULL).returncode == 0

@@ -208,6 +208,60 @@ def test_when_the_supervisor_is_killed_programs_die_and_what_serves_sees_the_end
     eventually(lambda: not is_running(world_pid), what="end of the world")
 
 
+def test_down_now_stops_simulated_vehicles_in_the_air_at_once(start, tmp_path):
+    """Also a program that would take its time, and a landing that has begun."""
+    run = begin(start, flying(tmp_path, program_kind="ignores_sigterm"))
+    run.signal(signal.SIGTERM)
+    run.until_said("landing all")
+    run.control().ask(do="down", now=True)
+    assert run.wait() == 0, "the landing would have waited for ever"
+    assert "landed all" not in run.log("land")
+    assert run.outcome["landing"] == "uav1 not landed: arena down --now"
+
+
+def test_down_now_lands_a_real_vehicle_first_and_says_so(start, tmp_path):
+    run = begin(start, flying(tmp_path, simulated=False))
+    run.control().ask(do="down", now=True)
+    run.until_said("landing all")
+    run.until_said("whatever serves a real vehicle goes on until it has landed")
+    run.until("p", "EXITED")
+    assert is_running(run.pid("world"))
+    (tmp_path / "go").touch()
+    assert run.wait() == 0
+    assert run.outcome["landing"] == "landed and disarmed"
+
+
+def test_down_now_of_a_mixed_arena_lands_the_real_ones_alone(start, tmp_path):
+    both, go = json.dumps({"uav1.armed": True, "uav2.armed": True}), tmp_path / "go"
+    go.touch()
+    plan = plan_of(
+        world(both, "{}", "landed"), program("p", "sleeps", needs=("world",)),
+        vehicles=(vehicle(simulated=True), vehicle("uav2", simulated=False)), land=spec("land", "lands", str(go), kind="task"),
+    )
+    run = begin(start, plan)
+    run.control().ask(do="down", now=True)
+    run.until_said("uav1 is not waited for: arena down --now lands real vehicles alone")
+    run.wait()
+    (told,) = [e["event"] for e in run.events("arena") if e.get("event", "").startswith("landing uav2: ")]
+    assert told.endswith("--except uav1")
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_of_a_stale_run_too_now_lands_real_vehicles_alone(start, tmp_path, simulated):
+    go = tmp_path / "go"
+    go.touch()
+    run = begin(start, flying(tmp_path, spec("stubborn", "ignores_sigterm", outlives=True, kind="world"), simulated=simulated))
+    run.until("stubborn", "READY")
+    eventually(lambda: (s := open_run(run.folder)) and len(s.processes) == 3)
+    run.signal(signal.SIGKILL)
+    run.wait()
+    code = "from arena.supervise import active_runs, sweep; [sweep(state, print, now=True) for state in active_runs()]"
+    said = run_python(code)
+    assert ("landed all" in said) is not simulated
+    assert ("uav1 may be flying, and a real vehicle is always landed" in said) is not simulated
+    assert not is_running(run.pid("stubborn")) and open_run(run.folder) is None
+
+
 def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_identity(start, tmp_path, bystander):
     plan = flying(tmp_path, spec("stubborn", "ignores_sigterm", outlives=True, kind="world"), waits=False)
     run = begin(start, plan)
