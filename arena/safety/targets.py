@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from arena.errors import InputError
-from arena.rundirs import runtime_bases
+from arena.rundirs import pointers
 from arena.safety.lenient import Named, read_yaml, vehicles_of
 from arena.safety.wire import Wire, as_last_seen, from_slice
 
@@ -101,12 +101,11 @@ def choose(targets: Sequence[Target], only: Sequence[str] = (), spared: Sequence
 def active_runs() -> list[Path]:
     """Run folders of this user that did not end cleanly and of which a process still runs, oldest first."""
     found = []
-    for base in runtime_bases():
-        for pointer in sorted(base.glob("*/run")) if base.is_dir() else []:
-            with contextlib.suppress(OSError):
-                folder = Path(pointer.read_text().strip())
-                if (state := folder / "state.json").is_file() and _anyone_runs(state):
-                    found.append((state.stat().st_mtime, folder))
+    for pointer in pointers():
+        with contextlib.suppress(OSError):
+            folder = Path(pointer.read_text().strip())
+            if (state := folder / "state.json").is_file() and _anyone_runs(state):
+                found.append((state.stat().st_mtime, folder))
     return [folder for _, folder in sorted(found)]
 
 

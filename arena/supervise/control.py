@@ -6,15 +6,20 @@
     {"do": "subscribe"}                -> {"ok": true}, then {"say": "..."} for everything said, until the run has ended
 A line that is none of these is answered with {"error": "..."}. No client can make the loop wait:
 one that does not read is dropped.
+
+The socket is its owner's alone, in a folder that is; whoever connects all the same and is neither the owner nor root, by the
+kernel's word, is refused and counted.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
 import selectors
 import socket
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -36,15 +41,25 @@ class _Client:
 
 
 class ControlServer:
-    """path: the socket's, in the run's private folder. answer: what a request gets; raises KeyError or ValueError with words."""
+    """path: the socket's, in the run's private folder. answer: what a request gets; raises KeyError or ValueError with words.
 
-    def __init__(self, path: Path, selector: selectors.BaseSelector, answer: Answer) -> None:
-        self._answer, self._selector = answer, selector
+    refused: told of each new user who was refused.  users: who is not; the owner and root.
+    """
+
+    def __init__(
+        self, path: Path, selector: selectors.BaseSelector, answer: Answer, *, refused: Callable[[str], None] = lambda _: None,
+        users: Collection[int] | None = None,
+    ) -> None:  # fmt: skip
+        self._answer, self._selector, self._told = answer, selector, refused
+        self._users = {0, os.getuid()} if users is None else set(users)
+        self.refused: dict[int, int] = {}
         self._clients: dict[int, _Client] = {}
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.bind(str(path))
-        path.chmod(0o600)
+        half = path.with_name("control.new")  # who sees the path can connect
+        self._socket.bind(str(half))
+        half.chmod(0o600)
         self._socket.listen(_MOST_CLIENTS)
+        half.rename(path)
         self._socket.setblocking(False)
         selector.register(self._socket, selectors.EVENT_READ, self._accept)
 
@@ -66,11 +81,22 @@ class ControlServer:
         except OSError:
             return
         connection.setblocking(False)
+        if (user := _user(connection)) not in self._users:
+            self._refuse(connection, user)
+            return
         if len(self._clients) >= _MOST_CLIENTS:
             connection.close()
             return
         client = self._clients[connection.fileno()] = _Client(connection)
         self._selector.register(connection, selectors.EVENT_READ, lambda: self._turn(client))
+
+    def _refuse(self, connection: socket.socket, user: int) -> None:
+        with contextlib.suppress(OSError):
+            connection.send(json.dumps({"error": f"user {user} may not command this arena"}).encode() + b"\n")
+        connection.close()
+        self.refused[user] = self.refused.get(user, 0) + 1
+        if self.refused[user] == 1:
+            self._told(f"user {user} wanted to command this arena and was refused")
 
     def _turn(self, client: _Client) -> None:
         self._flush(client)
@@ -132,6 +158,12 @@ class ControlServer:
         with contextlib.suppress(KeyError):
             self._selector.unregister(client.connection)
         client.connection.close()
+
+
+def _user(connection: socket.socket) -> int:
+    """Who connected, by the kernel's word (SO_PEERCRED: pid, uid, gid)."""
+    _, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return int(user)
 
 
 class Control:

@@ -100,7 +100,7 @@ class Supervisor:
             children.adopt_orphans()
         with SignalQueue() as signals:
             self._selector.register(signals.fd, selectors.EVENT_READ, signals.drain)
-            self._control = ControlServer(self.folder.control, self._selector, self.answer)
+            self._control = ControlServer(self.folder.control, self._selector, self.answer, refused=self._event)
             while self.phase is not Phase.OVER:
                 self._turn(signals)
             self._control.close()
@@ -136,6 +136,7 @@ class Supervisor:
             "up_s": round(now - self._began, 1),
             "vehicles": [v.name for v in self.plan.vehicles],
             "facts": dict(self._fleet.facts),
+            "refused": sum(self._control.refused.values()) if self._control is not None else 0,
             "processes": self._fleet.table(now),
         }
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from arena.errors import RunError
 from arena.plan.model import Plan, ProcessSpec
-from arena.rundirs import ONLY, runtime_bases
+from arena.rundirs import ONLY, pointers, runtime_bases
 from arena.supervise import proc
 
 _SOCKET_PATH_BYTES = 107
@@ -159,12 +159,11 @@ def open_run(path: Path) -> RunState | None:
 def active_runs() -> list[RunState]:
     """Every run of this user that has not ended cleanly, oldest first; `live` tells which still have their supervisor."""
     found = []
-    for base in runtime_bases():
-        for pointer in sorted(base.glob("*/run")) if base.is_dir() else []:
-            with contextlib.suppress(OSError):
-                state = open_run(Path(pointer.read_text()))
-                if state is not None and state.rt == str(pointer.parent):
-                    found.append(state)
+    for pointer in pointers():
+        with contextlib.suppress(OSError):
+            state = open_run(Path(pointer.read_text()))
+            if state is not None and state.rt == str(pointer.parent):
+                found.append(state)
     return sorted(found, key=lambda state: state.supervisor.start_s)
 
 
