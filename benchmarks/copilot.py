@@ -26,6 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 PROGRAM = Path(__file__).parents[1] / "tests" / "end_to_end" / "programs" / "copilot_pilot.py"
+RADIUS_M = 0.275
+"""Of the vehicle: without a geofence its centre stays so far from the walls."""
+FIRST_ID = 65
+"""PX4 binds its ports on every address: other arenas of this computer may fly theirs with the low ids."""
 _NEEDS = re.compile(r"to stop from ([\d.]+) m/s it needs ([\d.]+) m and ([\d.]+) m in reserve, and the \w+ is (-?[\d.]+) m away")
 
 
@@ -52,9 +56,9 @@ def fly(autopilot: str, size: tuple[float, float, float], vehicles: dict[str, tu
     lines = [f"address: {address}", f"world: {{size: {list(size)}}}", f"defaults: {{autopilot: {autopilot}}}"]
     lines += ["copilot: {}"] if copilot else []
     lines += ["vehicles:"]
-    for name, (north, east, words) in vehicles.items():
+    for k, (name, (north, east, words)) in enumerate(vehicles.items()):
         program = f"{{path: '{PROGRAM}', args: [{', '.join(repr(w) for w in words.split())}]}}"
-        lines.append(f"  {name}: {{start: {{position: [{north}, {east}, 0]}}, program: {program}}}")
+        lines.append(f"  {name}: {{id: {FIRST_ID + k}, start: {{position: [{north}, {east}, 0]}}, program: {program}}}")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arena.yaml"
         file.write_text("\n".join(lines) + "\n")
@@ -133,9 +137,6 @@ def stops(autopilot: str, address: str) -> Iterator[bool]:
             way = left - fence
             print(f"| {autopilot} | {words} | {speed:g} | {at:.1f} | {needs:.2f} | {way:.2f} | {fence:.2f} |", flush=True)
             yield way <= needs and not flown.crashed
-
-
-RADIUS_M = 0.275
 
 
 def main() -> int:
