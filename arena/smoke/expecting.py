@@ -59,18 +59,15 @@ class Hope:
         """Every look after the one at begun_s, while it is open."""
         if self.state != "open":
             return
+        if self.expectation.within_s is not None and flight.now.time_s > self.begun_s + self.expectation.within_s + EPSILON_S:
+            self.fail(self._told())
+            return
         for seen in look(self.expectation.condition, flight):
             self._stories.setdefault(seen.who, _Story()).see(seen)
         truth, passed = holds(self.expectation.condition, flight), flight.now.time_s - self.begun_s
         self._known = self._known or truth is not None
-        if self.expectation.within_s is not None:
-            self._within(self.expectation.within_s, truth, passed)
-        elif self.expectation.for_s is not None:
+        if self.expectation.for_s is not None:
             self._for(self.expectation.for_s, truth, passed)
-
-    def _within(self, limit: float, truth: bool | None, passed: float) -> None:
-        if passed > limit + EPSILON_S:
-            self.fail(self._told())
         elif truth:
             self._fulfil(passed)
 

@@ -27,7 +27,7 @@ from arena.smoke.words import Deed, Moment, Now, Place, Step
 
 _HIT = ("kill", "hang", "restart")
 _LANDED, _CRASH, _PROCESSES = "everybody has landed at the end", "nobody crashes", "no process fails"
-_DONE, _FAILED, _LIMIT, _GONE = "all is done", "a step failed", "the time limit", "the arena ended"
+_DONE, _FAILED, _LIMIT, _GONE = "all is done", "a step failed", "the time limit", "the end of the arena"
 
 
 @dataclass(kw_only=True)

@@ -82,6 +82,8 @@ class Watch:
         when = "" if self._worst_s is None else f" at {self._worst_s:.2f} s"
         if worst.value is None:
             return f"{subject(condition, worst.who)} was {worst.words or 'not heard'}{when}; asked is {condition.place.text}"
+        if condition.of == "outside" and condition.value == 0.0 and worst.value > 0.0:
+            return f"{worst.who} was {in_words(condition, worst.value)} outside the geofence{when}"
         rms, more = " rms over its flight in OFFBOARD" if condition.rms else "", _wants_less(condition)
         asked = f"{'less' if more else 'more'} than {in_words(condition, condition.value)} is asked"
         return f"{subject(condition, worst.who)} was {in_words(condition, worst.value)}{rms}{when}; {asked}"

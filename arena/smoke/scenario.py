@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,6 @@ from arena.smoke.vocabulary import OF_VEHICLES
 from arena.smoke.words import Allowance, Box, Place, Rule, Step
 
 T = TypeVar("T")
-_BELOW_M = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -311,4 +311,4 @@ def fence_of(arena: Arena) -> Box:
     """The arena's geofence, or the walls of its room where it draws none. The floor is no fence."""
     north, east, height = arena.world.size
     fence = arena.geofence or Fence(north=(-north / 2.0, north / 2.0), east=(-east / 2.0, east / 2.0), up=height)
-    return Box(low_n=(fence.north[0], fence.east[0], -fence.up), high_n=(fence.north[1], fence.east[1], _BELOW_M))
+    return Box(low_n=(fence.north[0], fence.east[0], -fence.up), high_n=(fence.north[1], fence.east[1], math.inf))

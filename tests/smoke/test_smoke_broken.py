@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -163,13 +164,13 @@ def test_entries_that_only_expect_belong_to_the_step_before(folder: Path) -> Non
 def test_the_fence_is_the_arenas_or_the_rooms_walls(folder: Path) -> None:
     Path("two.yaml").write_text("world: {size: [8, 6, 3]}\n" + TWO)
     Path("s.yaml").write_text(HEAD + STEP)
-    assert load_scenarios("s.yaml")[0].fence == Box(low_n=(-4, -3, -3), high_n=(4, 3, 1))
+    assert load_scenarios("s.yaml")[0].fence == Box(low_n=(-4, -3, -3), high_n=(4, 3, math.inf))
     drawn = load_scenarios("s.yaml", ["geofence.margin_m=0.5"])[0].fence
-    assert drawn == Box(low_n=(-3.5, -2.5, -2.5), high_n=(3.5, 2.5, 1))
+    assert drawn == Box(low_n=(-3.5, -2.5, -2.5), high_n=(3.5, 2.5, math.inf))
 
 
 def test_distance_to_the_fence() -> None:
-    box = Box(low_n=(-4, -3, -3), high_n=(4, 3, 1))
+    box = Box(low_n=(-4, -3, -3), high_n=(4, 3, math.inf))
     assert box.outside_m((0, 0, -1)) == pytest.approx(-2)
     assert box.outside_m((4.5, 0, -1)) == pytest.approx(0.5)
     assert box.outside_m((0, 0, -3.25)) == pytest.approx(0.25)
@@ -180,13 +181,18 @@ def test_every_key_has_its_line_for_the_reference() -> None:
 
 
 values = st.recursive(
-    st.one_of(st.none(), st.booleans(), st.integers(-5, 5), st.sampled_from(["two.yaml", "kill all", "uav1.landed within 2 s", "", "é"])),
-    lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(st.sampled_from(["at", "do", "expect", "vehicles", "uav1"]), inner, max_size=3)),
+    st.one_of(
+        st.none(), st.booleans(), st.integers(-5, 5), st.sampled_from(["two.yaml", "kill all", "uav1.landed within 2 s", "", "é"])
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3),
+        st.dictionaries(st.sampled_from(["at", "do", "expect", "vehicles", "uav1"]), inner, max_size=3),
+    ),
     max_leaves=6,
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
 @given(st.dictionaries(st.sampled_from([*ScenarioFile.model_fields, "x"]), values, max_size=6))
 def test_whatever_is_written_is_loaded_or_refused_with_its_place(folder: Path, data) -> None:
     import json
