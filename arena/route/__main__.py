@@ -37,7 +37,7 @@ class Shell:
         self._poll = select.epoll()
         for fd in self._key:
             self._poll.register(fd, select.EPOLLIN)
-        self._spoiling = Spoiling(room, self._router, self._poll)
+        self._spoiling = Spoiling(room, self._router, self._poll, self._tick_at)
         self._buffer = memoryview(bytearray(_DATAGRAM_BYTES))
         self._voice = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=COMPONENT)
         # Simulated vehicles may fall silent with their world; real ones are served until they are disarmed.
@@ -51,13 +51,11 @@ class Shell:
     def run(self) -> None:
         """Until told to stop, or until the afterlife is over."""
         while not (self._room.stopping or self._over):
-            for fd, _ in self._poll.poll(max(0.0, min(self._next_tick, self._spoiling.turn_at) - time.monotonic())):
+            for fd, _ in self._poll.poll(max(0.0, self._next_tick - time.monotonic())):
                 self._take(fd)
             if news := self._router.news():
                 self._room.facts(news)
             now = time.monotonic()
-            if now >= self._spoiling.turn_at:
-                self._send(self._spoiling.look(now))
             if now >= self._next_tick:
                 self._tick(now)
         self._room.stats(self._stats())
@@ -87,8 +85,13 @@ class Shell:
                 except OSError:  # a full queue or a network that is away: the next message will be newer
                     counts.dropped["not sent"] += 1
 
+    def _tick_at(self, when: float) -> None:
+        """No later than then, monotonic [s]."""
+        self._next_tick = min(self._next_tick, when)
+
     def _tick(self, now: float) -> None:
         self._next_tick = max(self._next_tick + _TICK_S, now)
+        self._send(self._spoiling.look(now))
         self._router.tick(now)
         orphaned = self._room.orphaned
         self._over = self._is_over(orphaned, now)

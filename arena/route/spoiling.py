@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import math
 import select
+from collections.abc import Callable
 
 from arena.clock import SimClock
 from arena.errors import RunError
@@ -22,13 +23,14 @@ from arena.wire.mavframe import Buffer
 
 
 class Spoiling:
-    """poll: where its descriptors are waited on. Call `look` when one is readable, and when `turn_at` has come, monotonic [s].
+    """poll: where its descriptors are waited on; call `look` when one is readable. wake_at: told when to call it again at the
+    latest, monotonic [s].
 
     on_datagram: instead of the router's, and changing.
     """
 
-    def __init__(self, room: Room, router: Router, poll: select.epoll) -> None:
-        self._room, self._router, self._poll = room, router, poll
+    def __init__(self, room: Room, router: Router, poll: select.epoll, wake_at: Callable[[float], None]) -> None:
+        self._room, self._router, self._poll, self._wake_at = room, router, poll, wake_at
         self._core = Spoiled(router, int(room.settings.get("seed", 0)))
         self._faults = Faults(room.settings.get("faults"))
         if self._faults.fileno() >= 0:
@@ -37,7 +39,6 @@ class Spoiling:
         self._clock: SimClock | None = None
         self._asked: float | None = None  # when to be woken [s] by the world's clock; None: awake
         self.on_datagram = router.on_datagram
-        self.turn_at = math.inf
 
     def look(self, now: float) -> list[Out]:
         """Take faults, let go what has waited long enough, ask to be woken for the rest. now: monotonic [s]."""
@@ -85,7 +86,7 @@ class Spoiling:
     def _ask_to_be_woken(self) -> None:
         due = math.inf if self._core.due is None else self._core.due
         if self._clock is None:
-            self.turn_at = due
+            self._wake_at(due)
         elif due != self._asked:
             self._asked = due
             with contextlib.suppress(RunError):  # one that has ended is readable

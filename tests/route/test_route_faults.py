@@ -165,9 +165,9 @@ def test_a_fault_that_makes_no_sense_is_refused_and_changes_nothing(fleet, fault
 class Running:
     """A router's shell in this thread, turned by hand, on a clock that this test moves."""
 
-    def __init__(self, folder, third, with_clock=True):
+    def __init__(self, folder, third, with_clock=True, beats=False):
         host = f"127.61.2.{third}"
-        self.slice = slice_of((1,), host=host, gcs=(host, 14550))
+        self.slice = slice_of((1,), host=host, base=27000, gcs=(host, 14550), heartbeat=beats)
         self.slice |= {"faults": str(folder / "router.faults"), "clock": str(folder / "clock") if with_clock else None, "seed": 3}
         v, self.told = self.slice["vehicles"][0], []
         self.autopilot, self.program = (self.open(a) for a in (v["link"]["remote"], v["clients"][0]["address"]))
@@ -194,8 +194,8 @@ class Running:
     def once(self, patience_s=0.01):
         for fd, _ in self.shell._poll.poll(patience_s):
             self.shell._take(fd)
-        if (now := time.monotonic()) >= self.shell._spoiling.turn_at:
-            self.shell._send(self.shell._spoiling.look(now))
+        if (now := time.monotonic()) >= self.shell._next_tick:
+            self.shell._tick(now)
 
     def pass_time(self, until):
         """As a lockstep world does: a step whenever nobody is awake."""
@@ -277,7 +277,7 @@ def test_without_a_worlds_clock_a_delay_is_of_the_walls_time(running):
     assert running.told[-1].startswith("fault refused: ")
 
 
-@pytest.mark.parametrize("running", [{"third": 4}], indirect=True)
+@pytest.mark.parametrize("running", [{"third": 4, "beats": True}], indirect=True)
 def test_a_muted_heartbeat_is_not_sent_and_comes_back(running):
     def beats():
         running.shell._next_second = 0.0
