@@ -1,13 +1,13 @@
 """`python -m arena.cli.reference [FOLDER]`: writes the generated pages of docs/reference. A test writes them again and compares.
 
-Pages: keys of the YAML, ports, processes, exit codes, the command line. Nothing in them is written by hand.
+Pages: keys of the YAML, ports, processes, exit codes, the command line, words of scenarios. Nothing in them is written by hand.
 """
 
 from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,8 @@ from arena.schema import load_arena
 from arena.schema.json_schema import json_schema
 from arena.schema.models import NOT_YET
 from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, RULE, WHAT
+from arena.smoke import vocabulary
+from arena.smoke.scenario import STEP_KEYS, ScenarioFile
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 _HEAD = "<!-- written by python -m arena.cli.reference; do not edit -->\n\n"
@@ -27,10 +29,10 @@ _EXAMPLE = "vehicles: {uav1: {program: hover.py}}\n"
 
 
 def pages() -> dict[str, str]:
-    """File name -> text, all five."""
+    """File name -> text, all six."""
     made = {
         "yaml.md": yaml_page(), "ports.md": ports_page(), "processes.md": processes_page(),
-        "exit-codes.md": exit_codes_page(), "cli.md": cli_page(),
+        "exit-codes.md": exit_codes_page(), "cli.md": cli_page(), "scenarios.md": scenarios_page(),
     }  # fmt: skip
     return {name: _HEAD + text.rstrip() + "\n" for name, text in made.items()}
 
@@ -137,6 +139,42 @@ def _process(spec: ProcessSpec) -> list[str]:
     budget = f"{spec.cpu_budget:g} cores, {spec.memory_budget_mb:g} MB"
     outlives = "yes" if spec.outlives else "no"
     return [f"`{spec.name}`", ", ".join(spec.needs), spec.ready, spec.restart.mode, outlives, budget, f"`{' '.join(spec.argv)}`"]
+
+
+def scenarios_page() -> str:
+    """Every key, word and operator of a scenario."""
+    states = {f"V.{state}": meaning for state, meaning in vocabulary.STATES.items()}
+    values = {f"V.{name} < X {q.unit}": f"{q.meaning}; also `>`" for name, q in vocabulary.QUANTITIES.items()}
+    deeds = ((f"`{form.form}`", "yes" if form.lasting else "", form.meaning) for form in vocabulary.DEEDS)
+    parts = (
+        "# Scenarios",
+        "A scenario is a YAML file for `arena smoke`. All of it is checked before anything flies. Times are simulated.",
+        f"```yaml\n{vocabulary.EXAMPLE}```",
+        _meanings("key", {key: (f.description or "").replace("\n", " ") for key, f in ScenarioFile.model_fields.items()}),
+        "## Steps",
+        "One after the other: a step begins when all that the one before expects has been seen. An entry that only expects\n"
+        "belongs to the step before. A step that fails ends the flight.",
+        _meanings("key", STEP_KEYS),
+        "## Moments, expectations and rules",
+        _meanings("written", vocabulary.PHRASES),
+        "## Conditions",
+        "`not` before a condition turns it round. With `each` in place of a vehicle's name it must hold for every vehicle.\n"
+        "What is not known fulfils no condition and breaks none.",
+        _meanings("condition", {**states, **values, **vocabulary.OTHERS}),
+        "## Deeds",
+        "Some may end in `for T`: after that time they are taken back. `each` hits every vehicle.",
+        table(("deed", "`for T`", "what is done"), deeds),
+        "## What the letters stand for",
+        _meanings("letter", vocabulary.PARTS),
+        "## What may happen",
+        "By default nobody crashes, everybody has landed at the end, and no process fails but those that a deed has hit.",
+        _meanings("entry of `may`", vocabulary.MAY),
+    )
+    return "\n\n".join(part.rstrip("\n") for part in parts)
+
+
+def _meanings(head: str, words: Mapping[str, str]) -> str:
+    return table((head, "meaning"), ((f"`{word}`", meaning) for word, meaning in words.items()))
 
 
 def exit_codes_page() -> str:

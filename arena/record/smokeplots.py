@@ -60,8 +60,13 @@ def draw(title: str, tracks: Mapping[str, Track], marks: Sequence[Mark], path: P
         above.annotate(str(number), place, xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize="small")
     above.legend(loc="upper right", ncols=min(len(tracks), 5), fontsize="small")
     named = [f"{n}  {m.at_s:.2f} s  {'' if m.good else 'FAILED  '}{m.text}" for n, m in enumerate(marks, start=1)]
-    figure.suptitle(title)
-    figure.supxlabel("\n".join(named), x=0.02, ha="left", fontsize="small")
+    figure.suptitle(_plain(title))
+    figure.supxlabel(_plain("\n".join(named)), x=0.02, ha="left", fontsize="small")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=_DPI)
     return path
+
+
+def _plain(text: str) -> str:
+    """No formulas in it, though there may be dollars."""
+    return text.replace("$", r"\$")
