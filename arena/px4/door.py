@@ -67,7 +67,10 @@ class Door:
     def look(self, now: float, *, taken: bool) -> tuple[socket.socket, bytes] | None:
         """Who has proven to be PX4, and what it has said already. now: wall time [s]. taken: a PX4 is there, nobody gets in."""
         while (caller := self._accept(now)) is not None:
-            if taken or len(self._callers) >= _MOST_CALLERS:
+            if caller.peer.rpartition(":")[0] not in (self._address[0], "127.0.0.1"):  # where our own PX4s connect from
+                self._callers.append(caller)
+                self._send_away(caller, "comes from another address than this computer's")
+            elif taken or len(self._callers) >= _MOST_CALLERS:
                 self._refuse(caller)
             else:
                 self._callers.append(caller)

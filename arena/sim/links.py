@@ -1,6 +1,7 @@
 """The UDP sockets of the vehicles' MAVLink links, drained without ever waiting.
 
-A link hears anyone, as PX4 does, and answers its fixed partner alone. What is read per step is bounded, by
+On the loopback a link hears anyone, as PX4 does, and answers its fixed partner alone. On an address that other computers reach it
+hears this computer and its partner's; strangers are refused and counted. What is read per step is bounded, by
 count on each link and by time in all, so that a flood on one socket costs neither the other links nor the
 step: the rest stays in the kernel, which drops it.
 """
@@ -29,6 +30,7 @@ class _Link:
     link: str
     socket: socket.socket
     remote: tuple[str, int]
+    hosts: frozenset[str]  # who may speak; none named: everybody
 
 
 class Links:
@@ -42,7 +44,7 @@ class Links:
         self._by_fd: dict[int, _Link] = {}
         self._by_name: dict[tuple[int, str], _Link] = {}
         self._page = memoryview(bytearray(_MOST_BYTES))
-        self.received = self.sent = self.not_sent = self.cut_short = 0
+        self.received = self.sent = self.not_sent = self.cut_short = self.strangers = 0
         for i, vehicle in enumerate(vehicles):
             for name in LINKS:
                 if name in vehicle.get("links", {}):
@@ -85,6 +87,7 @@ class Links:
             "sent": self.sent,
             "not_sent": self.not_sent,
             "cut_short": self.cut_short,
+            "strangers": self.strangers,
         }
 
     def close(self) -> None:
@@ -96,9 +99,12 @@ class Links:
         """A few datagrams of one link; True when there may be more."""
         for _ in range(_PER_TURN):
             try:
-                size = link.socket.recv_into(self._page)
+                size, sender = link.socket.recvfrom_into(self._page)
             except OSError:  # nothing left, or an answer of the network to something sent before: neither is a datagram
                 return False
+            if link.hosts and sender[0] not in link.hosts:
+                self.strangers += 1
+                continue
             self.received += 1
             receive(link.vehicle, link.link, bytes(self._page[:size]))
         return True
@@ -117,9 +123,14 @@ class Links:
             raise RunError(
                 f"{vehicle}: {name} link: cannot bind {local[0]}:{local[1]} ({error.strerror}): does another arena run here?"
             ) from error
-        link = _Link(vehicle=i, link=name, socket=made, remote=remote)
+        link = _Link(vehicle=i, link=name, socket=made, remote=remote, hosts=hosts_heard(local[0], remote[0]))
         self._by_fd[made.fileno()] = self._by_name[i, name] = link
         self._epoll.register(made.fileno(), select.EPOLLIN)
+
+
+def hosts_heard(local: str, remote: str) -> frozenset[str]:
+    """Who may command on a link of these two ends. None are named on the loopback: only this computer reaches it."""
+    return frozenset() if local.startswith("127.") else frozenset({local, remote})
 
 
 def _address(settings: Mapping[str, Any], key: str, what: str) -> tuple[str, int]:

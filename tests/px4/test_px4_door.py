@@ -53,6 +53,15 @@ def test_a_stranger_who_is_silent_gets_no_samples_and_does_not_stand_in_the_way_
         assert one.step(20).tolist() == [[0.5] * 4]
 
 
+def test_one_from_another_address_is_sent_away_whatever_it_says(one: World) -> None:
+    host, port = one.places[0]
+    with socket.create_connection((host, port), source_address=("127.66.31.9", 0)) as stranger:
+        stranger.sendall(greeting())
+        one.until(lambda: hung_up(stranger))
+    assert one.links.stats()["uav1"]["strangers"] == 1 and one.status() == ["never connected"]
+    assert "it comes from another address than this computer's, so it is no PX4" in one.said[0]
+
+
 def test_one_who_says_nothing_in_time_is_sent_away_counted_and_told_once(one: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PROVE_S", 0.05)
     for n in (1, 2):

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from arena.errors import InputError, RunError
-from arena.sim.links import Links
+from arena.sim.links import Links, hosts_heard
 
 HOST = "127.55.2.1"
 
@@ -113,6 +113,30 @@ def test_a_partner_that_is_not_there_is_no_error():
             links.send([(0, "router", b"heartbeat"), (0, "vision", b"x"), (0, "panic", b"no such link")])
             drained(links)
         assert links.stats()["sent"] == 6
+
+
+def test_where_other_computers_reach_it_a_link_hears_this_one_and_its_partners_alone():
+    port, udp = free_port(), (socket.AF_INET, socket.SOCK_DGRAM)
+    with socket.socket(*udp) as partner, socket.socket(*udp) as stranger:
+        partner.bind((HOST, 0))
+        stranger.bind(("127.55.2.9", 0))
+        ends = {"panic": {"local": ["0.0.0.0", port], "remote": list(partner.getsockname())}}
+        links = Links([{"name": "uav1", "links": ends}], budget_s=1.0)
+        try:
+            for who in (stranger, partner, stranger):
+                who.sendto(who.getsockname()[0].encode(), (HOST, port))
+            assert drained(links) == [(0, "panic", HOST.encode())]
+            assert links.stats()["strangers"] == 2 and links.stats()["received"] == 1
+        finally:
+            links.close()
+
+
+@pytest.mark.parametrize(("local", "remote", "heard"), [
+    ("127.0.0.1", "127.0.0.1", set()), ("127.3.2.1", "127.0.0.1", set()),
+    ("192.168.1.5", "192.168.1.5", {"192.168.1.5"}), ("10.0.0.2", "10.0.0.9", {"10.0.0.2", "10.0.0.9"}),
+])
+def test_who_is_heard_goes_by_the_address(local, remote, heard):
+    assert hosts_heard(local, remote) == heard
 
 
 def test_a_port_in_use_is_a_sentence_that_names_it():
