@@ -52,9 +52,10 @@ def moment(p_n: Sequence[Sequence[float]], v_n: Sequence[Sequence[float]] | None
     v = np.zeros((n, 3)) if v_n is None else np.array(v_n, float)
     yes, no, nan = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     fields: dict[str, Any] = {
-        "now": 10.0, "flying": yes, "open": yes, "held": no, "placed": yes, "moving": yes, "p_n": p, "v_n": v, "pose_age": np.zeros(n),
-        "tilt": np.zeros(n), "stop": stops(p, v, np.zeros((n, 3)), np.full(n, 0.05), limits(n)), "target": np.full((n, 3), np.nan),
-        "settled": no, "off": np.zeros(n), "battery": np.ones(n), "offboard": yes, "silent_s": nan,
+        "now": 10.0, "flying": yes, "open": yes, "held": no, "placed": yes, "moving": yes, "p_n": p, "v_n": v,
+        "pose_age": np.zeros(n), "tilt": np.zeros(n), "stop": stops(p, v, np.zeros((n, 3)), np.full(n, 0.05), limits(n)),
+        "target": np.full((n, 3), np.nan), "settled": no, "off": np.zeros(n), "battery": np.ones(n), "offboard": yes,
+        "silent_s": nan,
     }  # fmt: skip
     return Moment(**{**fields, **{key: np.array(x) if isinstance(x, list) else x for key, x in given.items()}})
 

@@ -1,0 +1,37 @@
+"""As with an SDK: a thread goes on sending the last setpoint, whatever becomes of the program's own loop, which beats for the
+copilot for three seconds and then hangs.
+"""
+
+import json
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+
+from arena import UAV, Heart
+from arena.clock import SimClock
+
+uav = UAV.from_args()
+uav.start_offboard_mission()
+place = uav.ekf.pos + np.array([0.0, 0.0, -1.0])
+uav.set_pos_yaw(place, 0.0, 4.0)
+
+
+def resend() -> None:
+    """Past the pilot of `arena.uav`, which would beat and would notice."""
+    clock = SimClock(json.loads(Path(sys.argv[sys.argv.index("--uav") + 1]).read_text())["clock"], "the thread of an SDK")
+    rate = clock.rate(20.0)
+    while True:
+        uav._link.send(uav._pilot.encoder.pos_yaw(place, 0.0, clock.now()))
+        rate.sleep()
+
+
+heart = Heart.from_args()
+threading.Thread(target=resend, daemon=True).start()
+loop = uav.clock.rate(20.0)
+for _ in range(60):
+    heart.beat()
+    loop.sleep()
+print("hangs", flush=True)
+threading.Event().wait()

@@ -1,0 +1,135 @@
+"""Flights that end badly without a copilot and well with one; a program that hangs behind an SDK; and the copilot's own end."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from .flight import PROGRAMS, Flight, Hangar, arena_yaml, eventually
+
+pytestmark = pytest.mark.flight
+
+PILOT = PROGRAMS / "copilot_pilot.py"
+FIVE = range(5)
+RADIUS_M, AT_M = 0.275, 0.8
+CASES = {
+    "head-on": ([24, 8, 4], {"uav1": (-4.5, "1.5", "5.5"), "uav2": (4.5, "-1.5", "5.5")}),
+    "wall": ([14, 6, 4], {"uav1": (-3.0, "3", "20")}),
+}
+
+
+def fly(hangar: Hangar, case: str, *, copilot: bool) -> Flight:
+    size, vehicles = CASES[case]
+    lines = [f"address: {hangar.address}", f"world: {{size: {size}}}", "defaults: {autopilot: builtin}"]
+    lines += ["copilot: {}"] if copilot else []
+    lines.append("vehicles:")
+    for name, (north, speed, seconds) in vehicles.items():
+        program = f"{{path: '{PILOT}', args: ['{speed}', '0', '{seconds}']}}"
+        lines.append(f"  {name}: {{start: {{position: [{north}, 0, 0]}}, program: {program}}}")
+    file = hangar.folder / "arena.yaml"
+    file.write_text("\n".join(lines) + "\n")
+    flight = hangar.up(file, "--until-done", "--no-report", "--speed", "max", "--time-limit", "240")
+    flight.wait(240)
+    return flight
+
+
+def truth(flight: Flight, vehicle: str) -> np.ndarray:
+    rows = [[r[f"truth.pos.{axis}"] for axis in ("north", "east", "down")] for r in flight.rows(vehicle)]
+    return np.array([[float(x) for x in row] for row in rows if all(row)])
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("run", FIVE)
+def test_without_a_copilot_it_ends_in_a_crash(hangar: Hangar, case: str, run: int) -> None:
+    flight = fly(hangar, case, copilot=False)
+    assert all(flight.verdict(name)["crashed"] for name in CASES[case][1])
+    assert flight.outcome["exit_code"] == 1
+
+
+@pytest.mark.parametrize("run", FIVE)
+def test_head_on_the_later_yields_and_both_keep_their_distance(hangar: Hangar, run: int) -> None:
+    flight = fly(hangar, "head-on", copilot=True)
+    said = [e["event"] for e in flight.events("copilot") if "event" in e]
+    assert flight.outcome["exit_code"] == 0, flight.said()
+    assert said[0].startswith("uav2: hold: separation: yields to uav1")
+    a, b = truth(flight, "uav1"), truth(flight, "uav2")
+    n = min(len(a), len(b))
+    assert np.linalg.norm(a[:n] - b[:n], axis=1).min() > AT_M - 0.1
+
+
+@pytest.mark.parametrize("run", FIVE)
+def test_a_program_that_flies_at_the_wall_is_held_before_it(hangar: Hangar, run: int) -> None:
+    flight = fly(hangar, "wall", copilot=True)
+    said = [e["event"] for e in flight.events("copilot") if "event" in e]
+    assert flight.outcome["exit_code"] == 0, flight.said()
+    assert said[0].startswith("uav1: hold: geofence: to stop from ")
+    assert truth(flight, "uav1")[:, 0].max() < 7.0 - RADIUS_M
+
+
+def hung(hangar: Hangar, more: str, *options: str) -> Flight:
+    lines = [
+        f"address: {hangar.address}",
+        "defaults: {autopilot: builtin}",
+        f"vehicles: {{uav1: {{program: {PROGRAMS / 'hung_sdk.py'}}}}}",
+    ]
+    file = hangar.folder / "arena.yaml"
+    file.write_text("\n".join([*lines, more]) + "\n")
+    return hangar.up(file, *options)
+
+
+def modes(flight: Flight) -> list[str]:
+    """While armed, in order, by the vehicle's log."""
+    found = [r["info.flight_mode"] for r in flight.rows("uav1") if r["info.is_armed"] == "True"]
+    return [m for i, m in enumerate(found) if m and (i == 0 or found[i - 1] != m)]
+
+
+def test_a_program_hung_behind_an_sdk_is_landed_by_its_heartbeat(hangar: Hangar) -> None:
+    flight = hung(hangar, "copilot: {}")
+    flight.until_up()
+    flight.until_disarmed(["uav1"], 60)
+    (said,) = [e["event"] for e in flight.events("copilot") if "land: program" in e.get("event", "")]
+    assert "its program has not beaten for" in said
+    assert flight.cli("down", "--run", str(flight.folder)).returncode == 1  # the program has not ended by itself
+
+
+def test_without_a_copilot_it_hovers_for_ever(hangar: Hangar) -> None:
+    flight = hung(hangar, "", "--speed", "max", "--no-report")
+    flight.until_up()
+    eventually(lambda: "hangs" in flight.log("program.uav1"), 60, "the program hangs", flight.said)
+    then = flight.truth().time_s
+    eventually(lambda: flight.truth().time_s > then + 10.0, 120, "ten seconds more", flight.said)
+    assert flight.fact("uav1.mode") == "OFFBOARD" and flight.fact("uav1.armed") is True
+
+
+def hovering(hangar: Hangar, copilot: str) -> Flight:
+    flight = hangar.up(arena_yaml(hangar.folder, hangar.address, {"uav1": "tours", "uav2": "tours"}, copilot), "--until-done")
+    flight.until_up()
+    os.kill(flight.pid("copilot"), signal.SIGKILL)
+    return flight
+
+
+def test_a_copilot_that_is_killed_has_everybody_landed_and_the_arena_says_why(hangar: Hangar) -> None:
+    flight = hovering(hangar, "copilot: {}")
+    assert flight.wait() == 1
+    assert "copilot: killed by SIGKILL" in flight.said()
+    for name in ("uav1", "uav2"):
+        assert flight.verdict(name)["crashed"] == "" and flight.verdict(name)["landings"] == 1
+    flight.assert_nothing_left()
+
+
+@pytest.mark.parametrize(("on_loss", "starts"), [("restart", 2), ("warn", 1)])
+def test_a_copilot_that_need_not_be_there_is_missed_and_the_flight_goes_on(hangar: Hangar, on_loss: str, starts: int) -> None:
+    flight = hovering(hangar, f"copilot: {{on_loss: {on_loss}}}")
+    code = flight.wait(120)
+    assert [e["to"] for e in flight.events("copilot") if "to" in e].count("READY") == starts
+    assert all(flight.outcome["processes"][f"program.{n}"]["exit_code"] == 0 for n in ("uav1", "uav2"))
+    assert code == (0 if on_loss == "restart" else 1)
+
+
+def test_the_run_folder_names_where_programs_beat(hangar: Hangar, tmp_path: Path) -> None:
+    flight = hangar.fly({"uav1": "lands"}, "--no-report", more="copilot: {}")
+    assert flight.json("slices/program.uav1.json")["heart"] == [hangar.address, 24001]
