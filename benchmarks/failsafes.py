@@ -29,6 +29,10 @@ FLOOR_M = 0.1
 STOPPED = 0.05
 """Motor command below which nothing is flown any more."""
 NEAR_M = 0.7
+BOX_M, CEILING_M = 3.0, 2.0
+"""Of the fence's cases: from the floor's centre to its walls, and its height."""
+HIGH_M = 10.0
+"""Where a rotor is lost."""
 EARLY_S, LATE_S = 0.6, 1.2
 """The ground station's last heartbeat is up to half a second old when it falls silent, and PX4 1.16 gives up poses that stop
 altogether 0.4 s before EKF2_NOAID_TOUT."""
@@ -93,6 +97,23 @@ def _goes_on(s: Seen) -> bool:
     return not s.modes and s.cut_s is None and s.armed and abs(s.height_m - HEIGHT_M) < 0.3
 
 
+def _climbs_on(s: Seen) -> bool:
+    return not s.modes and s.cut_s is None and s.armed and s.height_m > CEILING_M + 0.3
+
+
+def _holds_there(s: Seen) -> bool:
+    return s.modes == ["AUTO.LOITER"] and s.cut_s is None and s.armed and s.down_s is None
+
+
+def _lands_there(s: Seen) -> bool:
+    """From a flight: it brakes first."""
+    return _lands(Seen(**{**s.__dict__, "moved_m": s.moved_m / 4.0}))
+
+
+def _tumbles(s: Seen) -> bool:
+    return not s.modes and s.cut_s is None and s.down_s is not None
+
+
 def _warns(s: Seen) -> bool:
     return _goes_on(s) and s.warned
 
@@ -114,6 +135,7 @@ class Flight:
     wanted: Wanted
     setup: dict[str, Any] = field(default_factory=dict)
     sticks: bool = False
+    height_m: float = HEIGHT_M
 
     @property
     def name(self) -> str:
@@ -161,6 +183,24 @@ def _charge(percent: int) -> Callable[[Rig], None]:
     return lose
 
 
+def _climb(r: Rig) -> None:
+    """Through the ceiling of the fence, as a program would."""
+    r.each[:] = [r.position(NORTH_M, 0.0, -2.0 * CEILING_M)]
+    if r.until(lambda r: -r.p_n[2] >= CEILING_M, 10.0) is None:
+        raise Unfit("it does not reach the ceiling")
+
+
+def _go_north(r: Rig) -> None:
+    """Through the circle that the fence's box has become."""
+    r.each[:] = [r.position(2.0 * BOX_M, 0.0, -HEIGHT_M)]
+    if r.until(lambda r: r.p_n[0] >= math.hypot(BOX_M, BOX_M), 15.0) is None:
+        raise Unfit("it does not reach the circle")
+
+
+def _rotor(r: Rig) -> None:
+    r.lose_rotor(1)
+
+
 SMALL = {"params": {"SIM_BAT_DRAIN": 100.0}, "profile": {"battery": {"capacity_mah": 550.0}}}
 """Empty in 100 s of hover, in either simulation."""
 
@@ -203,6 +243,23 @@ def flights() -> list[Flight]:
                yaml=section("data_link_loss", action, 10.0), lose=_ground_station, wanted=ACTIONS[action])
         for action in ("none", "land", "hold", "return", "disarm")
     ]  # fmt: skip
+    box = f"geofence: {{north: [-{BOX_M}, {BOX_M}], east: [-{BOX_M}, {BOX_M}], up: {CEILING_M}}}\n"
+    found += [
+        Flight(lost="under the fence's ceiling", action=action, after_s=None if action == "warn" else 0.0,
+               yaml=box + section("geofence", action), lose=_climb, wanted=wanted)
+        for action, wanted in (("warn", _climbs_on), ("land", _lands_there), ("hold", _holds_there), ("return", _returns),
+                               ("terminate", _stops))
+    ]  # fmt: skip
+    found += [
+        Flight(lost="inside the fence's circle", action=action, after_s=0.0, yaml=box + section("geofence", action),
+               lose=_go_north, wanted=wanted)
+        for action, wanted in (("land", _lands_there), ("return", _returns))
+    ]  # fmt: skip
+    found += [
+        Flight(lost="a rotor", action=action, after_s=None if action == "none" else 0.5, yaml=section("attitude", action),
+               lose=_rotor, wanted=wanted, height_m=HIGH_M)
+        for action, wanted in (("none", _tumbles), ("terminate", _stops))
+    ]  # fmt: skip
     return found
 
 
@@ -213,8 +270,8 @@ def fly(flight: Flight, autopilot: str, given: argparse.Namespace) -> Row:
     setup = Setup(yaml=flight.yaml, sticks=flight.sticks, **flight.setup)
     try:
         with vehicle(autopilot, setup, address=given.address, number=given.id, speed=given.speed) as r:
-            hover(r, HEIGHT_M)
-            r.each[:] = [r.position(NORTH_M, 0.0, -HEIGHT_M)]
+            hover(r, flight.height_m)
+            r.each[:] = [r.position(NORTH_M, 0.0, -flight.height_m)]
             r.run(5.0)
             for message, every_us in ((CURRENT_MODE, 50_000), (SYS_STATUS, 100_000)):
                 r.command(SET_INTERVAL, message, every_us)

@@ -101,6 +101,7 @@ class Limits:
     com_dl_loss_t: float
     cbrk_flightterm: int
     fd_fail_rad: float
+    fd_fail_s: float = 0.3
     gf_action: int = 2
     com_dll_except: int = 0
     nav_rcl_act: int = 2
@@ -117,7 +118,6 @@ class Commander:
     arming.
     """
 
-
     name: str
     mode: Mode = Mode.HOLD
     intended: Mode = Mode.HOLD
@@ -131,6 +131,7 @@ class Commander:
     _pending: tuple[float, Mode] | None = None
     _battery_level: int = 0
     _fence: str = ""
+    _tilted_since: float | None = None
     _had_sticks: bool = False
     _sticks_lost: bool = False
 
@@ -195,7 +196,7 @@ class Commander:
             return "; ".join(reasons)
         self.armed, self.armed_since, self.took_off, self._landed_since = True, s.now, False, None
         self._pending, self._battery_level, self._fence = None, 0, ""
-        self._had_sticks, self._sticks_lost = False, False
+        self._tilted_since, self._had_sticks, self._sticks_lost = None, False, False
         self.failsafe = ""
         self.say(INFO, f"Armed {why}")
         return ""
@@ -242,7 +243,10 @@ class Commander:
         self._auto_disarm(s, limits)
 
     def _check_attitude(self, s: Sensed, limits: Limits) -> None:
-        if limits.cbrk_flightterm == 0 and s.tilt_rad > limits.fd_fail_rad and self.took_off:
+        """Beyond the limit for so long: what tumbles turns through it, what has fallen over stays there."""
+        beyond = s.tilt_rad > limits.fd_fail_rad and self.took_off
+        self._tilted_since = (self._tilted_since or s.now) if beyond else None
+        if limits.cbrk_flightterm == 0 and self._tilted_since is not None and s.now - self._tilted_since >= limits.fd_fail_s:
             self.terminate(s.now, "attitude failure")
 
     def _check_position(self, s: Sensed, limits: Limits) -> None:

@@ -99,8 +99,8 @@ class _Making:
         asked = self._asked("sticks")
         source = sticks("radio" if needs.sticks else "none", self.version)
         yield Line("COM_RC_IN_MODE", source, "sticks come by radio" if needs.sticks else "there are no sticks", asked)
-        if needs.sticks:
-            yield Line("RC_CHAN_CNT", 8, "channels of the radio", asked)
+        if needs.sticks and needs.channels:
+            yield Line("RC_CHAN_CNT", needs.channels, "channels of the radio", asked)
             for k, axis in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), 1):
                 yield Line(f"RC_MAP_{axis}", k, f"{axis.lower()} stick", asked)
 

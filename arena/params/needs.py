@@ -51,6 +51,7 @@ class Rotor:
 @dataclass(frozen=True, kw_only=True)
 class Needs:
     """vision_delay_ms: from exposure to the pose's arrival, None where no poses come.  hover: thrust command, 0 to 1.
+    channels: of the radio, where there are sticks; 0: the vehicle knows them.
 
     ceiling_m: the room's height.  fence: the vehicle's own, None for none.
     gains: a profile's, by the newest names.  own: what a user names himself, as he writes it.
@@ -62,6 +63,7 @@ class Needs:
     vision_delay_ms: float | None
     gps: bool = False
     sticks: bool = False
+    channels: int = 8
     failsafe: Failsafe = Failsafe()
     landing_speed_m_s: float | None = None
     ceiling_m: float

@@ -215,8 +215,8 @@ class _Merge:
     def _params(self, needs: Needs, autopilot: str) -> tuple[dict[str, float], tuple[str, ...]]:
         """Of hardware they must hold before it arms; its rotors are its own affair. -> values, what its PX4 has none for."""
         version = version_of(self.px4) if autopilot == "px4" else self._take("px4_version", SIMULATED_VERSION)
-        mixed = autopilot in ("builtin", "hardware")  # these know where their rotors are
-        made = generate(replace(needs, rotors=()) if mixed else needs, version)
+        mixed = autopilot in ("builtin", "hardware")  # these know where their rotors are, and which channel is which
+        made = generate(replace(needs, rotors=(), channels=0) if mixed else needs, version)
         lines = [(line.name, line.value, line.asked) for line in made.lines]
         if autopilot == "hardware" and not self.model.preflight.params:
             lines = [(name, value, needs.asked[f"own.{name}"]) for name, value in needs.own.items()]

@@ -27,6 +27,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.capture.pose import CapturedFrame, Pose
 from arena.clock import SimClock
+from arena.errors import RunError
+from arena.faults import inject
 from arena.forward.forwarder import Forwarder
 from arena.plan import make_plan
 from arena.schema import load_arena
@@ -37,7 +39,8 @@ from arena.wire.truth import Truth, TruthReader
 ME = (191, 18)  # component, MAV_TYPE
 TICK_S = 0.02
 DELAY_S = 0.010
-READY_S = 40.0
+FAULTS = "faults"
+UP_S, READY_S = 60.0, 60.0
 RESULTS = {
     0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
     7: "long only", 8: "int only", 9: "unsupported frame",
@@ -102,8 +105,9 @@ class Rig:
     """A booted vehicle. `heard`: everything the router link has brought since `clear`; `state`: the newest of each message."""
 
     def __init__(
-        self, links: Mapping[str, Any], clock: SimClock, truth: TruthReader, forwarder: dict[str, Any], system: int
+        self, links: Mapping[str, Any], clock: SimClock, truth: TruthReader, forwarder: dict[str, Any], system: int, faults: Path
     ) -> None:
+        self._faults = faults
         self.id, self.clock, self._truth = system, clock, truth
         self.links = {name: Link(link, system) for name, link in links.items()}
         self.counted: dict[str, Counter[str]] = {name: Counter() for name in links}
@@ -161,6 +165,10 @@ class Rig:
 
     def send(self, message: Any, link: str = "router") -> None:
         self.links[link].send(message)
+
+    def lose_rotor(self, rotor: int) -> None:
+        """1..; it gives no thrust from the next step on."""
+        inject(self._faults, {"do": "motor", "vehicle": "uav1", "rotor": rotor, "thrust": 0.0})
 
     def command(self, number: int, *p: float, way: str = "long", frame: int = 0, to: tuple[int, int] | None = None) -> str:
         """The acknowledgements of a command, in words: `accepted`, `denied`, `none`, or several joined by `then`."""
@@ -330,7 +338,8 @@ def vehicle(autopilot: str, setup: Setup, *, address: str, number: int, speed: s
         path.write_text(arena_yaml(autopilot, setup, address, number))
         slices = {s["name"]: s for s in make_plan(load_arena(path, [f"sim.speed={speed}"])).slices.values()}
         _merge(slices["world"]["vehicles"][0]["profile"], setup.profile)
-        slices["world"]["vehicles"][0]["sticks"] = False  # those of the simulator cannot be lost
+        slices["world"]["vehicles"][0]["sticks"] = False  # the script is the radio
+        slices["world"]["faults"] = f"{{rt}}/{FAULTS}"
         rooms = {"world": "arena.sim"} | ({"px4.uav1": "arena.px4"} if autopilot == "px4" else {})
         with contextlib.ExitStack() as stack:
             children = [stack.enter_context(_room(module, slices[room], folder)) for room, module in rooms.items()]
@@ -339,7 +348,7 @@ def vehicle(autopilot: str, setup: Setup, *, address: str, number: int, speed: s
             forwarder = slices["forward.uav1"] | {"frame_rate_hz": 50.0, "rate_hz": 50.0}
             if not setup.origin:
                 forwarder["origin"] = None
-            rig = Rig(links, clock, TruthReader(folder / "truth"), forwarder, number)
+            rig = Rig(links, clock, TruthReader(folder / "truth"), forwarder, number, folder / FAULTS)
             stack.callback(rig.close)
             rig.poses, rig.sticks = setup.poses, setup.sticks
             _boot(rig, folder)
@@ -372,12 +381,14 @@ def _room(module: str, settings: dict[str, Any], folder: Path) -> Iterator[subpr
 
 
 def _clock(folder: Path, children: list[subprocess.Popen[bytes]]) -> SimClock:
-    deadline = time.monotonic() + 20.0
-    while not (folder / "clock.sock").exists() or not (folder / "truth").exists():
+    deadline = time.monotonic() + UP_S
+    while True:
+        if (folder / "truth").exists():
+            with contextlib.suppress(RunError):  # its socket may be there and not listen yet
+                return SimClock(folder / "clock", "contract")
         if time.monotonic() > deadline or any(c.poll() is not None for c in children):
             raise Unfit("the world has not come up: " + (folder / "world.log").read_text(errors="replace"))
         time.sleep(0.02)
-    return SimClock(folder / "clock", "contract")
 
 
 def _boot(rig: Rig, folder: Path) -> None:

@@ -131,7 +131,7 @@ def test_attitude_failure_terminates_only_with_the_breaker_open():
     c, up = flying()
     c.update(sensed(now=106.0, tilt_rad=1.3, **up), LIMITS)
     assert c.mode is Mode.OFFBOARD
-    c.update(sensed(now=106.1, tilt_rad=1.3, **up), limits(cbrk_flightterm=0))
+    c.update(sensed(now=106.1, tilt_rad=1.3, **up), limits(cbrk_flightterm=0, fd_fail_s=0.0))
     assert c.mode is Mode.TERMINATE
 
 
@@ -256,3 +256,13 @@ def test_com_rc_in_mode_says_whose_sticks_count(in_mode, first, counted):
         sticks.hear(source, 2.0)
         assert sticks.there(2.4, in_mode, 0.5) is (source in counted)
         assert not sticks.there(2.6, in_mode, 0.5)
+
+
+def test_a_tilt_that_passes_is_no_attitude_failure():
+    c, up = flying()
+    opened = limits(cbrk_flightterm=0, fd_fail_s=0.3)
+    for now, tilt in ((106.0, 1.3), (106.2, 1.3), (106.25, 0.2), (106.3, 1.3), (106.55, 1.3)):
+        c.update(sensed(now=now, tilt_rad=tilt, **up), opened)
+        assert c.mode is Mode.OFFBOARD
+    c.update(sensed(now=106.65, tilt_rad=1.3, **up), opened)
+    assert c.mode is Mode.TERMINATE and c.armed

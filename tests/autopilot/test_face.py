@@ -233,3 +233,29 @@ def test_valid_frames_with_random_fields_never_break_or_arm_it():
 
 
 _SHARED = Flight(1)
+
+
+def test_a_radio_is_told_while_it_is_heard_and_a_joystick_only_where_it_counts():
+    def told(f: Flight) -> bool:
+        f.run(0.5)
+        return bool([m for m in f.heard[0] if m.get_type() == "SYS_STATUS"][-1].onboard_control_sensors_present & radio)
+
+    radio = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    flight = Flight(1, params={"COM_RC_LOSS_T": 1.0, "COM_RC_IN_MODE": 0})
+    assert not told(flight)
+    for target, heard in ((2, False), (0, True)):
+        flight.send(0, mavlink.MAVLink_rc_channels_override_message(target, 1, *(1500,) * 8))
+        assert told(flight) is heard
+    flight.run(1.0)
+    assert not told(flight)
+    for in_mode, target, heard in ((0, 1, False), (1, 2, False), (1, 1, True)):
+        flight.run(1.0)
+        flight.pilots.params.set(0, "COM_RC_IN_MODE", in_mode)
+        flight.send(0, mavlink.MAVLink_manual_control_message(target, 0, 0, 500, 0, 0))
+        assert told(flight) is heard
+    flight.pilots.params.set(0, "COM_RC_IN_MODE", 0)
+    flight.pilots.sticks(0, True)
+    assert told(flight)
+    flight.pilots.sticks(0, False)
+    flight.run(1.0)
+    assert not told(flight)

