@@ -6,7 +6,7 @@ import socket
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from arena.capture import Complaint, NatNetCapture, open_capture
 from arena.clock import Clock, SimClock, WallClock
@@ -35,9 +35,7 @@ class Logger:
         self._socket = _listen(tuple(settings["listen"]))
         folder = Path(settings["folder"])
         folder.mkdir(parents=True, exist_ok=True)
-        self._file = (folder / f"{self._vehicle}.csv").open("w")
-        self._file.write(self._recorder.header)
-        self._file.flush()
+        self._file = _go_on(folder / f"{self._vehicle}.csv", self._recorder.header)
         self._rate_hz = float(settings["rate_hz"])
         self._afterlife = Afterlife(limit_s=60.0 if settings.get("simulated", True) else None)
         self._looked = 0.0
@@ -139,6 +137,19 @@ class Logger:
         if fault != self._fault:
             self._fault = fault
             self._room.event(f"{self._room.name}: {fault}")
+
+
+def _go_on(path: Path, header: str) -> TextIO:
+    """A log that a killed logger of this run has begun goes on after its last whole row: there is a gap, and no flight is lost."""
+    written = path.read_bytes() if path.exists() else b""
+    whole = written[: written.rfind(b"\n") + 1] if written.startswith(header.encode()) else b""
+    file = path.open("r+" if whole else "w")
+    file.truncate(len(whole))
+    file.seek(0, 2)
+    if not whole:
+        file.write(header)
+        file.flush()
+    return file
 
 
 def _listen(address: tuple[str, int]) -> socket.socket:

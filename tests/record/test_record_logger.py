@@ -99,6 +99,22 @@ def test_it_writes_from_the_moment_it_hears_the_vehicle_and_ends_when_told(start
     assert told[-1]["rows"] == len(rows) - 1
 
 
+def test_one_that_was_killed_is_followed_by_one_that_goes_on_after_its_last_whole_row(start):
+    first = start()
+    first.speak_until_rows(5)
+    first.close()
+    with first.csv.open("a") as file:
+        file.write("1.0,half a ro")
+    before = first.csv.read_text().rpartition("\n")[0].splitlines()
+    second = start()
+    second.speak_until_rows(len(before) + 5)
+    second.process.send_signal(signal.SIGTERM)
+    assert second.process.wait(30) == 0
+    rows = second.csv.read_text().splitlines()
+    assert rows[: len(before)] == before and len({len(row.split(",")) for row in rows}) == 1
+    assert rows.count(rows[0]) == 1, "one header"
+
+
 def iter_packets(logger: Running):
     while packet := logger.line.recv(4096):
         yield packet
