@@ -20,6 +20,7 @@ from arena.capture.order import FrameOrder
 from arena.forward.lateness import Lateness
 from arena.geometry import globe_from_local
 from arena.wire.codec import Codec
+from arena.wire.px4mode import mode_words
 
 COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 _NAN = math.nan
@@ -32,6 +33,7 @@ _ORIGIN_TRIES = 5
 _HOLD_S, _HOLD_UNKNOWN_S = 3.0, 0.3
 _PLACE = 43003  # MAV_CMD_EXTERNAL_POSITION_ESTIMATE, not in every version's dialect
 _DIAGONAL = (0, 6, 11, 15, 18, 20)
+_NOBODY_ARMS_IN = frozenset({"AUTO.LAND", "AUTO.RTL", "TERMINATION"})
 
 
 @dataclass(slots=True)
@@ -47,6 +49,7 @@ class Autopilot:
     on_ground: bool | None = None
     placed: bool = False
     may_arm: bool = False
+    mode: str = ""
     boot_ms: int = 0
     has_origin: bool = False
 
@@ -158,8 +161,11 @@ class Forwarder:
 
     @property
     def serving(self) -> bool:
-        """Poses arrive at an autopilot that may arm on them, or is armed already."""
-        return self.poses > 0 and (self.autopilot.may_arm or self.autopilot.armed)
+        """Poses arrive at an autopilot that may arm on them, is armed already, or denies arming for its mode alone: one that was
+        told to land stays in that mode on the ground.
+        """
+        a = self.autopilot
+        return self.poses > 0 and (a.may_arm or a.armed or a.mode in _NOBODY_ARMS_IN)
 
     def on_mavlink(self, data: bytes, now: float) -> None:
         """A datagram from the autopilot."""
@@ -176,6 +182,7 @@ class Forwarder:
         a.since = min(a.since, now)
         if kind == "HEARTBEAT":
             a.heard, a.armed = now, bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            a.mode = mode_words(m.custom_mode)
         elif kind == "SYS_STATUS":
             bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
             a.may_arm = bool(m.onboard_control_sensors_health & bit)  # PX4 sets this bit in the health alone
