@@ -16,9 +16,11 @@ Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", hel
 
 
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:
-    """A line per vehicle, then one for the processes."""
+    """A line per vehicle, those for what other computers reach, then one for the processes."""
+    from arena.plan.doors import open_lines
+
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
-    lines += not_possible(arena) + unwatched(arena)
+    lines += not_possible(arena) + unwatched(arena) + open_lines(plan)
     programs = sum(p.kind == "program" for p in plan.processes)
     return [*lines, f"{len(plan.processes)} processes, {programs} of them programs"]
 

@@ -19,6 +19,7 @@ import typer
 from arena.cli._arena import not_possible, unwatched
 from arena.cli._consent import ask_consent
 from arena.errors import EXIT_FAILED, EXIT_OK, RunError
+from arena.plan.doors import open_lines
 from arena.plan.model import Plan
 from arena.supervise import Lines, LiveTable, Options, RunFolder, Supervisor, active_runs, create, plan_of, sweep_all
 
@@ -59,6 +60,8 @@ def register(app: typer.Typer) -> None:
         overrides += ["preflight.params=false"] if allow_diff else []
         overrides += [f"sim.speed={speed}"] if speed is not None else []
         plan = _plan(file, overrides)
+        for line in open_lines(plan):
+            _say(line)
         ask_consent(plan, yes=yes)
         plan = dataclasses.replace(plan, report=None) if no_report else plan
         beside = file if file.is_dir() else file.parent

@@ -1,0 +1,91 @@
+"""What a running arena has open is what its plan says, both ways: nothing unplanned, nothing missing."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from arena.plan.doors import Door, doors
+from arena.plan.model import Plan
+
+from .flight import Flight, Hangar, eventually
+
+pytestmark = pytest.mark.flight
+Open = tuple[str, str, int]  # protocol, address, port; a local socket's port is 0
+
+
+@pytest.fixture
+def flight(hangar: Hangar) -> Iterator[Flight]:
+    made = hangar.fly({"uav1": "hovers", "uav2": "hovers"}, more="copilot: {}\n")
+    made.until_up(0.9)
+    yield made
+    assert made.cli("down", "--now").returncode in (0, 1)
+    made.wait()
+
+
+def bound(pid: int, *, alone: bool) -> set[Open]:
+    """UDP sockets, and TCP ones that listen, of a process and, unless `alone`, its children."""
+    leader = psutil.Process(pid)
+    found = set()
+    for process in (leader, *(() if alone else leader.children(recursive=True))):
+        for c in process.net_connections("inet"):
+            if c.type == socket.SOCK_DGRAM or c.status == psutil.CONN_LISTEN:
+                found.add(("udp" if c.type == socket.SOCK_DGRAM else "tcp", c.laddr.ip, c.laddr.port))
+    return found
+
+
+def local_sockets(folder: Path) -> set[Open]:
+    return {("unix", str(p), 0) for p in folder.iterdir() if p.is_socket()}
+
+
+def answers(door: Door, found: Open) -> bool:
+    """Is this socket that door? One of port 0 has whichever the kernel gave, beyond what anybody plans."""
+    protocol, address, port = found
+    if door.port or door.protocol == "unix":
+        return found == (door.protocol, door.address, door.port)
+    return protocol == door.protocol and address in (door.address, "0.0.0.0") and port >= 32768
+
+
+def compare(planned: list[Door], found: set[Open]) -> tuple[set[Open], list[Door]]:
+    """(unplanned, missing)"""
+    unplanned = {one for one in found if not any(answers(door, one) for door in planned)}
+    missing = [door for door in planned if door.always and not any(answers(door, one) for one in found)]
+    return unplanned, missing
+
+
+def test_every_open_socket_is_in_the_plan_and_every_planned_one_is_open(flight: Flight) -> None:
+    text = (flight.folder / "plan.json").read_text().replace("{rt}", flight.state.rt)
+    plan = Plan.from_json(text)
+    state = flight.state
+    pids = {"supervisor": state.supervisor.pid, **{name: member.pid for name, member in state.processes.items()}}
+    assert set(pids) == {"supervisor", *(spec.name for spec in plan.processes)}
+    every = [Door(**{**vars(door), "address": door.address.replace("{rt}", state.rt)}) for door in doors(plan)]
+
+    def wrong() -> dict[str, object]:
+        found = {}
+        for name, pid in pids.items():
+            own = bound(pid, alone=name == "supervisor")
+            planned = [door for door in every if door.process == name and door.protocol != "unix"]
+            if any(differences := compare(planned, own)):
+                found[name] = differences
+        here = [door for door in every if door.protocol == "unix"]
+        if any(differences := compare(here, local_sockets(Path(state.rt)))):
+            found["local"] = differences
+        return found
+
+    eventually(lambda: not wrong(), 10, "the sockets of the plan", lambda: str(wrong()))
+    assert all(door.closed for door in every)
+    assert Path(state.rt).stat().st_mode & 0o777 == 0o700, "what is in it is for the owner alone"
+
+
+def test_the_comparison_tells_both_ways() -> None:
+    one = Door(process="x", protocol="udp", address="127.0.0.1", port=5, what="", who="")
+    some = Door(process="x", protocol="udp", address="127.0.0.1", port=0, what="", who="")
+    assert compare([one, some], {("udp", "127.0.0.1", 5), ("udp", "127.0.0.1", 40000)}) == (set(), [])
+    assert compare([one], {("udp", "0.0.0.0", 5)}) == ({("udp", "0.0.0.0", 5)}, [one])
+    assert compare([some], {("udp", "192.168.1.5", 40000)}) == ({("udp", "192.168.1.5", 40000)}, [some])
+    assert compare([some], {("udp", "127.0.0.1", 24016)}) == ({("udp", "127.0.0.1", 24016)}, [some])

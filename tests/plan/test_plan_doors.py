@@ -1,0 +1,53 @@
+"""What a run has open, by its plan; and what `arena up` and `arena check` say of it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from arena.plan import make_plan
+from arena.plan.doors import doors, open_lines
+from arena.schema import load_arena
+
+
+def plan_of(folder, **keys):
+    file = folder / "arena.yaml"
+    arena = {"vehicles": {"uav1": {"autopilot": "builtin"}, "uav2": {"autopilot": "builtin", "start": {"position": [1, 1, 0]}}}}
+    file.write_text(json.dumps({**arena, **keys}))
+    return make_plan(load_arena(file))
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "127.66.40.1"])
+def test_an_arena_on_the_loopback_has_nothing_open(tmp_path, address):
+    plan = plan_of(tmp_path, address=address)
+    assert open_lines(plan) == [] and all(door.closed for door in doors(plan))
+
+
+def test_every_port_of_the_plan_is_a_door_and_has_words(tmp_path):
+    plan = plan_of(tmp_path)
+    listed = {(spec.name, x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
+    assert listed <= {(d.process, d.protocol, d.address, d.port) for d in doors(plan)}
+    assert all(d.what and d.who and "?" not in d.who for d in doors(plan))
+
+
+def test_what_other_computers_reach_is_told_with_who_is_answered(tmp_path):
+    lines = open_lines(plan_of(tmp_path, address="192.168.77.5"))
+    assert "open: udp 192.168.77.5:24016,24026 tools (router) answers this computer alone" in lines
+    assert "open: udp 192.168.77.5:24014,24024 panic link (world) answers commands from this computer alone" in lines
+    assert "open: udp 192.168.77.5:24000 ground stations (router) answers the addresses that the YAML names" in lines
+    assert any(":1510 NatNet commands (mocap) answers whoever asks" in line for line in lines)
+    assert any("239.255.42.99:1511 NatNet frames, shared" in line for line in lines)
+
+
+def test_a_vehicle_that_is_listened_for_everywhere_is_told_though_the_rest_is_closed(tmp_path):
+    real = {"uav1": {"autopilot": "hardware", "url": "udpin:0.0.0.0:14540"}}
+    lines = open_lines(plan_of(tmp_path, vehicles=real, mocap={"source": "natnet", "server": "127.66.40.9"}))
+    assert lines == ["open: udp 0.0.0.0:14540 the wire (link.uav1) answers the first address that speaks as this vehicle"]
+
+
+def test_of_fifty_vehicles_a_line_stays_a_line(tmp_path):
+    vehicles = {f"v{k}": {"autopilot": "builtin", "start": {"position": [k, 0, 0]}} for k in range(1, 51)}
+    plan = plan_of(tmp_path, address="192.168.77.5", world={"size": [200, 10, 3]}, vehicles=vehicles)
+    (tools,) = [line for line in open_lines(plan) if " tools " in line]
+    assert tools == "open: udp 192.168.77.5:24016..24506[50] tools (router) answers this computer alone"
