@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from arena.smoke.scenario import stem
 from arena.smoke.verdict import Result, Row, RuleResult, StepResult, Touchdown, Verdict
 from arena.smoke.words import Place
 
@@ -28,7 +29,8 @@ _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 def table(results: Sequence[Result]) -> RenderableType:
     """For the terminal: a row a scenario, and under those that failed every reason with file:line."""
-    made = Table("scenario", "verdict", "seed", "flown [s]", "wall [s]", "slowest step", "touch [m/s]", box=None, pad_edge=False)
+    heads = ("scenario", "verdict", "seed", "flown [s]", "wall [s]", "slowest step", "touchdown [m/s]")
+    made = Table(*(escape(head) for head in heads), box=None, pad_edge=False)
     for result in results:
         verdict = Text("passed", "green") if result.verdict.passed else Text("FAILED", "bold red")
         made.add_row(escape(result.scenario), verdict, str(result.seed), f"{result.verdict.lasted_s:.1f}", f"{result.wall_s:.1f}",
@@ -119,7 +121,7 @@ def junit_xml(results: Sequence[Result]) -> str:
 
 
 def _testcase(suite: ElementTree.Element, result: Result) -> None:
-    about = {"classname": f"smoke.{Path(result.file).stem}", "name": result.scenario, "time": f"{result.wall_s:.3f}",
+    about = {"classname": f"smoke.{stem(result.file)}", "name": result.scenario, "time": f"{result.wall_s:.3f}",
              "file": result.file, "line": str(_line(result))}  # fmt: skip
     case = ElementTree.SubElement(suite, "testcase", {key: _plain(value) for key, value in about.items()})
     if not result.verdict.passed:

@@ -110,6 +110,11 @@ def load_scenarios(path: str | Path, overrides: Sequence[str] = ()) -> list[Scen
     return [scenario for scenario in made if scenario is not None]
 
 
+def stem(file: str) -> str:
+    """`flights/offboard_loss.smoke.yaml` -> offboard_loss."""
+    return Path(file).stem.removesuffix(".smoke")
+
+
 def _files(arena: Any) -> tuple[str, ...]:
     """Those that are named; "" for the arena itself."""
     if isinstance(arena, dict):
@@ -143,7 +148,7 @@ class _Reader:
         if names is None:
             return None
         steps, always, allowed = tuple(self._steps(names)), tuple(self._always(names)), self._allowed(names)
-        name = self._model.name or Path(self._source.document.file).stem
+        name = self._model.name or stem(self._source.document.file)
         several = isinstance(self._model.arena, tuple) and len(_files(self._model.arena)) > 1
         return None if self.problems or arena is None else Scenario(
             name=f"{name} [{Path(self._file).stem}]" if several else name,

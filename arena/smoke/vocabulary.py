@@ -110,7 +110,7 @@ PARTS: dict[str, str] = {
 }  # fmt: skip
 DEEDS: tuple[Form, ...] = (
     Form(verb="kill", form="kill P", meaning="SIGKILL"),
-    Form(verb="hang", form="hang P", meaning="SIGSTOP: it is there and does nothing"),
+    Form(verb="hang", form="hang P", meaning="SIGSTOP: it is there and does nothing", lasting=True),
     Form(verb="resume", form="resume P", meaning="SIGCONT"),
     Form(verb="restart", form="restart P", meaning="as `arena restart` does"),
     Form(verb="mocap dropout", form="mocap dropout V", meaning="its body is not tracked", lasting=True),

@@ -135,6 +135,11 @@ def test_the_arena_is_looked_for_beside_the_scenario(folder: Path) -> None:
     assert scenario.name == "s" and load_arena(scenario.arena_file).vehicles == scenario.arena.vehicles
 
 
+def test_the_default_name_is_the_files(folder: Path) -> None:
+    Path("rc_loss.smoke.yaml").write_text(HEAD + STEP)
+    assert load_scenarios("rc_loss.smoke.yaml")[0].name == "rc_loss"
+
+
 def test_later_overrides_win(folder: Path) -> None:
     Path("s.yaml").write_text(HEAD + "set: [world.seed=3]\n" + STEP)
     assert load_scenarios("s.yaml")[0].arena.world.seed == 3

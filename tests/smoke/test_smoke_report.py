@@ -56,6 +56,7 @@ def shown(results: tuple[Result, ...]) -> str:
 def test_what_failed_is_told_with_its_place_and_what_passed_takes_a_row() -> None:
     text = shown(BOTH)
     assert "offboard loss lands [one]" in text and "1.12 s: uav1.mode == LAND within 2 s" in text and "0.62" in text
+    assert "flown [s]" in text
     assert "loss <& [bold]$four^[/] $_" in text  # a name is no markup
     for line in (
         "loss.yaml:6: uav1.mode was OFFBOARD",
