@@ -44,7 +44,8 @@ CURRENT_MODE, SYS_STATUS, SET_INTERVAL = 436, 1, 511
 class Seen:
     """From the loss on. Times [s], None when it did not come; charge: battery at the reaction [%], or at the end without one.
 
-    modes: in order, as long as it flies; cut_s: motors stopped in the air; moved_m, from_home_m: sideways, in the end.
+    modes: in order, as long as it flies; cut_s: motors stopped in the air; highest_m: it came above the floor; moved_m,
+    from_home_m: sideways, in the end.
     """
 
     modes: list[str] = field(default_factory=list)
@@ -53,6 +54,7 @@ class Seen:
     down_s: float | None = None
     armed: bool = True
     height_m: float = 0.0
+    highest_m: float = 0.0
     moved_m: float = 0.0
     from_home_m: float = 0.0
     charge: int = 100
@@ -293,6 +295,7 @@ def watch(r: Rig, begin: float, quiet_s: float, level: int) -> Seen:
     while r.now - begin < WATCHED_S and r.now - last < quiet_s:
         at, truth = r.now - begin, r.truth()
         flies = truth.p_n[0][2] < -2.0 * FLOOR_M
+        s.highest_m = max(s.highest_m, -float(truth.p_n[0][2]))
         if flies and r.mode != mode:
             mode, last = r.mode, r.now
             s.modes.append(mode)
@@ -328,6 +331,8 @@ def told(row: Row) -> str:
         end += "" if s.down_s is None else ", armed" if s.armed else ", disarmed"
         if f.lost == "charge":
             happened += f" at {s.charge} %" + (", warned" if s.warned else "")
+        if f.lose is _climb:
+            happened += f", up to {s.highest_m:.1f} m"
         reaction = "" if s.reaction_s is None else f"{s.reaction_s:.2f}"
         cells = [f.lost, f.action, row.autopilot, happened, reaction, end, "yes" if row.right else "no"]
     return "| " + " | ".join(cells) + " |"

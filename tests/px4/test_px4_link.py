@@ -187,3 +187,5 @@ def test_a_pilots_radio_is_heard_fifty_times_a_second_only_where_there_is_one() 
     heard = [[m.get_type() for m in decoded(sample)] for sample in samples]
     assert sum("RC_CHANNELS" in kinds for kinds in heard[:250]) == 50
     assert not any("RC_CHANNELS" in kinds for kinds in heard[250:])
+    with_sticks.sticks = False
+    assert not any(m.get_type() == "RC_CHANNELS" for i in range(50) for m in decoded(with_sticks.sample(2 + i / 250, SENSORS, 0)))
