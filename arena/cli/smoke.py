@@ -87,6 +87,8 @@ def _fly(scenarios: list[Scenario], how: How, jobs: int, junit: Path | None) -> 
         results = fly_all(scenarios, how, jobs=jobs, tell=_tell)
     except Interrupted as interrupted:
         _show(interrupted.results, how.results, junit)
+        missing = len(scenarios) - len(interrupted.results)
+        print(f"interrupted: {missing} of {len(scenarios)} not flown to their end; their arenas have landed and gone")
         return EXIT_INTERRUPTED
     _show(results, how.results, junit)
     return EXIT_OK if all(result.verdict.passed for result in results) else EXIT_FAILED
@@ -107,5 +109,6 @@ def _show(results: list[Result], folder: Path, junit: Path | None) -> None:
     if junit is not None:
         junit.parent.mkdir(parents=True, exist_ok=True)
         junit.write_text(junit_xml(results))
-    Console().print(table(results))
-    print(summary(results), flush=True)
+    if results:
+        Console().print(table(results))
+        print(summary(results), flush=True)

@@ -97,7 +97,7 @@ class Led:
         read = self._read(deed, read_deed)
         self._flight.now = self.now
         self._flight.deed()
-        self.session.do(read)
+        self.session.seat.do(read)
         if read.for_s is not None:
             self._undo.append((self.now.time_s + read.for_s, replace(read, undo=True)))
 
@@ -119,17 +119,17 @@ class Led:
         self._rules.append(Watch(rule=self._read(rule, read_rule)))
 
     def _look(self) -> None:
-        now = self.session.look()
+        now = self.session.seat.look()
         if now is None:
             self._flight.ended = True
-            raise AssertionError(f"the arena ended: {self.session.ended}")
+            raise AssertionError(f"the arena ended: {self.session.seat.ended}")
         self._flight.see(now)
         for watch in self._rules:
             watch.see(self._flight)
         due = [deed for at, deed in self._undo if at <= now.time_s + EPSILON_S]
         self._undo = [(at, deed) for at, deed in self._undo if at > now.time_s + EPSILON_S]
         for deed in due:
-            self.session.do(deed)
+            self.session.seat.do(deed)
 
     def _broken(self) -> list[str]:
         """What breaks a flight that nobody has complained of yet."""

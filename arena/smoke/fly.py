@@ -65,12 +65,12 @@ def fly(scenario: Scenario, how: How) -> Result:
 def _referee(referee: Referee, session: Session, deadline: float) -> str:
     """Until it is over; what went wrong beside the flight, in words. deadline: wall time [s]."""
     while not referee.over:
-        now = session.look()
+        now = session.seat.look()
         if now is None:
-            return session.trouble
+            return session.seat.trouble
         for deed in referee.look(now):
             try:
-                session.do(deed)
+                session.seat.do(deed)
             except ArenaError as error:
                 referee.refused(deed, str(error))
         if time.monotonic() > deadline:
