@@ -140,7 +140,7 @@ class Logger:
 
 
 def _go_on(path: Path, header: str) -> TextIO:
-    """A log that a killed logger of this run has begun goes on after its last whole row: there is a gap, and no flight is lost."""
+    """What a killed logger of this run has begun goes on after its last whole row: there is a gap, and no flight is lost."""
     written = path.read_bytes() if path.exists() else b""
     whole = written[: written.rfind(b"\n") + 1] if written.startswith(header.encode()) else b""
     file = path.open("r+" if whole else "w")

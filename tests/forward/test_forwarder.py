@@ -119,9 +119,9 @@ def test_readiness_needs_poses_and_an_autopilot_that_may_arm():
 def test_a_vehicle_on_the_ground_in_the_mode_it_was_told_to_land_in_is_served_though_it_may_not_arm():
     forwarder = Forwarder(SETTINGS)
     land = mavlink.MAVLink_heartbeat_message(2, 12, 1, 4 << 16 | 6 << 24, 4, 3)
-    forwarder.on_mavlink(from_autopilot(land), 0.0)
+    forwarder.on_frame(frame(0), 0.0)
     assert not forwarder.serving
-    forwarder.on_frame(frame(0), 0.1)
+    forwarder.on_mavlink(from_autopilot(land), 0.1)
     assert forwarder.serving
 
 
