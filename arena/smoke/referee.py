@@ -253,7 +253,7 @@ class Referee:
             seen = [f"{v} {self._where(v)}, {self._over} came at {self._flight.now.time_s:.2f} s" for v in up]
             yield self._default(_LANDED, seen, reached=complete)
         excused = self._hit | allowed.fail
-        yield self._default(_PROCESSES, [f"{p}: {why}" for p, why in self._fatal.items() if p not in excused])
+        yield self._default(_PROCESSES, [_fate(p, why) for p, why in self._fatal.items() if p not in excused])
 
     def _default(self, text: str, failures: list[str], *, reached: bool = True) -> RuleResult:
         place = Place(file=self._scenario.place.file, line=self._scenario.place.line, text=text)
@@ -267,6 +267,10 @@ class Referee:
         if vehicle.airborne:
             return f"was in the air in {vehicle.mode or 'an unknown mode'}, {vehicle.height_m:.2f} m above the floor"
         return "was on the floor and " + ("not heard of" if vehicle.armed is None else "still armed")
+
+
+def _fate(process: str, why: str) -> str:
+    return f"{process}: {why} (where that is meant, write `may: [fail {process}]`)"
 
 
 def _waited(moment: Moment | None) -> str:

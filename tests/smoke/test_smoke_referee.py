@@ -459,7 +459,9 @@ def test_one_that_has_crashed_and_lies_there_is_not_waited_for(write) -> None:
 
 def test_no_process_fails_but_those_that_were_hit_or_may(write) -> None:
     outcome = {"failed": ["program.uav1: killed by SIGKILL", "the landing was not confirmed"]}
-    assert sentence(judged(write(FLOWN), outcome=outcome)) == "program.uav1: killed by SIGKILL"
+    told = sentence(judged(write(FLOWN), outcome=outcome))
+    assert told == "program.uav1: killed by SIGKILL (where that is meant, write `may: [fail program.uav1]`)"
+    assert judged(write(FLOWN, may=["fail program.uav1"]), outcome=outcome).passed
     assert judged(write(FLOWN + "    do: kill program uav1\n"), outcome=outcome).passed
     assert judged(write(FLOWN, may=["fail program uav1"]), outcome=outcome).passed
     assert not judged(write(FLOWN + "    do: kill router\n"), outcome=outcome).passed
@@ -468,12 +470,12 @@ def test_no_process_fails_but_those_that_were_hit_or_may(write) -> None:
 def test_a_deed_that_was_not_reached_excuses_nothing(write) -> None:
     steps = FLOWN + "    expect: uav2.airborne within 1 s\n  - do: kill program uav1\n"
     verdict = judged(write(steps), outcome={"failed": ["program.uav1: ended with code 1"]})
-    assert "program.uav1: ended with code 1" in [told for _, told in verdict.failures]
+    assert any(told.startswith("program.uav1: ended with code 1") for _, told in verdict.failures)
 
 
 def test_a_process_that_is_given_up_while_it_flies(write) -> None:
     verdict = judged(write(FLOWN), processes=lambda t: {"logger.uav1": "FATAL" if t > 3.0 else "READY"})
-    assert sentence(verdict) == "logger.uav1: is FATAL"
+    assert sentence(verdict).startswith("logger.uav1: is FATAL")
 
 
 def test_any_other_failure_of_the_arena_fails_the_scenario(write) -> None:
