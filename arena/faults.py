@@ -37,6 +37,7 @@ Fault = dict[str, Any]
 _LONGEST = 4096
 _MOST = 64  # at one look
 _SHOWN = 60
+_PATIENCE_S = 1.0
 
 
 class Faults:
@@ -82,9 +83,9 @@ class Faults:
 
 
 def inject(path: str | Path, fault: Fault) -> None:
-    """Never waits. Raises RunError when nobody listens there, or nobody looks."""
+    """Raises RunError when nobody listens there, or nobody looks for a second though there is no room for more."""
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as sender:
-        sender.setblocking(False)
+        sender.settimeout(_PATIENCE_S)
         try:
             sender.connect(str(path))
             sender.send(json.dumps(fault).encode())

@@ -70,7 +70,8 @@ def test_a_path_too_long_for_a_socket_is_one_sentence(tmp_path):
         Faults(tmp_path / ("x" * 120))
 
 
-def test_nobody_there_is_an_error_and_so_is_one_who_never_looks(listening, place):
+def test_nobody_there_is_an_error_and_so_is_one_who_never_looks(listening, place, monkeypatch):
+    monkeypatch.setattr(faults, "_PATIENCE_S", 0.05)
     with pytest.raises(RunError, match="nobody takes faults there"):
         inject("nowhere.faults", {"do": "wind"})
     with pytest.raises(RunError, match="nobody takes faults there"):

@@ -143,7 +143,7 @@ class Loop:
         self._links.send(pilots.transmit())
 
     def _take_faults(self) -> None:
-        """Once a step, when everybody who is awake has had his say and before anything moves."""
+        """At every step, when everybody who is awake has had his say and before anything moves."""
         for text in self._faults.obey(lambda fault: spoil(self._world, self._pilots, fault)):
             self._room.event(text)
 
@@ -158,6 +158,7 @@ class Loop:
             return
         while not (self._clock.may_pass(self._world.now, time.monotonic()) or self._room.stopping):
             self._clock.poll(_MILLI_S)
+            self._take_faults()  # of many at once, only a few find room before they are taken
 
     def _wait(self, pacer: Pacer) -> float:
         """Until the next step may begin; returns the wall time then [s]. The clock's clients are served

@@ -189,8 +189,10 @@ def test_faults_are_taken_by_the_process_told_and_its_socket_is_gone_at_the_end(
         see(lambda pose: np.allclose(pose.p_n, World.P_N[0] + [0.5, -1, 0.25], atol=0.003))
         inject("mocap.faults", {"do": "delay", "ms": 300})
         inject("mocap.faults", {"do": "jump", "body": "uav2", "by_m": [0.5, -1, 0.25]})
+        for _ in range(50):  # more than a socket holds
+            inject("mocap.faults", {"do": "freeze", "body": "aero2", "on": True})
         told = []
-        while len(told) < 3:
+        while len(told) < 53:
             packet = json.loads(s["line"].recv(4096))
             told += [packet["event"]] if "event" in packet else []
         see(lambda pose: True)

@@ -250,3 +250,18 @@ def test_a_slice_with_a_field_missing_is_one_sentence():
     with running(vehicles=[{"name": "uav1", "id": 1}]) as run:
         assert run.child.wait(DEADLINE_S) == 2
         assert "'profile' is missing" in run.child.stderr.read()
+
+
+@pytest.mark.parametrize("outside", [False, True])
+def test_more_faults_at_one_instant_than_a_socket_holds_are_all_taken(outside, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with running(speed=100, stub_outside=outside, faults=str(tmp_path / "world.faults")) as run:
+        run.told("ready")
+        clock = SimClock(run.folder / "clock", "a test")
+        now = clock.sleep_until(clock.now() + 0.1)
+        for k in range(100):
+            inject("world.faults", {"do": "wind", "wind_m_s": [0.1 * k, 0, 0]})
+        clock.sleep_until(now + 0.1)
+        told = [run.told("event", unless=lambda text: not text.startswith("fault: ")) for _ in range(100)]
+        assert told[99] == "fault: wind 9.9 0 0 m/s"
+        clock.close()
