@@ -67,7 +67,9 @@ def _look(condition: Condition, flight: Flight) -> Iterator[_Raw]:
 def _of_vehicle(condition: Condition, flight: Flight, vehicle: VehicleNow) -> _Raw:
     if condition.sign in {"<", ">"}:
         value = _value(condition.of, flight, vehicle)
-        return vehicle.name, None if value is None else _compare(condition, value), value, ""
+        if value is None or not math.isfinite(value):
+            return vehicle.name, None, None, ""
+        return vehicle.name, _compare(condition, value), value, ""
     truth, words = _state(condition, flight, vehicle)
     return vehicle.name, truth, None, words
 
@@ -122,8 +124,7 @@ def _of_memory(of: str, flight: Flight, vehicle: VehicleNow) -> float | None:
     if of == "tracking" and not (vehicle.airborne and vehicle.mode == _OFFBOARD):
         return None
     other = vehicle.target_p_n if of == "tracking" else vehicle.est_p_n
-    distance = None if other is None else math.dist(other, vehicle.p_n)
-    return distance if distance is not None and math.isfinite(distance) else None
+    return None if other is None else math.dist(other, vehicle.p_n)
 
 
 def _compare(condition: Condition, value: float) -> bool:

@@ -9,12 +9,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from arena.smoke.referee import Referee
+from arena.smoke.report import junit_xml, reasons, results_json, story
 from arena.smoke.scenario import load_scenarios
-from arena.smoke.verdict import Verdict
+from arena.smoke.verdict import Result, Verdict
 from arena.smoke.words import Now, VehicleNow
 
 HEAD = """\
@@ -108,6 +112,20 @@ def test_a_moment_comes_when_it_should(write, moment: str) -> None:
 def test_a_moment_that_came_before_its_turn_counts_from_when_it_came(write) -> None:
     steps = "  - at: start + 3 s\n    do: rc loss uav1\n  - at: uav1.airborne + 1 s\n    do: rc loss uav2\n"
     assert [at for at, _, _ in fly(write(steps))] == [3.0, 3.0]
+
+
+def test_a_silence_is_no_further_coming_of_a_moment(write) -> None:
+    def script(t: float) -> Mapping[str, Any]:
+        return flight(t, armed=None if 1.5 < t < 2.0 else t >= 1.0)
+
+    assert fly(write("  - at: uav1.armed + 3 s\n    do: rc loss uav1\n"), script)[0][0] == 4.0
+
+
+def test_a_moment_that_comes_again_counts_from_then(write) -> None:
+    def script(t: float) -> Mapping[str, Any]:
+        return flight(t, armed=t >= 1.0 and not 1.5 < t < 2.0)
+
+    assert fly(write("  - at: uav1.armed + 3 s\n    do: rc loss uav1\n"), script)[0][0] == 5.0
 
 
 def test_then_counts_from_when_the_last_expectation_was_fulfilled(write) -> None:
@@ -529,3 +547,56 @@ def test_the_same_looks_give_the_same_verdict(write) -> None:
     steps = "  - at: uav1.airborne + 1 s\n    do: kill program uav1\n  - expect: each.landed within 9 s\n"
     verdicts = [watched(write(steps, list(BROKEN)), {"v_n": (0.0, 0.0, 1.5)}) for _ in range(2)]
     assert verdicts[0] == verdicts[1]
+
+
+# -- whatever is seen ---------------------------------------------------------------------------------------------------------
+
+number = st.one_of(st.floats(-5.0, 5.0), st.just(math.nan))
+vector = st.tuples(number, number, number)
+
+
+@st.composite
+def anything(draw, name: str) -> VehicleNow:
+    return VehicleNow(
+        name=name, p_n=draw(vector), v_n=draw(vector), tilt_rad=draw(number), height_m=draw(number), airborne=draw(st.booleans()),
+        mode=draw(st.sampled_from(["", "OFFBOARD", "AUTO.LAND"])), armed=draw(st.sampled_from([None, True, False])),
+        est_p_n=draw(st.none() | vector), target_p_n=draw(st.none() | vector), battery=draw(st.none() | st.floats(0.0, 1.0)),
+        crashed=draw(st.sampled_from(["", "", "hit the wall"])),
+    )  # fmt: skip
+
+
+looks = st.lists(
+    st.tuples(
+        st.floats(0.02, 3.0), st.lists(st.one_of(anything("uav1"), anything("uav2")), max_size=2),
+        st.sampled_from([(), ("critical",)]), st.sampled_from(["", "READY", "FATAL", "EXITED"]),
+    ),
+    max_size=25,
+)  # fmt: skip
+STEPS = """\
+  - at: uav1.airborne + 1 s
+    do: [mocap dropout each for 1 s, kill program uav1]
+    expect: [uav1.mode == LAND within 2 s, not each.landed for 1 s, each.estimate error < 3 m within 4 s, uav1.drift < 9 m for 1 s]
+  - at: then + 1 s
+    expect: [separation > 0.5 m for 1 s, inside geofence within 2 s, tracking(each) < 9 m within 9 s, program uav1 is EXITED within 5 s]
+"""
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(looks, st.sampled_from(["", "router: not ready"]))
+def test_whatever_is_seen_there_is_a_verdict_that_can_be_told_and_is_the_same_again(write, seen, trouble: str) -> None:
+    def verdict() -> Verdict:
+        referee, now = write(STEPS, list(BROKEN)), 0.0
+        for wait, vehicles, events, state in seen:
+            now += wait
+            if not referee.over:
+                processes = {"program.uav1": state} if state else {}
+                referee.look(Now(time_s=now, vehicles={v.name: v for v in vehicles}, events=events, processes=processes))
+        referee.finish({"failed": ["program.uav1: exit 1"]}, trouble)
+        return referee.verdict()
+
+    first = verdict()
+    result = Result(scenario="s", file="s.yaml", seed=1, verdict=first)
+    assert first.passed == (not reasons(result))
+    assert results_json([result]) == results_json([replace(result, verdict=verdict())])  # NaN is not equal to itself, its text is
+    assert ElementTree.fromstring(junit_xml([result])).find(".//testcase") is not None
+    assert story(result)
