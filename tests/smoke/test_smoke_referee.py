@@ -428,6 +428,14 @@ def test_a_rule_holds_in_flight_alone(write) -> None:
     assert judged(write(steps, ["each.tilt < 40 deg"]), script).passed
 
 
+def test_one_on_the_floor_is_not_judged_while_another_flies(write) -> None:
+    def script(t: float) -> Mapping[str, Any]:
+        return {**flight(t), "uav2": uav("uav2", tilt_rad=1.0, p_n=(9.0, 0.0, 0.0))}
+
+    verdict = judged(write(FLOWN, ["each.tilt < 40 deg", "inside geofence"]), script)
+    assert verdict.passed and verdict.rules[0].who == "uav1"
+
+
 def test_the_root_mean_square_is_over_offboard_alone(write) -> None:
     def script(t: float) -> Mapping[str, Any]:
         off = 0.3 if 2.0 <= t < 4.0 else 0.1
