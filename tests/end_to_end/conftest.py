@@ -9,7 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from arena.schema.px4 import find_px4
+
 from .flight import Hangar
+from .process_table import Sorties
 
 _count = itertools.count(1)
 
@@ -32,3 +35,18 @@ def shared_hangar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hangar]:
     made = Hangar(tmp_path_factory.mktemp("flight"), own_address())
     yield made
     made.close()
+
+
+@pytest.fixture(scope="module")
+def flown_sorties(tmp_path_factory: pytest.TempPathFactory) -> Sorties:
+    return Sorties(lambda: Hangar(tmp_path_factory.mktemp("sortie"), own_address()))
+
+
+@pytest.fixture
+def sorties(request: pytest.FixtureRequest, flown_sorties: Sorties) -> Sorties:
+    """Of this module: what flies for one cell is asked by all that share it."""
+    if request.node.get_closest_marker("px4") is not None:
+        found = find_px4()
+        if found is None or found.stand_in:
+            pytest.skip("no PX4 is found: set PX4_HOME")
+    return flown_sorties
