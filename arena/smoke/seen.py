@@ -15,6 +15,8 @@ from arena.wire.truth import Array, Truth
 UP_M, DOWN_M = 0.10, 0.03
 """Of its lowest point above the floor: higher, it is airborne; lower, it is not; between, it is what it was."""
 HEARD_S = 1.0
+STILL = 0.01
+"""Of a rotor, as a share of its full command: an armed one idles above it."""
 
 
 class Eyes:
@@ -42,12 +44,12 @@ class Eyes:
         self._airborne[name] = height > (DOWN_M if self._airborne[name] else UP_M)
         return VehicleNow(
             name=name, p_n=p, v_n=v, tilt_rad=math.acos(max(-1.0, min(1.0, down))), height_m=max(0.0, height),
-            airborne=self._airborne[name], crashed=crashed, **_words(told, now),
+            airborne=self._airborne[name], crashed=crashed, **_words(told, now, rotors=float(truth.motors[i].max())),
         )  # fmt: skip
 
 
-def _words(told: Telemetry, now: float) -> dict[str, Any]:
-    """What it said in the last second."""
+def _words(told: Telemetry, now: float, *, rotors: float) -> dict[str, Any]:
+    """What it said in the last second. One that is not heard and whose rotors stand still is not armed: see `rotors`, 0..1."""
 
     def fresh(group: Any) -> Any:
         return group if group is not None and now - group.heard <= HEARD_S else None
@@ -56,7 +58,7 @@ def _words(told: Telemetry, now: float) -> dict[str, Any]:
     reference, status = fresh(told.reference), fresh(told.status)
     return {
         "mode": heart.mode if heart else "",
-        "armed": heart.armed if heart else None,
+        "armed": heart.armed if heart else False if rotors < STILL else None,
         "landed": ground.landed if ground else None,
         "est_p_n": _triple(local.pos) if local else None,
         "target_p_n": _triple(reference.pos) if reference and np.isfinite(reference.pos).all() else None,

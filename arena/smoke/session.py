@@ -23,11 +23,11 @@ from arena.errors import RunError
 from arena.rundirs import ONLY
 from arena.schema.ports import LINK_BASE
 from arena.smoke.seat import LOOK_S, Seat, slice_of
-from arena.supervise import open_run, plan_of, proc, sweep
+from arena.supervise import open_run, plan_of, proc
 from arena.supervise.children import RUN
 
 T = TypeVar("T")
-_UP_S, _DOWN_S, _KILLED_S = 120.0, 120.0, 20.0  # wall time: machines may be slow
+_UP_S, _DOWN_S, _LEFT_S, _KILLED_S = 120.0, 120.0, 10.0, 20.0  # wall time: machines may be slow
 _POLL_S = 0.02
 _INTERRUPTIONS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 _PR_SET_PDEATHSIG = 1
@@ -165,24 +165,28 @@ class Session:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def _end(self) -> None:
-        """As a user would: what a scenario has stopped goes on, then SIGTERM, or a sweep where the supervisor has died."""
+        """As a user would: what a scenario has stopped goes on, then SIGTERM, or `arena down` where the supervisor has died."""
         if self._up is None:
             return
         for pid in self._processes():
             _signal(pid, signal.SIGCONT)
-        if self._seat is not None and not self._seat.all_down:
+        all_down = self._seat is not None and self._seat.all_down
+        if not all_down:
             self._leave()  # for a landing time goes as fast as it can
         if self._up.poll() is None:
             self._up.send_signal(signal.SIGTERM)
-            self._wait_for_end(self._up, time.monotonic() + _DOWN_S)
-        self._leave()
-        if self._up.poll() is not None and self.run is not None and (state := open_run(self.run)) is not None:
-            with self._said.open("a") as out, contextlib.suppress(RunError):
-                sweep(state, lambda text: print(text, file=out, flush=True))
+            self._linger(lambda: self._up is not None and self._up.poll() is None, _DOWN_S)
+        elif all_down:  # what is left ends by itself
+            self._linger(lambda: any(self._processes()), _LEFT_S)
+        elif self.run is not None and open_run(self.run) is not None:
+            argv = [sys.executable, "-m", "arena.cli", "down", "--run", str(self.run)]
+            with self._said.open("ab") as out, contextlib.suppress(subprocess.TimeoutExpired):
+                subprocess.run(argv, stdout=out, stderr=subprocess.STDOUT, env=self._env(), timeout=_DOWN_S, check=False)
 
-    def _wait_for_end(self, up: subprocess.Popen[bytes], deadline: float) -> None:
-        """At the wall's pace where nobody flies any more: a world that races on would only take its core."""
-        while up.poll() is None and time.monotonic() < deadline:
+    def _linger(self, check: Callable[[], bool], limit_s: float) -> None:
+        """While it holds, at the wall's pace where nobody flies any more: a world that races on would only take its core."""
+        deadline = time.monotonic() + limit_s
+        while check() and time.monotonic() < deadline:
             if self._seat is not None:
                 self._seat.linger(_POLL_S)
             else:
@@ -210,14 +214,18 @@ class Session:
                 shutil.copyfile(self._said, self.run / "logs" / "up.txt")
 
     def _processes(self) -> Iterator[int]:
-        """Everybody whom this run has started, by the environment they were started with."""
+        """Everybody whom this run has started: those on record, and those who were started with its marks."""
+        recorded = {self._up.pid} if self._up is not None and self._up.poll() is None else set()
+        if self.run is not None and (state := open_run(self.run)) is not None:
+            recorded |= {pid for pids in state.survivors().values() for pid in pids}
         marks = {f"{ONLY}={self._rt}", *([f"{RUN}={self.run}"] if self.run is not None else [])}
         for pid in (int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()):
-            if pid != os.getpid() and not marks.isdisjoint(proc.environment(pid)) and not proc.is_zombie(pid):
+            ours = pid in recorded or not marks.isdisjoint(proc.environment(pid))
+            if ours and pid != os.getpid() and not proc.is_zombie(pid):
                 yield pid
 
     def _env(self) -> dict[str, str]:
-        """The mark comes last: a process that takes a title writes it over the first ones."""
+        """The mark comes last: a process that takes a title may write it over its environment."""
         return {**{key: value for key, value in os.environ.items() if key != ONLY}, ONLY: str(self._rt)}
 
 

@@ -17,7 +17,7 @@ class VehicleNow:
     """One vehicle at one instant. Truth: p_n of its origin [m] [NED], v_n [m/s] [NED], tilt of its z axis [rad], height of its
     lowest point above the floor [m], airborne by that height. Its own words: mode as PX4 says it ("" unknown), armed and landed
     (None unknown), estimate est_p_n and setpoint target_p_n [m] [NED], battery 0..1, None where not heard in the last second of
-    simulation time. crashed: the world's verdict, "" for none.
+    simulation time; one that is not heard and whose rotors stand still is not armed. crashed: the world's verdict, "" for none.
     """
 
     name: str
