@@ -21,7 +21,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.end_to_end.flight import Hangar
 from tests.end_to_end.process_table import CELLS, SORTIES, Cell, End, Flown, Hit, Sorties, Track, problems
 
-COLUMNS = ("process", "signal", "where", "the process", "its vehicle", "the others", "after, s", "touchdown, m/s", "drift, m", "exit")
+COLUMNS = (
+    "process", "signal", "where", "the process", "its vehicle", "the others", "after, s", "touchdown, m/s", "drift, m", "exit",
+)  # fmt: skip
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -66,10 +68,13 @@ def measured(hit: Hit, flown: Flown) -> str:
     own = [flown.tracks[hit.vehicle]] if hit.vehicle else list(flown.tracks.values())
     rest = _bystanders(hit, flown)
     cell: Cell = hit.cell
+    # a person's command comes when it comes; an exit code of several cells is judged, and told as the table has it
+    sank = [t.sank_s for t in own if t.end is not End.COMMANDED or cell.process == "copilot"]
+    code = flown.code if len(flown.sortie.hits) == 1 else cell.code
     return row((
-        f"`{cell.process}`", cell.signal, cell.where, str(flown.fates[hit] or ""), _ends(own), _ends(rest) if hit.vehicle else "the same",
-        _worst([t.sank_s for t in own if t.end is not End.FLIES]), _worst([t.touchdown_m_s for t in own]),
-        _worst([t.drift_m for t in own]), "killed" if flown.code is None else str(flown.code),
+        f"`{cell.process}`", cell.signal, cell.where, str(flown.fates[hit] or ""), _ends(own),
+        _ends(rest) if hit.vehicle else "the same", _worst(sank), _worst([t.touchdown_m_s for t in own]),
+        _worst([t.drift_m for t in own]), "killed" if code is None else str(code),
     ))  # fmt: skip
 
 

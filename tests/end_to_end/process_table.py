@@ -186,9 +186,9 @@ def _sorties() -> Iterator[Sortie]:
             )  # fmt: skip
         programs = _both("program.<v>", where, "program.uav1", "program.uav2")
         yield Sortie(name=f"programs {where}", where=where, vehicles=3, hits=programs)
-        px4s = _both("px4.<v>", where, "px4.uav1", "px4.uav2") + _both("PX4 of <v>", where, "PX4 of uav3", "PX4 of uav4")
-        flown = tuple(f"uav{i}" for i in range(1, 5))
-        yield Sortie(name=f"px4 {where}", where=where, vehicles=5, hits=px4s, px4=flown, speed="1")
+        for kind, target in (("px4.<v>", "px4.uav"), ("PX4 of <v>", "PX4 of uav")):
+            px4s = _both(kind, where, f"{target}1", f"{target}2")
+            yield Sortie(name=f"{kind} {where}", where=where, vehicles=3, hits=px4s, px4=("uav1", "uav2"), speed="1")
     tools = _both("tool.<name>", "air", "tool.one", "tool.two")
     loggers = _both("logger.<v>", "air", "logger.uav1", "logger.uav2")
     yield Sortie(name="bystanders air", where="air", vehicles=3, hits=loggers + tools)
