@@ -66,13 +66,16 @@ def files(named: list[Path]) -> list[Path]:
 
 def load(paths: list[Path], overrides: list[str]) -> list[Scenario]:
     """Every scenario of every file. Raises InputError with the problems of all of them."""
+    from arena.smoke.fly import refuse_real
     from arena.smoke.scenario import load_scenarios
 
     found: list[Scenario] = []
     problems: list[str] = []
     for path in paths:
         try:
-            found += load_scenarios(path, overrides)
+            found += (scenarios := load_scenarios(path, overrides))
+            for scenario in scenarios:
+                refuse_real(scenario.arena)
         except InputError as error:
             problems += [line for line in str(error).splitlines() if line not in problems]
     if problems:

@@ -48,7 +48,8 @@ class Doer:
         """Raises RunError where it cannot be done."""
         if deed.verb in _SIGNALS or deed.verb == "restart":
             for process in deed.processes:
-                self._process("resume" if deed.undo else deed.verb, process)
+                with contextlib.suppress(RunError) if deed.undo else contextlib.nullcontext():
+                    self._process("resume" if deed.undo else deed.verb, process)
         elif deed.verb == "mode":
             for vehicle in deed.vehicles:
                 self._mode(vehicle, deed.word)

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from arena.errors import ArenaError, RunError
+from arena.errors import ArenaError, InputError, RunError
 from arena.schema import Arena
 from arena.smoke.referee import Referee
 from arena.smoke.report import draw
@@ -76,6 +76,12 @@ def _referee(referee: Referee, session: Session, deadline: float) -> str:
         if time.monotonic() > deadline:
             return f"flown for too long in wall time, and had come to {now.time_s:.1f} s of simulation time"
     return ""
+
+
+def refuse_real(arena: Arena) -> None:
+    """Raises InputError: a real vehicle is not for spoiling."""
+    if real := [v.name for v in arena.vehicles if not v.simulated]:
+        raise InputError(f"{arena.file}: {', '.join(real)}: got a real vehicle; smoke flights fly simulated ones only")
 
 
 def start_of(scenario: Scenario, folder: Path, how: How) -> Start:

@@ -37,11 +37,13 @@ class ArenaRun:
         """Fly it in every arena that it names. set: `key=value`, as `--set`. Raises AssertionError with what the referee saw, and
         InputError where the file is wrong.
         """
-        from arena.smoke.fly import How, fly
+        from arena.smoke.fly import How, fly, refuse_real
         from arena.smoke.scenario import load_scenarios
 
-        how = How(results=self.results, speed=speed, seed=seed)
-        results = [fly(one, how) for one in load_scenarios(self._folder / scenario, set)]
+        how, found = How(results=self.results, speed=speed, seed=seed), load_scenarios(self._folder / scenario, set)
+        for one in found:
+            refuse_real(one.arena)
+        results = [fly(one, how) for one in found]
         failed = [line for result in results for line in _complaints(result)]
         if failed:
             raise AssertionError("\n".join(failed))
@@ -51,10 +53,12 @@ class ArenaRun:
         """An arena to lead oneself: `with arena_run.up("arena.yaml") as flight: ...`; see `arena.smoke.by_hand`."""
         from arena.schema import load_arena
         from arena.smoke.by_hand import Led
+        from arena.smoke.fly import refuse_real
         from arena.smoke.session import Start
 
         file = self._folder / arena
         loaded = load_arena(file, list(set))
+        refuse_real(loaded)
         return Led(loaded, Start(arena=file, runs=self.results, overrides=tuple(set), speed=speed, seed=seed))
 
 

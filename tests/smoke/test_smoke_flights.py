@@ -1,0 +1,161 @@
+"""Arenas flown and judged from outside: what is shipped passes, what must fail fails with its reason, and nothing is left."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from end_to_end.flight import ROOT, eventually, started_by
+
+SHIPPED = ROOT / "examples" / "05_smoke"
+_LIMIT_S = 900.0
+
+
+class Smoke:
+    """`arena smoke` in a process of its own, as a CI server starts it."""
+
+    def __init__(self, folder: Path, temporary: Path, *arguments: str) -> None:
+        self.results, self.out = folder / "results", folder / "out.txt"
+        argv = [sys.executable, "-m", "arena.cli", "smoke", *arguments, "--results", str(self.results)]
+        with self.out.open("wb") as out:
+            self.process = subprocess.Popen(
+                argv, stdout=out, stderr=subprocess.STDOUT, cwd=folder, env={**os.environ, "TMPDIR": str(temporary)},
+                start_new_session=True,
+            )  # fmt: skip
+
+    def wait(self) -> int:
+        return self.process.wait(_LIMIT_S)
+
+    @property
+    def said(self) -> str:
+        return self.out.read_text(errors="replace")
+
+    @property
+    def runs(self) -> list[Path]:
+        """Their run folders."""
+        return sorted(path.parent for path in self.results.glob("*/*/plan.json"))
+
+
+@pytest.fixture
+def temporary() -> Iterator[Path]:
+    """A short path in which arenas have their private folders: empty again when they have gone."""
+    folder = Path(tempfile.mkdtemp(prefix="smoke-"))
+    yield folder
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture
+def smoke(tmp_path: Path, temporary: Path) -> Iterator[Any]:
+    begun: list[Smoke] = []
+
+    def begin(*arguments: str) -> Smoke:
+        begun.append(Smoke(tmp_path, temporary, *arguments))
+        return begun[-1]
+
+    yield begin
+    for one in begun:
+        if one.process.poll() is None:
+            one.process.kill()
+            one.process.wait()
+        for run in one.runs:
+            for pid in started_by(run):
+                os.kill(pid, signal.SIGKILL)
+
+
+def assert_nothing_left(smoke: Smoke, temporary: Path) -> None:
+    assert [pid for run in smoke.runs for pid in started_by(run)] == []
+    assert not [run for run in smoke.runs if (run / "state.json").exists()]
+    assert list(temporary.glob("arena-smoke-*")) == []
+
+
+@pytest.mark.flight
+def test_the_shipped_scenarios_pass(smoke: Any, temporary: Path, tmp_path: Path):
+    names = [str(SHIPPED / f"{name}.smoke.yaml") for name in ("hover", "offboard_loss")]
+    flown = smoke(*names, "-j", "2", "--seed", "3", "--junit", "junit.xml")
+    assert flown.wait() == 0, flown.said
+    assert 'tests="4" failures="0"' in (tmp_path / "junit.xml").read_text()
+    assert len(flown.runs) == 4 and not [run for run in flown.runs if list((run / "plots").iterdir())]
+    seeds = {json.loads((run / "slices" / "world.json").read_text())["seed"] for run in flown.runs}
+    assert seeds == {3}
+    assert_nothing_left(flown, temporary)
+
+
+FAILING = """
+name: falls
+arena: one.yaml
+steps:
+  - at: uav1.airborne + 3 s
+    do: motor loss uav1 rotor 2
+  - expect: uav1.mode == RTL within 2 s
+"""
+
+
+@pytest.mark.flight
+def test_one_that_fails_says_why_and_keeps_pictures(smoke: Any, temporary: Path, tmp_path: Path):
+    for name in ("one.yaml", "square.py"):
+        shutil.copy(SHIPPED / name, tmp_path)
+    (tmp_path / "falls.smoke.yaml").write_text(FAILING)
+    flown = smoke(str(tmp_path / "falls.smoke.yaml"))
+    assert flown.wait() == 1, flown.said
+    said = " ".join(flown.said.split())
+    assert "falls.smoke.yaml:7: uav1.mode was" in said and "expected uav1.mode == RTL within 2 s" in said
+    assert "uav1 crashed" in said
+    assert list((flown.runs[0] / "plots").glob("*.png"))
+    assert_nothing_left(flown, temporary)
+
+
+@pytest.mark.flight
+@pytest.mark.parametrize("times", [1, 2])
+def test_an_interruption_leaves_nothing(smoke: Any, temporary: Path, times: int):
+    """The second one does not wait for the landing."""
+    flown = smoke(str(SHIPPED / "hover.smoke.yaml"), "-j", "2")
+
+    def airborne() -> bool:
+        return any("airborne" in (run / "events.jsonl").read_text() for run in flown.runs if (run / "events.jsonl").exists())
+
+    eventually(lambda: airborne() or flown.process.poll() is not None, 120, "one in the air", lambda: flown.said)
+    flown.process.send_signal(signal.SIGINT)
+    if times == 2:
+        eventually(lambda: any("SIGTERM" in (run / "events.jsonl").read_text() for run in flown.runs), 60, "it begins to land")
+        flown.process.send_signal(signal.SIGINT)
+    assert flown.wait() == 130, flown.said
+    assert "interrupted: 2 of 2" in flown.said
+    assert_nothing_left(flown, temporary)
+
+
+@pytest.mark.flight
+def test_an_arena_that_does_not_come_up_is_a_result_in_its_own_words(smoke: Any, temporary: Path, tmp_path: Path):
+    (tmp_path / "quits.py").write_text("raise SystemExit(3)\n")
+    (tmp_path / "quits.smoke.yaml").write_text(
+        "arena: {address: 127.0.0.1, vehicles: {uav1: {autopilot: builtin, program: quits.py, tools: "
+        "{broken: {argv: [/does/not/exist]}}}}}\nsteps:\n  - expect: uav1.airborne within 3 s\n"
+    )
+    flown = smoke(str(tmp_path / "quits.smoke.yaml"))
+    assert flown.wait() == 1, flown.said
+    assert "program.uav1: exit 3" in " ".join(flown.said.split())
+    assert_nothing_left(flown, temporary)
+
+
+@pytest.mark.flight
+def test_a_test_may_lead_a_flight_itself(arena_run: Any):
+    with arena_run.up(SHIPPED / "one.yaml") as flight:
+        flight.always("inside geofence")
+        flight.until("uav1.airborne + 2 s", 30)
+        flight.do("kill supervisor")
+        flight.expect("supervisor is EXITED within 1 s")
+        flight.do("hang router for 500 ms")
+        with pytest.raises(AssertionError, match="uav1.mode was .* expected uav1.mode == TAKEOFF"):
+            flight.expect("uav1.mode == TAKEOFF within 200 ms")
+        flight.expect("uav1.landed within 15 s")
+        assert abs(flight.vehicle("uav1").p_n[0]) < 2.0 and flight.vehicle("uav1").down
+        run = flight.session.run
+    assert started_by(run) == set()

@@ -1,0 +1,155 @@
+"""Several scenarios at a time, and the command over them, with fakes in place of flights."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from arena.cli import main
+from arena.cli.smoke import files, load
+from arena.errors import InputError, RunError
+from arena.smoke import runner
+from arena.smoke.fly import How, slug
+from arena.smoke.scenario import Scenario
+from arena.smoke.verdict import Result, Verdict
+
+ROOT = Path(__file__).parents[2]
+ARENA = "vehicles:\n  uav1: {autopilot: builtin}\n"
+STEPS = "steps:\n  - expect: uav1.airborne within 20 s\n"
+
+
+@pytest.fixture
+def how(tmp_path: Path) -> How:
+    return How(results=tmp_path / "results")
+
+
+def scenarios(folder: Path, *names: str) -> list[Scenario]:
+    (folder / "arena.yaml").write_text(ARENA)
+    for name in names:
+        (folder / f"{name}.smoke.yaml").write_text(f"name: {name}\narena: arena.yaml\n{STEPS}")
+    return load([folder / f"{name}.smoke.yaml" for name in names], [])
+
+
+def passed(scenario: Scenario, how: How) -> Result:
+    verdict = Verdict(steps=(), rules=(), ended=f"in {os.getpid()}")
+    return Result(scenario=scenario.name, file=scenario.place.file, seed=how.seed or 1, verdict=verdict)
+
+
+def test_results_come_in_the_order_of_the_scenarios_each_from_a_process_of_its_own(tmp_path: Path, how: How):
+    told: list[str] = []
+    found = runner.fly_all(
+        scenarios(tmp_path, "c", "a", "b"), how, jobs=2, tell=lambda r: told.append(r.scenario), flown_by=passed
+    )
+    assert [r.scenario for r in found] == ["c", "a", "b"] and sorted(told) == ["a", "b", "c"]
+    assert len({r.verdict.ended for r in found} | {f"in {os.getpid()}"}) == 4
+
+
+def test_a_flight_that_goes_wrong_takes_no_other_along(tmp_path: Path, how: How):
+    def fly(scenario: Scenario, how: How) -> Result:
+        if scenario.name == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if scenario.name == "wrong":
+            raise RunError("no run folder")
+        return passed(scenario, how)
+
+    killed, wrong, right = runner.fly_all(
+        scenarios(tmp_path, "killed", "wrong", "right"), how, jobs=1, tell=lambda _: None, flown_by=fly
+    )
+    assert right.verdict.passed and wrong.verdict.troubles == ("no run folder",)
+    assert "ended without a word" in killed.verdict.troubles[0]
+
+
+def test_an_interruption_reaches_every_worker_and_nothing_more_is_begun(tmp_path: Path, how: How):
+    def fly(scenario: Scenario, how: How) -> Result:
+        if scenario.name == "first":
+            return passed(scenario, how)
+        (tmp_path / f"{scenario.name}-began").touch()
+        try:
+            if scenario.name == "long":
+                os.kill(os.getppid(), signal.SIGINT)
+            while True:
+                signal.pause()
+        except KeyboardInterrupt:
+            (tmp_path / f"{scenario.name}-landed").touch()
+            raise
+
+    given = scenarios(tmp_path, "first", "long", "never")
+    with pytest.raises(runner.Interrupted) as interrupted:
+        runner.fly_all(given, how, jobs=1, tell=lambda _: None, flown_by=fly)
+    assert [r.scenario for r in interrupted.value.results] == ["first"]
+    assert (tmp_path / "long-landed").exists() and not (tmp_path / "never-began").exists()
+
+
+# -- the command
+
+
+def test_a_folder_stands_for_the_scenarios_in_it(tmp_path: Path):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    scenarios(inner, "b", "a")
+    assert files([tmp_path, inner / "a.smoke.yaml", inner / "arena.yaml"]) == [
+        inner / "a.smoke.yaml", inner / "b.smoke.yaml", inner / "arena.yaml"
+    ]  # fmt: skip
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"empty: no \*\.smoke\.yaml"):
+        files([tmp_path / "empty"])
+
+
+def test_all_problems_are_told_before_anything_flies(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any):
+    monkeypatch.setattr(runner, "fly_all", None)
+    scenarios(tmp_path, "good")
+    (tmp_path / "one.smoke.yaml").write_text("arena: arena.yaml\nsteps:\n  - expect: uav7.airborne within 2 s\n")
+    (tmp_path / "two.smoke.yaml").write_text(f"arena: arena.yaml\n{STEPS}  - do: kil program uav1\n")
+    assert main(["smoke", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert f"{tmp_path}/one.smoke.yaml:3" in said and f"{tmp_path}/two.smoke.yaml:4" in said
+
+
+@pytest.mark.parametrize(("passes", "code"), [(True, 0), (False, 1)])
+def test_the_exit_code_and_the_files_tell_how_it_went(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, passes: bool, code: int
+):
+    def fly_all(given: list[Scenario], how: How, **_: Any) -> list[Result]:
+        assert how.seed == 7 and [s.arena.world.wind_m_s[0] for s in given] == [1.0, 1.0]
+        verdict = Verdict(steps=(), rules=(), troubles=() if passes else ("it fell",))
+        return [Result(scenario=s.name, file=s.place.file, seed=7, verdict=verdict) for s in given]
+
+    monkeypatch.setattr(runner, "fly_all", fly_all)
+    scenarios(tmp_path, "good")
+    junit, results = tmp_path / "out" / "junit.xml", tmp_path / "results"
+    given = ["smoke", str(tmp_path), "--repeat", "2", "--seed", "7", "--set", "world.wind_m_s=[1, 0, 0]"]
+    assert main([*given, "--junit", str(junit), "--results", str(results)]) == code
+    assert 'tests="2"' in junit.read_text() and (results / "results.json").exists()
+    assert ("it fell" in capsys.readouterr().out) is not passes
+
+
+def test_listing_flies_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(runner, "fly_all", None)
+    scenarios(tmp_path, "a", "b")
+    assert main(["smoke", str(tmp_path), "--list"]) == 0
+    assert [line.rpartition(": ")[2] for line in capsys.readouterr().out.splitlines()] == ["a", "b"]
+
+
+def test_the_shipped_scenarios_are_right():
+    found = load(files([ROOT / "examples"]), ["defaults.autopilot=builtin"])
+    assert {"hover [one]", "hover [four]", "offboard loss lands [one]"} <= {s.name for s in found}
+
+
+@pytest.mark.parametrize(("name", "folder"), [("offboard loss lands [four]", "offboard-loss-lands-four"), ("../..", "scenario")])
+def test_a_name_becomes_a_folder(name: str, folder: str):
+    assert slug(name) == folder
+
+
+def test_the_plugin_costs_who_does_not_use_it_nothing():
+    code = (
+        "import sys, pytest; before = set(sys.modules); import arena.smoke.plugin; "
+        "print(*sorted(set(sys.modules) - before))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == {"arena", "arena.smoke", "arena.smoke.plugin"}
