@@ -1,9 +1,10 @@
 """Flights that end badly without a copilot, with one and without; and how far vehicles go on when it stops them.
 
-    python benchmarks/copilot.py [--autopilot builtin|px4|both] [--case head-on|wall|stops] [--runs 5] [--with-only]
+    python benchmarks/copilot.py [--autopilot builtin|px4|both] [--case head-on|wall|stops|cost] [--runs 5] [--with-only]
 
 head-on: two programs sent through each other's place at 1.5 m/s each.  wall: a program that flies into the wall at 3 m/s.
 stops: 1, 2 and 3 m/s, steady and still speeding up, along north and obliquely: the way the copilot counted on, and the way flown.
+cost: of 1, 10 and 50 vehicles, in one core's time, without the sockets.
 Prints tables in Markdown. Exit code 1: a flight that crashed with a copilot or did not without, or a way longer than counted on.
 """
 
@@ -18,12 +19,22 @@ import re
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.capture.natnet import NatNetReceiver
+from arena.copilot.copilot import Copilot
+from arena.copilot.settings import Rules, Vehicle
+from arena.schema.copilot import RULES
+from arena.schema.copilot import Copilot as Section
+from arena.wire import natnet
+from arena.wire.codec import Codec
 
 PROGRAM = Path(__file__).parents[1] / "tests" / "end_to_end" / "programs" / "copilot_pilot.py"
 RADIUS_M = 0.275
@@ -139,18 +150,90 @@ def stops(autopilot: str, address: str) -> Iterator[bool]:
             yield way <= needs and not flown.crashed
 
 
+def _words(system: int) -> list[bytes]:
+    """What a vehicle says in a fiftieth of a second: five frames in two datagrams, as the built-in autopilot's stream at most."""
+    codec = Codec(system, 1)
+    first = [
+        mavlink.MAVLink_local_position_ned_message(0, 1.0, 2.0, -1.0, 0.1, 0.2, 0.3),
+        mavlink.MAVLink_attitude_quaternion_message(0, 1.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.1),
+    ]
+    second = [
+        mavlink.MAVLink_heartbeat_message(2, 12, 128, 6 << 16, 4, 3),
+        mavlink.MAVLink_extended_sys_state_message(0, 2),
+        mavlink.MAVLink_position_target_local_ned_message(0, 1, 0, 1.0, 2.0, -1.0, *[0.0] * 8),
+    ]
+    return [b"".join(codec.pack(m) for m in part) for part in (first, second)]
+
+
+def cost(count: int, seconds: float = 4.0) -> bool:
+    """What a second of so many vehicles costs, in the copilot's own CPU time: frames of the cameras, telemetry, looks."""
+    rows = [
+        {
+            "name": f"uav{i + 1}", "id": i + 1, "body": f"uav{i + 1}", "simulated": True, "poses": True,
+            "tools": ["127.0.0.1", i], "panic": ["127.0.0.1", i], "fence": {"north": [-50, 50], "east": [-50, 50], "up": 5},
+            "braking": {"accel": 3.0, "jerk": 4.0, "up": 3.0, "down": 4.0},
+        }
+        for i in range(count)
+    ]  # fmt: skip
+    section = Section.model_validate({"estimate": {"do": "none"}})  # what they say here is always the same
+    each = {rule: getattr(section, rule).model_dump() for rule in RULES}
+    rules = Rules.of({"rules": each, "at_most": "land", "escalate_after_s": 2.0, "latency_s": 0.01})
+    core, spent = Copilot(rules, [Vehicle.of(row) for row in rows], 0.0), dict.fromkeys(("poses", "telemetry", "looks"), 0.0)
+    receiver, version = NatNetReceiver([row["name"] for row in rows]), (3, 1, 0, 0)
+    receiver.hear(
+        natnet.encode_server_info(
+            natnet.ServerInfo(
+                name="m", app_version=version, version=(3, 1, 0, 0), clock_hz=1000, data_port=1511, group="239.255.42.99"
+            )
+        )
+    )
+    receiver.hear(natnet.encode_models([(row["id"], row["name"]) for row in rows], version))
+    words = [_words(row["id"]) for row in rows]
+    place, speed = np.arange(count) % 10 * 2.0, 0.3
+    for k in range(round(50 * seconds)):
+        now = k / 50.0
+        for j in range(4 if k % 5 < 3 else 3):
+            north = place + speed * math.sin(now)
+            bodies = tuple(
+                natnet.Body(streaming_id=i + 1, position=(2.0 * (i // 10), float(north[i]), 1.0 + 1e-6 * (4 * k + j)),
+                            quat_xyzw=(0.0, 0.0, 0.7071068, 0.7071068), tracked=True) for i in range(count)
+            )  # fmt: skip
+            data = natnet.encode_frame(
+                natnet.Frame(number=4 * k + j + 1, timestamp_s=now + j / 180.0, exposure_ticks=0, bodies=bodies), version
+            )
+            made = time.thread_time()
+            frame = receiver.hear(data)
+            core.see([frame] if frame is not None else [], now)
+            spent["poses"] += time.thread_time() - made
+        began = time.thread_time()
+        for i in range(count):
+            for data in words[i]:
+                core.hear(i, data, now)
+        spent["telemetry"] += time.thread_time() - began
+        began = time.thread_time()
+        core.step(now)
+        spent["looks"] += time.thread_time() - began
+    share = {what: 100.0 * s / seconds for what, s in spent.items()}
+    print(f"| {count} | " + " | ".join(f"{x:.1f}" for x in share.values()) + f" | {sum(share.values()):.1f} |", flush=True)
+    return core.known.armed == [True] * count and bool(np.isfinite(core.tracks.seen_at).all())
+
+
 def main() -> int:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--autopilot", choices=("builtin", "px4", "both"), default="builtin")
-    options.add_argument("--case", choices=("head-on", "wall", "stops"), action="append")
+    options.add_argument("--case", choices=("head-on", "wall", "stops", "cost"), action="append")
     options.add_argument("--runs", type=int, default=5)
     options.add_argument("--with-only", action="store_true", help="do not fly without a copilot")
     options.add_argument("--address", default="127.65.9.1")
     given = options.parse_args()
     pilots = ("builtin", "px4") if given.autopilot == "both" else (given.autopilot,)
-    cases = given.case or ["head-on", "wall", "stops"]
+    cases = given.case or ["head-on", "wall", "stops", "cost"]
     right: list[bool] = []
     for case in cases:
+        if case == "cost":
+            print("| vehicles | poses % | telemetry % | looks % | of one core % |\n| " + "--- | " * 5)
+            right += [cost(count) for count in (1, 10, 50)]
+            continue
         if case == "stops":
             print(
                 "| autopilot | flight | asked m/s | told at m/s | counted on m | flown m | left to the fence m |\n| "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +22,7 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
     from arena.plan.doors import open_lines
 
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
-    lines += not_possible(arena) + unwatched(arena) + open_lines(plan)
+    lines += not_possible(arena) + copilot_notes(arena) + open_lines(plan)
     programs = sum(p.kind == "program" for p in plan.processes)
     return [*lines, f"{len(plan.processes)} processes, {programs} of them programs"]
 
@@ -30,12 +32,17 @@ def not_possible(arena: Arena) -> list[str]:
     return [f"{v.name}: not possible: {words}" for v in arena.vehicles for words in v.cannot]
 
 
-def unwatched(arena: Arena) -> list[str]:
-    """Hardware that flies without a copilot is worth a line."""
-    if arena.copilot is not None or not arena.hardware:
-        return []
-    names = ", ".join(v.name for v in arena.hardware)
-    return [f"no copilot watches {names}: `copilot: {{}}` in the YAML has one"]
+def copilot_notes(arena: Arena) -> list[str]:
+    """Hardware that flies without a copilot; vehicles that start closer than it lets them fly."""
+    if arena.copilot is None:
+        names = ", ".join(v.name for v in arena.hardware)
+        return [f"no copilot watches {names}: `copilot: {{}}` in the YAML has one"] if names else []
+    rule, found = arena.copilot.separation, []
+    for a, b in itertools.combinations(arena.simulated, 2) if rule.do != "none" else ():
+        if (apart := math.dist(a.position, b.position)) < rule.at_m:
+            said = f"{a.name} and {b.name} start {apart:.2f} m apart, and copilot.separation.at_m is {rule.at_m:g}"
+            found.append(f"{said}: {b.name} will be held")
+    return found
 
 
 def _vehicle_line(arena: Arena, name: str) -> str:

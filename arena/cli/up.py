@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 import typer
 
-from arena.cli._arena import not_possible, unwatched
+from arena.cli._arena import copilot_notes, not_possible
 from arena.cli._consent import ask_consent
 from arena.errors import EXIT_FAILED, EXIT_OK, RunError
 from arena.plan.doors import open_lines
@@ -79,7 +79,7 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
     from arena.schema import check_machine, load_arena
 
     arena = load_arena(file, overrides)
-    for line in (*not_possible(arena), *unwatched(arena)):
+    for line in (*not_possible(arena), *copilot_notes(arena)):
         print(line, file=sys.stderr)
     plan = make_plan(arena)
     sweep_all(_say, plan.address)

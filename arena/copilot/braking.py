@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-REACTION_S = 0.20
+REACTION_S = 0.22
 """From a pose's arrival to a body that begins to brake: look, command, change of mode, tracking of the new course."""
 SWING_S = 0.25
 """How long the acceleration of the moment goes on to add speed while the body swings back."""
