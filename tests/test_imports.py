@@ -37,7 +37,7 @@ MAY: dict[str, set[str]] = {
 }
 # the world's shell alone puts two cores together; the package's face lends the user's names
 EXCEPT: dict[str, set[str]] = {"sim/__main__.py": {"autopilot", "px4"}, "__init__.py": {"uav"}, "__main__.py": {"cli"}}
-HEAVY = {"pybullet": {"sim"}, "mavsdk": {"uav"}, "matplotlib": {"record"}, "serial": {"link", "params"}}
+HEAVY = {"pybullet": {"sim"}, "mavsdk": {"uav"}, "matplotlib": {"record"}, "serial": {"link", "params", "safety"}}
 
 
 def imports(path: Path) -> Iterator[tuple[str, bool]]:

@@ -7,11 +7,10 @@ landing, EXTENDED_SYS_STATE on the ground.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
-from pymavlink.dialects.v20 import common as mavlink
-
-from arena.wire.codec import Codec
+from arena.wire import panicwords as say
+from arena.wire.mavframe import Frame, cut
 from arena.wire.px4mode import AUTO_LAND, mode_words
 
 SYSTEM = 253
@@ -22,17 +21,10 @@ _HEARTBEAT_S = 1.0
 _FORCE = 21196.0  # MAV_CMD_COMPONENT_ARM_DISARM: stop the motors, flying or not
 _AUTOPILOT = 1
 _NAN = float("nan")
-_READ = {
-    mavlink.MAVLINK_MSG_ID_HEARTBEAT, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
-}
-_WORDS = {
-    mavlink.MAV_CMD_DO_SET_MODE: "land mode", mavlink.MAV_CMD_NAV_LAND: "landing",
-    mavlink.MAV_CMD_COMPONENT_ARM_DISARM: "disarming",
-}
+_WORDS = {say.DO_SET_MODE: "land mode", say.NAV_LAND: "landing", say.ARM_DISARM: "disarming"}
 _RESULTS = {
-    mavlink.MAV_RESULT_TEMPORARILY_REJECTED: "temporarily rejected", mavlink.MAV_RESULT_DENIED: "denied",
-    mavlink.MAV_RESULT_UNSUPPORTED: "unsupported", mavlink.MAV_RESULT_FAILED: "failed",
-    6: "cancelled",  # not in every version's dialect
+    say.TEMPORARILY_REJECTED: "temporarily rejected", say.DENIED: "denied", say.UNSUPPORTED: "unsupported",
+    say.FAILED: "failed", say.CANCELLED: "cancelled",
 }
 
 Action = Literal["land", "kill"]
@@ -58,7 +50,7 @@ class Landing:
         self.name, self.system, self.action = name, system, action
         self.known = Known()
         self.refusal = ""
-        self._codec = Codec(SYSTEM, component)
+        self._voice = say.Voice(SYSTEM, component)
         self._component = component
         self._began = self._next_send = self._next_heartbeat = now
         self._confirmed_at: float | None = None
@@ -72,8 +64,7 @@ class Landing:
         frames = []
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + _HEARTBEAT_S
-            frames.append(self._codec.pack(mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3)))
+            frames.append(self._voice.heartbeat())
         if now >= self._next_send and not self.confirmed:
             self._next_send = now + RETRY_S
             frames += self._kill() if self.action == "kill" else self._land(now)
@@ -81,9 +72,9 @@ class Landing:
 
     def hear(self, data: bytes | memoryview, now: float) -> None:
         """One datagram, whatever it holds."""
-        for message in self._codec.parse(data, _READ):
-            if message.get_srcSystem() == self.system and message.get_srcComponent() == _AUTOPILOT:
-                self._learn(message, now)
+        for at in cut(data).frames:
+            if at.sysid == self.system and at.compid == _AUTOPILOT:
+                self._learn(data, at, now)
         self._judge(now)
 
     def line(self, now: float) -> str:
@@ -109,57 +100,58 @@ class Landing:
         known, frames = self.known, []
         if known.mode != "AUTO.LAND":
             main, sub = AUTO_LAND
-            custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-            frames.append(self._command(mavlink.MAV_CMD_DO_SET_MODE, custom, main, sub))
-            frames.append(self._command(mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, _NAN, _NAN, _NAN, _NAN))
+            frames.append(self._command(say.DO_SET_MODE, say.CUSTOM_MODE, main, sub))
+            frames.append(self._command(say.NAV_LAND, 0, 0, 0, _NAN, _NAN, _NAN, _NAN))
         if known.landed_since is not None and known.armed and now - known.landed_since > DISARM_AFTER_S:
-            frames.append(self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0))
+            frames.append(self._command(say.ARM_DISARM, 0, 0))
         if now - self._began >= ASK_AFTER_S:
             if known.armed is None:
-                frames.append(self._ask(mavlink.MAVLINK_MSG_ID_HEARTBEAT))
+                frames.append(self._ask(say.HEARTBEAT))
             if known.landed is None:
-                frames.append(self._ask(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE))
+                frames.append(self._ask(say.EXTENDED_SYS_STATE))
         return frames
 
     def _kill(self) -> list[bytes]:
-        return [self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, _FORCE)]
+        return [self._command(say.ARM_DISARM, 0, _FORCE)]
 
     def _ask(self, message: int) -> bytes:
-        return self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, 200_000)
+        return self._command(say.SET_MESSAGE_INTERVAL, message, 200_000)
 
     def _command(self, number: int, *params: float) -> bytes:
-        filled = (*params, *(0.0,) * (7 - len(params)))
-        return self._codec.pack(mavlink.MAVLink_command_long_message(self.system, _AUTOPILOT, number, 0, *filled))
+        return self._voice.command(self.system, _AUTOPILOT, number, *params)
 
-    def _learn(self, message: Any, now: float) -> None:
+    def _learn(self, data: bytes | memoryview, at: Frame, now: float) -> None:
         known = self.known
-        known.heard_at = now
-        number = message.get_msgId()
-        if number == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-            known.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            known.mode = mode_words(message.custom_mode)
-        elif number == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
-            self._learn_landed(message.landed_state, now)
+        if at.msgid == say.HEARTBEAT:
+            beat = say.heartbeat_of(data, at)
+            known.armed = bool(beat.base_mode & say.ARMED)
+            known.mode = mode_words(beat.custom_mode)
+        elif at.msgid == say.EXTENDED_SYS_STATE:
+            self._learn_landed(say.landed_of(data, at), now)
+        elif at.msgid == say.COMMAND_ACK:
+            self._learn_answer(say.ack_of(data, at))
         else:
-            self._learn_answer(message)
+            return
+        known.heard_at = now
         known.was_up |= bool(known.armed) or known.landed is False
 
     def _learn_landed(self, state: int, now: float) -> None:
-        if state == mavlink.MAV_LANDED_STATE_UNDEFINED:
+        if state == say.LANDED_UNKNOWN:
             return
-        self.known.landed = state == mavlink.MAV_LANDED_STATE_ON_GROUND
+        self.known.landed = state == say.LANDED_ON_GROUND
         if not self.known.landed:
             self.known.landed_since = None
         elif self.known.landed_since is None:
             self.known.landed_since = now
 
-    def _learn_answer(self, ack: Any) -> None:
-        if ack.target_system not in (0, SYSTEM) or ack.target_component not in (0, self._component):
+    def _learn_answer(self, ack: say.Ack) -> None:
+        system, component = ack.target
+        if system not in (0, SYSTEM) or component not in (0, self._component):
             return
         words = _WORDS.get(ack.command)
         if words is None:
             return
-        if ack.result == mavlink.MAV_RESULT_ACCEPTED:
+        if ack.result == say.ACCEPTED:
             self.refusal = ""
         elif ack.result in _RESULTS:
             self.refusal = f"{words} refused: {_RESULTS[ack.result]}"
