@@ -7,6 +7,7 @@ landed and gone.
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from arena.smoke.verdict import Result
 
 ENDING = ".smoke.yaml"
+_WIDE = 160  # characters of a CI server's log, in which a broken path leads nowhere
 
 
 def register(app: typer.Typer) -> None:
@@ -113,5 +115,5 @@ def _show(results: list[Result], folder: Path, junit: Path | None) -> None:
         junit.parent.mkdir(parents=True, exist_ok=True)
         junit.write_text(junit_xml(results))
     if results:
-        Console().print(table(results))
+        Console(width=None if sys.stdout.isatty() else _WIDE).print(table(results))
         print(summary(results), flush=True)

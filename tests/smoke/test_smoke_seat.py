@@ -260,7 +260,7 @@ def test_real_vehicles_are_refused(tmp_path: Path):
     from arena.smoke.fly import refuse_real
 
     (tmp_path / "arena.yaml").write_text(
-        "vehicles:\n  uav1: {autopilot: builtin}\n"
+        "mocap: {source: natnet, server: 127.0.0.2}\nvehicles:\n  uav1: {autopilot: builtin}\n"
         "  uav2: {autopilot: hardware, url: 'udpin:127.0.0.1:14600', start: {position: [2, 0, 0]}}\n"
     )
     with pytest.raises(InputError, match="uav2: got a real vehicle"):
