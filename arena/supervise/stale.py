@@ -39,7 +39,8 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
     """
     plan = runfolder.plan_of(state)
     if left := state.survivors():
-        say(f"the supervisor of {state.run} {'is stopped' if state.stopped else 'has died'}; still running: {', '.join(left)}")
+        if not state.stopped:
+            say(f"the supervisor of {state.run} has died; still running: {', '.join(left)}")
         landed = _land(state, plan, left, say, now=now)
         if not landed and plan is not None and any(not v.simulated for v in plan.vehicles):
             raise RunError(
