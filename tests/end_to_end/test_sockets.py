@@ -20,7 +20,8 @@ Open = tuple[str, str, int]  # protocol, address, port; a local socket's port is
 
 @pytest.fixture
 def flight(hangar: Hangar) -> Iterator[Flight]:
-    made = hangar.fly({"uav1": "hovers", "uav2": "hovers"}, more="copilot: {}\n")
+    ids = ("--set", "vehicles.uav1.id=63", "--set", "vehicles.uav2.id=64")  # not those that a real PX4 beside us may hold
+    made = hangar.fly({"uav1": "hovers", "uav2": "hovers"}, *ids, more="copilot: {}\n")
     made.until_up(0.9)
     yield made
     assert made.cli("down", "--now").returncode in (0, 1)
