@@ -160,7 +160,7 @@ class Session:
             before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTIONS)
             self._leave()
             self._kill_rest()
-            self._keep_words()
+            self._tidy()
             shutil.rmtree(self._rt, ignore_errors=True)
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -208,10 +208,12 @@ class Session:
                 _signal(pid, signal.SIGKILL)
             time.sleep(_POLL_S)
 
-    def _keep_words(self) -> None:
+    def _tidy(self) -> None:
+        """What it said stays; nobody shall look for who was running."""
         if self.run is not None:
             with contextlib.suppress(OSError):
                 shutil.copyfile(self._said, self.run / "logs" / "up.txt")
+                (self.run / "state.json").unlink(missing_ok=True)
 
     def _processes(self) -> Iterator[int]:
         """Everybody whom this run has started: those on record, and those who were started with its marks."""

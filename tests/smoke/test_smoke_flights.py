@@ -153,7 +153,7 @@ def test_a_test_may_lead_a_flight_itself(arena_run: Any):
         flight.do("kill supervisor")
         flight.expect("supervisor is EXITED within 1 s")
         flight.do("hang router for 500 ms")
-        with pytest.raises(AssertionError, match="uav1.mode was .* expected uav1.mode == TAKEOFF"):
+        with pytest.raises(AssertionError, match=r"uav1.mode was .* expected uav1.mode == TAKEOFF"):
             flight.expect("uav1.mode == TAKEOFF within 200 ms")
         flight.expect("uav1.landed within 15 s")
         assert abs(flight.vehicle("uav1").p_n[0]) < 2.0 and flight.vehicle("uav1").down
