@@ -23,7 +23,32 @@ from arena.room import Afterlife, Room, run_room
 _BUFFER_BYTES = 1 << 22
 _MOST = 20_000  # datagrams at a look: a flood must not keep us from judging
 _LOOK_S = 0.5
+_PATIENCE_WALL_S = 0.2
 _PATIENCE_S = 10.0
+
+
+class _Pace:
+    """Absolute deadlines, STEP_HZ of them a second; missed ones are skipped."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._due = clock.now()
+        self._asked = False
+
+    def wait(self, patience_s: float) -> float | None:
+        """The time [s] at the next deadline; None when the simulation's time has not come to it in patience_s of the wall's."""
+        if not isinstance(self._clock, SimClock):
+            now = self._clock.sleep_until(self._due)
+        else:
+            if not self._asked:
+                self._clock.ask(self._due)
+                self._asked = True
+            told = self._clock.told(patience_s)
+            if told is None:
+                return None
+            self._asked, now = False, told
+        self._due = max(self._due + 1.0 / STEP_HZ, now)
+        return now
 
 
 class Shell:
@@ -32,6 +57,7 @@ class Shell:
         self._room = room
         self._clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
         vehicles = [Vehicle.of(row) for row in s["vehicles"]]
+        self._pace = _Pace(self._clock)
         self._core = Copilot(Rules.of(s), vehicles, self._clock.now())
         self._socket = _listen((s["listen"][0], int(s["listen"][1])))
         self._rows = {v.tools: i for i, v in enumerate(vehicles)}
@@ -44,14 +70,16 @@ class Shell:
         self._spent_s, self._steps, self._longest_s = 0.0, 0, 0.0
 
     def run(self) -> None:
-        """Until told to stop; without a supervisor, until the vehicles are disarmed."""
-        rate = self._clock.rate(STEP_HZ)
+        """Until told to stop; without a supervisor, until the vehicles are disarmed. Time may stand still, before a PX4 has booted
+        as behind a world that is stopped: then we still listen, and tell how we are.
+        """
         while not self._room.stopping:
-            now = rate.sleep()
+            now = self._pace.wait(_PATIENCE_WALL_S)
             began = time.thread_time()
-            self._turn(now)
-            spent = time.thread_time() - began
-            self._spent_s, self._steps, self._longest_s = self._spent_s + spent, self._steps + 1, max(self._longest_s, spent)
+            self._listen(self._clock.now() if now is None else now)
+            if now is not None:
+                self._do(self._core.step(now))
+                self._count(time.thread_time() - began)
             if time.monotonic() - self._looked >= _LOOK_S and self._look():
                 return
 
@@ -61,16 +89,19 @@ class Shell:
         for capture in self._captures:
             capture.close()
 
-    def _turn(self, now: float) -> None:
+    def _count(self, spent_s: float) -> None:
+        self._spent_s, self._steps, self._longest_s = self._spent_s + spent_s, self._steps + 1, max(self._longest_s, spent_s)
+
+    def _listen(self, now: float) -> None:
         self._hear(now)
         for capture in self._captures:
             with contextlib.suppress(OSError, ArenaError):  # a network that is away: the poses' age tells
                 self._core.see(capture.poll(now), now)
-        if now - self._beat >= 1.0:
-            self._beat = now
+        wall = time.monotonic()
+        if wall - self._beat >= 1.0:  # routers forget by the wall's time
+            self._beat = wall
             for vehicle in self._core.vehicles:
                 self._send(self._core.heartbeat(), vehicle.tools)
-        self._do(self._core.step(now))
 
     def _do(self, output: Output) -> None:
         for row, frames in output.frames:

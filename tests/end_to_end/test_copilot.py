@@ -106,18 +106,19 @@ def touring(hangar: Hangar, copilot: str, *options: str) -> Flight:
     return hangar.up(file, *options)
 
 
-def bereft(hangar: Hangar, copilot: str) -> Flight:
-    """In the air, and its copilot killed."""
+def bereft(hangar: Hangar, copilot: str, number: int = signal.SIGKILL) -> Flight:
+    """In the air, and its copilot killed or stopped."""
     flight = touring(hangar, copilot, "--until-done")
     flight.until_up()
-    os.kill(flight.pid("copilot"), signal.SIGKILL)
+    os.kill(flight.pid("copilot"), number)
     return flight
 
 
-def test_a_copilot_that_is_killed_has_everybody_landed_and_the_arena_says_why(hangar: Hangar) -> None:
-    flight = bereft(hangar, "copilot: {}")
-    assert flight.wait() == 1
-    assert "copilot: killed by SIGKILL" in flight.said()
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_copilot_that_is_killed_or_hangs_has_everybody_landed_and_the_arena_says_why(hangar: Hangar, number: int) -> None:
+    flight = bereft(hangar, "copilot: {}", number)
+    assert flight.wait(120) == 1
+    assert "copilot: killed by SIGKILL" in flight.said() or "copilot: stopped" in flight.said()
     for name in ("uav1", "uav2"):
         assert flight.verdict(name)["crashed"] == "" and flight.verdict(name)["landings"] == 1
     flight.assert_nothing_left()
