@@ -70,8 +70,8 @@ class Shell:
         self._spent_s, self._steps, self._longest_s = 0.0, 0, 0.0
 
     def run(self) -> None:
-        """Until told to stop; without a supervisor, until the vehicles are disarmed. Time may stand still, before a PX4 has booted
-        as behind a world that is stopped: then we still listen, and tell how we are.
+        """Until told to stop; without a supervisor, until the vehicles are disarmed. Where time stands still, before a PX4 has
+        booted or behind a world that is stopped, we listen all the same, and tell how we are.
         """
         while not self._room.stopping:
             now = self._pace.wait(_PATIENCE_WALL_S)
