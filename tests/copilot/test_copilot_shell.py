@@ -47,7 +47,8 @@ class Bench:
             "copilot",
             {
                 "rules": {rule: getattr(section, rule).model_dump() for rule in RULES}, "at_most": "land",
-                "escalate_after_s": 2.0, "latency_s": 0.01, "listen": [HOST, 24001], "clock": str(folder / "clock"), "captures": [],
+                "escalate_after_s": 2.0, "latency_s": 0.01, "listen": [HOST, 24001], "captures": [],
+                "clock": str(folder / "clock"),
                 "vehicles": [{
                     "name": "uav1", "id": 1, "body": "uav1", "simulated": True, "poses": False, "tools": [HOST, 24016],
                     "panic": [HOST, 24014], "fence": {"north": [-5, 5], "east": [-5, 5], "up": 3},
