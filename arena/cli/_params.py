@@ -16,6 +16,7 @@ from arena.errors import InputError
 if TYPE_CHECKING:
     from arena.params.check import Finding, Room
     from arena.params.diff import Row
+    from arena.params.generate import Generated
     from arena.params.record import Record
     from arena.params.session import Report, Target
     from arena.params.sources import Source
@@ -105,6 +106,13 @@ def version_for(arena: Arena, vehicle: Vehicle | None, asked: str) -> str:
     return SIMULATED_VERSION if vehicle is None else vehicle.px4_version
 
 
+def made_for(arena: Arena, vehicle: Vehicle, asked: str) -> Generated:
+    """What the YAML asks it to hold. A file for it (`file_of`) has its simulated body's rotors as well."""
+    from arena.params.generate import generate as make
+
+    return make(vehicle.held, version_for(arena, vehicle, asked))
+
+
 def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
     from arena.params.generate import generate as make
     from arena.params.table import assumed, parameters
@@ -126,13 +134,10 @@ def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> di
         from arena.params.sources import read_values
 
         return {name: value for name, value in read_values(file).values.items() if name != "MAV_SYS_ID"}
-    from arena.params.generate import generate as make
-
-    version = version_for(arena, vehicle, asked)
-    made = make(vehicle.needs, version)
+    made = made_for(arena, vehicle, asked)
     for words in made.cannot:
         print(f"{vehicle.name}: not possible: {words}")
-    return dict(vehicle.params) if vehicle.autopilot == "builtin" and not asked else made.values
+    return made.values
 
 
 def refuse_beyond_limits(wanted: Mapping[str, Mapping[str, float]], facts: Mapping[str, Mapping[str, Parameter]]) -> None:
@@ -201,7 +206,6 @@ class Sides:
         return version_for(self.arena, vehicle, self._version) if vehicle else self._version or SIMULATED_VERSION
 
     def read(self, name: str, other: str) -> Source:
-        from arena.params.generate import generate as make
         from arena.params.session import pull as pull_now
         from arena.params.sources import Source, read_values
         from arena.params.table import parameters
@@ -213,10 +217,8 @@ class Sides:
             return Source(values={n: p.default for n, p in facts.items()}, types={}, version=version, origin=name)
         if name.startswith(YAML):
             vehicle = chosen_of(self.arena, [name.removeprefix(YAML)])[0]
-            version = self.version(vehicle)
-            own = vehicle.autopilot == "builtin" and not self._version  # that one has no rotors among its parameters
-            values = dict(vehicle.params) if own else make(vehicle.needs, version).values
-            return Source(values=values, types={}, version=version, origin=name)
+            values = made_for(self.arena, vehicle, self._version).values
+            return Source(values=values, types={}, version=self.version(vehicle), origin=name)
         if Path(name).is_file():
             return read_values(Path(name))
         if name not in (known := {v.name: v for v in self.arena.vehicles}):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from arena.params.needs import Needs
@@ -16,6 +16,7 @@ from arena.schema.profile import Profile
 from arena.schema.wires import Wire
 
 Value = object
+Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +92,7 @@ class Vehicle:
     id: int
     profile: Profile
     profile_key: str
-    autopilot: Literal["builtin", "px4", "hardware", "hitl"]
+    autopilot: Autopilot
     asked: str
     position: tuple[float, float, float]
     rpy_deg: tuple[float, float, float]
@@ -115,6 +116,18 @@ class Vehicle:
     def simulated(self) -> bool:
         """Its body is in the world here, whatever flies it."""
         return self.autopilot != "hardware"
+
+    @property
+    def held(self) -> Needs:
+        """Its needs as far as its autopilot is told of them, see `needs_held`."""
+        return needs_held(self.needs, self.autopilot)
+
+
+def needs_held(needs: Needs, autopilot: Autopilot) -> Needs:
+    """What an autopilot is to hold. The built-in and hardware know where their rotors are, and which channel of a radio is which:
+    a profile's are those of a simulated body, and neither written to them, nor compared, nor wanted before they arm.
+    """
+    return replace(needs, rotors=(), channels=0) if autopilot in ("builtin", "hardware") else needs
 
 
 @dataclass(frozen=True, kw_only=True)

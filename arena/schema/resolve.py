@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -17,7 +17,7 @@ from arena.errors import InputError
 from arena.params.generate import generate
 from arena.params.needs import Failsafe, FenceAround, Needs, Rotor
 from arena.params.table import Version
-from arena.schema.arena import Arena, Fence, Origin, Program, Px4, Vehicle
+from arena.schema.arena import Arena, Autopilot, Fence, Origin, Program, Px4, Vehicle, needs_held
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
 from arena.schema.models import Failsafe as FailsafeKeys
@@ -165,7 +165,7 @@ class _Merge:
             pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),
         )  # fmt: skip
 
-    def _autopilot(self, asked: str) -> Literal["builtin", "px4", "hardware", "hitl"]:
+    def _autopilot(self, asked: str) -> Autopilot:
         if asked == "hardware":
             return "hardware"
         if asked == "hitl":
@@ -212,11 +212,10 @@ class _Merge:
             self._note(f"start.{key}", layers[key], words)
         return Start(**layers)
 
-    def _params(self, needs: Needs, autopilot: str) -> tuple[dict[str, float], tuple[str, ...]]:
-        """Of hardware they must hold before it arms; its rotors are its own affair. -> values, what its PX4 has none for."""
+    def _params(self, needs: Needs, autopilot: Autopilot) -> tuple[dict[str, float], tuple[str, ...]]:
+        """Of hardware they must hold before it arms. -> values, what its PX4 has none for."""
         version = version_of(self.px4) if autopilot == "px4" else self._take("px4_version", SIMULATED_VERSION)
-        mixed = autopilot in ("builtin", "hardware")  # these know where their rotors are, and which channel is which
-        made = generate(replace(needs, rotors=(), channels=0) if mixed else needs, version)
+        made = generate(needs_held(needs, autopilot), version)
         lines = [(line.name, line.value, line.asked) for line in made.lines]
         if autopilot == "hardware" and not self.model.preflight.params:
             lines = [(name, value, needs.asked[f"own.{name}"]) for name, value in needs.own.items()]

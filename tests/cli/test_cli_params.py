@@ -8,6 +8,7 @@ import pytest
 import typer
 
 import arena.cli as cli
+from arena.cli._params import Sides, begun, file_of
 from arena.params.record import Record
 from arena.schema import load_arena
 from arena.wire.qgcparams import parse_params
@@ -55,6 +56,30 @@ def test_what_is_made_is_what_the_simulated_vehicles_get(folder: Path, capsys: p
     _, out, _ = run(capsys, "generate", "--px4-version", "1.16")
     made, flown = parse_params(out.split("# uav2 of")[0]), load_arena("arena.yaml").vehicles[0].params
     assert {k: v for k, v in made.items() if not k.startswith("CA_")} == pytest.approx(dict(flown))
+
+
+KINDS = """px4: {home: stand-in}
+mocap: {source: natnet, server: 127.52.9.2}
+vehicles:
+  builtin: {autopilot: builtin}
+  px4: {autopilot: px4, start: {position: [1, 0, 0]}}
+  hardware: {autopilot: hardware, url: "udpin:127.52.9.1:14540"}
+  hitl: {autopilot: hitl, serial: /dev/ttyACM0, start: {position: [-1, 0, 0]}}
+"""
+
+
+@pytest.mark.parametrize(("name", "has_rotors"), [("builtin", False), ("px4", True), ("hardware", False), ("hitl", True)])
+def test_rotors_are_pushed_and_compared_only_where_px4_flies_a_simulated_body(folder: Path, name: str, has_rotors: bool) -> None:
+    (folder / "arena.yaml").write_text(KINDS)
+    arena = load_arena("arena.yaml")
+    vehicle = arena.vehicle(name)
+    for version in ("", "1.16"):
+        pushed = begun(arena, [vehicle], None, version).wanted[name]
+        compared = Sides(Path("arena.yaml"), [], version).read(f"yaml:{name}", "").values
+        assert pushed == compared and any(p.startswith("CA_ROTOR") for p in pushed) == has_rotors
+        assert "CA_ROTOR_COUNT" in parse_params(file_of(arena, vehicle, version)), "the file has them for each"
+    if name != "px4":  # whose version is unknown here
+        assert dict(vehicle.params) == pytest.approx(pushed), "what it starts from, or must hold before it arms"
 
 
 def test_two_files_are_compared_and_a_file_with_what_the_yaml_asks_for(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
