@@ -50,7 +50,7 @@ def begun(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, asked: str
     path = Path(arena.folder) / RECORD
     if path.exists() and Record.read(path).unfinished:
         raise InputError(f"{path}: a push was cut short. Go on with it by --resume, or remove the file and the old values in it")
-    wanted = {v.name: _wanted(arena, v, file, asked) for v in chosen}
+    wanted = {v.name: _wanted(v, file, asked) for v in chosen}
     return Record.begin(path, wanted, {v.name: _place(arena, v) for v in chosen})
 
 
@@ -95,22 +95,21 @@ def writable(path: Path) -> Iterator[None]:
         raise InputError(f"{error.filename or path}: {error.strerror}") from error
 
 
-def version_for(arena: Arena, vehicle: Vehicle | None, asked: str) -> str:
+def version_for(vehicle: Vehicle | None, asked: str) -> str:
+    """Whose names: what is asked for, else the vehicle's, else what simulated vehicles keep."""
     from arena.params.table import Version
-    from arena.schema.resolve import SIMULATED_VERSION, version_of
+    from arena.schema.resolve import SIMULATED_VERSION
 
     if asked:
         return str(Version.parse(asked))
-    if vehicle is not None and vehicle.autopilot == "px4":
-        return version_of(arena.px4)
     return SIMULATED_VERSION if vehicle is None else vehicle.px4_version
 
 
-def made_for(arena: Arena, vehicle: Vehicle, asked: str) -> Generated:
+def made_for(vehicle: Vehicle, asked: str) -> Generated:
     """What the YAML asks it to hold. A file for it (`file_of`) has its simulated body's rotors as well."""
     from arena.params.generate import generate as make
 
-    return make(vehicle.held, version_for(arena, vehicle, asked))
+    return make(vehicle.held, version_for(vehicle, asked))
 
 
 def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
@@ -118,7 +117,7 @@ def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
     from arena.params.table import assumed, parameters
     from arena.wire.qgcparams import INT32, REAL32, format_params
 
-    version = version_for(arena, vehicle, asked)
+    version = version_for(vehicle, asked)
     made, known = make(vehicle.needs, version), parameters(version)
     header = [f"{vehicle.name} of {arena.name} ({arena.file}), made by arena params generate", f"Version: {version}"]
     if assumed(version):
@@ -129,12 +128,12 @@ def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
     return format_params(made.values, vehicle.id, header=header, types=types, comments=comments)
 
 
-def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:
+def _wanted(vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:
     if file is not None:
         from arena.params.sources import read_values
 
         return {name: value for name, value in read_values(file).values.items() if name != "MAV_SYS_ID"}
-    made = made_for(arena, vehicle, asked)
+    made = made_for(vehicle, asked)
     for words in made.cannot:
         print(f"{vehicle.name}: not possible: {words}")
     return made.values
@@ -200,25 +199,20 @@ class Sides:
         self._arena = self._arena or load_arena(self._file, list(self._sets))
         return self._arena
 
-    def version(self, vehicle: Vehicle | None) -> str:
-        from arena.schema.resolve import SIMULATED_VERSION
-
-        return version_for(self.arena, vehicle, self._version) if vehicle else self._version or SIMULATED_VERSION
-
     def read(self, name: str, other: str) -> Source:
         from arena.params.session import pull as pull_now
         from arena.params.sources import Source, read_values
         from arena.params.table import parameters
 
         if name == _DEFAULTS:
-            told = self.read(other, "").version if other not in ("", _DEFAULTS) else ""
-            version = self._version or told or self.version(None)
+            theirs = self.read(other, "").version if other not in ("", _DEFAULTS) else ""
+            version = version_for(None, self._version or theirs)
             facts = parameters(version)
             return Source(values={n: p.default for n, p in facts.items()}, types={}, version=version, origin=name)
         if name.startswith(YAML):
             vehicle = chosen_of(self.arena, [name.removeprefix(YAML)])[0]
-            values = made_for(self.arena, vehicle, self._version).values
-            return Source(values=values, types={}, version=self.version(vehicle), origin=name)
+            made = made_for(vehicle, self._version)
+            return Source(values=made.values, types={}, version=version_for(vehicle, self._version), origin=name)
         if Path(name).is_file():
             return read_values(Path(name))
         if name not in (known := {v.name: v for v in self.arena.vehicles}):
@@ -227,7 +221,8 @@ class Sides:
         pulled = pull_now(targets_of(self.arena, [vehicle]))[name]
         if not pulled.whole:
             raise InputError(f"{name}: {pulled.why or pulled.ending}: its parameters could not be read whole")
-        return Source(values={n: v.value for n, v in pulled.values.items()}, types={}, version=self.version(vehicle), origin=name)
+        values = {n: v.value for n, v in pulled.values.items()}
+        return Source(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
 
     def room(self, name: str) -> Room:
         from arena.params.check import Room

@@ -85,7 +85,7 @@ def push(
     record = resumed(lab, chosen, file) if resume else begun(lab, chosen, file, px4_version)
     chosen = [v for v in chosen if v.name in record.wanted]
     wanted = {v.name: record.wanted[v.name] for v in chosen}
-    facts = {v.name: parameters(version_for(lab, v, px4_version)) for v in chosen}
+    facts = {v.name: parameters(version_for(v, px4_version)) for v in chosen}
     refuse_beyond_limits(wanted, facts)
     needs_reboot = frozenset(name for each in facts.values() for name, fact in each.items() if fact.reboot)
     targets = targets_of(lab, chosen)
@@ -128,7 +128,7 @@ def pull(
         values = {name: value.value for name, value in sorted(pulled.values.items())}
         types = {name: value.kind for name, value in pulled.values.items()}
         path = out / f"{v.name}.params"
-        header = [f"pulled from {v.name} by arena params pull", f"Version: {version_for(lab, v, '')}"]
+        header = [f"pulled from {v.name} by arena params pull", f"Version: {version_for(v, '')}"]
         with writable(path):
             path.write_text(format_params(values, v.id, header=header, types=types))
         print(f"{path}: {len(values)} parameters")
@@ -170,7 +170,8 @@ def check(
     worst = False
     for name in names:
         source = sides.read(name, "")
-        found = findings_of(source.values, source.version or sides.version(None), room=sides.room(name), types=source.types)
+        version = source.version or version_for(None, px4_version)
+        found = findings_of(source.values, version, room=sides.room(name), types=source.types)
         worst |= any(f.severity == "error" for f in found)
         print(f"{name}: {count_of(found)}")
         print("".join(line_of(f) for f in found), end="")

@@ -83,8 +83,8 @@ class Vehicle:
     profile_key: how the profile is found, a name or an absolute path.
     autopilot: what will fly it; asked: what the YAML said.  position: N, E, D of its lowest point [m] [NED].
     rpy_deg: roll, pitch, yaw [deg].  params: PX4 name -> value, all that differ from PX4's own defaults; of hardware, those
-    that must hold before it arms.  needs: the same in words, for any version of PX4.  px4_version: of hardware.
-    cannot: what the YAML asks of its parameters and its PX4 has none for, a sentence each.
+    that must hold before it arms.  needs: the same in words, for any version of PX4.  px4_version: whose names
+    the parameters have.  cannot: what the YAML asks of its parameters and its PX4 has none for, a sentence each.
     wire: how a real autopilot is reached, None when it runs here.
     """
 

@@ -84,8 +84,8 @@ def resolve(
     )  # fmt: skip
 
 
-def version_of(px4: Px4 | None) -> str:
-    """Of the parameters' names; one that does not say, or that no table has, is taken for the one that is kept here."""
+def params_version(px4: Px4 | None) -> str:
+    """Whose names its parameters have; one that does not say, or that no table has, is taken for the one that is kept here."""
     try:
         return str(Version.parse(px4.version)) if px4 else SIMULATED_VERSION
     except InputError:
@@ -149,7 +149,8 @@ class _Merge:
         gps, sticks = bool(self._take("gps", False)), bool(self._take("sticks", False))
         needs = self._needs(profile, vehicle_id, {"forward": forward, "gps": gps, "sticks": sticks})
         needs = replace(needs, fence=self._fence(autopilot, start, profile))
-        params, cannot = self._params(needs, autopilot)
+        version = self._px4_version(autopilot)
+        params, cannot = self._params(needs, autopilot, version)
         rate = self._take(
             "pose_rate_hz",
             pose_rate_hz(self.model.mocap.rate_hz),
@@ -160,7 +161,7 @@ class _Merge:
             profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted,
             autopilot=autopilot, asked=asked, wire=self._wire(autopilot), gps=gps, sticks=sticks, position=start.position,
             rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()),
-            needs=needs, params=params, cannot=cannot, px4_version=self._take("px4_version", SIMULATED_VERSION),
+            needs=needs, params=params, cannot=cannot, px4_version=version,
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
             pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),
         )  # fmt: skip
@@ -212,9 +213,14 @@ class _Merge:
             self._note(f"start.{key}", layers[key], words)
         return Start(**layers)
 
-    def _params(self, needs: Needs, autopilot: Autopilot) -> tuple[dict[str, float], tuple[str, ...]]:
+    def _px4_version(self, autopilot: Autopilot) -> str:
+        """A PX4 on this machine says it itself; the YAML's word is for the others."""
+        if autopilot == "px4" and self.px4 is not None:
+            return str(self._note("px4_version", params_version(self.px4), f"rule: {self.px4.words}"))
+        return str(self._take("px4_version", SIMULATED_VERSION))
+
+    def _params(self, needs: Needs, autopilot: Autopilot, version: str) -> tuple[dict[str, float], tuple[str, ...]]:
         """Of hardware they must hold before it arms. -> values, what its PX4 has none for."""
-        version = version_of(self.px4) if autopilot == "px4" else self._take("px4_version", SIMULATED_VERSION)
         made = generate(needs_held(needs, autopilot), version)
         lines = [(line.name, line.value, line.asked) for line in made.lines]
         if autopilot == "hardware" and not self.model.preflight.params:
