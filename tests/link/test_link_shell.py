@@ -330,9 +330,8 @@ def test_a_controller_in_the_loop_flies_the_worlds_body_and_speaks_to_the_router
         assert "Preflight: no pose has come" in {t.text for t in room.heard("router", "STATUSTEXT")}
         room.until(lambda: "Preflight: HIL_ACT_FUNC1 is unknown to the vehicle" in room.stats["may_not_arm"], world.turn)
         assert "7\t1\tHIL_ACT_FUNC1\t101\t6" in (tmp_path / "params" / "uav7.params").read_text()
-        answered, sent = len(world.answers), world.sent
-        room.until(lambda: world.sent >= sent + 200, world.turn)
-        assert len(world.answers) - answered > 120, "most samples reach the controller and are answered"
+        answered = len(world.answers)
+        room.until(lambda: len(world.answers) > answered + 120, world.turn)
         world.gone = False
         controller.kill()  # motors that nobody commands any more must stop: the world sees it hang up
         room.until(lambda: world.gone, world.turn)
