@@ -101,7 +101,7 @@ def test_a_home_in_the_yaml_is_read_from_where_the_yaml_is(tmp_path: Path) -> No
     assert found is not None and found.version == "1.16.0"
 
 
-@pytest.mark.parametrize(("binary", "names"), [("1.14.3", "1.14"), ("1.16.0-2-g0123abc", "1.16"), ("1.99.0", "1.16")])
+@pytest.mark.parametrize(("binary", "names"), [("1.14.3", "1.14.3"), ("1.16.0-2-g0123abc", "1.16"), ("1.99.0", "1.16")])
 def test_the_parameters_of_a_vehicle_have_the_names_of_the_px4_that_flies_it(tmp_path: Path, binary: str, names: str) -> None:
     build(tmp_path / "PX4", binary)
     arena = load_arena(arena_file(tmp_path, "px4: {home: ./PX4}\ndefaults: {px4_version: '1.13'}\n"))
