@@ -25,6 +25,7 @@ from arena.link.settings import Settings
 from arena.link.streams import WIDE_BAUD, Streams
 from arena.wire.codec import Codec
 from arena.wire.mavframe import Buffer, Cut, Frame, cut
+from arena.wire.mavparams import parse_error, parse_value
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
 AUTOPILOT = 1
@@ -139,9 +140,10 @@ class Link:
         self.gates.heard = now
         self._streams.heard(frame.msgid, now)
         if frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
-            self.params.hear(data, frame)
+            self.params.hear(parse_value(data, frame))
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_ERROR and frame.target_comp == COMPONENT:
-            self.params.refuse(data, frame)
+            name, error, _ = parse_error(data, frame)
+            self.params.refuse(name, error)
         elif frame.msgid in _READ:
             for m in self._own.parse(data[frame.start : frame.end]):
                 self._take(m, now)

@@ -1,18 +1,16 @@
 """The parameters that must hold before arming: read one by one, compared, told. It writes none on the vehicle. Pure.
 
-PX4 packs integers bytewise into the float of PARAM_VALUE, and answers a name that it does not know with silence. A silence is
-taken for that only while other parameters are answered: one that is known is asked in between, as a probe of the wire.
+PX4 answers a name that it does not know with silence. A silence is taken for that only while other parameters are answered: one
+that is known is asked in between, as a probe of the wire.
 """
 
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from arena.wire.mavframe import Buffer, Frame
-from arena.wire.qgcparams import INTEGERS
+from arena.wire.mavparams import DOES_NOT_EXIST, Value
 
 WINDOW = 8      # asked for and not answered yet
 RETRY_S = 0.4
@@ -21,8 +19,6 @@ AGAIN_S = 5.0   # the wrong ones are read again, for somebody may be setting the
 _RELATIVE = 1e-5
 _ABSOLUTE = 1e-9
 _SHOWN = 3
-_NAME_AT, _NAME_BYTES, _KIND_AT = 8, 16, 24
-_ERROR_AT, _DOES_NOT_EXIST = 20, 1
 
 
 @dataclass(kw_only=True)
@@ -89,23 +85,17 @@ class ParamCheck:
         self._tell(now)
         return list(dict.fromkeys(found))
 
-    def hear(self, data: Buffer, frame: Frame) -> None:
+    def hear(self, said: Value) -> None:
         """A PARAM_VALUE of the autopilot, whoever asked for it."""
-        raw = bytes(data[frame.payload : frame.payload + frame.size]).ljust(_KIND_AT + 1, b"\0")
-        name = raw[_NAME_AT : _NAME_AT + _NAME_BYTES].split(b"\0")[0].decode(errors="replace")
-        p = self._params.get(name)
-        if p is None:
-            return
-        kind = raw[_KIND_AT]
-        value = float(_integer(raw, kind)) if kind in INTEGERS else struct.unpack_from("<f", raw)[0]
-        self._answers += 1
-        p.value, p.kind, p.unknown, p.due, p.tries = value, kind, False, False, 0
+        p = self._params.get(said.name)
+        if p is not None:
+            self._answers += 1
+            p.value, p.kind, p.unknown, p.due, p.tries = said.value, said.kind, False, False, 0
 
-    def refuse(self, data: Buffer, frame: Frame) -> None:
+    def refuse(self, name: str, error: int) -> None:
         """A PARAM_ERROR: newer autopilots say what older ones are silent about."""
-        raw = bytes(data[frame.payload : frame.payload + frame.size]).ljust(_ERROR_AT + 1, b"\0")
-        p = self._params.get(raw[4:_ERROR_AT].split(b"\0")[0].decode(errors="replace"))
-        if p is not None and raw[_ERROR_AT] == _DOES_NOT_EXIST:
+        p = self._params.get(name)
+        if p is not None and error == DOES_NOT_EXIST:
             self._answers += 1
             p.unknown, p.due, p.value = True, False, None
 
@@ -154,10 +144,3 @@ class ParamCheck:
         if self._params and words != self._told:
             self._told = words
             self.events.append(words if not wrong else f"{words}. Load {self._shown} in QGroundControl, then reboot the vehicle")
-
-
-def _integer(raw: bytes, kind: int) -> int:
-    """The bytes of the float, read as the integer they are. Odd types of MAV_PARAM_TYPE are unsigned."""
-    width = {1: 1, 2: 1, 3: 2, 4: 2}.get(kind, 4)
-    return int.from_bytes(raw[:width], "little", signed=kind % 2 == 0)
-

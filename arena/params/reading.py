@@ -9,8 +9,8 @@ import math
 from collections.abc import Iterable
 
 from arena.params.asking import Asking, Pace
-from arena.params.messages import DOES_NOT_EXIST, NO_INDEX, Message, Value, is_name, request_list, request_read
 from arena.params.transfer import PROBE, Outcome, Progress, Transfer
+from arena.wire.mavparams import DOES_NOT_EXIST, NO_INDEX, Message, Value, is_name, request_list, request_read
 
 _QUIET_S = 1.0  # the list has stopped
 _LISTS = 5      # so often the whole list is asked for

@@ -19,12 +19,12 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
 from arena.errors import RunError
-from arena.params.messages import VALUE, Value
 from arena.params.reading import Reader
 from arena.params.record import Record
 from arena.params.transfer import Ending, Outcome, Progress, Rebooter, Result, Transfer
 from arena.params.writing import Writer
 from arena.wire.mavframe import Buffer, Frame, Stream, cut
+from arena.wire.mavparams import VALUE, Value
 
 Address = tuple[str, int]
 _TURN_S = 0.02

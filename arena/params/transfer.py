@@ -11,7 +11,9 @@ from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.params.messages import (
+from arena.wire.codec import Codec
+from arena.wire.mavframe import Buffer, Frame, byte_at, uint_at
+from arena.wire.mavparams import (
     AUTOPILOT,
     ERROR,
     REBOOT,
@@ -23,8 +25,6 @@ from arena.params.messages import (
     reboot,
     request_read,
 )  # fmt: skip
-from arena.wire.codec import Codec
-from arena.wire.mavframe import Buffer, Frame, byte_at, uint_at
 
 SYSTEM = 252
 PATIENCE_S = 10.0   # for the first word of the vehicle

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from arena.params.asking import Asking, Fate, Pace
-from arena.params.messages import DOES_NOT_EXIST, Message, Value, alike, fitted, is_name, request_read, set_value
 from arena.params.reading import answer
 from arena.params.transfer import PROBE, Outcome, Progress, Result, Transfer
+from arena.wire.mavparams import DOES_NOT_EXIST, Message, Value, alike, fitted, is_name, request_read, set_value
 
 _ROUNDS = 3  # of writing what was read back otherwise
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from arena.params.messages import Value
 from arena.params.session import Target, pull, push
 from arena.safety.targets import from_plan
 from arena.schema.px4 import find_px4
+from arena.wire.mavparams import Value
 
 from .flight import Flight, Hangar
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 import random
 import struct
 from collections.abc import Callable
@@ -11,11 +12,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.params.reading import Reader
 from arena.params.transfer import Transfer
+from arena.params.writing import Writer
 from arena.wire.codec import Codec
 from arena.wire.mavframe import cut
 
 INT32, REAL32 = 6, 9
+ME = 200  # our component
 STEP_S = 0.01
 
 
@@ -181,3 +185,24 @@ def run(
             each(now)
         now += STEP_S
     return now
+
+
+def writer(wanted: dict[str, float], **more: Any) -> Writer:
+    return Writer(system=1, component=ME, now=0.0, wanted=wanted, **more)
+
+
+def reader(names: list[str] | None = None) -> Reader:
+    return Reader(system=1, component=ME, now=0.0, names=names)
+
+
+def others() -> dict[str, float]:
+    """Other values for all sixty."""
+    return {name: (value * 3 + 1 if kind == INT32 else value + 0.1) for name, (value, kind) in sixty().items()}
+
+
+def holds(vehicle: Vehicle, wanted: dict[str, float]) -> bool:
+    return all(math.isclose(vehicle.params[name][0], value, rel_tol=1e-6) for name, value in wanted.items())
+
+
+def outcomes(core: Writer) -> dict[str, str]:
+    return {name: result.outcome for name, result in core.result.items()}
