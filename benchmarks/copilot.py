@@ -36,7 +36,7 @@ from arena.schema.copilot import Copilot as Section
 from arena.wire import natnet
 from arena.wire.codec import Codec
 
-PROGRAM = Path(__file__).parents[1] / "tests" / "end_to_end" / "programs" / "copilot_pilot.py"
+PROGRAM = Path(__file__).parents[1] / "examples" / "08_copilot" / "straight.py"
 RADIUS_M = 0.275
 """Of the vehicle: without a geofence its centre stays so far from the walls."""
 FIRST_ID = 65

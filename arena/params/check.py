@@ -55,7 +55,7 @@ def check(
 
     Raises InputError for a version that is not in the table.
     """
-    at = Version.parse(version) if isinstance(version, str) else version
+    at = Version.of(version)
     look = Look(given=values, version=at, room=room or Room(), types=types or {})
     found = [finding for rule in RULES for finding in rule(look)]
     return sorted(found, key=lambda f: _ORDER.index(f.severity))

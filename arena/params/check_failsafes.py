@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from arena.params.check_facts import Finding, Look, Severity
-from arena.params.meanings import Action, Event, action_of, delays, row, sticks, ways
+from arena.params.delays import delays
+from arena.params.meanings import Action, Event, action_of, row, sticks, ways
 
 _SLOWEST_S = 1.5          # from the last setpoint to the failsafe
 _SHORTEST_S = 0.25        # a busy computer pauses as long, and radios do

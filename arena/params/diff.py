@@ -91,7 +91,7 @@ def diff(
 
 def against_defaults(values: Mapping[str, float], version: Version | str, *, every: bool = False) -> list[Row]:
     """What is not as PX4 of that version has it, as rows of the value and the default. What the values lack is not told."""
-    at = Version.parse(version) if isinstance(version, str) else version
+    at = Version.of(version)
     facts = parameters(at)
     return [
         Row(name, values[name], facts[name].default if name in facts else None, "" if name in facts else _unknown(at))

@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from arena.errors import InputError
-from arena.params.meanings import Action, Event, actions, delays, sticks, ways
+from arena.params.delays import delays
+from arena.params.meanings import Action, Event, actions, sticks, ways
 from arena.params.needs import Failsafe, Needs, Reaction
 from arena.params.table import Parameter, Version, parameters
 
@@ -55,7 +56,7 @@ class Generated(NamedTuple):
 
 def generate(needs: Needs, version: Version | str) -> Generated:
     """Later lines win over earlier ones of the same name: what a user names himself comes last."""
-    version = Version.parse(version) if isinstance(version, str) else version
+    version = Version.of(version)
     made = _Making(needs, version)
     for part in (made.vision, made.sensors, made.failsafes, made.fence, made.landing, made.vehicle, made.own):
         for line in part():

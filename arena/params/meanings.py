@@ -55,18 +55,6 @@ class Row(NamedTuple):
     source: str
 
 
-class Delay(NamedTuple):
-    """seconds = value * scale + fixed_s."""
-
-    event: Event
-    parameter: str
-    since: int
-    until: int
-    scale: float
-    fixed_s: float
-    why: str
-
-
 def _of(parameter: str, **values: int) -> Ways:
     return {_word(name): {parameter: value} for name, value in values.items()}
 
@@ -329,35 +317,6 @@ ROWS: tuple[Row, ...] = (
     ),
 )
 
-_WAITS = "it holds so long first, where hold can run (a global position); hold, disarm and terminate come at once"
-
-DELAYS: tuple[Delay, ...] = (
-    Delay("offboard_loss", "COM_OF_LOSS_T", 9, 9, 1.0, 0.5, "0.5 s after the last setpoint it holds (position with sticks)"),
-    Delay("offboard_loss", "COM_OF_LOSS_T", 10, 10, 1.0, 0.5, "0.5 s come on top"),
-    Delay("offboard_loss", "COM_OF_LOSS_T", 11, NEWEST, 1.0, 0.0, "then at once: COM_FAIL_ACT_T is not waited for"),
-    Delay("sticks_loss", "COM_RC_LOSS_T", 9, NEWEST, 1.0, 0.0, "none comes from the radio or the joystick"),
-    Delay("sticks_loss", "COM_RCL_ACT_T", 12, 13, 1.0, 0.0, "it holds so long first"),
-    Delay("sticks_loss", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
-    Delay("data_link_loss", "COM_DL_LOSS_T", 9, 11, 1.0, 0.0, "no ground station's heartbeat"),
-    Delay("data_link_loss", "COM_DL_LOSS_T", 12, 12, 1.0, 1.5, "it counts from 1.5 s after the last heartbeat"),
-    Delay("data_link_loss", "COM_DL_LOSS_T", 13, NEWEST, 1.0, 2.5, "it counts from 2.5 s after the last heartbeat"),
-    Delay("data_link_loss", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
-    Delay("position_loss_in_offboard", "EKF2_NOAID_TOUT", 9, NEWEST, 1e-6, 0.0, "so long EKF2 reckons on without any aid"),
-    Delay("position_loss_in_offboard", "COM_POS_FS_DELAY", 9, 15, 1.0, 0.0, "for an estimate that is not published any more"),
-    Delay("low_battery", "COM_BAT_ACT_T", 13, 13, 1.0, 0.0, "it holds so long first"),
-    Delay("low_battery", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
-    Delay("geofence", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
-    Delay("motor_failure", "COM_FAIL_ACT_T", 14, NEWEST, 1.0, 0.0, _WAITS),
-)
-"""COM_FAIL_ACT_T: failsafe/framework.cpp (checkFailsafe) starts it for actions that a user may take over after it (Auto); the
-fallback of a mode that cannot run, which the loss of offboard or of the position is, is not among them. Measured with 1.16 and
-COM_FAIL_ACT_T 5: position mode 1.03 s after the last setpoint.
-
-COM_DL_LOSS_T: HEARTBEAT_TIMEOUT_US of msg/telemetry_status.msg comes before it; measured with 1.16 and 10 s: 12.3 s.
-
-EKF2_NOAID_TOUT: from 1.14 on 0.4 s sooner, and 0.6 s at the least, where poses stop altogether (EKF/ev_control.cpp); on time
-where they come and are rejected. Measured with 1.16: 0.6 s of 1 s, 2.6 s of 3 s."""
-
 STICKS: Mapping[str, tuple[tuple[int, int, int], ...]] = {
     "radio": ((9, NEWEST, 0),),
     "joystick": ((9, NEWEST, 1),),
@@ -371,7 +330,7 @@ Up to 1.12 2 is a joystick made into radio channels, which nobody here has a wor
 
 def row(event: Event, version: Version | str) -> Row:
     """What the version can do about the event."""
-    minor = _minor(version)
+    minor = Version.of(version).minor
     return next(r for r in ROWS if r.event == event and r.since <= minor <= r.until)
 
 
@@ -385,8 +344,8 @@ def ways(event: Event, action: Action, version: Version | str) -> Mapping[str, i
     """{parameter: value} that makes the event lead to the action. Raises InputError where the version cannot, with the reason."""
     found = row(event, version)
     if action not in found.ways:
-        able = ", ".join(actions(event, version))
-        raise InputError(f"PX4 1.{_minor(version)} cannot answer {event} with {action}; it can with {able}: {found.why}")
+        able, minor = ", ".join(actions(event, version)), Version.of(version).minor
+        raise InputError(f"PX4 1.{minor} cannot answer {event} with {action}; it can with {able}: {found.why}")
     return found.ways[action]
 
 
@@ -397,21 +356,11 @@ def action_of(event: Event, values: Mapping[str, float], version: Version | str)
     return fits[0] if fits else None
 
 
-def delays(event: Event, version: Version | str) -> tuple[Delay, ...]:
-    """What passes before the event is noticed and answered, in order."""
-    minor = _minor(version)
-    return tuple(d for d in DELAYS if d.event == event and d.since <= minor <= d.until)
-
-
 def sticks(source: str, version: Version | str) -> int:
     """COM_RC_IN_MODE for sticks from there. Raises InputError where the version does not know it."""
-    minor = _minor(version)
+    minor = Version.of(version).minor
     for since, until, value in STICKS.get(source, ()):
         if since <= minor <= until:
             return value
     known = ", ".join(name for name, spans in STICKS.items() if any(a <= minor <= b for a, b, _ in spans))
     raise InputError(f"PX4 1.{minor} takes no sticks from {source!r}; expected one of {known}")
-
-
-def _minor(version: Version | str) -> int:
-    return (Version.parse(version) if isinstance(version, str) else version).minor

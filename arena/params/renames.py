@@ -24,7 +24,7 @@ class Carried(NamedTuple):
 
 def changes(since: Version | str, to: Version | str) -> tuple[Change, ...]:
     """Those that lie between the two versions, in order. Raises InputError when `to` is the older one."""
-    first, last = (Version.parse(v) if isinstance(v, str) else v for v in (since, to))
+    first, last = (Version.of(v) for v in (since, to))
     if (last.major, last.minor) < (first.major, first.minor):
         raise InputError(f"parameters of PX4 {first} cannot be carried back to {last}; expected the same version or a newer one")
     return tuple(change for change in CHANGES if first.minor < change.at <= last.minor)

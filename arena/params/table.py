@@ -60,6 +60,11 @@ class Version:
     patch: int = 0
 
     @classmethod
+    def of(cls, version: Version | str) -> Version:
+        """Itself, or what the text says. Raises InputError as `parse` does."""
+        return cls.parse(version) if isinstance(version, str) else version
+
+    @classmethod
     def parse(cls, text: str) -> Version:
         """From a text like 1.16, v1.9.2 or 1.18.0-beta1. Raises InputError with the versions that are known."""
         found = _VERSION.fullmatch(text.strip())
@@ -93,7 +98,7 @@ def versions() -> tuple[Version, ...]:
 
 def parameters(version: Version | str) -> Mapping[str, Parameter]:
     """Every parameter of that version by name. Raises InputError for a version that is not in the table."""
-    version = Version.parse(version) if isinstance(version, str) else version
+    version = Version.of(version)
     if version.table not in provenance():
         raise InputError(f"PX4 {version} is not in the table of parameters. {_known()}")
     return _parameters(version.table)
@@ -101,13 +106,13 @@ def parameters(version: Version | str) -> Mapping[str, Parameter]:
 
 def assumed(version: Version | str) -> bool:
     """The facts are not those of a release of this version: say so wherever they are shown."""
-    version = Version.parse(version) if isinstance(version, str) else version
+    version = Version.of(version)
     return not provenance()[version.table].released
 
 
 def source(name: str, version: Version | str) -> str:
     """The file in PX4's tree that defines it in that version; "" when it is unknown."""
-    version = Version.parse(version) if isinstance(version, str) else version
+    version = Version.of(version)
     at = list(provenance()).index(version.table)
     return next((row[9] for row, since, until in _spans() if row[0] == name and since <= at <= until), "")
 

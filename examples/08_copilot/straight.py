@@ -1,4 +1,4 @@
-"""Up, then straight on at V_N V_E [m/s] until something takes OFFBOARD away, or SECONDS are over; then land, wherever that is.
+"""Up, then straight on at V_N V_E [m/s] until something takes OFFBOARD away, or SECONDS are over, 60 by default; then land, wherever that is.
 
     program: {path: straight.py, args: ['1.5', '0', '6']}
 """
@@ -6,7 +6,7 @@
 from arena.uav import UAV, OffboardLostError
 
 with UAV.from_args() as uav:
-    north, east, seconds = map(float, uav.args)
+    north, east, seconds = map(float, [*uav.args, "60"][:3])
     uav.start_offboard_mission()
     uav.set_pos_yaw(uav.ekf.pos + [0.0, 0.0, -1.2], 0.0, 6.0)
     end = uav.clock.now() + seconds

@@ -1,74 +1,20 @@
-"""Flights that end badly without a copilot and well with one; a program that hangs behind an SDK; and the copilot's own end."""
+"""A program that hangs behind an SDK, the copilot's own end, and a flight that it has nothing to say to. What must crash
+without it and must not with it are scenarios (`examples/08_copilot`).
+"""
 
 from __future__ import annotations
 
 import os
 import signal
 
-import numpy as np
 import pytest
 
 from .flight import PROGRAMS, Flight, Hangar, eventually
 
 pytestmark = pytest.mark.flight
 
-PILOT = PROGRAMS / "copilot_pilot.py"
-FIVE = range(5)
 FIRST_ID = 65
 """A real PX4 binds its ports on every address: other arenas of this computer may fly theirs with the low ids."""
-RADIUS_M, AT_M = 0.275, 0.8
-CASES = {
-    "head-on": ([24, 8, 4], {"uav1": (-4.5, "1.5", "5.5"), "uav2": (4.5, "-1.5", "5.5")}),
-    "wall": ([14, 6, 4], {"uav1": (-3.0, "3", "20")}),
-}
-
-
-def fly(hangar: Hangar, case: str, *, copilot: bool) -> Flight:
-    size, vehicles = CASES[case]
-    lines = [f"address: {hangar.address}", f"world: {{size: {size}}}", "defaults: {autopilot: builtin}"]
-    lines += ["copilot: {}"] if copilot else []
-    lines.append("vehicles:")
-    for k, (name, (north, speed, seconds)) in enumerate(vehicles.items()):
-        program = f"{{path: '{PILOT}', args: ['{speed}', '0', '{seconds}']}}"
-        lines.append(f"  {name}: {{id: {FIRST_ID + k}, start: {{position: [{north}, 0, 0]}}, program: {program}}}")
-    file = hangar.folder / "arena.yaml"
-    file.write_text("\n".join(lines) + "\n")
-    flight = hangar.up(file, "--until-done", "--no-report", "--speed", "max", "--time-limit", "240")
-    flight.wait(240)
-    return flight
-
-
-def truth(flight: Flight, vehicle: str) -> np.ndarray:
-    rows = [[r[f"truth.pos.{axis}"] for axis in ("north", "east", "down")] for r in flight.rows(vehicle)]
-    return np.array([[float(x) for x in row] for row in rows if all(row)])
-
-
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("run", FIVE)
-def test_without_a_copilot_it_ends_in_a_crash(hangar: Hangar, case: str, run: int) -> None:
-    flight = fly(hangar, case, copilot=False)
-    assert all(flight.verdict(name)["crashed"] for name in CASES[case][1])
-    assert flight.outcome["exit_code"] == 1
-
-
-@pytest.mark.parametrize("run", FIVE)
-def test_head_on_the_later_yields_and_both_keep_their_distance(hangar: Hangar, run: int) -> None:
-    flight = fly(hangar, "head-on", copilot=True)
-    said = [e["event"] for e in flight.events("copilot") if "event" in e]
-    assert flight.outcome["exit_code"] == 0, flight.said()
-    assert said[0].startswith("uav2: hold: separation: yields to uav1")
-    a, b = truth(flight, "uav1"), truth(flight, "uav2")
-    n = min(len(a), len(b))
-    assert np.linalg.norm(a[:n] - b[:n], axis=1).min() > AT_M - 0.1
-
-
-@pytest.mark.parametrize("run", FIVE)
-def test_a_program_that_flies_at_the_wall_is_held_before_it(hangar: Hangar, run: int) -> None:
-    flight = fly(hangar, "wall", copilot=True)
-    said = [e["event"] for e in flight.events("copilot") if "event" in e]
-    assert flight.outcome["exit_code"] == 0, flight.said()
-    assert said[0].startswith("uav1: hold: geofence: to stop from ")
-    assert truth(flight, "uav1")[:, 0].max() < 7.0 - RADIUS_M
 
 
 def hung(hangar: Hangar, more: str, *options: str) -> Flight:

@@ -14,6 +14,7 @@ import pytest
 from arena.errors import InputError
 from arena.params import meanings, regenerate, renames, table
 from arena.params.changes import CHANGES
+from arena.params.delays import delays
 from arena.params.table import Version, assumed, parameters, source, versions
 from arena.schema.px4 import find_px4
 
@@ -261,7 +262,7 @@ def test_each_way_is_one_the_version_has_parameters_for(event: meanings.Event, v
             p = known[name]
             within = (p.min is None or value >= p.min) and (p.max is None or value <= p.max)
             assert within or name in BEYOND, (action, name)
-    for delay in meanings.delays(event, version):
+    for delay in delays(event, version):
         assert delay.parameter in known
 
 
@@ -310,11 +311,11 @@ def test_where_sticks_come_from_has_a_number_in_each_version() -> None:
 
 
 def test_the_waits_are_in_seconds() -> None:
-    (first, *_) = meanings.delays("position_loss_in_offboard", "1.16")
+    (first, *_) = delays("position_loss_in_offboard", "1.16")
     assert parameters("1.16")[first.parameter].default * first.scale == pytest.approx(5.0)
-    assert [(d.parameter, d.fixed_s) for d in meanings.delays("offboard_loss", "1.9")] == [("COM_OF_LOSS_T", 0.5)]
-    assert [(d.parameter, d.fixed_s) for d in meanings.delays("offboard_loss", "1.16")] == [("COM_OF_LOSS_T", 0.0)]
-    assert [d.parameter for d in meanings.delays("low_battery", "1.16")] == ["COM_FAIL_ACT_T"]
+    assert [(d.parameter, d.fixed_s) for d in delays("offboard_loss", "1.9")] == [("COM_OF_LOSS_T", 0.5)]
+    assert [(d.parameter, d.fixed_s) for d in delays("offboard_loss", "1.16")] == [("COM_OF_LOSS_T", 0.0)]
+    assert [d.parameter for d in delays("low_battery", "1.16")] == ["COM_FAIL_ACT_T"]
 
 
 def test_the_table_is_read_once() -> None:

@@ -16,8 +16,12 @@ from typing import Any
 import pytest
 from end_to_end.flight import ROOT, eventually, started_by
 
-SHIPPED = ROOT / "examples" / "05_smoke"
-_LIMIT_S = 900.0
+from arena.schema.px4 import find_px4
+
+SHIPPED, FAILSAFES, FAULTS, COPILOT = (
+    ROOT / "examples" / name for name in ("05_smoke", "06_failsafes", "07_faults", "08_copilot")
+)
+_LIMIT_S = 1800.0
 
 
 class Smoke:
@@ -77,15 +81,34 @@ def assert_nothing_left(smoke: Smoke, temporary: Path) -> None:
     assert list(temporary.glob("arena-smoke-*")) == []
 
 
-@pytest.mark.flight
-def test_the_shipped_scenarios_pass(smoke: Any, temporary: Path, tmp_path: Path):
-    names = [str(SHIPPED / f"{name}.smoke.yaml") for name in ("hover", "offboard_loss")]
-    flown = smoke(*names, "-j", "2", "--seed", "3", "--junit", "junit.xml")
+@pytest.mark.crowd
+def test_every_shipped_scenario_passes(smoke: Any, temporary: Path, tmp_path: Path):
+    flown = smoke(*(str(folder) for folder in (SHIPPED, FAILSAFES, FAULTS)), "-j", "2", "--seed", "3", "--junit", "junit.xml")
     assert flown.wait() == 0, flown.said
-    assert 'tests="4" failures="0"' in (tmp_path / "junit.xml").read_text()
-    assert len(flown.runs) == 4 and not [run for run in flown.runs if list((run / "plots").iterdir())]
-    seeds = {json.loads((run / "slices" / "world.json").read_text())["seed"] for run in flown.runs}
-    assert seeds == {3}
+    print(flown.said)
+    assert f'tests="{len(flown.runs)}" failures="0"' in (tmp_path / "junit.xml").read_text() and len(flown.runs) >= 20
+    assert not [run for run in flown.runs if list((run / "plots").iterdir())]
+    assert {json.loads((run / "slices" / "world.json").read_text())["seed"] for run in flown.runs} == {3}
+    assert_nothing_left(flown, temporary)
+
+
+@pytest.mark.crowd
+def test_what_a_copilot_prevents_crashes_without_one_in_each_of_five_runs(smoke: Any, temporary: Path):
+    flown = smoke(str(COPILOT), "-j", "2", "--repeat", "5")
+    assert flown.wait() == 0, flown.said
+    print(flown.said)
+    assert len(flown.runs) == 30
+    assert_nothing_left(flown, temporary)
+
+
+@pytest.mark.crowd
+@pytest.mark.px4
+def test_every_failsafe_passes_on_a_real_px4(smoke: Any, temporary: Path):
+    if find_px4() is None:
+        pytest.skip("no PX4 is found: set PX4_HOME")
+    flown = smoke(str(FAILSAFES), "--set", "defaults.autopilot=px4")
+    assert flown.wait() == 0, flown.said
+    print(flown.said)
     assert_nothing_left(flown, temporary)
 
 

@@ -1,0 +1,54 @@
+"""How soon failsafes acted and how vehicles came down, of scenarios that have been flown: a table in Markdown.
+
+    arena smoke examples/06_failsafes --set defaults.autopilot=builtin --results results/builtin
+    arena smoke examples/06_failsafes --set defaults.autopilot=px4 --results results/px4
+    python benchmarks/scenarios.py results/builtin/results.json results/px4/results.json
+
+All times are simulated, from the deed: reaction to the first thing expected of the vehicles, down to the last touchdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from arena.smoke.report import read_results
+from arena.smoke.verdict import Result
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", nargs="+", type=Path)
+    flown = [result for file in parser.parse_args().results for result in read_results(file.read_text())]
+    print("\n".join(table(flown)))
+    return int(not all(result.verdict.passed for result in flown))
+
+
+def table(flown: Sequence[Result]) -> Iterator[str]:
+    yield "| scenario | autopilot | verdict | first expected | after s | down after s | touchdown m/s | drift m |"
+    yield "|---|---|---|---|---|---|---|---|"
+    for result in sorted(flown, key=lambda r: (r.scenario.partition(" [")[0], r.facts.get("autopilot", ""), r.scenario)):
+        yield f"| {' | '.join(row(result))} |"
+
+
+def row(result: Result) -> list[str]:
+    verdict, downs = result.verdict, result.verdict.touchdowns
+    deed = next((i for i, step in enumerate(verdict.steps) if step.kind == "do"), -1)
+    expected = next((s for s in verdict.steps[deed + 1 :] if s.kind == "expect" and " within " in s.place.text), None)
+    took = None if expected is None else expected.took_s
+    return [
+        result.scenario, result.facts.get("autopilot", ""), "as it says" if verdict.passed else "NOT",
+        "" if expected is None else expected.place.text.partition(" within ")[0], _number(took),
+        _number(max((d.after_s for d in downs if d.after_s is not None), default=None)),
+        _number(max((d.speed_m_s for d in downs), default=None)),
+        _number(max((d.drift_m for d in downs if d.drift_m is not None), default=None)),
+    ]  # fmt: skip
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
