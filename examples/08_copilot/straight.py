@@ -1,4 +1,5 @@
-"""Up, then straight on at V_N V_E [m/s] until something takes OFFBOARD away, or SECONDS are over, 60 by default; then land, wherever that is.
+"""Up, then straight on at V_N V_E [m/s] until something takes OFFBOARD away, or SECONDS are over (60 by default); then land
+wherever that is.
 
     program: {path: straight.py, args: ['1.5', '0', '6']}
 """
