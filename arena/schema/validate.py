@@ -7,6 +7,7 @@ come after it. `pruned` tells those checks what they must not judge.
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar, get_args
 
@@ -15,7 +16,7 @@ from pydantic_core import ErrorDetails
 
 from arena.errors import Problem
 from arena.schema.base import Strict
-from arena.schema.loader import YamlPath
+from arena.schema.loader import YamlPath, dotted
 from arena.schema.source import Source, near, show
 
 _MOST_ROUNDS = 20
@@ -70,7 +71,7 @@ def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:
 def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> str:
     type_, got = detail["type"], detail["input"]
     if type_ == "extra_forbidden":
-        return f"unknown key. {near(str(path[-1]), keys_at(kind, path[:-1]))}"
+        return f"unknown key. {_instead(kind, path)}"
     if (type_ == "missing" and isinstance(path[-1], int)) or type_ == "too_long":
         return f"got {show(got)}, expected a list of 3."
     if type_ == "missing":
@@ -80,6 +81,22 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
     if type_ == "tuple_type" and isinstance(got, str):
         hint = f" Did you mean [{', '.join(got.split())}]?"
     return f"got {show(got)}, expected {expected}." + (hint if hint.startswith(" Did") else "")
+
+
+def _instead(kind: type[BaseModel], path: YamlPath) -> str:
+    """A hint that ends a sentence: the one key that is called so elsewhere, else what is near here."""
+    elsewhere = [keys for keys in _below(kind) if len(keys) > len(path) and keys[-len(path) :] == path]
+    if len(elsewhere) == 1:
+        return f"Did you mean {dotted(elsewhere[0])}?"
+    return near(str(path[-1]), keys_at(kind, path[:-1]))
+
+
+def _below(kind: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Every key of the model and of the models in it, as a path; not those of mappings by name."""
+    model = _model_of(kind)
+    for key, field in model.model_fields.items() if model is not None else ():
+        yield (*path, key)
+        yield from _below(field.annotation, (*path, key))
 
 
 def _choices(detail: ErrorDetails) -> list[str]:

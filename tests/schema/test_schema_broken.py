@@ -154,7 +154,11 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "failsafe": ("failsafe: {offboard_loss: land}\nvehicles:\n" + V1, "1: failsafe.offboard_loss: ", "keys such as action, after_s"),
     "failsafe that comes before it warns": (
         "failsafe: {low_battery: {warn: 0.05, land: 0.1}}\nvehicles:\n" + V1, "1: failsafe.low_battery: ", "expected land below warn"),
-    "geofence with an action of its own": ("geofence: {action: land}\nvehicles:\n" + V1, "1: geofence.action: ", "unknown key"),
+    "geofence with an action of its own": ("geofence: {action: land}\nvehicles:\n" + V1, "1: geofence.action: ",
+                                           "unknown key. Did you mean failsafe.geofence.action?"),
+    "a failsafe outside of `failsafe`": ("offboard_loss: {after_s: 2}\nvehicles:\n" + V1, "1: offboard_loss: ",
+                                         "unknown key. Did you mean failsafe.offboard_loss?"),
+    "a key that several sections have": ("after_s: 2\nvehicles:\n" + V1, "1: after_s: ", "unknown key. Known: name, "),
     "geofence the wrong way round": (
         "geofence: {east: [1, -1]}\nvehicles:\n" + V1, "1: geofence.east: ", "got [1, -1], expected the lesser first. Try [-1, 1].",
     ),
