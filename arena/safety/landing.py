@@ -17,6 +17,8 @@ SYSTEM = 253
 RETRY_S = 0.5
 ASK_AFTER_S = 1.0
 DISARM_AFTER_S = 3.0
+STALE_S = 3.0
+"""A mode that was heard so long ago may be another by now: it is commanded again, which does no harm to one that lands."""
 _HEARTBEAT_S = 1.0
 _FORCE = 21196.0  # MAV_CMD_COMPONENT_ARM_DISARM: stop the motors, flying or not
 _AUTOPILOT = 1
@@ -38,6 +40,7 @@ class Known:
     armed: bool | None = None
     landed: bool | None = None
     mode: str | None = None
+    mode_at: float | None = None
     landed_since: float | None = None
     was_up: bool = False  # armed, or off the ground, at any time since
 
@@ -98,7 +101,7 @@ class Landing:
 
     def _land(self, now: float) -> list[bytes]:
         known, frames = self.known, []
-        if known.mode != "AUTO.LAND":
+        if known.mode != "AUTO.LAND" or known.mode_at is None or now - known.mode_at > STALE_S:
             main, sub = AUTO_LAND
             frames.append(self._command(say.DO_SET_MODE, say.CUSTOM_MODE, main, sub))
             frames.append(self._command(say.NAV_LAND, 0, 0, 0, _NAN, _NAN, _NAN, _NAN))
@@ -125,7 +128,7 @@ class Landing:
         if at.msgid == say.HEARTBEAT:
             beat = say.heartbeat_of(data, at)
             known.armed = bool(beat.base_mode & say.ARMED)
-            known.mode = mode_words(beat.custom_mode)
+            known.mode, known.mode_at = mode_words(beat.custom_mode), now
         elif at.msgid == say.EXTENDED_SYS_STATE:
             self._learn_landed(say.landed_of(data, at), now)
         elif at.msgid == say.COMMAND_ACK:

@@ -55,7 +55,8 @@ def _id(keys: Any) -> int | None:
 
 
 def _address(raw: Any) -> str:
-    return raw if isinstance(raw, str) and re.fullmatch(r"\d{1,3}(\.\d{1,3}){3}", raw) else "127.0.0.1"
+    plain = isinstance(raw, str) and re.fullmatch(r"\d{1,3}(\.\d{1,3}){3}", raw, re.ASCII)
+    return raw if plain and all(int(byte) < 256 for byte in raw.split(".")) else "127.0.0.1"
 
 
 def _blocks(text: str, depth: int) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import resource
 import select
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
@@ -109,43 +109,68 @@ def bring_down(
     _allow_files()
     began = time.monotonic()
     component = own_component()
-    links = [
-        Link(t, Landing(name=t.name, system=t.id, component=component, action=action, now=began), say, began) for t in targets
-    ]
+    links: list[Link] = []
+    alone = _Alone(say)
+    for t in targets:
+        with alone(t.name):
+            links.append(Link(t, Landing(name=t.name, system=t.id, component=component, action=action, now=began), say, began))
     code = EXIT_OK
     try:
-        _work(links, began, began + timeout_s, say)
+        _work(links, began, began + timeout_s, say, alone)
     except KeyboardInterrupt:
         code = EXIT_INTERRUPTED
     for link in links:
         say(link.line(time.monotonic()))
         link.close()
-    return code or (EXIT_OK if all(link.landing.confirmed for link in links) else EXIT_FAILED)
+    for name in (names := [t.name for t in targets if t.name not in {link.target.name for link in links}]):
+        say(f"{name}: NOT CONFIRMED: it could not be spoken to")
+    return code or (EXIT_OK if not names and all(link.landing.confirmed for link in links) else EXIT_FAILED)
 
 
-def _work(links: list[Link], began: float, end: float, say: Say) -> None:
+class _Alone:
+    """Whatever goes wrong with one vehicle is told once, and keeps no other in the air."""
+
+    def __init__(self, say: Say) -> None:
+        self._say, self._told = say, set[str]()
+
+    @contextlib.contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            words = f"{name}: {type(error).__name__}: {error}; trying on"
+            if words not in self._told:
+                self._told.add(words)
+                self._say(words)
+
+
+def _work(links: list[Link], began: float, end: float, say: Say, alone: _Alone) -> None:
     refusals: dict[str, str] = {}
     next_look = began + _LOOK_S
     while (now := time.monotonic()) < end:
         if now >= next_look:
             next_look = now + _LOOK_S
-            _look_into_records(links)
+            with alone("the record of the run"):
+                _look_into_records(links)
         for link in links:
-            link.send(now)
-            _say_refusal(link.landing, refusals, say)
+            with alone(link.target.name):
+                link.send(now)
+                _say_refusal(link.landing, refusals, say)
         if all(link.over(began, now) for link in links):
             return
-        _listen(links)
+        _listen(links, alone)
 
 
-def _listen(links: list[Link]) -> None:
+def _listen(links: list[Link], alone: _Alone) -> None:
     """For one turn, or until somebody speaks."""
     poll = select.poll()
-    readers = {fd: read for link in links for fd, read in link.ears().items()}
+    readers = {fd: (link.target.name, read) for link in links for fd, read in link.ears().items()}
     for fd in readers:
         poll.register(fd, select.POLLIN)
     for fd, _ in poll.poll(_TURN_S * 1e3):
-        readers[fd]()
+        name, read = readers[fd]
+        with alone(name):
+            read()
 
 
 def _look_into_records(links: list[Link]) -> None:

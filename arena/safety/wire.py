@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import socket
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -64,9 +65,12 @@ def from_url(url: Any, baud: Any = None) -> Wire | None:
     if kind == "serial" and rest:
         return Wire(kind=kind, device=rest, baud=baud if isinstance(baud, int) and baud > 0 else BAUD)
     host, _, port = rest.rpartition(":")
-    if kind not in ("udpin", "udpout") or not host or not port.isdecimal():
+    if kind not in ("udpin", "udpout") or not port.isdecimal():
         return None
-    address = host, int(port)
+    try:
+        address = _address((host, port))
+    except ValueError:
+        return None
     return Wire(kind=kind, local=address) if kind == "udpin" else Wire(kind=kind, vehicle=address)
 
 
@@ -90,5 +94,13 @@ def _owner(name: str, run: Path) -> Owner | None:
 
 
 def _address(raw: Any) -> Address:
+    """Raises ValueError for what no socket takes: a port that is none, a name, which a dead network would be asked for."""
     host, port = raw
-    return str(host), int(port)
+    found = str(host), int(port)
+    try:
+        socket.inet_aton(found[0])
+    except OSError as error:
+        raise ValueError(f"{host!r} is no address") from error
+    if not 0 <= found[1] <= 65535:
+        raise ValueError(f"{port} is no port")
+    return found

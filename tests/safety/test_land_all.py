@@ -13,7 +13,7 @@ import time
 import pytest
 from fakes import LAND, OFFBOARD, Fake, Fleet, target
 
-from arena.safety.panic import bring_down, own_component
+from arena.safety.panic import Link, bring_down, own_component
 from arena.safety.record import told_down
 from arena.safety.targets import Target
 
@@ -66,6 +66,24 @@ def test_one_that_refuses_is_not_confirmed_with_its_reason_and_the_others_land()
     assert len([c for c in fleet.fakes[2].told if c[0] == 176]) >= 6  # two paths, each half second
     assert all(c[0] != 400 for c in fleet.fakes[2].told)
     assert fleet.fakes[2].armed
+
+
+@pytest.mark.parametrize("broken", ["__init__", "send", "_read"])
+def test_what_goes_wrong_with_one_keeps_no_other_in_the_air(monkeypatch, broken):
+    right = getattr(Link, broken)
+
+    def wrong(link, *args):
+        if "uav1" in (getattr(link, "target", None) or args[0]).name:
+            raise OverflowError("no such port")
+        return right(link, *args)
+
+    monkeypatch.setattr(Link, broken, wrong)
+    with Fleet([Fake(system=1), Fake(system=2)], "127.54.46.1") as fleet:
+        code, lines = land(fleet.targets, timeout_s=5.0)
+    assert code == 1 and fleet.fakes[2].mode == LAND
+    assert lines.count("uav1: OverflowError: no such port; trying on") == 1
+    assert any(line.startswith("uav2: landed and disarmed") for line in lines)
+    assert any(line.startswith("uav1: NOT CONFIRMED") for line in lines)
 
 
 def test_a_deaf_one_is_not_confirmed():

@@ -73,6 +73,15 @@ def test_it_is_sent_again_each_half_second_until_the_mode_is_land(scene):
     assert scene.commands(1.5) == [MODE, NAV_LAND]
 
 
+def test_a_mode_that_was_heard_long_ago_is_commanded_again(scene):
+    """The vehicle may have been taken out of LAND meanwhile, while nothing of it came through."""
+    scene.due(0.0)
+    scene.says(0.1, beat(armed=True, mode=LAND))
+    assert MODE not in scene.commands(2.0)
+    scene.says(3.0, place(AIR))  # its height is heard, its mode is not
+    assert MODE in scene.commands(4.0)
+
+
 def test_down_and_disarmed_is_confirmed_with_its_time(scene):
     scene.says(0.2, beat(armed=True), place(AIR))
     scene.says(3.0, beat(armed=True, mode=LAND), place(GROUND))
@@ -107,6 +116,7 @@ def test_another_speakers_words_prove_nothing(scene, system, component):
 def test_standing_armed_for_three_seconds_it_is_disarmed_without_force(scene):
     scene.says(0.2, beat(armed=True, mode=LAND), place(GROUND))
     assert ARM not in scene.commands(3.1)
+    scene.says(3.2, beat(armed=True, mode=LAND))
     [disarm] = [m for m in scene.due(3.7) if m.get_type() == "COMMAND_LONG"]
     assert (disarm.command, disarm.param1, disarm.param2) == (ARM, 0, 0)
 

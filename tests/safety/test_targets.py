@@ -252,3 +252,17 @@ def test_a_plan_from_the_model_survives_a_field_more():
     raw = dataclasses.asdict(plan())
     raw["vehicles"][0]["new"] = 1
     assert len(from_plan(json.dumps(raw))) == 2
+
+
+@pytest.mark.parametrize(
+    "url", ["udpin:0.0.0.0:99999", "udpout:10.0.0.1:65536", "udpout:drone.lab:14550", "udpin:::1:5", "udpin::5"]
+)
+def test_a_url_that_no_socket_takes_is_no_wire_and_its_vehicle_is_landed_all_the_same(tmp_path, url):
+    file = tmp_path / "arena.yaml"
+    file.write_text(f'address: {HOST}\nvehicles:\n  uav1: {{autopilot: hardware, url: "{url}"}}\n  uav2:\n')
+    assert from_yaml(file).targets == (target(1, HOST), target(2, HOST))
+    assert from_yaml(file).targets[0].wire is None
+
+
+def test_an_address_that_is_none_is_not_asked_for_by_name():
+    assert named("address: 999.1.1.1\nvehicles:\n  uav1:\n") == ("127.0.0.1", [("uav1", 1)])
