@@ -158,7 +158,8 @@ def _of_run(folder: Path) -> Found:
     except (OSError, ValueError, KeyError, TypeError) as error:
         if (folder / "arena.yaml").is_file():
             return from_yaml(folder / "arena.yaml")
-        raise InputError(f"{folder}: no plan.json and no arena.yaml that can be read: {error}") from error
+        why = "no such folder" if not folder.is_dir() else f"no plan.json and no arena.yaml that can be read: {error}"
+        raise InputError(f"{folder}: {why}") from error
 
 
 def _distinct(targets: Iterable[Target]) -> tuple[Target, ...]:

@@ -59,6 +59,14 @@ def _not_yet(c: Check) -> Iterator[Problem]:
                 yield c.source.problem(path, f"{path[-1]}{shown} is not supported yet. {instead}.")
 
 
+def _on_by_being_there(c: Check) -> Iterator[Problem]:
+    """A bare `copilot:` looks as if it were on. `null` is said with `--set` alone, to take it out."""
+    written = c.source.document.data
+    for key, meaning in (("copilot", "all its defaults"), ("geofence", "the whole room")):
+        if isinstance(written, dict) and key in written and written[key] is None and c.source.value((key,)) is None:
+            yield c.source.problem((key,), f"has nothing below it. Write `{key}: {{}}` for {meaning}, or remove it.")
+
+
 def _px4(c: Check) -> Iterator[Problem]:
     if c.arena.px4 is not None:
         return
@@ -320,7 +328,7 @@ def _tools(c: Check) -> Iterator[Problem]:
 
 
 _CHECKS = (
-    _names, _not_yet,
+    _names, _not_yet, _on_by_being_there,
     _px4, *REAL, _senses, _ids, _ports, _port_range, _start, fence, _overlap, _rates, _programs, _neighbours, _bodies, _gcs,
     _capture, _params, _tools,
 )  # fmt: skip

@@ -41,8 +41,14 @@ class Document:
         return 1
 
 
-def load_yaml(path: str | Path) -> Document:
-    """Raises InputError: the file cannot be read, or is not YAML, or says something twice."""
+_START = "`vehicles:`, or run `arena init`"
+
+
+def load_yaml(path: str | Path, start: str = _START) -> Document:
+    """start: how such a file begins, for one that is empty.
+
+    Raises InputError: the file cannot be read, or is not YAML, or says something twice.
+    """
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
     except OSError as error:
@@ -50,14 +56,14 @@ def load_yaml(path: str | Path) -> Document:
     except UnicodeDecodeError as error:
         said = f"byte {error.start} is not UTF-8 text. Save the file as UTF-8"
         raise InputError(Problem(file=str(path), line=0, field="", message=said)) from error
-    return parse_yaml(text, str(path))
+    return parse_yaml(text, str(path), start)
 
 
-def parse_yaml(text: str, file: str) -> Document:
+def parse_yaml(text: str, file: str, start: str = _START) -> Document:
     """The same from text; file is only a name here."""
     node = _compose(text, file)
     if node is None:
-        raise InputError(Problem(file=file, line=0, field="", message="is empty. Start with `vehicles:`, or run `arena init`"))
+        raise InputError(Problem(file=file, line=0, field="", message=f"is empty. Start with {start}"))
     walk = _Walk(file)
     try:
         data = walk.value(node, ())

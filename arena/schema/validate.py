@@ -80,6 +80,8 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
     hint = f" {near(got, _choices(detail))}" if type_ == "literal_error" and isinstance(got, str) else ""
     if type_ == "tuple_type" and isinstance(got, str):
         hint = f" Did you mean [{', '.join(got.split())}]?"
+    if type_ == "value_error" and isinstance(got, dict) and set(got) <= set(keys_at(kind, path)):
+        return f"expected {expected}."  # a mapping is right, what it says is not
     return f"got {show(got)}, expected {expected}." + (hint if hint.startswith(" Did") else "")
 
 

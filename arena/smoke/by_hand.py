@@ -133,7 +133,7 @@ class Led:
 
     def _broken(self) -> list[str]:
         """What breaks a flight that nobody has complained of yet."""
-        crashes = [f"{name} crashed {how}" for name, how in self._flight.crashes.items()]
+        crashes = [f"{name} crashed: {how}" for name, how in self._flight.crashes.items()]
         return crashes + [result.failure for watch in self._rules if (result := watch.result(complete=True)).failure]
 
     def _read(self, text: str, read: Callable[[str, Names, Place], T]) -> T:

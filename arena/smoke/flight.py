@@ -72,7 +72,7 @@ class Flight:
         if vehicle.airborne:
             memory.speed_m_s = math.hypot(*vehicle.v_n)
         if vehicle.crashed:
-            self.crashes.setdefault(vehicle.name, f"at {self.now.time_s:.2f} s: {vehicle.crashed}")
+            self.crashes.setdefault(vehicle.name, vehicle.crashed)
 
     def _touches(self, memory: _Memory, vehicle: VehicleNow) -> None:
         if memory.touchdown is not None and self.now.time_s - memory.aloft_s < _BOUNCE_S:

@@ -237,8 +237,10 @@ def _process(words: Words, names: Names) -> tuple[str, ...]:
         found = (f"tool.{words.next.text}",)
     elif word in names.processes or word in UNPLANNED:
         found = (word,)
+    elif word in ALONE:
+        raise words.wrong(f"a process of the arena, which has no {word}")
     else:
-        raise words.wrong("a process of the arena", [*OF_VEHICLES, *ALONE, *names.processes])
+        raise words.wrong("a process of the arena", list(dict.fromkeys([*OF_VEHICLES, *UNPLANNED, *names.processes])))
     words.take()
     return found
 

@@ -247,7 +247,7 @@ class Referee:
     def _defaults(self, *, complete: bool) -> Iterator[RuleResult]:
         """What holds though nobody wrote it."""
         allowed = self._scenario.allowed
-        yield self._default(_CRASH, [f"{v} crashed {why}" for v, why in self._flight.crashes.items() if v not in allowed.crash])
+        yield self._default(_CRASH, [f"{v} crashed: {why}" for v, why in self._flight.crashes.items() if v not in allowed.crash])
         if not allowed.stay_up:
             up = self._flight.still_up if complete else ()
             seen = [f"{v} {self._where(v)}, {self._over} came at {self._flight.now.time_s:.2f} s" for v in up]

@@ -95,7 +95,10 @@ def load_scenarios(path: str | Path, overrides: Sequence[str] = ()) -> list[Scen
 
     Raises InputError; its `problems` are those of the scenario and of its arenas.
     """
-    document = load_yaml(path)
+    document = load_yaml(path, start="`arena:` and `steps:`")
+    if isinstance(document.data, dict) and "vehicles" in document.data and not {"arena", "steps"} & set(document.data):
+        said = f"is an arena, and a scenario is needed. One that names it, `arena: {Path(path).name}`, flies it"
+        raise InputError(Problem(file=str(path), line=document.line(("vehicles",)), field="", message=said))
     found = validate(ScenarioFile, with_overrides(document, ()))
     problems = list(found.problems)
     if found.model is None:
@@ -185,9 +188,11 @@ class _Reader:
             data = load_yaml(self._folder / self._file).data if self._file else self._model.arena
             vehicles = tuple(data["vehicles"])
             tools = tuple(f"tool.{tool}" for tool in data.get("tools") or ())
+            copilot = ("copilot",) if "copilot" in data else ()
         except (InputError, KeyError, TypeError, AttributeError):
             return None
-        processes = ("world", "mocap", "router", *(form.format(v) for form in OF_VEHICLES.values() for v in vehicles), *tools)
+        rooms = ("world", "mocap", "router", *copilot)
+        processes = (*rooms, *(form.format(v) for form in OF_VEHICLES.values() for v in vehicles), *tools)
         return Names(vehicles=vehicles, processes=processes) if vehicles else None
 
     def _found(self) -> Path:
@@ -203,12 +208,19 @@ class _Reader:
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
             for i, given in enumerate(self._model.set):
-                if given == text or given.partition("=")[0].strip() == problem.field:
+                if given == text or self._gave(given, problem.field):
                     said = f"{problem.field}: {problem.message}" if problem.field else f"got {given!r}: {problem.message}"
                     return self._source.problem(("set", i), said)
         if not self._file and problem.file == self._source.document.file:
             return replace(problem, field=f"arena.{problem.field}" if problem.field else "arena")
         return problem
+
+    def _gave(self, given: str, field: str) -> bool:
+        """Whether this override is the one that set the field: by its own name, or as the default of every vehicle."""
+        key = given.partition("=")[0].strip()
+        sets = [one.partition("=")[0].strip() for one in self._overrides]
+        default = key.startswith("defaults.") and field.startswith("vehicles.") and sets.count(key) == 1
+        return key == field or (default and field.split(".")[2:3] == key.split(".")[1:2])
 
     # -- what is to happen
 

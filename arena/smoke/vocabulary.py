@@ -94,8 +94,8 @@ OF_VEHICLES: dict[str, str] = {
     "program": "program.{}", "forwarder": "forward.{}", "logger": "logger.{}", "px4": "px4.{}", "link": "link.{}",
 }  # fmt: skip
 ALONE = ("router", "mocap", "world", "supervisor", "copilot")
-UNPLANNED = ("supervisor", "copilot")
-"""Processes that may be there without being in the plan."""
+UNPLANNED = ("supervisor",)
+"""Processes that are there without being in the plan."""
 
 PARTS: dict[str, str] = {
     "V": "a vehicle's name, or `each`",

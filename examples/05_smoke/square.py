@@ -11,7 +11,7 @@ import argparse
 from arena import UAV
 
 CORNERS = [[0, 0, -1.2], [1, 0, -1.2], [1, 1, -1.2], [0, 1, -1.2]]  # north, east, down [m] from the start
-SIDE_S = 3.0
+SIDE_S = 2.5
 
 with UAV.from_args() as uav:
     parser = argparse.ArgumentParser()

@@ -82,8 +82,9 @@ def test_the_resolved_yaml_has_it_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("section", "said"),
     [
-        ("{tilt: {do: terminate}}", "no step above at_most"),
-        ("{at_most: hold}", "no step above at_most"),
+        ("", "copilot: has nothing below it. Write `copilot: {}`"),
+        ("{tilt: {do: terminate}}", "copilot: expected at_most: terminate, which tilt.do asks for"),
+        ("{at_most: hold}", "copilot: expected at_most: land, which tilt.do asks for"),
         ("{separation: {at_m: 0}}", "copilot.separation.at_m"),
         ("{geofense: {}}", "geofence"),
         ("{tilt: {do: fall}}", "copilot.tilt.do"),

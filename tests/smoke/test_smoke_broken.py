@@ -38,6 +38,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "override that is none": (HEAD + "set: [defaults]\n" + STEP, "2: set[0]: ", "expected key=value"),
     "override of an unknown key": (HEAD + "set:\n  - world.seed=3\n  - world.sede=3\n" + STEP, "4: set[1]: ", "world.sede: unknown key. Did you mean seed?"),
     "override with a wrong value": (HEAD + "set: [sim.speed=fast]\n" + STEP, "2: set[0]: ", "sim.speed: got 'fast'"),
+    "override that suits no vehicle": (HEAD + "set: [defaults.pose_rate_hz=70]\n" + STEP, "2: set[0]: ", "pose_rate_hz: got 70"),
     "step as text": (HEAD + "steps:\n  - kill all\n", "3: steps[0]: ", "got 'kill all', expected a mapping of at, do, expect."),
     "empty step": (HEAD + "steps:\n  - {}\n", "3: steps[0]: ", "expected a mapping of at, do, expect."),
     "unknown key of a step": (HEAD + STEP + "  - expct: uav1.landed within 2 s\n", "5: steps[1].expct: ", "unknown key. Did you mean expect?"),
@@ -63,6 +64,9 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "what may happen to nobody": (HEAD + "may: [crash]\n" + STEP, "2: may[0]: ", "got nothing after 'crash'"),
     "hardware": ("arena: {vehicles: {uav1: {autopilot: hardware, url: 'udpin:127.0.0.1:14600'}}}\n" + "steps: [do: land all]\n", "1: ", "uav1"),
     "fault of the arena inside": ("arena:\n  vehicles:\n    uav1: {prgram: fly.py}\n" + STEP, "3: arena.vehicles.uav1.prgram: ", "unknown key. Did you mean program?"),
+    "an empty file": ("# nothing\n", "", "s.yaml: is empty. Start with `arena:` and `steps:`"),
+    "an arena": ("name: lab\n" + TWO, "2: ", "is an arena, and a scenario is needed. One that names it, `arena: s.yaml`, flies it"),
+    "copilot that is not there": (HEAD + "steps: [do: kill copilot]\n", "2: steps[0].do: ", "expected a process of the arena, which has no copilot"),
     "no mapping": ("- 3\n", "1: ", "expected"),
 }  # fmt: skip
 

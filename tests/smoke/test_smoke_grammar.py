@@ -19,7 +19,7 @@ from arena.smoke.words import Allowance, Condition, Deed, Expectation, Moment, P
 HERE = Place(file="a.yaml", line=3, text="as written")
 NAMES = Names(
     vehicles=("uav1", "uav2"),
-    processes=("world", "mocap", "px4.uav2", "forward.uav1", "forward.uav2", "router", "program.uav1", "tool.view",
+    processes=("world", "mocap", "px4.uav2", "forward.uav1", "forward.uav2", "router", "copilot", "program.uav1", "tool.view",
                "tool.uav1.planner"),
     rotors={"uav1": 4, "uav2": 6},
 )  # fmt: skip

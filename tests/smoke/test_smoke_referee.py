@@ -467,14 +467,14 @@ def test_nobody_crashes(write) -> None:
     def script(t: float) -> Mapping[str, Any]:
         return flight(t, crashed="hit the wall" if t > 3.0 else "")
 
-    assert sentence(judged(write(FLOWN), script)) == "uav1 crashed at 8.02 s: hit the wall"
+    assert sentence(judged(write(FLOWN), script)) == "uav1 crashed: hit the wall"
     assert judged(write(FLOWN, may=["crash uav1"]), script).passed
     assert not judged(write(FLOWN, may=["crash uav2"]), script).passed
 
 
 def test_a_crash_that_only_the_supervisor_saw(write) -> None:
     outcome = {"failed": ["uav1 crashed: 12.1 s: tilt 70 deg"]}
-    assert sentence(judged(write(FLOWN), outcome=outcome)) == "uav1 crashed 12.1 s: tilt 70 deg"
+    assert sentence(judged(write(FLOWN), outcome=outcome)) == "uav1 crashed: 12.1 s: tilt 70 deg"
     assert judged(write(FLOWN, may=["crash each"]), outcome=outcome).passed
 
 
