@@ -56,6 +56,7 @@ class Copilot:
         self._limits = _limits(vehicles)
         self._began = now
         self._silent: set[int] = set()
+        self._groundless: dict[int, float] = {}  # row -> since when it is armed, and says nothing of the ground
         self._meeting: set[tuple[int, int]] = set()
         self._refused: set[tuple[int, int, int]] = set()
 
@@ -77,7 +78,7 @@ class Copilot:
     def step(self, now: float) -> Output:
         """Look, judge, order."""
         moment = self.moment(now)
-        events = [*self._silences(now), *self._refusals()]
+        events = [*self._silences(now), *self._unwatched(now), *self._refusals()]
         broken = self.judge.broken(moment)
         events += self._meetings(moment)
         self.closest_m = min(self.closest_m, self.judge.found.closest)
@@ -144,6 +145,17 @@ class Copilot:
             elif not silent and row in self._silent:
                 self._silent.discard(row)
                 yield f"{vehicle.name}: heard again"
+
+    def _unwatched(self, now: float) -> Iterator[str]:
+        """Without EXTENDED_SYS_STATE nobody knows whether it flies: no rule holds for it then, which a person must hear."""
+        for row, vehicle in enumerate(self.vehicles):
+            if self.known.armed[row] is not True or self.known.landed[row] is not None:
+                self._groundless.pop(row, None)
+                continue
+            since = self._groundless.setdefault(row, now)
+            if now - since > _SILENT_S:
+                self._groundless[row] = math.inf  # told
+                yield f"{vehicle.name}: armed, but it does not say whether it is in the air (EXTENDED_SYS_STATE): NOT WATCHED"
 
     def _refusals(self) -> Iterator[str]:
         for refusal in self.known.refusals:

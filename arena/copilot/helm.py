@@ -120,7 +120,9 @@ class Helm:
             self.order = None
         elif order.obeyed_at is not None:
             self._said.append(f"{self.name}: in {present.mode} again, and the reason holds: {order.step} anew ({broken[0].why})")
-            self.order = _with(order, given_at=now, obeyed_at=None)
+            # one that takes the vehicle again and again must not put off the next step
+            fights = now - order.obeyed_at < self.rules.escalate_after_s
+            self.order = _with(order, given_at=order.given_at if fights else now, obeyed_at=None)
             self._next_send = now
 
     def _sternest(self, broken: Sequence[Broken]) -> tuple[Step, Broken] | None:

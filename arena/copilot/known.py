@@ -22,6 +22,7 @@ _AUTOPILOT, _PROGRAM = 1, 191
 HEARTBEAT, SYS_STATUS, LOCAL, TARGET, ACK, EXTENDED = 0, 1, 32, 85, 77, 245
 _ARMED = 128
 _NONE, _IN_PROGRESS = 0, 5
+_UNDEFINED, _ON_GROUND = 0, 1  # MAV_LANDED_STATE
 _STILL_M = 0.03
 _XYZ = struct.Struct("<fff")
 _NO_POSITION = 0b111
@@ -76,7 +77,8 @@ class Known:
                 self._target(i, data, frame, now)
             case 245:
                 state = byte_at(data, frame, 1)
-                self.landed[i] = None if state == 0 else state == 1
+                if state != _UNDEFINED:  # says nothing, and so takes nothing back
+                    self.landed[i] = state == _ON_GROUND
             case 77 if frame.target_sys == SYSTEM and frame.target_comp == COMPONENT:
                 result = byte_at(data, frame, 2)
                 if result not in (_NONE, _IN_PROGRESS):

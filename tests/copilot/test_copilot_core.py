@@ -8,6 +8,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.copilot.known import Known
 from arena.wire.codec import Codec
+from arena.wire.px4mode import mode_numbers
 
 from .scene import Scene, tilted
 
@@ -97,6 +98,29 @@ def test_a_program_that_has_beaten_and_falls_silent_lands_and_one_that_never_bea
     scene.run(1.3)
     assert scene.commands(0) == ["AUTO.LAND"] and scene.commands(1) == []
     assert "its program has not beaten for" in scene.events[0]
+
+
+def test_an_undefined_landed_state_takes_no_order_back() -> None:
+    s = Scene()
+    s.p[0], s.v[0] = [5.2, 0.0, -1.0], [0.5, 0.0, 0.0]
+    s.run(1.0)
+    assert s.core.helms[0].held
+    s.say(0, mavlink.MAVLink_extended_sys_state_message(0, 0))
+    s.core.step(s.now + 0.001)
+    assert s.core.helms[0].held and s.core.flying.all()
+
+
+def test_one_that_never_says_whether_it_flies_is_told_as_not_watched_once() -> None:
+    s = Scene()
+    s.speaks[0] = False
+    main, sub = mode_numbers("OFFBOARD")
+    for _ in range(50):
+        s.say(0, mavlink.MAVLink_heartbeat_message(2, 12, 128, main << 16 | sub << 24, 4, 3))
+        s.run(0.1)
+    assert len([e for e in s.events if "NOT WATCHED" in e]) == 1 and not s.sent
+    s.speaks[0] = True
+    s.run(1.0)
+    assert len([e for e in s.events if "NOT WATCHED" in e]) == 1
 
 
 def test_a_new_arming_begins_without_the_heartbeats_of_the_last() -> None:

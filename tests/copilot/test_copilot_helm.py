@@ -45,6 +45,22 @@ def test_nothing_is_given_back_and_a_program_that_takes_the_vehicle_is_held_anew
     assert again.send == "hold" and "anew" in again.said[0]
 
 
+def test_a_program_that_takes_the_vehicle_again_and_again_does_not_put_off_the_landing() -> None:
+    h = helm()
+    sent = []
+    for k in range(250):  # half a second in OFFBOARD, half a second in hold
+        sent.append(h.decide([FENCE], at("AUTO.LOITER" if k // 25 % 2 else "OFFBOARD"), 1.0 + 0.02 * k).send)
+    assert "land" in sent and "terminate" not in sent
+
+
+def test_a_program_that_takes_the_vehicle_after_a_while_is_held_first() -> None:
+    h = helm()
+    h.decide([NEAR], at("OFFBOARD"), 1.0)
+    for k in range(500):
+        h.decide([NEAR], at("AUTO.LOITER"), 1.1 + 0.02 * k)
+    assert h.decide([NEAR], at("OFFBOARD"), 12.0).send == "hold"
+
+
 def test_a_program_that_takes_the_vehicle_when_the_reason_is_gone_has_it() -> None:
     h = helm()
     h.decide([FENCE], at("OFFBOARD"), 1.0)
