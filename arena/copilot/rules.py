@@ -14,7 +14,7 @@ from arena.copilot.moment import Broken, Mask, Moment
 from arena.copilot.separation import Found, separation
 from arena.copilot.settings import Rules, Vehicle
 
-_OUTWARDS_M_S = 0.1
+_OUTWARDS_M_S, _FLEES_M_S = 0.1, 0.5
 _SIDES = (("south", "north"), ("west", "east"), ("ceiling", "floor"))
 
 
@@ -53,7 +53,9 @@ class Judge:
             left = float(self._high[row, axis] - m.p_n[row, axis] if high else m.p_n[row, axis] - self._low[row, axis])
             speed, needs = abs(float(m.v_n[row, axis])), abs(float(way[row, axis]))
             why = _fence_words(left, needs, reserve, speed, _SIDES[axis][high])
-            yield Broken(row=int(row), rule="geofence", why=why)
+            # one that comes down beyond the fence is answered; one that flies on is not
+            outwards = float(m.v_n[row, axis]) * (1.0 if high else -1.0)
+            yield Broken(row=int(row), rule="geofence", why=why, enough="terminate" if outwards > _FLEES_M_S else "land")
 
     def _separation(self, m: Moment) -> Iterator[Broken]:
         figure = self._rules.figure

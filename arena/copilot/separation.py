@@ -71,7 +71,7 @@ def _broken(m: Moment, a: Index, b: Index, gap: Array, at_m: float, ahead_s: flo
         if not m.open[yields]:
             continue  # neither may be commanded
         words = _words(float(gap[k]), float(nearest[k]), float(when[k]), at_m)
-        enough: Step = "terminate" if gap[k] < at_m else "hold"
+        enough: Step = "land" if gap[k] < at_m else "hold"  # two that land side by side must not fall
         found.append(Broken(row=yields, rule="separation", why=f"yields to {names[first]}: {words}", enough=enough))
         if m.open[first]:
             reach, _ = approach(late[[first]], stopping[[yields]], times)

@@ -123,6 +123,38 @@ def test_one_that_never_says_whether_it_flies_is_told_as_not_watched_once() -> N
     assert len([e for e in s.events if "NOT WATCHED" in e]) == 1
 
 
+def _obeying(s: Scene, seconds: float) -> None:
+    """Every order is obeyed at once."""
+    for _ in range(round(seconds / 0.1)):
+        s.run(0.1)
+        s.mode = [(s.commands(i) or ["OFFBOARD"])[-1] for i in range(len(s.mode))]
+
+
+def test_with_terminate_allowed_one_that_comes_down_beyond_the_fence_is_let_down() -> None:
+    s = Scene(1, {"at_most": "terminate"})
+    s.p[0] = [6.05, 0.0, -2.0]
+    _obeying(s, 2.5)
+    s.v[0] = [0.05, 0.0, 0.4]
+    _obeying(s, 4.0)
+    assert s.commands() == ["AUTO.LOITER", "AUTO.LAND"]
+
+
+def test_with_terminate_allowed_one_that_flies_on_beyond_the_fence_is_ended() -> None:
+    s = Scene(1, {"at_most": "terminate"})
+    s.p[0], s.v[0] = [5.0, 0.0, -2.0], [1.0, 0.0, 0.0]
+    for _ in range(60):
+        s.run(0.1)
+        s.mode[0] = {"terminate": "AUTO.LAND"}.get((s.commands() or ["OFFBOARD"])[-1], (s.commands() or ["OFFBOARD"])[-1])
+    assert s.commands() == ["AUTO.LOITER", "AUTO.LAND", "terminate"]
+
+
+def test_with_terminate_allowed_two_that_land_side_by_side_are_let_down() -> None:
+    s = Scene(2, {"at_most": "terminate"})
+    s.p[1] = s.p[0] + [0.7, 0.0, 0.0]
+    _obeying(s, 8.0)
+    assert s.commands(1) == ["AUTO.LOITER", "AUTO.LAND"] and "terminate" not in s.commands(0)
+
+
 def test_a_new_arming_begins_without_the_heartbeats_of_the_last() -> None:
     scene = Scene()
     scene.beats[0] = True

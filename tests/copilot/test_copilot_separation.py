@@ -103,7 +103,7 @@ def test_vehicles_commanded_to_one_place_are_named_before_they_are_near() -> Non
 
 
 def test_being_too_close_now_is_not_answered_by_a_hold_alone() -> None:
-    assert {b.enough for b in look(moment([[0, 0, -1], [0.5, 0, -1]])).broken} == {"terminate"}
+    assert {b.enough for b in look(moment([[0, 0, -1], [0.5, 0, -1]])).broken} == {"land"}
     assert {b.enough for b in look(head_on(8.0)).broken} == {"hold"}
 
 

@@ -78,7 +78,7 @@ def test_what_goes_wrong_with_one_keeps_no_other_in_the_air(monkeypatch, broken)
         return right(link, *args)
 
     monkeypatch.setattr(Link, broken, wrong)
-    with Fleet([Fake(system=1), Fake(system=2)], "127.54.46.1") as fleet:
+    with Fleet([Fake(system=1), Fake(system=2)], "127.54.47.1") as fleet:
         code, lines = land(fleet.targets, timeout_s=5.0)
     assert code == 1 and fleet.fakes[2].mode == LAND
     assert lines.count("uav1: OverflowError: no such port; trying on") == 1
