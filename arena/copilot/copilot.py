@@ -57,6 +57,7 @@ class Copilot:
         self._began = now
         self._silent: set[int] = set()
         self._groundless: dict[int, float] = {}  # row -> since when it is armed, and says nothing of the ground
+        self._speedless: dict[int, float] = {}  # row -> since when it flies, and is captured without a velocity
         self._meeting: set[tuple[int, int]] = set()
         self._refused: set[tuple[int, int, int]] = set()
 
@@ -78,7 +79,7 @@ class Copilot:
     def step(self, now: float) -> Output:
         """Look, judge, order."""
         moment = self.moment(now)
-        events = [*self._silences(now), *self._unwatched(now), *self._refusals()]
+        events = [*self._silences(now), *self._unwatched(moment), *self._refusals()]
         broken = self.judge.broken(moment)
         events += self._meetings(moment)
         self.closest_m = min(self.closest_m, self.judge.found.closest)
@@ -146,16 +147,17 @@ class Copilot:
                 self._silent.discard(row)
                 yield f"{vehicle.name}: heard again"
 
-    def _unwatched(self, now: float) -> Iterator[str]:
-        """Without EXTENDED_SYS_STATE nobody knows whether it flies: no rule holds for it then, which a person must hear."""
+    def _unwatched(self, m: Moment) -> Iterator[str]:
+        """Rules that do not hold because what they need is not known: a person must hear of it."""
         for row, vehicle in enumerate(self.vehicles):
-            if self.known.armed[row] is not True or self.known.landed[row] is not None:
-                self._groundless.pop(row, None)
-                continue
-            since = self._groundless.setdefault(row, now)
-            if now - since > _SILENT_S:
-                self._groundless[row] = math.inf  # told
+            armed, landed = self.known.armed[row], self.known.landed[row]
+            if _lasts(self._groundless, row, armed is True and landed is None, m.now):
                 yield f"{vehicle.name}: armed, but it does not say whether it is in the air (EXTENDED_SYS_STATE): NOT WATCHED"
+            if _lasts(self._speedless, row, bool(m.flying[row] and m.placed[row] and not m.moving[row]), m.now):
+                yield (
+                    f"{vehicle.name}: captured too seldom, or without times, to know its velocity: it will NOT be stopped before "
+                    "the fence nor before others"
+                )
 
     def _refusals(self) -> Iterator[str]:
         for refusal in self.known.refusals:
@@ -195,6 +197,16 @@ class Copilot:
         given = {f"sent {step}": n for step, n in self.orders.items()}
         heard = {f"heard {what}": n for what, n in self.known.counts.items()}
         return {**closest, **given, **heard, "poses repeated": self.tracks.repeated, "tracks restarted": self.tracks.restarted}
+
+
+def _lasts(since: dict[int, float], row: int, so: bool, now: float) -> bool:
+    """True once, when it has been so for _SILENT_S."""
+    if not so:
+        since.pop(row, None)
+    elif now - since.setdefault(row, now) > _SILENT_S:
+        since[row] = math.inf
+        return True
+    return False
 
 
 def _limits(vehicles: Sequence[Vehicle]) -> Limits:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
@@ -121,6 +123,19 @@ def test_one_that_never_says_whether_it_flies_is_told_as_not_watched_once() -> N
     s.speaks[0] = True
     s.run(1.0)
     assert len([e for e in s.events if "NOT WATCHED" in e]) == 1
+
+
+def test_one_whose_captured_times_stand_still_is_told_as_not_stopped_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    s = Scene()
+    see = s.core.see
+    monkeypatch.setattr(s.core, "see", lambda frames, now: see([replace(f, time_s=5.0) for f in frames], now))
+    s.run(5.0)
+    assert len([e for e in s.events if "NOT be stopped" in e]) == 1
+    monkeypatch.undo()
+    s.run(1.0)
+    monkeypatch.setattr(s.core, "see", lambda frames, now: see([replace(f, time_s=5.0) for f in frames], now))
+    s.run(5.0)
+    assert len([e for e in s.events if "NOT be stopped" in e]) == 2
 
 
 def _obeying(s: Scene, seconds: float) -> None:
