@@ -19,6 +19,8 @@ MODES: dict[Step, str] = {"hold": "AUTO.LOITER", "land": "AUTO.LAND", "terminate
 OPEN = frozenset({"OFFBOARD", "AUTO.LOITER", "AUTO.TAKEOFF", "AUTO.MISSION", "AUTO.FOLLOW_TARGET", "AUTO.READY"})
 """Modes that the copilot may end: programs and SDKs fly in them. Every other is a pilot's, or a failsafe's answer already."""
 REPEAT_S = 0.2
+UNHEARD_S = 2.0
+"""How long a hold is repeated to a vehicle that is not heard."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +89,7 @@ class Helm:
             self._give(*wanted, now)
         elif self.order is not None:
             self._escalate(self.order, broken, present, now)
-        return self._acts(self._due(now))
+        return self._acts(self._due(present, now))
 
     def _acts(self, send: Step | None) -> Acts:
         return Acts(send=send, said=tuple(self._said))
@@ -155,9 +157,12 @@ class Helm:
                 self._give(STEPS[_rank(order.step) + 1], Broken(row=one.row, rule=one.rule, why=why), now)
                 return
 
-    def _due(self, now: float) -> Step | None:
+    def _due(self, present: Present, now: float) -> Step | None:
+        """To one that is not heard a hold is not repeated for ever: it may long be landing, by its failsafe or by land-all."""
         order = self.order
         if order is None or order.obeyed_at is not None or now < self._next_send:
+            return None
+        if order.step == "hold" and not present.fresh and now - max(order.given_at, *self._since.values(), 0.0) > UNHEARD_S:
             return None
         self._next_send = now + REPEAT_S
         return order.step

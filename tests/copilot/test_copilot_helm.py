@@ -111,6 +111,21 @@ def test_silence_is_not_disobedience() -> None:
     assert sent == {"hold", None}
 
 
+def test_a_hold_that_nobody_answers_does_not_stand_against_a_landing() -> None:
+    """With the router stopped, land-all speaks past it as the copilot does: the vehicle must not be held again and again."""
+    h = helm()
+
+    def holds(begin: float, end: float, broken: list[Broken], *, fresh: bool = False) -> int:
+        times = [begin + 0.05 * k for k in range(round((end - begin) / 0.05))]
+        return sum(h.decide(broken, at("OFFBOARD", fresh=fresh), now).send == "hold" for now in times)
+
+    assert holds(1.0, 3.0, [FENCE]) >= 5
+    assert holds(3.1, 60.0, []) == 0 and h.order is not None  # latched all the same
+    assert holds(60.0, 62.0, [FENCE]) >= 5  # another reason
+    assert holds(62.1, 70.0, [FENCE]) == 0
+    assert holds(70.0, 71.0, [], fresh=True) >= 2  # heard again
+
+
 def test_the_pilot_wins() -> None:
     h = helm()
     left = h.decide([FENCE], at("POSCTL"), 1.0)
