@@ -46,13 +46,26 @@ def register(app: typer.Typer) -> None:
         """Fly scenarios headless, several at a time, and judge them. All are checked before the first one flies."""
         from arena.smoke.fly import How
 
-        found = load(files(scenarios), set_ or [])
+        seeds = [] if seed is None else [f"world.seed={seed}", f"mocap.seed={seed}"]
+        found = load(files(scenarios), [*(set_ or []), f"sim.speed={speed}", *seeds])
         if list_:
             for one in found:
                 print(f"{one.place.file}: {one.name}")
             return
+        for folder in (results, *(() if junit is None else (junit.parent,))):
+            _make(folder)
+        if junit is not None and junit.is_dir():
+            raise InputError(f"{junit}: is a folder, expected a file for --junit. Try {junit / 'junit.xml'}")
         how = How(results=results.resolve(), speed=speed, seed=seed)
         raise SystemExit(_fly(found * repeat, how, jobs or len(os.sched_getaffinity(0)), junit))
+
+
+def _make(folder: Path) -> None:
+    """Before anything flies: what is flown is to be kept."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
 
 
 def files(named: list[Path]) -> list[Path]:
@@ -109,10 +122,8 @@ def _show(results: list[Result], folder: Path, junit: Path | None) -> None:
 
     from arena.smoke.report import junit_xml, results_json, summary, table
 
-    folder.mkdir(parents=True, exist_ok=True)
     (folder / "results.json").write_text(results_json(results))
     if junit is not None:
-        junit.parent.mkdir(parents=True, exist_ok=True)
         junit.write_text(junit_xml(results))
     if results:
         Console(width=None if sys.stdout.isatty() else _WIDE).print(table(results))

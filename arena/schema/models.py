@@ -30,7 +30,7 @@ def _speed(value: Any) -> float | Literal["max"]:
         return "max"
     if isinstance(value, (int, float)) and not isinstance(value, bool) and 0.0 < value <= 1000.0:
         return float(value)
-    raise ValueError("a number from 0 to 1000, or max")
+    raise ValueError("a number above 0 to 1000, or max")
 
 
 def _px4_version(text: str) -> str:

@@ -91,7 +91,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "pose rate too low to fuse": ("vehicles:\n  uav1: {pose_rate_hz: 4}\n", "2: vehicles.uav1.pose_rate_hz: ", "at least 10"),
     "sensor rate that does not divide": ("sim: {sensor_hz: 240}\nvehicles:\n" + V1, "1: sim.sensor_hz: ", "Try 250."),
     "latency shorter than a step": ("mocap: {latency_ms: 2}\nvehicles:\n" + V1, "1: mocap.latency_ms: ", "one sensor step (4 ms"),
-    "speed of zero": ("sim: {speed: 0}\nvehicles:\n" + V1, "1: sim.speed: ", "a number from 0 to 1000, or max"),
+    "speed of zero": ("sim: {speed: 0}\nvehicles:\n" + V1, "1: sim.speed: ", "a number above 0 to 1000, or max"),
     "negative size": ("world: {size: [7, -4, 3]}\nvehicles:\n" + V1, "1: world.size[1]: ", "got -4, expected more than 0"),
     "id out of range": ("vehicles:\n  uav1: {id: 251}\n", "2: vehicles.uav1.id: ", "at most 250"),
     "a host name for an address": ("address: localhost\nvehicles:\n" + V1, "1: address: ", "a numeric IPv4 address"),
