@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from arena.errors import EXIT_OK, ArenaError, InputError
+from arena.errors import EXIT_FAILED, EXIT_OK, ArenaError, InputError
 from arena.safety.panic import bring_down
 from arena.safety.targets import Found, Target, choose, find
 
@@ -26,7 +26,7 @@ def land_all(
         _say("no vehicle is left to land")
         return EXIT_OK
     _say(f"landing {', '.join(t.name for t in targets)} ({found.source})")
-    return bring_down(targets, action="land", timeout_s=timeout_s, say=_say)
+    return _worst(found, bring_down(targets, action="land", timeout_s=timeout_s, say=_say))
 
 
 def kill_all(
@@ -41,7 +41,14 @@ def kill_all(
         _say("no vehicle is left to stop")
         return EXIT_OK
     _say(f"STOPPING THE MOTORS of {', '.join(t.name for t in targets)} ({found.source})")
-    return bring_down(targets, action="kill", timeout_s=timeout_s, say=_say)
+    return _worst(found, bring_down(targets, action="kill", timeout_s=timeout_s, say=_say))
+
+
+def _worst(found: Found, code: int) -> int:
+    """Who is in a run that cannot be read was not commanded: said last, where it is seen."""
+    for why in found.unread:
+        _say(f"NOT COMMANDED, a run that is active but cannot be read: {why}")
+    return code or (EXIT_FAILED if found.unread else EXIT_OK)
 
 
 def names(text: str) -> tuple[str, ...]:

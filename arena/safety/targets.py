@@ -36,10 +36,11 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """source: where the addresses come from, in words."""
+    """source: where the addresses come from, in words.  unread: why whole runs are left out, a sentence each."""
 
     source: str
     targets: tuple[Target, ...]
+    unread: tuple[str, ...] = ()
 
 
 def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
@@ -70,14 +71,17 @@ def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
 
 
 def _of_runs(folders: Iterable[Path]) -> Found | None:
-    """Everybody in them; one that cannot be read keeps nobody from landing."""
-    plans = []
+    """Everybody in them; one that cannot be read keeps nobody from landing, and is told."""
+    plans, unread = [], []
     for folder in folders:
-        with contextlib.suppress(InputError):
+        try:
             plans.append(_of_run(folder))
+        except InputError as error:
+            unread.append(str(error))
     if not plans:
         return None
-    return Found(source=", ".join(p.source for p in plans), targets=_distinct(t for p in plans for t in p.targets))
+    targets = _distinct(t for p in plans for t in p.targets)
+    return Found(source=", ".join(p.source for p in plans), targets=targets, unread=tuple(unread))
 
 
 def _began_from(folder: Path) -> str:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from arena.errors import InputError
 from arena.plan.model import Link, Plan, VehiclePlan
+from arena.safety.land_all import land_all
 from arena.safety.lenient import read_yaml, vehicles_of
 from arena.safety.targets import active_runs, choose, find, from_plan, from_yaml
 from arena.safety.wire import BAUD, Owner, Wire
@@ -116,7 +117,17 @@ def test_the_running_plan_wins_over_the_yaml_as_it_is_by_now(runtime, tmp_path):
 def test_a_plan_that_cannot_be_read_at_all_keeps_nobody_else_from_landing(runtime):
     (runtime("a", plan((1,))) / "plan.json").write_text("{")
     runtime("b", plan((2,), host="127.54.20.2"))
-    assert find().targets == (target(2, "127.54.20.2"),)
+    found = find()
+    assert found.targets == (target(2, "127.54.20.2"),)
+    assert len(found.unread) == 1 and "runs/a" in found.unread[0]
+
+
+def test_a_run_that_was_not_read_is_told_and_is_no_success(runtime, monkeypatch, capsys):
+    (runtime("a", plan((1,))) / "plan.json").write_text("{")
+    runtime("b", plan((2,), host="127.54.20.2"))
+    monkeypatch.setattr("arena.safety.land_all.bring_down", lambda *_, **__: 0)
+    assert land_all() == 1
+    assert "NOT COMMANDED" in capsys.readouterr().out.splitlines()[-1]
 
 
 URLS = [
