@@ -26,6 +26,9 @@ NICE_PROGRAM, NICE_LOGGER = 2, 6
 # A real vehicle may be switched on long after the arena: what waits for it says so meanwhile.
 REAL_START_TIMEOUT_S = 600.0
 
+# With real vehicles a copilot that hangs is as good as none. In a simulated arena it sleeps on a clock that may stand still.
+COPILOT_SILENT_S = 5.0
+
 # kind -> (module, cpu budget [cores], memory budget [MB], further fields)
 _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
     "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0, "nice": -10}),
@@ -97,7 +100,9 @@ def _processes(arena: Arena, python: str) -> Iterator[ProcessSpec]:
     if arena.copilot is not None:
         restart = Restart(mode="on_failure" if arena.copilot.on_loss == "restart" else "never")
         seen_by = ("world", "mocap") if arena.simulated else ()
-        yield replace(_room(arena, python, "copilot", "copilot", needs=(*seen_by, "router")), restart=restart)
+        silent_for_s = COPILOT_SILENT_S if arena.hardware else None
+        room = _room(arena, python, "copilot", "copilot", needs=(*seen_by, "router"))
+        yield replace(room, restart=restart, silent_for_s=silent_for_s)
     for v in arena.vehicles:
         # where no program would be lost with the copilot, its vehicle's logger stands for it
         needs = ("router",) if v.program is not None else ("router", *_watched(arena))

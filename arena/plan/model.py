@@ -45,6 +45,7 @@ class ProcessSpec:
     (the exec worked: programs and plain tools), `port` (something listens on ready_port).  outlives: it serves a vehicle that
     may be flying, so it survives the supervisor and ends by itself; others get a parent-death signal.
     stopped_for_s: one that is stopped (SIGSTOP) so long is killed, and its restart policy holds; None: it is only told of.
+    silent_for_s: one that runs and has told nothing on its line for so long is killed in the same way; None: nobody minds.
     cpu_budget: fraction of one core; memory_budget_mb: resident [MB]; both only reported on.
     """
 
@@ -61,6 +62,7 @@ class ProcessSpec:
     stop_signal: Literal["SIGTERM", "SIGINT"] = "SIGTERM"
     stop_timeout_s: float = 5.0
     stopped_for_s: float | None = 1.0
+    silent_for_s: float | None = None
     restart: Restart = Restart()
     outlives: bool = False
     nice: int = 0

@@ -17,6 +17,8 @@ SYSTEM = 253
 RETRY_S = 0.5
 ASK_AFTER_S = 1.0
 DISARM_AFTER_S = 3.0
+WATCH_S = 2.0
+"""One that stood all the time is looked at so long: its program may be about to arm it."""
 STALE_S = 3.0
 """A mode that was heard so long ago may be another by now: it is commanded again, which does no harm to one that lands."""
 _HEARTBEAT_S = 1.0
@@ -61,6 +63,10 @@ class Landing:
     @property
     def confirmed(self) -> bool:
         return self._confirmed_at is not None
+
+    def settled(self, now: float) -> bool:
+        """Confirmed, and nothing more is to be expected of it."""
+        return self._confirmed_at is not None and (self.known.was_up or now - self._confirmed_at >= WATCH_S)
 
     def due(self, now: float) -> list[bytes]:
         """Frames to send now, on every path there is."""

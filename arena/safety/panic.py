@@ -88,9 +88,11 @@ class Link:
             self.landing.hear(data, time.monotonic())
 
     def over(self, began: float, now: float) -> bool:
-        """Confirmed; or the run tells why it will not be, and it was tried long enough."""
+        """Settled; or the run tells why it will not be, and it was tried long enough."""
         silent = self.landing.known.heard_at is None
-        return self.landing.confirmed or (bool(self.down) and now - began > (_TRY_SILENT_S if silent else _TRY_DOWN_S))
+        if self.landing.confirmed:
+            return self.landing.settled(now)
+        return bool(self.down) and now - began > (_TRY_SILENT_S if silent else _TRY_DOWN_S)
 
     def line(self, now: float) -> str:
         told = f"; its run says: {self.down}" if self.down and not self.landing.confirmed else ""

@@ -58,6 +58,7 @@ class Fleet:
         self._selector = selector
         self._teller: dict[str, str] = {}
         self._ready: set[str] = set()
+        self._heard: dict[str, float] = {}
         self._loading: dict[str, float] = {}
         self._exits: dict[str, Exit] = {}
         self._restarts: set[str] = set()
@@ -78,7 +79,7 @@ class Fleet:
             self._loading = {name: until for name, until in self._loading.items() if until > now and name in self.children}
             self._reap(now)
             for name, spec in self.specs.items():
-                self._step(spec, self._see(name, spec, orders), now)
+                self._step(spec, self._see(name, spec, orders, now), now)
             if not self.changed:
                 return
 
@@ -99,12 +100,12 @@ class Fleet:
         """For state.json."""
         return {n: Member(pid=c.pid, pgid=c.pid, start_s=c.start_s) for n, c in self.children.items()}
 
-    def _see(self, name: str, spec: ProcessSpec, orders: Orders) -> Seen:
+    def _see(self, name: str, spec: ProcessSpec, orders: Orders, now: float) -> Seen:
         life = self.lives[name]
         exit = self._exits.pop(name, None)
         stopped = name in self.children and self.children[name].stopped != ""
         if life.state is State.READY and exit is None and not (stopped or orders.stop or orders.kill or self._restarts):
-            return _NOTHING
+            return _NOTHING if spec.silent_for_s is None else Seen(silent_s=now - self._heard.get(name, now))
         needs = [(self.specs[n], self.lives[n]) for n in spec.needs if n in self.specs]
         restart = name in self._restarts
         self._restarts.discard(name)
@@ -174,6 +175,7 @@ class Fleet:
     def _start(self, spec: ProcessSpec, now: float) -> None:
         self.changed = True
         self._ready.discard(spec.name)
+        self._heard.pop(spec.name, None)
         try:
             child = children.start(self.folder.spec(spec), self.folder.log(spec.name), str(self.folder.path))
         except (OSError, ValueError) as error:
@@ -201,6 +203,7 @@ class Fleet:
             self.journal.event(now, name, "sent something on its line that is not a JSON object: ignored, counted")
 
     def _take(self, name: str, packet: Mapping[str, Any]) -> None:
+        self._heard[name] = time.monotonic()
         if packet.get("entered") is True or packet.get("ready") is True:
             self.changed = self._loading.pop(name, None) is not None or self.changed
         if packet.get("ready") is True and name not in self._ready:

@@ -5,7 +5,7 @@
     STARTING  --start time-out-->  STOPPING  --it ended-->  BACKOFF | FATAL
     STARTING, READY  --asked to stop-->  STOPPING  --it ended-->  EXITED
     READY  --asked to restart-->  STOPPING  --it ended-->  STARTING
-    STARTING, READY  --stopped by a signal for too long-->  STOPPING  --it ended-->  BACKOFF | EXITED | FATAL
+    STARTING, READY  --stopped by a signal, READY  --silent, for too long-->  STOPPING  --it ended-->  BACKOFF | EXITED | FATAL
     BACKOFF  --waited-->  STARTING
     EXITED, FATAL  --asked to restart-->  STARTING
 
@@ -68,7 +68,7 @@ class Seen:
 
     needs_ready: all it needs is there.  needs_dead: the name of a need that will never be there, or "".
     proof: how readiness was proven, or "".  exit: its end, told once.  stopped: it is there, and the kernel does not let it
-    run (SIGSTOP).
+    run (SIGSTOP).  silent_s: since it last told anything [s].
     starts_on: new starts are allowed (False once the run ends).
     stop: it shall end.  kill: it shall end at once.  restart: a person asked for a new start.  why: the reason for these three.
     """
@@ -78,6 +78,7 @@ class Seen:
     proof: str = ""
     exit: Exit | None = None
     stopped: bool = False
+    silent_s: float = 0.0
     starts_on: bool = True
     stop: bool = False
     kill: bool = False
@@ -164,6 +165,8 @@ def _alive(spec: ProcessSpec, life: Life, seen: Seen, now: float) -> Step:
     life = _stopped(life, seen, now)
     if life.stopped_at is not None and spec.stopped_for_s is not None and now - life.stopped_at >= spec.stopped_for_s:
         return _stop(spec, life, After.RETRY, f"stopped for {now - life.stopped_at:.1f} s", now, Action.KILL)
+    if life.state is State.READY and spec.silent_for_s is not None and seen.silent_s >= spec.silent_for_s:
+        return _stop(spec, life, After.RETRY, f"told nothing for {seen.silent_s:.1f} s", now, Action.KILL)
     if life.state is State.STARTING and seen.proof:
         return replace(_to(life, State.READY, seen.proof, now), unproven=0), Action.NONE
     if life.state is State.STARTING and now - life.since >= spec.start_timeout_s:

@@ -42,9 +42,10 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
         if not state.stopped:
             say(f"the supervisor of {state.run} has died; still running: {', '.join(left)}")
         landed = _land(state, plan, left, say, now=now)
-        if not landed and plan is not None and any(not v.simulated for v in plan.vehicles):
+        if not landed and (any(not v.simulated for v in plan.vehicles) if plan is not None else not now):
+            who = "a real vehicle is" if plan is not None else "its plan cannot be read: a real vehicle may be served by it, and one is"
             raise RunError(
-                f"{state.run}: a real vehicle is not confirmed on the ground, so what serves it goes on running. "
+                f"{state.run}: {who} not confirmed on the ground, so what serves it goes on running. "
                 f"Land it by hand, or try `arena land-all`, then `arena down --run {state.run}` again"
             )
     _end_supervisor(state)

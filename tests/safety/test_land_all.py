@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -151,6 +152,21 @@ def test_one_on_the_ground_but_armed_is_disarmed_without_force():
 def test_one_that_stands_there_is_left_alone():
     with Fleet([Fake(system=1, landed=True, armed=False)], "127.54.38.1") as fleet:
         assert land(fleet.targets) == (0, ["uav1: already on the ground"])
+
+
+def test_one_whose_program_arms_it_after_it_was_seen_standing_is_landed_too():
+    with Fleet([Fake(system=1, armed=False, landed=True)], "127.74.38.1") as fleet:
+        fake = fleet.fakes[1]
+
+        def take_off():
+            fake.mode, fake.landing_since, fake.armed, fake.landed = OFFBOARD, None, True, False
+
+        starter = threading.Timer(0.7, take_off)
+        starter.start()
+        code, (line,) = land(fleet.targets)
+        starter.join()
+        assert fake.landed and not fake.armed
+    assert code == 0 and line.startswith("uav1: landed and disarmed after ")
 
 
 def test_killing_stops_the_motors_in_the_air():

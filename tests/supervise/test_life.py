@@ -145,8 +145,19 @@ def test_a_stopped_one_that_is_not_started_again_is_given_up_and_one_that_is_lef
     assert life.state is State.READY and Action.KILL not in actions
 
 
+def test_what_tells_nothing_for_too_long_is_killed_once_it_is_ready_and_where_that_is_minded():
+    minded = replace(SPEC, silent_for_s=5.0)
+    moves = ((0, READY_NEEDS), (1, Seen(silent_s=9.0)), (2, Seen(proof="p")), (6, Seen(silent_s=4.9)), (7, Seen(silent_s=5.2)))
+    life, actions = walk(minded, *moves)
+    assert actions[-1] is Action.KILL and Action.KILL not in actions[:-1]
+    life, _ = walk(minded, (7.1, Seen(exit=KILLED)), life=life)
+    assert life.state is State.BACKOFF and life.reason.startswith("told nothing for 5.2 s, then killed by SIGKILL")
+    assert Action.KILL not in walk(SPEC, *moves)[1]
+
+
 seens = st.builds(
     Seen,
+    silent_s=st.floats(0, 100),
     stopped=st.booleans(),
     needs_ready=st.booleans(),
     needs_dead=st.sampled_from(["", "", "", "w"]),

@@ -118,6 +118,15 @@ def test_what_is_stopped_for_too_long_is_killed_and_started_again_and_said_so(st
     assert run.wait() == 0
 
 
+def test_what_falls_silent_is_killed_and_started_again_where_that_is_minded(start):
+    run = start(plan_of(spec("s", "good", restart=Restart(mode="on_failure"), silent_for_s=0.3), spec("t", "good")))
+    assert run.until("s", "BACKOFF")["reason"].startswith("told nothing for 0.")
+    run.until("s", "READY", times=2)
+    assert not [e for e in run.events("t") if e.get("to") == "STOPPING"]
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
 def test_what_is_stopped_and_left_alone_is_told_of_once_goes_on_and_hears_of_the_end(start):
     run = start(plan_of(spec("s", "good", stopped_for_s=None, stop_timeout_s=60.0)))
     run.until("s", "READY")
