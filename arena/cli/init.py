@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
     def init(
         folder: Annotated[Path, typer.Argument(metavar="NAME", help="the folder to make; its name names the arena")],
     ) -> None:
-        """Make a folder with arena.yaml, a ten-line program and a README."""
+        """Make a folder with arena.yaml, a ten-line program, a scenario and a README."""
         for path in scaffold(folder):
             print(path)
         print(f"next: cd {folder} && arena check && arena up")

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -104,9 +106,10 @@ def _fly(scenarios: list[Scenario], how: How, jobs: int, junit: Path | None) -> 
     try:
         results = fly_all(scenarios, how, jobs=jobs, tell=_tell)
     except Interrupted as interrupted:
-        _show(interrupted.results, how.results, junit)
-        missing = len(scenarios) - len(interrupted.results)
-        print(f"interrupted: {missing} of {len(scenarios)} not flown to their end; their arenas have landed and gone")
+        flown = Counter(result.scenario for result in interrupted.results)
+        missing = list((Counter(scenario.name for scenario in scenarios) - flown).elements())
+        _show(interrupted.results, how.results, junit, missing)
+        print(f"interrupted: {len(missing)} of {len(scenarios)} not flown to their end; their arenas have landed and gone")
         return EXIT_INTERRUPTED
     _show(results, how.results, junit)
     return EXIT_OK if all(result.verdict.passed for result in results) else EXIT_FAILED
@@ -117,14 +120,14 @@ def _tell(result: Result) -> None:
     print(f"{word}  {result.scenario}  ({result.verdict.lasted_s:.1f} s flown in {result.wall_s:.1f} s)", flush=True)
 
 
-def _show(results: list[Result], folder: Path, junit: Path | None) -> None:
+def _show(results: list[Result], folder: Path, junit: Path | None, unflown: Sequence[str] = ()) -> None:
     from rich.console import Console
 
     from arena.smoke.report import junit_xml, results_json, summary, table
 
     (folder / "results.json").write_text(results_json(results))
     if junit is not None:
-        junit.write_text(junit_xml(results))
+        junit.write_text(junit_xml(results, unflown))
     if results:
         Console(width=None if sys.stdout.isatty() else _WIDE).print(table(results))
         print(summary(results), flush=True)

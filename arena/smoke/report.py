@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -107,15 +107,19 @@ def summary(results: Sequence[Result]) -> str:
 # -- for machines -------------------------------------------------------------------------------------------------------------
 
 
-def junit_xml(results: Sequence[Result]) -> str:
-    """JUnit XML as CI servers read it: one testcase a scenario."""
+def junit_xml(results: Sequence[Result], unflown: Iterable[str] = ()) -> str:
+    """JUnit XML as CI servers read it: one testcase a scenario. unflown: names of those that were interrupted, each an error."""
+    missing = list(unflown)
     failed = sum(not r.verdict.passed for r in results)
-    counts = {"tests": str(len(results)), "failures": str(failed), "errors": "0", "skipped": "0",
+    counts = {"tests": str(len(results) + len(missing)), "failures": str(failed), "errors": str(len(missing)), "skipped": "0",
               "time": f"{sum(r.wall_s for r in results):.3f}"}  # fmt: skip
     root = ElementTree.Element("testsuites", {"name": _SUITE, **counts})
     suite = ElementTree.SubElement(root, "testsuite", {"name": _SUITE, **counts})
     for result in results:
         _testcase(suite, result)
+    for name in missing:
+        case = ElementTree.SubElement(suite, "testcase", {"classname": "smoke", "name": _plain(name)})
+        ElementTree.SubElement(case, "error", {"message": "interrupted before its end", "type": "smoke"})
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 

@@ -43,9 +43,9 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
             say(f"the supervisor of {state.run} has died; still running: {', '.join(left)}")
         landed = _land(state, plan, left, say, now=now)
         if not landed and (any(not v.simulated for v in plan.vehicles) if plan is not None else not now):
-            who = "a real vehicle is" if plan is not None else "its plan cannot be read: a real vehicle may be served by it, and one is"
+            unread = "" if plan is not None else "its plan cannot be read, so it may serve real vehicles: "
             raise RunError(
-                f"{state.run}: {who} not confirmed on the ground, so what serves it goes on running. "
+                f"{state.run}: {unread}a real vehicle is not confirmed on the ground, so what serves it goes on running. "
                 f"Land it by hand, or try `arena land-all`, then `arena down --run {state.run}` again"
             )
     _end_supervisor(state)

@@ -90,6 +90,12 @@ def test_junit_has_a_testcase_a_scenario_and_a_failure_a_failed_one() -> None:
     ]  # fmt: skip
 
 
+def test_junit_has_an_error_for_each_that_was_interrupted() -> None:
+    root = ElementTree.fromstring(report.junit_xml(BOTH, ["c", "d\x01"]))
+    assert (root.get("tests"), root.get("errors")) == ("4", "2")
+    assert [case.get("name") for case in root.iter("testcase") if case.find("error") is not None] == ["c", "d?"]
+
+
 def test_junit_tells_the_steps() -> None:
     out = ElementTree.fromstring(report.junit_xml((PASSED,))).find(".//system-out")
     assert out is not None and (out.text or "").splitlines() == [
