@@ -66,6 +66,23 @@ class WallClock:
         return Rate(self, hz)
 
 
+class SimTime:
+    """What time it is in the world, and no more: the page alone, without being a client. path: the stem of `<path>.page`.
+
+    Raises RunError when the world is not there. When it ends, time stands still.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        try:
+            with Path(f"{path}.page").open("rb") as file:
+                self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES, prot=mmap.PROT_READ)).cast("d")
+        except OSError as error:
+            raise RunError(f"no simulation clock at {path} ({error.strerror}): is the arena up?") from error
+
+    def now(self) -> float:
+        return self._page[0]
+
+
 class SimClock:
     """A client of the world's clock. path: the stem of `<path>.page` and `<path>.sock`.
 
@@ -73,17 +90,13 @@ class SimClock:
     """
 
     def __init__(self, path: str | Path, name: str) -> None:
+        self.now = SimTime(path).now
         try:
-            with Path(f"{path}.page").open("rb") as file:
-                self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES, prot=mmap.PROT_READ)).cast("d")
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             self._socket.connect(f"{path}.sock")
             self._socket.send(name.encode())
         except OSError as error:
             raise RunError(f"no simulation clock at {path} ({error.strerror}): is the arena up?") from error
-
-    def now(self) -> float:
-        return self._page[0]
 
     def sleep_until(self, t: float) -> float:
         self.ask(t)

@@ -4,7 +4,8 @@
     arena smoke examples/06_failsafes --set defaults.autopilot=px4 --results results/px4
     python benchmarks/scenarios.py results/builtin/results.json results/px4/results.json
 
-All times are simulated, from the deed: reaction to the first thing expected of the vehicles, down to the last touchdown.
+All times are simulated, from the deed or the moment after which the vehicles are to react: to the mode that is expected of all of
+them, or else to the first thing expected, and to the last touchdown.
 """
 
 from __future__ import annotations
@@ -35,12 +36,13 @@ def table(flown: Sequence[Result]) -> Iterator[str]:
 def row(result: Result) -> list[str]:
     verdict, downs = result.verdict, result.verdict.touchdowns
     deed = next((i for i, step in enumerate(verdict.steps) if step.kind == "do"), -1)
-    expected = next((s for s in verdict.steps[deed + 1 :] if s.kind == "expect" and " within " in s.place.text), None)
-    took = None if expected is None else expected.took_s
+    within = [s for s in verdict.steps[deed + 1 :] if s.kind == "expect" and " within " in s.place.text]
+    expected = next((s for s in within if ".mode ==" in s.place.text), within[0] if within else None)
+    took, begun_s = (None, None) if expected is None else (expected.took_s, expected.begun_s)
     return [
         result.scenario, result.facts.get("autopilot", ""), "as it says" if verdict.passed else "NOT",
         "" if expected is None else expected.place.text.partition(" within ")[0], _number(took),
-        _number(max((d.after_s for d in downs if d.after_s is not None), default=None)),
+        _number(max((d.at_s - begun_s for d in downs), default=None) if begun_s is not None else None),
         _number(max((d.speed_m_s for d in downs), default=None)),
         _number(max((d.drift_m for d in downs if d.drift_m is not None), default=None)),
     ]  # fmt: skip

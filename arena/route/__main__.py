@@ -12,6 +12,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.clock import SimTime
 from arena.errors import RunError
 from arena.room import Afterlife, Room, run_room
 from arena.route.router import Out, Router
@@ -45,20 +46,27 @@ class Shell:
         limit_s = 60.0 if table.simulated or mixed else None
         self._afterlives = [(True, Afterlife(limit_s=limit_s)), (False, Afterlife(limit_s=None))]
         self._began = self._next_tick = self._next_second = time.monotonic()
+        self._time, self._next_beat = _world_time(room.settings.get("clock")), 0.0
         self._ready = False
         self._over = False
 
     def run(self) -> None:
         """Until told to stop, or until the afterlife is over."""
         while not (self._room.stopping or self._over):
-            for fd, _ in self._poll.poll(max(0.0, self._next_tick - time.monotonic())):
-                self._take(fd)
-            if news := self._router.news():
-                self._room.facts(news)
-            now = time.monotonic()
-            if now >= self._next_tick:
-                self._tick(now)
+            self.turn(max(0.0, self._next_tick - time.monotonic()))
         self._room.stats(self._stats())
+
+    def turn(self, patience_s: float) -> None:
+        """Wait so long for datagrams, and do all that is due."""
+        for fd, _ in self._poll.poll(patience_s):
+            self._take(fd)
+        if news := self._router.news():
+            self._room.facts(news)
+        now = time.monotonic()
+        if self._time is not None and self._time.now() >= self._next_beat:
+            self._beat(now)
+        if now >= self._next_tick:
+            self._tick(now)
 
     def close(self) -> None:
         self._spoiling.close()
@@ -102,9 +110,15 @@ class Shell:
             self._room.ready()
         if now >= self._next_second:
             self._next_second = max(self._next_second + _SECOND_S, now)
-            if self._router.table.heartbeat and (not orphaned or self._router.gcs_alive(now)):
-                self._send(self._spoiling.heartbeat(self._heartbeat(), now))
+            self._beat(now)
             self._room.stats(self._stats())
+
+    def _beat(self, now: float) -> None:
+        """Once a second, by the wall's clock and by the world's: whichever is faster, no autopilot misses its ground station."""
+        if self._time is not None:
+            self._next_beat = self._time.now() + _SECOND_S
+        if self._router.table.heartbeat and (not self._room.orphaned or self._router.gcs_alive(now)):
+            self._send(self._spoiling.heartbeat(self._heartbeat(), now))
 
     def _is_over(self, orphaned: bool, now: float) -> bool:
         over = [a.over(orphaned=orphaned, any_armed=self._router.any_armed(simulated=s), now=now) for s, a in self._afterlives]
@@ -121,6 +135,14 @@ class Shell:
     def _stats(self) -> dict[str, Any]:
         counts = self._router.counts
         return {**vars(counts), "dropped": {why: n for why, n in counts.dropped.items() if n}}
+
+
+def _world_time(path: str | None) -> SimTime | None:
+    """None without a world: then the wall's time is all there is."""
+    if path is not None:
+        with contextlib.suppress(RunError):
+            return SimTime(path)
+    return None
 
 
 def _bind(address: Address) -> socket.socket:

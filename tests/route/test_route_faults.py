@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import select
 import socket
 import time
@@ -192,10 +193,7 @@ class Running:
             self.once()
 
     def once(self, patience_s=0.01):
-        for fd, _ in self.shell._poll.poll(patience_s):
-            self.shell._take(fd)
-        if (now := time.monotonic()) >= self.shell._next_tick:
-            self.shell._tick(now)
+        self.shell.turn(patience_s)
 
     def pass_time(self, until):
         """As a lockstep world does: a step whenever nobody is awake."""
@@ -275,6 +273,19 @@ def test_without_a_worlds_clock_a_delay_is_of_the_walls_time(running):
     assert time.monotonic() - sent >= 0.15
     running.spoil(do="delay", vehicle="nobody", ms=150)
     assert running.told[-1].startswith("fault refused: ")
+
+
+@pytest.mark.parametrize("running", [{"third": 5, "beats": True}], indirect=True)
+def test_in_a_world_faster_than_the_wall_the_ground_station_is_heard_once_a_second_of_its_time(running):
+    running.turn(lambda: running.hears(running.autopilot), "the first heartbeat")
+    while running.hears(running.autopilot):
+        pass
+    running.shell._next_second = math.inf  # the wall's
+    running.pass_time(running.now + 5.0)
+    beats = 0
+    while running.hears(running.autopilot):
+        beats += 1
+    assert 4 <= beats <= 5
 
 
 @pytest.mark.parametrize("running", [{"third": 4, "beats": True}], indirect=True)
