@@ -134,11 +134,16 @@ def arms(m: Any) -> bool:
     return bool(by_arming or m.command == mavlink.MAV_CMD_MISSION_START)
 
 
+STICKS = {"RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"}
+
+
 def moves(m: Any) -> bool:
     """May a vehicle that hovers in HOLD leave its place for this?"""
+    name = m.get_type()
+    if name in STICKS:  # their loss, half a second later, is answered
+        return True
     if not named(m):
         return False
-    name = m.get_type()
     if name == "SET_MODE":
         return bool(m.base_mode & 1) and _other_mode(m.custom_mode >> 16 & 255, m.custom_mode >> 24 & 255)
     return _command_moves(m) if name in COMMANDS else name == "PARAM_SET" and _is_taken(m)
