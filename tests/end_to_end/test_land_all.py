@@ -43,7 +43,11 @@ def assert_all_landed(flight: Flight, *arguments: str) -> None:
 
 def assert_down(flight: Flight) -> None:
     flight.until_down(1)
-    eventually(lambda: (flight.truth().motors < 1e-3).all(), 2, "the rotors run down")
+
+    def rotors_stand() -> bool:
+        return bool((flight.truth().motors < 1e-3).all())
+
+    eventually(rotors_stand, 2, "the rotors run down")
 
 
 # One arena each: the dead do not fly again. Stopped ones are let go afterwards, so that the run tells how the flight ended.
