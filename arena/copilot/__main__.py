@@ -7,7 +7,6 @@ the simulation clock fifty looks a second of simulated time gate the world; wher
 from __future__ import annotations
 
 import contextlib
-import socket
 import sys
 import time
 from collections.abc import Callable
@@ -17,8 +16,8 @@ from arena.capture import Complaint, NatNetCapture, open_capture
 from arena.clock import Clock, SimClock, WallClock
 from arena.copilot.copilot import STEP_HZ, Copilot, Output
 from arena.copilot.settings import Rules, Vehicle
-from arena.errors import ArenaError, RunError
-from arena.room import Afterlife, Room, run_room
+from arena.errors import ArenaError
+from arena.room import Afterlife, Room, bound, run_room
 
 _BUFFER_BYTES = 1 << 22
 _MOST = 20_000  # datagrams at a look: a flood must not keep us from judging
@@ -59,7 +58,7 @@ class Shell:
         vehicles = [Vehicle.of(row) for row in s["vehicles"]]
         self._pace = _Pace(self._clock)
         self._core = Copilot(Rules.of(s), vehicles, self._clock.now())
-        self._socket = _listen((s["listen"][0], int(s["listen"][1])))
+        self._socket = bound((s["listen"][0], int(s["listen"][1])), "the copilot", _BUFFER_BYTES)
         self._rows = {v.tools: i for i, v in enumerate(vehicles)}
         self._captures: list[NatNetCapture] = [open_capture(c) for c in s["captures"]]
         self._complaints = [Complaint() for _ in self._captures]
@@ -144,19 +143,6 @@ class Shell:
     def _stats(self) -> dict[str, Any]:
         mean = 1e3 * self._spent_s / max(self._steps, 1)
         return {**self._core.stats(), "step_ms": round(mean, 3), "step_most_ms": round(1e3 * self._longest_s, 2)}
-
-
-def _listen(address: tuple[str, int]) -> socket.socket:
-    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    found.setblocking(False)
-    with contextlib.suppress(OSError):
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-    try:
-        found.bind(address)
-    except OSError as error:
-        found.close()
-        raise RunError(f"the copilot cannot listen on UDP {address[0]}:{address[1]}: {error.strerror}") from error
-    return found
 
 
 def main(argv: list[str] | None = None) -> int:

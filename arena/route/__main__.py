@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import select
-import socket
 import sys
 import time
 from collections.abc import Callable
@@ -14,13 +13,12 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import SimTime
 from arena.errors import RunError
-from arena.room import Afterlife, Room, run_room
+from arena.room import Afterlife, Room, bound, run_room
 from arena.route.router import Out, Router
 from arena.route.spoiling import Spoiling
-from arena.route.table import Address, Table
+from arena.route.table import Table
 
 SYSTEM, COMPONENT = 254, 190
-_BUFFER_BYTES = 1 << 20
 _DATAGRAM_BYTES = 1 << 16
 _TICK_S, _SECOND_S = 0.25, 1.0
 _PATIENCE_S = 10.0  # a simulated vehicle not heard for so long no longer keeps the others on the ground
@@ -31,7 +29,7 @@ class Shell:
 
     def __init__(self, room: Room, table: Table) -> None:
         self._room, self._router = room, Router(table)
-        self._sockets = [_bind(address) for address in self._router.sockets]
+        self._sockets = [bound(address, "the router") for address in self._router.sockets]
         self._sendto = [s.sendto for s in self._sockets]
         self._receive = {s.fileno(): s.recvfrom_into for s in self._sockets}
         self._key = {s.fileno(): key for key, s in enumerate(self._sockets)}
@@ -143,19 +141,6 @@ def _world_time(path: str | None) -> SimTime | None:
         with contextlib.suppress(RunError):
             return SimTime(path)
     return None
-
-
-def _bind(address: Address) -> socket.socket:
-    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    s.setblocking(False)
-    with contextlib.suppress(OSError):
-        s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-    try:
-        s.bind(address)
-    except OSError as error:
-        s.close()
-        raise RunError(f"the router cannot listen on UDP {address[0]}:{address[1]}: {error.strerror}") from error
-    return s
 
 
 def main(argv: list[str] | None = None) -> int:
