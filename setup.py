@@ -17,7 +17,9 @@ class BuildWithData(build_py):
         super().run()
         if not getattr(self, "editable_mode", False):
             for folder in FOLDERS:
-                shutil.copytree(HERE / folder, Path(self.build_lib) / "arena" / "_data" / folder, dirs_exist_ok=True)
+                shutil.copytree(
+                    HERE / folder, Path(self.build_lib) / "arena" / "_data" / folder, dirs_exist_ok=True
+                )
 
 
 setup(cmdclass={"build_py": BuildWithData})

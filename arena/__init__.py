@@ -18,7 +18,7 @@ def __getattr__(name: str) -> Any:
 
         return UAV
     if name == "Heart":
-        from arena.uav.heart import Heart
+        from arena.uav.heartbeat import Heart
 
         return Heart
     raise AttributeError(f"module 'arena' has no attribute {name!r}")

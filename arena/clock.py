@@ -136,7 +136,9 @@ class SimClock:
     @property
     def server_pid(self) -> int:
         """The process that serves this clock."""
-        pid, _, _ = _CREDENTIALS.unpack(self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size))
+        pid, _, _ = _CREDENTIALS.unpack(
+            self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        )
         return int(pid)
 
     def ended(self) -> bool:

@@ -56,7 +56,9 @@ class InputError(ArenaError):
     exit_code = EXIT_INPUT
 
     def __init__(self, problems: str | Problem | Sequence[Problem]) -> None:
-        found: Sequence[Problem] = () if isinstance(problems, str) else [problems] if isinstance(problems, Problem) else problems
+        found: Sequence[Problem] = (
+            () if isinstance(problems, str) else [problems] if isinstance(problems, Problem) else problems
+        )
         self.problems = tuple(found)
         super().__init__(problems if isinstance(problems, str) else "\n".join(str(p) for p in self.problems))
 

@@ -70,7 +70,9 @@ def run(autopilot: str, cases: dict[str, Case], given: argparse.Namespace) -> Fo
                 at = rig.now - at
             except Unfit as error:
                 t.note("broke off", str(error)[-300:])
-            except Exception as error:  # a case that breaks off is an observation too: what it had seen is kept
+            except (
+                Exception
+            ) as error:  # a case that breaks off is an observation too: what it had seen is kept
                 if given.debug:
                     raise
                 t.note("broke off", f"{type(error).__name__}: {error}")
@@ -148,23 +150,37 @@ def report(px4: Found, builtin: Found, cases: dict[str, Case], given: argparse.N
         for pattern in idle(KNOWN, differences):
             print(f"known.py: {pattern!r} explains nothing any more")
         if given.write:
-            PAGE.write_text(put_into(PAGE.read_text(), section({n: c.what for n, c in cases.items()}, sizes, differences)))
+            PAGE.write_text(
+                put_into(PAGE.read_text(), section({n: c.what for n, c in cases.items()}, sizes, differences))
+            )
     return 1 if left or unseen else 0
 
 
 def _arguments() -> argparse.Namespace:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--autopilot", choices=("px4", "builtin", "both"), help="default: both where PX4 is found")
-    options.add_argument("--case", action="append", default=[], metavar="PATTERN", help="only these; may be given again")
-    options.add_argument("--write", action="store_true", help="keep PX4's transcript, and the table when all cases were run")
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    options.add_argument(
+        "--autopilot", choices=("px4", "builtin", "both"), help="default: both where PX4 is found"
+    )
+    options.add_argument(
+        "--case", action="append", default=[], metavar="PATTERN", help="only these; may be given again"
+    )
+    options.add_argument(
+        "--write", action="store_true", help="keep PX4's transcript, and the table when all cases were run"
+    )
     options.add_argument("--all", action="store_true", help="print the known differences too")
     options.add_argument("--list", action="store_true", help="print the cases")
     options.add_argument("--speed", default="5", help="of the simulation; the script is in lockstep with it")
     options.add_argument("--address", default="127.77.0.1")
-    options.add_argument("--id", type=int, default=81, help="of the vehicle: its system id, ports and PX4 instance")
+    options.add_argument(
+        "--id", type=int, default=81, help="of the vehicle: its system id, ports and PX4 instance"
+    )
     options.add_argument("--keep-px4", type=Path, metavar="FILE", help="write this run's transcript of PX4")
     options.add_argument("--keep-builtin", type=Path, metavar="FILE")
-    options.add_argument("--debug", action="store_true", help="a case that breaks off ends the run with its traceback")
+    options.add_argument(
+        "--debug", action="store_true", help="a case that breaks off ends the run with its traceback"
+    )
     given = options.parse_args()
     given.autopilot = given.autopilot or ("both" if find_px4(None) else "builtin")
     return given

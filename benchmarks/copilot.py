@@ -28,20 +28,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.capture.natnet import NatNetReceiver
 from arena.copilot.copilot import Copilot
 from arena.copilot.settings import Rules, Vehicle
+from arena.mocap.client.natnet import NatNetReceiver
 from arena.schema.copilot import RULES
 from arena.schema.copilot import Copilot as Section
 from arena.wire import natnet
-from arena.wire.codec import Codec
+from arena.wire.mavlink_codec import Codec
 
 PROGRAM = Path(__file__).parents[1] / "examples" / "08_copilot" / "straight.py"
 RADIUS_M = 0.275
 """Of the vehicle: without a geofence its centre stays so far from the walls."""
 FIRST_ID = 65
 """PX4 binds its ports on every address: other arenas of this computer may fly theirs with the low ids."""
-_NEEDS = re.compile(r"to stop from ([\d.]+) m/s it needs ([\d.]+) m and ([\d.]+) m in reserve, and the \w+ is (-?[\d.]+) m away")
+_NEEDS = re.compile(
+    r"to stop from ([\d.]+) m/s it needs ([\d.]+) m and ([\d.]+) m in reserve, and the \w+ is (-?[\d.]+) m away"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,21 +63,44 @@ class Flown:
         return float(np.linalg.norm(a[:n] - b[:n], axis=1).min())
 
 
-def fly(autopilot: str, size: tuple[float, float, float], vehicles: dict[str, tuple[float, float, str]], *, copilot: bool,
-        address: str) -> Flown:  # fmt: skip
+def fly(
+    autopilot: str,
+    size: tuple[float, float, float],
+    vehicles: dict[str, tuple[float, float, str]],
+    *,
+    copilot: bool,
+    address: str,
+) -> Flown:
     """vehicles: name -> start north, east [m], arguments of the program."""
     lines = [f"address: {address}", f"world: {{size: {list(size)}}}", f"defaults: {{autopilot: {autopilot}}}"]
     lines += ["copilot: {}"] if copilot else []
     lines += ["vehicles:"]
     for k, (name, (north, east, words)) in enumerate(vehicles.items()):
         program = f"{{path: '{PROGRAM}', args: [{', '.join(repr(w) for w in words.split())}]}}"
-        lines.append(f"  {name}: {{id: {FIRST_ID + k}, start: {{position: [{north}, {east}, 0]}}, program: {program}}}")
+        lines.append(
+            f"  {name}: {{id: {FIRST_ID + k}, start: {{position: [{north}, {east}, 0]}}, program: {program}}}"
+        )
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arena.yaml"
         file.write_text("\n".join(lines) + "\n")
-        up = ["up", str(file), "--headless", "--until-done", "--no-report", "--speed", "max", "--time-limit", "240"]
-        done = subprocess.run([sys.executable, "-m", "arena.cli", *up], capture_output=True, text=True, check=False,
-                              env={**os.environ, "ARENA_RUNTIME_DIR": folder})  # fmt: skip
+        up = [
+            "up",
+            str(file),
+            "--headless",
+            "--until-done",
+            "--no-report",
+            "--speed",
+            "max",
+            "--time-limit",
+            "240",
+        ]
+        done = subprocess.run(
+            [sys.executable, "-m", "arena.cli", *up],
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "ARENA_RUNTIME_DIR": folder},
+        )
         found = [run for run in (Path(folder) / "runs").glob("*") if (run / "outcome.json").exists()]
         if not found:
             raise SystemExit(done.stdout + done.stderr)
@@ -88,12 +113,16 @@ def _read(run: Path, names: list[str]) -> Flown:
     events = [json.loads(line) for line in (run / "events.jsonl").read_text().splitlines()]
     said = tuple(str(e["event"]) for e in events if e["process"] == "copilot" and "event" in e)
     crashed = "; ".join(f"{n}: {verdicts[n]['crashed']}" for n in names if verdicts[n]["crashed"])
-    return Flown(code=outcome["exit_code"], crashed=crashed, events=said, places={n: _truth(run, n) for n in names})
+    return Flown(
+        code=outcome["exit_code"], crashed=crashed, events=said, places={n: _truth(run, n) for n in names}
+    )
 
 
 def _truth(run: Path, name: str) -> NDArray[np.float64]:
     with (run / "csv" / f"{name}.csv").open() as file:
-        rows = [[row[f"truth.pos.{axis}"] for axis in ("north", "east", "down")] for row in csv.DictReader(file)]
+        rows = [
+            [row[f"truth.pos.{axis}"] for axis in ("north", "east", "down")] for row in csv.DictReader(file)
+        ]
     return np.array([[float(x) for x in row] for row in rows if all(row)])
 
 
@@ -105,13 +134,21 @@ def head_on(autopilot: str, *, copilot: bool, address: str) -> tuple[Flown, floa
 
 
 def wall(
-    autopilot: str, *, copilot: bool, address: str, speed: float = 3.0, run_m: float = 10.0, oblique: bool = False
+    autopilot: str,
+    *,
+    copilot: bool,
+    address: str,
+    speed: float = 3.0,
+    run_m: float = 10.0,
+    oblique: bool = False,
 ) -> tuple[Flown, float]:
     """run_m: of its start from the wall; oblique: into a corner. -> the least distance of its centre from a wall [m]."""
     half, start = 7.0, 7.0 - run_m
     velocity = f"{speed * math.sqrt(0.5):.4f} {speed * math.sqrt(0.5):.4f}" if oblique else f"{speed} 0"
     vehicles = {"uav1": (start, start if oblique else 0.0, f"{velocity} 20")}
-    flown = fly(autopilot, (2 * half, 2 * half if oblique else 6.0, 4), vehicles, copilot=copilot, address=address)
+    flown = fly(
+        autopilot, (2 * half, 2 * half if oblique else 6.0, 4), vehicles, copilot=copilot, address=address
+    )
     place = flown.places["uav1"]
     return flown, half - float(place[:, :2].max() if oblique else place[:, 0].max())
 
@@ -129,15 +166,22 @@ def crashes(autopilot: str, case: str, runs: int, *, with_only: bool, address: s
                 print(flown, file=sys.stderr)
         least_, most = min(nearest), max(nearest)
         print(
-            f"| {case} | {autopilot} | {'yes' if copilot else 'no'} | {runs} | {bad} | {least_:.2f} to {most:.2f} |", flush=True
+            f"| {case} | {autopilot} | {'yes' if copilot else 'no'} | {runs} | {bad} | {least_:.2f} to {most:.2f} |",
+            flush=True,
         )
         yield bad == (0 if copilot else runs)
 
 
 def stops(autopilot: str, address: str) -> Iterator[bool]:
     for speed in (1.0, 2.0, 3.0):
-        for words, run_m, oblique in (("steady", 10.0, False), ("speeding up", 1.5 + 1.1 * speed, False), ("oblique", 9.0, True)):
-            flown, least = wall(autopilot, copilot=True, address=address, speed=speed, run_m=run_m, oblique=oblique)
+        for words, run_m, oblique in (
+            ("steady", 10.0, False),
+            ("speeding up", 1.5 + 1.1 * speed, False),
+            ("oblique", 9.0, True),
+        ):
+            flown, least = wall(
+                autopilot, copilot=True, address=address, speed=speed, run_m=run_m, oblique=oblique
+            )
             told = next((m for m in map(_NEEDS.search, flown.events) if m), None)
             if told is None:
                 print(flown.events, file=sys.stderr)
@@ -146,7 +190,10 @@ def stops(autopilot: str, address: str) -> Iterator[bool]:
             at, needs, _, left = (float(x) for x in told.groups())
             fence = least - RADIUS_M  # what was left of the way to the fence
             way = left - fence
-            print(f"| {autopilot} | {words} | {speed:g} | {at:.1f} | {needs:.2f} | {way:.2f} | {fence:.2f} |", flush=True)
+            print(
+                f"| {autopilot} | {words} | {speed:g} | {at:.1f} | {needs:.2f} | {way:.2f} | {fence:.2f} |",
+                flush=True,
+            )
             yield way <= needs and not flown.crashed
 
 
@@ -169,21 +216,35 @@ def cost(count: int, seconds: float = 4.0) -> bool:
     """What a second of so many vehicles costs, in the copilot's own CPU time: frames of the cameras, telemetry, looks."""
     rows = [
         {
-            "name": f"uav{i + 1}", "id": i + 1, "body": f"uav{i + 1}", "simulated": True, "poses": True,
-            "tools": ["127.0.0.1", i], "panic": ["127.0.0.1", i], "fence": {"north": [-50, 50], "east": [-50, 50], "up": 5},
+            "name": f"uav{i + 1}",
+            "id": i + 1,
+            "body": f"uav{i + 1}",
+            "simulated": True,
+            "poses": True,
+            "tools": ["127.0.0.1", i],
+            "panic": ["127.0.0.1", i],
+            "fence": {"north": [-50, 50], "east": [-50, 50], "up": 5},
             "braking": {"accel": 3.0, "jerk": 4.0, "up": 3.0, "down": 4.0},
         }
         for i in range(count)
-    ]  # fmt: skip
+    ]
     section = Section.model_validate({"estimate": {"do": "none"}})  # what they say here is always the same
     each = {rule: getattr(section, rule).model_dump() for rule in RULES}
     rules = Rules.of({"rules": each, "at_most": "land", "escalate_after_s": 2.0, "latency_s": 0.01})
-    core, spent = Copilot(rules, [Vehicle.of(row) for row in rows], 0.0), dict.fromkeys(("poses", "telemetry", "looks"), 0.0)
+    core, spent = (
+        Copilot(rules, [Vehicle.of(row) for row in rows], 0.0),
+        dict.fromkeys(("poses", "telemetry", "looks"), 0.0),
+    )
     receiver, version = NatNetReceiver([row["name"] for row in rows]), (3, 1, 0, 0)
     receiver.hear(
         natnet.encode_server_info(
             natnet.ServerInfo(
-                name="m", app_version=version, version=(3, 1, 0, 0), clock_hz=1000, data_port=1511, group="239.255.42.99"
+                name="m",
+                app_version=version,
+                version=(3, 1, 0, 0),
+                clock_hz=1000,
+                data_port=1511,
+                group="239.255.42.99",
             )
         )
     )
@@ -195,11 +256,19 @@ def cost(count: int, seconds: float = 4.0) -> bool:
         for j in range(4 if k % 5 < 3 else 3):
             north = place + speed * math.sin(now)
             bodies = tuple(
-                natnet.Body(streaming_id=i + 1, position=(2.0 * (i // 10), float(north[i]), 1.0 + 1e-6 * (4 * k + j)),
-                            quat_xyzw=(0.0, 0.0, 0.7071068, 0.7071068), tracked=True) for i in range(count)
-            )  # fmt: skip
+                natnet.Body(
+                    streaming_id=i + 1,
+                    position=(2.0 * (i // 10), float(north[i]), 1.0 + 1e-6 * (4 * k + j)),
+                    quat_xyzw=(0.0, 0.0, 0.7071068, 0.7071068),
+                    tracked=True,
+                )
+                for i in range(count)
+            )
             data = natnet.encode_frame(
-                natnet.Frame(number=4 * k + j + 1, timestamp_s=now + j / 180.0, exposure_ticks=0, bodies=bodies), version
+                natnet.Frame(
+                    number=4 * k + j + 1, timestamp_s=now + j / 180.0, exposure_ticks=0, bodies=bodies
+                ),
+                version,
             )
             made = time.thread_time()
             frame = receiver.hear(data)
@@ -214,7 +283,10 @@ def cost(count: int, seconds: float = 4.0) -> bool:
         core.step(now)
         spent["looks"] += time.thread_time() - began
     share = {what: 100.0 * s / seconds for what, s in spent.items()}
-    print(f"| {count} | " + " | ".join(f"{x:.1f}" for x in share.values()) + f" | {sum(share.values()):.1f} |", flush=True)
+    print(
+        f"| {count} | " + " | ".join(f"{x:.1f}" for x in share.values()) + f" | {sum(share.values()):.1f} |",
+        flush=True,
+    )
     return core.known.armed == [True] * count and bool(np.isfinite(core.tracks.seen_at).all())
 
 
@@ -242,8 +314,11 @@ def main() -> int:
         else:
             print("| flight | autopilot | copilot | runs | crashed | closest m |\n| " + "--- | " * 6)
         for pilot in pilots:
-            right += stops(pilot, given.address) if case == "stops" else crashes(
-                pilot, case, given.runs, with_only=given.with_only, address=given.address)  # fmt: skip
+            right += (
+                stops(pilot, given.address)
+                if case == "stops"
+                else crashes(pilot, case, given.runs, with_only=given.with_only, address=given.address)
+            )
     return 0 if all(right) else 1
 
 

@@ -32,7 +32,9 @@ def in_hard_flight(seeds: int, seconds: float) -> bool:
         flight.run(3.0, HARD)
         logs.append(flight.log(seconds, HARD))
     tilted = np.mean([(np.degrees(log.tilt) > 20.0).mean() for log in logs])
-    print(f"{seeds} flights of {seconds:g} s, {len(stresses)} vehicles each, tilted by over 20 deg {tilted:.0%} of the time\n")
+    print(
+        f"{seeds} flights of {seconds:g} s, {len(stresses)} vehicles each, tilted by over 20 deg {tilted:.0%} of the time\n"
+    )
     heads = ("position", "velocity", "yaw", "NIS position", "NIS yaw")
     print("| vision | " + " | ".join(heads) + " | error: position, velocity, yaw |\n|" + "---|" * 7)
     sound = True
@@ -50,12 +52,23 @@ def _cell(v: Verdict) -> str:
 
 
 def when_poses_lie() -> bool:
-    heads = ("fault", "flown", "EKF2_NOAID_TOUT", "declared after", "drawn away", "estimate off", "landed off", "tilt")
+    heads = (
+        "fault",
+        "flown",
+        "EKF2_NOAID_TOUT",
+        "declared after",
+        "drawn away",
+        "estimate off",
+        "landed off",
+        "tilt",
+    )
     print("\n| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
     sound = True
     for noaid_s in (1.0, 5.0):
         for flown, each in (("hover", StressFlight.hover), ("hard", HARD)):
-            flight = StressFlight([Stress(name=name, matched=False, noaid_s=noaid_s) for name in FAULTS], hz=500)
+            flight = StressFlight(
+                [Stress(name=name, matched=False, noaid_s=noaid_s) for name in FAULTS], hz=500
+            )
             flight.take_off()
             flight.run(3.0, each)
             flight.faults = [make() for make in FAULTS.values()]
@@ -74,7 +87,9 @@ def _row(name: str, flown: str, noaid_s: float, f: Fate) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=60.0)
     given = parser.parse_args()

@@ -70,7 +70,13 @@ Wanted = Callable[[Seen], bool]
 
 
 def _lands(s: Seen) -> bool:
-    return s.modes == ["AUTO.LAND"] and s.cut_s is None and s.down_s is not None and not s.armed and s.moved_m < NEAR_M
+    return (
+        s.modes == ["AUTO.LAND"]
+        and s.cut_s is None
+        and s.down_s is not None
+        and not s.armed
+        and s.moved_m < NEAR_M
+    )
 
 
 def _descends(s: Seen) -> bool:
@@ -121,8 +127,14 @@ def _warns(s: Seen) -> bool:
 
 
 ACTIONS: dict[str, Wanted] = {
-    "land": _lands, "hold": _holds, "return": _returns, "terminate": _stops, "disarm": _disarms, "none": _goes_on, "warn": _warns,
-}  # fmt: skip
+    "land": _lands,
+    "hold": _holds,
+    "return": _returns,
+    "terminate": _stops,
+    "disarm": _disarms,
+    "none": _goes_on,
+    "warn": _warns,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +191,12 @@ def _ground_station(r: Rig) -> None:
 
 def _charge(percent: int) -> Callable[[Rig], None]:
     def lose(r: Rig) -> None:
-        if r.until(lambda r: r.state["SYS_STATUS"].battery_remaining <= percent or r.mode != "OFFBOARD", 150.0) is None:
+        if (
+            r.until(
+                lambda r: r.state["SYS_STATUS"].battery_remaining <= percent or r.mode != "OFFBOARD", 150.0
+            )
+            is None
+        ):
             raise Unfit("the battery does not empty")
 
     return lose
@@ -213,55 +230,138 @@ def flights() -> list[Flight]:
         return f"failsafe: {{{key}: {{action: {action}{after}}}}}\n"
 
     found = [
-        Flight(lost="setpoints", action=action, after_s=after_s, yaml=section("offboard_loss", action, after_s),
-               lose=_setpoints, wanted=ACTIONS[action])
-        for action, after_s in (("land", 1.0), ("hold", 2.0), ("return", 1.0), ("terminate", 1.0), ("disarm", 1.0))
-    ]  # fmt: skip
+        Flight(
+            lost="setpoints",
+            action=action,
+            after_s=after_s,
+            yaml=section("offboard_loss", action, after_s),
+            lose=_setpoints,
+            wanted=ACTIONS[action],
+        )
+        for action, after_s in (
+            ("land", 1.0),
+            ("hold", 2.0),
+            ("return", 1.0),
+            ("terminate", 1.0),
+            ("disarm", 1.0),
+        )
+    ]
     found += [
-        Flight(lost="poses", action="land", after_s=after_s, yaml=section("position_loss", "land", after_s), lose=_poses,
-               wanted=_descends)
+        Flight(
+            lost="poses",
+            action="land",
+            after_s=after_s,
+            yaml=section("position_loss", "land", after_s),
+            lose=_poses,
+            wanted=_descends,
+        )
         for after_s in (1.0, 3.0)
-    ]  # fmt: skip
+    ]
     both = "failsafe:\n  position_loss: {{action: {0}}}\n  offboard_loss: {{action: {0}}}\n"
     found += [
-        Flight(lost="poses", action=action, after_s=1.0, yaml=both.format(action), lose=_poses, wanted=ACTIONS[action])
+        Flight(
+            lost="poses",
+            action=action,
+            after_s=1.0,
+            yaml=both.format(action),
+            lose=_poses,
+            wanted=ACTIONS[action],
+        )
         for action in ("terminate", "disarm")
-    ]  # fmt: skip
+    ]
     found += [
-        Flight(lost="charge", action="land at 7 %", after_s=0.0, yaml="failsafe: {low_battery: {land: 0.07}}\n",
-               lose=_charge(7), wanted=_lands, setup=SMALL),
-        Flight(lost="charge", action="land at 30 %", after_s=0.0, yaml="failsafe: {low_battery: {warn: 0.5, land: 0.3}}\n",
-               lose=_charge(30), wanted=_lands, setup=SMALL),
-        Flight(lost="charge", action="warn only", after_s=None, yaml="failsafe: {low_battery: {land: null}}\n", lose=_charge(3),
-               wanted=_warns, setup=SMALL),
-    ]  # fmt: skip
+        Flight(
+            lost="charge",
+            action="land at 7 %",
+            after_s=0.0,
+            yaml="failsafe: {low_battery: {land: 0.07}}\n",
+            lose=_charge(7),
+            wanted=_lands,
+            setup=SMALL,
+        ),
+        Flight(
+            lost="charge",
+            action="land at 30 %",
+            after_s=0.0,
+            yaml="failsafe: {low_battery: {warn: 0.5, land: 0.3}}\n",
+            lose=_charge(30),
+            wanted=_lands,
+            setup=SMALL,
+        ),
+        Flight(
+            lost="charge",
+            action="warn only",
+            after_s=None,
+            yaml="failsafe: {low_battery: {land: null}}\n",
+            lose=_charge(3),
+            wanted=_warns,
+            setup=SMALL,
+        ),
+    ]
     found += [
-        Flight(lost="sticks", action=action, after_s=None if action == "none" else 0.5, yaml=section("rc_loss", action),
-               lose=_radio, wanted=ACTIONS[action], sticks=True)
+        Flight(
+            lost="sticks",
+            action=action,
+            after_s=None if action == "none" else 0.5,
+            yaml=section("rc_loss", action),
+            lose=_radio,
+            wanted=ACTIONS[action],
+            sticks=True,
+        )
         for action in ("none", "land", "return", "hold", "terminate", "disarm")
-    ]  # fmt: skip
+    ]
     found += [
-        Flight(lost="ground station", action=action, after_s=None if action == "none" else 10.0,
-               yaml=section("data_link_loss", action, 10.0), lose=_ground_station, wanted=ACTIONS[action])
+        Flight(
+            lost="ground station",
+            action=action,
+            after_s=None if action == "none" else 10.0,
+            yaml=section("data_link_loss", action, 10.0),
+            lose=_ground_station,
+            wanted=ACTIONS[action],
+        )
         for action in ("none", "land", "hold", "return", "disarm")
-    ]  # fmt: skip
+    ]
     box = f"geofence: {{north: [-{BOX_M}, {BOX_M}], east: [-{BOX_M}, {BOX_M}], up: {CEILING_M}}}\n"
     found += [
-        Flight(lost="under the fence's ceiling", action=action, after_s=None if action == "warn" else 0.0,
-               yaml=box + section("geofence", action), lose=_climb, wanted=wanted)
-        for action, wanted in (("warn", _climbs_on), ("land", _lands_there), ("hold", _holds_there), ("return", _returns),
-                               ("terminate", _stops))
-    ]  # fmt: skip
+        Flight(
+            lost="under the fence's ceiling",
+            action=action,
+            after_s=None if action == "warn" else 0.0,
+            yaml=box + section("geofence", action),
+            lose=_climb,
+            wanted=wanted,
+        )
+        for action, wanted in (
+            ("warn", _climbs_on),
+            ("land", _lands_there),
+            ("hold", _holds_there),
+            ("return", _returns),
+            ("terminate", _stops),
+        )
+    ]
     found += [
-        Flight(lost="inside the fence's circle", action=action, after_s=0.0, yaml=box + section("geofence", action),
-               lose=_go_north, wanted=wanted)
+        Flight(
+            lost="inside the fence's circle",
+            action=action,
+            after_s=0.0,
+            yaml=box + section("geofence", action),
+            lose=_go_north,
+            wanted=wanted,
+        )
         for action, wanted in (("land", _lands_there), ("return", _returns))
-    ]  # fmt: skip
+    ]
     found += [
-        Flight(lost="a rotor", action=action, after_s=None if action == "none" else 0.5, yaml=section("attitude", action),
-               lose=_rotor, wanted=wanted, height_m=HIGH_M)
+        Flight(
+            lost="a rotor",
+            action=action,
+            after_s=None if action == "none" else 0.5,
+            yaml=section("attitude", action),
+            lose=_rotor,
+            wanted=wanted,
+            height_m=HIGH_M,
+        )
         for action, wanted in (("none", _tumbles), ("terminate", _stops))
-    ]  # fmt: skip
+    ]
     return found
 
 
@@ -283,7 +383,9 @@ def fly(flight: Flight, autopilot: str, given: argparse.Namespace) -> Row:
             level = r.state["SYS_STATUS"].battery_remaining
             if r.now > begin:  # what is lost by and by is lost now
                 begin = r.now
-            return Row(flight, autopilot, watch(r, begin, 4.0 if flight.lost == "charge" else 14.0, level), "")
+            return Row(
+                flight, autopilot, watch(r, begin, 4.0 if flight.lost == "charge" else 14.0, level), ""
+            )
     except Unfit as error:
         return Row(flight, autopilot, None, str(error)[-300:])
 
@@ -358,12 +460,20 @@ def main() -> int:
 
 
 def _arguments() -> argparse.Namespace:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--autopilot", choices=("px4", "builtin", "both"), help="default: both where PX4 is found")
-    options.add_argument("--case", action="append", default=[], metavar="PATTERN", help="only these, as `poses: *`")
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    options.add_argument(
+        "--autopilot", choices=("px4", "builtin", "both"), help="default: both where PX4 is found"
+    )
+    options.add_argument(
+        "--case", action="append", default=[], metavar="PATTERN", help="only these, as `poses: *`"
+    )
     options.add_argument("--speed", default="5", help="of the simulation; the script is in lockstep with it")
     options.add_argument("--address", default="127.77.0.2")
-    options.add_argument("--id", type=int, default=82, help="of the vehicle: its system id, ports and PX4 instance")
+    options.add_argument(
+        "--id", type=int, default=82, help="of the vehicle: its system id, ports and PX4 instance"
+    )
     given = options.parse_args()
     given.autopilot = given.autopilot or ("both" if find_px4(None) else "builtin")
     return given

@@ -18,15 +18,31 @@ from typing import Any
 
 PROGRAM = Path(__file__).parents[1] / "examples" / "01_two_quads" / "position_setpoints.py"
 COLUMNS = (
-    "vehicles", "exit", "airborne s", "last s", "late p99 ms", "worst ms", "rtf min", "rtf max", "mocap Hz", "poses Hz",
-    "worst end m", "landing m", "cpu cores", "world cpu",
-)  # fmt: skip
+    "vehicles",
+    "exit",
+    "airborne s",
+    "last s",
+    "late p99 ms",
+    "worst ms",
+    "rtf min",
+    "rtf max",
+    "mocap Hz",
+    "poses Hz",
+    "worst end m",
+    "landing m",
+    "cpu cores",
+    "world cpu",
+)
 
 
 def arena_of(count: int, folder: Path) -> Path:
     """Vehicles in two rows, three metres apart, in a room that holds them."""
     rows = -(-count // 2)
-    lines = [f"world: {{size: [{3 * rows + 4}, 8, 3]}}", f"defaults: {{profile: iris, program: {PROGRAM}}}", "vehicles:"]
+    lines = [
+        f"world: {{size: [{3 * rows + 4}, 8, 3]}}",
+        f"defaults: {{profile: iris, program: {PROGRAM}}}",
+        "vehicles:",
+    ]
     for i in range(count):
         north, east = 2.5 * (i // 2 - (rows - 1) / 2), 3.0 * (i % 2) - 1.5
         lines.append(f"  uav{i + 1}: {{start: {{position: [{north}, {east}, 0]}}}}")
@@ -39,7 +55,17 @@ def fly(count: int) -> dict[str, Any]:
     """One flight; the figures of its summary and of its processes."""
     with tempfile.TemporaryDirectory() as folder:
         path = arena_of(count, Path(folder))
-        command = [sys.executable, "-m", "arena.cli", "up", str(path), "--headless", "--until-done", "--time-limit", "120"]
+        command = [
+            sys.executable,
+            "-m",
+            "arena.cli",
+            "up",
+            str(path),
+            "--headless",
+            "--until-done",
+            "--time-limit",
+            "120",
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         runs = list(Path(folder).glob("runs/*"))
         if not runs:
@@ -55,11 +81,21 @@ def row_of(count: int, code: int, summary: dict[str, Any], outcome: dict[str, An
     poses = [p["stats"]["rate_hz"] for n, p in processes.items() if n.startswith("forward.")]
     airborne = [v["airborne_after_s"] for v in vehicles]
     cells = (
-        count, code, min(airborne), max(airborne), world["lateness_p99_ms"], world["lateness_worst_ms"],
-        world["rtf_min"], world["rtf_max"], processes["mocap"]["stats"]["rate_hz"], min(poses),
-        max(v["setpoints"]["worst_m"] for v in vehicles), max(v["landing"]["error_m"] for v in vehicles),
-        sum(p["cpu_mean"] for p in processes.values()), processes["world"]["cpu_mean"],
-    )  # fmt: skip
+        count,
+        code,
+        min(airborne),
+        max(airborne),
+        world["lateness_p99_ms"],
+        world["lateness_worst_ms"],
+        world["rtf_min"],
+        world["rtf_max"],
+        processes["mocap"]["stats"]["rate_hz"],
+        min(poses),
+        max(v["setpoints"]["worst_m"] for v in vehicles),
+        max(v["landing"]["error_m"] for v in vehicles),
+        sum(p["cpu_mean"] for p in processes.values()),
+        processes["world"]["cpu_mean"],
+    )
     return dict(zip(COLUMNS, cells, strict=True))
 
 
@@ -74,7 +110,10 @@ def main() -> int:
         for _ in range(given.repeat):
             row = fly(count)
             failed += row["exit"] != 0
-            print(" | ".join(f"{v:11.3f}" if isinstance(v, float) else f"{v:11}" for v in row.values()), flush=True)
+            print(
+                " | ".join(f"{v:11.3f}" if isinstance(v, float) else f"{v:11}" for v in row.values()),
+                flush=True,
+            )
     return 1 if failed else 0
 
 

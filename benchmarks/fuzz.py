@@ -18,10 +18,14 @@ from campaign import PHASES, SHARES, Tally  # noqa: E402
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--messages", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--phase", choices=list(PHASES), action="append", help="one phase alone; may be given again")
+    parser.add_argument(
+        "--phase", choices=list(PHASES), action="append", help="one phase alone; may be given again"
+    )
     given = parser.parse_args()
     total, began = Tally(), time.process_time()
     phases = given.phase or list(PHASES)
@@ -30,7 +34,10 @@ def main() -> None:
         start = time.process_time()
         tally = PHASES[name](round(given.messages * SHARES[name] / whole), given.seed)
         total += tally
-        print(f"{name:10} {tally.sent.total():7} messages, {time.process_time() - start:6.1f} s of CPU", flush=True)
+        print(
+            f"{name:10} {tally.sent.total():7} messages, {time.process_time() - start:6.1f} s of CPU",
+            flush=True,
+        )
     print(f"\n{'message':40} {'sent':>7} {'answered':>8} {'refused':>8}")
     for name, sent in sorted(total.sent.items(), key=lambda x: -x[1]):
         print(f"{name:40} {sent:7} {total.answered[name]:8} {total.refused[name]:8}")

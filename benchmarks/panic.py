@@ -29,7 +29,7 @@ from fakes import Fake, Fleet  # noqa: E402  what the tests land
 VERBS = (("land-all",), ("kill-all", "--yes"))
 
 
-class Ears:
+class TelemetryListener:
     """The vehicles' panic ends, read only after the process has ended: the kernel stamps what comes."""
 
     def __init__(self, host: str, ids: range) -> None:
@@ -62,9 +62,13 @@ def run_folder(folder: Path, host: str, count: int) -> Path:
     from arena.plan import make_plan
     from arena.schema import load_arena
 
-    vehicles = {f"v{k}": {"autopilot": "builtin", "start": {"position": [k, 0, 0]}} for k in range(1, count + 1)}
+    vehicles = {
+        f"v{k}": {"autopilot": "builtin", "start": {"position": [k, 0, 0]}} for k in range(1, count + 1)
+    }
     file = folder / "arena.yaml"
-    file.write_text(json.dumps({"address": host, "world": {"size": [3 * count, 10, 3]}, "vehicles": vehicles}))
+    file.write_text(
+        json.dumps({"address": host, "world": {"size": [3 * count, 10, 3]}, "vehicles": vehicles})
+    )
     (folder / "plan.json").write_text(make_plan(load_arena(file)).to_json())
     return folder
 
@@ -74,7 +78,7 @@ def once(verb: tuple[str, ...], run: Path, host: str, count: int, cold: bool) ->
     with tempfile.TemporaryDirectory() as empty:
         env = {**os.environ, **({"PYTHONPYCACHEPREFIX": empty} if cold else {})}
         argv = [str(Path(sys.executable).with_name("arena")), *verb, "--run", str(run), "--timeout", "1.5"]
-        ears = Ears(host, range(1, count + 1))
+        ears = TelemetryListener(host, range(1, count + 1))
         began = time.time()
         process = subprocess.Popen(argv, stdout=subprocess.DEVNULL, env=env)
         _, _, used = os.wait4(process.pid, 0)
@@ -94,7 +98,9 @@ def confirmed(verb: tuple[str, ...], run: Path, host: str, count: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--repeat", type=int, default=7)
     parser.add_argument("--vehicles", type=int, nargs="+", default=[50, 200])
     parser.add_argument("--burners", type=int, default=0)
@@ -102,18 +108,28 @@ def main() -> None:
     a = parser.parse_args()
     burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(a.burners)]
     print(f"{a.repeat} runs each, {a.burners} burners on {os.cpu_count()} cores; seconds\n")
-    print("| command | vehicles | caches | first | last | last, worst | cpu | all confirmed |\n|---|---|---|---|---|---|---|---|")
+    print(
+        "| command | vehicles | caches | first | last | last, worst | cpu | all confirmed |\n|---|---|---|---|---|---|---|---|"
+    )
     try:
         for count in a.vehicles:
             with tempfile.TemporaryDirectory() as folder:
                 run = run_folder(Path(folder), a.address, count)
                 for verb in VERBS:
                     for cold in (False, True):
-                        got = list(zip(*(once(verb, run, a.address, count, cold) for _ in range(a.repeat)), strict=True))
+                        got = list(
+                            zip(
+                                *(once(verb, run, a.address, count, cold) for _ in range(a.repeat)),
+                                strict=True,
+                            )
+                        )
                         first, last, cpu = map(median, got)
                         end = "" if cold else f"{confirmed(verb, run, a.address, count):.2f}"
                         figures = " | ".join(f"{x:.2f}" for x in (first, last, max(got[1]), cpu))
-                        print(f"| {verb[0]} | {count} | {'cold' if cold else 'warm'} | {figures} | {end} |", flush=True)
+                        print(
+                            f"| {verb[0]} | {count} | {'cold' if cold else 'warm'} | {figures} | {end} |",
+                            flush=True,
+                        )
     finally:
         for burner in burners:
             burner.kill()

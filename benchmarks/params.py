@@ -26,8 +26,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from statistics import mean
 
-from arena.autopilot.params import SPECS
-from arena.params.session import Report, Target, push
+from arena.autopilot.param_table import SPECS
+from arena.params.transfer.session import Report, Target, push
 from arena.plan import make_plan
 from arena.schema import load_arena
 
@@ -57,7 +57,9 @@ class Relay(threading.Thread):
         super().__init__(daemon=True)
         self.loss = self.delay_s = 0.0
         self.over = threading.Event()
-        self._ends = {end: (line, way) for line in lines for end, way in ((line.near, "up"), (line.far, "down"))}
+        self._ends = {
+            end: (line, way) for line in lines for end, way in ((line.near, "up"), (line.far, "down"))
+        }
 
     def run(self) -> None:
         rng, number = random.Random(1), itertools.count()
@@ -81,22 +83,31 @@ def world(vehicles: int, address: str) -> Iterator[tuple[Relay, dict[str, Target
     with tempfile.TemporaryDirectory(prefix="p-") as name:
         folder = Path(name)
         file = folder / "arena.yaml"
-        rows = "".join(f"  uav{k}: {{start: {{position: [0, {2 * k - vehicles}, 0]}}}}\n" for k in range(1, vehicles + 1))
-        file.write_text(f"address: {address}\nworld: {{size: [30, 30, 10]}}\ndefaults: {{autopilot: builtin}}\nvehicles:\n{rows}")
+        rows = "".join(
+            f"  uav{k}: {{start: {{position: [0, {2 * k - vehicles}, 0]}}}}\n" for k in range(1, vehicles + 1)
+        )
+        file.write_text(
+            f"address: {address}\nworld: {{size: [30, 30, 10]}}\ndefaults: {{autopilot: builtin}}\nvehicles:\n{rows}"
+        )
         settings = next(s for s in make_plan(load_arena(file)).slices.values() if s["name"] == "world")
         slice_ = folder / "world.json"
         slice_.write_text(json.dumps(settings).replace("{run}", name).replace("{rt}", name))
         with (folder / "world.log").open("wb") as log:
             child = subprocess.Popen([sys.executable, "-m", "arena.sim", str(slice_)], stdout=log, stderr=log)
         rows_ = settings["vehicles"]
-        lines = [Line(tuple(v["links"]["router"]["local"]), tuple(v["links"]["router"]["remote"])) for v in rows_]
+        lines = [
+            Line(tuple(v["links"]["router"]["local"]), tuple(v["links"]["router"]["remote"])) for v in rows_
+        ]
         relay = Relay(lines)
         try:
             if not select.select([line.far for line in lines], [], [], UP_S)[0]:
                 raise SystemExit(f"the world says nothing: {(folder / 'world.log').read_text()}")
             relay.start()
             pairs = zip(rows_, lines, strict=True)
-            yield relay, {v["name"]: Target(system=v["id"], remote=line.near.getsockname()) for v, line in pairs}
+            yield (
+                relay,
+                {v["name"]: Target(system=v["id"], remote=line.near.getsockname()) for v, line in pairs},
+            )
         finally:
             relay.over.set()
             child.terminate()
@@ -132,7 +143,9 @@ def main() -> None:
     parser.add_argument("--address", default="127.26.250.1")
     given = parser.parse_args()
     values = itertools.cycle(two_values(given.params))
-    print(f"{'link':<18} {'vehicles':>8} {'mean s':>8} {'least .. most':>15} {'sent':>8} {'heard':>8} {'right':>5}")
+    print(
+        f"{'link':<18} {'vehicles':>8} {'mean s':>8} {'least .. most':>15} {'sent':>8} {'heard':>8} {'right':>5}"
+    )
     with world(given.vehicles, given.address) as (relay, targets):
         for link, (loss, delay_s) in LINKS.items():
             relay.loss, relay.delay_s = loss, delay_s

@@ -22,13 +22,29 @@ from tests.end_to_end.flight import Hangar
 from tests.end_to_end.process_table import CELLS, SORTIES, Cell, End, Flown, Hit, Sorties, Track, problems
 
 COLUMNS = (
-    "process", "signal", "where", "the process", "its vehicle", "the others", "after, s", "touchdown, m/s", "drift, m", "exit",
-)  # fmt: skip
+    "process",
+    "signal",
+    "where",
+    "the process",
+    "its vehicle",
+    "the others",
+    "after, s",
+    "touchdown, m/s",
+    "drift, m",
+    "exit",
+)
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--autopilot", choices=("stand-in", "px4"), default="stand-in", help="what flies where the cell is PX4's")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--autopilot",
+        choices=("stand-in", "px4"),
+        default="stand-in",
+        help="what flies where the cell is PX4's",
+    )
     parser.add_argument("--sortie", nargs="*", default=["*"], metavar="PATTERN")
     given = parser.parse_args(argv)
     print(row(COLUMNS), row(["---"] * len(COLUMNS)), sep="\n", flush=True)
@@ -71,11 +87,20 @@ def measured(hit: Hit, flown: Flown) -> str:
     # a person's command comes when it comes; an exit code of several cells is judged, and told as the table has it
     sank = [t.sank_s for t in own if t.end is not End.COMMANDED or cell.process == "copilot"]
     code = flown.code if len(flown.sortie.hits) == 1 else cell.code
-    return row((
-        f"`{cell.process}`", cell.signal, cell.where, str(flown.fates[hit] or ""), _ends(own),
-        _ends(rest) if hit.vehicle else "the same", _worst(sank), _worst([t.touchdown_m_s for t in own]),
-        _worst([t.drift_m for t in own]), "killed" if code is None else str(code),
-    ))  # fmt: skip
+    return row(
+        (
+            f"`{cell.process}`",
+            cell.signal,
+            cell.where,
+            str(flown.fates[hit] or ""),
+            _ends(own),
+            _ends(rest) if hit.vehicle else "the same",
+            _worst(sank),
+            _worst([t.touchdown_m_s for t in own]),
+            _worst([t.drift_m for t in own]),
+            "killed" if code is None else str(code),
+        )
+    )
 
 
 def _bystanders(hit: Hit, flown: Flown) -> list[Track]:

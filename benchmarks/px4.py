@@ -37,7 +37,10 @@ HERE = Path(__file__).parent
 EXAMPLE = HERE.parent / "examples" / "01_two_quads" / "position_setpoints.py"
 HOVER = HERE / "hover.py"
 SETTLE_S = 5.0  # simulated, before anything is counted: start-up, then the estimator's
-CLIMB_S, HOLD_S = 9.0, 20.0  # after the last has armed: when its program has ended and it holds, and for how long it is watched
+CLIMB_S, HOLD_S = (
+    9.0,
+    20.0,
+)  # after the last has armed: when its program has ended and it holds, and for how long it is watched
 START_S = 25.0  # wall time from `arena up` to the last arming, at most
 LOST_RTF = 0.98
 TICKS = os.sysconf("SC_CLK_TCK")
@@ -108,7 +111,9 @@ def rooms(folder: Path, given: argparse.Namespace) -> Iterator[dict[str, int]]:
             file = folder / f"{name}.json"
             file.write_text(text.replace("{run}", str(folder)).replace("{rt}", str(folder)))
             log = (folder / f"{name}.log").open("wb")
-            children[name] = subprocess.Popen([sys.executable, "-m", module, str(file)], stdout=log, stderr=log)
+            children[name] = subprocess.Popen(
+                [sys.executable, "-m", module, str(file)], stdout=log, stderr=log
+            )
             deadline = time.monotonic() + 10.0
             while name == "world" and not (folder / "clock.sock").exists() and time.monotonic() < deadline:
                 time.sleep(0.02)
@@ -129,14 +134,20 @@ def alone(given: argparse.Namespace) -> int:
             with rooms(folder, given) as pids:
                 clock = Time(folder / "clock")
                 deadline = time.monotonic() + 30.0
-                while not (folder / "px4.uav1.log").read_bytes().count(b"Startup script returned successfully"):
+                while (
+                    not (folder / "px4.uav1.log").read_bytes().count(b"Startup script returned successfully")
+                ):
                     if time.monotonic() > deadline:
                         raise SystemExit((folder / "px4.uav1.log").read_text(errors="replace"))
                     time.sleep(0.05)
                 ready = clock.now()
                 while clock.now() < ready + SETTLE_S:
                     time.sleep(0.01)
-                sim, wall, used = clock.now(), time.monotonic(), dict(zip(pids, cpu_s(*pids.values()), strict=True))
+                sim, wall, used = (
+                    clock.now(),
+                    time.monotonic(),
+                    dict(zip(pids, cpu_s(*pids.values()), strict=True)),
+                )
                 time.sleep(given.seconds)
                 sim, wall = clock.now() - sim, time.monotonic() - wall
                 used = {n: then - used[n] for n, then in zip(pids, cpu_s(*pids.values()), strict=True)}
@@ -188,7 +199,9 @@ class Watched:
         inside = [row for row in self.cpu if begin <= row[0] <= end]
         (s0, first), (s1, _) = inside[0], inside[-1]
         wall = self.wall(s1) - self.wall(s0)
-        last = {name: used for _, row in inside for name, used in row.items()}  # who has ended keeps its last figure
+        last = {
+            name: used for _, row in inside for name, used in row.items()
+        }  # who has ended keeps its last figure
         found = dict.fromkeys(KINDS, 0.0)
         for name, used in last.items():
             kind = name.split(".")[0]
@@ -200,7 +213,9 @@ class Watched:
         spans = []
         for vehicle in self.summary["vehicles"].values():
             stamps = [m["t_s"] for m in vehicle["modes"] if m["armed"]]
-            after = [m["t_s"] for m in vehicle["modes"] if stamps and not m["armed"] and m["t_s"] > stamps[-1]]
+            after = [
+                m["t_s"] for m in vehicle["modes"] if stamps and not m["armed"] and m["t_s"] > stamps[-1]
+            ]
             if stamps:
                 spans.append((stamps[0], after[0] if after else self.times[-1][1]))
         return spans
@@ -232,7 +247,9 @@ def watch(child: subprocess.Popen[bytes], folder: Path, seen: Watched) -> None:
     clock, next_cpu, supervisor = None, 0.0, child.pid
     while child.poll() is None:
         time.sleep(0.05)
-        states = list(folder.glob("runs/*/state.json")) if clock is None or time.monotonic() >= next_cpu else []
+        states = (
+            list(folder.glob("runs/*/state.json")) if clock is None or time.monotonic() >= next_cpu else []
+        )
         for file in states:
             with contextlib.suppress(OSError, ValueError):
                 state = json.loads(file.read_text())
@@ -269,8 +286,14 @@ def program(given: argparse.Namespace) -> int:
         used = seen.used(begin, end)
         cells = " ".join(f"{used[k]:8.2f}" for k in KINDS)
         worst = min(seen.factors(begin, end), default=0.0)
-        total, off = sum(used.values()), max(v["setpoints"]["worst_m"] for v in seen.summary["vehicles"].values())
-        print(f"{seen.exit_code:4} | {factors[-1]:22.2f} {worst:13.2f} |        {cells} {total:7.2f} | {off:11.3f}", end="")
+        total, off = (
+            sum(used.values()),
+            max(v["setpoints"]["worst_m"] for v in seen.summary["vehicles"].values()),
+        )
+        print(
+            f"{seen.exit_code:4} | {factors[-1]:22.2f} {worst:13.2f} |        {cells} {total:7.2f} | {off:11.3f}",
+            end="",
+        )
         print(f" | {load:5.2f}", flush=True)
     print(f"median {statistics.median(factors):.2f}" if factors else "no flight was flown to its end")
     return 0 if factors else 1
@@ -286,7 +309,9 @@ def hover(given: argparse.Namespace) -> int:
         seen = fly(count, HOVER, given, "1", "--time-limit", f"{START_S + CLIMB_S + HOLD_S:g}")
         spans = seen.armed()
         if len(spans) < count:
-            print(f"{count:8} {seen.exit_code:4} | {len(spans)} of {count} armed; the load was {load:.2f}\n{seen.said[-4000:]}")
+            print(
+                f"{count:8} {seen.exit_code:4} | {len(spans)} of {count} armed; the load was {load:.2f}\n{seen.said[-4000:]}"
+            )
             break
         begin, end = max(a for a, _ in spans) + CLIMB_S, min(a for a, _ in spans) + CLIMB_S + HOLD_S
         factors, used, summary = seen.factors(begin, end), seen.used(begin, end), seen.summary
@@ -294,10 +319,11 @@ def hover(given: argparse.Namespace) -> int:
         keeps = seen.exit_code == 0 and min(factors, default=0.0) >= LOST_RTF
         print(
             f"{count:8} {seen.exit_code:4} | {min(factors):7.3f} {statistics.median(factors):7.3f} "
-            f"{summary['world']['lateness_p99_ms']:12.2f} |        " + " ".join(f"{used[k]:8.2f}" for k in KINDS)
+            f"{summary['world']['lateness_p99_ms']:12.2f} |        "
+            + " ".join(f"{used[k]:8.2f}" for k in KINDS)
             + f" {sum(used.values()):7.2f} | {100 * used['px4'] / count:9.2f} | {max(off):11.3f} | {load:5.2f}",
             flush=True,
-        )  # fmt: skip
+        )
         went = count if keeps else went
         if not keeps:
             print(f"{count} do not keep real time (a second below {LOST_RTF:g}, or a flight that failed)")
@@ -307,11 +333,15 @@ def hover(given: argparse.Namespace) -> int:
 
 
 def main() -> int:
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("what", choices=("alone", "program", "hover"))
     options.add_argument("--stand-in", action="store_true", help="fly the stand-in instead of PX4")
     options.add_argument("--address", default="127.0.0.1", help="the arena's, a loopback address")
-    options.add_argument("--first-id", type=int, default=1, help="of the vehicles: PX4's ports follow from it")
+    options.add_argument(
+        "--first-id", type=int, default=1, help="of the vehicles: PX4's ports follow from it"
+    )
     options.add_argument("--repeat", type=int, default=3, help="runs of `alone` and `program`")
     options.add_argument("--seconds", type=float, default=5.0, help="of wall time that `alone` measures")
     options.add_argument("--vehicles", type=int, nargs="+", default=list(COUNTS), help="how many hover")

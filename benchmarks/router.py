@@ -49,13 +49,26 @@ def stamped(frame: bytearray) -> bytes:
 def table(count: int) -> dict:
     vehicles = [
         {
-            "name": f"v{k}", "id": k, "link": {"local": [HOST, BASE + 10 * k + 1], "remote": [HOST, BASE + 10 * k]},
-            "serve": [HOST, BASE + 10 * k + 8], "tools": [HOST, BASE + 10 * k + 6], "logger": [HOST, BASE + 10 * k + 7],
-            "clients": [{"name": n, "address": [HOST, base + k]} for n, base in (("program", 16000), ("sdk", 22000))],
+            "name": f"v{k}",
+            "id": k,
+            "link": {"local": [HOST, BASE + 10 * k + 1], "remote": [HOST, BASE + 10 * k]},
+            "serve": [HOST, BASE + 10 * k + 8],
+            "tools": [HOST, BASE + 10 * k + 6],
+            "logger": [HOST, BASE + 10 * k + 7],
+            "clients": [
+                {"name": n, "address": [HOST, base + k]} for n, base in (("program", 16000), ("sdk", 22000))
+            ],
         }
         for k in range(1, count + 1)
     ]
-    return {"name": "router", "vehicles": vehicles, "gcs_local": [HOST, BASE], "gcs": [], "heartbeat": False, "simulated": True}
+    return {
+        "name": "router",
+        "vehicles": vehicles,
+        "gcs_local": [HOST, BASE],
+        "gcs": [],
+        "heartbeat": False,
+        "simulated": True,
+    }
 
 
 def udp(address: list) -> socket.socket:
@@ -103,7 +116,9 @@ class Load:
         self.to = [(tuple(v["link"]["local"]), tuple(v["serve"])) for v in vehicles]
         self.frames = [(message(ATTITUDE, v["id"], 1), message(COMMAND_LONG, v["id"], 191)) for v in vehicles]
         self.poll = select.epoll()
-        self.heard = {s.fileno(): (s, self.up) for s in self.programs} | {s.fileno(): (s, self.down) for s in self.links}
+        self.heard = {s.fileno(): (s, self.up) for s in self.programs} | {
+            s.fileno(): (s, self.down) for s in self.links
+        }
         for fd in self.heard:
             self.poll.register(fd, select.EPOLLIN)
 
@@ -153,7 +168,9 @@ def measure(command: list[str], count: int, seconds: float) -> tuple[float, str]
         file = Path(folder) / "slice.json"
         file.write_text(json.dumps(table(count)))
         load = Load(count=count)
-        process = subprocess.Popen([*command, str(file)], env={k: v for k, v in os.environ.items() if k != "ARENA_FD"})
+        process = subprocess.Popen(
+            [*command, str(file)], env={k: v for k, v in os.environ.items() if k != "ARENA_FD"}
+        )
         try:
             while not load.up:
                 load.send(0)
@@ -162,18 +179,26 @@ def measure(command: list[str], count: int, seconds: float) -> tuple[float, str]
             load.up.clear(), load.down.clear()
             load.sent, spent = 0, psutil.Process(process.pid).cpu_times()
             load.run(seconds)
-            after, memory = psutil.Process(process.pid).cpu_times(), psutil.Process(process.pid).memory_info().rss
+            after, memory = (
+                psutil.Process(process.pid).cpu_times(),
+                psutil.Process(process.pid).memory_info().rss,
+            )
         finally:
             process.kill()
             process.wait()
             load.close()
     cpu = (after.user + after.system - spent.user - spent.system) / load.sent * 1e6
     lost = 1 - (len(load.up) + len(load.down)) / load.sent
-    return cpu, f"{percentiles(load.up):>10} {percentiles(load.down):>10} {cpu:8.1f} {memory / 2**20:8.0f} {lost:8.1%}"
+    return (
+        cpu,
+        f"{percentiles(load.up):>10} {percentiles(load.down):>10} {cpu:8.1f} {memory / 2**20:8.0f} {lost:8.1%}",
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 10, 50])
     parser.add_argument("--seconds", type=float, default=3.0)
     parser.add_argument("--bare", metavar="SLICE", help=argparse.SUPPRESS)
@@ -184,7 +209,7 @@ def main() -> None:
     for count in a.vehicles:
         base, row = measure([sys.executable, __file__, "--bare"], count, a.seconds)
         print(f"{'bare':>8} {count:3d} {row}")
-        own, row = measure([sys.executable, "-m", "arena.route"], count, a.seconds)
+        own, row = measure([sys.executable, "-m", "arena.mavlink_router"], count, a.seconds)
         print(f"{'router':>8} {count:3d} {row}   {own / base:.2f}")
 
 

@@ -14,12 +14,14 @@ import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from arena.smoke.referee.verdict import Result
 from arena.smoke.report import read_results
-from arena.smoke.verdict import Result
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("results", nargs="+", type=Path)
     flown = [result for file in parser.parse_args().results for result in read_results(file.read_text())]
     print("\n".join(table(flown)))
@@ -29,7 +31,9 @@ def main() -> int:
 def table(flown: Sequence[Result]) -> Iterator[str]:
     yield "| scenario | autopilot | verdict | first expected | after s | down after s | touchdown m/s | drift m |"
     yield "|---|---|---|---|---|---|---|---|"
-    for result in sorted(flown, key=lambda r: (r.scenario.partition(" [")[0], r.facts.get("autopilot", ""), r.scenario)):
+    for result in sorted(
+        flown, key=lambda r: (r.scenario.partition(" [")[0], r.facts.get("autopilot", ""), r.scenario)
+    ):
         yield f"| {' | '.join(row(result))} |"
 
 
@@ -40,12 +44,15 @@ def row(result: Result) -> list[str]:
     expected = next((s for s in within if ".mode ==" in s.place.text), within[0] if within else None)
     took, begun_s = (None, None) if expected is None else (expected.took_s, expected.begun_s)
     return [
-        result.scenario, result.facts.get("autopilot", ""), "as it says" if verdict.passed else "NOT",
-        "" if expected is None else expected.place.text.partition(" within ")[0], _number(took),
+        result.scenario,
+        result.facts.get("autopilot", ""),
+        "as it says" if verdict.passed else "NOT",
+        "" if expected is None else expected.place.text.partition(" within ")[0],
+        _number(took),
         _number(max((d.at_s - begun_s for d in downs), default=None) if begun_s is not None else None),
         _number(max((d.speed_m_s for d in downs), default=None)),
         _number(max((d.drift_m for d in downs if d.drift_m is not None), default=None)),
-    ]  # fmt: skip
+    ]
 
 
 def _number(value: float | None) -> str:

@@ -42,12 +42,34 @@ PAIRS = (  # and what the data's README says of each
 )
 OURS = (("uav2", "real_uav2"), ("uav3", "real_uav3"))
 SAME_NAME = (
-    "MPC_XY_P", "MPC_Z_P", "MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_UP", "MPC_Z_VEL_MAX_DN", "MPC_TILTMAX_AIR", "MPC_TILTMAX_LND",
-    "MPC_THR_HOVER", "MPC_THR_MIN", "MPC_THR_MAX", "MPC_TKO_SPEED", "MPC_TKO_RAMP_T", "MPC_LAND_SPEED", "MPC_VELD_LP",
-    "MC_ROLL_P", "MC_PITCH_P", "MC_YAW_P", "MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX",
+    "MPC_XY_P",
+    "MPC_Z_P",
+    "MPC_XY_VEL_MAX",
+    "MPC_Z_VEL_MAX_UP",
+    "MPC_Z_VEL_MAX_DN",
+    "MPC_TILTMAX_AIR",
+    "MPC_TILTMAX_LND",
+    "MPC_THR_HOVER",
+    "MPC_THR_MIN",
+    "MPC_THR_MAX",
+    "MPC_TKO_SPEED",
+    "MPC_TKO_RAMP_T",
+    "MPC_LAND_SPEED",
+    "MPC_VELD_LP",
+    "MC_ROLL_P",
+    "MC_PITCH_P",
+    "MC_YAW_P",
+    "MC_ROLLRATE_MAX",
+    "MC_PITCHRATE_MAX",
+    "MC_YAWRATE_MAX",
     *(f"MC_{axis}RATE_{gain}" for axis in ("ROLL", "PITCH", "YAW") for gain in "PID"),
-    "MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM", "IMU_GYRO_CUTOFF", "EKF2_EVP_NOISE", "EKF2_EVA_NOISE",
-)  # fmt: skip
+    "MC_RR_INT_LIM",
+    "MC_PR_INT_LIM",
+    "MC_YR_INT_LIM",
+    "IMU_GYRO_CUTOFF",
+    "EKF2_EVP_NOISE",
+    "EKF2_EVA_NOISE",
+)
 
 Array = NDArray[np.float64]
 
@@ -86,10 +108,16 @@ def of_today(old: Mapping[str, float], hover: float) -> dict[str, float]:
     """
     now = {name: old[name] for name in SAME_NAME}
     for axis, thrust in (("XY", hover), ("Z", old["MPC_THR_HOVER"])):
-        now |= {f"MPC_{axis}_VEL_{gain}_ACC": old[f"MPC_{axis}_VEL_{gain}"] * GRAVITY / thrust for gain in "PID"}
+        now |= {
+            f"MPC_{axis}_VEL_{gain}_ACC": old[f"MPC_{axis}_VEL_{gain}"] * GRAVITY / thrust for gain in "PID"
+        }
     # v1.9 weighs yaw by the ratio of the attitude gains, and had no hover thrust estimator.
     now["MC_YAW_WEIGHT"] = old["MC_YAW_P"] / (0.5 * (old["MC_ROLL_P"] + old["MC_PITCH_P"]))
-    now |= {"COM_SPOOLUP_TIME": old["MPC_SPOOLUP_TIME"], "IMU_DGYRO_CUTOFF": old["MC_DTERM_CUTOFF"], "MPC_USE_HTE": 0}
+    now |= {
+        "COM_SPOOLUP_TIME": old["MPC_SPOOLUP_TIME"],
+        "IMU_DGYRO_CUTOFF": old["MC_DTERM_CUTOFF"],
+        "MPC_USE_HTE": 0,
+    }
     return {name: round(value, 6) for name, value in now.items()}
 
 
@@ -125,18 +153,29 @@ class Track:
         t, p = self.leg(k)
         way = self.goal[self.start[k]] - self.p[self.start[k]]
         along = p @ way / float(way @ way)
-        low, high = (t[np.argmax(along >= share)] if along.max() >= share else math.nan for share in (0.1, 0.9))
+        low, high = (
+            t[np.argmax(along >= share)] if along.max() >= share else math.nan for share in (0.1, 0.9)
+        )
         return Step(
-            rise_s=float(high - low), overshoot=max(float(along.max()) - 1.0, 0.0), error_m=float(np.linalg.norm(p[-1] - way))
+            rise_s=float(high - low),
+            overshoot=max(float(along.max()) - 1.0, 0.0),
+            error_m=float(np.linalg.norm(p[-1] - way)),
         )
 
 
 def read_track(file: Path) -> Track:
     """A log of the thesis or of ours: they have the same columns."""
     with file.open() as lines:
-        rows = [row for row in csv.DictReader(lines) if row["info.flight_mode"] == "OFFBOARD" and row["pos_ref.north"]]
+        rows = [
+            row
+            for row in csv.DictReader(lines)
+            if row["info.flight_mode"] == "OFFBOARD" and row["pos_ref.north"]
+        ]
     t = np.array([float(row["time.seconds"]) for row in rows])
-    p, goal = (np.array([[float(row[f"{group}.{axis}"]) for axis in NED] for row in rows]) for group in ("ekf.pos", "pos_ref"))
+    p, goal = (
+        np.array([[float(row[f"{group}.{axis}"]) for axis in NED] for row in rows])
+        for group in ("ekf.pos", "pos_ref")
+    )
     start = tuple((np.flatnonzero(np.linalg.norm(np.diff(goal, axis=0), axis=1) > 0.5) + 1).tolist())
     first = start[0]
     return Track(t=t - t[first], p=p - p[first], goal=goal - p[first], start=start)
@@ -179,26 +218,43 @@ def arena_of(data: Path, given: argparse.Namespace) -> dict[str, Any]:
         with (data / f"setpoints_{real}.csv").open() as lines:
             row = next(csv.DictReader(lines))
         vehicles[name] = {
-            "profile": "intel_aero", "autopilot": given.autopilot, "program": str(HERE / "thesis_flight.py"),
+            "profile": "intel_aero",
+            "autopilot": given.autopilot,
+            "program": str(HERE / "thesis_flight.py"),
             "start": {
                 "position": [round(float(row["ekf.pos.north"]), 3), round(float(row["ekf.pos.east"]), 3), 0],
                 "rpy_deg": [0, 0, round(math.degrees(float(row["ekf.att_euler.yaw"])), 2)],
             },
             "params": of_today(ulog_params((data / f"setpoints_{real}.ulg").read_bytes()), hover),
-        }  # fmt: skip
+        }
     return {
-        "address": given.address, "world": {"seed": given.seed}, "mocap": {"latency_ms": 20, "seed": given.seed},
+        "address": given.address,
+        "world": {"seed": given.seed},
+        "mocap": {"latency_ms": 20, "seed": given.seed},
         "vehicles": vehicles,
-    }  # fmt: skip
+    }
 
 
 def fly(data: Path, given: argparse.Namespace, folder: Path) -> dict[str, Track]:
     (folder / "arena.yaml").write_text(yaml.safe_dump(arena_of(data, given)))
-    command = [sys.executable, "-m", "arena.cli", "up", str(folder / "arena.yaml"), "--headless", "--until-done",
-               "--speed", "max", "--time-limit", "300"]  # fmt: skip
+    command = [
+        sys.executable,
+        "-m",
+        "arena.cli",
+        "up",
+        str(folder / "arena.yaml"),
+        "--headless",
+        "--until-done",
+        "--speed",
+        "max",
+        "--time-limit",
+        "300",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise SystemExit(f"the flight failed ({done.returncode}):\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+        raise SystemExit(
+            f"the flight failed ({done.returncode}):\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+        )
     (run,) = (folder / "runs").glob("*")
     if given.keep:
         for name, _ in OURS:
@@ -211,7 +267,10 @@ def fly(data: Path, given: argparse.Namespace, folder: Path) -> dict[str, Track]
 
 def table_of_pairs(tracks: Mapping[str, Track], ours: Mapping[str, Track]) -> tuple[str, bool]:
     """As markdown; and whether ours lie no farther from the real flights than Gazebo's did."""
-    lines = ["| pair | lag s | RMS N / E / D m | by the README | each step alone m |", "|---|---|---|---|---|"]
+    lines = [
+        "| pair | lag s | RMS N / E / D m | by the README | each step alone m |",
+        "|---|---|---|---|---|",
+    ]
     bound, good = {}, True
     for one, other, known in PAIRS:
         rms, lag = apart(tracks[one], tracks[other])
@@ -224,7 +283,9 @@ def table_of_pairs(tracks: Mapping[str, Track], ours: Mapping[str, Track]) -> tu
             near = bool((rms <= bound[real] + 5e-4).all())
             good &= near or other != real
             note = ("nearer" if near else "farther") if other == real else ""
-            lines.append(_row(f"**ours** {name}, {other}", rms, lag, note, steps_apart(ours[name], tracks[other])))
+            lines.append(
+                _row(f"**ours** {name}, {other}", rms, lag, note, steps_apart(ours[name], tracks[other]))
+            )
     return "\n".join(lines), good
 
 
@@ -241,9 +302,10 @@ def table_of_steps(tracks: Mapping[str, Track]) -> str:
     for name, track in tracks.items():
         steps = [track.step(k) for k in range(len(track.start))]
         cells = (
-            " ".join(f"{s.rise_s:.2f}" for s in steps), " ".join(f"{100 * s.overshoot:.0f}" for s in steps),
+            " ".join(f"{s.rise_s:.2f}" for s in steps),
+            " ".join(f"{100 * s.overshoot:.0f}" for s in steps),
             " ".join(f"{s.error_m:.3f}" for s in steps),
-        )  # fmt: skip
+        )
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -66,7 +66,11 @@ class Log:
 
 def read_log(file: Path) -> Log:
     with file.open() as lines:
-        rows = [row for row in csv.DictReader(lines) if row["info.flight_mode"] == "OFFBOARD" and row["info.is_landed"] != "True"]
+        rows = [
+            row
+            for row in csv.DictReader(lines)
+            if row["info.flight_mode"] == "OFFBOARD" and row["info.is_landed"] != "True"
+        ]
     # The mode comes with heartbeats, once a second: by the last rows the vehicle may be landing.
     last = float(rows[-1]["time.seconds"]) - HEARTBEAT_S
     return Log(rows=[row for row in rows if float(row["time.seconds"]) <= last])
@@ -96,7 +100,10 @@ def velocity(log: Log) -> list[Figure]:
     v, goal = log.group("truth.vel"), log.group("vel_ref")
     by_velocity = np.isnan(log.group("pos_ref")).any(axis=1) & np.isfinite(goal).all(axis=1)
     off = (v - goal)[by_velocity]
-    yaw = log.group("truth.att_euler", ("yaw",))[by_velocity, 0] - log.group("pos_ref", ("yaw",))[by_velocity, 0]
+    yaw = (
+        log.group("truth.att_euler", ("yaw",))[by_velocity, 0]
+        - log.group("pos_ref", ("yaw",))[by_velocity, 0]
+    )
     return [
         Figure(name="velocity RMS, level", unit="m/s", value=_rms(np.linalg.norm(off[:, :2], axis=1))),
         Figure(name="velocity RMS, vertical", unit="m/s", value=_rms(off[:, 2]), blur=0.01),
@@ -143,11 +150,24 @@ def fly(kind: str, pilot: str, given: argparse.Namespace) -> Log:
             f"vehicles:\n  uav1: {{id: {given.id}, profile: {given.profile}, autopilot: {pilot}, "
             f"program: {EXAMPLES / program}, start: {{position: {place}}}}}\n"
         )
-        command = [sys.executable, "-m", "arena.cli", "up", str(folder / "arena.yaml"), "--headless", "--until-done",
-                   "--speed", "max", "--time-limit", "300"]  # fmt: skip
+        command = [
+            sys.executable,
+            "-m",
+            "arena.cli",
+            "up",
+            str(folder / "arena.yaml"),
+            "--headless",
+            "--until-done",
+            "--speed",
+            "max",
+            "--time-limit",
+            "300",
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
-            raise SystemExit(f"{kind} with {pilot} failed ({done.returncode}):\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+            raise SystemExit(
+                f"{kind} with {pilot} failed ({done.returncode}):\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+            )
         (log,) = folder.glob("runs/*/csv/uav1.csv")
         if given.keep:
             (given.keep / f"{kind}_{pilot}_{given.seed}.csv").write_text(log.read_text())
@@ -177,10 +197,14 @@ def main() -> int:
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--profile", default="iris")
     options.add_argument("--address", default="127.0.0.1")
-    options.add_argument("--id", type=int, default=1, help="of the vehicle: PX4s side by side need different ones")
+    options.add_argument(
+        "--id", type=int, default=1, help="of the vehicle: PX4s side by side need different ones"
+    )
     options.add_argument("--keep", type=Path, help="folder for the logs")
     given: Any = options.parse_args()
-    print("| seed | program | what | PX4 v1.16 | built-in | ratio | within 25 % |\n|---|---|---|---|---|---|---|")
+    print(
+        "| seed | program | what | PX4 v1.16 | built-in | ratio | within 25 % |\n|---|---|---|---|---|---|---|"
+    )
     bad, first = 0, given.seed
     for seed in range(first, first + given.repeat):
         given.seed = seed

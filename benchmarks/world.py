@@ -105,13 +105,17 @@ class Fleet:
 
     def command(self, command: int, *values: float) -> None:
         for i, voice in enumerate(self.voices):
-            message = mavlink.MAVLink_command_long_message(self.ids[i], 1, command, 0, *(*values, *[0.0] * 7)[:7])
+            message = mavlink.MAVLink_command_long_message(
+                self.ids[i], 1, command, 0, *(*values, *[0.0] * 7)[:7]
+            )
             self.pilots.receive(i, "router", message.pack(voice))
 
     def take_off(self) -> None:
         """Every vehicle in OFFBOARD at its height. Raises SystemExit where one is not."""
         for i, voice in enumerate(self.voices):
-            origin = mavlink.MAVLink_set_gps_global_origin_message(self.ids[i], 387_000_000, -91_000_000, 100_000)
+            origin = mavlink.MAVLink_set_gps_global_origin_message(
+                self.ids[i], 387_000_000, -91_000_000, 100_000
+            )
             self.pilots.receive(i, "vision", origin.pack(voice))
         self.run(1000)  # estimators settle
         self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6, 0)
@@ -119,7 +123,9 @@ class Fleet:
         self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         self.run(1500)
         if np.any(np.abs(self.stood[:, 2] - HEIGHT_M - self.world.truth().p_n[:, 2]) > 0.15):
-            raise SystemExit(f"of {self.count} vehicles, not every one hovers: {self.world.truth().p_n[:, 2]}")
+            raise SystemExit(
+                f"of {self.count} vehicles, not every one hovers: {self.world.truth().p_n[:, 2]}"
+            )
 
     def run(self, steps: int) -> None:
         for _ in range(steps):
@@ -201,10 +207,16 @@ def plot(rows: list[Row], path: Path) -> None:
 
 def main() -> None:
 
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("--counts", type=int, nargs="+", default=[1, 2, 5, 10, 20, 50, 100, 200])
     options.add_argument(
-        "--repeat", type=int, default=3, metavar="ROUNDS", help="of one simulated second, of which the least counts"
+        "--repeat",
+        type=int,
+        default=3,
+        metavar="ROUNDS",
+        help="of one simulated second, of which the least counts",
     )
     options.add_argument("--plot", type=Path, metavar="FILE")
     given = options.parse_args()

@@ -63,6 +63,7 @@ def serial_cable() -> Iterator[tuple[str, str]]:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Tests that need a real PX4 are counted, never skipped in silence."""
+
     def count(*kinds: str) -> int:
         reports = (r for kind in kinds for r in terminalreporter.stats.get(kind, []))
         return sum(("marked", "px4") in getattr(r, "user_properties", ()) for r in reports)

@@ -17,33 +17,106 @@ from typing import Any
 from fastcrc import crc16
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.commands import COMMANDS
-from arena.autopilot.params import SPECS
+from arena.autopilot.mavlink.command_handlers import COMMANDS
+from arena.autopilot.param_table import SPECS
 
 HUGE = 3.4028234663852886e38  # the largest float32
 FLOATS = (
-    math.nan, math.inf, -math.inf, HUGE, -HUGE, 1e30, -1e30, 1e10, -1e5, 1e-45, -1e-40, 0.0, -0.0, 0.5, 1.0, -1.0, 2.0, 180.1,
-    400.0, 21196.0, 65535.4, 2.0**31,
-)  # fmt: skip
-WIDTHS = {"B": (0, 255), "b": (-128, 127), "H": (0, 2**16 - 1), "h": (-(2**15), 2**15 - 1), "I": (0, 2**32 - 1),
-          "i": (-(2**31), 2**31 - 1), "Q": (0, 2**64 - 1), "q": (-(2**63), 2**63 - 1)}  # fmt: skip
+    math.nan,
+    math.inf,
+    -math.inf,
+    HUGE,
+    -HUGE,
+    1e30,
+    -1e30,
+    1e10,
+    -1e5,
+    1e-45,
+    -1e-40,
+    0.0,
+    -0.0,
+    0.5,
+    1.0,
+    -1.0,
+    2.0,
+    180.1,
+    400.0,
+    21196.0,
+    65535.4,
+    2.0**31,
+)
+WIDTHS = {
+    "B": (0, 255),
+    "b": (-128, 127),
+    "H": (0, 2**16 - 1),
+    "h": (-(2**15), 2**15 - 1),
+    "I": (0, 2**32 - 1),
+    "i": (-(2**31), 2**31 - 1),
+    "Q": (0, 2**64 - 1),
+    "q": (-(2**63), 2**63 - 1),
+}
 KINDS: dict[str, Any] = {kind.msgname: kind for kind in mavlink.mavlink_map.values()}
 ALL_COMMANDS = sorted(k for k in mavlink.enums["MAV_CMD"] if k < 65536)
-ITEMS = (16, 17, 18, 19, 20, 21, 22, 31, 84, 93, 112, 177, 178, 179, 189, 195, 201, 206, 5000, 5001, 5002, 5003, 5004, 5100)
+ITEMS = (
+    16,
+    17,
+    18,
+    19,
+    20,
+    21,
+    22,
+    31,
+    84,
+    93,
+    112,
+    177,
+    178,
+    179,
+    189,
+    195,
+    201,
+    206,
+    5000,
+    5001,
+    5002,
+    5003,
+    5004,
+    5100,
+)
 FRAMES = (0, 1, 2, 3, 5, 6, 8, 10, 11, 20, 255)
 OFTEN = (
-    "COMMAND_LONG", "COMMAND_INT", "PARAM_SET", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT",
-    "SET_ATTITUDE_TARGET", "ODOMETRY", "VISION_POSITION_ESTIMATE", "SET_GPS_GLOBAL_ORIGIN", "MISSION_ITEM_INT", "MISSION_COUNT",
-    "SET_MODE", "HEARTBEAT", "TIMESYNC", "PING", "PARAM_REQUEST_READ", "PARAM_REQUEST_LIST", "MISSION_REQUEST_LIST",
-    "MISSION_REQUEST_INT", "MISSION_ACK", "MISSION_CLEAR_ALL", "MISSION_SET_CURRENT",
-)  # fmt: skip
+    "COMMAND_LONG",
+    "COMMAND_INT",
+    "PARAM_SET",
+    "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_POSITION_TARGET_GLOBAL_INT",
+    "SET_ATTITUDE_TARGET",
+    "ODOMETRY",
+    "VISION_POSITION_ESTIMATE",
+    "SET_GPS_GLOBAL_ORIGIN",
+    "MISSION_ITEM_INT",
+    "MISSION_COUNT",
+    "SET_MODE",
+    "HEARTBEAT",
+    "TIMESYNC",
+    "PING",
+    "PARAM_REQUEST_READ",
+    "PARAM_REQUEST_LIST",
+    "MISSION_REQUEST_LIST",
+    "MISSION_REQUEST_INT",
+    "MISSION_ACK",
+    "MISSION_CLEAR_ALL",
+    "MISSION_SET_CURRENT",
+)
 Values = dict[str, Any]
 
 
 class Fuzz:
     """system: whom it is about. place: where that vehicle is [m] [NED]; lat_lon_alt: its origin [deg], [m]."""
 
-    def __init__(self, rng: Random, system: int = 1, lat_lon_alt: tuple[float, float, float] = (38.7, -9.1, 100.0)) -> None:
+    def __init__(
+        self, rng: Random, system: int = 1, lat_lon_alt: tuple[float, float, float] = (38.7, -9.1, 100.0)
+    ) -> None:
         self.rng, self.system, self.origin = rng, system, lat_lon_alt
         self.place: Sequence[float] = (0.0, 0.0, -1.0)
 
@@ -67,7 +140,9 @@ class Fuzz:
         params = (*p, *(0.0,) * (7 - len(p)))
         aim = {"target_system": self.system, "target_component": 1, "confirmation": 0, "command": number}
         kind = KINDS["COMMAND_LONG"]
-        return v2(kind, self.payload(kind, aim | {f"param{k + 1}": x for k, x in enumerate(params)}), (255, 190))
+        return v2(
+            kind, self.payload(kind, aim | {f"param{k + 1}": x for k, x in enumerate(params)}), (255, 190)
+        )
 
     def wrap(self, kind: Any, payload: bytes, speaker: tuple[int, int]) -> bytes:
         """In one of the shapes that a frame may have."""
@@ -77,13 +152,17 @@ class Fuzz:
         if r < 0.2:
             return v2(kind, payload[: rng.randint(1, len(payload))], speaker)  # ends early: the rest is zeros
         if r < 0.25:
-            return v2(kind, payload.ljust(255, rng.choice((b"\0", b"\xff", b"\x7f"))), speaker)  # a later dialect's
+            return v2(
+                kind, payload.ljust(255, rng.choice((b"\0", b"\xff", b"\x7f"))), speaker
+            )  # a later dialect's
         if r < 0.35:
             return v2(kind, payload, speaker, signature=rng.randbytes(13))
         return v2(kind, payload if r < 0.5 else payload.rstrip(b"\0") or b"\0", speaker)
 
     def speaker(self) -> tuple[int, int]:
-        return self.rng.choice(((255, 190), (255, 190), (self.system, 191), (self.system, 1), (253, 190), (0, 0), (77, 1)))
+        return self.rng.choice(
+            ((255, 190), (255, 190), (self.system, 191), (self.system, 1), (253, 190), (0, 0), (77, 1))
+        )
 
     def payload(self, kind: Any, values: Values) -> bytes:
         flat: list[Any] = []
@@ -111,9 +190,13 @@ class Fuzz:
         return {
             name: self._absurd(code, count, length)
             for name, code, count, length in zip(
-                kind.ordered_fieldnames, kind.native_format[1:].decode(), kind.lengths, kind.array_lengths, strict=True
+                kind.ordered_fieldnames,
+                kind.native_format[1:].decode(),
+                kind.lengths,
+                kind.array_lengths,
+                strict=True,
             )
-        } | (self._aim(kind) if self.rng.random() < 0.7 else {})  # fmt: skip
+        } | (self._aim(kind) if self.rng.random() < 0.7 else {})
 
     def _absurd(self, code: str, count: int, length: int) -> Any:
         if code == "c":
@@ -154,10 +237,25 @@ class Fuzz:
         """At the vehicle, mostly; at others, at everybody, at another part of it."""
         right, other = self.system, self.system + 1
         system, component = self.rng.choice(
-            ((right, 1), (right, 1), (right, 1), (right, 0), (right, 190), (right, 51), (other, 1), (other, 0), (0, 0), (0, 1),
-             (255, 255))
-        )  # fmt: skip
-        return {k: v for k, v in (("target_system", system), ("target_component", component)) if k in kind.fieldnames}
+            (
+                (right, 1),
+                (right, 1),
+                (right, 1),
+                (right, 0),
+                (right, 190),
+                (right, 51),
+                (other, 1),
+                (other, 0),
+                (0, 0),
+                (0, 1),
+                (255, 255),
+            )
+        )
+        return {
+            k: v
+            for k, v in (("target_system", system), ("target_component", component))
+            if k in kind.fieldnames
+        }
 
     # -- what a client might have said ---------------------------------------------------------------------------------
 
@@ -170,22 +268,29 @@ class Fuzz:
 
     def _whole_degrees(self) -> tuple[int, int]:
         lat, lon, _ = self.origin
-        return int((lat + self.rng.uniform(-1e-4, 1e-4)) * 1e7), int((lon + self.rng.uniform(-1e-4, 1e-4)) * 1e7)
+        return int((lat + self.rng.uniform(-1e-4, 1e-4)) * 1e7), int(
+            (lon + self.rng.uniform(-1e-4, 1e-4)) * 1e7
+        )
 
     def _command(self) -> tuple[int, list[float]]:
         rng, nan = self.rng, math.nan
         number = rng.choice(list(COMMANDS)) if rng.random() < 0.9 else rng.choice(ALL_COMMANDS)
         lat, lon = (x * 1e-7 for x in self._whole_degrees())
         given: dict[int, tuple[float, ...]] = {
-            400: (rng.choice((0, 0, 1)), rng.choice((0, 0, 21196))), 176: (rng.choice((1, 1, 209)), rng.choice((1, 4, 4, 6)),
-                                                                           rng.choice((0, 2, 3, 4, 5, 6, 9))),
-            22: (0, 0, 0, nan, nan, nan, self.origin[2] + 2.5), 192: (-1, 1, 0, nan, lat, lon, self.origin[2] + 1.0),
-            178: (1, 2.0, -1), 179: (rng.choice((0, 1)), 0, 0, 0, lat, lon, self.origin[2]),
+            400: (rng.choice((0, 0, 1)), rng.choice((0, 0, 21196))),
+            176: (rng.choice((1, 1, 209)), rng.choice((1, 4, 4, 6)), rng.choice((0, 2, 3, 4, 5, 6, 9))),
+            22: (0, 0, 0, nan, nan, nan, self.origin[2] + 2.5),
+            192: (-1, 1, 0, nan, lat, lon, self.origin[2] + 1.0),
+            178: (1, 2.0, -1),
+            179: (rng.choice((0, 1)), 0, 0, 0, lat, lon, self.origin[2]),
             511: (rng.choice((0, 1, 30, 32, 85, 331, 435)), rng.choice((-1, 0, 1, 1e4, 1e6, 1e30))),
-            510: (rng.choice((30, 32, 331)),), 512: (rng.choice((0, 30, 33, 49, 83, 85, 148, 242, 331, 435)),),
-            246: (rng.choice((0, 1, 3)),), 185: (1,), 300: (0, 0),
+            510: (rng.choice((30, 32, 331)),),
+            512: (rng.choice((0, 30, 33, 49, 83, 85, 148, 242, 331, 435)),),
+            246: (rng.choice((0, 1, 3)),),
+            185: (1,),
+            300: (0, 0),
             420: (rng.choice((4, 9, 100, 101)), rng.choice((0, 1)), rng.choice((0, 1, 3))),
-        }  # fmt: skip
+        }
         p = [float(x) for x in given.get(number, (0.0,))]
         return number, p + [0.0] * (7 - len(p))
 
@@ -197,8 +302,14 @@ class Fuzz:
         number, p = self._command()
         x, y = self._whole_degrees()
         unsaid = 2**31 - 1 if self.rng.random() < 0.3 else None
-        return {"command": number, "frame": self.rng.choice(FRAMES), "x": unsaid or x, "y": unsaid or y, "z": p[6],
-                **{f"param{k + 1}": v for k, v in enumerate(p[:4])}}  # fmt: skip
+        return {
+            "command": number,
+            "frame": self.rng.choice(FRAMES),
+            "x": unsaid or x,
+            "y": unsaid or y,
+            "z": p[6],
+            **{f"param{k + 1}": v for k, v in enumerate(p[:4])},
+        }
 
     def _param_set(self) -> Values:
         name = self.rng.choice(list(SPECS))
@@ -212,18 +323,27 @@ class Fuzz:
         return {"param_id": name.encode(), "param_value": value, "param_type": 6 if whole else 9}
 
     def _param_read(self) -> Values:
-        return {"param_id": self.rng.choice(list(SPECS)).encode(), "param_index": self.rng.choice((-1, -1, 0, 5, 999))}
+        return {
+            "param_id": self.rng.choice(list(SPECS)).encode(),
+            "param_index": self.rng.choice((-1, -1, 0, 5, 999)),
+        }
 
     def _position(self) -> Values:
         rng = self.rng
         x, y, z = self._near()
-        mask = rng.choice((0b100111111000, 0b010111000111, 0b110000111111, 0, rng.getrandbits(16), rng.getrandbits(12)))
+        mask = rng.choice(
+            (0b100111111000, 0b010111000111, 0b110000111111, 0, rng.getrandbits(16), rng.getrandbits(12))
+        )
         return {"x": x, "y": y, "z": z, "coordinate_frame": rng.choice((1, 1, 8, 7)), "type_mask": mask}
 
     def _global(self) -> Values:
         lat, lon = self._whole_degrees()
-        return self._position() | {"lat_int": lat, "lon_int": lon, "alt": self.origin[2] + 1.0,
-                                   "coordinate_frame": self.rng.choice((5, 6, 11, 1))}  # fmt: skip
+        return self._position() | {
+            "lat_int": lat,
+            "lon_int": lon,
+            "alt": self.origin[2] + 1.0,
+            "coordinate_frame": self.rng.choice((5, 6, 11, 1)),
+        }
 
     def _attitude(self) -> Values:
         mask = self.rng.choice((0, 0b111, 0b10000000, self.rng.getrandbits(8)))
@@ -232,7 +352,11 @@ class Fuzz:
     def _quaternion(self) -> list[float]:
         half = self.rng.choice((0.0, 0.0, 0.05, 1.5))
         return self.rng.choice(
-            ([math.cos(half), 0.0, 0.0, math.sin(half)], [math.cos(half), math.sin(half), 0.0, 0.0], [0.0] * 4)
+            (
+                [math.cos(half), 0.0, 0.0, math.sin(half)],
+                [math.cos(half), math.sin(half), 0.0, 0.0],
+                [0.0] * 4,
+            )
         )
 
     def _covariance(self) -> list[float]:
@@ -241,20 +365,40 @@ class Fuzz:
 
     def _odometry(self) -> Values:
         x, y, z = self._near(self.rng.choice((0.0, 0.02, 0.3, 3.0, 500.0)))
-        return {"x": x, "y": y, "z": z, "q": self._quaternion(), "frame_id": self.rng.choice((1, 1, 20, 8)), "child_frame_id": 12,
-                "estimator_type": self.rng.choice((0, 2, 3, 6)), "pose_covariance": self._covariance(),
-                "time_usec": self.rng.choice((0, 1, 10**6, 10**15, 2**64 - 1))}  # fmt: skip
+        return {
+            "x": x,
+            "y": y,
+            "z": z,
+            "q": self._quaternion(),
+            "frame_id": self.rng.choice((1, 1, 20, 8)),
+            "child_frame_id": 12,
+            "estimator_type": self.rng.choice((0, 2, 3, 6)),
+            "pose_covariance": self._covariance(),
+            "time_usec": self.rng.choice((0, 1, 10**6, 10**15, 2**64 - 1)),
+        }
 
     def _vision(self) -> Values:
         x, y, z = self._near(self.rng.choice((0.0, 0.02, 0.3, 3.0, 500.0)))
-        return {"x": x, "y": y, "z": z, "roll": 0.0, "pitch": 0.0, "yaw": self.rng.choice((0.0, 0.02, 1.0, math.pi)),
-                "covariance": self._covariance(), "usec": self.rng.choice((0, 1, 10**6, 10**15, 2**64 - 1))}  # fmt: skip
+        return {
+            "x": x,
+            "y": y,
+            "z": z,
+            "roll": 0.0,
+            "pitch": 0.0,
+            "yaw": self.rng.choice((0.0, 0.02, 1.0, math.pi)),
+            "covariance": self._covariance(),
+            "usec": self.rng.choice((0, 1, 10**6, 10**15, 2**64 - 1)),
+        }
 
     def _origin(self) -> Values:
         rng = self.rng
         lat = rng.choice((int(self.origin[0] * 1e7), 900_000_000, -900_000_000, 899_999_999, 900_000_001, 0))
         lon = rng.choice((int(self.origin[1] * 1e7), 1_800_000_000, -1_800_000_000, 1_800_000_001))
-        return {"latitude": lat, "longitude": lon, "altitude": rng.choice((100_000, 0, 2**31 - 1, -(2**31), 10**8))}
+        return {
+            "latitude": lat,
+            "longitude": lon,
+            "altitude": rng.choice((100_000, 0, 2**31 - 1, -(2**31), 10**8)),
+        }
 
     def _set_mode(self) -> Values:
         main, sub = self.rng.choice((1, 4, 4, 6, 7, 99)), self.rng.choice((0, 2, 3, 4, 5, 6, 106))
@@ -270,28 +414,49 @@ class Fuzz:
         rng = self.rng
         x, y = self._whole_degrees()
         return {
-            "seq": rng.choice((0, 0, 1, 2, 9, 65_535)), "frame": rng.choice((3, 6, 6, 0, 5, 2, rng.choice(FRAMES))),
-            "command": rng.choice(ITEMS), "current": rng.choice((0, 0, 1)), "autocontinue": rng.choice((0, 1, 1)), "x": x, "y": y,
-            "z": rng.choice((1.0, 2.0, 30.0, -1.0)), "mission_type": rng.choice((0, 0, 1, 2, 255)),
-            "param1": rng.choice((0.0, 1.0, 3.0, 4.0)), "param2": rng.choice((0.0, 0.3, 2.0)),
+            "seq": rng.choice((0, 0, 1, 2, 9, 65_535)),
+            "frame": rng.choice((3, 6, 6, 0, 5, 2, rng.choice(FRAMES))),
+            "command": rng.choice(ITEMS),
+            "current": rng.choice((0, 0, 1)),
+            "autocontinue": rng.choice((0, 1, 1)),
+            "x": x,
+            "y": y,
+            "z": rng.choice((1.0, 2.0, 30.0, -1.0)),
+            "mission_type": rng.choice((0, 0, 1, 2, 255)),
+            "param1": rng.choice((0.0, 1.0, 3.0, 4.0)),
+            "param2": rng.choice((0.0, 0.3, 2.0)),
             "param4": rng.choice((0.0, math.nan)),
-        }  # fmt: skip
+        }
 
     def _item_float(self) -> Values:
         return self._item() | {"x": self.origin[0], "y": self.origin[1], "frame": self.rng.choice((0, 2, 3))}
 
     def upload(self) -> Iterator[tuple[str, bytes]]:
         """A whole one, from one sender, with items that should never have been sent."""
-        rng, kind, who = self.rng, self.rng.choice((0, 0, 1, 2)), self.rng.choice(((255, 190), (self.system, 191)))
-        target = {"target_system": self.system, "target_component": rng.choice((0, 1, 190)), "mission_type": kind}
+        rng, kind, who = (
+            self.rng,
+            self.rng.choice((0, 0, 1, 2)),
+            self.rng.choice(((255, 190), (self.system, 191))),
+        )
+        target = {
+            "target_system": self.system,
+            "target_component": rng.choice((0, 1, 190)),
+            "mission_type": kind,
+        }
         count = rng.choice((1, 2, 3, 6))
         yield self._told("MISSION_COUNT", {**self._count(), **target, "count": count, "opaque_id": 0}, who)
         command = rng.choice((5001, 5002, 5003, 5004)) if kind == 1 else 5100 if kind == 2 else None
         for seq in range(count):
             item = {**self.values(KINDS["MISSION_ITEM_INT"]), **self._item(), **target, "seq": seq}
             if command is not None:
-                item |= {"command": command, "frame": rng.choice((0, 5, 6)), "param1": float(rng.choice((count, 3, 4.0)))}
-            for bad in rng.sample(("param1", "param2", "param3", "param4", "z", "x", "frame"), rng.choice((0, 1, 1, 2))):
+                item |= {
+                    "command": command,
+                    "frame": rng.choice((0, 5, 6)),
+                    "param1": float(rng.choice((count, 3, 4.0))),
+                }
+            for bad in rng.sample(
+                ("param1", "param2", "param3", "param4", "z", "x", "frame"), rng.choice((0, 1, 1, 2))
+            ):
                 item[bad] = self.absurd(KINDS["MISSION_ITEM_INT"])[bad]
             yield self._told("MISSION_ITEM_INT", item, who)
 
@@ -300,12 +465,21 @@ class Fuzz:
 
 
 _PLAUSIBLE: dict[str, Callable[[Fuzz], Values]] = {
-    "COMMAND_LONG": Fuzz._command_long, "COMMAND_INT": Fuzz._command_int, "PARAM_SET": Fuzz._param_set,
-    "PARAM_REQUEST_READ": Fuzz._param_read, "SET_POSITION_TARGET_LOCAL_NED": Fuzz._position,
-    "SET_POSITION_TARGET_GLOBAL_INT": Fuzz._global, "SET_ATTITUDE_TARGET": Fuzz._attitude, "ODOMETRY": Fuzz._odometry,
-    "VISION_POSITION_ESTIMATE": Fuzz._vision, "SET_GPS_GLOBAL_ORIGIN": Fuzz._origin, "SET_MODE": Fuzz._set_mode,
-    "MISSION_COUNT": Fuzz._count, "MISSION_ITEM_INT": Fuzz._item, "MISSION_ITEM": Fuzz._item_float,
-}  # fmt: skip
+    "COMMAND_LONG": Fuzz._command_long,
+    "COMMAND_INT": Fuzz._command_int,
+    "PARAM_SET": Fuzz._param_set,
+    "PARAM_REQUEST_READ": Fuzz._param_read,
+    "SET_POSITION_TARGET_LOCAL_NED": Fuzz._position,
+    "SET_POSITION_TARGET_GLOBAL_INT": Fuzz._global,
+    "SET_ATTITUDE_TARGET": Fuzz._attitude,
+    "ODOMETRY": Fuzz._odometry,
+    "VISION_POSITION_ESTIMATE": Fuzz._vision,
+    "SET_GPS_GLOBAL_ORIGIN": Fuzz._origin,
+    "SET_MODE": Fuzz._set_mode,
+    "MISSION_COUNT": Fuzz._count,
+    "MISSION_ITEM_INT": Fuzz._item,
+    "MISSION_ITEM": Fuzz._item_float,
+}
 
 
 def v2(kind: Any, payload: bytes, speaker: tuple[int, int], signature: bytes = b"") -> bytes:

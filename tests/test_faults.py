@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena import faults
+from arena import fault_injection
 from arena.errors import InputError, RunError
-from arena.faults import Faults, inject
+from arena.fault_injection import Faults, inject
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_a_path_too_long_for_a_socket_is_one_sentence(tmp_path):
 
 
 def test_nobody_there_is_an_error_and_so_is_one_who_never_looks(listening, place, monkeypatch):
-    monkeypatch.setattr(faults, "_PATIENCE_S", 0.05)
+    monkeypatch.setattr(fault_injection, "_PATIENCE_S", 0.05)
     with pytest.raises(RunError, match="nobody takes faults there"):
         inject("nowhere.faults", {"do": "wind"})
     with pytest.raises(RunError, match="nobody takes faults there"):
@@ -84,14 +84,18 @@ def test_nobody_there_is_an_error_and_so_is_one_who_never_looks(listening, place
 
 def test_what_is_no_fault_is_refused_with_an_event_and_ends_nothing(listening, place):
     def spoil(fault):
-        return f"did {faults.word(fault, 'do', ('this',))}"
+        return f"did {fault_injection.word(fault, 'do', ('this',))}"
 
     for data in (b"", b"\xff\xfe", b"[1]", b"[" * 4000, b"{}", b'{"do": "this"', b"x" * 9000):
         raw(place, data)
         assert listening.obey(spoil) == ["fault refused: no JSON object, or an empty one"], data[:20]
     raw(place, json.dumps({"do": "that" * 100}).encode())
     (told,) = listening.obey(spoil)
-    assert told.startswith('fault refused: {"do": "thatthat') and told.endswith("expected one of this") and len(told) < 250
+    assert (
+        told.startswith('fault refused: {"do": "thatthat')
+        and told.endswith("expected one of this")
+        and len(told) < 250
+    )
     inject(place, {"do": "this"})
     assert listening.obey(spoil) == ["fault: did this"]
 
@@ -101,27 +105,34 @@ NOT_NUMBERS = [None, "1", True, [1], float("nan"), float("inf"), -0.1, 1.1, 10**
 
 @pytest.mark.parametrize("wrong", NOT_NUMBERS, ids=str)
 def test_a_number_is_a_finite_one_within_its_limits(wrong):
-    assert faults.number({"x": 1}, "x", 0.0, 1.0) == 1.0
+    assert fault_injection.number({"x": 1}, "x", 0.0, 1.0) == 1.0
     with pytest.raises(InputError, match=r"x: got .*, expected a number from 0 to 1"):
-        faults.number({"x": wrong}, "x", 0.0, 1.0)
+        fault_injection.number({"x": wrong}, "x", 0.0, 1.0)
     with pytest.raises(InputError, match="x: got"):
-        faults.vector({"x": [0, wrong, 0]}, "x", 1.0) if wrong != -0.1 else faults.vector({"x": [0, 0]}, "x", 1.0)
+        fault_injection.vector({"x": [0, wrong, 0]}, "x", 1.0) if wrong != -0.1 else fault_injection.vector(
+            {"x": [0, 0]}, "x", 1.0
+        )
     with pytest.raises(InputError, match="x: got"):
-        faults.whole({"x": wrong}, "x", 0, 1)
+        fault_injection.whole({"x": wrong}, "x", 0, 1)
 
 
-@pytest.mark.parametrize("wrong", [None, "a", ["a"], ["a", "a"], ["a", "c"], ["a", ["b"]], ["a", "b", "b"], {"a": "b"}], ids=str)
+@pytest.mark.parametrize(
+    "wrong", [None, "a", ["a"], ["a", "a"], ["a", "c"], ["a", ["b"]], ["a", "b", "b"], {"a": "b"}], ids=str
+)
 def test_two_words_are_two_different_known_ones(wrong):
-    assert faults.words({"x": ["b", "a"]}, "x", ("a", "b"), 2) == ("b", "a")
+    assert fault_injection.words({"x": ["b", "a"]}, "x", ("a", "b"), 2) == ("b", "a")
     with pytest.raises(InputError, match=r"x: got .*, expected 2 different ones of a, b"):
-        faults.words({"x": wrong}, "x", ("a", "b"), 2)
+        fault_injection.words({"x": wrong}, "x", ("a", "b"), 2)
 
 
 @pytest.mark.parametrize("wrong", [None, 0, 1, "true", []], ids=str)
 def test_on_is_true_or_false(wrong):
-    assert faults.flag({"on": True}, "on") is True and faults.flag({"on": False}, "on") is False
+    assert (
+        fault_injection.flag({"on": True}, "on") is True
+        and fault_injection.flag({"on": False}, "on") is False
+    )
     with pytest.raises(InputError, match="on: got"):
-        faults.flag({"on": wrong}, "on")
+        fault_injection.flag({"on": wrong}, "on")
 
 
 SCALAR = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
@@ -131,9 +142,13 @@ SCALAR = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
 def test_any_value_is_read_or_refused(value):
     fault, ab = {"x": value}, ("a", "b")
     for read in (
-        lambda: faults.word(fault, "x", ab), lambda: faults.words(fault, "x", ab, 2), lambda: faults.flag(fault, "x"),
-        lambda: faults.number(fault, "x", -9, 9), lambda: faults.whole(fault, "x", -9, 9), lambda: faults.vector(fault, "x", 9),
-    ):  # fmt: skip
+        lambda: fault_injection.word(fault, "x", ab),
+        lambda: fault_injection.words(fault, "x", ab, 2),
+        lambda: fault_injection.flag(fault, "x"),
+        lambda: fault_injection.number(fault, "x", -9, 9),
+        lambda: fault_injection.whole(fault, "x", -9, 9),
+        lambda: fault_injection.vector(fault, "x", 9),
+    ):
         try:
             read()
         except InputError as error:

@@ -15,13 +15,13 @@ sys.path.insert(0, str(FOLDER))
 
 from fuzzing import KINDS, Fuzz, read  # noqa: E402
 
-from arena.forward.forwarder import Forwarder  # noqa: E402
-from arena.link.core import Link  # noqa: E402
-from arena.link.settings import Settings  # noqa: E402
-from arena.route.router import Router  # noqa: E402
-from arena.route.table import Table  # noqa: E402
-from arena.safety.landing import Landing  # noqa: E402
-from arena.wire.mavframe import cut  # noqa: E402
+from arena.emergency.landing_sequence import Landing  # noqa: E402
+from arena.fcu_link.core import Link  # noqa: E402
+from arena.fcu_link.settings import Settings  # noqa: E402
+from arena.mavlink_router.router import Router  # noqa: E402
+from arena.mavlink_router.routing_table import Table  # noqa: E402
+from arena.pose_forwarder.forwarder import Forwarder  # noqa: E402
+from arena.wire.mavlink_frame import cut  # noqa: E402
 from arena.wire.telemetry import Telemetry  # noqa: E402
 
 MESSAGES, STEP_S = 3000, 0.004
@@ -39,9 +39,16 @@ def heard(system: int, *, own: float = 0.8, seed: int = 5) -> Iterator[tuple[byt
 
 def test_the_forwarder_says_nothing_but_its_heartbeat_and_its_origin():
     settings = {
-        "name": "forward.uav1", "vehicle": "uav1", "id": 3, "body": "a", "frame_rate_hz": 180, "rate_hz": 60, "stale_s": 0.1,
-        "noise": {"position_m": 0.001, "rotation_deg": 0.5}, "origin": {"lat_deg": 38.7, "lon_deg": -9.1, "alt_m": 100.0},
-    }  # fmt: skip
+        "name": "forward.uav1",
+        "vehicle": "uav1",
+        "id": 3,
+        "body": "a",
+        "frame_rate_hz": 180,
+        "rate_hz": 60,
+        "stale_s": 0.1,
+        "noise": {"position_m": 0.001, "rotation_deg": 0.5},
+        "origin": {"lat_deg": 38.7, "lon_deg": -9.1, "alt_m": 100.0},
+    }
     forwarder = Forwarder(settings)
     for data, now in heard(3):
         forwarder.on_mavlink(data, now)
@@ -54,19 +61,34 @@ def test_the_forwarder_says_nothing_but_its_heartbeat_and_its_origin():
 def test_the_router_passes_whole_frames_and_to_no_vehicle_that_was_not_named(who):
     host = "127.22.0.1"
     vehicles = [
-        {"name": f"uav{k}", "id": k, "link": {"local": [host, 1000 + k], "remote": [host, 2000 + k]}, "serve": [host, 3000 + k],
-         "clients": [{"name": "program", "address": [host, 4000 + k]}], "logger": [host, 5000 + k], "tools": [host, 6000 + k]}
+        {
+            "name": f"uav{k}",
+            "id": k,
+            "link": {"local": [host, 1000 + k], "remote": [host, 2000 + k]},
+            "serve": [host, 3000 + k],
+            "clients": [{"name": "program", "address": [host, 4000 + k]}],
+            "logger": [host, 5000 + k],
+            "tools": [host, 6000 + k],
+        }
         for k in (1, 2)
-    ]  # fmt: skip
-    table = Table.from_slice({
-        "name": "router", "vehicles": vehicles, "gcs_local": [host, 7000], "gcs": [{"name": "gcs", "address": [host, 7001]}],
-        "heartbeat": True, "simulated": True,
-    })  # fmt: skip
+    ]
+    table = Table.from_slice(
+        {
+            "name": "router",
+            "vehicles": vehicles,
+            "gcs_local": [host, 7000],
+            "gcs": [{"name": "gcs", "address": [host, 7001]}],
+            "heartbeat": True,
+            "simulated": True,
+        }
+    )
     router = Router(table)
     at, sender = {"autopilot": (1001, 2001), "program": (3001, 4001), "gcs": (7000, 7001)}[who]
     for data, now in heard(1, own=0.8 if who == "autopilot" else 0.0):
         frame = cut(data).frames[0]
-        for piece, destinations in router.on_datagram(router.sockets.index((host, at)), (host, sender), data, now):
+        for piece, destinations in router.on_datagram(
+            router.sockets.index((host, at)), (host, sender), data, now
+        ):
             assert cut(bytes(piece)).garbage == 0
             to = {address[1] for _, address in destinations} & {2001, 2002}
             assert who == "gcs" or 2002 not in to
@@ -82,14 +104,37 @@ def test_the_telemetry_of_a_program_takes_anything_and_keeps_what_it_can_tell():
 
 
 def test_the_link_arms_on_nothing_that_fuzz_makes_it_believe():
-    ends = {n: {"local": ["127.22.0.1", 24000 + 2 * i], "remote": ["127.22.0.1", 24001 + 2 * i]}
-            for i, n in enumerate(("router", "vision", "panic"))}  # fmt: skip
-    preflight = {"position_m": 0.2, "yaw_deg": 15.0, "pose_age_s": 0.1, "pose_rate_hz": 50.0, "battery": 0.2, "size_m": [7, 4, 3],
-                 "height_m": 0.1, "poses": True}  # fmt: skip
-    link = Link(Settings.from_slice({
-        "name": "link.uav7", "vehicle": "uav7", "id": 7, "wire": {"kind": "udpin", "address": ["127.22.0.1", 14540]},
-        "links": ends, "simulator": None, "preflight": preflight, "params": {}, "params_file": "", "simulated": False,
-    }), 0.0)  # fmt: skip
+    ends = {
+        n: {"local": ["127.22.0.1", 24000 + 2 * i], "remote": ["127.22.0.1", 24001 + 2 * i]}
+        for i, n in enumerate(("router", "vision", "panic"))
+    }
+    preflight = {
+        "position_m": 0.2,
+        "yaw_deg": 15.0,
+        "pose_age_s": 0.1,
+        "pose_rate_hz": 50.0,
+        "battery": 0.2,
+        "size_m": [7, 4, 3],
+        "height_m": 0.1,
+        "poses": True,
+    }
+    link = Link(
+        Settings.from_slice(
+            {
+                "name": "link.uav7",
+                "vehicle": "uav7",
+                "id": 7,
+                "wire": {"kind": "udpin", "address": ["127.22.0.1", 14540]},
+                "links": ends,
+                "simulator": None,
+                "preflight": preflight,
+                "params": {},
+                "params_file": "",
+                "simulated": False,
+            }
+        ),
+        0.0,
+    )
     rng, arming = Random(3), Fuzz(Random(1), 7).command(400, 1.0)
     for data, now in heard(7):
         link.from_wire(data, cut(data), now)
@@ -109,5 +154,7 @@ def test_a_landing_goes_on_asking_and_tells_what_it_knows(action):
         landing.hear(data, now)
         for said in landing.due(now):
             m = read(said)
-            assert m.get_type() != "COMMAND_LONG" or all(math.isfinite(getattr(m, f"param{k}")) for k in (1, 2))
+            assert m.get_type() != "COMMAND_LONG" or all(
+                math.isfinite(getattr(m, f"param{k}")) for k in (1, 2)
+            )
         assert landing.line(now)

@@ -1,5 +1,5 @@
 """The built-in, PX4-compatible autopilot: batched over vehicles, stepped by the world beside the bodies it flies."""
 
-from arena.autopilot.fleet import Autopilots
+from arena.autopilot.autopilots import Autopilots
 
 __all__ = ["Autopilots"]

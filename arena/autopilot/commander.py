@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-from arena.autopilot.sticks import NONE as NO_STICKS
+from arena.autopilot.manual_control import NONE as NO_STICKS
 
 EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
 
@@ -49,8 +49,19 @@ def mode_of(main: int, sub: int) -> Mode | None:
 
 _FLOWN = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND, Mode.OFFBOARD}
 _NEEDS_POSITION = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND}
-_EXCEPT = {Mode.MISSION: 1, Mode.HOLD: 2, Mode.TAKEOFF: 2, Mode.OFFBOARD: 4}  # bits of COM_DLL_EXCEPT and COM_RCL_EXCEPT
-_WORSE = (Mode.HOLD, Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE)  # the later, the worse: of two failsafes the worse acts
+_EXCEPT = {
+    Mode.MISSION: 1,
+    Mode.HOLD: 2,
+    Mode.TAKEOFF: 2,
+    Mode.OFFBOARD: 4,
+}  # bits of COM_DLL_EXCEPT and COM_RCL_EXCEPT
+_WORSE = (
+    Mode.HOLD,
+    Mode.RTL,
+    Mode.LAND,
+    Mode.DESCEND,
+    Mode.TERMINATE,
+)  # the later, the worse: of two failsafes the worse acts
 _BY_HAND = (0, 1, 2)  # COM_OBL_RC_ACT: position, altitude, stabilized
 _GCS_QUIET_S = 2.5  # after its last heartbeat a ground station counts as gone, and COM_DL_LOSS_T begins
 _NO_ARMING = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
@@ -155,7 +166,9 @@ class Commander:
     def _lacks(self, mode: Mode, s: Sensed, limits: Limits) -> str:
         if mode is Mode.OFFBOARD and s.offboard_age > limits.com_of_loss_t:
             return "no offboard setpoints: stream them at 2 Hz or more first"
-        if (mode in _NEEDS_POSITION or (mode is Mode.OFFBOARD and s.offboard_needs_position)) and not _position_ok(s):
+        if (
+            mode in _NEEDS_POSITION or (mode is Mode.OFFBOARD and s.offboard_needs_position)
+        ) and not _position_ok(s):
             return "no valid local position"
         return self._auto_lacks(mode, s)
 
@@ -233,9 +246,14 @@ class Commander:
             self.took_off = True
             self.say(INFO, "Takeoff detected")
         for check in (
-            self._check_attitude, self._check_position, self._check_fence, self._check_battery, self._check_offboard,
-            self._check_data_link, self._check_sticks,
-        ):  # fmt: skip
+            self._check_attitude,
+            self._check_position,
+            self._check_fence,
+            self._check_battery,
+            self._check_offboard,
+            self._check_data_link,
+            self._check_sticks,
+        ):
             check(s, limits)
             if not self.armed:
                 return
@@ -246,7 +264,11 @@ class Commander:
         """Beyond the limit for so long: what tumbles turns through it, what has fallen over stays there."""
         beyond = s.tilt_rad > limits.fd_fail_rad and self.took_off
         self._tilted_since = (self._tilted_since or s.now) if beyond else None
-        if limits.cbrk_flightterm == 0 and self._tilted_since is not None and s.now - self._tilted_since >= limits.fd_fail_s:
+        if (
+            limits.cbrk_flightterm == 0
+            and self._tilted_since is not None
+            and s.now - self._tilted_since >= limits.fd_fail_s
+        ):
             self.terminate(s.now, "attitude failure")
 
     def _check_position(self, s: Sensed, limits: Limits) -> None:
@@ -283,7 +305,9 @@ class Commander:
             return
         self.say(CRITICAL, s.fence)
         reaction = {2: Mode.HOLD, 3: _home_or_land(s), 4: Mode.TERMINATE, 5: Mode.LAND}.get(action)
-        down = self.mode in (Mode.LAND, Mode.DESCEND, Mode.TERMINATE) or (self.mode is Mode.RTL and action == 2)
+        down = self.mode in (Mode.LAND, Mode.DESCEND, Mode.TERMINATE) or (
+            self.mode is Mode.RTL and action == 2
+        )
         if reaction is Mode.TERMINATE or (reaction and not down):
             self._act_soon(reaction, s, limits, "geofence")
 

@@ -19,8 +19,21 @@ if TYPE_CHECKING:
     import typer
 
 VERBS = (
-    "init", "doctor", "check", "plan", "schema", "params", "smoke", "up", "ps", "logs", "restart", "down", "land-all", "kill-all",
-)  # fmt: skip
+    "init",
+    "doctor",
+    "check",
+    "plan",
+    "schema",
+    "params",
+    "smoke",
+    "up",
+    "ps",
+    "logs",
+    "restart",
+    "down",
+    "land-all",
+    "kill-all",
+)
 PANIC = ("land-all", "kill-all")
 _HELP = ("-h", "--help")
 
@@ -78,7 +91,7 @@ def _register(app: typer.Typer, verb: str) -> None:
 def _panic(arguments: list[str]) -> int:
     with contextlib.suppress(OSError):  # where the system allows it, before everything else that runs
         os.setpriority(os.PRIO_PROCESS, 0, -15)
-    from arena.safety.land_all import command
+    from arena.emergency.land_all import command
 
     try:
         return command(arguments[0], arguments[1:])

@@ -14,12 +14,14 @@ if TYPE_CHECKING:
     from arena.schema import Arena
 
 File = Annotated[Path, typer.Argument(help="the arena's YAML, or its folder")]
-Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
+]
 
 
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:
     """A line per vehicle, those for what other computers reach, then one for the processes."""
-    from arena.plan.doors import open_lines
+    from arena.plan.open_ports import open_lines
 
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
     lines += not_possible(arena) + copilot_notes(arena) + open_lines(plan)

@@ -15,7 +15,7 @@ from arena.schema.machine import Machine, Probe
 from arena.schema.models import ArenaFile, VehicleKeys
 from arena.schema.ports import GROUND_STATION, LINK_BASE, WHAT, vehicle_ports
 from arena.schema.px4 import HOME, need_px4
-from arena.supervise import active_runs
+from arena.supervisor import active_runs
 
 LEAST_PYTHON = (3, 11)
 # package -> (what for, whether arenas with the built-in autopilot fly without it)
@@ -49,7 +49,9 @@ class Finding:
         return f"{self.sign:8}{self.what}"
 
 
-def examine(probe: Probe | None = None, locks: Path = PX4_LOCKS, devices: Path = DEVICES) -> Iterator[Finding]:
+def examine(
+    probe: Probe | None = None, locks: Path = PX4_LOCKS, devices: Path = DEVICES
+) -> Iterator[Finding]:
     probe = probe or Machine()
     yield from _python()
     yield from _packages(probe)
@@ -64,7 +66,9 @@ def _python() -> Iterator[Finding]:
     found, least = ".".join(map(str, sys.version_info[:3])), ".".join(map(str, LEAST_PYTHON))
     fits = sys.version_info >= LEAST_PYTHON
     why = "" if fits else f": arena needs {least} or newer"
-    yield Finding(sign="ok" if fits else "missing", what=f"Python {found} ({sys.executable}){why}", fatal=not fits)
+    yield Finding(
+        sign="ok" if fits else "missing", what=f"Python {found} ({sys.executable}){why}", fatal=not fits
+    )
 
 
 def _packages(probe: Probe) -> Iterator[Finding]:
@@ -99,14 +103,25 @@ def _ports(probe: Probe) -> Iterator[Finding]:
     """What stands in the way of an arena of ten vehicles on the default address."""
     defaults = ArenaFile(vehicles={"uav1": VehicleKeys()})
     address = defaults.address
-    wanted = {LINK_BASE: "the router", defaults.mocap.command_port: "the motion capture", GROUND_STATION: "a ground station"}
+    wanted = {
+        LINK_BASE: "the router",
+        defaults.mocap.command_port: "the motion capture",
+        GROUND_STATION: "a ground station",
+    }
     for vehicle_id in range(1, _LOOKED_AT + 1):
         ports = vehicle_ports(vehicle_id)
-        wanted |= {getattr(ports, key): f"{who}, vehicle {vehicle_id}" for key, (who, _) in WHAT.items() if key != "simulator"}
+        wanted |= {
+            getattr(ports, key): f"{who}, vehicle {vehicle_id}"
+            for key, (who, _) in WHAT.items()
+            if key != "simulator"
+        }
     taken = [(port, who) for port, who in wanted.items() if probe.refusal(address, port)]
     for port, who in taken:
         holder = probe.holder(address, port)
-        yield Finding(sign="note", what=f"UDP port {port} of {address} ({who}) is in use{f' by {holder}' if holder else ''}")
+        yield Finding(
+            sign="note",
+            what=f"UDP port {port} of {address} ({who}) is in use{f' by {holder}' if holder else ''}",
+        )
     if not taken:
         yield Finding(sign="ok", what=f"every UDP port of {_LOOKED_AT} vehicles on {address} is free")
 
@@ -117,16 +132,24 @@ def _serial(folder: Path) -> Iterator[Finding]:
         if os.access(device, os.R_OK | os.W_OK):
             yield Finding(sign="ok", what=f"{device}: a serial device, perhaps a flight controller")
         else:
-            yield Finding(sign="note", what=f"{device}: this user may not open it; add the user to its group ({device.group()})")
+            yield Finding(
+                sign="note",
+                what=f"{device}: this user may not open it; add the user to its group ({device.group()})",
+            )
 
 
 def _runs() -> Iterator[Finding]:
     for run in active_runs():
         if run.live:
-            yield Finding(sign="note", what=f"{run.name} is up on {run.address} (supervisor {run.supervisor.pid}, {run.run})")
+            yield Finding(
+                sign="note",
+                what=f"{run.name} is up on {run.address} (supervisor {run.supervisor.pid}, {run.run})",
+            )
         else:
             left = ", ".join(run.survivors()) or "nothing of it runs"
-            yield Finding(sign="note", what=f"stale run {run.run} on {run.address} ({left}): arena down --run {run.run}")
+            yield Finding(
+                sign="note", what=f"stale run {run.run} on {run.address} ({left}): arena down --run {run.run}"
+            )
 
 
 def _locks(folder: Path) -> Iterator[Finding]:
@@ -137,6 +160,8 @@ def _locks(folder: Path) -> Iterator[Finding]:
             with lock.open("rb") as file:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except PermissionError:
-            yield Finding(sign="note", what=f"{lock} belongs to another user: PX4 instance {number} will not start")
+            yield Finding(
+                sign="note", what=f"{lock} belongs to another user: PX4 instance {number} will not start"
+            )
         except OSError:
             yield Finding(sign="note", what=f"PX4 instance {number} is running ({lock} is held)")

@@ -14,15 +14,15 @@ import typer
 from arena.errors import InputError
 
 if TYPE_CHECKING:
-    from arena.params.check import Finding, Room
-    from arena.params.diff import Row
-    from arena.params.generate import Generated
-    from arena.params.record import Record
-    from arena.params.session import Report, Target
-    from arena.params.sources import Source
-    from arena.params.table import Parameter
+    from arena.params.checks.check import Finding, Room
+    from arena.params.checks.diff import Row
+    from arena.params.facts.parameter_table import Parameter
+    from arena.params.generation.generate import Generated
+    from arena.params.param_files import Source
+    from arena.params.transfer.push_record import Record
+    from arena.params.transfer.session import Report, Target
     from arena.schema import Arena, Vehicle
-    from arena.supervise import RunState
+    from arena.supervisor import RunState
 
 RECORD = "push.json"
 YAML, _DEFAULTS = "yaml:", "defaults"
@@ -45,18 +45,20 @@ def chosen_of(arena: Arena, names: Sequence[str] | None) -> list[Vehicle]:
 
 def begun(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, asked: str) -> Record:
     """A new push; one that was cut short is not forgotten for it. Raises InputError."""
-    from arena.params.record import Record
+    from arena.params.transfer.push_record import Record
 
     path = Path(arena.folder) / RECORD
     if path.exists() and Record.read(path).unfinished:
-        raise InputError(f"{path}: a push was cut short. Go on with it by --resume, or remove the file and the old values in it")
+        raise InputError(
+            f"{path}: a push was cut short. Go on with it by --resume, or remove the file and the old values in it"
+        )
     wanted = {v.name: _wanted(v, file, asked) for v in chosen}
     return Record.begin(path, wanted, {v.name: _place(arena, v) for v in chosen})
 
 
 def resumed(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> Record:
     """Raises InputError where there is none, or it is of other vehicles."""
-    from arena.params.record import Record
+    from arena.params.transfer.push_record import Record
 
     if file is not None:
         raise InputError("--resume goes on with the values that the record holds: leave --file out")
@@ -65,7 +67,9 @@ def resumed(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> Recor
         raise InputError(f"{record.path}: the push that was cut short was of {', '.join(record.wanted)}")
     for v in chosen:
         if v.name in record.wanted and record.entries[v.name].at != _place(arena, v):
-            raise InputError(f"{record.path}: is of {v.name} at {record.entries[v.name].at}; here it is at {_place(arena, v)}")
+            raise InputError(
+                f"{record.path}: is of {v.name} at {record.entries[v.name].at}; here it is at {_place(arena, v)}"
+            )
     return record
 
 
@@ -78,7 +82,7 @@ def rebooted(targets: Mapping[str, Target], *, asked: bool) -> bool:
     question = f"reboot {', '.join(targets)}, so that it takes effect?"
     if not targets or not (asked or (sys.stdin.isatty() and typer.confirm(question))):
         return True
-    from arena.params.session import reboot as reboot_now
+    from arena.params.transfer.session import reboot as reboot_now
 
     became = reboot_now(targets)
     for name, why_not in became.items():
@@ -97,7 +101,7 @@ def writable(path: Path) -> Iterator[None]:
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:
     """Whose names: what is asked for, else the vehicle's, else what simulated vehicles keep."""
-    from arena.params.table import Version
+    from arena.params.facts.parameter_table import Version
     from arena.schema.resolve import SIMULATED_VERSION
 
     if asked:
@@ -107,21 +111,26 @@ def version_for(vehicle: Vehicle | None, asked: str) -> str:
 
 def made_for(vehicle: Vehicle, asked: str) -> Generated:
     """What the YAML asks it to hold. A file for it (`file_of`) has its simulated body's rotors as well."""
-    from arena.params.generate import generate as make
+    from arena.params.generation.generate import generate as make
 
     return make(vehicle.held, version_for(vehicle, asked))
 
 
 def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
-    from arena.params.generate import generate as make
-    from arena.params.table import assumed, parameters
-    from arena.wire.qgcparams import INT32, REAL32, format_params
+    from arena.params.facts.parameter_table import assumed, parameters
+    from arena.params.generation.generate import generate as make
+    from arena.wire.qgc_params import INT32, REAL32, format_params
 
     version = version_for(vehicle, asked)
     made, known = make(vehicle.needs, version), parameters(version)
-    header = [f"{vehicle.name} of {arena.name} ({arena.file}), made by arena params generate", f"Version: {version}"]
+    header = [
+        f"{vehicle.name} of {arena.name} ({arena.file}), made by arena params generate",
+        f"Version: {version}",
+    ]
     if assumed(version):
-        header.append(f"no release of PX4 {version} was there to read: these are the names of its development")
+        header.append(
+            f"no release of PX4 {version} was there to read: these are the names of its development"
+        )
     header += [f"NOT POSSIBLE: {words}" for words in made.cannot]
     comments = {line.name: f"{line.what}; {line.asked}" for line in made.lines}
     types = {name: INT32 if known[name].type == "INT32" else REAL32 for name in made.values if name in known}
@@ -130,7 +139,7 @@ def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
 
 def _wanted(vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:
     if file is not None:
-        from arena.params.sources import read_values
+        from arena.params.param_files import read_values
 
         return {name: value for name, value in read_values(file).values.items() if name != "MAV_SYS_ID"}
     made = made_for(vehicle, asked)
@@ -139,7 +148,9 @@ def _wanted(vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]
     return made.values
 
 
-def refuse_beyond_limits(wanted: Mapping[str, Mapping[str, float]], facts: Mapping[str, Mapping[str, Parameter]]) -> None:
+def refuse_beyond_limits(
+    wanted: Mapping[str, Mapping[str, float]], facts: Mapping[str, Mapping[str, Parameter]]
+) -> None:
     """PX4 takes any number over MAVLink. Raises InputError with each that its own table does not allow."""
     said = [
         f"  {vehicle}: {name}: got {value:g}, expected {expected}"
@@ -153,8 +164,8 @@ def refuse_beyond_limits(wanted: Mapping[str, Mapping[str, float]], facts: Mappi
 
 def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, Target]:
     """Through the router of the arena that is up, else straight to hardware."""
-    from arena.params.session import Target
-    from arena.supervise import active_runs
+    from arena.params.transfer.session import Target
+    from arena.supervisor import active_runs
 
     run = next((state for state in active_runs() if state.live and state.address == arena.address), None)
     up = _same_vehicles(run, vehicles) if run else False
@@ -163,24 +174,32 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, Target]:
         if up:
             found[v.name] = Target(system=v.id, remote=(arena.address, v.ports.tools))
         elif v.wire is None or v.simulated:
-            raise InputError(f"{v.name} is simulated, and no arena is up on {arena.address}: start one with arena up")
+            raise InputError(
+                f"{v.name} is simulated, and no arena is up on {arena.address}: start one with arena up"
+            )
         elif v.wire.kind == "serial":
             found[v.name] = Target(system=v.id, device=v.wire.device, baud=v.wire.baud)
         else:
             there = (v.wire.host, v.wire.port)
-            found[v.name] = Target(system=v.id, local=there) if v.wire.kind == "udpin" else Target(system=v.id, remote=there)
+            found[v.name] = (
+                Target(system=v.id, local=there)
+                if v.wire.kind == "udpin"
+                else Target(system=v.id, remote=there)
+            )
     return found
 
 
 def _same_vehicles(run: RunState, vehicles: Sequence[Vehicle]) -> bool:
     """True, and a line that says whose they are; raises InputError where that arena has others of these names."""
-    from arena.supervise import plan_of
+    from arena.supervisor import plan_of
 
     plan = plan_of(run)
     there = {v.name: (v.id, v.simulated) for v in plan.vehicles} if plan else {}
     for v in vehicles:
         if there.get(v.name) != (v.id, v.simulated):
-            raise InputError(f"the arena that is up on {run.address}, {run.name} ({run.run}), has no such {v.name}")
+            raise InputError(
+                f"the arena that is up on {run.address}, {run.name} ({run.run}), has no such {v.name}"
+            )
     print(f"through {run.name}, {run.run}", file=sys.stderr)
     return True
 
@@ -200,23 +219,29 @@ class Sides:
         return self._arena
 
     def read(self, name: str, other: str) -> Source:
-        from arena.params.session import pull as pull_now
-        from arena.params.sources import Source, read_values
-        from arena.params.table import parameters
+        from arena.params.facts.parameter_table import parameters
+        from arena.params.param_files import Source, read_values
+        from arena.params.transfer.session import pull as pull_now
 
         if name == _DEFAULTS:
             theirs = self.read(other, "").version if other not in ("", _DEFAULTS) else ""
             version = version_for(None, self._version or theirs)
             facts = parameters(version)
-            return Source(values={n: p.default for n, p in facts.items()}, types={}, version=version, origin=name)
+            return Source(
+                values={n: p.default for n, p in facts.items()}, types={}, version=version, origin=name
+            )
         if name.startswith(YAML):
             vehicle = chosen_of(self.arena, [name.removeprefix(YAML)])[0]
             made = made_for(vehicle, self._version)
-            return Source(values=made.values, types={}, version=version_for(vehicle, self._version), origin=name)
+            return Source(
+                values=made.values, types={}, version=version_for(vehicle, self._version), origin=name
+            )
         if Path(name).is_file():
             return read_values(Path(name))
         if name not in (known := {v.name: v for v in self.arena.vehicles}):
-            raise InputError(f"{name}: no such file, and no vehicle; there are {', '.join(known)}, yaml:VEHICLE and defaults")
+            raise InputError(
+                f"{name}: no such file, and no vehicle; there are {', '.join(known)}, yaml:VEHICLE and defaults"
+            )
         vehicle = known[name]
         pulled = pull_now(targets_of(self.arena, [vehicle]))[name]
         if not pulled.whole:
@@ -225,16 +250,21 @@ class Sides:
         return Source(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
 
     def room(self, name: str) -> Room:
-        from arena.params.check import Room
+        from arena.params.checks.check import Room
 
         if not (self._file.is_file() or (self._file / "arena.yaml").is_file()):
             return Room()
-        vehicle = next((v for v in self.arena.vehicles if v.name == name.removeprefix(YAML)), self.arena.vehicles[0])
+        vehicle = next(
+            (v for v in self.arena.vehicles if v.name == name.removeprefix(YAML)), self.arena.vehicles[0]
+        )
         needs = vehicle.needs
         return Room(
-            vision=needs.vision_delay_ms is not None, gps=needs.gps, sticks=needs.sticks, latency_ms=needs.vision_delay_ms,
+            vision=needs.vision_delay_ms is not None,
+            gps=needs.gps,
+            sticks=needs.sticks,
+            latency_ms=needs.vision_delay_ms,
             height_m=needs.ceiling_m,
-        )  # fmt: skip
+        )
 
 
 class Bars:
@@ -245,7 +275,12 @@ class Bars:
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
         console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[phase]}"))
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[phase]}"),
+        )
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._tasks = {name: self._progress.add_task(name, total=None, phase="") for name in names}
 
@@ -275,10 +310,13 @@ def told(name: str, report: Report) -> list[str]:
         if r.outcome in ("same", "untried"):
             continue
         old = "?" if r.old is None else f"{r.old:g}"
-        what = {"written": f"{old} -> {r.wanted:g}", "differs": f"holds {old}, wanted {r.wanted:g}",
-                "refused": f"wanted {r.wanted:g}, it keeps {'?' if r.new is None else f'{r.new:g}'}",
-                "unknown": "the vehicle has no such parameter",
-                "lost": "no answer: it may or may not be set"}[r.outcome]  # fmt: skip
+        what = {
+            "written": f"{old} -> {r.wanted:g}",
+            "differs": f"holds {old}, wanted {r.wanted:g}",
+            "refused": f"wanted {r.wanted:g}, it keeps {'?' if r.new is None else f'{r.new:g}'}",
+            "unknown": "the vehicle has no such parameter",
+            "lost": "no answer: it may or may not be set",
+        }[r.outcome]
         lines.append(f"  {parameter}: {r.outcome}: {what}{f' ({r.why})' if r.why else ''}")
     if report.needs_reboot:
         lines.append(f"  {name} needs a reboot for {', '.join(report.needs_reboot)}")
@@ -300,7 +338,9 @@ def print_rows(rows: Sequence[Row], a: str, b: str) -> None:
 
 def count_of(found: Sequence[Finding]) -> str:
     counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
-    return ", ".join(f"{n} {severity}{'s' * (n != 1)}" for severity, n in counts.items() if n) or "nothing found"
+    return (
+        ", ".join(f"{n} {severity}{'s' * (n != 1)}" for severity, n in counts.items() if n) or "nothing found"
+    )
 
 
 def line_of(f: Finding) -> str:

@@ -8,9 +8,11 @@ from typing import Annotated
 import typer
 
 from arena.errors import InputError, RunError
-from arena.supervise import Control, RunState, active_runs, open_run
+from arena.supervisor import Control, RunState, active_runs, open_run
 
-RunOption = Annotated[Path | None, typer.Option("--run", metavar="DIR", help="the run folder, when several arenas are up")]
+RunOption = Annotated[
+    Path | None, typer.Option("--run", metavar="DIR", help="the run folder, when several arenas are up")
+]
 
 
 def find(run: Path | None, *, stale: bool = False) -> RunState:
@@ -20,7 +22,9 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
         if state is None:
             raise InputError(f"{run}: no arena is running from this folder")
         if not (state.live or stale):
-            raise RunError(f"{run}: its supervisor has died; `arena down --run {run}` lands and ends what is left")
+            raise RunError(
+                f"{run}: its supervisor has died; `arena down --run {run}` lands and ends what is left"
+            )
         return state
     found = [state for state in active_runs() if state.live or stale]
     if not found:

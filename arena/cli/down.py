@@ -11,7 +11,7 @@ import typer
 
 from arena.cli._running import RunOption, connect, find
 from arena.errors import EXIT_FAILED, EXIT_OK, RunError
-from arena.supervise import Control, RunState, sweep
+from arena.supervisor import Control, RunState, sweep
 
 _LONGEST_S = 600.0
 _STOPPED_S = 3.0
@@ -22,7 +22,10 @@ def register(app: typer.Typer) -> None:
     def down(
         run: RunOption = None,
         now: Annotated[
-            bool, typer.Option("--now", help="do not land simulated vehicles; a real one that may fly is always landed")
+            bool,
+            typer.Option(
+                "--now", help="do not land simulated vehicles; a real one that may fly is always landed"
+            ),
         ] = False,
     ) -> None:
         """Land the vehicles, then stop the arena; with --now, stop it at once. Exits as the run does."""
@@ -32,7 +35,10 @@ def register(app: typer.Typer) -> None:
             if code is not None:
                 raise SystemExit(code)
         if state.live:
-            print(f"the supervisor {state.supervisor.pid} is stopped and hears nobody: the arena ends without it", flush=True)
+            print(
+                f"the supervisor {state.supervisor.pid} is stopped and hears nobody: the arena ends without it",
+                flush=True,
+            )
         sweep(state, print, now=now)
         print(f"nothing is left of {state.run}")
 
@@ -60,7 +66,9 @@ def _down(state: RunState, now: bool) -> int | None:
         return None
     while state.live:
         if not _wait_for_end(state):
-            raise RunError(f"the supervisor {state.supervisor.pid} closed its line but still runs: see {state.run}")
+            raise RunError(
+                f"the supervisor {state.supervisor.pid} closed its line but still runs: see {state.run}"
+            )
     print(f"run folder: {state.run}")
     return _verdict(Path(state.run))
 

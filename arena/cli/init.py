@@ -16,7 +16,9 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 def register(app: typer.Typer) -> None:
     @app.command()
     def init(
-        folder: Annotated[Path, typer.Argument(metavar="NAME", help="the folder to make; its name names the arena")],
+        folder: Annotated[
+            Path, typer.Argument(metavar="NAME", help="the folder to make; its name names the arena")
+        ],
     ) -> None:
         """Make a folder with arena.yaml, a ten-line program, a scenario and a README."""
         for path in scaffold(folder):
@@ -41,7 +43,9 @@ def scaffold(folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for template, target in targets.items():
-            text = jinja2.Template(template.read_text(), keep_trailing_newline=True, undefined=jinja2.StrictUndefined)
+            text = jinja2.Template(
+                template.read_text(), keep_trailing_newline=True, undefined=jinja2.StrictUndefined
+            )
             target.write_text(text.render(name=name))
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from error

@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from arena.safety.land_all import KILL_TIMEOUT_S, kill_all, names
+from arena.emergency.land_all import KILL_TIMEOUT_S, kill_all, names
 
 
 def register(app: typer.Typer) -> None:
@@ -21,5 +21,7 @@ def register(app: typer.Typer) -> None:
         timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = KILL_TIMEOUT_S,
     ) -> None:
         """Stop every motor at once, also in the air. To land, use land-all."""
-        code = kill_all(arena=arena, run=run, only=names(only), spared=names(spared), yes=yes, timeout_s=timeout)
+        code = kill_all(
+            arena=arena, run=run, only=names(only), spared=names(spared), yes=yes, timeout_s=timeout
+        )
         raise typer.Exit(code)

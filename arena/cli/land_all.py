@@ -1,4 +1,4 @@
-"""`arena land-all`: the panic path. Here is its help; `arena.cli` hands the command line straight to `arena.safety`."""
+"""`arena land-all`: the panic path. Here is its help; `arena.cli` hands the command line straight to `arena.emergency`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 
 import typer
 
-from arena.safety.land_all import LAND_TIMEOUT_S, land_all, names
+from arena.emergency.land_all import LAND_TIMEOUT_S, land_all, names
 
 
 def register(app: typer.Typer) -> None:

@@ -13,7 +13,7 @@ import typer
 
 from arena.cli._running import RunOption, find
 from arena.errors import InputError
-from arena.supervise import RunState, open_run
+from arena.supervisor import RunState, open_run
 
 _LOOK_S = 0.1
 

@@ -32,13 +32,20 @@ from arena.errors import EXIT_FAILED
 
 ArenaOption = Annotated[Path, typer.Option("--arena", metavar="FILE", help="the arena's YAML, or its folder")]
 VersionOption = Annotated[
-    str, typer.Option("--px4-version", metavar="VERSION", help="1.9 to 1.18; by default what simulated vehicles fly, else 1.16")
+    str,
+    typer.Option(
+        "--px4-version",
+        metavar="VERSION",
+        help="1.9 to 1.18; by default what simulated vehicles fly, else 1.16",
+    ),
 ]
 Vehicles = Annotated[list[str] | None, typer.Argument(help="by default every vehicle of the arena")]
 
 
 def register(app: typer.Typer) -> None:
-    group = typer.Typer(no_args_is_help=True, help="PX4's parameters: made from the YAML, pushed, pulled, compared, checked.")
+    group = typer.Typer(
+        no_args_is_help=True, help="PX4's parameters: made from the YAML, pushed, pulled, compared, checked."
+    )
     for command in (generate, push, pull, diff, check):
         group.command()(command)
     app.add_typer(group, name="params")
@@ -47,7 +54,9 @@ def register(app: typer.Typer) -> None:
 def generate(
     file: File = Path("arena.yaml"),
     px4_version: VersionOption = "",
-    out: Annotated[Path | None, typer.Option("-o", "--out", metavar="DIR", help="write a file per vehicle there")] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="DIR", help="write a file per vehicle there")
+    ] = None,
     set_: Set = None,
 ) -> None:
     """Make a QGroundControl .params file for every vehicle: what each line does, and which line of the YAML asked for it."""
@@ -68,16 +77,22 @@ def generate(
 def push(
     vehicles: Vehicles = None,
     arena: ArenaOption = Path("arena.yaml"),
-    file: Annotated[Path | None, typer.Option("--file", help="push this .params file instead of what the YAML asks for")] = None,
+    file: Annotated[
+        Path | None, typer.Option("--file", help="push this .params file instead of what the YAML asks for")
+    ] = None,
     px4_version: VersionOption = "",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="read and compare, write nothing")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help=f"go on with a push that was cut short ({RECORD})")] = False,
-    reboot: Annotated[bool, typer.Option("--reboot", help="reboot those that need it, without asking")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help=f"go on with a push that was cut short ({RECORD})")
+    ] = False,
+    reboot: Annotated[
+        bool, typer.Option("--reboot", help="reboot those that need it, without asking")
+    ] = False,
     set_: Set = None,
 ) -> None:
     """Make vehicles hold what the YAML asks for: reads first, writes what differs, reads back. Refuses while armed."""
-    from arena.params.session import push as push_now
-    from arena.params.table import parameters
+    from arena.params.facts.parameter_table import parameters
+    from arena.params.transfer.session import push as push_now
     from arena.schema import load_arena
 
     lab = load_arena(arena, set_ or [])
@@ -90,13 +105,19 @@ def push(
     needs_reboot = frozenset(name for each in facts.values() for name, fact in each.items() if fact.reboot)
     targets = targets_of(lab, chosen)
     with Bars(wanted) as bars, writable(record.path):
-        reports = push_now(targets, wanted, dry_run=dry_run, record=record, reboot_names=needs_reboot, on_progress=bars.show)
+        reports = push_now(
+            targets, wanted, dry_run=dry_run, record=record, reboot_names=needs_reboot, on_progress=bars.show
+        )
     for name, report in reports.items():
         print("\n".join(told(name, report)))
     held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
     if record.unfinished and not dry_run:
         print(f"cut short: arena params push --resume goes on with it ({record.path})")
-    again = {name: targets[name] for name, report in reports.items() if report.needs_reboot and report.ending == "done"}
+    again = {
+        name: targets[name]
+        for name, report in reports.items()
+        if report.needs_reboot and report.ending == "done"
+    }
     held &= rebooted(again, asked=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)
@@ -105,13 +126,15 @@ def push(
 def pull(
     vehicles: Vehicles = None,
     arena: ArenaOption = Path("arena.yaml"),
-    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="where a .params file per vehicle is written")] = Path(),
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="DIR", help="where a .params file per vehicle is written")
+    ] = Path(),
     set_: Set = None,
 ) -> None:
     """Read every parameter of vehicles into .params files."""
-    from arena.params.session import pull as pull_now
+    from arena.params.transfer.session import pull as pull_now
     from arena.schema import load_arena
-    from arena.wire.qgcparams import format_params
+    from arena.wire.qgc_params import format_params
 
     lab = load_arena(arena, set_ or [])
     chosen = chosen_of(lab, vehicles)
@@ -137,7 +160,9 @@ def pull(
 
 
 def diff(
-    a: Annotated[str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE`, or `defaults`")],
+    a: Annotated[
+        str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE`, or `defaults`")
+    ],
     b: Annotated[str, typer.Argument(help="the same")],
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
@@ -145,7 +170,7 @@ def diff(
     set_: Set = None,
 ) -> None:
     """Compare two sets of parameters: vehicles, files, logs, the YAML's, the version's defaults. Exit code 1: they differ."""
-    from arena.params.diff import diff as differences
+    from arena.params.checks.diff import diff as differences
 
     sides = Sides(arena, set_ or [], px4_version)
     first, second = sides.read(a, b), sides.read(b, a)
@@ -157,13 +182,15 @@ def diff(
 
 
 def check(
-    what: Annotated[list[str] | None, typer.Argument(help="vehicles, .params files, ULogs; by default the YAML's")] = None,
+    what: Annotated[
+        list[str] | None, typer.Argument(help="vehicles, .params files, ULogs; by default the YAML's")
+    ] = None,
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
     set_: Set = None,
 ) -> None:
     """Look for what is dangerous or cannot work in a room with motion capture. Exit code 1: an error was found."""
-    from arena.params.check import check as findings_of
+    from arena.params.checks.check import check as findings_of
 
     sides = Sides(arena, set_ or [], px4_version)
     names = what or [f"{YAML}{v.name}" for v in sides.arena.vehicles]

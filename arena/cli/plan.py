@@ -54,7 +54,13 @@ def explained(arena: Arena, key: str) -> list[str]:
 
 
 def _text(value: object) -> str:
-    return dumps(value) if isinstance(value, (tuple, list, dict, str)) else "none" if value is None else str(value)
+    return (
+        dumps(value)
+        if isinstance(value, (tuple, list, dict, str))
+        else "none"
+        if value is None
+        else str(value)
+    )
 
 
 def _from(source: str) -> str:

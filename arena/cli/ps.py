@@ -25,7 +25,7 @@ def register(app: typer.Typer) -> None:
             return
         from rich.console import Console
 
-        from arena.supervise.show import picture
+        from arena.supervisor.terminal import picture
 
         Console().print(picture(status))
         print(f"run folder: {Path(state.run)}")

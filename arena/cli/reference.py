@@ -20,8 +20,8 @@ from arena.schema import load_arena
 from arena.schema.json_schema import json_schema
 from arena.schema.models import NOT_YET
 from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, RULE, WHAT
-from arena.smoke import vocabulary
-from arena.smoke.scenario import STEP_KEYS, ScenarioFile
+from arena.smoke.language import vocabulary
+from arena.smoke.language.scenario import STEP_KEYS, ScenarioFile
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 _HEAD = "<!-- written by python -m arena.cli.reference; do not edit -->\n\n"
@@ -31,16 +31,23 @@ _EXAMPLE = "vehicles: {uav1: {program: hover.py}}\n"
 def pages() -> dict[str, str]:
     """File name -> text, all six."""
     made = {
-        "yaml.md": yaml_page(), "ports.md": ports_page(), "processes.md": processes_page(),
-        "exit-codes.md": exit_codes_page(), "cli.md": cli_page(), "scenarios.md": scenarios_page(),
-    }  # fmt: skip
+        "yaml.md": yaml_page(),
+        "ports.md": ports_page(),
+        "processes.md": processes_page(),
+        "exit-codes.md": exit_codes_page(),
+        "cli.md": cli_page(),
+        "scenarios.md": scenarios_page(),
+    }
     return {name: _HEAD + text.rstrip() + "\n" for name, text in made.items()}
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """A table in Markdown."""
     head = list(head)
-    lines = ["| " + " | ".join(row) + " |" for row in ([*head], ["---"] * len(head), *([str(c) for c in row] for row in rows))]
+    lines = [
+        "| " + " | ".join(row) + " |"
+        for row in ([*head], ["---"] * len(head), *([str(c) for c in row] for row in rows))
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -48,26 +55,65 @@ def yaml_page() -> str:
     """Every key, from the models' JSON schema."""
     schema = json_schema()
     defs = schema["$defs"]
-    text = "# Keys of arena.yaml\n\nUnknown keys, keys given twice, NaN and infinity are refused. Scalars are\n"
+    text = (
+        "# Keys of arena.yaml\n\nUnknown keys, keys given twice, NaN and infinity are refused. Scalars are\n"
+    )
     text += "read as YAML 1.2 says. "
     text += "Values are laid over each other in this order: defaults, profile, `defaults`, the vehicle, `--set key=value`.\n\n"
     text += "## The arena\n\n" + _keys(schema)
-    order = ["World", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "VehicleKeys", "Start", "Program", "Tool",
-             "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss", "PositionLoss", "LowBattery",
-             "RcLoss", "DataLinkLoss", "FenceLoss", "AttitudeLoss", "Geofence", "Copilot",
-             "GeofenceRule", "SeparationRule", "TiltRule", "SpeedRule", "PoseAgeRule", "EstimateRule", "BatteryRule",
-             "ProgramRule", "Host"]  # fmt: skip
+    order = [
+        "World",
+        "Origin",
+        "Sim",
+        "Px4Keys",
+        "Mocap",
+        "MocapNoise",
+        "VehicleKeys",
+        "Start",
+        "Program",
+        "Tool",
+        "VehicleDefaults",
+        "Preflight",
+        "Failsafe",
+        "OffboardLoss",
+        "PositionLoss",
+        "LowBattery",
+        "RcLoss",
+        "DataLinkLoss",
+        "FenceLoss",
+        "AttitudeLoss",
+        "Geofence",
+        "Copilot",
+        "GeofenceRule",
+        "SeparationRule",
+        "TiltRule",
+        "SpeedRule",
+        "PoseAgeRule",
+        "EstimateRule",
+        "BatteryRule",
+        "ProgramRule",
+        "Host",
+    ]
     if set(order) != set(defs):
         raise ValueError(f"models without a place on the page: {set(order) ^ set(defs)}")
     for name in order:
         text += f"\n## {name}\n\n{defs[name].get('description', '')}\n\n" + _keys(defs[name])
     text += "\n## Known, and not supported yet\n\n"
-    return text + table(("key", "value", "instead"), ((f"`{k}`", v or "any", instead) for (k, v), instead in NOT_YET.items()))
+    return text + table(
+        ("key", "value", "instead"), ((f"`{k}`", v or "any", instead) for (k, v), instead in NOT_YET.items())
+    )
 
 
 def _keys(model: dict[str, Any]) -> str:
-    rows = ((f"`{k}`", _type(p), _default(p, k in model.get("required", ())), p.get("description", "").replace("\n", " "))
-            for k, p in model["properties"].items())  # fmt: skip
+    rows = (
+        (
+            f"`{k}`",
+            _type(p),
+            _default(p, k in model.get("required", ())),
+            p.get("description", "").replace("\n", " "),
+        )
+        for k, p in model["properties"].items()
+    )
     return table(("key", "value", "default", "meaning"), rows)
 
 
@@ -75,7 +121,11 @@ def _default(schema: dict[str, Any], required: bool) -> str:
     value = schema.get("default")
     if required:
         return "required"
-    return "" if value is None or isinstance(value, dict) else f"`{str(value).lower() if isinstance(value, bool) else value}`"
+    return (
+        ""
+        if value is None or isinstance(value, dict)
+        else f"`{str(value).lower() if isinstance(value, bool) else value}`"
+    )
 
 
 def _type(schema: dict[str, Any]) -> str:
@@ -95,10 +145,16 @@ def _type(schema: dict[str, Any]) -> str:
 def _simple(schema: dict[str, Any]) -> str:
     kind = schema.get("type")
     if kind == "array":
-        return f"{len(schema['prefixItems'])} numbers" if "prefixItems" in schema else f"list of {_type(schema['items'])}"
+        return (
+            f"{len(schema['prefixItems'])} numbers"
+            if "prefixItems" in schema
+            else f"list of {_type(schema['items'])}"
+        )
     if kind == "object":
         return f"names, each {_type(schema['additionalProperties'])}"
-    words = {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false"}[str(kind)]
+    words = {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false"}[
+        str(kind)
+    ]
     return words + _range(schema)
 
 
@@ -111,11 +167,13 @@ def _range(schema: dict[str, Any]) -> str:
 
 def ports_page() -> str:
     rows = [(rule, *WHAT[key]) for key, rule in RULE.items()]
-    rows += [(str(LINK_BASE), "the router", "the socket that serves ground stations"),
-             (str(COPILOT), "the copilot", "heartbeats of programs; it speaks to the tools ports from here"),
-             (str(GROUND_STATION), "a ground station", "all vehicles"),
-             ("1510, or `mocap.command_port`", "the motion capture", "NatNet commands"),
-             ("1511, or `mocap.data_port`", "every receiver", "NatNet frames, shared")]  # fmt: skip
+    rows += [
+        (str(LINK_BASE), "the router", "the socket that serves ground stations"),
+        (str(COPILOT), "the copilot", "heartbeats of programs; it speaks to the tools ports from here"),
+        (str(GROUND_STATION), "a ground station", "all vehicles"),
+        ("1510, or `mocap.command_port`", "the motion capture", "NatNet commands"),
+        ("1511, or `mocap.data_port`", "every receiver", "NatNet frames, shared"),
+    ]
     text = "# Ports\n\nAll UDP, all on the arena's `address` (default 127.0.0.1). Each `gcs` address of a vehicle gets\nits "
     text += "program port, its SDK port and 14550 as well.\n\n"
     return text + table(("port", "who binds it", "what"), rows)
@@ -130,7 +188,15 @@ def processes_page() -> str:
         plan = make_plan(load_arena(file), "python")
         specs = [*plan.processes, *(task for task in (plan.land, plan.report) if task)]
         rows = [[cell.replace(f"{folder}/", "") for cell in _process(spec)] for spec in specs]
-    head = ("name", "needs", "ready when", "restart", "outlives the supervisor", "CPU, memory budget", "command")
+    head = (
+        "name",
+        "needs",
+        "ready when",
+        "restart",
+        "outlives the supervisor",
+        "CPU, memory budget",
+        "command",
+    )
     text = "# Processes\n\nOf an arena with one vehicle, in start order; the last two are tasks of the supervisor.\n"
     return text + "`{run}` is the run folder.\n\n" + table(head, rows)
 
@@ -138,7 +204,15 @@ def processes_page() -> str:
 def _process(spec: ProcessSpec) -> list[str]:
     budget = f"{spec.cpu_budget:g} cores, {spec.memory_budget_mb:g} MB"
     outlives = "yes" if spec.outlives else "no"
-    return [f"`{spec.name}`", ", ".join(spec.needs), spec.ready, spec.restart.mode, outlives, budget, f"`{' '.join(spec.argv)}`"]
+    return [
+        f"`{spec.name}`",
+        ", ".join(spec.needs),
+        spec.ready,
+        spec.restart.mode,
+        outlives,
+        budget,
+        f"`{' '.join(spec.argv)}`",
+    ]
 
 
 def scenarios_page() -> str:
@@ -150,7 +224,10 @@ def scenarios_page() -> str:
         "# Scenarios",
         "A scenario is a YAML file for `arena smoke`. All of it is checked before anything flies. Times are simulated.",
         f"```yaml\n{vocabulary.EXAMPLE}```",
-        _meanings("key", {key: (f.description or "").replace("\n", " ") for key, f in ScenarioFile.model_fields.items()}),
+        _meanings(
+            "key",
+            {key: (f.description or "").replace("\n", " ") for key, f in ScenarioFile.model_fields.items()},
+        ),
         "## Steps",
         "One after the other: a step begins when all that the one before expects has been seen. An entry that only expects\n"
         "belongs to the step before. A step that fails ends the flight.",
@@ -178,12 +255,18 @@ def _meanings(head: str, words: Mapping[str, str]) -> str:
 
 
 def exit_codes_page() -> str:
-    codes = [(errors.EXIT_OK, "done"), (errors.EXIT_FAILED, "the run failed: a vehicle, a program, a process or an assertion"),
-             (errors.EXIT_INPUT, "the input is wrong: the YAML, a file, the command line, or what is installed"),
-             (errors.EXIT_INTERRUPTED, "interrupted")]  # fmt: skip
-    text = "# Exit codes and exceptions\n\n" + table(("code", "meaning"), ((str(c), words) for c, words in codes))
+    codes = [
+        (errors.EXIT_OK, "done"),
+        (errors.EXIT_FAILED, "the run failed: a vehicle, a program, a process or an assertion"),
+        (errors.EXIT_INPUT, "the input is wrong: the YAML, a file, the command line, or what is installed"),
+        (errors.EXIT_INTERRUPTED, "interrupted"),
+    ]
+    text = "# Exit codes and exceptions\n\n" + table(
+        ("code", "meaning"), ((str(c), words) for c, words in codes)
+    )
     rows = (
-        (f"`{kind.__name__}`", str(kind.exit_code), (kind.__doc__ or "").splitlines()[0]) for kind in _family(errors.ArenaError)
+        (f"`{kind.__name__}`", str(kind.exit_code), (kind.__doc__ or "").splitlines()[0])
+        for kind in _family(errors.ArenaError)
     )
     return text + "\n" + table(("exception", "exit code", "when"), rows)
 
@@ -200,7 +283,11 @@ def cli_page() -> str:
     group: Any = typer.main.get_command(build(()))
     text = "# The command line\n\n`--debug` before or after any verb shows the traceback of a failure.\n"
     for verb, command in _commands(group):
-        words = [_name(p) if p.required else f"[{_name(p)}]" for p in command.params if p.param_type_name == "argument"]
+        words = [
+            _name(p) if p.required else f"[{_name(p)}]"
+            for p in command.params
+            if p.param_type_name == "argument"
+        ]
         text += f"\n## arena {' '.join([verb, *words])}\n\n{(command.help or '').strip()}\n\n"
         rows = [_parameter(p) for p in command.params if p.name != "help"]
         text += table(("argument or option", "meaning"), rows) if rows else ""
@@ -225,7 +312,9 @@ def _parameter(p: Any) -> tuple[str, str]:
     if p.param_type_name == "argument":
         return f"`{_name(p)}`", p.help or ""
     value = "" if p.is_flag else f" {p.metavar or 'VALUE'}"
-    return ", ".join(f"`{option}{value}`" for option in (*p.opts, *p.secondary_opts)), (p.help or "").replace("|", "\\|")
+    return ", ".join(f"`{option}{value}`" for option in (*p.opts, *p.secondary_opts)), (p.help or "").replace(
+        "|", "\\|"
+    )
 
 
 def main(folder: Path) -> None:

@@ -11,7 +11,9 @@ from arena.cli._running import RunOption, connect, find
 
 def register(app: typer.Typer) -> None:
     @app.command()
-    def restart(name: Annotated[str, typer.Argument(help="as `arena ps` shows it")], run: RunOption = None) -> None:
+    def restart(
+        name: Annotated[str, typer.Argument(help="as `arena ps` shows it")], run: RunOption = None
+    ) -> None:
         """Restart one process of a running arena."""
         connect(find(run)).ask(do="restart", name=name)
         print(f"{name}: restart asked; `arena ps` shows how it goes")

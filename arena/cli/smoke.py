@@ -18,9 +18,9 @@ import typer
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, InputError
 
 if TYPE_CHECKING:
-    from arena.smoke.fly import How
-    from arena.smoke.scenario import Scenario
-    from arena.smoke.verdict import Result
+    from arena.smoke.flying.fly_scenario import How
+    from arena.smoke.language.scenario import Scenario
+    from arena.smoke.referee.verdict import Result
 
 ENDING = ".smoke.yaml"
 _WIDE = 160  # characters of a CI server's log, in which a broken path leads nowhere
@@ -29,24 +29,44 @@ _WIDE = 160  # characters of a CI server's log, in which a broken path leads now
 def register(app: typer.Typer) -> None:
     @app.command()
     def smoke(
-        scenarios: Annotated[list[Path], typer.Argument(metavar="SCENARIO...", help=f"files, or folders with *{ENDING} in them")],
-        junit: Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="write JUnit XML for a CI server")] = None,
-        jobs: Annotated[
-            int | None, typer.Option("-j", "--jobs", metavar="N", min=1, help="so many at a time; default: one for each core")
+        scenarios: Annotated[
+            list[Path],
+            typer.Argument(metavar="SCENARIO...", help=f"files, or folders with *{ENDING} in them"),
+        ],
+        junit: Annotated[
+            Path | None, typer.Option("--junit", metavar="FILE", help="write JUnit XML for a CI server")
         ] = None,
-        speed: Annotated[str, typer.Option("--speed", metavar="X", help="simulated seconds per second, or max")] = "max",
+        jobs: Annotated[
+            int | None,
+            typer.Option(
+                "-j", "--jobs", metavar="N", min=1, help="so many at a time; default: one for each core"
+            ),
+        ] = None,
+        speed: Annotated[
+            str, typer.Option("--speed", metavar="X", help="simulated seconds per second, or max")
+        ] = "max",
         seed: Annotated[
-            int | None, typer.Option("--seed", metavar="N", help="of world and motion capture; default: as the YAMLs say")
+            int | None,
+            typer.Option(
+                "--seed", metavar="N", help="of world and motion capture; default: as the YAMLs say"
+            ),
         ] = None,
         set_: Annotated[
-            list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the arenas")
+            list[str] | None,
+            typer.Option("--set", metavar="KEY=VALUE", help="override one value of the arenas"),
         ] = None,
-        results: Annotated[Path, typer.Option("--results", metavar="DIR", help="where run folders go")] = Path("results"),
-        repeat: Annotated[int, typer.Option("--repeat", metavar="N", min=1, help="fly each so many times")] = 1,
-        list_: Annotated[bool, typer.Option("--list", help="check the scenarios, name them, fly none")] = False,
+        results: Annotated[
+            Path, typer.Option("--results", metavar="DIR", help="where run folders go")
+        ] = Path("results"),
+        repeat: Annotated[
+            int, typer.Option("--repeat", metavar="N", min=1, help="fly each so many times")
+        ] = 1,
+        list_: Annotated[
+            bool, typer.Option("--list", help="check the scenarios, name them, fly none")
+        ] = False,
     ) -> None:
         """Fly scenarios headless, several at a time, and judge them. All are checked before the first one flies."""
-        from arena.smoke.fly import How
+        from arena.smoke.flying.fly_scenario import How
 
         seeds = [] if seed is None else [f"world.seed={seed}", f"mocap.seed={seed}"]
         found = load(files(scenarios), [*(set_ or []), f"sim.speed={speed}", *seeds])
@@ -83,8 +103,8 @@ def files(named: list[Path]) -> list[Path]:
 
 def load(paths: list[Path], overrides: list[str]) -> list[Scenario]:
     """Every scenario of every file. Raises InputError with the problems of all of them."""
-    from arena.smoke.fly import refuse_real
-    from arena.smoke.scenario import load_scenarios
+    from arena.smoke.flying.fly_scenario import refuse_real
+    from arena.smoke.language.scenario import load_scenarios
 
     found: list[Scenario] = []
     problems: list[str] = []
@@ -101,7 +121,7 @@ def load(paths: list[Path], overrides: list[str]) -> list[Scenario]:
 
 
 def _fly(scenarios: list[Scenario], how: How, jobs: int, junit: Path | None) -> int:
-    from arena.smoke.runner import Interrupted, fly_all
+    from arena.smoke.flying.runner import Interrupted, fly_all
 
     try:
         results = fly_all(scenarios, how, jobs=jobs, tell=_tell)
@@ -109,7 +129,9 @@ def _fly(scenarios: list[Scenario], how: How, jobs: int, junit: Path | None) -> 
         flown = Counter(result.scenario for result in interrupted.results)
         missing = list((Counter(scenario.name for scenario in scenarios) - flown).elements())
         _show(interrupted.results, how.results, junit, missing)
-        print(f"interrupted: {len(missing)} of {len(scenarios)} not flown to their end; their arenas have landed and gone")
+        print(
+            f"interrupted: {len(missing)} of {len(scenarios)} not flown to their end; their arenas have landed and gone"
+        )
         return EXIT_INTERRUPTED
     _show(results, how.results, junit)
     return EXIT_OK if all(result.verdict.passed for result in results) else EXIT_FAILED
@@ -117,7 +139,10 @@ def _fly(scenarios: list[Scenario], how: How, jobs: int, junit: Path | None) -> 
 
 def _tell(result: Result) -> None:
     word = "passed" if result.verdict.passed else "FAILED"
-    print(f"{word}  {result.scenario}  ({result.verdict.lasted_s:.1f} s flown in {result.wall_s:.1f} s)", flush=True)
+    print(
+        f"{word}  {result.scenario}  ({result.verdict.lasted_s:.1f} s flown in {result.wall_s:.1f} s)",
+        flush=True,
+    )
 
 
 def _show(results: list[Result], folder: Path, junit: Path | None, unflown: Sequence[str] = ()) -> None:

@@ -19,12 +19,24 @@ import typer
 from arena.cli._arena import copilot_notes, not_possible
 from arena.cli._consent import ask_consent
 from arena.errors import EXIT_FAILED, EXIT_OK, RunError
-from arena.plan.doors import open_lines
 from arena.plan.model import Plan
-from arena.supervise import Lines, LiveTable, Options, RunFolder, Supervisor, active_runs, create, plan_of, sweep_all
+from arena.plan.open_ports import open_lines
+from arena.supervisor import (
+    Lines,
+    LiveTable,
+    Options,
+    RunFolder,
+    Supervisor,
+    active_runs,
+    create,
+    plan_of,
+    sweep_all,
+)
 
 File = Annotated[Path, typer.Argument(help="the arena to start")]
-Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -32,27 +44,43 @@ def register(app: typer.Typer) -> None:
     def up(  # noqa: PLR0913, PLR0917 - an option each
         file: File = Path("arena.yaml"),
         set_: Set = None,
-        detach: Annotated[bool, typer.Option("--detach", help="return once all programs are started")] = False,
+        detach: Annotated[
+            bool, typer.Option("--detach", help="return once all programs are started")
+        ] = False,
         headless: Annotated[bool, typer.Option("--headless", help="no window, no live table")] = False,
         gui: Annotated[bool, typer.Option("--gui", help="open pybullet's window")] = False,
         speed: Annotated[
-            str | None, typer.Option("--speed", metavar="X", help="simulated seconds per second, or max; as --set sim.speed=X")
+            str | None,
+            typer.Option(
+                "--speed", metavar="X", help="simulated seconds per second, or max; as --set sim.speed=X"
+            ),
         ] = None,
         allow_diff: Annotated[
-            bool, typer.Option("--allow-diff", help="hardware need not hold what `arena params push` would write")
+            bool,
+            typer.Option("--allow-diff", help="hardware need not hold what `arena params push` would write"),
         ] = False,
-        yes: Annotated[bool, typer.Option("--yes", help="with hardware in the arena: do not ask before it may arm")] = False,
+        yes: Annotated[
+            bool, typer.Option("--yes", help="with hardware in the arena: do not ask before it may arm")
+        ] = False,
         until_done: Annotated[
-            bool, typer.Option("--until-done", help="end when every program has ended and every vehicle is disarmed")
+            bool,
+            typer.Option(
+                "--until-done", help="end when every program has ended and every vehicle is disarmed"
+            ),
         ] = False,
         time_limit: Annotated[
             float | None, typer.Option("--time-limit", metavar="S", min=0.0, help="end after S seconds")
         ] = None,
         runs: Annotated[
-            Path | None, typer.Option("--runs", metavar="DIR", help="where run folders go; else `runs` beside the YAML")
+            Path | None,
+            typer.Option("--runs", metavar="DIR", help="where run folders go; else `runs` beside the YAML"),
         ] = None,
         no_report: Annotated[
-            bool, typer.Option("--no-report", help="make no summary and no plots; python -m arena.record.report RUN does, later")
+            bool,
+            typer.Option(
+                "--no-report",
+                help="make no summary and no plots; python -m arena.recorder.report RUN does, later",
+            ),
         ] = False,
     ) -> None:
         """Start an arena and watch it until it is done or told to stop. Ctrl-C lands the vehicles first."""
@@ -153,7 +181,9 @@ def _detached(plan: Plan, folder: RunFolder, options: Options) -> int:
     with os.fdopen(reading) as pipe:
         told = json.loads(pipe.readline() or "{}")
     if told.get("started"):
-        print(f"{plan.name} is up, supervisor {pid}\nrun folder: {folder.path}\nstop it with: arena down --run {folder.path}")
+        print(
+            f"{plan.name} is up, supervisor {pid}\nrun folder: {folder.path}\nstop it with: arena down --run {folder.path}"
+        )
         for words in told["failed"]:
             print(f"arena: {words}", file=sys.stderr)
         return EXIT_FAILED if told["failed"] else EXIT_OK
@@ -177,7 +207,10 @@ def _whole_life(plan: Plan, folder: RunFolder, options: Options, show: _Piped) -
 
 def _become_daemon(log: Path) -> None:
     os.setsid()
-    nowhere, file = os.open(os.devnull, os.O_RDONLY), os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    nowhere, file = (
+        os.open(os.devnull, os.O_RDONLY),
+        os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644),
+    )
     for fd, target in ((nowhere, 0), (file, 1), (file, 2)):
         os.dup2(fd, target)
 

@@ -12,12 +12,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from arena.capture import Complaint, NatNetCapture, open_capture
 from arena.clock import Clock, SimClock, WallClock
 from arena.copilot.copilot import STEP_HZ, Copilot, Output
 from arena.copilot.settings import Rules, Vehicle
 from arena.errors import ArenaError
-from arena.room import Afterlife, Room, bound, run_room
+from arena.mocap.client import Complaint, NatNetCapture, open_capture
+from arena.process_context import ProcessContext, ShutdownPolicy, bound, run_room
 
 _BUFFER_BYTES = 1 << 22
 _MOST = 20_000  # datagrams at a look: a flood must not keep us from judging
@@ -51,7 +51,7 @@ class _Pace:
 
 
 class Shell:
-    def __init__(self, room: Room) -> None:
+    def __init__(self, room: ProcessContext) -> None:
         s = room.settings
         self._room = room
         self._clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
@@ -62,7 +62,7 @@ class Shell:
         self._rows = {v.tools: i for i, v in enumerate(vehicles)}
         self._captures: list[NatNetCapture] = [open_capture(c) for c in s["captures"]]
         self._complaints = [Complaint() for _ in self._captures]
-        self._afterlives = [(kind, Afterlife(limit_s=60.0 if kind else None)) for kind in (True, False)]
+        self._afterlives = [(kind, ShutdownPolicy(limit_s=60.0 if kind else None)) for kind in (True, False)]
         self._began = self._looked = time.monotonic()
         self._beat = -1e9
         self._ready = False
@@ -89,7 +89,11 @@ class Shell:
             capture.close()
 
     def _count(self, spent_s: float) -> None:
-        self._spent_s, self._steps, self._longest_s = self._spent_s + spent_s, self._steps + 1, max(self._longest_s, spent_s)
+        self._spent_s, self._steps, self._longest_s = (
+            self._spent_s + spent_s,
+            self._steps + 1,
+            max(self._longest_s, spent_s),
+        )
 
     def _listen(self, now: float) -> None:
         self._hear(now)
@@ -130,26 +134,35 @@ class Shell:
         if not self._ready and (not self._core.unheard or wall - self._began > _PATIENCE_S):
             self._ready = True
             if self._core.unheard:
-                self._room.event(f"{', '.join(self._core.unheard)} not heard or not captured after {_PATIENCE_S:g} s")
+                self._room.event(
+                    f"{', '.join(self._core.unheard)} not heard or not captured after {_PATIENCE_S:g} s"
+                )
             self._room.ready()
         self._room.stats(self._stats())
         for capture, complaint in zip(self._captures, self._complaints, strict=True):
             if (news := complaint.news(capture.trouble())) is not None:
                 self._room.event(news)
         orphaned = self._room.orphaned
-        over = [a.over(orphaned=orphaned, any_armed=self._core.any_armed(simulated=s), now=wall) for s, a in self._afterlives]
+        over = [
+            a.over(orphaned=orphaned, any_armed=self._core.any_armed(simulated=s), now=wall)
+            for s, a in self._afterlives
+        ]
         return all(over)
 
     def _stats(self) -> dict[str, Any]:
         mean = 1e3 * self._spent_s / max(self._steps, 1)
-        return {**self._core.stats(), "step_ms": round(mean, 3), "step_most_ms": round(1e3 * self._longest_s, 2)}
+        return {
+            **self._core.stats(),
+            "step_ms": round(mean, 3),
+            "step_most_ms": round(1e3 * self._longest_s, 2),
+        }
 
 
 def main(argv: list[str] | None = None) -> int:
     return run_room("arena:copilot", _make, argv)
 
 
-def _make(room: Room) -> Callable[[], None]:
+def _make(room: ProcessContext) -> Callable[[], None]:
     shell = Shell(room)
 
     def serve() -> None:

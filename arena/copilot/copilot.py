@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.capture import CapturedFrame
 from arena.copilot.braking import Limits, stops
-from arena.copilot.helm import Helm, Present, may_end
-from arena.copilot.known import COMPONENT, SYSTEM, Known
-from arena.copilot.moment import Broken, Mask, Moment
+from arena.copilot.escalation import Escalation, Present, may_end
+from arena.copilot.fleet_state import Broken, Mask, Moment
 from arena.copilot.rules import Judge
 from arena.copilot.settings import Rules, Step, Vehicle
 from arena.copilot.tracks import LATE_S, Tracks
-from arena.wire.codec import Codec
-from arena.wire.mavframe import Buffer
-from arena.wire.px4mode import mode_numbers
+from arena.copilot.vehicle_state import COMPONENT, SYSTEM, Known
+from arena.mocap.client import CapturedFrame
+from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import Buffer
+from arena.wire.px4_mode import mode_numbers
 
 STEP_HZ = 50.0
 _SILENT_S = 3.0
@@ -49,15 +49,19 @@ class Copilot:
         self.vehicles, self.rules = tuple(vehicles), rules
         self.tracks, self.known = Tracks([v.body for v in vehicles]), Known([v.id for v in vehicles])
         self.judge = Judge(rules, vehicles)
-        self.helms = [Helm(name=v.name, rules=rules) for v in vehicles]
+        self.helms = [Escalation(name=v.name, rules=rules) for v in vehicles]
         self.orders: Counter[str] = Counter()
         self.closest_m = math.inf
         self._codec = Codec(SYSTEM, COMPONENT)
         self._limits = _limits(vehicles)
         self._began = now
         self._silent: set[int] = set()
-        self._groundless: dict[int, float] = {}  # row -> since when it is armed, and says nothing of the ground
-        self._speedless: dict[int, float] = {}  # row -> since when it flies, and is captured without a velocity
+        self._groundless: dict[
+            int, float
+        ] = {}  # row -> since when it is armed, and says nothing of the ground
+        self._speedless: dict[
+            int, float
+        ] = {}  # row -> since when it flies, and is captured without a velocity
         self._meeting: set[tuple[int, int]] = set()
         self._refused: set[tuple[int, int, int]] = set()
 
@@ -73,8 +77,16 @@ class Copilot:
 
     def heartbeat(self) -> bytes:
         """Once a second to every tools port: the router forgets who is silent."""
-        return self._codec.pack(mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3))  # fmt: skip
+        return self._codec.pack(
+            mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+                mavlink.MAV_AUTOPILOT_INVALID,
+                0,
+                0,
+                mavlink.MAV_STATE_ACTIVE,
+                3,
+            )
+        )
 
     def step(self, now: float) -> Output:
         """Look, judge, order."""
@@ -96,10 +108,17 @@ class Copilot:
     @property
     def flying(self) -> Mask:
         """Armed and in the air, each by its own last word; what was never heard does not fly for us."""
-        return np.array([a is True and g is False for a, g in zip(self.known.armed, self.known.landed, strict=True)], np.bool_)
+        return np.array(
+            [a is True and g is False for a, g in zip(self.known.armed, self.known.landed, strict=True)],
+            np.bool_,
+        )
 
     def any_armed(self, *, simulated: bool) -> bool:
-        return any(a is True for a, v in zip(self.known.armed, self.vehicles, strict=True) if v.simulated == simulated)
+        return any(
+            a is True
+            for a, v in zip(self.known.armed, self.vehicles, strict=True)
+            if v.simulated == simulated
+        )
 
     @property
     def unheard(self) -> list[str]:
@@ -123,18 +142,30 @@ class Copilot:
         late = np.where(placed, young, 0.0) + self.rules.latency_s + LATE_S + 1.0 / STEP_HZ
         aimed = offboard & (now - known.target_at <= _TARGET_S)
         return Moment(
-            now=now, flying=flying, placed=placed, moving=moving & placed, p_n=p_n, v_n=v_n, tilt=np.where(placed, tilt, 0.0),
-            open=flying & np.array([may_end(m, h.order) for m, h in zip(known.mode, self.helms, strict=True)], np.bool_),
-            held=np.array([h.held for h in self.helms], np.bool_), pose_age=age,
+            now=now,
+            flying=flying,
+            placed=placed,
+            moving=moving & placed,
+            p_n=p_n,
+            v_n=v_n,
+            tilt=np.where(placed, tilt, 0.0),
+            open=flying
+            & np.array([may_end(m, h.order) for m, h in zip(known.mode, self.helms, strict=True)], np.bool_),
+            held=np.array([h.held for h in self.helms], np.bool_),
+            pose_age=age,
             stop=stops(p_n, v_n, np.where(placed[:, None], lean, 0.0), late, self._limits),
-            target=np.where(aimed[:, None], known.target, np.nan), settled=aimed & (now - known.target_since >= _SETTLED_S),
+            target=np.where(aimed[:, None], known.target, np.nan),
+            settled=aimed & (now - known.target_since >= _SETTLED_S),
             off=np.where(now - known.estimate_at <= _ESTIMATE_S, tracks.off(known.estimate), np.nan),
-            battery=np.where(now - known.battery_at <= _BATTERY_S, known.battery, np.nan), offboard=offboard,
+            battery=np.where(now - known.battery_at <= _BATTERY_S, known.battery, np.nan),
+            offboard=offboard,
             silent_s=np.where(np.isfinite(known.beat_at), now - known.beat_at, np.nan),
-        )  # fmt: skip
+        )
 
     def _present(self, row: int, flying: bool, now: float) -> Present:
-        return Present(flying=flying, mode=self.known.mode[row], fresh=bool(now - self.known.heart_at[row] <= _SILENT_S))
+        return Present(
+            flying=flying, mode=self.known.mode[row], fresh=bool(now - self.known.heart_at[row] <= _SILENT_S)
+        )
 
     def _silences(self, now: float) -> Iterator[str]:
         for row, vehicle in enumerate(self.vehicles):
@@ -153,7 +184,9 @@ class Copilot:
             armed, landed = self.known.armed[row], self.known.landed[row]
             if _lasts(self._groundless, row, armed is True and landed is None, m.now):
                 yield f"{vehicle.name}: armed, but it does not say whether it is in the air (EXTENDED_SYS_STATE): NOT WATCHED"
-            if _lasts(self._speedless, row, bool(m.flying[row] and m.placed[row] and not m.moving[row]), m.now):
+            if _lasts(
+                self._speedless, row, bool(m.flying[row] and m.placed[row] and not m.moving[row]), m.now
+            ):
                 yield (
                     f"{vehicle.name}: captured too seldom, or without times, to know its velocity: it will NOT be stopped before "
                     "the fence nor before others"
@@ -184,19 +217,29 @@ class Copilot:
             yield self._command(row, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, _FORCE)
         else:
             main, sub = mode_numbers("AUTO.LOITER" if step == "hold" else "AUTO.LAND")
-            yield self._command(row, mavlink.MAV_CMD_DO_SET_MODE, float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), main, sub)
+            yield self._command(
+                row, mavlink.MAV_CMD_DO_SET_MODE, float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), main, sub
+            )
         yield self._command(row, mavlink.MAV_CMD_REQUEST_MESSAGE, float(mavlink.MAVLINK_MSG_ID_HEARTBEAT))
 
     def _command(self, row: int, number: int, *params: float) -> bytes:
         filled = (*params, *(0.0,) * (7 - len(params)))
-        return self._codec.pack(mavlink.MAVLink_command_long_message(self.vehicles[row].id, 1, number, 0, *filled))
+        return self._codec.pack(
+            mavlink.MAVLink_command_long_message(self.vehicles[row].id, 1, number, 0, *filled)
+        )
 
     def stats(self) -> dict[str, Any]:
         """Figures for the summary."""
         closest = {} if math.isinf(self.closest_m) else {"closest_m": round(self.closest_m, 2)}
         given = {f"sent {step}": n for step, n in self.orders.items()}
         heard = {f"heard {what}": n for what, n in self.known.counts.items()}
-        return {**closest, **given, **heard, "poses repeated": self.tracks.repeated, "tracks restarted": self.tracks.restarted}
+        return {
+            **closest,
+            **given,
+            **heard,
+            "poses repeated": self.tracks.repeated,
+            "tracks restarted": self.tracks.restarted,
+        }
 
 
 def _lasts(since: dict[int, float], row: int, so: bool, now: float) -> bool:
@@ -211,7 +254,10 @@ def _lasts(since: dict[int, float], row: int, so: bool, now: float) -> bool:
 
 def _limits(vehicles: Sequence[Vehicle]) -> Limits:
     return Limits(
-        **{key: np.array([getattr(v, key) for v in vehicles], dtype=np.float64) for key in ("accel", "jerk", "up", "down")}
+        **{
+            key: np.array([getattr(v, key) for v in vehicles], dtype=np.float64)
+            for key in ("accel", "jerk", "up", "down")
+        }
     )
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from arena.copilot.moment import Broken, Mask, Moment
+from arena.copilot.fleet_state import Broken, Mask, Moment
 from arena.copilot.separation import Found, separation
 from arena.copilot.settings import Rules, Vehicle
 
@@ -33,9 +33,15 @@ class Judge:
     def broken(self, m: Moment) -> list[Broken]:
         """Every rule that a flying vehicle breaks, whether it may be commanded or not."""
         each = {
-            "geofence": self._geofence, "separation": self._separation, "tilt": self._tilt, "speed": self._speed,
-            "pose_age": self._pose_age, "estimate": self._estimate, "battery": self._battery, "program": self._program,
-        }  # fmt: skip
+            "geofence": self._geofence,
+            "separation": self._separation,
+            "tilt": self._tilt,
+            "speed": self._speed,
+            "pose_age": self._pose_age,
+            "estimate": self._estimate,
+            "battery": self._battery,
+            "program": self._program,
+        }
         return [b for rule, of in each.items() if self._rules.on(rule) for b in of(m) if m.flying[b.row]]
 
     def _geofence(self, m: Moment) -> Iterator[Broken]:
@@ -50,12 +56,19 @@ class Judge:
         past_low |= judged & ~above & (m.p_n < self._low)
         for row, axis in np.argwhere(past_high | past_low):
             high = bool(past_high[row, axis])
-            left = float(self._high[row, axis] - m.p_n[row, axis] if high else m.p_n[row, axis] - self._low[row, axis])
+            left = float(
+                self._high[row, axis] - m.p_n[row, axis] if high else m.p_n[row, axis] - self._low[row, axis]
+            )
             speed, needs = abs(float(m.v_n[row, axis])), abs(float(way[row, axis]))
             why = _fence_words(left, needs, reserve, speed, _SIDES[axis][high])
             # one that comes down beyond the fence is answered; one that flies on is not
             outwards = float(m.v_n[row, axis]) * (1.0 if high else -1.0)
-            yield Broken(row=int(row), rule="geofence", why=why, enough="terminate" if outwards > _FLEES_M_S else "land")
+            yield Broken(
+                row=int(row),
+                rule="geofence",
+                why=why,
+                enough="terminate" if outwards > _FLEES_M_S else "land",
+            )
 
     def _separation(self, m: Moment) -> Iterator[Broken]:
         figure = self._rules.figure
@@ -65,13 +78,19 @@ class Judge:
     def _tilt(self, m: Moment) -> Iterator[Broken]:
         limit = self._rules.figure["tilt.above_deg"]
         for row in self._lasting(m, "tilt", m.placed & (m.tilt > math.radians(limit))):
-            yield Broken(row=row, rule="tilt", why=f"it is tilted by {math.degrees(m.tilt[row]):.0f} deg (at most {limit:g} deg)")
+            yield Broken(
+                row=row,
+                rule="tilt",
+                why=f"it is tilted by {math.degrees(m.tilt[row]):.0f} deg (at most {limit:g} deg)",
+            )
 
     def _speed(self, m: Moment) -> Iterator[Broken]:
         limit = self._rules.figure["speed.above_m_s"]
         speed = np.linalg.norm(m.v_n, axis=1)
         for row in np.flatnonzero(m.placed & m.moving & (speed > limit)):
-            yield Broken(row=int(row), rule="speed", why=f"it flies at {speed[row]:.1f} m/s (at most {limit:g} m/s)")
+            yield Broken(
+                row=int(row), rule="speed", why=f"it flies at {speed[row]:.1f} m/s (at most {limit:g} m/s)"
+            )
 
     def _pose_age(self, m: Moment) -> Iterator[Broken]:
         limit = self._rules.figure["pose_age.above_s"]
@@ -104,12 +123,16 @@ class Judge:
         since = self._since[rule]
         so = now_so & m.flying
         since[:] = np.where(so, np.minimum(since, m.now), np.inf)
-        return [int(row) for row in np.flatnonzero(so & (m.now - since >= self._rules.figure[f"{rule}.for_s"]))]
+        return [
+            int(row) for row in np.flatnonzero(so & (m.now - since >= self._rules.figure[f"{rule}.for_s"]))
+        ]
 
 
 def _fence_words(left: float, way: float, reserve: float, speed: float, side: str) -> str:
     if left < 0.0:
         return (
-            f"it is {-left:.2f} m past the fence in the {side}" if side != "ceiling" else f"it is {-left:.2f} m above the fence"
+            f"it is {-left:.2f} m past the fence in the {side}"
+            if side != "ceiling"
+            else f"it is {-left:.2f} m above the fence"
         )
     return f"to stop from {speed:.1f} m/s it needs {way:.2f} m and {reserve:g} m in reserve, and the {side} is {left:.2f} m away"

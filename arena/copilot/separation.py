@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.copilot.moment import Broken, Mask, Moment
+from arena.copilot.fleet_state import Broken, Mask, Moment
 from arena.copilot.settings import Step
 
 Array = NDArray[np.float64]
@@ -54,7 +54,9 @@ def _horizon(m: Moment, ahead_s: float) -> float:
     return max(ahead_s, min(longest + _WAIT_S, 10.0))
 
 
-def _broken(m: Moment, a: Index, b: Index, gap: Array, at_m: float, ahead_s: float, names: list[str]) -> tuple[Broken, ...]:
+def _broken(
+    m: Moment, a: Index, b: Index, gap: Array, at_m: float, ahead_s: float, names: list[str]
+) -> tuple[Broken, ...]:
     if not len(a):
         return ()
     times = np.arange(0.0, _horizon(m, ahead_s) + _SAMPLE_S, _SAMPLE_S)
@@ -72,7 +74,9 @@ def _broken(m: Moment, a: Index, b: Index, gap: Array, at_m: float, ahead_s: flo
             continue  # neither may be commanded
         words = _words(float(gap[k]), float(nearest[k]), float(when[k]), at_m)
         enough: Step = "land" if gap[k] < at_m else "hold"  # two that land side by side must not fall
-        found.append(Broken(row=yields, rule="separation", why=f"yields to {names[first]}: {words}", enough=enough))
+        found.append(
+            Broken(row=yields, rule="separation", why=f"yields to {names[first]}: {words}", enough=enough)
+        )
         if m.open[first]:
             reach, _ = approach(late[[first]], stopping[[yields]], times)
             if reach[0] < at_m:
@@ -101,7 +105,10 @@ def _going(m: Moment, times: Array, ahead_s: float, stopping: Array) -> Array:
     beside = np.linalg.norm(to - v * arrive[:, None], axis=1)
     ends = m.settled & (beside < _ON_THE_WAY_M) & (arrive >= 0.0)  # nan compares false: it then goes on
     until = np.where(ends, arrive, ahead_s)
-    going = m.p_n[:, None, :] + v[:, None, :] * np.minimum(times[None, :], np.minimum(until, ahead_s)[:, None])[:, :, None]
+    going = (
+        m.p_n[:, None, :]
+        + v[:, None, :] * np.minimum(times[None, :], np.minimum(until, ahead_s)[:, None])[:, :, None]
+    )
     here = m.p_n[:, None, :]
     farther = ((stopping - here) ** 2).sum(2) > ((going - here) ** 2).sum(2)
     return np.where(farther[:, :, None], stopping, going)
@@ -123,4 +130,6 @@ def _meeting(m: Moment, a: Index, b: Index, at_m: float) -> tuple[tuple[int, int
     aimed: Mask = m.settled & m.offboard & m.flying
     both = aimed[a] & aimed[b]
     apart = np.linalg.norm(m.target[b] - m.target[a], axis=1)
-    return tuple((int(x), int(y)) for x, y in zip(a[both & (apart < at_m)], b[both & (apart < at_m)], strict=True))
+    return tuple(
+        (int(x), int(y)) for x, y in zip(a[both & (apart < at_m)], b[both & (apart < at_m)], strict=True)
+    )

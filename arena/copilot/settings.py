@@ -29,11 +29,19 @@ class Rules:
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Rules:
         rules = settings["rules"]
-        figures = {f"{rule}.{key}": float(x) for rule, keys in rules.items() for key, x in keys.items() if key != "do"}
+        figures = {
+            f"{rule}.{key}": float(x)
+            for rule, keys in rules.items()
+            for key, x in keys.items()
+            if key != "do"
+        }
         return cls(
-            do={rule: keys["do"] for rule, keys in rules.items()}, figure=figures, at_most=settings["at_most"],
-            escalate_after_s=float(settings["escalate_after_s"]), latency_s=float(settings["latency_s"]),
-        )  # fmt: skip
+            do={rule: keys["do"] for rule, keys in rules.items()},
+            figure=figures,
+            at_most=settings["at_most"],
+            escalate_after_s=float(settings["escalate_after_s"]),
+            latency_s=float(settings["latency_s"]),
+        )
 
     def on(self, rule: str) -> bool:
         return self.do[rule] != "none"
@@ -66,8 +74,14 @@ class Vehicle:
         fence, braking = row["fence"], row["braking"]
         (north_lo, north_hi), (east_lo, east_hi) = fence["north"], fence["east"]
         return cls(
-            name=row["name"], id=int(row["id"]), body=row["body"], simulated=bool(row["simulated"]), poses=bool(row["poses"]),
-            tools=(row["tools"][0], int(row["tools"][1])), panic=(row["panic"][0], int(row["panic"][1])),
-            low=(north_lo, east_lo, -fence["up"]), high=(north_hi, east_hi, float("inf")),
+            name=row["name"],
+            id=int(row["id"]),
+            body=row["body"],
+            simulated=bool(row["simulated"]),
+            poses=bool(row["poses"]),
+            tools=(row["tools"][0], int(row["tools"][1])),
+            panic=(row["panic"][0], int(row["panic"][1])),
+            low=(north_lo, east_lo, -fence["up"]),
+            high=(north_hi, east_hi, float("inf")),
             **{key: float(braking[key]) for key in ("accel", "jerk", "up", "down")},
-        )  # fmt: skip
+        )

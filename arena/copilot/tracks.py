@@ -17,7 +17,9 @@ TRAIL = 9
 LATE_S = (TRAIL - 1) / 2 / 180.0
 _LEAST = 5
 _GAP_S = 0.25
-_JUMP_M_S = 30.0  # faster than anything that flies indoors: the body was lost or swapped, the old slope says nothing
+_JUMP_M_S = (
+    30.0  # faster than anything that flies indoors: the body was lost or swapped, the old slope says nothing
+)
 _MEMORY_S = 0.5
 _GRAVITY = 9.81
 
@@ -48,7 +50,10 @@ class Tracks:
                 self.repeated += 1  # a frozen body is not seen
                 return
             gap = time_s - then
-            if not 0.0 < gap < _GAP_S or max(abs(a - b) for a, b in zip(p_n, place, strict=True)) > _JUMP_M_S * gap:
+            if (
+                not 0.0 < gap < _GAP_S
+                or max(abs(a - b) for a, b in zip(p_n, place, strict=True)) > _JUMP_M_S * gap
+            ):
                 self._times[i] = np.nan
                 self._count[i] = 0
                 self.restarted += 1
@@ -61,7 +66,9 @@ class Tracks:
 
     def places(self, now: float) -> Array:
         """The newest of each [m] [NED] (N, 3), nan where never seen. Call once a step: they are remembered for `off`."""
-        found = np.array([(np.nan,) * 3 if pose is None else pose[1] for pose in self._last], dtype=np.float64).reshape(-1, 3)
+        found = np.array(
+            [(np.nan,) * 3 if pose is None else pose[1] for pose in self._last], dtype=np.float64
+        ).reshape(-1, 3)
         self._past = [(t, p) for t, p in self._past if now - t <= _MEMORY_S]
         self._past.append((now, found))
         return found
@@ -84,7 +91,9 @@ class Tracks:
         up = 1.0 - 2.0 * (x * x + y * y)
         north, east = -2.0 * (x * z + w * y), -2.0 * (y * z - w * x)
         scale = _GRAVITY / np.maximum(up, 0.3)
-        return np.arccos(np.clip(up, -1.0, 1.0)), np.column_stack([north * scale, east * scale, np.zeros_like(north)])
+        return np.arccos(np.clip(up, -1.0, 1.0)), np.column_stack(
+            [north * scale, east * scale, np.zeros_like(north)]
+        )
 
     def off(self, p_n: Array) -> Array:
         """How far each of these places [m] [NED] (N, 3) is from wherever its body was in the last half second [m] (N,): an

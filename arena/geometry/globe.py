@@ -16,10 +16,14 @@ EARTH_M = 6_371_000.0
 
 def globe_from_local(lat0_deg: Any, lon0_deg: Any, north: Any, east: Any) -> tuple[Any, Any]:
     """[m] from an origin [deg] -> latitude, longitude [deg], not wrapped."""
-    return lat0_deg + np.degrees(north / EARTH_M), lon0_deg + np.degrees(east / (EARTH_M * np.cos(np.radians(lat0_deg))))
+    return lat0_deg + np.degrees(north / EARTH_M), lon0_deg + np.degrees(
+        east / (EARTH_M * np.cos(np.radians(lat0_deg)))
+    )
 
 
 def local_from_globe(lat0_deg: Any, lon0_deg: Any, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
     """Latitude, longitude [deg] -> north, east of an origin [m], the shorter way round."""
     east_deg = (lon_deg - lon0_deg + 180.0) % 360.0 - 180.0
-    return np.radians(lat_deg - lat0_deg) * EARTH_M, np.radians(east_deg) * np.cos(np.radians(lat0_deg)) * EARTH_M
+    return np.radians(lat_deg - lat0_deg) * EARTH_M, np.radians(east_deg) * np.cos(
+        np.radians(lat0_deg)
+    ) * EARTH_M

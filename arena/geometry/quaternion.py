@@ -12,11 +12,23 @@ _TINY = 1e-8
 # Row 4 i + j: what the product of the i-th of a and the j-th of b adds to w, x, y, z (Hamilton: ij = k).
 _HAMILTON = np.zeros((16, 4))
 for _i, _j, _k, _sign in (
-    (0, 0, 0, 1), (1, 1, 0, -1), (2, 2, 0, -1), (3, 3, 0, -1),
-    (0, 1, 1, 1), (1, 0, 1, 1), (2, 3, 1, 1), (3, 2, 1, -1),
-    (0, 2, 2, 1), (1, 3, 2, -1), (2, 0, 2, 1), (3, 1, 2, 1),
-    (0, 3, 3, 1), (1, 2, 3, 1), (2, 1, 3, -1), (3, 0, 3, 1),
-):  # fmt: skip
+    (0, 0, 0, 1),
+    (1, 1, 0, -1),
+    (2, 2, 0, -1),
+    (3, 3, 0, -1),
+    (0, 1, 1, 1),
+    (1, 0, 1, 1),
+    (2, 3, 1, 1),
+    (3, 2, 1, -1),
+    (0, 2, 2, 1),
+    (1, 3, 2, -1),
+    (2, 0, 2, 1),
+    (3, 1, 2, 1),
+    (0, 3, 3, 1),
+    (1, 2, 3, 1),
+    (2, 1, 3, -1),
+    (3, 0, 3, 1),
+):
     _HAMILTON[4 * _i + _j, _k] = _sign
 # Likewise made of the products of a quaternion's components: conj(a) * b from those of a and b, and, of one quaternion's with
 # themselves, the entries of its matrix: the k-th column is q * e_k * conj(q).
@@ -66,7 +78,9 @@ def matrix_from_quat(q: ArrayLike) -> Array:
     """R [-] (..., 3, 3) with R @ v_b = q * v_b * conj(q)."""
     q = np.asarray(q, float)
     shape = q.shape[:-1]
-    return np.asarray(((q[..., :, None] * q[..., None, :]).reshape(*shape, 16) @ _MATRIX).reshape(*shape, 3, 3))
+    return np.asarray(
+        ((q[..., :, None] * q[..., None, :]).reshape(*shape, 16) @ _MATRIX).reshape(*shape, 3, 3)
+    )
 
 
 def quat_from_matrix(m: ArrayLike) -> Array:

@@ -1,1 +1,1 @@
-"""The motion-capture emulator: what the cameras would have sent, on the vendor's wire."""
+"""Motion capture: the emulator of a vendor's server and the clients that receive its poses."""

@@ -12,9 +12,11 @@ Json = dict[str, Any]
 
 # PX4's own defaults of what limits a stop in AUTO modes
 _BRAKING = {
-    "accel": ("MPC_ACC_HOR", 3.0), "jerk": ("MPC_JERK_AUTO", 4.0),
-    "up": ("MPC_ACC_DOWN_MAX", 3.0), "down": ("MPC_ACC_UP_MAX", 4.0),
-}  # fmt: skip
+    "accel": ("MPC_ACC_HOR", 3.0),
+    "jerk": ("MPC_JERK_AUTO", 4.0),
+    "up": ("MPC_ACC_DOWN_MAX", 3.0),
+    "down": ("MPC_ACC_UP_MAX", 4.0),
+}
 
 
 def copilot(arena: Arena) -> Json:
@@ -22,21 +24,32 @@ def copilot(arena: Arena) -> Json:
     if c is None:
         raise ValueError("this arena has no copilot")
     return {
-        "name": "copilot", "listen": rooms.heart(arena), "escalate_after_s": c.escalate_after_s, "at_most": c.at_most,
-        "rules": {rule: getattr(c, rule).model_dump() for rule in RULES}, "latency_s": arena.mocap.latency_ms / 1000.0,
-        "clock": None if arena.hardware else rooms.CLOCK, "captures": _captures(arena),
+        "name": "copilot",
+        "listen": rooms.heart(arena),
+        "escalate_after_s": c.escalate_after_s,
+        "at_most": c.at_most,
+        "rules": {rule: getattr(c, rule).model_dump() for rule in RULES},
+        "latency_s": arena.mocap.latency_ms / 1000.0,
+        "clock": None if arena.hardware else rooms.CLOCK,
+        "captures": _captures(arena),
         "vehicles": [_vehicle(arena, v) for v in arena.vehicles],
-    }  # fmt: skip
+    }
 
 
 def _vehicle(arena: Arena, v: Vehicle) -> Json:
     panic = rooms.link_of(arena, v, "panic")
     braking = {key: v.params.get(name, default) for key, (name, default) in _BRAKING.items()}
     return {
-        "name": v.name, "id": v.id, "body": v.mocap_body, "simulated": v.simulated, "poses": v.forward,
-        "tools": [arena.address, v.ports.tools], "panic": [panic.autopilot_host, panic.autopilot_port],
-        "fence": arena.geofence.slice() if arena.geofence is not None else _walls(arena, v), "braking": braking,
-    }  # fmt: skip
+        "name": v.name,
+        "id": v.id,
+        "body": v.mocap_body,
+        "simulated": v.simulated,
+        "poses": v.forward,
+        "tools": [arena.address, v.ports.tools],
+        "panic": [panic.autopilot_host, panic.autopilot_port],
+        "fence": arena.geofence.slice() if arena.geofence is not None else _walls(arena, v),
+        "braking": braking,
+    }
 
 
 def _walls(arena: Arena, v: Vehicle) -> Json:

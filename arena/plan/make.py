@@ -34,12 +34,12 @@ _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
     "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0, "nice": -10}),
     # stopped, it is left alone: its PX4 goes on flying, and would fall with it
     "px4": ("arena.px4", 0.3, 150.0, {"restart": Restart(), "start_timeout_s": 60.0, "stopped_for_s": None}),
-    "link": ("arena.link", 0.2, 120.0, {}),
-    "mocap": ("arena.mocap", 0.3, 150.0, {}),
-    "forward": ("arena.forward", 0.1, 120.0, {}),
-    "router": ("arena.route", 0.4, 120.0, {}),
+    "link": ("arena.fcu_link", 0.2, 120.0, {}),
+    "mocap": ("arena.mocap.emulator", 0.3, 150.0, {}),
+    "forward": ("arena.pose_forwarder", 0.1, 120.0, {}),
+    "router": ("arena.mavlink_router", 0.4, 120.0, {}),
     "copilot": ("arena.copilot", 0.4, 150.0, {"nice": -5}),
-    "logger": ("arena.record", 0.15, 200.0, {"nice": NICE_LOGGER, "stop_timeout_s": 10.0}),
+    "logger": ("arena.recorder", 0.15, 200.0, {"nice": NICE_LOGGER, "stop_timeout_s": 10.0}),
 }
 
 
@@ -55,7 +55,7 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
         land=_land(arena, python),
         report=_task(
             "report",
-            (python, "-m", "arena.record.report", "{run}"),
+            (python, "-m", "arena.recorder.report", "{run}"),
             nice=10,
             cpu_budget=1.0,
             memory_budget_mb=500.0,
@@ -79,11 +79,20 @@ def _slices(arena: Arena) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def _vehicle(arena: Arena, v: Vehicle) -> VehiclePlan:
     return VehiclePlan(
-        name=v.name, id=v.id, autopilot=v.autopilot, profile=v.profile.name, simulated=v.simulated,
-        router=rooms.link_of(arena, v, "router"), vision=rooms.link_of(arena, v, "vision"),
-        panic=rooms.link_of(arena, v, "panic"), port=v.ports.program, sdk_port=v.ports.sdk, tools_port=v.ports.tools,
-        logger_port=v.ports.logger, mocap_body=v.mocap_body,
-    )  # fmt: skip
+        name=v.name,
+        id=v.id,
+        autopilot=v.autopilot,
+        profile=v.profile.name,
+        simulated=v.simulated,
+        router=rooms.link_of(arena, v, "router"),
+        vision=rooms.link_of(arena, v, "vision"),
+        panic=rooms.link_of(arena, v, "panic"),
+        port=v.ports.program,
+        sdk_port=v.ports.sdk,
+        tools_port=v.ports.tools,
+        logger_port=v.ports.logger,
+        mocap_body=v.mocap_body,
+    )
 
 
 def _processes(arena: Arena, python: str) -> Iterator[ProcessSpec]:
@@ -135,16 +144,26 @@ def _autopilots(arena: Arena, python: str, world: tuple[str, ...]) -> Iterator[P
             yield _room(arena, python, "link", f"link.{v.name}", v, needs=world if v.simulated else ())
 
 
-def _room(arena: Arena, python: str, kind: Kind, name: str, v: Vehicle | None = None, needs: tuple[str, ...] = ()) -> ProcessSpec:
+def _room(
+    arena: Arena, python: str, kind: Kind, name: str, v: Vehicle | None = None, needs: tuple[str, ...] = ()
+) -> ProcessSpec:
     module, cpu, memory, more = _ROOMS[kind]
     fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), **more}
     if v is not None and v.wire is not None:
         fields["start_timeout_s"] = REAL_START_TIMEOUT_S
     return ProcessSpec(
-        name=name, kind=kind, vehicle=v.name if v else None, argv=(python, "-m", module, f"{{run}}/slices/{name}.json"),
-        env=ENV, needs=needs, outlives=True, cpu_budget=cpu, memory_budget_mb=memory,
-        listens=tuple(_listens(arena, kind, v)), **fields,
-    )  # fmt: skip
+        name=name,
+        kind=kind,
+        vehicle=v.name if v else None,
+        argv=(python, "-m", module, f"{{run}}/slices/{name}.json"),
+        env=ENV,
+        needs=needs,
+        outlives=True,
+        cpu_budget=cpu,
+        memory_budget_mb=memory,
+        listens=tuple(_listens(arena, kind, v)),
+        **fields,
+    )
 
 
 def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[Listen]:
@@ -163,7 +182,12 @@ def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[List
     for v in of:
         if kind == "world" and v.autopilot != "builtin":
             if v.simulated:
-                yield Listen(protocol="tcp", address=arena.address, port=v.ports.simulator, what=f"simulator API of {v.name}")
+                yield Listen(
+                    protocol="tcp",
+                    address=arena.address,
+                    port=v.ports.simulator,
+                    what=f"simulator API of {v.name}",
+                )
             continue
         found += [(getattr(v.ports, key), f"{words} of {v.name}") for key, words in _BOUND.get(kind, ())]
     for port, words in found:
@@ -199,11 +223,21 @@ def _program(arena: Arena, python: str, v: Vehicle) -> ProcessSpec:
     needs = (f"forward.{v.name}",) if v.forward else ("world",) if v.simulated else ()
     needs = (*needs, f"link.{v.name}") if v.wire is not None else needs
     return ProcessSpec(
-        name=name, kind="program", vehicle=v.name, argv=(*start, "--uav", f"{{run}}/slices/{name}.json", *program.args),
-        cwd=arena.folder, env=ENV, needs=(*needs, "router", *_watched(arena), f"logger.{v.name}"), ready="started",
-        restart=Restart(mode=program.restart), stopped_for_s=None, cpu_budget=0.3, memory_budget_mb=300.0,
-        nice=NICE_PROGRAM, listens=tuple(_listens(arena, "program", v)),
-    )  # fmt: skip
+        name=name,
+        kind="program",
+        vehicle=v.name,
+        argv=(*start, "--uav", f"{{run}}/slices/{name}.json", *program.args),
+        cwd=arena.folder,
+        env=ENV,
+        needs=(*needs, "router", *_watched(arena), f"logger.{v.name}"),
+        ready="started",
+        restart=Restart(mode=program.restart),
+        stopped_for_s=None,
+        cpu_budget=0.3,
+        memory_budget_mb=300.0,
+        nice=NICE_PROGRAM,
+        listens=tuple(_listens(arena, "program", v)),
+    )
 
 
 def _tools(arena: Arena) -> Iterator[ProcessSpec]:
@@ -216,14 +250,21 @@ def _tools(arena: Arena) -> Iterator[ProcessSpec]:
 
 def _tool(arena: Arena, name: str, tool: Tool, vehicle: str | None) -> ProcessSpec:
     return ProcessSpec(
-        name=name, kind="tool", vehicle=vehicle, argv=tool.argv, cwd=str(Path(arena.folder) / (tool.cwd or "")),
-        env=(*ENV, *sorted(tool.env.items())), needs=("router", *_watched(arena)) if tool.needs is None else tool.needs,
-        ready="started", restart=Restart(mode=tool.restart), stopped_for_s=None,
-    )  # fmt: skip
+        name=name,
+        kind="tool",
+        vehicle=vehicle,
+        argv=tool.argv,
+        cwd=str(Path(arena.folder) / (tool.cwd or "")),
+        env=(*ENV, *sorted(tool.env.items())),
+        needs=("router", *_watched(arena)) if tool.needs is None else tool.needs,
+        ready="started",
+        restart=Restart(mode=tool.restart),
+        stopped_for_s=None,
+    )
 
 
 def _land(arena: Arena, python: str) -> ProcessSpec:
-    argv = (python, "-m", "arena.safety.land_all", "--run", "{run}")
+    argv = (python, "-m", "arena.emergency.land_all", "--run", "{run}")
     return _task("land", argv, listens=tuple(_listens(arena, "task", None)))
 
 

@@ -11,7 +11,9 @@ import json
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-Kind = Literal["world", "px4", "link", "mocap", "forward", "router", "copilot", "logger", "program", "tool", "task"]
+Kind = Literal[
+    "world", "px4", "link", "mocap", "forward", "router", "copilot", "logger", "program", "tool", "task"
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,10 +128,13 @@ class Plan:
     def from_json(cls, text: str) -> Plan:
         raw = json.loads(text)
         vehicles = tuple(
-            VehiclePlan(**{**v, **{link: Link(**v[link]) for link in ("router", "vision", "panic")}}) for v in raw.pop("vehicles")
+            VehiclePlan(**{**v, **{link: Link(**v[link]) for link in ("router", "vision", "panic")}})
+            for v in raw.pop("vehicles")
         )
         processes = tuple(_process(p) for p in raw.pop("processes"))
-        land, report = (_process(raw.pop(key)) if raw.get(key) else raw.pop(key) for key in ("land", "report"))
+        land, report = (
+            _process(raw.pop(key)) if raw.get(key) else raw.pop(key) for key in ("land", "report")
+        )
         return cls(vehicles=vehicles, processes=processes, land=land, report=report, **raw)
 
 

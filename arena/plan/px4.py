@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from arena.errors import InputError
-from arena.params.table import parameters, versions
+from arena.params.facts.parameter_table import parameters, versions
 from arena.schema import Vehicle
 from arena.schema.library import data_folder
 
@@ -22,7 +22,9 @@ def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
     import jinja2
 
     loader = jinja2.FileSystemLoader(str(data_folder("templates") / "px4"))
-    templates = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
+    templates = jinja2.Environment(
+        loader=loader, undefined=jinja2.StrictUndefined, keep_trailing_newline=True
+    )
     return {name: templates.get_template(f"{name}.j2").render(given) for name in SCRIPTS}
 
 
@@ -30,11 +32,16 @@ def px4_params(v: Vehicle) -> dict[str, float | int]:
     """Every parameter that differs from PX4's airframe: the arena's, the profile's, the YAML's."""
     battery = v.profile.battery
     lasts = {"SIM_BAT_DRAIN": round(3.6 * battery.capacity_mah / battery.hover_a)}
-    compass = {} if v.forward or not v.gps else {"SYS_HAS_MAG": 1}  # on satellites alone heading comes from it
+    compass = (
+        {} if v.forward or not v.gps else {"SYS_HAS_MAG": 1}
+    )  # on satellites alone heading comes from it
     found: dict[str, float] = {**SIMULATED, **lasts, **compass, **v.params}
     found.pop("MAV_SYS_ID", None)  # the startup sets it after PX4 has set its own
     # Whole numbers without a point: `param set` refuses one in an integer, and minds none that is missing in a float.
-    return {name: int(value) if float(value).is_integer() else float(value) for name, value in sorted(found.items())}
+    return {
+        name: int(value) if float(value).is_integer() else float(value)
+        for name, value in sorted(found.items())
+    }
 
 
 def forgotten(params: Mapping[str, float | int], version: str) -> dict[str, float | int]:
@@ -51,5 +58,7 @@ def forgotten(params: Mapping[str, float | int], version: str) -> dict[str, floa
 def hitl_params(v: Vehicle) -> dict[str, float | int]:
     """What a flight controller must hold to fly the simulated body. Source: PX4's airframe 1001 and its HIL outputs."""
     outputs = {f"HIL_ACT_FUNC{i + 1}": 101 + i for i in range(len(v.profile.rotors))}
-    held = {name: value for name, value in px4_params(v).items() if not name.startswith("SIM_")}  # a board need not know those
+    held = {
+        name: value for name, value in px4_params(v).items() if not name.startswith("SIM_")
+    }  # a board need not know those
     return {**held, "MAV_SYS_ID": v.id, "SYS_HITL": 1, "CBRK_SUPPLY_CHK": 894281, **outputs}

@@ -55,11 +55,22 @@ def partner_end(link: Link) -> Json:
 def world(arena: Arena) -> Json:
     w, s = arena.world, arena.sim
     return {
-        "name": "world", "address": arena.address, "seed": w.seed, "size_m": list(w.size), "heading_deg": w.heading_deg,
-        "origin": _origin(arena), "physics_hz": s.physics_hz, "sensor_hz": s.sensor_hz, "speed": s.speed, "gui": s.gui,
-        "clock": CLOCK, "truth": TRUTH, "faults": _faults(arena, "world"), "wind_m_s": list(w.wind_m_s),
+        "name": "world",
+        "address": arena.address,
+        "seed": w.seed,
+        "size_m": list(w.size),
+        "heading_deg": w.heading_deg,
+        "origin": _origin(arena),
+        "physics_hz": s.physics_hz,
+        "sensor_hz": s.sensor_hz,
+        "speed": s.speed,
+        "gui": s.gui,
+        "clock": CLOCK,
+        "truth": TRUTH,
+        "faults": _faults(arena, "world"),
+        "wind_m_s": list(w.wind_m_s),
         "vehicles": [_body(arena, v) for v in arena.simulated],
-    }  # fmt: skip
+    }
 
 
 def _links(arena: Arena, v: Vehicle) -> Json:
@@ -69,14 +80,26 @@ def _links(arena: Arena, v: Vehicle) -> Json:
 def _body(arena: Arena, v: Vehicle) -> Json:
     if v.autopilot != "builtin":  # it opens its links itself
         flown: Json = {
-            "autopilot": "px4", "simulator": [arena.address, v.ports.simulator], "gps": v.gps, "sticks": v.sticks,
-        }  # fmt: skip
+            "autopilot": "px4",
+            "simulator": [arena.address, v.ports.simulator],
+            "gps": v.gps,
+            "sticks": v.sticks,
+        }
     else:
-        flown = {"autopilot": "builtin", "params": dict(v.params), "links": _links(arena, v), "sticks": v.sticks}
+        flown = {
+            "autopilot": "builtin",
+            "params": dict(v.params),
+            "links": _links(arena, v),
+            "sticks": v.sticks,
+        }
     return {
-        "name": v.name, "id": v.id, "profile": v.profile.slice(), "position": list(v.position),
-        "rpy": [math.radians(a) for a in v.rpy_deg], **flown,
-    }  # fmt: skip
+        "name": v.name,
+        "id": v.id,
+        "profile": v.profile.slice(),
+        "position": list(v.position),
+        "rpy": [math.radians(a) for a in v.rpy_deg],
+        **flown,
+    }
 
 
 def _origin(arena: Arena) -> Json:
@@ -89,26 +112,49 @@ def px4(arena: Arena, v: Vehicle) -> Json:
         raise ValueError(f"{v.name} flies PX4, and none was found")
     params = px4_params(v)
     given: Json = {
-        "vehicle": v.name, "id": v.id, "simulator": [arena.address, v.ports.simulator], **_links(arena, v),
+        "vehicle": v.name,
+        "id": v.id,
+        "simulator": [arena.address, v.ports.simulator],
+        **_links(arena, v),
         "again": forgotten(params, arena.px4.version),
-    }  # fmt: skip
+    }
     return {
-        "name": f"px4.{v.name}", "vehicle": v.name, "argv": list(arena.px4.argv), "data": arena.px4.data, "instance": v.id - 1,
-        "version": arena.px4.version, "stand_in": arena.px4.stand_in,
-        "folder": f"{{run}}/px4/{v.name}", "model": "none_iris", "links": _links(arena, v), "clock": CLOCK,
-        "params": params, "scripts": px4_scripts(given),
-    }  # fmt: skip
+        "name": f"px4.{v.name}",
+        "vehicle": v.name,
+        "argv": list(arena.px4.argv),
+        "data": arena.px4.data,
+        "instance": v.id - 1,
+        "version": arena.px4.version,
+        "stand_in": arena.px4.stand_in,
+        "folder": f"{{run}}/px4/{v.name}",
+        "model": "none_iris",
+        "links": _links(arena, v),
+        "clock": CLOCK,
+        "params": params,
+        "scripts": px4_scripts(given),
+    }
 
 
 def mocap(arena: Arena) -> Json:
     m = arena.mocap
     bodies = [{"name": v.mocap_body, "streaming_id": v.id, "index": i} for i, v in enumerate(arena.simulated)]
     return {
-        "name": "mocap", "address": arena.address, "version": m.version, "transport": m.transport, "group": arena.group,
-        "command_port": m.command_port, "data_port": m.data_port, "rate_hz": m.rate_hz, "noise": _noise(arena),
-        "latency_ms": m.latency_ms, "seed": m.seed, "clock": CLOCK, "truth": TRUTH, "bodies": bodies,
+        "name": "mocap",
+        "address": arena.address,
+        "version": m.version,
+        "transport": m.transport,
+        "group": arena.group,
+        "command_port": m.command_port,
+        "data_port": m.data_port,
+        "rate_hz": m.rate_hz,
+        "noise": _noise(arena),
+        "latency_ms": m.latency_ms,
+        "seed": m.seed,
+        "clock": CLOCK,
+        "truth": TRUTH,
+        "bodies": bodies,
         "faults": _faults(arena, "mocap"),
-    }  # fmt: skip
+    }
 
 
 def _faults(arena: Arena, room: str) -> str | None:
@@ -122,7 +168,7 @@ def _noise(arena: Arena) -> Json:
 
 
 def link(arena: Arena, v: Vehicle) -> Json:
-    """What `python -m arena.link` needs to stand in the place of this vehicle's autopilot."""
+    """What `python -m arena.fcu_link` needs to stand in the place of this vehicle's autopilot."""
     if v.wire is None:
         raise ValueError(f"{v.name} has no wire")
     if v.wire.kind == "serial":
@@ -131,26 +177,47 @@ def link(arena: Arena, v: Vehicle) -> Json:
         wire = {"kind": v.wire.kind, "address": [v.wire.host, v.wire.port]}
     p = arena.preflight
     return {
-        "name": f"link.{v.name}", "vehicle": v.name, "id": v.id, "wire": wire, "links": _links(arena, v),
+        "name": f"link.{v.name}",
+        "vehicle": v.name,
+        "id": v.id,
+        "wire": wire,
+        "links": _links(arena, v),
         "simulator": [arena.address, v.ports.simulator] if v.simulated else None,
         "preflight": {
-            "position_m": p.position_m, "yaw_deg": p.yaw_deg, "pose_age_s": p.pose_age_s, "pose_rate_hz": v.pose_rate_hz,
-            "battery": p.battery, "size_m": list(arena.world.size), "poses": v.forward,
+            "position_m": p.position_m,
+            "yaw_deg": p.yaw_deg,
+            "pose_age_s": p.pose_age_s,
+            "pose_rate_hz": v.pose_rate_hz,
+            "battery": p.battery,
+            "size_m": list(arena.world.size),
+            "poses": v.forward,
             # where a real body's origin is, the lab decides: at the height of its lowest point is the most that it can be
             "height_m": v.profile.height_m / 2.0 if v.simulated else 0.0,
         },
-        "params": hitl_params(v) if v.simulated else dict(v.params), "params_file": f"{{run}}/params/{v.name}.params",
+        "params": hitl_params(v) if v.simulated else dict(v.params),
+        "params_file": f"{{run}}/params/{v.name}.params",
         "wire_file": f"{{run}}/wire/{v.name}.json",
         "simulated": v.simulated,
-    }  # fmt: skip
+    }
 
 
 def capture(arena: Arena, bodies: list[str], *, simulated: bool) -> Json | None:
     """How a receiver reaches the cameras that see such vehicles; None when none do. bodies: names wanted."""
     m = arena.mocap
-    common = {"transport": m.transport, "command_port": m.command_port, "data_port": m.data_port, "bodies": bodies}
+    common = {
+        "transport": m.transport,
+        "command_port": m.command_port,
+        "data_port": m.data_port,
+        "bodies": bodies,
+    }
     if simulated:
-        return {"kind": "natnet", "server": arena.address, "local": arena.address, "group": arena.group, **common}
+        return {
+            "kind": "natnet",
+            "server": arena.address,
+            "local": arena.address,
+            "group": arena.group,
+            **common,
+        }
     if m.source == "emulator":
         return None
     return {"kind": m.source, "server": m.server, "local": m.local, "group": arena.server_group, **common}
@@ -162,11 +229,20 @@ def _clock(v: Vehicle) -> str | None:
 
 def forward(arena: Arena, v: Vehicle) -> Json:
     return {
-        "name": f"forward.{v.name}", "vehicle": v.name, "id": v.id, "body": v.mocap_body,
-        "capture": capture(arena, [v.mocap_body], simulated=v.simulated), "frame_rate_hz": arena.mocap.rate_hz,
-        "rate_hz": v.pose_rate_hz, "stale_s": POSE_STALE_S, "noise": _noise(arena), "origin": _origin(arena),
-        "link": partner_end(link_of(arena, v, "vision")), "clock": _clock(v), "simulated": v.simulated,
-    }  # fmt: skip
+        "name": f"forward.{v.name}",
+        "vehicle": v.name,
+        "id": v.id,
+        "body": v.mocap_body,
+        "capture": capture(arena, [v.mocap_body], simulated=v.simulated),
+        "frame_rate_hz": arena.mocap.rate_hz,
+        "rate_hz": v.pose_rate_hz,
+        "stale_s": POSE_STALE_S,
+        "noise": _noise(arena),
+        "origin": _origin(arena),
+        "link": partner_end(link_of(arena, v, "vision")),
+        "clock": _clock(v),
+        "simulated": v.simulated,
+    }
 
 
 def router(arena: Arena) -> Json:
@@ -174,10 +250,16 @@ def router(arena: Arena) -> Json:
     gcs = [{"name": "gcs", "address": [arena.address, GROUND_STATION]}]
     gcs += [{"name": f"gcs@{a}", "address": [a, GROUND_STATION]} for a in stations]
     return {
-        "name": "router", "vehicles": [_routed(arena, v) for v in arena.vehicles],
-        "gcs_local": [arena.address, LINK_BASE], "gcs": gcs, "heartbeat": True, "simulated": not arena.hardware,
-        "faults": _faults(arena, "router"), "clock": None if arena.hardware else CLOCK, "seed": arena.world.seed,
-    }  # fmt: skip
+        "name": "router",
+        "vehicles": [_routed(arena, v) for v in arena.vehicles],
+        "gcs_local": [arena.address, LINK_BASE],
+        "gcs": gcs,
+        "heartbeat": True,
+        "simulated": not arena.hardware,
+        "faults": _faults(arena, "router"),
+        "clock": None if arena.hardware else CLOCK,
+        "seed": arena.world.seed,
+    }
 
 
 def _routed(arena: Arena, v: Vehicle) -> Json:
@@ -190,30 +272,50 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
         clients.append({"name": f"program@{station}", "address": [station, ports.program]})
         clients.append({"name": f"sdk@{station}", "address": [station, ports.sdk]})
     return {
-        "name": v.name, "id": v.id, "simulated": v.simulated, "link": partner_end(link_of(arena, v, "router")),
+        "name": v.name,
+        "id": v.id,
+        "simulated": v.simulated,
+        "link": partner_end(link_of(arena, v, "router")),
         "serve": [here, ports.serve],
-        "clients": clients, "logger": [here, ports.logger], "tools": [here, ports.tools],
-    }  # fmt: skip
+        "clients": clients,
+        "logger": [here, ports.logger],
+        "tools": [here, ports.tools],
+    }
 
 
 def logger(arena: Arena, v: Vehicle) -> Json:
     return {
-        "name": f"logger.{v.name}", "vehicle": v.name, "id": v.id, "body": v.mocap_body,
-        "index": arena.simulated.index(v) if v.simulated else None, "listen": [arena.address, v.ports.logger],
-        "capture": capture(arena, [v.mocap_body], simulated=v.simulated), "truth": TRUTH if v.simulated else None,
-        "clock": _clock(v), "rate_hz": LOG_RATE_HZ, "folder": "{run}/csv", "simulated": v.simulated,
-    }  # fmt: skip
+        "name": f"logger.{v.name}",
+        "vehicle": v.name,
+        "id": v.id,
+        "body": v.mocap_body,
+        "index": arena.simulated.index(v) if v.simulated else None,
+        "listen": [arena.address, v.ports.logger],
+        "capture": capture(arena, [v.mocap_body], simulated=v.simulated),
+        "truth": TRUTH if v.simulated else None,
+        "clock": _clock(v),
+        "rate_hz": LOG_RATE_HZ,
+        "folder": "{run}/csv",
+        "simulated": v.simulated,
+    }
 
 
 def program(arena: Arena, v: Vehicle) -> Json:
     neighbours = [{"name": n, "body": arena.vehicle(n).mocap_body} for n in v.neighbours if n != v.name]
     kept = ("mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")
     return {
-        "name": f"program.{v.name}", "vehicle": v.name, "id": v.id, "link": f"udpin:{arena.address}:{v.ports.program}",
-        "capture": _captures(arena, v), "body": v.mocap_body, "clock": _clock(v),
-        "profile": {k: x for k, x in v.profile.slice().items() if k in kept}, "neighbours": neighbours,
-        "stale_s": PROGRAM_STALE_S, "heart": heart(arena),
-    }  # fmt: skip
+        "name": f"program.{v.name}",
+        "vehicle": v.name,
+        "id": v.id,
+        "link": f"udpin:{arena.address}:{v.ports.program}",
+        "capture": _captures(arena, v),
+        "body": v.mocap_body,
+        "clock": _clock(v),
+        "profile": {k: x for k, x in v.profile.slice().items() if k in kept},
+        "neighbours": neighbours,
+        "stale_s": PROGRAM_STALE_S,
+        "heart": heart(arena),
+    }
 
 
 def heart(arena: Arena) -> Address | None:

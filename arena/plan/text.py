@@ -30,14 +30,29 @@ def arena_yaml(arena: Arena) -> str:
 
 
 def _vehicle(v: Vehicle) -> dict[str, Any]:
-    program = {"path": v.program.path, "args": list(v.program.args), "restart": v.program.restart} if v.program else None
+    program = (
+        {"path": v.program.path, "args": list(v.program.args), "restart": v.program.restart}
+        if v.program
+        else None
+    )
     made = {
-        "id": v.id, "profile": v.profile_key, "autopilot": v.autopilot, **_wire(v),
-        "start": {"position": v.position, "rpy_deg": v.rpy_deg}, "port": v.ports.program, "gcs": v.gcs,
-        "mocap_body": v.mocap_body, "gps": v.gps, "sticks": v.sticks,
-        "forward": v.forward, "pose_rate_hz": v.pose_rate_hz, "program": program,
-        "neighbours": v.neighbours, "tools": {name: _tool(tool) for name, tool in v.tools.items()}, "params": dict(v.params),
-    }  # fmt: skip
+        "id": v.id,
+        "profile": v.profile_key,
+        "autopilot": v.autopilot,
+        **_wire(v),
+        "start": {"position": v.position, "rpy_deg": v.rpy_deg},
+        "port": v.ports.program,
+        "gcs": v.gcs,
+        "mocap_body": v.mocap_body,
+        "gps": v.gps,
+        "sticks": v.sticks,
+        "forward": v.forward,
+        "pose_rate_hz": v.pose_rate_hz,
+        "program": program,
+        "neighbours": v.neighbours,
+        "tools": {name: _tool(tool) for name, tool in v.tools.items()},
+        "params": dict(v.params),
+    }
     return {key: _plain(value) for key, value in made.items() if value is not None}
 
 

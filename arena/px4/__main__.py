@@ -22,7 +22,7 @@ from typing import Any
 
 from arena.clock import SimClock
 from arena.errors import RunError
-from arena.room import Room, run_room
+from arena.process_context import ProcessContext, run_room
 
 LOCK = "/tmp/px4_lock-{instance}"
 """PX4's own lock file, whatever TMPDIR says."""
@@ -30,7 +30,9 @@ UP = b"Startup script returned successfully"
 _PR_SET_PDEATHSIG = 1
 _STOP_S = 2.0
 _SLOW_S = 20.0  # not up for so long: say so
-_STOPPED_S = 5.0  # by a signal for so long: its vehicle has long fallen, and it would believe for ever that it flies
+_STOPPED_S = (
+    5.0  # by a signal for so long: its vehicle has long fallen, and it would believe for ever that it flies
+)
 _libc = ctypes.CDLL(None)
 
 
@@ -38,23 +40,34 @@ def main() -> int:
     return run_room("px4", lambda room: partial(serve, room))
 
 
-def serve(room: Room) -> int:
+def serve(room: ProcessContext) -> int:
     """Its exit code: 0 when told to stop or when the world ended, 1 when PX4 ended by itself."""
     s = room.settings
     check_free(s)
     folder = make_folder(s)
     world = None
-    with contextlib.suppress(RunError):  # without a world PX4 waits for one; `_watch` then has nothing to end with
+    with contextlib.suppress(
+        RunError
+    ):  # without a world PX4 waits for one; `_watch` then has nothing to end with
         world = SimClock(s["clock"], room.name)
         leave_its_core(world.server_pid)
     argv = [*s["argv"], "-d", "-i", str(s["instance"]), "-w", str(folder), str(folder / "etc")]
-    env = {**os.environ, **{f"PX4_PARAM_{name}": text(value) for name, value in s["params"].items()}, "PX4_SIM_MODEL": s["model"]}
+    env = {
+        **os.environ,
+        **{f"PX4_PARAM_{name}": text(value) for name, value in s["params"].items()},
+        "PX4_SIM_MODEL": s["model"],
+    }
     env.pop("PX4_SIM_SPEED_FACTOR", None)  # it would rewrite the failsafes' times
     print(" ".join(argv), flush=True)
     process = subprocess.Popen(
-        argv, env=env, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        argv,
+        env=env,
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         preexec_fn=_die_with_us,  # noqa: PLW1509 - this process has one thread
-    )  # fmt: skip
+    )
     try:
         return _watch(room, process, world)
     finally:
@@ -71,7 +84,7 @@ def leave_its_core(world_pid: int) -> None:
             os.sched_setaffinity(0, others)
 
 
-def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
+def _watch(room: ProcessContext, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)
     selector = selectors.DefaultSelector()
@@ -96,7 +109,11 @@ def _watch(room: Room, process: subprocess.Popen[bytes], world: SimClock | None)
         elif time.monotonic() - ran_at > _STOPPED_S:
             process.kill()
             process.wait()
-            return _tell_end(room, f"stopped by a signal for {_STOPPED_S:g} s, then killed", None if up else last_words(tail))
+            return _tell_end(
+                room,
+                f"stopped by a signal for {_STOPPED_S:g} s, then killed",
+                None if up else last_words(tail),
+            )
         if world is not None and world.ended():
             return 0
         if not up and time.monotonic() > slow_at:
@@ -116,7 +133,7 @@ def end_of(code: int) -> str:
     return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
 
 
-def _tell_end(room: Room, why: str, before_up: str | None) -> int:
+def _tell_end(room: ProcessContext, why: str, before_up: str | None) -> int:
     """before_up: its last words, when it was never up."""
     if before_up is None:
         _tell(room, f"PX4 has ended by itself ({why}); nothing flies this vehicle any more")
@@ -126,7 +143,7 @@ def _tell_end(room: Room, why: str, before_up: str | None) -> int:
     return 1
 
 
-def _tell(room: Room, text: str) -> None:
+def _tell(room: ProcessContext, text: str) -> None:
     text = f"{room.settings['vehicle']}: {text}"
     print(f"px4: {text}", file=sys.stderr, flush=True)
     room.event(text)
@@ -180,7 +197,9 @@ def check_free(s: dict[str, Any]) -> None:
     stand_in = s.get("stand_in", False)
     if not stand_in and _is_locked(Path(LOCK.format(instance=s["instance"]))):
         owner = _lock_owner(s["instance"])
-        raise RunError(f"PX4 instance {s['instance']} runs already{owner}: stop it, or give this vehicle another id")
+        raise RunError(
+            f"PX4 instance {s['instance']} runs already{owner}: stop it, or give this vehicle another id"
+        )
     for name, link in s["links"].items():
         host, port = link["local"]
         where = "" if stand_in else "; PX4 binds it on every address"
@@ -222,7 +241,12 @@ def _lock_owner(instance: int) -> str:
 
     for process in psutil.process_iter(["name", "cmdline", "pid"]):
         line = process.info["cmdline"] or []
-        if line and Path(line[0]).name == "px4" and "-i" in line and line[line.index("-i") + 1 :][:1] == [str(instance)]:
+        if (
+            line
+            and Path(line[0]).name == "px4"
+            and "-i" in line
+            and line[line.index("-i") + 1 :][:1] == [str(instance)]
+        ):
             return f" as process {process.info['pid']} ({' '.join(line)})"
     return ""
 

@@ -7,6 +7,17 @@ from arena.schema.machine import Machine, Probe, check_machine
 from arena.schema.profile import Profile
 
 __all__ = [
-    "Arena", "Machine", "Origin", "Probe", "Profile", "Program", "Px4", "Vehicle", "check_machine", "data_folder", "load_arena",
-    "load_profile", "profile_names",
-]  # fmt: skip
+    "Arena",
+    "Machine",
+    "Origin",
+    "Probe",
+    "Profile",
+    "Program",
+    "Px4",
+    "Vehicle",
+    "check_machine",
+    "data_folder",
+    "load_arena",
+    "load_profile",
+    "profile_names",
+]

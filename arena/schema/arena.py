@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from arena.params.needs import Needs
+from arena.params.generation.requirements import Needs
+from arena.schema.connection_url import Wire
 from arena.schema.copilot import Copilot
 from arena.schema.models import Mocap, Preflight, RestartMode, Sim, Tool, World
 from arena.schema.ports import VehiclePorts
 from arena.schema.profile import Profile
-from arena.schema.wires import Wire
 
 Value = object
 Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
@@ -32,7 +32,7 @@ class Px4:
     """A PX4 on this machine. argv: how its command line begins, the binary's absolute path; data: the folder `etc` of its
     startup scripts; version: as the binary says, "" when it does not; home: what was looked at; source: who named it.
 
-    stand_in: it is arena's own, see `arena.autopilot.standin`, and no PX4.
+    stand_in: it is arena's own, see `arena.autopilot.sitl_standin`, and no PX4.
     """
 
     argv: tuple[str, ...]
@@ -45,7 +45,9 @@ class Px4:
     @property
     def words(self) -> str:
         """What it is, for people."""
-        return "arena's stand-in for PX4" if self.stand_in else f"PX4 {self.version or 'of an unknown version'}"
+        return (
+            "arena's stand-in for PX4" if self.stand_in else f"PX4 {self.version or 'of an unknown version'}"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +178,11 @@ class Arena:
         names += [f"px4.{v.name}" for v in self.vehicles if v.autopilot == "px4"]
         names += [f"link.{v.name}" for v in self.vehicles if v.wire is not None]
         names += [f"forward.{v.name}" for v in self.vehicles if v.forward]
-        names += ["router"] + (["copilot"] if self.copilot is not None else []) + [f"logger.{v.name}" for v in self.vehicles]
+        names += (
+            ["router"]
+            + (["copilot"] if self.copilot is not None else [])
+            + [f"logger.{v.name}" for v in self.vehicles]
+        )
         names += [f"program.{v.name}" for v in self.vehicles if v.program is not None]
         names += [f"tool.{t}" for t in self.tools]
         return names + [f"tool.{v.name}.{t}" for v in self.vehicles for t in v.tools]

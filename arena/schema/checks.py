@@ -34,7 +34,9 @@ def _names(c: Check) -> Iterator[Problem]:
     said = "expected a name of lower-case letters, digits and _, a letter first, 32 at most"
     for vehicle in c.arena.vehicles:
         if not _NAME.fullmatch(vehicle.name):
-            yield c.source.problem(("vehicles", vehicle.name), f"got {vehicle.name!r}, {said}. Try {_tamed(vehicle.name)}.")
+            yield c.source.problem(
+                ("vehicles", vehicle.name), f"got {vehicle.name!r}, {said}. Try {_tamed(vehicle.name)}."
+            )
         for tool in vehicle.tools:
             if not _NAME.fullmatch(tool):
                 yield c.problem(vehicle.name, ("tools", tool), f"got {tool!r}, {said}. Try {_tamed(tool)}.")
@@ -63,8 +65,15 @@ def _on_by_being_there(c: Check) -> Iterator[Problem]:
     """A bare `copilot:` looks as if it were on. `null` is said with `--set` alone, to take it out."""
     written = c.source.document.data
     for key, meaning in (("copilot", "all its defaults"), ("geofence", "the whole room")):
-        if isinstance(written, dict) and key in written and written[key] is None and c.source.value((key,)) is None:
-            yield c.source.problem((key,), f"has nothing below it. Write `{key}: {{}}` for {meaning}, or remove it.")
+        if (
+            isinstance(written, dict)
+            and key in written
+            and written[key] is None
+            and c.source.value((key,)) is None
+        ):
+            yield c.source.problem(
+                (key,), f"has nothing below it. Write `{key}: {{}}` for {meaning}, or remove it."
+            )
 
 
 def _px4(c: Check) -> Iterator[Problem]:
@@ -72,13 +81,21 @@ def _px4(c: Check) -> Iterator[Problem]:
         return
     home = c.source.value(("px4", "home"))
     if isinstance(home, str) and any(v.asked in ("auto", "px4") for v in c.arena.vehicles):
-        said = f"got {home}, and no PX4 is there: expected its source, build or installation folder, or stand-in"
-        yield c.source.problem(("px4", "home"), f"{said}. `arena doctor` tells what is found and how to get it.")
+        said = (
+            f"got {home}, and no PX4 is there: expected its source, build or installation folder, or stand-in"
+        )
+        yield c.source.problem(
+            ("px4", "home"), f"{said}. `arena doctor` tells what is found and how to get it."
+        )
         return
     for vehicle in c.arena.vehicles:
         if vehicle.asked == "px4":
             message = "got px4, and no PX4 was found on this machine. Try autopilot: builtin, or set PX4_HOME to a build of it."
-            yield c.problem(vehicle.name, ("autopilot",), f"{message} `arena doctor` tells where it looked and how to get it.")
+            yield c.problem(
+                vehicle.name,
+                ("autopilot",),
+                f"{message} `arena doctor` tells where it looked and how to get it.",
+            )
 
 
 def _senses(c: Check) -> Iterator[Problem]:
@@ -130,7 +147,9 @@ def _ports(c: Check) -> Iterator[Problem]:
 
 def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlPath]) -> Problem:
     """Told at whichever of the two a person wrote."""
-    (words, path), (other, other_path) = (one, two) if c.source.given(one[1]) or not c.source.given(two[1]) else (two, one)
+    (words, path), (other, other_path) = (
+        (one, two) if c.source.given(one[1]) or not c.source.given(two[1]) else (two, one)
+    )
     file, line = c.source.place(other_path)
     at = f" ({file}:{line})" if other_path and line else ""
     rule = "Remove it to get a port by rule." if c.source.given(path) else "Change one of the two."
@@ -158,7 +177,9 @@ def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
 
 
 def _short(key: str, who: str) -> str:
-    return {"program": "program", "sdk": "SDK (port + 6000)"}.get(key, f"{key.partition('_')[0]} port of {who}")
+    return {"program": "program", "sdk": "SDK (port + 6000)"}.get(
+        key, f"{key.partition('_')[0]} port of {who}"
+    )
 
 
 def _port_range(c: Check) -> Iterator[Problem]:
@@ -203,7 +224,9 @@ def _overlap(c: Check) -> Iterator[Problem]:
         apart, needed = math.dist(a.position, b.position), a.profile.radius_m + b.profile.radius_m
         if apart < needed and c.sound(a, "start", "profile") and c.sound(b, "start", "profile"):
             said = f"got {apart:.2f} m between their centres, expected at least {needed:.2f} m. Try another position."
-            yield c.problem(b.name, ("start", "position"), f"overlaps {a.name} ({_place(c, a, 'start')}): {said}")
+            yield c.problem(
+                b.name, ("start", "position"), f"overlaps {a.name} ({_place(c, a, 'start')}): {said}"
+            )
 
 
 def _rates(c: Check) -> Iterator[Problem]:
@@ -252,7 +275,9 @@ def _programs(c: Check) -> Iterator[Problem]:
         if not c.files.is_file(str(path)):
             names = [n for n in c.files.names(str(path.parent)) if n.endswith(path.suffix or ".py")]
             hint = near(path.name, names) if names else f"Put it into {path.parent}."
-            yield c.problem(v.name, ("program",), f"got {path.name!r}, expected a file in {path.parent}. {hint}")
+            yield c.problem(
+                v.name, ("program",), f"got {path.name!r}, expected a file in {path.parent}. {hint}"
+            )
         elif path.suffix != ".py" and not c.files.is_executable(str(path)):
             yield c.problem(
                 v.name,
@@ -267,9 +292,13 @@ def _neighbours(c: Check) -> Iterator[Problem]:
         common = not c.source.given(("vehicles", v.name, "neighbours"))
         for i, other in enumerate(v.neighbours):
             if other == v.name and not common:
-                yield c.problem(v.name, ("neighbours", i), f"got {other!r}, which is the vehicle itself. Remove it.")
+                yield c.problem(
+                    v.name, ("neighbours", i), f"got {other!r}, which is the vehicle itself. Remove it."
+                )
             elif other not in names:
-                yield c.problem(v.name, ("neighbours", i), f"got {other!r}, expected a vehicle. {near(other, names)}")
+                yield c.problem(
+                    v.name, ("neighbours", i), f"got {other!r}, expected a vehicle. {near(other, names)}"
+                )
 
 
 def _bodies(c: Check) -> Iterator[Problem]:
@@ -294,8 +323,14 @@ def _gcs(c: Check) -> Iterator[Problem]:
 
 def _capture(c: Check) -> Iterator[Problem]:
     group = c.arena.mocap.group
-    if group is not None and c.arena.mocap.transport == "multicast" and not 224 <= int(group.split(".")[0]) <= 239:
-        yield c.source.problem(("mocap", "group"), f"got {group}, expected a multicast address. Try 239.255.42.99.")
+    if (
+        group is not None
+        and c.arena.mocap.transport == "multicast"
+        and not 224 <= int(group.split(".")[0]) <= 239
+    ):
+        yield c.source.problem(
+            ("mocap", "group"), f"got {group}, expected a multicast address. Try 239.255.42.99."
+        )
 
 
 def _params(c: Check) -> Iterator[Problem]:
@@ -316,19 +351,40 @@ def _tools(c: Check) -> Iterator[Problem]:
     """A tool may need what is not a tool, or a tool named before it: so nothing waits in a circle."""
     names = c.arena.process_names
     before = [n for n in names if not n.startswith("tool.")]
-    own: list[tuple[str, Tool, YamlPath]] = [(f"tool.{t}", tool, ("tools", t)) for t, tool in c.arena.tools.items()]
+    own: list[tuple[str, Tool, YamlPath]] = [
+        (f"tool.{t}", tool, ("tools", t)) for t, tool in c.arena.tools.items()
+    ]
     for v in c.arena.vehicles:
         own += [(f"tool.{v.name}.{t}", tool, c.where(v.name, "tools", t)) for t, tool in v.tools.items()]
     for process, tool, path in own:
         for need in tool.needs or ():
             if need not in before:
                 hint = "Name it after what it needs." if need in names else near(need, before)
-                yield c.source.problem((*path, "needs"), f"got {need!r}, expected a process before it. {hint}")
+                yield c.source.problem(
+                    (*path, "needs"), f"got {need!r}, expected a process before it. {hint}"
+                )
         before.append(process)
 
 
 _CHECKS = (
-    _names, _not_yet, _on_by_being_there,
-    _px4, *REAL, _senses, _ids, _ports, _port_range, _start, fence, _overlap, _rates, _programs, _neighbours, _bodies, _gcs,
-    _capture, _params, _tools,
-)  # fmt: skip
+    _names,
+    _not_yet,
+    _on_by_being_there,
+    _px4,
+    *REAL,
+    _senses,
+    _ids,
+    _ports,
+    _port_range,
+    _start,
+    fence,
+    _overlap,
+    _rates,
+    _programs,
+    _neighbours,
+    _bodies,
+    _gcs,
+    _capture,
+    _params,
+    _tools,
+)

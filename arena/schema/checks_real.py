@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from arena.errors import Problem
 from arena.schema.arena import Vehicle
 from arena.schema.checking import Check
+from arena.schema.connection_url import EXPECTED, read_url
 from arena.schema.loader import YamlPath
-from arena.schema.wires import EXPECTED, read_url
 
 # Bytes a second on a serial wire: an ODOMETRY with its covariances is some 245 long; HIL_SENSOR 250 times a second beside it.
 _POSE_BYTES, _HIL_BYTES_S, _BITS = 245, 250 * 76, 10
@@ -25,7 +25,11 @@ def _wires(c: Check) -> Iterator[Problem]:
             given = c.source.given(("vehicles", v.name, key))
             if given and key != wanted and not (key == "baud" and wanted):
                 other = {"url": "hardware", "serial": "hitl", "baud": "hardware or hitl"}[key]
-                yield c.problem(v.name, (key,), f"is for autopilot: {other}, and {v.name} has {v.asked}. Remove one of the two.")
+                yield c.problem(
+                    v.name,
+                    (key,),
+                    f"is for autopilot: {other}, and {v.name} has {v.asked}. Remove one of the two.",
+                )
         if wanted is None or not c.sound(v, wanted, "autopilot"):
             continue
         if v.wire is None:
@@ -53,20 +57,29 @@ def _baud(c: Check, v: Vehicle, baud: int) -> Iterator[Problem]:
     needed = _POSE_BYTES * v.pose_rate_hz if v.forward else 0.0
     needed = _BITS * (needed + (_HIL_BYTES_S if v.autopilot == "hitl" else 0.0))
     if baud < needed:
-        what = f"{v.pose_rate_hz:g} poses a second" + (" and simulated sensors" if v.autopilot == "hitl" else "")
+        what = f"{v.pose_rate_hz:g} poses a second" + (
+            " and simulated sensors" if v.autopilot == "hitl" else ""
+        )
         best = next((b for b in _USUAL_BAUD if b >= needed), _USUAL_BAUD[-1])
         less = " or a lower pose_rate_hz" if v.autopilot == "hardware" else ""
-        yield c.problem(v.name, ("baud",), f"got {baud}, and {what} need at least {needed:.0f}. Try {best}{less}.")
+        yield c.problem(
+            v.name, ("baud",), f"got {baud}, and {what} need at least {needed:.0f}. Try {best}{less}."
+        )
 
 
 def _shared_wires(c: Check) -> Iterator[Problem]:
     for a, b in itertools.combinations([v for v in c.arena.vehicles if v.wire is not None], 2):
         assert a.wire is not None and b.wire is not None
         same_device = a.wire.kind == "serial" and a.wire.device == b.wire.device
-        same_port = a.wire.kind == b.wire.kind == "udpin" and a.wire.port == b.wire.port and (
-            a.wire.host == b.wire.host or "0.0.0.0" in (a.wire.host, b.wire.host)
-        )  # fmt: skip
-        same_vehicle = a.wire.kind == b.wire.kind == "udpout" and (a.wire.host, a.wire.port) == (b.wire.host, b.wire.port)
+        same_port = (
+            a.wire.kind == b.wire.kind == "udpin"
+            and a.wire.port == b.wire.port
+            and (a.wire.host == b.wire.host or "0.0.0.0" in (a.wire.host, b.wire.host))
+        )
+        same_vehicle = a.wire.kind == b.wire.kind == "udpout" and (a.wire.host, a.wire.port) == (
+            b.wire.host,
+            b.wire.port,
+        )
         if same_device or same_port or same_vehicle:
             key = "serial" if b.autopilot == "hitl" else "url"
             said = f"got {b.wire.words}, which {a.name} has too. Give each vehicle a wire of its own."

@@ -123,7 +123,9 @@ class Copilot(Strict):
         for rule in RULES:
             do: str = getattr(self, rule).do
             if _STEPS.index(do) > _STEPS.index(self.at_most):
-                raise ValueError(f"at_most: {do}, which {rule}.do asks for, or a gentler {rule}.do; at_most is {self.at_most}")
+                raise ValueError(
+                    f"at_most: {do}, which {rule}.do asks for, or a gentler {rule}.do; at_most is {self.at_most}"
+                )
         return self
 
 

@@ -46,13 +46,17 @@ def arena_of(document: Document, overrides: Sequence[str] = (), files: Files | N
 def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], list[Problem]]:
     """Every profile that a vehicle asks for, and the default one; problems: those that cannot be had, told once each."""
     profiles, problems = {DEFAULT_PROFILE: load_profile(DEFAULT_PROFILE)}, []
-    asked: dict[YamlPath, str] = {("vehicles", name, "profile"): v.profile for name, v in model.vehicles.items() if v.profile}
+    asked: dict[YamlPath, str] = {
+        ("vehicles", name, "profile"): v.profile for name, v in model.vehicles.items() if v.profile
+    }
     if model.defaults.profile:
         asked["defaults", "profile"] = model.defaults.profile
     folder = Path(source.document.file).parent
     for path, name in asked.items():
         try:
-            profiles.setdefault(name, read_profile(folder / name) if name.endswith(".yaml") else load_profile(name))
+            profiles.setdefault(
+                name, read_profile(folder / name) if name.endswith(".yaml") else load_profile(name)
+            )
         except InputError as error:
             said = "; ".join(p.message for p in error.problems) or f"{error}"
             problems.append(source.problem(path, said))
@@ -64,13 +68,15 @@ def _params_files(model: ArenaFile, source: Source) -> tuple[dict[str, Mapping[s
     found: dict[str, Mapping[str, float]] = {}
     problems = []
     asked: dict[YamlPath, str] = {
-        ("vehicles", name, "params_file"): v.params_file for name, v in model.vehicles.items() if v.params_file
+        ("vehicles", name, "params_file"): v.params_file
+        for name, v in model.vehicles.items()
+        if v.params_file
     }
     if model.defaults.params_file:
         asked["defaults", "params_file"] = model.defaults.params_file
     if not asked:
         return {}, []
-    from arena.wire.qgcparams import parse_params
+    from arena.wire.qgc_params import parse_params
 
     folder = Path(source.document.file).parent
     for path, name in asked.items():

@@ -52,7 +52,9 @@ def load_yaml(path: str | Path, start: str = _START) -> Document:
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise InputError(Problem(file=str(path), line=0, field="", message=f"cannot be read: {error.strerror}")) from error
+        raise InputError(
+            Problem(file=str(path), line=0, field="", message=f"cannot be read: {error.strerror}")
+        ) from error
     except UnicodeDecodeError as error:
         said = f"byte {error.start} is not UTF-8 text. Save the file as UTF-8"
         raise InputError(Problem(file=str(path), line=0, field="", message=said)) from error
@@ -81,7 +83,9 @@ def parse_scalar(text: str) -> Any:
 
 def dump_yaml(data: Any) -> str:
     """Plain values as YAML that `parse_yaml` reads back equal (lists come back as tuples)."""
-    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+    return yaml.dump(
+        data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
+    )
 
 
 def _compose(text: str, file: str) -> yaml.Node | None:
@@ -93,7 +97,9 @@ def _compose(text: str, file: str) -> yaml.Node | None:
         said = " ".join(part for part in (error.problem, error.context) if part)
         hint = ". Indent with spaces, not tabs" if "\\t" in said else ""
         line = mark.line + 1 if mark else 0
-        raise InputError(Problem(file=file, line=line, field="", message=f"is not YAML: {said}{hint}")) from error
+        raise InputError(
+            Problem(file=file, line=line, field="", message=f"is not YAML: {said}{hint}")
+        ) from error
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, int(error.position)) + 1
         said = f"holds the character {error.character!r}, which YAML does not allow"
@@ -153,7 +159,9 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-_MAKERS: dict[str, Callable[[str], Any]] = {_TAG + name: make for name, _, make in _KINDS} | {_TAG + "str": str}
+_MAKERS: dict[str, Callable[[str], Any]] = {_TAG + name: make for name, _, make in _KINDS} | {
+    _TAG + "str": str
+}
 
 
 class _Walk:
@@ -193,7 +201,9 @@ class _Walk:
             return self._sequence(node, path)
         if isinstance(node, yaml.ScalarNode) and node.tag in _MAKERS:
             return self._scalar(node, path)
-        self._complain(node, path, f"got the tag {node.tag.replace(_TAG, '!!')}, expected plain values. Remove the tag")
+        self._complain(
+            node, path, f"got the tag {node.tag.replace(_TAG, '!!')}, expected plain values. Remove the tag"
+        )
         return None
 
     def _scalar(self, node: yaml.ScalarNode, path: YamlPath) -> Any:

@@ -54,14 +54,20 @@ class Machine:
             try:
                 probe.bind((address, port))
             except OSError as error:
-                return "is in use" if error.errno == errno.EADDRINUSE else f"cannot be bound ({error.strerror})"
+                return (
+                    "is in use" if error.errno == errno.EADDRINUSE else f"cannot be bound ({error.strerror})"
+                )
         return ""
 
     def holder(self, address: str, port: int) -> str:
         import psutil
 
         try:
-            pids = {(c.laddr[0], c.pid) for c in psutil.net_connections("udp4") if c.laddr and c.laddr[1] == port and c.pid}
+            pids = {
+                (c.laddr[0], c.pid)
+                for c in psutil.net_connections("udp4")
+                if c.laddr and c.laddr[1] == port and c.pid
+            }
             exact = sorted(pid for ip, pid in pids if ip in (address, "0.0.0.0"))
             return f"pid {exact[0]} ({psutil.Process(exact[0]).name()})" if exact else ""
         except psutil.Error:
@@ -103,7 +109,9 @@ def _taken(arena: Arena, probe: Probe) -> Iterator[str]:
             by = probe.holder(address, port) if why == "is in use" else ""
             held = f"{why} by {by}" if by else why
             wanted = f"UDP port {port} of {address}, for {words}"
-            what_to_do = "or give the arena another `address`" if address == arena.address else "or change the `url`"
+            what_to_do = (
+                "or give the arena another `address`" if address == arena.address else "or change the `url`"
+            )
             yield f"{arena.file}: {wanted}, {held}. End that, {what_to_do}."
     for v in arena.vehicles:
         if v.wire is not None and v.wire.kind == "serial" and not probe.has_device(v.wire.device):

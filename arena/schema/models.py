@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
 from arena.errors import InputError
-from arena.params.table import Version
+from arena.params.facts.parameter_table import Version
 from arena.schema.base import NotNegative, Port, Positive, PositiveVector, Span, Strict, Vector
 from arena.schema.copilot import Copilot
 

@@ -47,13 +47,19 @@ WHAT: dict[str, tuple[str, str]] = {
 }
 
 RULE: dict[str, str] = {
-    "program": "16000 + id, or `port`", "sdk": "port + 6000",
-    "router_autopilot": "24000 + 10 id", "router_router": "24000 + 10 id + 1",
-    "vision_autopilot": "24000 + 10 id + 2", "vision_forwarder": "24000 + 10 id + 3",
-    "panic_autopilot": "24000 + 10 id + 4", "panic_land_all": "24000 + 10 id + 5",
-    "tools": "24000 + 10 id + 6", "logger": "24000 + 10 id + 7", "serve": "24000 + 10 id + 8",
+    "program": "16000 + id, or `port`",
+    "sdk": "port + 6000",
+    "router_autopilot": "24000 + 10 id",
+    "router_router": "24000 + 10 id + 1",
+    "vision_autopilot": "24000 + 10 id + 2",
+    "vision_forwarder": "24000 + 10 id + 3",
+    "panic_autopilot": "24000 + 10 id + 4",
+    "panic_land_all": "24000 + 10 id + 5",
+    "tools": "24000 + 10 id + 6",
+    "logger": "24000 + 10 id + 7",
+    "serve": "24000 + 10 id + 8",
     "simulator": "24000 + 10 id + 9",
-}  # fmt: skip
+}
 
 
 def vehicle_ports(vehicle_id: int, port: int | None = None) -> VehiclePorts:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from arena.schema.base import NotNegative, Positive, PositiveVector, Strict, Vector
-from arena.thrust import ThrustCurve, thrust_curve
+from arena.thrust_curve import ThrustCurve, thrust_curve
 
 G_M_S2 = 9.80665
 

@@ -79,7 +79,7 @@ def _at(folder: Path, source: str) -> Px4 | None:
 def _stand_in(source: str) -> Px4:
     from arena.schema.library import data_folder  # which reads YAML, as nothing else here does
 
-    argv = (sys.executable, "-m", "arena.autopilot.standin")
+    argv = (sys.executable, "-m", "arena.autopilot.sitl_standin")
     data = data_folder("templates") / "px4" / "standin"
     return Px4(argv=argv, data=str(data), version="", home=STAND_IN, source=source, stand_in=True)
 

@@ -14,10 +14,11 @@ from typing import Any
 from pydantic import BaseModel
 
 from arena.errors import InputError
-from arena.params.generate import generate
-from arena.params.needs import Failsafe, FenceAround, Needs, Rotor
-from arena.params.table import Version
+from arena.params.facts.parameter_table import Version
+from arena.params.generation.generate import generate
+from arena.params.generation.requirements import Failsafe, FenceAround, Needs, Rotor
 from arena.schema.arena import Arena, Autopilot, Fence, Origin, Program, Px4, Vehicle, needs_held
+from arena.schema.connection_url import Wire, read_url, serial_wire
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
 from arena.schema.models import Failsafe as FailsafeKeys
@@ -25,7 +26,6 @@ from arena.schema.ports import MOST_ID, capture_group, vehicle_ports
 from arena.schema.profile import Profile
 from arena.schema.px4 import STAND_IN
 from arena.schema.source import Source
-from arena.schema.wires import Wire, read_url, serial_wire
 
 DEFAULT_BAUD = 921_600
 DEFAULT_PROFILE = "iris"
@@ -67,21 +67,41 @@ def resolve(
     drawn, fence = model.geofence, fence_of(model)
     if drawn is not None:
         for key in ("north", "east", "up"):
-            words = source.origin(("geofence", key)) if source.given(("geofence", key)) else "default: the room's"
-            _note(origins, f"geofence.{key}", getattr(fence, key), words + (", less margin_m" if drawn.margin_m else ""))
+            words = (
+                source.origin(("geofence", key)) if source.given(("geofence", key)) else "default: the room's"
+            )
+            _note(
+                origins,
+                f"geofence.{key}",
+                getattr(fence, key),
+                words + (", less margin_m" if drawn.margin_m else ""),
+            )
     ids = _ids(model.vehicles)
     wanted = {v.autopilot or model.defaults.autopilot or "auto" for v in model.vehicles.values()}
     px4 = find_px4(_home(model, folder)) if wanted & {"auto", "px4"} else None
     files = params_files or {}
     vehicles = tuple(
-        _Merge(model, source, profiles, origins, v, folder, px4, files).vehicle(ids[v]) for v in model.vehicles
+        _Merge(model, source, profiles, origins, v, folder, px4, files).vehicle(ids[v])
+        for v in model.vehicles
     )
     return Arena(
-        name=name, file=source.document.file, folder=str(folder), address=model.address, world=model.world, sim=model.sim,
-        mocap=model.mocap, group=group, server_group=server_group, preflight=model.preflight, tools=model.tools,
-        copilot=model.copilot, vehicles=vehicles, px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None,
-        geofence=fence, origins=origins,
-    )  # fmt: skip
+        name=name,
+        file=source.document.file,
+        folder=str(folder),
+        address=model.address,
+        world=model.world,
+        sim=model.sim,
+        mocap=model.mocap,
+        group=group,
+        server_group=server_group,
+        preflight=model.preflight,
+        tools=model.tools,
+        copilot=model.copilot,
+        vehicles=vehicles,
+        px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None,
+        geofence=fence,
+        origins=origins,
+    )
 
 
 def params_version(px4: Px4 | None) -> str:
@@ -127,8 +147,17 @@ def pose_rate_hz(frame_rate_hz: float) -> float:
 class _Merge:
     """One vehicle's layers. Each `_take` notes where the value came from."""
 
-    def __init__(self, model: ArenaFile, source: Source, profiles: Mapping[str, Profile], origins: dict[str, Origin],
-                 name: str, folder: Path, px4: Px4 | None, params_files: Mapping[str, Mapping[str, float]]) -> None:  # fmt: skip
+    def __init__(
+        self,
+        model: ArenaFile,
+        source: Source,
+        profiles: Mapping[str, Profile],
+        origins: dict[str, Origin],
+        name: str,
+        folder: Path,
+        px4: Px4 | None,
+        params_files: Mapping[str, Mapping[str, float]],
+    ) -> None:
         self.model, self.source, self.profiles = model, source, profiles
         self.origins, self.name, self.folder, self.px4 = origins, name, folder, px4
         self.own, self.common = model.vehicles[name], model.defaults
@@ -157,14 +186,30 @@ class _Merge:
             "default: the highest divisor of mocap.rate_hz up to 60",
         )
         return Vehicle(
-            name=name, id=vehicle_id, profile=profile,
+            name=name,
+            id=vehicle_id,
+            profile=profile,
             profile_key=str((self.folder / wanted).absolute()) if wanted.endswith(".yaml") else wanted,
-            autopilot=autopilot, asked=asked, wire=self._wire(autopilot), gps=gps, sticks=sticks, position=start.position,
-            rpy_deg=start.rpy_deg, ports=ports, gcs=self._take("gcs", ()),
-            needs=needs, params=params, cannot=cannot, px4_version=version,
-            mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"), forward=forward,
-            pose_rate_hz=float(rate), program=self._program(), neighbours=self._take("neighbours", ()), tools=self._tools(),
-        )  # fmt: skip
+            autopilot=autopilot,
+            asked=asked,
+            wire=self._wire(autopilot),
+            gps=gps,
+            sticks=sticks,
+            position=start.position,
+            rpy_deg=start.rpy_deg,
+            ports=ports,
+            gcs=self._take("gcs", ()),
+            needs=needs,
+            params=params,
+            cannot=cannot,
+            px4_version=version,
+            mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"),
+            forward=forward,
+            pose_rate_hz=float(rate),
+            program=self._program(),
+            neighbours=self._take("neighbours", ()),
+            tools=self._tools(),
+        )
 
     def _autopilot(self, asked: str) -> Autopilot:
         if asked == "hardware":
@@ -219,7 +264,9 @@ class _Merge:
             return str(self._note("px4_version", params_version(self.px4), f"rule: {self.px4.words}"))
         return str(self._take("px4_version", SIMULATED_VERSION))
 
-    def _params(self, needs: Needs, autopilot: Autopilot, version: str) -> tuple[dict[str, float], tuple[str, ...]]:
+    def _params(
+        self, needs: Needs, autopilot: Autopilot, version: str
+    ) -> tuple[dict[str, float], tuple[str, ...]]:
         """Of hardware they must hold before it arms. -> values, what its PX4 has none for."""
         made = generate(needs_held(needs, autopilot), version)
         lines = [(line.name, line.value, line.asked) for line in made.lines]
@@ -234,26 +281,44 @@ class _Merge:
         own = self._own_params()
         asked = {f"own.{name}": words for name, (_, words) in own.items()}
         asked |= {
-            "gains": f"profile {profile.name}", "rotors": f"profile {profile.name}", "system_id": "rule: id",
-            "hover": f"thrust curve of profile {profile.name}", "ceiling_m": "under the ceiling: 0.6 of the room's height",
-            "vision": "arena's default with motion capture", "vision_delay_ms": "mocap.latency_ms + 1 ms of forwarding",
-        }  # fmt: skip
+            "gains": f"profile {profile.name}",
+            "rotors": f"profile {profile.name}",
+            "system_id": "rule: id",
+            "hover": f"thrust curve of profile {profile.name}",
+            "ceiling_m": "under the ceiling: 0.6 of the room's height",
+            "vision": "arena's default with motion capture",
+            "vision_delay_ms": "mocap.latency_ms + 1 ms of forwarding",
+        }
         for key in ("gps", "sticks"):
             asked[key] = f"{key}: true" if has[key] else "arena's default"
-        for key in (*(f"failsafe.{k}" for k in type(self.model.failsafe).model_fields), "landing_speed_m_s", "geofence"):
+        for key in (
+            *(f"failsafe.{k}" for k in type(self.model.failsafe).model_fields),
+            "landing_speed_m_s",
+            "geofence",
+        ):
             if self.source.given(tuple(key.split("."))):
                 asked[key] = self.source.origin(tuple(key.split(".")))
         if self.model.geofence is not None:
             asked["ceiling_m"] = "under the ceiling, the room's or the fence's: 0.6 of the lower one"
-        rotors = [Rotor(x_m=r.position_m[0], y_m=r.position_m[1], spin=1 if r.direction == "ccw" else -1) for r in profile.rotors]
+        rotors = [
+            Rotor(x_m=r.position_m[0], y_m=r.position_m[1], spin=1 if r.direction == "ccw" else -1)
+            for r in profile.rotors
+        ]
         return Needs(
-            system_id=vehicle_id, hover=profile.hover_command, gps=has["gps"], sticks=has["sticks"],
+            system_id=vehicle_id,
+            hover=profile.hover_command,
+            gps=has["gps"],
+            sticks=has["sticks"],
             vision_delay_ms=self.model.mocap.latency_ms + _FORWARD_MS if has["forward"] else None,
-            failsafe=_failsafe(self.model.failsafe, has["sticks"]), landing_speed_m_s=self.model.landing_speed_m_s,
-            ceiling_m=self.model.world.size[2], rotors=tuple(rotors),
-            moment_ratio_m=profile.moment_ratio_m, gains=dict(profile.params),
-            own={name: float(value) for name, (value, _) in own.items()}, asked=asked,
-        )  # fmt: skip
+            failsafe=_failsafe(self.model.failsafe, has["sticks"]),
+            landing_speed_m_s=self.model.landing_speed_m_s,
+            ceiling_m=self.model.world.size[2],
+            rotors=tuple(rotors),
+            moment_ratio_m=profile.moment_ratio_m,
+            gains=dict(profile.params),
+            own={name: float(value) for name, (value, _) in own.items()},
+            asked=asked,
+        )
 
     def _fence(self, autopilot: str, start: Start, profile: Profile) -> FenceAround | None:
         """As a circle round its home and a height above it. Where hardware will stand nobody knows: as from a corner."""
@@ -267,7 +332,9 @@ class _Merge:
         """What the user names: his file's, then those of `defaults`, then the vehicle's; name -> value and where it stands."""
         found: dict[str, tuple[float, str]] = {}
         if name := self._take("params_file", None):
-            found |= {k: (v, str(name)) for k, v in self.params_files.get(name, {}).items() if k != "MAV_SYS_ID"}
+            found |= {
+                k: (v, str(name)) for k, v in self.params_files.get(name, {}).items() if k != "MAV_SYS_ID"
+            }
         for given, path in (
             (self.common.params, ("defaults", "params")),
             (self.own.params, ("vehicles", self.name, "params")),
@@ -297,15 +364,19 @@ class _Merge:
 
 def _failsafe(given: FailsafeKeys, has_sticks: bool) -> Failsafe:
     return Failsafe(
-        offboard_loss=given.offboard_loss.action, offboard_loss_after_s=given.offboard_loss.after_s,
-        position_loss=given.position_loss.action, position_loss_after_s=given.position_loss.after_s,
-        low_battery_warn=given.low_battery.warn, low_battery_land=given.low_battery.land,
+        offboard_loss=given.offboard_loss.action,
+        offboard_loss_after_s=given.offboard_loss.after_s,
+        position_loss=given.position_loss.action,
+        position_loss_after_s=given.position_loss.after_s,
+        low_battery_warn=given.low_battery.warn,
+        low_battery_land=given.low_battery.land,
         rc_loss=given.rc_loss.action or ("land" if has_sticks else "none"),
-        data_link_loss=given.data_link_loss.action, data_link_loss_after_s=given.data_link_loss.after_s,
+        data_link_loss=given.data_link_loss.action,
+        data_link_loss_after_s=given.data_link_loss.after_s,
         geofence=given.geofence.action,
         attitude=given.attitude.action if "attitude" in given.model_fields_set else None,
         attitude_above_deg=given.attitude.above_deg,
-    )  # fmt: skip
+    )
 
 
 def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: Any) -> None:

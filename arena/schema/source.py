@@ -92,7 +92,9 @@ def _lay(data: Any, text: str) -> YamlPath:
 
 def near(name: str, known: Sequence[str]) -> str:
     """A hint that ends a sentence: the nearest of the known names, or all of them."""
-    close = get_close_matches(name, list(known), n=1, cutoff=0.6) or [k for k in known if name and name in k][:1]
+    close = (
+        get_close_matches(name, list(known), n=1, cutoff=0.6) or [k for k in known if name and name in k][:1]
+    )
     return f"Did you mean {close[0]}?" if close else f"Known: {', '.join(known)}."
 
 

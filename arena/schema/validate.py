@@ -45,7 +45,9 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
         for detail in details:
             path = tuple(part for part in detail["loc"] if part != "[key]")
             if detail["type"] in ("missing", "too_short") and any(p[: len(path)] == path for p in pruned):
-                pruned.add(_prune(data, path, missing=detail["type"] == "missing"))  # it is missing because it was wrong
+                pruned.add(
+                    _prune(data, path, missing=detail["type"] == "missing")
+                )  # it is missing because it was wrong
                 continue
             problems.append(source.problem(path, _sentence(kind, path, detail)))
             pruned.add(_prune(data, path, missing=detail["type"] == "missing"))
@@ -102,16 +104,28 @@ def _below(kind: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
 
 
 def _choices(detail: ErrorDetails) -> list[str]:
-    return [part.strip("'") for part in str(detail.get("ctx", {}).get("expected", "")).replace(" or ", ", ").split(", ")]
+    return [
+        part.strip("'")
+        for part in str(detail.get("ctx", {}).get("expected", "")).replace(" or ", ", ").split(", ")
+    ]
 
 
 _EXPECTED = {
-    "string_type": "text", "int_type": "a whole number", "int_from_float": "a whole number", "float_type": "a number",
-    "bool_type": "true or false", "finite_number": "a finite number", "dict_type": "a mapping of names",
-    "tuple_type": "a list", "int_parsing_size": "a smaller number",
-    "greater_than": "more than {gt:g}", "greater_than_equal": "at least {ge:g}", "less_than": "less than {lt:g}",
-    "less_than_equal": "at most {le:g}", "string_pattern_mismatch": "letters, digits, _ . and - only, a letter or digit first",
-}  # fmt: skip
+    "string_type": "text",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "bool_type": "true or false",
+    "finite_number": "a finite number",
+    "dict_type": "a mapping of names",
+    "tuple_type": "a list",
+    "int_parsing_size": "a smaller number",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}",
+    "string_pattern_mismatch": "letters, digits, _ . and - only, a letter or digit first",
+}
 
 
 def _expected(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> str:

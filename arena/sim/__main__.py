@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from arena.errors import ArenaError
+from arena.sim.autopilot_interface import MakePilots, Pilots
+from arena.sim.composite_autopilot import Mixed
 from arena.sim.loop import serve
-from arena.sim.mixed import Mixed
-from arena.sim.pilots import MakePilots, Pilots
 
 
 def main(argv: list[str] | None = None, make_pilots: MakePilots | None = None) -> int:
@@ -51,10 +51,12 @@ def _builtin(settings: dict[str, Any], dt: float) -> Pilots:
 
 
 def _px4(settings: dict[str, Any], dt: float) -> Pilots:
-    from arena.px4.links import Px4Links
+    from arena.px4.lockstep import Px4Links
 
     origin = settings.get("origin")
-    return Px4Links(settings["vehicles"], (origin["lat_deg"], origin["lon_deg"], origin["alt_m"]) if origin else None)
+    return Px4Links(
+        settings["vehicles"], (origin["lat_deg"], origin["lon_deg"], origin["alt_m"]) if origin else None
+    )
 
 
 if __name__ == "__main__":

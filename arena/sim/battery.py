@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.sim.fleet import Fleet
+from arena.sim.vehicle_arrays import Fleet
 
 Array = NDArray[np.float64]
 

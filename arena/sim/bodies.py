@@ -30,7 +30,7 @@ from arena.geometry import (
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
-from arena.sim.fleet import GRAVITY, Fleet
+from arena.sim.vehicle_arrays import GRAVITY, Fleet
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -72,7 +72,9 @@ class Bodies:
         self._fleet = fleet
         self._bullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self._client)
         self._bullet.setTimeStep(step_s, physicsClientId=self._client)
-        self._bullet.setPhysicsEngineParameter(numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client)
+        self._bullet.setPhysicsEngineParameter(
+            numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client
+        )
         self._things = {self._floor(): "floor"} | self._walls(size_m)
         self._ids = [self._vehicle(i) for i in range(fleet.size)]
         self._index = {body: i for i, body in enumerate(self._ids)}
@@ -142,7 +144,9 @@ class Bodies:
                         others[self._index[one]] = what
         return Contacts(floor=floor, others=others)
 
-    def place(self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None) -> None:
+    def place(
+        self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
+    ) -> None:
         """Put one vehicle somewhere, for tests and experiments: p_n [m], q_nb [-], v_n [m/s], omega_b
         [rad/s], (3,) or (4,).
         """
@@ -152,7 +156,9 @@ class Bodies:
         position, quat = world_from_ned(p_n).tolist(), xyzw_from_wxyz(q_wf_from_q_nb(q_nb)).tolist()
         self._bullet.resetBasePositionAndOrientation(body, position, quat, physicsClientId=client)
         velocity = world_from_ned(np.zeros(3) if v_n is None else v_n).tolist()
-        self._bullet.resetBaseVelocity(body, velocity, world_from_ned(omega_n).tolist(), physicsClientId=client)
+        self._bullet.resetBaseVelocity(
+            body, velocity, world_from_ned(omega_n).tolist(), physicsClientId=client
+        )
         self.read()
 
     @property
@@ -179,12 +185,19 @@ class Bodies:
             rows += angular
             rows += quat
         found = np.array(rows).reshape(-1, 13) @ _NED
-        self.p_n, self.v_n, self._omega_n, self.q_nb = found[:, 0:3], found[:, 3:6], found[:, 6:9], found[:, 9:]
+        self.p_n, self.v_n, self._omega_n, self.q_nb = (
+            found[:, 0:3],
+            found[:, 3:6],
+            found[:, 6:9],
+            found[:, 9:],
+        )
         self.r_nb = matrix_from_quat(self.q_nb)
         self._omega_b = None
 
     def _floor(self) -> int:
-        return self._fixed(self._bullet.createCollisionShape(self._bullet.GEOM_PLANE, physicsClientId=self._client), _ORIGIN)
+        return self._fixed(
+            self._bullet.createCollisionShape(self._bullet.GEOM_PLANE, physicsClientId=self._client), _ORIGIN
+        )
 
     def _walls(self, size_m: Sequence[float]) -> dict[int, str]:
         north, east, height = (float(x) for x in size_m)
@@ -195,13 +208,17 @@ class Bodies:
             half_n[axis], half_n[2] = _WALL_M / 2.0, height / 2.0
             centre_n[2] = -height / 2.0
             half_w = np.abs(world_from_ned(half_n)).tolist()
-            shape = self._bullet.createCollisionShape(self._bullet.GEOM_BOX, halfExtents=half_w, physicsClientId=self._client)
+            shape = self._bullet.createCollisionShape(
+                self._bullet.GEOM_BOX, halfExtents=half_w, physicsClientId=self._client
+            )
             walls[self._fixed(shape, world_from_ned(centre_n).tolist())] = f"the {name} wall"
         return walls
 
     def _fixed(self, shape: int, position_w: Sequence[float]) -> int:
         body = self._bullet.createMultiBody(0.0, shape, basePosition=position_w, physicsClientId=self._client)
-        self._bullet.changeDynamics(body, -1, restitution=0.0, lateralFriction=_FRICTION, physicsClientId=self._client)
+        self._bullet.changeDynamics(
+            body, -1, restitution=0.0, lateralFriction=_FRICTION, physicsClientId=self._client
+        )
         return int(body)
 
     def _vehicle(self, i: int) -> int:
@@ -265,7 +282,9 @@ def _connect(bullet: Any, gui: bool) -> int:
     """
     if gui and not display_answers(os.environ.get("DISPLAY", "")):
         shown = os.environ.get("DISPLAY") or "not set"
-        raise InputError(f"--gui needs an X display, and none answers (DISPLAY is {shown}): start without --gui, or set DISPLAY")
+        raise InputError(
+            f"--gui needs an X display, and none answers (DISPLAY is {shown}): start without --gui, or set DISPLAY"
+        )
     client = bullet.connect(bullet.GUI if gui else bullet.DIRECT)
     if client < 0:
         raise InputError("pybullet could not start" + (" its window: start without --gui" if gui else ""))
@@ -284,7 +303,9 @@ def display_answers(display: str) -> bool:
     return _reaches(socket.AF_UNIX, path) or _reaches(socket.AF_UNIX, "\0" + path)
 
 
-def _reaches(family: Literal[socket.AddressFamily.AF_INET, socket.AddressFamily.AF_UNIX], address: Any) -> bool:
+def _reaches(
+    family: Literal[socket.AddressFamily.AF_INET, socket.AddressFamily.AF_UNIX], address: Any
+) -> bool:
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.settimeout(2.0)
         try:

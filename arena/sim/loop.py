@@ -21,14 +21,14 @@ import numpy as np
 
 from arena.clock import ClockServer
 from arena.errors import InputError, RunError
-from arena.faults import Faults
-from arena.room import Afterlife, Room
-from arena.sim.links import Links
+from arena.fault_injection import Faults
+from arena.process_context import ProcessContext, ShutdownPolicy
+from arena.sim.autopilot_interface import MakePilots, Outside
+from arena.sim.fault_injection import spoil
 from arena.sim.pacing import Pacer, own_core, speed_of
-from arena.sim.pilots import MakePilots, Outside
-from arena.sim.spoil import spoil
+from arena.sim.vehicle_links import Links
 from arena.sim.world import World
-from arena.wire.truth import Truth, TruthWriter
+from arena.wire.truth_page import Truth, TruthWriter
 
 _LOOK_UP_S = 0.1  # how often the loop looks at its supervisor and passes events on
 _STATS_S = 1.0
@@ -43,19 +43,23 @@ class Loop:
     afterlife is over.
     """
 
-    def __init__(self, room: Room, make_pilots: MakePilots) -> None:
+    def __init__(self, room: ProcessContext, make_pilots: MakePilots) -> None:
         settings = room.settings
         self._room, self._speed = room, speed_of(settings.get("speed", 1.0))
         self._world = World(settings)
         self._pilots = make_pilots(settings, self._world.period_s)
         self._outside: Outside | None = self._pilots if isinstance(self._pilots, Outside) else None
-        period_s = self._world.period_s / max(self._speed, 1.0) if math.isfinite(self._speed) else self._world.period_s
+        period_s = (
+            self._world.period_s / max(self._speed, 1.0)
+            if math.isfinite(self._speed)
+            else self._world.period_s
+        )
         self._keep_to_a_core(settings["vehicles"])
         self._links = Links(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
         self._truth_path = Path(settings["truth"])
         self._truth, self._clock = self._pages(settings["clock"])
         self._faults = self._listen(settings.get("faults"))
-        self._afterlife = Afterlife()
+        self._afterlife = ShutdownPolicy()
         self._struck_off = 0
 
     def run(self) -> None:
@@ -91,7 +95,9 @@ class Loop:
         except OSError as error:
             for page in (self._truth_path, Path(f"{clock}.page"), Path(f"{clock}.sock")):
                 page.unlink(missing_ok=True)
-            raise RunError(f"cannot serve truth at {self._truth_path} and time at {clock}: {error}") from error
+            raise RunError(
+                f"cannot serve truth at {self._truth_path} and time at {clock}: {error}"
+            ) from error
 
     def _listen(self, path: str | None) -> Faults:
         try:
@@ -187,7 +193,9 @@ class Loop:
         for text in (*self._world.events(), *self._pilots.events(), *self._strikes()):
             self._room.event(text)
             print(text, flush=True)  # the log is there when the supervisor is not
-        return self._afterlife.over(orphaned=self._room.orphaned, any_armed=bool(np.any(self._pilots.armed)), now=now)
+        return self._afterlife.over(
+            orphaned=self._room.orphaned, any_armed=bool(np.any(self._pilots.armed)), now=now
+        )
 
     def _complain(self, pacer: Pacer) -> None:
         """A line in the log for each second in which time did not go as it was asked to."""
@@ -198,7 +206,10 @@ class Loop:
     def _strikes(self) -> list[str]:
         names = self._clock.struck_off[self._struck_off :]
         self._struck_off += len(names)
-        return [f"{name} has not slept on the clock for a second: the world no longer waits for it" for name in names]
+        return [
+            f"{name} has not slept on the clock for a second: the world no longer waits for it"
+            for name in names
+        ]
 
     def _stats(self, pacer: Pacer) -> dict[str, Any]:
         return {
@@ -213,11 +224,13 @@ class Loop:
 
 def serve(make_pilots: MakePilots, argv: list[str] | None = None) -> None:
     """Enter the room named by the slice in argv, and serve until told to stop. Raises ArenaError."""
-    room = Room.enter(argv)
+    room = ProcessContext.enter(argv)
     try:
         loop = Loop(room, make_pilots)
     except KeyError as error:
-        raise InputError(f"the slice of {room.name}: {error} is missing (docs/architecture.md, Slices)") from error
+        raise InputError(
+            f"the slice of {room.name}: {error} is missing (docs/architecture.md, Slices)"
+        ) from error
     try:
         loop.run()
     finally:

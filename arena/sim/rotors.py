@@ -17,8 +17,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.sim.fleet import GRID, Fleet
 from arena.sim.ground import CELLS
+from arena.sim.vehicle_arrays import GRID, Fleet
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.geometry import globe_from_local
-from arena.sim.fleet import Fleet
+from arena.sim.vehicle_arrays import Fleet
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,9 @@ _CHANNELS = (
         range="gyro_range_rad_s",
         default_range=34.9,
     ),
-    _Channel(group="mag", noise="noise_gauss", bias="bias_gauss", axes=3, default_noise=0.002, default_bias=0.002),
+    _Channel(
+        group="mag", noise="noise_gauss", bias="bias_gauss", axes=3, default_noise=0.002, default_bias=0.002
+    ),
     _Channel(group="baro", noise="noise_m", bias="bias_m", axes=1, default_noise=0.05, default_bias=0.2),
 )
 _WIDTH = sum(c.axes for c in _CHANNELS)
@@ -91,7 +93,9 @@ class Sensors:
         self._streams = [np.random.default_rng([seed, vehicle, 1]) for vehicle in fleet.ids]
         self._gps_streams = [np.random.default_rng([seed, vehicle, 2]) for vehicle in fleet.ids]
         self._gps_sigma = np.array([_gps_sigma(p) for p in fleet.profiles])
-        self._gps_keep = np.exp(-1.0 / (_GPS_WANDERS_S * np.array([_gps_rate_hz(p) for p in fleet.profiles])))[:, None]
+        self._gps_keep = np.exp(
+            -1.0 / (_GPS_WANDERS_S * np.array([_gps_rate_hz(p) for p in fleet.profiles]))
+        )[:, None]
         self._gps_error: Array | None = None  # of position [sigma] (V, 3)
         drawn = np.array([stream.standard_normal(_WIDTH) for stream in self._streams])
         self.bias: Array = drawn * _rows(fleet, "bias")
@@ -126,10 +130,14 @@ class Sensors:
             return {}
         drawn = np.array([stream.standard_normal(6) for stream in self._gps_streams])
         keep, before = self._gps_keep, self._gps_error
-        self._gps_error = drawn[:, :3] if before is None else keep * before + np.sqrt(1.0 - keep**2) * drawn[:, :3]
+        self._gps_error = (
+            drawn[:, :3] if before is None else keep * before + np.sqrt(1.0 - keep**2) * drawn[:, :3]
+        )
         noise = np.concatenate([self._gps_error, drawn[:, 3:]], axis=1) * self._gps_sigma
         position, velocity = self._true_north(p_n) + noise[:, :3], self._true_north(v_n) + noise[:, 3:]
-        lat, lon = globe_from_local(self._origin.lat_deg, self._origin.lon_deg, position[:, 0], position[:, 1])
+        lat, lon = globe_from_local(
+            self._origin.lat_deg, self._origin.lon_deg, position[:, 0], position[:, 1]
+        )
         return {
             "lat_deg": lat,
             "lon_deg": lon,
@@ -159,14 +167,19 @@ def _rows(fleet: Fleet, what: str) -> Array:
 
 
 def _figure(profile: Mapping[str, Any], channel: _Channel, what: str) -> list[float]:
-    found = profile.get("sensors", {}).get(channel.group, {}).get(getattr(channel, what), getattr(channel, f"default_{what}"))
+    found = (
+        profile.get("sensors", {})
+        .get(channel.group, {})
+        .get(getattr(channel, what), getattr(channel, f"default_{what}"))
+    )
     return [float(found)] * channel.axes
 
 
 def _gps_sigma(profile: Mapping[str, Any]) -> list[float]:
     gps = profile.get("sensors", {}).get("gps", {})
     level, up, speed = (
-        float(gps.get(k, d)) for k, d in (("horizontal_noise_m", 0.8), ("vertical_noise_m", 1.8), ("velocity_noise_m_s", 0.1))
+        float(gps.get(k, d))
+        for k, d in (("horizontal_noise_m", 0.8), ("vertical_noise_m", 1.8), ("velocity_noise_m_s", 0.1))
     )
     return [level, level, up, speed, speed, speed]
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from arena.errors import InputError
 from arena.sim.battery import Battery
 from arena.sim.bodies import Bodies
-from arena.sim.few import MOST, Few
-from arena.sim.fleet import GRAVITY, read_fleet
-from arena.sim.judge import Judge
+from arena.sim.crash_detector import Judge
 from arena.sim.rotors import Rotors
+from arena.sim.scalar_step import MOST, Few
 from arena.sim.sensors import Origin, Sensors
-from arena.wire.truth import Truth
+from arena.sim.vehicle_arrays import GRAVITY, read_fleet
+from arena.wire.truth_page import Truth
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,9 @@ class World:
         self._substeps = substeps(float(settings["physics_hz"]), float(settings["sensor_hz"]))
         self.period_s, self._h = 1.0 / float(settings["sensor_hz"]), 1.0 / float(settings["physics_hz"])
         self.fleet = read_fleet(list(settings["vehicles"]))
-        self.bodies = Bodies(self.fleet, size_m=settings["size_m"], step_s=self._h, gui=bool(settings.get("gui")))
+        self.bodies = Bodies(
+            self.fleet, size_m=settings["size_m"], step_s=self._h, gui=bool(settings.get("gui"))
+        )
         self._rotors = Rotors(self.fleet, step_s=self._h)
         few = self.fleet.size <= MOST
         self._few = Few(self.fleet, self.bodies, self._rotors, step_s=self._h) if few else None
@@ -144,7 +146,9 @@ class World:
         battery_current_a [A], battery_remaining 0..1 [-], each (V,).
         """
         bodies, battery = self.bodies, self._battery
-        found = self._sensors.sense(accel_b=self._accel_b, omega_b=bodies.omega_b, r_nb=bodies.r_nb, p_n=bodies.p_n)
+        found = self._sensors.sense(
+            accel_b=self._accel_b, omega_b=bodies.omega_b, r_nb=bodies.r_nb, p_n=bodies.p_n
+        )
         found["battery_v"], found["battery_current_a"] = battery.voltage, battery.current
         found["battery_remaining"] = battery.remaining
         return found

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from arena.smoke.by_hand import Led
-    from arena.smoke.verdict import Result
+    from arena.smoke.flying.scripted_flight import ScriptedFlight
+    from arena.smoke.referee.verdict import Result
 
 
 class ArenaRun:
@@ -37,10 +37,13 @@ class ArenaRun:
         """Fly it in every arena that it names. set: `key=value`, as `--set`. Raises AssertionError with what the referee saw, and
         InputError where the file is wrong.
         """
-        from arena.smoke.fly import How, fly, refuse_real
-        from arena.smoke.scenario import load_scenarios
+        from arena.smoke.flying.fly_scenario import How, fly, refuse_real
+        from arena.smoke.language.scenario import load_scenarios
 
-        how, found = How(results=self.results, speed=speed, seed=seed), load_scenarios(self._folder / scenario, set)
+        how, found = (
+            How(results=self.results, speed=speed, seed=seed),
+            load_scenarios(self._folder / scenario, set),
+        )
         for one in found:
             refuse_real(one.arena)
         results = [fly(one, how) for one in found]
@@ -49,23 +52,29 @@ class ArenaRun:
             raise AssertionError("\n".join(failed))
         return results
 
-    def up(self, arena: str | Path, *, set: Sequence[str] = (), speed: str = "max", seed: int | None = None) -> Led:
-        """An arena to lead oneself: `with arena_run.up("arena.yaml") as flight: ...`; see `arena.smoke.by_hand`."""
+    def up(
+        self, arena: str | Path, *, set: Sequence[str] = (), speed: str = "max", seed: int | None = None
+    ) -> ScriptedFlight:
+        """An arena to lead oneself: `with arena_run.up("arena.yaml") as flight: ...`; see `arena.smoke.flying.scripted_flight`."""
         from arena.schema import load_arena
-        from arena.smoke.by_hand import Led
-        from arena.smoke.fly import refuse_real
-        from arena.smoke.session import Start
+        from arena.smoke.flying.fly_scenario import refuse_real
+        from arena.smoke.flying.scripted_flight import ScriptedFlight
+        from arena.smoke.flying.session import Start
 
         file = self._folder / arena
         loaded = load_arena(file, list(set))
         refuse_real(loaded)
-        return Led(loaded, Start(arena=file, runs=self.results, overrides=tuple(set), speed=speed, seed=seed))
+        return ScriptedFlight(
+            loaded, Start(arena=file, runs=self.results, overrides=tuple(set), speed=speed, seed=seed)
+        )
 
 
 def _complaints(result: Result) -> list[str]:
     if result.verdict.passed:
         return []
-    where = [f"{place.file}:{place.line}: {said}" if place else said for place, said in result.verdict.failures]
+    where = [
+        f"{place.file}:{place.line}: {said}" if place else said for place, said in result.verdict.failures
+    ]
     return [f"{result.scenario}: run folder {result.run or 'none'}", *(f"  {line}" for line in where)]
 
 

@@ -16,9 +16,9 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from arena.smoke.scenario import stem
-from arena.smoke.verdict import Result, Row, RuleResult, StepResult, Touchdown, Verdict
-from arena.smoke.words import Place
+from arena.smoke.language.model import Place
+from arena.smoke.language.scenario import stem
+from arena.smoke.referee.verdict import Result, Row, RuleResult, StepResult, Touchdown, Verdict
 
 _SUITE = "arena smoke"
 _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -33,9 +33,18 @@ def table(results: Sequence[Result]) -> RenderableType:
     made = Table(*(escape(head) for head in heads), box=None, pad_edge=False)
     for result in results:
         verdict = Text("passed", "green") if result.verdict.passed else Text("FAILED", "bold red")
-        made.add_row(escape(result.scenario), verdict, str(result.seed), f"{result.verdict.lasted_s:.1f}", f"{result.wall_s:.1f}",
-                     escape(_slowest(result.verdict)), _hardest(result.verdict))  # fmt: skip
-    wrong = [Text.from_markup(line) for result in results if not result.verdict.passed for line in _reasons(result)]
+        made.add_row(
+            escape(result.scenario),
+            verdict,
+            str(result.seed),
+            f"{result.verdict.lasted_s:.1f}",
+            f"{result.wall_s:.1f}",
+            escape(_slowest(result.verdict)),
+            _hardest(result.verdict),
+        )
+    wrong = [
+        Text.from_markup(line) for result in results if not result.verdict.passed for line in _reasons(result)
+    ]
     return Group(made, *wrong)
 
 
@@ -57,7 +66,11 @@ def _reasons(result: Result) -> Iterator[str]:
 def reasons(result: Result) -> list[str]:
     """Why it failed: `file:line: sentence` each; empty when it passed."""
     told = [f"{_where(place)}{sentence}" for place, sentence in result.verdict.failures]
-    return told if told or result.verdict.passed else [f"{result.file}: not all steps were reached: {result.verdict.ended}"]
+    return (
+        told
+        if told or result.verdict.passed
+        else [f"{result.file}: not all steps were reached: {result.verdict.ended}"]
+    )
 
 
 def _where(place: Place | None) -> str:
@@ -66,7 +79,9 @@ def _where(place: Place | None) -> str:
 
 def story(result: Result) -> list[str]:
     """Everything that was judged, a line each: what, when, how near to failing."""
-    lines = [f"seed {result.seed}, {result.verdict.lasted_s:.2f} s of simulation, over: {result.verdict.ended}"]
+    lines = [
+        f"seed {result.seed}, {result.verdict.lasted_s:.2f} s of simulation, over: {result.verdict.ended}"
+    ]
     lines += [f"run folder {result.run}"] if result.run else []
     lines += [_step(step) for step in result.verdict.steps]
     lines += [_rule(rule) for rule in result.verdict.rules]
@@ -111,8 +126,13 @@ def junit_xml(results: Sequence[Result], unflown: Iterable[str] = ()) -> str:
     """JUnit XML as CI servers read it: one testcase a scenario. unflown: names of those that were interrupted, each an error."""
     missing = list(unflown)
     failed = sum(not r.verdict.passed for r in results)
-    counts = {"tests": str(len(results) + len(missing)), "failures": str(failed), "errors": str(len(missing)), "skipped": "0",
-              "time": f"{sum(r.wall_s for r in results):.3f}"}  # fmt: skip
+    counts = {
+        "tests": str(len(results) + len(missing)),
+        "failures": str(failed),
+        "errors": str(len(missing)),
+        "skipped": "0",
+        "time": f"{sum(r.wall_s for r in results):.3f}",
+    }
     root = ElementTree.Element("testsuites", {"name": _SUITE, **counts})
     suite = ElementTree.SubElement(root, "testsuite", {"name": _SUITE, **counts})
     for result in results:
@@ -125,8 +145,13 @@ def junit_xml(results: Sequence[Result], unflown: Iterable[str] = ()) -> str:
 
 
 def _testcase(suite: ElementTree.Element, result: Result) -> None:
-    about = {"classname": f"smoke.{stem(result.file)}", "name": result.scenario, "time": f"{result.wall_s:.3f}",
-             "file": result.file, "line": str(_line(result))}  # fmt: skip
+    about = {
+        "classname": f"smoke.{stem(result.file)}",
+        "name": result.scenario,
+        "time": f"{result.wall_s:.3f}",
+        "file": result.file,
+        "line": str(_line(result)),
+    }
     case = ElementTree.SubElement(suite, "testcase", {key: _plain(value) for key, value in about.items()})
     if not result.verdict.passed:
         said = [_plain(line) for line in reasons(result)]
@@ -147,11 +172,15 @@ def _plain(text: str) -> str:
 
 def results_json(results: Sequence[Result]) -> str:
     """`read_results` reads it back equal. `passed` is there for other readers."""
-    return json.dumps([{"passed": r.verdict.passed, **dataclasses.asdict(r)} for r in results], indent=1) + "\n"
+    return (
+        json.dumps([{"passed": r.verdict.passed, **dataclasses.asdict(r)} for r in results], indent=1) + "\n"
+    )
 
 
 def read_results(text: str) -> list[Result]:
-    return [_result({key: value for key, value in raw.items() if key != "passed"}) for raw in json.loads(text)]
+    return [
+        _result({key: value for key, value in raw.items() if key != "passed"}) for raw in json.loads(text)
+    ]
 
 
 def _result(raw: dict[str, Any]) -> Result:
@@ -176,7 +205,7 @@ def draw(result: Result, rows: Sequence[Row], folder: Path) -> list[str]:
         return []
     import numpy as np
 
-    from arena.record import smokeplots
+    from arena.recorder import scenario_plots
 
     tracks = {}
     for name in dict.fromkeys(row.vehicle for row in rows):
@@ -184,12 +213,14 @@ def draw(result: Result, rows: Sequence[Row], folder: Path) -> list[str]:
         away = [math.dist(row.p_n[:2], own[0].p_n[:2]) for row in own]
         near = [math.nan if row.nearest_m is None else row.nearest_m for row in own]
         several = any(row.vehicle != name for row in rows)
-        tracks[name] = smokeplots.Track(
-            t=np.array([row.time_s for row in own]), height=np.array([row.height_m for row in own]),
-            distance=np.array(near if several else away), modes=[row.mode for row in own],
-        )  # fmt: skip
-    marks = [smokeplots.Mark(at_s=at, text=text, good=good) for at, text, good in _marks(result.verdict)]
-    return [str(smokeplots.draw(result.scenario, tracks, marks, folder / "plots" / "scenario.png"))]
+        tracks[name] = scenario_plots.Track(
+            t=np.array([row.time_s for row in own]),
+            height=np.array([row.height_m for row in own]),
+            distance=np.array(near if several else away),
+            modes=[row.mode for row in own],
+        )
+    marks = [scenario_plots.Mark(at_s=at, text=text, good=good) for at, text, good in _marks(result.verdict)]
+    return [str(scenario_plots.draw(result.scenario, tracks, marks, folder / "plots" / "scenario.png"))]
 
 
 def _marks(verdict: Verdict) -> Iterator[tuple[float, str, bool]]:

@@ -11,11 +11,18 @@ from arena.errors import (
     StaleDataError,
     VehicleError,
 )
-from arena.uav.groups import Snapshot
-from arena.uav.heart import Heart
+from arena.uav.data_groups import Snapshot
+from arena.uav.heartbeat import Heart
 from arena.uav.vehicle import UAV
 
 __all__ = [
-    "UAV", "CommandRefusedError", "Heart", "NotConfirmedError", "OffboardLostError", "SetpointError", "Snapshot",
-    "StaleDataError", "VehicleError",
+    "UAV",
+    "CommandRefusedError",
+    "Heart",
+    "NotConfirmedError",
+    "OffboardLostError",
+    "SetpointError",
+    "Snapshot",
+    "StaleDataError",
+    "VehicleError",
 ]

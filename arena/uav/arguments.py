@@ -22,13 +22,17 @@ def read_arguments(argv: Sequence[str] | None = None) -> dict[str, Any]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--uav", metavar="FILE", help="what the supervisor passes: a JSON file that holds all the rest")
+    parser.add_argument(
+        "--uav", metavar="FILE", help="what the supervisor passes: a JSON file that holds all the rest"
+    )
     parser.add_argument("--ns", default="uav1", help="name of the vehicle")
     parser.add_argument("--id", type=int, help="its MAV_SYS_ID; by default the number that ends its name")
     parser.add_argument("--link", help="udpin:HOST:PORT; by default udpin:127.0.0.1:16000+id")
     parser.add_argument("--profile", default="iris", help="vehicle type")
     parser.add_argument("--clock", help="stem of a simulation clock; the wall clock by default")
-    parser.add_argument("--capture", metavar="natnet:ADDRESS[:multicast|unicast]", help="read one's own pose there")
+    parser.add_argument(
+        "--capture", metavar="natnet:ADDRESS[:multicast|unicast]", help="read one's own pose there"
+    )
     parser.add_argument("--body", help="one's own name in the motion capture; by default the vehicle's name")
     return parser
 
@@ -64,9 +68,14 @@ def _by_hand(known: argparse.Namespace) -> dict[str, Any]:
     profile = load_profile(known.profile).slice()
     link = known.link or f"udpin:127.0.0.1:{16000 + number}"
     return {
-        **_profile(profile), "ns": known.ns, "link": link, "system_id": number, "clock": _clock(known.clock, known.ns),
-        "capture": _capture(known.capture, known.body or known.ns) if known.capture else None, "body": known.body,
-    }  # fmt: skip
+        **_profile(profile),
+        "ns": known.ns,
+        "link": link,
+        "system_id": number,
+        "clock": _clock(known.clock, known.ns),
+        "capture": _capture(known.capture, known.body or known.ns) if known.capture else None,
+        "body": known.body,
+    }
 
 
 def _capture(words: str, body: str) -> dict[str, Any]:
@@ -81,11 +90,19 @@ def _capture(words: str, body: str) -> dict[str, Any]:
     except ValueError:
         server = ""
     if kind != "natnet" or not server or transport not in ("multicast", "unicast"):
-        raise InputError(f"--capture: got {words!r}, expected natnet:ADDRESS[:multicast|unicast], as in natnet:10.0.0.5")
+        raise InputError(
+            f"--capture: got {words!r}, expected natnet:ADDRESS[:multicast|unicast], as in natnet:10.0.0.5"
+        )
     return {
-        "kind": "natnet", "server": server, "local": None, "transport": transport, "group": capture_group(server),
-        "command_port": 1510, "data_port": 1511, "bodies": [body],
-    }  # fmt: skip
+        "kind": "natnet",
+        "server": server,
+        "local": None,
+        "transport": transport,
+        "group": capture_group(server),
+        "command_port": 1510,
+        "data_port": 1511,
+        "bodies": [body],
+    }
 
 
 def _heart(address: Sequence[Any] | None) -> tuple[str, int] | None:
@@ -94,8 +111,11 @@ def _heart(address: Sequence[Any] | None) -> tuple[str, int] | None:
 
 def _profile(profile: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "mass": profile["mass_kg"], "radius": profile["radius_m"], "height": profile["height_m"],
-        "num_rotors": profile["num_rotors"], "thrust_curve": profile["thrust_curve"],
+        "mass": profile["mass_kg"],
+        "radius": profile["radius_m"],
+        "height": profile["height_m"],
+        "num_rotors": profile["num_rotors"],
+        "thrust_curve": profile["thrust_curve"],
     }
 
 

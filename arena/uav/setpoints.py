@@ -65,7 +65,9 @@ def period_s(freq: ArrayLike) -> float:
     """freq: how often the caller will call [Hz], above 0 -> the period [s]."""
     hz = scalar(freq, "freq")
     if not 0.0 < hz <= 1000.0:
-        raise SetpointError(f"freq: got {hz:g} Hz, expected more than 0 and at most 1000 (PX4 leaves OFFBOARD below 2)")
+        raise SetpointError(
+            f"freq: got {hz:g} Hz, expected more than 0 and at most 1000 (PX4 leaves OFFBOARD below 2)"
+        )
     return 1.0 / hz
 
 
@@ -106,7 +108,9 @@ class Encoder:
         mask = Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW_RATE
         return self._local(now, mask, vel=vector(vel, "vel"), yaw=scalar(yaw, "yaw"))
 
-    def vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, now: float) -> mavlink.MAVLink_message:
+    def vel_body_yaw_rate(
+        self, vel_body: ArrayLike, yaw_rate: ArrayLike, now: float
+    ) -> mavlink.MAVLink_message:
         """vel_body: forward, right, down [m/s] (3,), turned by the yaw alone: level, however the body tilts; yaw_rate [rad/s]."""
         mask = Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW
         vel, rate = vector(vel_body, "vel_body"), scalar(yaw_rate, "yaw_rate")
@@ -133,11 +137,15 @@ class Encoder:
         if not 1 <= found.size <= 8 or not np.isfinite(found).all() or (np.abs(found) > 1.0).any():
             raise SetpointError(f"output: got {found.tolist()}, expected 1 to 8 numbers from -1 to 1")
         controls = [*found.tolist(), *[0.0] * (8 - found.size)]
-        return mavlink.MAVLink_set_actuator_control_target_message(_ms(now) * 1000, group, *self._to, controls)
+        return mavlink.MAVLink_set_actuator_control_target_message(
+            _ms(now) * 1000, group, *self._to, controls
+        )
 
     def command(self, number: int, params: tuple[float, ...], confirmation: int) -> mavlink.MAVLink_message:
         """number: MAV_CMD; params: up to 7; confirmation: 0, then 1, 2, ... when it is sent again."""
-        return mavlink.MAVLink_command_long_message(*self._to, number, confirmation, *params, *[0.0] * (7 - len(params)))
+        return mavlink.MAVLink_command_long_message(
+            *self._to, number, confirmation, *params, *[0.0] * (7 - len(params))
+        )
 
     def _local(
         self,
@@ -152,8 +160,15 @@ class Encoder:
     ) -> mavlink.MAVLink_message:
         nothing = [0.0, 0.0, 0.0]
         return mavlink.MAVLink_set_position_target_local_ned_message(
-            _ms(now), *self._to, frame, int(mask), *(nothing if pos is None else pos.tolist()),
-            *(nothing if vel is None else vel.tolist()), *nothing, math.remainder(yaw, math.tau), yaw_rate,
+            _ms(now),
+            *self._to,
+            frame,
+            int(mask),
+            *(nothing if pos is None else pos.tolist()),
+            *(nothing if vel is None else vel.tolist()),
+            *nothing,
+            math.remainder(yaw, math.tau),
+            yaw_rate,
         )
 
 

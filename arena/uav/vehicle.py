@@ -12,13 +12,13 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import Clock, WallClock
 from arena.errors import CommandRefusedError, StaleDataError
-from arena.thrust import thrust_curve as curve_of
-from arena.uav.groups import Actuation, Body, Ekf, Info, Sensors, Snapshot, Source
-from arena.uav.heart import Heart
-from arena.uav.link import Capture, Link
-from arena.uav.pilot import STREAM_HZ, Pilot
+from arena.thrust_curve import thrust_curve as curve_of
+from arena.uav.connection import Capture, Link
+from arena.uav.data_groups import Actuation, Body, Ekf, Info, Sensors, Snapshot, Source
+from arena.uav.heartbeat import Heart
 from arena.uav.poses import Poses
 from arena.uav.setpoints import AttitudeKind, attitude, duration_s, period_s, scalar, vector
+from arena.uav.vehicle_control import STREAM_HZ, Pilot
 
 _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
@@ -26,7 +26,7 @@ _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 class UAV:
     """One vehicle, simulated or real: the program cannot tell which.
 
-    ns: the vehicle's name; mass [kg]; radius, height [m]; thrust_curve: the profile's settings (see `arena.thrust`).
+    ns: the vehicle's name; mass [kg]; radius, height [m]; thrust_curve: the profile's settings (see `arena.thrust_curve`).
     link: "udpin:HOST:PORT", where the vehicle's MAVLink comes in; system_id: its MAV_SYS_ID.
     capture: settings of the motion capture, or of several; body: its own name there (default: ns).
     neighbours: names, or (name, body) pairs.
@@ -63,9 +63,16 @@ class UAV:
         poses = Poses((body or ns) if capture else None, pairs if capture else ())
         self._link = Link(link, system_id, self.clock, poses, capture)
         self._source = Source(
-            ns=ns, stale_s=stale_s, telemetry=self._link.telemetry, poses=poses, now=self.clock.now, refresh=self._link.refresh
+            ns=ns,
+            stale_s=stale_s,
+            telemetry=self._link.telemetry,
+            poses=poses,
+            now=self.clock.now,
+            refresh=self._link.refresh,
         )
-        self._body = Body(ns=ns, mass=mass, radius=radius, height=height, num_rotors=num_rotors, thrust_curve=thrust_curve)
+        self._body = Body(
+            ns=ns, mass=mass, radius=radius, height=height, num_rotors=num_rotors, thrust_curve=thrust_curve
+        )
         self._heart = Heart(heart, system_id, self.clock)
         self._pilot = Pilot(self._source, self._link, self.clock, system_id, self._heart)
         live = Snapshot.of(self._source, self._body)
@@ -129,7 +136,9 @@ class UAV:
         """vel_body: forward, right, down [m/s] (3,), level whatever the tilt; yaw_rate [rad/s]. Sends once, waits 1/freq."""
         self._send(self._pilot.encoder.vel_body_yaw_rate(vel_body, yaw_rate, self.clock.now()), freq)
 
-    def set_att_thrust(self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike) -> None:
+    def set_att_thrust(
+        self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
+    ) -> None:
         """att: "euler" roll, pitch, yaw [rad] (3,) or "quaternion" wxyz (4,); thrust [N], clamped. Sends once, waits 1/freq."""
         q_nb = attitude(att, att_type)
         self._send(self._pilot.encoder.att_thrust(q_nb, self._normalised(thrust), self.clock.now()), freq)
@@ -137,7 +146,9 @@ class UAV:
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
         """ang_vel: body rates [rad/s] [FRD] (3,); thrust [N], clamped. Sends once, waits 1/freq."""
         rates = vector(ang_vel, "ang_vel")
-        self._send(self._pilot.encoder.ang_vel_thrust(rates, self._normalised(thrust), self.clock.now()), freq)
+        self._send(
+            self._pilot.encoder.ang_vel_thrust(rates, self._normalised(thrust), self.clock.now()), freq
+        )
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
         """output: up to 8 numbers, -1..1, for a mixer group. PX4 up to v1.13 only: others would ignore it in silence."""
@@ -145,7 +156,11 @@ class UAV:
         period_s(freq)
         version = self._source.telemetry.version or self._pilot.ask_version()
         if version is None or version[:2] > _LAST_WITH_ACTUATOR_CONTROL:
-            who = "does not tell its version" if version is None else f"is v{version[0]}.{version[1]}.{version[2]}"
+            who = (
+                "does not tell its version"
+                if version is None
+                else f"is v{version[0]}.{version[1]}.{version[2]}"
+            )
             raise CommandRefusedError(
                 f"{self.info.drone_ns}: set_act needs PX4 v1.13 or older, which take SET_ACTUATOR_CONTROL_TARGET; this autopilot "
                 f"{who}. Use set_ang_vel_thrust"
@@ -160,7 +175,9 @@ class UAV:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def _send(self, message: mavlink.MAVLink_message, freq: ArrayLike) -> None:

@@ -18,12 +18,16 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from arena.wire.mavframe import SEEDS, Buffer, Frame, frame
+from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, frame
 
 HIL_ACTUATOR_CONTROLS, HIL_SENSOR, HIL_STATE_QUATERNION, HIL_GPS, RC_CHANNELS = 93, 107, 115, 113, 65
 LOCKSTEP, ARMED = 1, 128
 """Bits of `flags` and `mode`."""
-_SENSOR, _STATE, _CONTROLS = struct.Struct("<Q13fIB"), struct.Struct("<Q4f3f3i3h2H3h"), struct.Struct("<QQ16fB")
+_SENSOR, _STATE, _CONTROLS = (
+    struct.Struct("<Q13fIB"),
+    struct.Struct("<Q4f3f3i3h2H3h"),
+    struct.Struct("<QQ16fB"),
+)
 _GPS, _RC = struct.Struct("<Q3i3H3hH2B"), struct.Struct("<I18H2B")
 _UNKNOWN_COURSE, _FIX_3D, _UNUSED_CHANNEL, _RSSI = 65535, 3, 65535, 100
 
@@ -68,11 +72,18 @@ class Voice:
         accel_mg: Sequence[int],
     ) -> bytes:
         """HIL_STATE_QUATERNION. q_nb: wxyz. place: lat, lon [1e-7 deg], alt [mm]. airspeed: both indicated and true."""
-        payload = _STATE.pack(time_usec, *q_nb, *omega_b, *place, *v_n_cm_s, airspeed_cm_s, airspeed_cm_s, *accel_mg)
+        payload = _STATE.pack(
+            time_usec, *q_nb, *omega_b, *place, *v_n_cm_s, airspeed_cm_s, airspeed_cm_s, *accel_mg
+        )
         return self._frame(HIL_STATE_QUATERNION, payload)
 
     def gps(
-        self, time_usec: int, place: tuple[int, int, int], accuracy_cm: tuple[int, int], v_cm_s: Sequence[int], satellites: int
+        self,
+        time_usec: int,
+        place: tuple[int, int, int],
+        accuracy_cm: tuple[int, int],
+        v_cm_s: Sequence[int],
+        satellites: int,
     ) -> bytes:
         """HIL_GPS with a 3-D fix. place: lat, lon [1e-7 deg], alt [mm]. accuracy: horizontal, vertical. v_cm_s: true NED (3,)."""
         speed = min(round(sum(v * v for v in v_cm_s) ** 0.5), 65534)

@@ -26,12 +26,16 @@ _HEAD = struct.Struct("<HH")
 _BODY = struct.Struct("<i3f4ffh")
 _COUNT = struct.Struct("<i")
 _SIZED = struct.Struct("<ii")
-_STAMPS = struct.Struct("<IIdQQQ")  # time code and its part, time stamp, then ticks at exposure, at reception, at transmission
+_STAMPS = struct.Struct(
+    "<IIdQQQ"
+)  # time code and its part, time stamp, then ticks at exposure, at reception, at transmission
 _LABELLED_BYTES = 26
 _NAME_BYTES = 256
 _SANE = 10_000  # sections longer than this are garbage
 _NEWEST_KNOWN, _TOO_NEW = (4, 2), (5, 0)
-_SIZED_TAIL_BYTES = _STAMPS.size + 8 + 2 + 4  # after a sized frame's last section: stamps, precision stamp, parameters, end
+_SIZED_TAIL_BYTES = (
+    _STAMPS.size + 8 + 2 + 4
+)  # after a sized frame's last section: stamps, precision stamp, parameters, end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,7 +90,9 @@ def message_of(data: bytes) -> int:
         raise WireError(f"NatNet packet of {len(data)} bytes, expected 4 or more")
     message, size = _HEAD.unpack_from(data)
     if len(data) - _HEAD.size < size:
-        raise WireError(f"NatNet packet with {len(data) - _HEAD.size} bytes of payload, its header says {size}")
+        raise WireError(
+            f"NatNet packet with {len(data) - _HEAD.size} bytes of payload, its header says {size}"
+        )
     return int(message)
 
 
@@ -104,16 +110,22 @@ def decode_server_info(data: bytes) -> ServerInfo:
     """Raises WireError."""
     payload = _payload(data, SERVERINFO)
     if len(payload) < _NAME_BYTES + 8:
-        raise WireError(f"NatNet server information of {len(payload)} bytes, expected {_NAME_BYTES + 8} or more")
+        raise WireError(
+            f"NatNet server information of {len(payload)} bytes, expected {_NAME_BYTES + 8} or more"
+        )
     app, version = payload[_NAME_BYTES : _NAME_BYTES + 4], payload[_NAME_BYTES + 4 : _NAME_BYTES + 8]
     clock, port, multicast, group = 0, 0, 0, bytes(4)
     if len(payload) >= _NAME_BYTES + 8 + 15:
         clock, port, multicast = struct.unpack_from("<QHB", payload, _NAME_BYTES + 8)
         group = payload[_NAME_BYTES + 19 : _NAME_BYTES + 23]
     return ServerInfo(
-        name=payload[:_NAME_BYTES].split(b"\0")[0].decode(errors="replace"), app_version=(app[0], app[1], app[2], app[3]),
-        version=(version[0], version[1]), clock_hz=clock, data_port=port, group=".".join(map(str, group)) if multicast else "",
-    )  # fmt: skip
+        name=payload[:_NAME_BYTES].split(b"\0")[0].decode(errors="replace"),
+        app_version=(app[0], app[1], app[2], app[3]),
+        version=(version[0], version[1]),
+        clock_hz=clock,
+        data_port=port,
+        group=".".join(map(str, group)) if multicast else "",
+    )
 
 
 # -- model definitions -----------------------------------------------------------------------------------------------------
@@ -175,7 +187,9 @@ def _skip_marker_descriptions(reader: _Reader, version: Version) -> None:
 def encode_frame(frame: Frame, version: Version) -> bytes:
     empty = _SIZED.pack(0, 0) if version >= (4, 1) else _COUNT.pack(0)
     bodies = b"".join(
-        _BODY.pack(b.streaming_id, *b.position, *b.quat_xyzw, b.mean_error_m, TRACKING_VALID if b.tracked else 0)
+        _BODY.pack(
+            b.streaming_id, *b.position, *b.quat_xyzw, b.mean_error_m, TRACKING_VALID if b.tracked else 0
+        )
         for b in frame.bodies
     )
     count = _COUNT.pack(len(frame.bodies))
@@ -204,7 +218,9 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
         reader.skip(12 * reader.count("loose markers"))
     count = reader.count("rigid bodies")
     if sized and (size := reader.i32()) != count * _BODY.size:
-        raise WireError(f"NatNet frame with {count} bodies in {size} bytes, expected {_BODY.size} bytes a body")
+        raise WireError(
+            f"NatNet frame with {count} bodies in {size} bytes, expected {_BODY.size} bytes a body"
+        )
     bodies = _read_bodies(reader, count, wanted)
     if sized:
         reader.skip_sections(5)
@@ -212,8 +228,10 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
         _skip_to_stamps(reader)
     at = reader.at
     if version > _NEWEST_KNOWN and len(reader.data) - at != _SIZED_TAIL_BYTES:
-        raise WireError(f"NatNet {version[0]}.{version[1]} frame with {len(reader.data) - at} bytes after its sections, "
-                        f"expected {_SIZED_TAIL_BYTES}")
+        raise WireError(
+            f"NatNet {version[0]}.{version[1]} frame with {len(reader.data) - at} bytes after its sections, "
+            f"expected {_SIZED_TAIL_BYTES}"
+        )
     reader.skip(_STAMPS.size)
     _, _, timestamp_s, exposure, _, transmit = _STAMPS.unpack_from(reader.data, at)
     if not isfinite(timestamp_s):
@@ -221,9 +239,13 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
     if sized:
         reader.skip(8)
     return Frame(
-        number=number, timestamp_s=timestamp_s, exposure_ticks=exposure, transmit_ticks=transmit, bodies=bodies,
+        number=number,
+        timestamp_s=timestamp_s,
+        exposure_ticks=exposure,
+        transmit_ticks=transmit,
+        bodies=bodies,
         models_changed=bool(reader.u16() & MODELS_CHANGED),
-    )  # fmt: skip
+    )
 
 
 def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> tuple[Body, ...]:
@@ -236,7 +258,15 @@ def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> 
         k = at + row * _BODY.size
         i, x, y, z, qx, qy, qz, qw, error, params = _BODY.unpack_from(data, k)
         tracked = bool(params & TRACKING_VALID)
-        found.append(Body(streaming_id=i, position=(x, y, z), quat_xyzw=(qx, qy, qz, qw), mean_error_m=error, tracked=tracked))
+        found.append(
+            Body(
+                streaming_id=i,
+                position=(x, y, z),
+                quat_xyzw=(qx, qy, qz, qw),
+                mean_error_m=error,
+                tracked=tracked,
+            )
+        )
     return tuple(found)
 
 
@@ -267,7 +297,9 @@ class _Reader:
 
     def i32(self) -> int:
         if self.at + 4 > len(self.data):
-            raise WireError(f"NatNet payload of {len(self.data)} bytes ends in the middle of a number at {self.at}")
+            raise WireError(
+                f"NatNet payload of {len(self.data)} bytes ends in the middle of a number at {self.at}"
+            )
         (value,) = _COUNT.unpack_from(self.data, self.at)
         self.at += 4
         return int(value)
@@ -290,7 +322,9 @@ class _Reader:
             size = _SIZED.unpack_from(data, at)[1]
             at += _SIZED.size + size
             if size < 0 or at > len(data):
-                raise WireError(f"NatNet section of {size} bytes that ends at {at} in a payload of {len(data)}")
+                raise WireError(
+                    f"NatNet section of {size} bytes that ends at {at} in a payload of {len(data)}"
+                )
         self.at = at
 
     def count(self, what: str) -> int:

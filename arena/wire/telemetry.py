@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavframe import cut
-from arena.wire.px4mode import mode_words
+from arena.wire.mavlink_frame import cut
+from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
 
@@ -162,7 +162,9 @@ class Telemetry:
     def __init__(self, system_id: int, only: Collection[int] | None = None) -> None:
         """only: the messages that are wanted, all that it knows when None."""
         self._system = system_id
-        self._handlers = {number: handler for number, handler in _HEARD.items() if only is None or number in only}
+        self._handlers = {
+            number: handler for number, handler in _HEARD.items() if only is None or number in only
+        }
         self._codec = mavlink.MAVLink(None)
         self.heard: float | None = None
         self.local: Local | None = None
@@ -219,20 +221,33 @@ class Telemetry:
         self.ground = Ground(heard=now, landed=m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND)
 
     def _local(self, m: mavlink.MAVLink_local_position_ned_message, now: float) -> None:
-        self.local = Local(heard=now, boot_s=m.time_boot_ms * 1e-3, pos=np.array((m.x, m.y, m.z)),
-                           vel=np.array((m.vx, m.vy, m.vz)))
+        self.local = Local(
+            heard=now,
+            boot_s=m.time_boot_ms * 1e-3,
+            pos=np.array((m.x, m.y, m.z)),
+            vel=np.array((m.vx, m.vy, m.vz)),
+        )
 
     def _attitude(self, m: mavlink.MAVLink_attitude_quaternion_message, now: float) -> None:
-        self.attitude = Attitude(heard=now, boot_s=m.time_boot_ms * 1e-3, q_nb=np.array((m.q1, m.q2, m.q3, m.q4)),
-                                 ang_vel=np.array((m.rollspeed, m.pitchspeed, m.yawspeed)))
+        self.attitude = Attitude(
+            heard=now,
+            boot_s=m.time_boot_ms * 1e-3,
+            q_nb=np.array((m.q1, m.q2, m.q3, m.q4)),
+            ang_vel=np.array((m.rollspeed, m.pitchspeed, m.yawspeed)),
+        )
 
     def _highres(self, m: mavlink.MAVLink_highres_imu_message, now: float) -> None:
-        self.imu = Imu(heard=now, acc_body=np.array((m.xacc, m.yacc, m.zacc)),
-                       ang_vel=np.array((m.xgyro, m.ygyro, m.zgyro)))
+        self.imu = Imu(
+            heard=now,
+            acc_body=np.array((m.xacc, m.yacc, m.zacc)),
+            ang_vel=np.array((m.xgyro, m.ygyro, m.zgyro)),
+        )
         if m.fields_updated & _HIGHRES_MAG or self.mag is None:
             self.mag = Mag(heard=now, mag=np.array((m.xmag, m.ymag, m.zmag)) * _GAUSS_T)
         if m.fields_updated & _HIGHRES_BARO or self.baro is None:
-            self.baro = Baro(heard=now, pressure=m.abs_pressure * _HPA_PA, temperature=m.temperature, alt=m.pressure_alt)
+            self.baro = Baro(
+                heard=now, pressure=m.abs_pressure * _HPA_PA, temperature=m.temperature, alt=m.pressure_alt
+            )
 
     def _gps(self, m: mavlink.MAVLink_gps_raw_int_message, now: float) -> None:
         if m.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX:
@@ -253,7 +268,9 @@ class Telemetry:
 
     def _attitude_reference(self, m: mavlink.MAVLink_attitude_target_message, now: float) -> None:
         rates = np.array((m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate))
-        self.attitude_reference = AttitudeReference(heard=now, q_nb=np.array(m.q), ang_vel=rates, thrust=m.thrust)
+        self.attitude_reference = AttitudeReference(
+            heard=now, q_nb=np.array(m.q), ang_vel=rates, thrust=m.thrust
+        )
 
     def _text(self, m: mavlink.MAVLink_statustext_message, now: float) -> None:
         text = m.text if isinstance(m.text, str) else m.text.decode(errors="replace")

@@ -62,7 +62,9 @@ class _Reader:
         while self.at < len(self.data):
             whole = self._next()
             if whole is None and self.defining:
-                raise WireError(f"byte {self.at}: the log ends amid its definitions; its parameters are not all there")
+                raise WireError(
+                    f"byte {self.at}: the log ends amid its definitions; its parameters are not all there"
+                )
             if whole is None:
                 break
             kind, body = whole
@@ -70,8 +72,10 @@ class _Reader:
             if kind in _KNOWN and body:
                 self._take(kind, body, place)
             elif self.defining:
-                raise WireError(f"byte {place}: got a message of type {kind} and {len(body)} bytes amid the definitions,"
-                                f" expected one of {_KNOWN.decode()}")  # fmt: skip
+                raise WireError(
+                    f"byte {place}: got a message of type {kind} and {len(body)} bytes amid the definitions,"
+                    f" expected one of {_KNOWN.decode()}"
+                )
             elif not self._recover(place):
                 break
         return self.log
@@ -106,7 +110,9 @@ class _Reader:
             raise WireError(f"byte {_START}: got flags of {len(body)} bytes, expected {_FLAGS.size} or more")
         _, incompatible, *offsets = _FLAGS.unpack_from(body)
         if incompatible[0] & ~1 or any(incompatible[1:]):
-            raise WireError(f"byte {_START}: the log says that it is of a newer kind (incompatible flags {incompatible.hex()})")
+            raise WireError(
+                f"byte {_START}: the log says that it is of a newer kind (incompatible flags {incompatible.hex()})"
+            )
         self.appended = sorted(o for o in offsets if _START < o <= len(self.data))
 
     def _keyed(self, kind: int, body: bytes) -> None:

@@ -26,7 +26,13 @@ def tries(r: Rig, t: Transcript, key: str, *, force: bool = False) -> None:
 
 @case("arm and disarm", "in HOLD on the ground, twice; then until it disarms by itself", ground=False)
 def arm_and_disarm(r: Rig, t: Transcript) -> None:
-    for key, do in (("arm", r.arm), ("arm again", r.arm), ("disarm", r.disarm), ("disarm again", r.disarm), ("arm", r.arm)):
+    for key, do in (
+        ("arm", r.arm),
+        ("arm again", r.arm),
+        ("disarm", r.disarm),
+        ("disarm again", r.disarm),
+        ("arm", r.arm),
+    ):
         r.clear()
         t.note(f"{key}: ack", do())
         t.note(f"{key}: severities", " ".join(str(s) for s, _ in r.texts()) or "none")
@@ -64,7 +70,9 @@ def without_poses(r: Rig, t: Transcript) -> None:
             if message == "local":
                 r.local(mask, (0, 0, 0))
             else:
-                r.send(mavlink.MAVLink_set_attitude_target_message(0, r.id, 1, mask, [1, 0, 0, 0], 0, 0, 0, 0.0))
+                r.send(
+                    mavlink.MAVLink_set_attitude_target_message(0, r.id, 1, mask, [1, 0, 0, 0], 0, 0, 0, 0.0)
+                )
 
         r.each.append(speak)
         r.run(1.0).clear()
@@ -112,7 +120,12 @@ def low_battery(r: Rig, t: Transcript) -> None:
     tries(r, t, "below COM_ARM_BAT_MIN")
 
 
-@case("arm tilted", "poses that say it lies on its side do not matter, a vehicle that does: refused", ground=False, setup=Setup())
+@case(
+    "arm tilted",
+    "poses that say it lies on its side do not matter, a vehicle that does: refused",
+    ground=False,
+    setup=Setup(),
+)
 def wrong_yaw(r: Rig, t: Transcript) -> None:
     r.shift[:] = (math.pi, 0.0, 0.0)
     r.run(1.0)

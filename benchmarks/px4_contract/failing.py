@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from arena.wire.px4mode import mode_words
+from arena.wire.px4_mode import mode_words
 from px4_contract.cases import case
 from px4_contract.flying import hover, watch_modes
 from px4_contract.params import FLOAT, INT, packed, write
@@ -47,7 +47,16 @@ def _watch(r: Rig) -> None:
     r.command(511, 245, 100_000)
 
 
-OFFBOARD_LOST = {0: "position", 1: "altitude", 2: "stabilized", 3: "return", 4: "land", 5: "hold", 6: "terminate", 7: "disarm"}
+OFFBOARD_LOST = {
+    0: "position",
+    1: "altitude",
+    2: "stabilized",
+    3: "return",
+    4: "land",
+    5: "hold",
+    6: "terminate",
+    7: "disarm",
+}
 
 
 def _offboard_lost(action: int, wait_s: float) -> None:
@@ -73,7 +82,11 @@ for _action in (4, 5, 0):
     _offboard_lost(_action, 5.0)
 
 
-@case("offboard lost and found", "the setpoints stop, then come again: it stays in the failsafe until asked", ground=False)
+@case(
+    "offboard lost and found",
+    "the setpoints stop, then come again: it stays in the failsafe until asked",
+    ground=False,
+)
 def lost_and_found(r: Rig, t: Transcript) -> None:
     hover(r)
     _watch(r)
@@ -99,7 +112,11 @@ def lost_and_found(r: Rig, t: Transcript) -> None:
     outcome(r, t, key="at last: ")
 
 
-@case("offboard left by rule", "a hovering vehicle's setpoints turn wrong: unknown frame, no values, NaN", ground=False)
+@case(
+    "offboard left by rule",
+    "a hovering vehicle's setpoints turn wrong: unknown frame, no values, NaN",
+    ground=False,
+)
 def left_by_rule(r: Rig, t: Transcript) -> None:
     from px4_contract.offboard import POSITION, local
 
@@ -107,9 +124,10 @@ def left_by_rule(r: Rig, t: Transcript) -> None:
     _watch(r)
     kept = list(r.each)
     for key, say in (
-        ("unknown frame", local(POSITION, p=(0, 0, -1.5), frame=99)), ("all nan", local(POSITION, p=(float("nan"),) * 3)),
+        ("unknown frame", local(POSITION, p=(0, 0, -1.5), frame=99)),
+        ("all nan", local(POSITION, p=(float("nan"),) * 3)),
         ("all ignored", local(0xFFF)),
-    ):  # fmt: skip
+    ):
         r.each[:] = [say]
         r.clear()
         took = r.until(lambda r: r.mode != "OFFBOARD", 4.0)
@@ -156,10 +174,16 @@ def poses_back(r: Rig, t: Transcript) -> None:
 
 
 def _data_link(action: int) -> None:
-    @case(f"data link lost, NAV_DLL_ACT {action}", "the ground station falls silent while it hovers in OFFBOARD", ground=False)
+    @case(
+        f"data link lost, NAV_DLL_ACT {action}",
+        "the ground station falls silent while it hovers in OFFBOARD",
+        ground=False,
+    )
     def run(r: Rig, t: Transcript) -> None:
         hover(r)
-        write(r, "NAV_DLL_ACT", packed(action), INT)  # in the air: while PX4 boots nobody is heard, and 5 terminates it there
+        write(
+            r, "NAV_DLL_ACT", packed(action), INT
+        )  # in the air: while PX4 boots nobody is heard, and 5 terminates it there
         _watch(r)
         r.clear()
         r.gcs = False
@@ -191,7 +215,12 @@ DRAIN = Setup(params={"SIM_BAT_DRAIN": 40.0}, profile={"battery": {"capacity_mah
 def _battery(action: int) -> None:
     setup = Setup(params={**DRAIN.params, "COM_LOW_BAT_ACT": action}, profile=DRAIN.profile)
 
-    @case(f"battery empties, COM_LOW_BAT_ACT {action}", "a small battery empties while it hovers", ground=False, setup=setup)
+    @case(
+        f"battery empties, COM_LOW_BAT_ACT {action}",
+        "a small battery empties while it hovers",
+        ground=False,
+        setup=setup,
+    )
     def run(r: Rig, t: Transcript) -> None:
         hover(r)
         _watch(r)
@@ -205,7 +234,11 @@ def _battery(action: int) -> None:
         for h in r.heard[begin:]:
             if h.name == "SYS_STATUS":
                 remaining = h.m.battery_remaining
-            elif h.name == "HEARTBEAT" and h.m is not None and (word := mode_words(h.m.custom_mode)) not in modes[-1:]:
+            elif (
+                h.name == "HEARTBEAT"
+                and h.m is not None
+                and (word := mode_words(h.m.custom_mode)) not in modes[-1:]
+            ):
                 modes.append(word)
                 left[word] = remaining
             elif h.name == "STATUSTEXT" and h.m.severity <= 4:
@@ -253,7 +286,11 @@ def jump(r: Rig, t: Transcript) -> None:
 
 
 def _parameters_in_flight() -> None:
-    @case("parameters in flight", "COM_OBL_RC_ACT and MPC_XY_VEL_MAX written while it hovers take effect", ground=False)
+    @case(
+        "parameters in flight",
+        "COM_OBL_RC_ACT and MPC_XY_VEL_MAX written while it hovers take effect",
+        ground=False,
+    )
     def run(r: Rig, t: Transcript) -> None:
         from px4_contract.params import INT
 

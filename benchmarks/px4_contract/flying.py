@@ -57,7 +57,7 @@ def watch_modes(r: Rig) -> list[tuple[float, str, int]]:
     """Every change of (mode, armed) and of landed_state that was heard: (time, words, landed state)."""
     found: list[tuple[float, str, int]] = []
     mode, landed = "", -1
-    from arena.wire.px4mode import mode_words
+    from arena.wire.px4_mode import mode_words
 
     for h in r.heard:
         if h.name == "HEARTBEAT":
@@ -72,7 +72,9 @@ def watch_modes(r: Rig) -> list[tuple[float, str, int]]:
 
 
 @case(
-    "take off and land", "MAV_CMD_NAV_TAKEOFF from HOLD, hold, MAV_CMD_NAV_LAND: times, heights, states on the way", ground=False
+    "take off and land",
+    "MAV_CMD_NAV_TAKEOFF from HOLD, hold, MAV_CMD_NAV_LAND: times, heights, states on the way",
+    ground=False,
 )
 def takeoff_land(r: Rig, t: Transcript) -> None:
     t.note("arm ack", r.arm())
@@ -96,7 +98,9 @@ def takeoff_land(r: Rig, t: Transcript) -> None:
     t.number("height held", -r.p_n[2], near=0.25, unit="m")
     t.number("drifted", float(np.hypot(*r.p_n[:2])), near=0.25, unit="m")
     states = [s for _, _, s in watch_modes(r)]
-    t.note("landed_state seen on the way", " ".join(str(s) for s in dict.fromkeys(s for s in states if s >= 0)))
+    t.note(
+        "landed_state seen on the way", " ".join(str(s) for s in dict.fromkeys(s for s in states if s >= 0))
+    )
     r.clear()
     t.note("disarm in the air: ack", r.disarm())
     t.note("disarm in the air: state", state(r))
@@ -134,7 +138,11 @@ def takeoff_to(r: Rig, t: Transcript) -> None:
     come_down(r)
 
 
-@case("take off, disarmed", "MAV_CMD_NAV_TAKEOFF and MAV_CMD_NAV_LAND to a disarmed vehicle on the ground", ground=False)
+@case(
+    "take off, disarmed",
+    "MAV_CMD_NAV_TAKEOFF and MAV_CMD_NAV_LAND to a disarmed vehicle on the ground",
+    ground=False,
+)
 def takeoff_disarmed(r: Rig, t: Transcript) -> None:
     for key, number in (("takeoff", 22), ("land", 21), ("return", 20)):
         r.clear()
@@ -164,7 +172,9 @@ def land_on_ground(r: Rig, t: Transcript) -> None:
 def modes_in_air(r: Rig, t: Transcript) -> None:
     hover(r)
     r.command(511, 436, 50_000)
-    asked = [(m, 0) for m in (1, 2, 3, 5, 7, 8, 9, 10)] + [(4, s) for s in (0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 15, 18, 99)]
+    asked = [(m, 0) for m in (1, 2, 3, 5, 7, 8, 9, 10)] + [
+        (4, s) for s in (0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 15, 18, 99)
+    ]
     for main, sub in asked:
         r.clear()
         t.note(f"{main}.{sub}: ack", r.set_mode(main, sub))
@@ -195,18 +205,30 @@ def commands_in_air(r: Rig, t: Transcript) -> None:
     alt = g.alt / 1e3 if g else 0.0
     step = math.degrees(2.0 / 6371000.0)
     for name, number, p, way in (
-        ("loiter unlimited", 17, (), "long"), ("pause", 193, (0,), "long"), ("continue", 193, (1,), "long"),
-        ("change speed", 178, (1, 2, -1, 0), "long"), ("arm, armed", 400, (1,), "long"), ("reboot", 246, (1,), "long"),
-        ("calibrate gyro", 241, (1,), "long"), ("set home here", 179, (1,), "long"),
+        ("loiter unlimited", 17, (), "long"),
+        ("pause", 193, (0,), "long"),
+        ("continue", 193, (1,), "long"),
+        ("change speed", 178, (1, 2, -1, 0), "long"),
+        ("arm, armed", 400, (1,), "long"),
+        ("reboot", 246, (1,), "long"),
+        ("calibrate gyro", 241, (1,), "long"),
+        ("set home here", 179, (1,), "long"),
         ("takeoff", 22, (0, 0, 0, NAN, NAN, NAN, alt + 2), "long"),
-        ("set mode HOLD", 176, (1, 4, 3), "long"), ("arm 2", 400, (2,), "long"),
+        ("set mode HOLD", 176, (1, 4, 3), "long"),
+        ("arm 2", 400, (2,), "long"),
         ("actuator test", 310, (0.1, 1, 0, 0, 1), "long"),
         ("motor test", 209, (1, 0, 10, 1), "long"),
         ("reposition 2 m north", 192, (-1, 1, 0, NAN, lat + step, lon, alt), "long"),
-        ("reposition back by COMMAND_INT", 192, (-1, 1, 0, NAN, round(lat * 1e7), round(lon * 1e7), alt), "int"),
-        ("reposition nowhere", 192, (-1, 1, 0, NAN, NAN, NAN, NAN), "long"), ("orbit", 34, (2, 1, 0, NAN, NAN, NAN, NAN), "long"),
+        (
+            "reposition back by COMMAND_INT",
+            192,
+            (-1, 1, 0, NAN, round(lat * 1e7), round(lon * 1e7), alt),
+            "int",
+        ),
+        ("reposition nowhere", 192, (-1, 1, 0, NAN, NAN, NAN, NAN), "long"),
+        ("orbit", 34, (2, 1, 0, NAN, NAN, NAN, NAN), "long"),
         ("set mode HOLD again", 176, (1, 4, 3), "long"),
-    ):  # fmt: skip
+    ):
         r.clear()
         before = r.p_n.copy()
         t.note(f"{name}: ack", r.command(number, *p, way=way))
@@ -218,7 +240,11 @@ def commands_in_air(r: Rig, t: Transcript) -> None:
     come_down(r)
 
 
-@case("rates and contents in the air", "every message with its rate, and what stands in it, hovering in OFFBOARD", ground=False)
+@case(
+    "rates and contents in the air",
+    "every message with its rate, and what stands in it, hovering in OFFBOARD",
+    ground=False,
+)
 def rates_flying(r: Rig, t: Transcript) -> None:
     hover(r)
     r.clear()
@@ -269,10 +295,16 @@ def other_setters(r: Rig, t: Transcript) -> None:
     q = [1.0, 0.0, 0.0, 0.0]
     nan21 = [NAN] * 21
     for key, m in (
-        ("SET_ACTUATOR_CONTROL_TARGET", mavlink.MAVLink_set_actuator_control_target_message(0, 0, r.id, 1, [0.0] * 8)),
+        (
+            "SET_ACTUATOR_CONTROL_TARGET",
+            mavlink.MAVLink_set_actuator_control_target_message(0, 0, r.id, 1, [0.0] * 8),
+        ),
         ("RC_CHANNELS_OVERRIDE", mavlink.MAVLink_rc_channels_override_message(r.id, 1, *[1000] * 8)),
         ("ATT_POS_MOCAP far off", mavlink.MAVLink_att_pos_mocap_message(0, q, 9.0, 9.0, -9.0, nan21)),
-        ("SET_HOME_POSITION", mavlink.MAVLink_set_home_position_message(r.id, 473978000, 85456000, 500000, 0, 0, 0, q, 0, 0, 0)),
+        (
+            "SET_HOME_POSITION",
+            mavlink.MAVLink_set_home_position_message(r.id, 473978000, 85456000, 500000, 0, 0, 0, q, 0, 0, 0),
+        ),
         ("SET_GPS_GLOBAL_ORIGIN", mavlink.MAVLink_set_gps_global_origin_message(r.id, 400_000_000, 0, 0)),
     ):
         r.clear()

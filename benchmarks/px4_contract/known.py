@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 _SAFER = "safer: nothing comes back into OFFBOARD by itself (the pilot wins); PX4 returns to it with the next setpoint or pose"
-_AFTER = "safer: after landing and disarming it stands in HOLD; PX4 goes back to the mode that was asked for last"
-_THRUST = (
-    "safer: an attitude without a thrust, or with one that is no number, is refused; PX4 v1.16 flies it with thrust 0 and falls"
+_AFTER = (
+    "safer: after landing and disarming it stands in HOLD; PX4 goes back to the mode that was asked for last"
 )
+_THRUST = "safer: an attitude without a thrust, or with one that is no number, is refused; PX4 v1.16 flies it with thrust 0 and falls"
 _RANGE = "safer: a value that is not finite or out of its documented range is answered with the old one; PX4 v1.16 takes anything"
-_STREAMS = "nothing there that it could tell: ESCs, vibration, remote id, events, link statistics, time to target"
+_STREAMS = (
+    "nothing there that it could tell: ESCs, vibration, remote id, events, link statistics, time to target"
+)
 _SENSORS = "the sensors that are there differ: no compass, logger and stick receiver, but vision"
 _STICKS = "no sticks: modes flown by hand do not exist; the failsafes that ask for them land"
-_NO_NUMBERS = "safer: an attitude, rates or thrust that are no numbers are refused; PX4 v1.16 enters OFFBOARD with them"
+_NO_NUMBERS = (
+    "safer: an attitude, rates or thrust that are no numbers are refused; PX4 v1.16 enters OFFBOARD with them"
+)
 _LANDS_SOONER = "AUTO.LAND sets out at once; PX4's jerk-limited trajectory takes half a second to"
 _TOLD = "what flies is told: none in attitude and rates, a point to brake to while landing; PX4 repeats what was told before"
-_ARGUMENTS = "an argument that makes no sense is denied; PX4 acknowledges it and does nothing, or something else"
-_TWICE = "PX4 v1.16 acknowledges MAV_CMD_DO_SET_MODE twice, accepted first; only the answer that counts is sent"
+_ARGUMENTS = (
+    "an argument that makes no sense is denied; PX4 acknowledges it and does nothing, or something else"
+)
+_TWICE = (
+    "PX4 v1.16 acknowledges MAV_CMD_DO_SET_MODE twice, accepted first; only the answer that counts is sent"
+)
 _TERMINATES = "flight termination is told as a mode and a state of its own; PX4's heartbeat goes on as it was"
 _NO_REBOOT = "a SITL of PX4 cannot reboot and denies it; here the estimator begins anew"
 _INTERVAL = "an interval shorter than a step is the step; PX4 stops the stream"

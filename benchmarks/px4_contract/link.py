@@ -15,7 +15,11 @@ from px4_contract.transcript import Transcript
 SENSORS = {
     v: k.removeprefix("MAV_SYS_STATUS_").removeprefix("SENSOR_").lower()
     for k, v in vars(mavlink).items()
-    if k.startswith("MAV_SYS_STATUS_") and isinstance(v, int) and v > 0 and "RECOVERY" not in k and "LEAK" not in k
+    if k.startswith("MAV_SYS_STATUS_")
+    and isinstance(v, int)
+    and v > 0
+    and "RECOVERY" not in k
+    and "LEAK" not in k
 }
 CAPABILITIES = {
     v: k.removeprefix("MAV_PROTOCOL_CAPABILITY_").lower()
@@ -99,7 +103,10 @@ def contents(r: Rig, t: Transcript) -> None:  # noqa: C901 - a list, not a decis
         t.number("SYS_STATUS voltage", m.voltage_battery / 1e3, near=0.8, unit="V")
         t.note("SYS_STATUS current known", m.current_battery != -1)
     if m := newest(r, "BATTERY_STATUS"):
-        t.note("BATTERY_STATUS", f"id {m.id} function {m.battery_function} type {m.type} state {m.charge_state} mode {m.mode}")
+        t.note(
+            "BATTERY_STATUS",
+            f"id {m.id} function {m.battery_function} type {m.type} state {m.charge_state} mode {m.mode}",
+        )
         t.note("BATTERY_STATUS temperature known", m.temperature != 32767)
         t.note("BATTERY_STATUS cells", sum(v != 65535 for v in m.voltages))
         t.number("BATTERY_STATUS remaining", m.battery_remaining, near=10, unit="%")
@@ -121,11 +128,16 @@ def contents(r: Rig, t: Transcript) -> None:  # noqa: C901 - a list, not a decis
         t.note("ESTIMATOR_STATUS flags", bits(m.flags, names))
     if m := newest(r, "LOCAL_POSITION_NED"):
         for axis, at in zip("xyz", r.p_n, strict=True):
-            t.number(f"LOCAL_POSITION_NED {axis} off the truth", getattr(m, axis) - float(at), near=0.06, unit="m")
+            t.number(
+                f"LOCAL_POSITION_NED {axis} off the truth", getattr(m, axis) - float(at), near=0.06, unit="m"
+            )
     if m := newest(r, "ODOMETRY"):
         t.note("ODOMETRY", f"frame {m.frame_id} child {m.child_frame_id} estimator {m.estimator_type}")
         t.note("ODOMETRY pose covariance", finite(*(m.pose_covariance[k] for k in (0, 1, 6, 11, 15, 18, 20))))
-        t.note("ODOMETRY velocity covariance", finite(*(m.velocity_covariance[k] for k in (0, 1, 6, 11, 15, 18, 20))))
+        t.note(
+            "ODOMETRY velocity covariance",
+            finite(*(m.velocity_covariance[k] for k in (0, 1, 6, 11, 15, 18, 20))),
+        )
     if m := newest(r, "ATTITUDE_TARGET"):
         t.note("ATTITUDE_TARGET type_mask", m.type_mask)
     if m := newest(r, "POSITION_TARGET_LOCAL_NED"):
@@ -190,10 +202,58 @@ def contents_disarmed(r: Rig, t: Transcript) -> None:
     contents(r, t)
 
 
-@case("request message", "MAV_CMD_REQUEST_MESSAGE of every message of the link, of others and of unknown ones")
+@case(
+    "request message", "MAV_CMD_REQUEST_MESSAGE of every message of the link, of others and of unknown ones"
+)
 def request(r: Rig, t: Transcript) -> None:
-    wanted = [0, 1, 2, 24, 26, 27, 29, 30, 31, 32, 33, 36, 42, 49, 62, 65, 74, 77, 83, 85, 87, 93, 105, 111, 141, 147, 148, 230,
-              231, 241, 242, 245, 259, 261, 263, 264, 265, 300, 331, 340, 395, 411, 435, 436, 9999, 70000]  # fmt: skip
+    wanted = [
+        0,
+        1,
+        2,
+        24,
+        26,
+        27,
+        29,
+        30,
+        31,
+        32,
+        33,
+        36,
+        42,
+        49,
+        62,
+        65,
+        74,
+        77,
+        83,
+        85,
+        87,
+        93,
+        105,
+        111,
+        141,
+        147,
+        148,
+        230,
+        231,
+        241,
+        242,
+        245,
+        259,
+        261,
+        263,
+        264,
+        265,
+        300,
+        331,
+        340,
+        395,
+        411,
+        435,
+        436,
+        9999,
+        70000,
+    ]
     for msgid in wanted:
         r.command(511, msgid, -1)
         r.run(0.1).clear()
@@ -224,10 +284,14 @@ def interval(r: Rig, t: Transcript) -> None:
         t.note(f"ATTITUDE {key}: ack", r.command(511, 30, us))
         t.number(f"ATTITUDE {key}", hz(), near=0.6, part=0.1, unit="Hz")
     for key, p in (
-        ("unknown message", (9999.0, 1e6)), ("nan id", (math.nan, 1e6)), ("nan interval", (30.0, math.nan)),
-        ("minus two", (30.0, -2.0)), ("infinite", (30.0, math.inf)), ("id by fraction", (30.4, 100_000.0)),
+        ("unknown message", (9999.0, 1e6)),
+        ("nan id", (math.nan, 1e6)),
+        ("nan interval", (30.0, math.nan)),
+        ("minus two", (30.0, -2.0)),
+        ("infinite", (30.0, math.inf)),
+        ("id by fraction", (30.4, 100_000.0)),
         ("huge id", (1e9, 1e6)),
-    ):  # fmt: skip
+    ):
         t.note(f"{key}: ack", r.command(511, *p))
         t.number(f"ATTITUDE after {key}", hz(3.0), near=0.8, part=0.1, unit="Hz")
         r.command(511, 30, 0)
@@ -235,7 +299,9 @@ def interval(r: Rig, t: Transcript) -> None:
         r.clear()
         t.note(f"get {msgid}: ack", r.command(510, msgid))
         found = r.all("MESSAGE_INTERVAL")
-        t.number(f"get {msgid}: interval", found[-1].interval_us if found else None, near=1.0, part=0.05, unit="us")
+        t.number(
+            f"get {msgid}: interval", found[-1].interval_us if found else None, near=1.0, part=0.05, unit="us"
+        )
     t.note("set by COMMAND_INT: ack", r.command(511, 30, 200_000, way="int"))
     t.number("ATTITUDE set by COMMAND_INT", hz(), near=0.6, unit="Hz")
     r.command(511, 30, 0)
@@ -259,10 +325,18 @@ def protocols(r: Rig, t: Transcript) -> None:
         found = [m for m in r.all("PING") if m.seq == 77]
         t.note(f"PING {key} answered", bool(found))
         if found:
-            t.note(f"PING {key} answer's target", f"{found[-1].target_system == r.id} {found[-1].target_component}")
+            t.note(
+                f"PING {key} answer's target",
+                f"{found[-1].target_system == r.id} {found[-1].target_component}",
+            )
 
 
-@case("gps origin", "SET_GPS_GLOBAL_ORIGIN where none is known: what it makes valid", setup=Setup(origin=False), ground=False)
+@case(
+    "gps origin",
+    "SET_GPS_GLOBAL_ORIGIN where none is known: what it makes valid",
+    setup=Setup(origin=False),
+    ground=False,
+)
 def origin(r: Rig, t: Transcript) -> None:
     for key in ("before", "after"):
         r.clear()
@@ -281,9 +355,14 @@ def origin(r: Rig, t: Transcript) -> None:
     if m := newest(r, "GLOBAL_POSITION_INT"):
         t.number("lat", m.lat * 1e-7, near=1e-4, unit="deg")
         t.number("alt", m.alt / 1e3, near=0.6, unit="m")
-    for key, place in (("out of range", (2_000_000_000, 0, 0)), ("again, elsewhere", (400_000_000, -91_000_000, 50_000))):
+    for key, place in (
+        ("out of range", (2_000_000_000, 0, 0)),
+        ("again, elsewhere", (400_000_000, -91_000_000, 50_000)),
+    ):
         r.clear()
         r.send(mavlink.MAVLink_set_gps_global_origin_message(r.id, *place, 0))
         r.run(3.0)
         found = r.all("GPS_GLOBAL_ORIGIN")
-        t.note(f"{key}: GPS_GLOBAL_ORIGIN", f"{found[-1].latitude} {found[-1].longitude}" if found else "nothing")
+        t.note(
+            f"{key}: GPS_GLOBAL_ORIGIN", f"{found[-1].latitude} {found[-1].longitude}" if found else "nothing"
+        )

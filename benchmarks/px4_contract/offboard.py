@@ -31,8 +31,12 @@ def every(hz: float, say: Each) -> Each:
     return each
 
 
-def attitude(mask: int, q: Any = (1, 0, 0, 0), rates: tuple[float, float, float] = (0, 0, 0), thrust: float = 0.5) -> Each:
-    return lambda r: r.send(mavlink.MAVLink_set_attitude_target_message(0, r.id, 1, mask, list(q), *rates, thrust))
+def attitude(
+    mask: int, q: Any = (1, 0, 0, 0), rates: tuple[float, float, float] = (0, 0, 0), thrust: float = 0.5
+) -> Each:
+    return lambda r: r.send(
+        mavlink.MAVLink_set_attitude_target_message(0, r.id, 1, mask, list(q), *rates, thrust)
+    )
 
 
 def global_int(mask: int, frame: int, p: Any = (0, 0, 0), v: Any = (0, 0, 0)) -> Each:
@@ -79,36 +83,52 @@ def entered(r: Rig, t: Transcript) -> None:
         r.run(4.0)
         asks(f"at {hz:g} Hz")
     for key, say in (
-        ("nothing given", local(0b110111111111, p=(0, 0, -2))), ("all nan", local(POSITION, p=(NAN, NAN, NAN))),
-        ("one nan", local(POSITION, p=(NAN, 0, -2))), ("infinite", local(POSITION, p=(INF, 0, -2))),
-        ("velocity nan", local(VELOCITY, v=(NAN, NAN, NAN))), ("force", local(POSITION | FORCE, p=(0, 0, -2))),
-        ("only yaw", local(0b110111111111 & ~YAW, yaw=0.5)), ("only yaw rate", local(0b110111111111 & ~YAW_RATE, rate=0.5)),
-        ("acceleration", local(ACCELERATION, a=(0, 0, 0))), ("force bit, acceleration", local(ACCELERATION | FORCE, a=(0, 0, 0))),
-        ("frame 99", local(POSITION, p=(0, 0, -2), frame=99)), ("frame 0", local(POSITION, p=(0, 0, -2), frame=0)),
-        ("BODY_NED position", local(POSITION, p=(0, 0, -2), frame=8)), ("OFFSET_NED", local(POSITION, p=(0, 0, -2), frame=7)),
+        ("nothing given", local(0b110111111111, p=(0, 0, -2))),
+        ("all nan", local(POSITION, p=(NAN, NAN, NAN))),
+        ("one nan", local(POSITION, p=(NAN, 0, -2))),
+        ("infinite", local(POSITION, p=(INF, 0, -2))),
+        ("velocity nan", local(VELOCITY, v=(NAN, NAN, NAN))),
+        ("force", local(POSITION | FORCE, p=(0, 0, -2))),
+        ("only yaw", local(0b110111111111 & ~YAW, yaw=0.5)),
+        ("only yaw rate", local(0b110111111111 & ~YAW_RATE, rate=0.5)),
+        ("acceleration", local(ACCELERATION, a=(0, 0, 0))),
+        ("force bit, acceleration", local(ACCELERATION | FORCE, a=(0, 0, 0))),
+        ("frame 99", local(POSITION, p=(0, 0, -2), frame=99)),
+        ("frame 0", local(POSITION, p=(0, 0, -2), frame=0)),
+        ("BODY_NED position", local(POSITION, p=(0, 0, -2), frame=8)),
+        ("OFFSET_NED", local(POSITION, p=(0, 0, -2), frame=7)),
         ("BODY_OFFSET_NED velocity", local(VELOCITY, v=(0, 0, 0), frame=9)),
         ("BODY_FRD velocity", local(VELOCITY, v=(0, 0, 0), frame=12)),
-        ("x alone", local(0b110111111110, p=(0, 0, -2))), ("z alone", local(0b110111111011, p=(0, 0, -2))),
-        ("attitude", attitude(0b111)), ("attitude, thrust ignored", attitude(0b1000111)),
+        ("x alone", local(0b110111111110, p=(0, 0, -2))),
+        ("z alone", local(0b110111111011, p=(0, 0, -2))),
+        ("attitude", attitude(0b111)),
+        ("attitude, thrust ignored", attitude(0b1000111)),
         ("attitude, thrust nan", attitude(0b111, thrust=NAN)),
-        ("attitude nan", attitude(0b111, q=(NAN,) * 4)), ("attitude of zero length", attitude(0b111, q=(0, 0, 0, 0))),
+        ("attitude nan", attitude(0b111, q=(NAN,) * 4)),
+        ("attitude of zero length", attitude(0b111, q=(0, 0, 0, 0))),
         ("attitude of length 3", attitude(0b111, q=(3, 0, 0, 0))),
-        ("rates", attitude(0b10000000)), ("rates, one ignored", attitude(0b10000001)),
+        ("rates", attitude(0b10000000)),
+        ("rates, one ignored", attitude(0b10000001)),
         ("rates nan", attitude(0b10000000, rates=(NAN, 0, 0))),
-        ("everything ignored", attitude(0b11000111)), ("thrust beyond 1", attitude(0b111, thrust=7.0)),
+        ("everything ignored", attitude(0b11000111)),
+        ("thrust beyond 1", attitude(0b111, thrust=7.0)),
         ("global relative", global_int(POSITION, 6, (473977420, 85455940, 2.0))),
         ("global amsl", global_int(POSITION, 5, (473977420, 85455940, 2.0))),
-    ):  # fmt: skip
+    ):
         r.each.append(say)
         r.run(1.5)
         asks(key)
     r.each.append(
-        lambda r: r.send(mavlink.MAVLink_set_position_target_local_ned_message(0, 7, 1, 1, POSITION, 0, 0, -2, *[0] * 8))
+        lambda r: r.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(0, 7, 1, 1, POSITION, 0, 0, -2, *[0] * 8)
+        )
     )
     r.run(1.5)
     asks("setpoints for another system")
     r.each.append(
-        lambda r: r.send(mavlink.MAVLink_set_position_target_local_ned_message(0, 0, 0, 1, POSITION, 0, 0, -2, *[0] * 8))
+        lambda r: r.send(
+            mavlink.MAVLink_set_position_target_local_ned_message(0, 0, 0, 1, POSITION, 0, 0, -2, *[0] * 8)
+        )
     )
     r.run(1.5)
     asks("setpoints for everybody")
@@ -125,8 +145,16 @@ SETPOINTS: tuple[tuple[str, Each, float], ...] = (
     ("position without yaw", local(POSITION, p=(1, 0.5, -1.8)), 4.0),
     ("position with yaw rate", local(POSITION & ~YAW_RATE, p=(1, 0.5, -1.8), rate=0.5), 4.0),
     ("yaw and yaw rate", local(POSITION & ~YAW & ~YAW_RATE, p=(0, 0, -1.5), yaw=NOSE + 1.0, rate=0.2), 4.0),
-    ("position and velocity", local(POSITION & VELOCITY & ~YAW, p=(0, 0, -1.5), v=(0.5, 0, 0), yaw=NOSE), 4.0),
-    ("position, velocity, acceleration", local(0, p=(0, 0, -1.5), v=(0.3, 0, 0), a=(0.3, 0, 0), yaw=NOSE, rate=0.0), 4.0),
+    (
+        "position and velocity",
+        local(POSITION & VELOCITY & ~YAW, p=(0, 0, -1.5), v=(0.5, 0, 0), yaw=NOSE),
+        4.0,
+    ),
+    (
+        "position, velocity, acceleration",
+        local(0, p=(0, 0, -1.5), v=(0.3, 0, 0), a=(0.3, 0, 0), yaw=NOSE, rate=0.0),
+        4.0,
+    ),
     ("x, y position and z velocity", local(0b100111011100, p=(1, 0, 0), v=(0, 0, -0.3), yaw=NOSE), 3.0),
     ("z position and x, y velocity", local(0b100111100011, p=(0, 0, -1.5), v=(0.5, -0.3, 0), yaw=NOSE), 3.0),
     ("x position alone", local(0b100111111110, p=(1, 0, 0), yaw=NOSE), 3.0),
@@ -136,14 +164,26 @@ SETPOINTS: tuple[tuple[str, Each, float], ...] = (
     ("velocity with yaw rate", local(VELOCITY & ~YAW_RATE, v=(0.5, 0, 0), rate=0.5), 3.0),
     ("velocity, x ignored", local((VELOCITY | 0b1000) & ~YAW, v=(0.6, -0.4, 0), yaw=NOSE), 3.0),
     ("velocity nan in x", local(VELOCITY & ~YAW, v=(NAN, 0.5, 0), yaw=NOSE), 3.0),
-    ("velocity and acceleration", local(VELOCITY & ACCELERATION & ~YAW, v=(0.5, 0, 0), a=(0.2, 0, 0), yaw=NOSE), 3.0),
+    (
+        "velocity and acceleration",
+        local(VELOCITY & ACCELERATION & ~YAW, v=(0.5, 0, 0), a=(0.2, 0, 0), yaw=NOSE),
+        3.0,
+    ),
     ("acceleration", local(ACCELERATION & ~YAW, a=(0.4, 0, 0), yaw=NOSE), 2.0),
     ("acceleration up", local(ACCELERATION & ~YAW, a=(0.0, 0, -0.4), yaw=NOSE), 2.0),
     ("BODY_NED velocity", local(VELOCITY & ~YAW, v=(0.6, 0, 0), yaw=NOSE, frame=8), 3.0),
     ("BODY_NED velocity, yaw rate", local(VELOCITY & ~YAW_RATE, v=(0.6, 0, 0), rate=0.3, frame=8), 3.0),
-    ("BODY_NED velocity, x ignored", local((VELOCITY | 0b1000) & ~YAW, v=(0.6, 0.4, 0), yaw=NOSE, frame=8), 3.0),
+    (
+        "BODY_NED velocity, x ignored",
+        local((VELOCITY | 0b1000) & ~YAW, v=(0.6, 0.4, 0), yaw=NOSE, frame=8),
+        3.0,
+    ),
     ("BODY_NED position", local(POSITION & ~YAW, p=(1, 0, 0), yaw=NOSE, frame=8), 3.0),
-    ("BODY_NED position and velocity", local(POSITION & VELOCITY & ~YAW, p=(1, 0, 0), v=(0.5, 0, 0), yaw=NOSE, frame=8), 3.0),
+    (
+        "BODY_NED position and velocity",
+        local(POSITION & VELOCITY & ~YAW, p=(1, 0, 0), v=(0.5, 0, 0), yaw=NOSE, frame=8),
+        3.0,
+    ),
     ("BODY_NED acceleration", local(ACCELERATION & ~YAW, a=(0.4, 0, 0), yaw=NOSE, frame=8), 2.0),
     ("LOCAL_OFFSET_NED position", local(POSITION & ~YAW, p=(1, 0, 0), yaw=NOSE, frame=7), 3.0),
     ("BODY_OFFSET_NED position", local(POSITION & ~YAW, p=(1, 0, 0), yaw=NOSE, frame=9), 3.0),
@@ -176,7 +216,7 @@ SETPOINTS: tuple[tuple[str, Each, float], ...] = (
     ("global amsl", global_int(POSITION & ~YAW, 5, (473977510, 85455940, 2.0)), 4.0),
     ("global velocity", global_int(VELOCITY & ~YAW, 6, v=(0.6, 0, 0)), 3.0),
     ("global, frame of the floor", global_int(POSITION & ~YAW, 11, (473977510, 85455940, 2.0)), 4.0),
-)  # fmt: skip
+)
 
 
 def _yaw(r: Rig) -> float:
@@ -191,7 +231,9 @@ def _settle(r: Rig) -> bool:
     r.set_mode(6)  # whatever the last heartbeat, a second old, said
     done = r.until(
         lambda r: (
-            np.linalg.norm(r.p_n - (0, 0, -1.5)) < 0.15 and np.linalg.norm(r.truth().v_n[0]) < 0.08 and abs(_yaw(r) - NOSE) < 0.08
+            np.linalg.norm(r.p_n - (0, 0, -1.5)) < 0.15
+            and np.linalg.norm(r.truth().v_n[0]) < 0.08
+            and abs(_yaw(r) - NOSE) < 0.08
         ),
         15.0,
     )
@@ -214,7 +256,11 @@ def one_setpoint(r: Rig, t: Transcript, name: str, say: Each, seconds: float) ->
     if m is not None and r.heard and any(h.name == "POSITION_TARGET_LOCAL_NED" for h in r.heard):
         given = " ".join(
             k
-            for k, v in zip(["x", "y", "z", "vx", "vy", "vz", "yaw"], (m.x, m.y, m.z, m.vx, m.vy, m.vz, m.yaw), strict=True)
+            for k, v in zip(
+                ["x", "y", "z", "vx", "vy", "vz", "yaw"],
+                (m.x, m.y, m.z, m.vx, m.vy, m.vz, m.yaw),
+                strict=True,
+            )
             if math.isfinite(v)
         )
         t.note(f"{name}: target told", given)
@@ -223,8 +269,12 @@ def one_setpoint(r: Rig, t: Transcript, name: str, say: Each, seconds: float) ->
 
 
 def _register(part: str, which: slice) -> None:
-    @case(f"setpoints in the air, {part}", "each mask and frame, hovering: where it has gone after seconds", ground=False,
-          setup=Setup())  # fmt: skip
+    @case(
+        f"setpoints in the air, {part}",
+        "each mask and frame, hovering: where it has gone after seconds",
+        ground=False,
+        setup=Setup(),
+    )
     def run(r: Rig, t: Transcript) -> None:
         hover(r)
         for name, say, seconds in SETPOINTS[which]:

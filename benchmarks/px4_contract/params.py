@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.params import SPECS
+from arena.autopilot.param_table import SPECS
 from px4_contract.cases import case
 from px4_contract.rig import Rig
 from px4_contract.transcript import Transcript
@@ -22,7 +22,11 @@ def packed(value: int) -> float:
 
 
 def value_of(m: Any) -> float:
-    return float(struct.unpack("<i", struct.pack("<f", m.param_value))[0]) if m.param_type == INT else float(m.param_value)
+    return (
+        float(struct.unpack("<i", struct.pack("<f", m.param_value))[0])
+        if m.param_type == INT
+        else float(m.param_value)
+    )
 
 
 def read(r: Rig, name: str, index: int = -1, to: tuple[int, int] | None = None) -> Any:
@@ -62,7 +66,10 @@ def listing(r: Rig, t: Transcript) -> None:
     t.note("one count", len(counts) == 1)
     t.note("as many as the count", len(indices) == max(counts))
     t.note("each index once", sorted(indices) == list(range(len(indices))))
-    t.note("sorted by name", sorted(indices) == [m.param_index for n, m in sorted(found.items()) if m.param_index != 65535])
+    t.note(
+        "sorted by name",
+        sorted(indices) == [m.param_index for n, m in sorted(found.items()) if m.param_index != 65535],
+    )
     t.note("_HASH_CHECK is among them", "_HASH_CHECK" in found)
     t.note("count", max(counts))
     for name in sorted(SPECS):
@@ -81,10 +88,14 @@ def reading(r: Rig, t: Transcript) -> None:
         again = read(r, "", m.param_index) if m else None
         t.note(f"{name} by its index", again.param_id if again else "silence")
     for key, name, index in (
-        ("unknown name", "NO_SUCH_NAME", -1), ("no name", "", -1), ("sixteen letters", "ABCDEFGHIJKLMNOP", -1),
-        ("lower case", "mpc_xy_p", -1), ("index beyond", "", 5000), ("index minus two", "MPC_XY_P", -2),
+        ("unknown name", "NO_SUCH_NAME", -1),
+        ("no name", "", -1),
+        ("sixteen letters", "ABCDEFGHIJKLMNOP", -1),
+        ("lower case", "mpc_xy_p", -1),
+        ("index beyond", "", 5000),
+        ("index minus two", "MPC_XY_P", -2),
         ("hash", "_HASH_CHECK", -1),
-    ):  # fmt: skip
+    ):
         m = read(r, name, index)
         t.note(key, m.param_id if m else "silence")
     for key, to in (
@@ -97,19 +108,33 @@ def reading(r: Rig, t: Transcript) -> None:
         t.note(key, m.param_id if m else "silence")
 
 
-@case("parameter write", "PARAM_SET of each type, wrong types, values out of range, not finite, unknown names, for others")
+@case(
+    "parameter write",
+    "PARAM_SET of each type, wrong types, values out of range, not finite, unknown names, for others",
+)
 def writing(r: Rig, t: Transcript) -> None:
-    before = {name: read(r, name) for name in ("MPC_XY_P", "COM_OBL_RC_ACT", "MPC_LAND_SPEED", "COM_DISARM_LAND")}
+    before = {
+        name: read(r, name) for name in ("MPC_XY_P", "COM_OBL_RC_ACT", "MPC_LAND_SPEED", "COM_DISARM_LAND")
+    }
     for key, name, value, kind in (
-        ("float", "MPC_XY_P", 1.1, FLOAT), ("integer", "COM_OBL_RC_ACT", packed(5), INT),
-        ("float out of its documented range, above", "MPC_XY_P", 7.0, FLOAT), ("float below", "MPC_XY_P", -1.0, FLOAT),
-        ("integer out of range", "COM_OBL_RC_ACT", packed(99), INT), ("negative integer", "COM_OBL_RC_ACT", packed(-3), INT),
-        ("nan", "MPC_XY_P", math.nan, FLOAT), ("infinite", "MPC_XY_P", math.inf, FLOAT), ("huge", "MPC_XY_P", 1e30, FLOAT),
-        ("float back", "MPC_XY_P", 0.95, FLOAT), ("integer back", "COM_OBL_RC_ACT", packed(4), INT),
-        ("integer as a float", "COM_OBL_RC_ACT", 5.0, FLOAT), ("float as an integer", "MPC_XY_P", packed(1), INT),
+        ("float", "MPC_XY_P", 1.1, FLOAT),
+        ("integer", "COM_OBL_RC_ACT", packed(5), INT),
+        ("float out of its documented range, above", "MPC_XY_P", 7.0, FLOAT),
+        ("float below", "MPC_XY_P", -1.0, FLOAT),
+        ("integer out of range", "COM_OBL_RC_ACT", packed(99), INT),
+        ("negative integer", "COM_OBL_RC_ACT", packed(-3), INT),
+        ("nan", "MPC_XY_P", math.nan, FLOAT),
+        ("infinite", "MPC_XY_P", math.inf, FLOAT),
+        ("huge", "MPC_XY_P", 1e30, FLOAT),
+        ("float back", "MPC_XY_P", 0.95, FLOAT),
+        ("integer back", "COM_OBL_RC_ACT", packed(4), INT),
+        ("integer as a float", "COM_OBL_RC_ACT", 5.0, FLOAT),
+        ("float as an integer", "MPC_XY_P", packed(1), INT),
         ("integer as a byte", "COM_OBL_RC_ACT", packed(5), mavlink.MAV_PARAM_TYPE_UINT8),
-        ("no type", "MPC_XY_P", 1.0, 0), ("unknown name", "NO_SUCH_NAME", 1.0, FLOAT), ("hash", "_HASH_CHECK", 0.0, INT),
-    ):  # fmt: skip
+        ("no type", "MPC_XY_P", 1.0, 0),
+        ("unknown name", "NO_SUCH_NAME", 1.0, FLOAT),
+        ("hash", "_HASH_CHECK", 0.0, INT),
+    ):
         t.note(f"{key}: answer", write(r, name, value, kind))
         t.words(f"{key}: texts", "; ".join(f"{s} {x}" for s, x in r.texts()))
         t.note(f"{key}: a text", bool(r.texts()))

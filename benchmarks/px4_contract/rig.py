@@ -25,16 +25,16 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.capture.pose import CapturedFrame, Pose
 from arena.clock import SimClock
 from arena.errors import RunError
-from arena.faults import inject
-from arena.forward.forwarder import Forwarder
+from arena.fault_injection import inject
+from arena.mocap.client.pose import CapturedFrame, Pose
 from arena.plan import make_plan
+from arena.pose_forwarder.forwarder import Forwarder
 from arena.schema import load_arena
-from arena.wire.mavframe import cut
-from arena.wire.px4mode import mode_words
-from arena.wire.truth import Truth, TruthReader
+from arena.wire.mavlink_frame import cut
+from arena.wire.px4_mode import mode_words
+from arena.wire.truth_page import Truth, TruthReader
 
 ME = (191, 18)  # component, MAV_TYPE
 TICK_S = 0.02
@@ -42,9 +42,17 @@ DELAY_S = 0.010
 FAULTS = "faults"
 UP_S, READY_S = 60.0, 60.0
 RESULTS = {
-    0: "accepted", 1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
-    7: "long only", 8: "int only", 9: "unsupported frame",
-}  # fmt: skip
+    0: "accepted",
+    1: "temporarily rejected",
+    2: "denied",
+    3: "unsupported",
+    4: "failed",
+    5: "in progress",
+    6: "cancelled",
+    7: "long only",
+    8: "int only",
+    9: "unsupported frame",
+}
 Each = Callable[["Rig"], None]
 
 
@@ -105,7 +113,13 @@ class Rig:
     """A booted vehicle. `heard`: everything the router link has brought since `clear`; `state`: the newest of each message."""
 
     def __init__(
-        self, links: Mapping[str, Any], clock: SimClock, truth: TruthReader, forwarder: dict[str, Any], system: int, faults: Path
+        self,
+        links: Mapping[str, Any],
+        clock: SimClock,
+        truth: TruthReader,
+        forwarder: dict[str, Any],
+        system: int,
+        faults: Path,
     ) -> None:
         self._faults = faults
         self.id, self.clock, self._truth = system, clock, truth
@@ -170,7 +184,9 @@ class Rig:
         """1..; it gives no thrust from the next step on."""
         inject(self._faults, {"do": "motor", "vehicle": "uav1", "rotor": rotor, "thrust": 0.0})
 
-    def command(self, number: int, *p: float, way: str = "long", frame: int = 0, to: tuple[int, int] | None = None) -> str:
+    def command(
+        self, number: int, *p: float, way: str = "long", frame: int = 0, to: tuple[int, int] | None = None
+    ) -> str:
         """The acknowledgements of a command, in words: `accepted`, `denied`, `none`, or several joined by `then`."""
         system, component = to or (self.id, 1)
         q = [*p, *[0.0] * 7][:7]
@@ -178,7 +194,9 @@ class Rig:
             m = mavlink.MAVLink_command_long_message(system, component, number, 0, *q)
         else:
             x, y = (int(v) if math.isfinite(v) else 2**31 - 1 for v in q[4:6])
-            m = mavlink.MAVLink_command_int_message(system, component, frame, number, 0, 0, *q[:4], x, y, q[6])
+            m = mavlink.MAVLink_command_int_message(
+                system, component, frame, number, 0, 0, *q[:4], x, y, q[6]
+            )
         begin = len(self.heard)
         self.send(m)
         self.until(lambda r: r._acks(begin, number), 1.5)
@@ -321,7 +339,9 @@ class Rig:
 
 def arena_yaml(autopilot: str, setup: Setup, address: str, number: int) -> str:
     # PX4 drains its simulated battery in a minute unless told otherwise.
-    params = "".join(f"\n    {name}: {value}" for name, value in {"SIM_BAT_DRAIN": 10_000.0, **setup.params}.items())
+    params = "".join(
+        f"\n    {name}: {value}" for name, value in {"SIM_BAT_DRAIN": 10_000.0, **setup.params}.items()
+    )
     given = f"\n  params:{params}" + ("\n  sticks: true" if setup.sticks else "")
     return (
         f"address: {address}\nworld: {{size: [60, 60, 30]}}\ndefaults:\n  profile: iris\n  autopilot: {autopilot}{given}\n"
@@ -342,9 +362,13 @@ def vehicle(autopilot: str, setup: Setup, *, address: str, number: int, speed: s
         slices["world"]["faults"] = f"{{rt}}/{FAULTS}"
         rooms = {"world": "arena.sim"} | ({"px4.uav1": "arena.px4"} if autopilot == "px4" else {})
         with contextlib.ExitStack() as stack:
-            children = [stack.enter_context(_room(module, slices[room], folder)) for room, module in rooms.items()]
+            children = [
+                stack.enter_context(_room(module, slices[room], folder)) for room, module in rooms.items()
+            ]
             clock = _clock(folder, children)
-            links = slices["px4.uav1"]["links"] if autopilot == "px4" else slices["world"]["vehicles"][0]["links"]
+            links = (
+                slices["px4.uav1"]["links"] if autopilot == "px4" else slices["world"]["vehicles"][0]["links"]
+            )
             forwarder = slices["forward.uav1"] | {"frame_rate_hz": 50.0, "rate_hz": 50.0}
             if not setup.origin:
                 forwarder["origin"] = None
@@ -368,7 +392,9 @@ def _room(module: str, settings: dict[str, Any], folder: Path) -> Iterator[subpr
     file = folder / f"{settings['name']}.json"
     file.write_text(json.dumps(settings).replace("{run}", str(folder)).replace("{rt}", str(folder)))
     with (folder / f"{settings['name']}.log").open("wb") as log:
-        child = subprocess.Popen([sys.executable, "-m", module, str(file)], stdout=log, stderr=log, env={**os.environ})
+        child = subprocess.Popen(
+            [sys.executable, "-m", module, str(file)], stdout=log, stderr=log, env={**os.environ}
+        )
         try:
             yield child
         finally:

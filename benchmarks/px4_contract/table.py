@@ -36,12 +36,16 @@ def reasons(differences: Sequence[Difference]) -> str:
     for reason, found in by_reason.items():
         first = found[0]
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""
-        rows.append(f"| {reason} | {first.key.replace('|', '/')}{more} | {text(first.px4)} | {text(first.builtin)} |")
+        rows.append(
+            f"| {reason} | {first.key.replace('|', '/')}{more} | {text(first.px4)} | {text(first.builtin)} |"
+        )
     return "\n".join(rows)
 
 
 def section(cases: Mapping[str, str], sizes: Mapping[str, int], differences: Sequence[Difference]) -> str:
-    return "\n\n".join([BEGIN, summary(cases, sizes, differences), "What differs, and why:", reasons(differences), END])
+    return "\n\n".join(
+        [BEGIN, summary(cases, sizes, differences), "What differs, and why:", reasons(differences), END]
+    )
 
 
 def put_into(page: str, new: str) -> str:

@@ -53,10 +53,18 @@ class Transcript:
     def note(self, key: str, value: Value) -> None:
         self._put(key, Seen(value=value))
 
-    def number(self, key: str, value: float | None, *, near: float = 0.0, part: float = 0.0, unit: str = "") -> None:
+    def number(
+        self, key: str, value: float | None, *, near: float = 0.0, part: float = 0.0, unit: str = ""
+    ) -> None:
         """value: None when it never came."""
         rounded = (
-            None if value is None else round(float(value), 4) if math.isfinite(value) else "nan" if math.isnan(value) else "inf"
+            None
+            if value is None
+            else round(float(value), 4)
+            if math.isfinite(value)
+            else "nan"
+            if math.isnan(value)
+            else "inf"
         )
         self._put(key, Seen(value=rounded, kind="number", near=near, part=part, unit=unit))
 
@@ -135,7 +143,10 @@ def dump(transcripts: Transcripts) -> dict[str, Any]:
     """For JSON: fields at their defaults are left out."""
     plain = Seen(value=None)
     return {
-        case: {key: {k: v for k, v in asdict(s).items() if k == "value" or v != getattr(plain, k)} for key, s in seen.items()}
+        case: {
+            key: {k: v for k, v in asdict(s).items() if k == "value" or v != getattr(plain, k)}
+            for key, s in seen.items()
+        }
         for case, seen in transcripts.items()
     }
 

@@ -13,7 +13,12 @@ from arena import UAV
 SPEED_M_S = 0.5
 SIDE_S = 3.0
 FREQ_HZ = 50
-SIDES = [([1, 0, 0], 0.0), ([0, 1, 0], pi / 2), ([-1, 0, 0], pi), ([0, -1, 0], -pi / 2)]  # north, east, down; yaw [rad]
+SIDES = [
+    ([1, 0, 0], 0.0),
+    ([0, 1, 0], pi / 2),
+    ([-1, 0, 0], pi),
+    ([0, -1, 0], -pi / 2),
+]  # north, east, down; yaw [rad]
 
 with UAV.from_args() as uav:
     uav.start_offboard_mission()

@@ -27,7 +27,11 @@ def eight(t):
     shape = np.array([sin(w * t), sin(2 * w * t), 0.0])
     slope = np.array([w * cos(w * t), 2 * w * cos(2 * w * t), 0.0])
     bend = np.array([-w * w * sin(w * t), -4 * w * w * sin(2 * w * t), 0.0])
-    return size * grow * shape, size * (rate * shape + grow * slope), size * (curve * shape + 2 * rate * slope + grow * bend)
+    return (
+        size * grow * shape,
+        size * (rate * shape + grow * slope),
+        size * (curve * shape + 2 * rate * slope + grow * bend),
+    )
 
 
 def ramp(t):

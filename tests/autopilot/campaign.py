@@ -24,7 +24,7 @@ from flight import Flight
 from fuzzing import KINDS, Fuzz, read, v2
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.params import SPECS
+from arena.autopilot.param_table import SPECS
 
 LIMITS = {"MPC_XY_VEL_MAX": 3.0, "MPC_Z_VEL_MAX_UP": 2.0, "MPC_Z_VEL_MAX_DN": 1.5, "MPC_TILTMAX_AIR": 35.0}
 WIDE = {"size_m": [2000.0, 2000.0, 400.0]}
@@ -32,7 +32,11 @@ STAYS_WITHIN_M = 0.25  # of the place where it hovers
 TILT_DEG, SPEED, SPEED_D = 65.0, 4.5, 3.5  # what the limits above come to, overshot while it spins
 COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 SETPOINTS = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT")
-FATAL = (mavlink.MAV_CMD_DO_FLIGHTTERMINATION, mavlink.MAV_CMD_INJECT_FAILURE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
+FATAL = (
+    mavlink.MAV_CMD_DO_FLIGHTTERMINATION,
+    mavlink.MAV_CMD_INJECT_FAILURE,
+    mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+)
 SETTLED = 5  # steps until the motors follow the commander
 HOLD, ARM = (176, 1, 4, 3), (400, 1)
 CLIENT = (
@@ -63,15 +67,24 @@ class Tally:
 class Noisy(Flight):
     """A flight of two whose first is shouted at: `batch` of (name, frame) goes out within the next step, around the true pose."""
 
-    def __init__(self, *, seed: int, battery: float | None = None, params: dict[str, float] | None = None) -> None:
+    def __init__(
+        self, *, seed: int, battery: float | None = None, params: dict[str, float] | None = None
+    ) -> None:
         super().__init__(2, seed=3, params=params, **WIDE)
         self.fuzz = Fuzz(Random(seed))
         self.tally = Tally()
         self.batch: list[tuple[str, bytes]] = []
         self.client: tuple[Any, ...] = ()
         if battery is not None:
-            self._sense, self.world.sense = self.world.sense, lambda: {**self._sense(), "battery_remaining": np.full(2, battery)}
-        origin = [int(self.fuzz.origin[0] * 1e7), int(self.fuzz.origin[1] * 1e7), int(self.fuzz.origin[2] * 1e3)]
+            self._sense, self.world.sense = (
+                self.world.sense,
+                lambda: {**self._sense(), "battery_remaining": np.full(2, battery)},
+            )
+        origin = [
+            int(self.fuzz.origin[0] * 1e7),
+            int(self.fuzz.origin[1] * 1e7),
+            int(self.fuzz.origin[2] * 1e3),
+        ]
         for i in (0, 1):
             self.send(i, mavlink.MAVLink_set_gps_global_origin_message(i + 1, *origin, 0), "vision")
 
@@ -157,10 +170,14 @@ def _command_moves(m: Any) -> bool:
     if m.command == mavlink.MAV_CMD_DO_REPOSITION:
         return math.isfinite(p[1]) and int(p[1]) == 1
     return {
-        mavlink.MAV_CMD_COMPONENT_ARM_DISARM: p[0] == 0.0 and p[1] == 21196.0, mavlink.MAV_CMD_NAV_LAND: True,
-        mavlink.MAV_CMD_NAV_TAKEOFF: True, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: True, mavlink.MAV_CMD_MISSION_START: True,
-        mavlink.MAV_CMD_DO_FLIGHTTERMINATION: math.isfinite(p[0]) and p[0] > 0.5, mavlink.MAV_CMD_INJECT_FAILURE: sane,
-    }.get(m.command, False)  # fmt: skip
+        mavlink.MAV_CMD_COMPONENT_ARM_DISARM: p[0] == 0.0 and p[1] == 21196.0,
+        mavlink.MAV_CMD_NAV_LAND: True,
+        mavlink.MAV_CMD_NAV_TAKEOFF: True,
+        mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: True,
+        mavlink.MAV_CMD_MISSION_START: True,
+        mavlink.MAV_CMD_DO_FLIGHTTERMINATION: math.isfinite(p[0]) and p[0] > 0.5,
+        mavlink.MAV_CMD_INJECT_FAILURE: sane,
+    }.get(m.command, False)
 
 
 def _other_mode(main: int, sub: int) -> bool:
@@ -171,7 +188,9 @@ def _is_taken(m: Any) -> bool:
     spec = SPECS.get(m.param_id)
     if spec is None or m.param_type != (6 if spec.type == "int32" else 9):
         return False
-    value = struct.unpack("<i", struct.pack("<f", m.param_value))[0] if spec.type == "int32" else m.param_value
+    value = (
+        struct.unpack("<i", struct.pack("<f", m.param_value))[0] if spec.type == "int32" else m.param_value
+    )
     return bool(math.isfinite(value) and spec.low <= value <= spec.high)
 
 
@@ -188,11 +207,20 @@ def check(flight: Noisy) -> None:
     pilots = flight.pilots
     est, cascade = pilots.est, pilots.cascade
     for name, array in (
-        ("p_n", est.p_n), ("v_n", est.v_n), ("q_nb", est.q_nb), ("cov", est.cov), ("gyro_bias", est.gyro_bias),
-        ("accel_bias", est.accel_bias), ("integral", cascade.position.integral), ("thrust", cascade.thrust),
-        ("q_sp", cascade.q_sp), ("omega_sp", cascade.omega_sp), ("rate integral", cascade.rate.integral),
-        ("motors", flight.motors), ("ring", est._ring_p),
-    ):  # fmt: skip
+        ("p_n", est.p_n),
+        ("v_n", est.v_n),
+        ("q_nb", est.q_nb),
+        ("cov", est.cov),
+        ("gyro_bias", est.gyro_bias),
+        ("accel_bias", est.accel_bias),
+        ("integral", cascade.position.integral),
+        ("thrust", cascade.thrust),
+        ("q_sp", cascade.q_sp),
+        ("omega_sp", cascade.omega_sp),
+        ("rate integral", cascade.rate.integral),
+        ("motors", flight.motors),
+        ("ring", est._ring_p),
+    ):
         assert np.isfinite(array).all(), f"{name} is not finite: {array}"
     assert np.all((flight.motors >= 0.0) & (flight.motors <= 1.0))
     assert np.all(np.einsum("vii->vi", est.cov) >= 0.0), "a variance below zero"
@@ -209,7 +237,13 @@ def check(flight: Noisy) -> None:
 
 def _check_said(m: Any) -> None:
     assert m.get_type() != "BAD_DATA"
-    if m.get_type() in ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "ATTITUDE_TARGET", "VFR_HUD"):
+    if m.get_type() in (
+        "ATTITUDE",
+        "ATTITUDE_QUATERNION",
+        "LOCAL_POSITION_NED",
+        "ATTITUDE_TARGET",
+        "VFR_HUD",
+    ):
         values = [x for name in m.get_fieldnames() for x in np.atleast_1d(getattr(m, name))]
         assert all(math.isfinite(x) for x in values), m
 
@@ -249,7 +283,9 @@ def ground(messages: int, seed: int, *, per_step: int = 1, each: int = 5000) -> 
             _still(flight, (0, 1) if disarmed[0] > SETTLED else (1,))
 
         def may(m: Any, kept: bool = bool(k % 2)) -> bool:
-            return not (kept and moves(m) and (m.get_type() == "PARAM_SET" or getattr(m, "command", 0) in FATAL))
+            return not (
+                kept and moves(m) and (m.get_type() == "PARAM_SET" or getattr(m, "command", 0) in FATAL)
+            )
 
         flight.client = CLIENT
         tally += _run(flight, min(each, messages - k * each), per_step, may, hold)
@@ -281,7 +317,9 @@ def offboard(messages: int, seed: int, *, each: int = 3000) -> Tally:
     for k in range(-(-messages // each)):
         flight = Noisy(seed=seed + k, params=LIMITS)
         flight.prepare("offboard", height=8.0)
-        tally += _setpoints(flight, min(each, messages - k * each), SETPOINTS, _within_limits, ignored=NO_ACCELERATION)
+        tally += _setpoints(
+            flight, min(each, messages - k * each), SETPOINTS, _within_limits, ignored=NO_ACCELERATION
+        )
         for _ in range(50):
             flight.setpoint(0, [0.0, 0.0, -8.0])
             flight.run(0.02)
@@ -296,7 +334,9 @@ def wild(messages: int, seed: int, *, each: int = 3000) -> Tally:
     for k in range(-(-messages // each)):
         flight = Noisy(seed=seed + k, params={"COM_DISARM_LAND": -1.0, "COM_DISARM_PRFLT": -1.0})
         flight.prepare("offboard", height=8.0)
-        tally += _setpoints(flight, min(each, messages - k * each), ("SET_ATTITUDE_TARGET", *SETPOINTS), lambda f: None)
+        tally += _setpoints(
+            flight, min(each, messages - k * each), ("SET_ATTITUDE_TARGET", *SETPOINTS), lambda f: None
+        )
     return tally
 
 
@@ -330,8 +370,10 @@ def _within_limits(flight: Noisy) -> None:
     truth = flight.world.truth()
     if truth.p_n[0, 2] > -1.0:
         return  # the floor pushes as well
-    tilt, asked = (math.degrees(math.acos(min(1.0, 1.0 - 2.0 * (q[1] ** 2 + q[2] ** 2)))) for q in (
-        truth.q_nb[0], flight.pilots.cascade.q_sp[0]))  # fmt: skip
+    tilt, asked = (
+        math.degrees(math.acos(min(1.0, 1.0 - 2.0 * (q[1] ** 2 + q[2] ** 2))))
+        for q in (truth.q_nb[0], flight.pilots.cascade.q_sp[0])
+    )
     assert asked < LIMITS["MPC_TILTMAX_AIR"] + 0.1, f"asks for a tilt of {asked:.0f} degrees"
     v = truth.v_n[0]
     assert tilt < TILT_DEG, f"tilted by {tilt:.0f} degrees"
@@ -346,7 +388,9 @@ def _run(flight: Noisy, messages: int, per_step: int, may: Any, hold: Any) -> Ta
             middle = weight(flight)
         batch: list[tuple[str, bytes]] = []
         if flight.client and flight.fuzz.rng.random() < 0.004:
-            batch += [("COMMAND_LONG", flight.fuzz.command(*said)) for said in flight.fuzz.rng.choice(flight.client)]
+            batch += [
+                ("COMMAND_LONG", flight.fuzz.command(*said)) for said in flight.fuzz.rng.choice(flight.client)
+            ]
         while len(batch) < per_step:
             batch += flight.fuzz.some()
         meant = [(x, m) for x, m in ((x, read(x[1])) for x in batch) if m is not None and may(m)]

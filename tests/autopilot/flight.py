@@ -13,43 +13,101 @@ from arena.autopilot import Autopilots
 from arena.sim.world import World
 
 PROFILE: dict[str, Any] = {
-    "name": "test_quad", "mass_kg": 1.52, "inertia_kg_m2": [0.0306, 0.0306, 0.0575], "radius_m": 0.275, "height_m": 0.10,
-    "ground_clearance_m": 0.05, "num_rotors": 4,
+    "name": "test_quad",
+    "mass_kg": 1.52,
+    "inertia_kg_m2": [0.0306, 0.0306, 0.0575],
+    "radius_m": 0.275,
+    "height_m": 0.10,
+    "ground_clearance_m": 0.05,
+    "num_rotors": 4,
     "rotors": [
-        {"position_m": [0.13, 0.22, -0.02], "direction": "ccw"}, {"position_m": [-0.13, -0.20, -0.02], "direction": "ccw"},
-        {"position_m": [0.13, -0.22, -0.02], "direction": "cw"}, {"position_m": [-0.13, 0.20, -0.02], "direction": "cw"},
+        {"position_m": [0.13, 0.22, -0.02], "direction": "ccw"},
+        {"position_m": [-0.13, -0.20, -0.02], "direction": "ccw"},
+        {"position_m": [0.13, -0.22, -0.02], "direction": "cw"},
+        {"position_m": [-0.13, 0.20, -0.02], "direction": "cw"},
     ],
-    "moment_ratio_m": 0.06, "motor_up_s": 0.0125, "motor_down_s": 0.025,
-    "thrust_curve": {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 25.0}, "drag_kg_s": [0.46, 0.46, 0.0],
+    "moment_ratio_m": 0.06,
+    "motor_up_s": 0.0125,
+    "motor_down_s": 0.025,
+    "thrust_curve": {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 25.0},
+    "drag_kg_s": [0.46, 0.46, 0.0],
     "sensors": {
-        "imu": {"accel_noise_m_s2": 0.03, "accel_bias_m_s2": 0.05, "gyro_noise_rad_s": 0.003, "gyro_bias_rad_s": 0.003},
-        "baro": {"noise_m": 0.1}, "mag": {"noise_gauss": 0.004},
-        "gps": {"horizontal_noise_m": 0.8, "vertical_noise_m": 1.78, "velocity_noise_m_s": 0.08, "rate_hz": 10},
+        "imu": {
+            "accel_noise_m_s2": 0.03,
+            "accel_bias_m_s2": 0.05,
+            "gyro_noise_rad_s": 0.003,
+            "gyro_bias_rad_s": 0.003,
+        },
+        "baro": {"noise_m": 0.1},
+        "mag": {"noise_gauss": 0.004},
+        "gps": {
+            "horizontal_noise_m": 0.8,
+            "vertical_noise_m": 1.78,
+            "velocity_noise_m_s": 0.08,
+            "rate_hz": 10,
+        },
     },
-    "battery": {"cells": 3, "capacity_mah": 5100, "full_cell_v": 4.2, "empty_cell_v": 3.5, "resistance_ohm": 0.03, "idle_a": 0.5,
-                "hover_a": 20.0},
-    "params": {"MC_ROLL_P": 6.0, "MC_PITCH_P": 6.0, "MC_ROLLRATE_P": 0.2, "MC_PITCHRATE_P": 0.2, "MPC_ACC_HOR_MAX": 3.0},
-}  # fmt: skip
+    "battery": {
+        "cells": 3,
+        "capacity_mah": 5100,
+        "full_cell_v": 4.2,
+        "empty_cell_v": 3.5,
+        "resistance_ohm": 0.03,
+        "idle_a": 0.5,
+        "hover_a": 20.0,
+    },
+    "params": {
+        "MC_ROLL_P": 6.0,
+        "MC_PITCH_P": 6.0,
+        "MC_ROLLRATE_P": 0.2,
+        "MC_PITCHRATE_P": 0.2,
+        "MPC_ACC_HOR_MAX": 3.0,
+    },
+}
 
 ARENA = {
-    "MPC_THR_HOVER": 0.563, "EKF2_EV_DELAY": 11.0, "EKF2_EVP_NOISE": 0.01, "EKF2_EVA_NOISE": 0.05, "EKF2_NOAID_TOUT": 1_000_000,
-    "COM_OBL_RC_ACT": 4, "COM_FAIL_ACT_T": 0.0, "COM_RCL_EXCEPT": 4, "EKF2_HGT_REF": 3, "EKF2_EV_CTRL": 11,
-}  # fmt: skip
+    "MPC_THR_HOVER": 0.563,
+    "EKF2_EV_DELAY": 11.0,
+    "EKF2_EVP_NOISE": 0.01,
+    "EKF2_EVA_NOISE": 0.05,
+    "EKF2_NOAID_TOUT": 1_000_000,
+    "COM_OBL_RC_ACT": 4,
+    "COM_FAIL_ACT_T": 0.0,
+    "COM_RCL_EXCEPT": 4,
+    "EKF2_HGT_REF": 3,
+    "EKF2_EV_CTRL": 11,
+}
 
 
 class Flight:
     """V vehicles two metres apart along east, in a wide room. `say` is called at each step with (flight, now)."""
 
-    def __init__(self, vehicles: int = 1, seed: int = 1, params: dict[str, float] | None = None, **world: Any) -> None:
+    def __init__(
+        self, vehicles: int = 1, seed: int = 1, params: dict[str, float] | None = None, **world: Any
+    ) -> None:
         rows = [
-            {"name": f"uav{i + 1}", "id": i + 1, "profile": PROFILE, "position": [0.0, 2.0 * i, 0.0], "rpy": [0.0, 0.0, 0.0],
-             "params": {**ARENA, **(params or {})}}
+            {
+                "name": f"uav{i + 1}",
+                "id": i + 1,
+                "profile": PROFILE,
+                "position": [0.0, 2.0 * i, 0.0],
+                "rpy": [0.0, 0.0, 0.0],
+                "params": {**ARENA, **(params or {})},
+            }
             for i in range(vehicles)
-        ]  # fmt: skip
+        ]
         self.settings = {
-            "name": "world", "seed": seed, "size_m": [40.0, 40.0, 20.0], "heading_deg": 0.0, "origin": None, "physics_hz": 500,
-            "sensor_hz": 250, "wind_m_s": [0.0, 0.0, 0.0], "vehicles": rows, **world,
-        }  # fmt: skip
+            "name": "world",
+            "seed": seed,
+            "size_m": [40.0, 40.0, 20.0],
+            "heading_deg": 0.0,
+            "origin": None,
+            "physics_hz": 500,
+            "sensor_hz": 250,
+            "wind_m_s": [0.0, 0.0, 0.0],
+            "vehicles": rows,
+            **world,
+        }
         self.world = World(self.settings)
         self.pilots = Autopilots(self.settings, self.world.period_s)
         self.rng = np.random.default_rng(seed)
@@ -76,7 +134,12 @@ class Flight:
             self._step()
         return self
 
-    def until(self, condition: Callable[[Flight], bool], timeout_s: float, each: Callable[[Flight], None] | None = None) -> float:
+    def until(
+        self,
+        condition: Callable[[Flight], bool],
+        timeout_s: float,
+        each: Callable[[Flight], None] | None = None,
+    ) -> float:
         """Step until condition holds; fails after timeout_s of simulated time. Returns how long it took [s]."""
         begin = self.now
         while not condition(self):
@@ -106,7 +169,9 @@ class Flight:
             for k in (0, 6, 11, 15, 18, 20):
                 cov[k] = 1e-6
             none = [float("nan")] * 21
-            m = mavlink.MAVLink_odometry_message(0, 1, 12, *p, q_nb[i].tolist(), *none[:6], cov, none, 0, 2, 0)
+            m = mavlink.MAVLink_odometry_message(
+                0, 1, 12, *p, q_nb[i].tolist(), *none[:6], cov, none, 0, 2, 0
+            )
             self.pilots.receive(int(i), "vision", m.pack(self.codec[i]))
 
     # -- what a program would do -------------------------------------------------------------------------------------
@@ -126,7 +191,12 @@ class Flight:
 
     def setpoint(self, i: int, p: Any, yaw: float = 0.0) -> None:
         vectors = (*p, 0, 0, 0, 0, 0, 0)
-        self.send(i, mavlink.MAVLink_set_position_target_local_ned_message(0, i + 1, 1, 1, 0b100111111000, *vectors, yaw, 0))
+        self.send(
+            i,
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, i + 1, 1, 1, 0b100111111000, *vectors, yaw, 0
+            ),
+        )
 
     def offboard(self, i: int) -> int:
         return self.command(i, mavlink.MAV_CMD_DO_SET_MODE, 1, 6, 0)

@@ -17,7 +17,11 @@ def ready(**settings: Any) -> Flight:
     """A flight that may be armed, with an origin, heard by a ground station."""
     flight = Flight(1, **settings)
     flight.pilots.faces[0]._links["router"].gcs_heard = 1e9  # a ground station that beats all the time
-    flight.send(0, mavlink.MAVLink_set_gps_global_origin_message(1, int(LAT * 1e7), int(LON * 1e7), int(ALT * 1e3), 0), "vision")
+    flight.send(
+        0,
+        mavlink.MAVLink_set_gps_global_origin_message(1, int(LAT * 1e7), int(LON * 1e7), int(ALT * 1e3), 0),
+        "vision",
+    )
     flight.until(lambda f: f.pilots.faces[0].ready_to_arm and f.pilots.faces[0].home_n is not None, 20)
     return flight
 
@@ -28,7 +32,14 @@ def lat_lon(north: float, east: float) -> tuple[int, int]:
     return round(lat * 1e7), round(lon * 1e7)
 
 
-def item(command: int, north: float = 0.0, east: float = 0.0, up: float = 0.0, p: tuple[float, ...] = (), **more: Any) -> dict:
+def item(
+    command: int,
+    north: float = 0.0,
+    east: float = 0.0,
+    up: float = 0.0,
+    p: tuple[float, ...] = (),
+    **more: Any,
+) -> dict:
     """An item at a place above home. p: its first parameters; the heading is free where it is not given."""
     x, y = lat_lon(north, east)
     params = (*p, *(0.0, 0.0, 0.0, math.nan)[len(p) :])
@@ -38,10 +49,19 @@ def item(command: int, north: float = 0.0, east: float = 0.0, up: float = 0.0, p
 def do(command: int, *p: float) -> dict:
     """An item without a place."""
     params = (*p, *(0.0,) * 4)[:4]
-    return {"frame": mavlink.MAV_FRAME_MISSION, "command": command, "params": params, "x": 0, "y": 0, "z": 0.0}
+    return {
+        "frame": mavlink.MAV_FRAME_MISSION,
+        "command": command,
+        "params": params,
+        "x": 0,
+        "y": 0,
+        "z": 0.0,
+    }
 
 
-def waypoint(north: float, east: float, up: float, hold: float = 0.0, within: float = 0.3, yaw: float = math.nan) -> dict:
+def waypoint(
+    north: float, east: float, up: float, hold: float = 0.0, within: float = 0.3, yaw: float = math.nan
+) -> dict:
     return item(mavlink.MAV_CMD_NAV_WAYPOINT, north, east, up, (hold, within, 0.0, yaw))
 
 
@@ -56,8 +76,23 @@ def texts(flight: Flight) -> str:
 
 def send_item(flight: Flight, seq: int, it: dict, kind: int = 0) -> None:
     auto, current = it.get("auto", 1), it.get("current", 0)
-    flight.send(0, mavlink.MAVLink_mission_item_int_message(
-        1, 1, seq, it["frame"], it["command"], current, auto, *it["params"], it["x"], it["y"], it["z"], kind))  # fmt: skip
+    flight.send(
+        0,
+        mavlink.MAVLink_mission_item_int_message(
+            1,
+            1,
+            seq,
+            it["frame"],
+            it["command"],
+            current,
+            auto,
+            *it["params"],
+            it["x"],
+            it["y"],
+            it["z"],
+            kind,
+        ),
+    )
 
 
 def upload(flight: Flight, items: list[dict], kind: int = 0) -> int:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot import Autopilots
-from arena.autopilot.offboard import from_position_target
-from arena.autopilot.vision import Vision
+from arena.autopilot.mavlink.external_vision import Vision
+from arena.autopilot.mavlink.offboard_setpoints import from_position_target
 from arena.geometry import quat_conj, quat_exp, quat_from_euler, quat_log, quat_multiply
 from arena.sim.world import World
 
@@ -71,8 +71,13 @@ class Log:
     def series(self, i: int) -> dict[str, list[Array]]:
         """Normalised errors of vehicle i, one array per axis, for `judge`."""
         z, y = self.e[:, i] / np.sqrt(self.var[:, i]), self.innovations[i]
-        return {"position": [*z[:, :3].T], "velocity": [*z[:, 3:6].T], "yaw": [z[:, 6]],
-                "innovation of position": [*y[:, :3].T], "innovation of yaw": [y[:, 3]]}  # fmt: skip
+        return {
+            "position": [*z[:, :3].T],
+            "velocity": [*z[:, 3:6].T],
+            "yaw": [z[:, 6]],
+            "innovation of position": [*y[:, :3].T],
+            "innovation of yaw": [y[:, 3]],
+        }
 
     def rms(self, i: int) -> tuple[float, float, float]:
         """Of position [m], velocity [m/s], yaw [rad], each axis."""
@@ -188,14 +193,34 @@ class StressFlight:
     def __init__(self, stresses: Sequence[Stress], seed: int = 1, hz: int = 1000) -> None:
         self.stresses, v, self._hz = list(stresses), len(stresses), hz
         rows = [
-            {"name": f"uav{i + 1}", "id": i + 1, "profile": PROFILE, "position": [0.0, APART_M * i, 0.0], "rpy": [0.0, 0.0, 0.0],
-             "params": {**ARENA, **AGILE, "EKF2_EV_DELAY": s.delay_ms,
-                        "EKF2_NOAID_TOUT": s.noaid_s * 1e6, **(MATCHED if s.matched else {})}}
+            {
+                "name": f"uav{i + 1}",
+                "id": i + 1,
+                "profile": PROFILE,
+                "position": [0.0, APART_M * i, 0.0],
+                "rpy": [0.0, 0.0, 0.0],
+                "params": {
+                    **ARENA,
+                    **AGILE,
+                    "EKF2_EV_DELAY": s.delay_ms,
+                    "EKF2_NOAID_TOUT": s.noaid_s * 1e6,
+                    **(MATCHED if s.matched else {}),
+                },
+            }
             for i, s in enumerate(stresses)
-        ]  # fmt: skip
+        ]
         size_m = [400.0, 100.0 + 2 * APART_M * v, 60.0]
-        settings = {"name": "world", "seed": seed, "size_m": size_m, "heading_deg": 0.0, "origin": None, "physics_hz": hz,
-                    "sensor_hz": 250, "wind_m_s": [0.0, 0.0, 0.0], "vehicles": rows}  # fmt: skip
+        settings = {
+            "name": "world",
+            "seed": seed,
+            "size_m": size_m,
+            "heading_deg": 0.0,
+            "origin": None,
+            "physics_hz": hz,
+            "sensor_hz": 250,
+            "wind_m_s": [0.0, 0.0, 0.0],
+            "vehicles": rows,
+        }
         self.world = World(settings)
         self.pilots = Autopilots(settings, self.world.period_s)
         self.est = self.pilots.est
@@ -225,7 +250,10 @@ class StressFlight:
         """
         truth, late = self.world.truth(), 0.5 * 250.0 / self._hz
         self.v_n = truth.v_n + late * (truth.v_n - self._raw[0])
-        self._newer = {"gyro_b": late * (truth.omega_b - self._raw[1]), "accel_b": late * (truth.accel_b - self._raw[2])}
+        self._newer = {
+            "gyro_b": late * (truth.omega_b - self._raw[1]),
+            "accel_b": late * (truth.accel_b - self._raw[2]),
+        }
         self._raw = truth.v_n.copy(), truth.omega_b.copy(), truth.accel_b.copy()
 
     def _sense(self) -> dict[str, Array]:
@@ -263,7 +291,9 @@ class StressFlight:
     def setpoint(self, i: int, p_n: Any, yaw: float = 0.0) -> None:
         """p_n: from where this vehicle began [m] [NED]."""
         vectors = (*(self.home[i] + p_n).tolist(), 0, 0, 0, 0, 0, 0)
-        m = mavlink.MAVLink_set_position_target_local_ned_message(0, i + 1, 1, 1, 0b100111111000, *vectors, yaw, 0)
+        m = mavlink.MAVLink_set_position_target_local_ned_message(
+            0, i + 1, 1, 1, 0b100111111000, *vectors, yaw, 0
+        )
         self.pilots.faces[i]._take_setpoint(from_position_target(m, [1.0, 0.0, 0.0, 0.0]))
 
     def take_off(self, height_m: float = 4.0) -> None:
@@ -277,11 +307,15 @@ class StressFlight:
 
         self.run(2.0, hover)
         for i in vehicles:
-            for m in (mavlink.MAVLink_command_long_message(i + 1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0),
-                      mavlink.MAVLink_command_long_message(i + 1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)):  # fmt: skip
+            for m in (
+                mavlink.MAVLink_command_long_message(i + 1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0),
+                mavlink.MAVLink_command_long_message(i + 1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0),
+            ):
                 self.pilots.receive(i, "router", m.pack(mavlink.MAVLink(None, srcSystem=255)))
         self.run(7.0, hover)
-        low = [i for i in vehicles if self.mode(i) != "OFFBOARD" or self.world.truth().p_n[i, 2] > 0.3 - height_m]
+        low = [
+            i for i in vehicles if self.mode(i) != "OFFBOARD" or self.world.truth().p_n[i, 2] > 0.3 - height_m
+        ]
         assert not low, [(self.stresses[i].name, self.mode(i), self.world.truth().p_n[i]) for i in low]
 
     def hover(self, height_m: float = 4.0) -> None:
@@ -294,7 +328,11 @@ class StressFlight:
         for i in range(len(self.stresses)):
             turn, yaw_turn = int(self.now / 1.3 + 0.37 * i), int(self.now / 2.9 + 0.61 * i)
             side = 1.0 if turn % 2 else -1.0
-            p = [3.0 * side * math.cos(1.1 * (turn // 2)), 3.0 * side * math.sin(1.1 * (turn // 2)), -height_m + 0.8 * side]
+            p = [
+                3.0 * side * math.cos(1.1 * (turn // 2)),
+                3.0 * side * math.sin(1.1 * (turn // 2)),
+                -height_m + 0.8 * side,
+            ]
             self.pilots.faces[i].now = self.now
             self.setpoint(i, p, (0.0, 1.5, -1.5, 3.0)[yaw_turn % 4])
 
@@ -388,7 +426,10 @@ def misled(f: StressFlight, seconds: float, each: Callable[[StressFlight], None]
             if math.isnan(fate.declared_s) and f.mode(i) != "OFFBOARD":
                 fate.declared_s = f.now - begin
             if math.isnan(fate.declared_s):
-                fate.astray_m, fate.drawn_m = max(fate.astray_m, float(astray[i])), max(fate.drawn_m, float(moved[i]))
+                fate.astray_m, fate.drawn_m = (
+                    max(fate.astray_m, float(astray[i])),
+                    max(fate.drawn_m, float(moved[i])),
+                )
                 fate.sigma_m = max(fate.sigma_m, float(np.sqrt(np.trace(f.est.cov[i, :3, :3]))))
             if f.armed(i):
                 fate.tilt_deg = max(fate.tilt_deg, float(tilt[i]))

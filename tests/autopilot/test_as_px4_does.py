@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from flight import Flight
 
-from arena.autopilot.control import RateControl
-from arena.autopilot.landing import TakeoffRamp
-from arena.autopilot.params import Params
+from arena.autopilot.control.controllers import RateControl
+from arena.autopilot.estimation.land_detector import TakeoffRamp
+from arena.autopilot.param_table import Params
 
 G = 9.80665
 
@@ -42,7 +42,9 @@ def test_torque_about_yaw_follows_with_its_time_constant_and_tilt_at_once():
         last = control.update(np.zeros((1, 3)), wanted, np.zeros((1, 3)))[0]
     assert last[2] == pytest.approx(asked[2] * (1 - np.exp(-1)), rel=0.02)
     control.reset(0)
-    assert control.update(np.zeros((1, 3)), wanted * 0, np.zeros((1, 3)))[0, 2] == 0.0, "no memory of an earlier flight"
+    assert control.update(np.zeros((1, 3)), wanted * 0, np.zeros((1, 3)))[0, 2] == 0.0, (
+        "no memory of an earlier flight"
+    )
 
 
 def test_the_charge_drawn_is_told():
@@ -51,7 +53,9 @@ def test_the_charge_drawn_is_told():
     drawn_a = flight.world.sense()["battery_current_a"][0]
     flight.run(60.0)
     told = [m.current_consumed for m in flight.heard[0] if m.get_type() == "BATTERY_STATUS"]
-    assert told[-1] - told[0] == pytest.approx(drawn_a * 1000 / 3600 * (len(told) - 1) * 2.0, abs=1.1), "mAh, told every 2 s"
+    assert told[-1] - told[0] == pytest.approx(drawn_a * 1000 / 3600 * (len(told) - 1) * 2.0, abs=1.1), (
+        "mAh, told every 2 s"
+    )
 
 
 def test_poses_that_jump_keep_a_vehicle_on_the_ground():

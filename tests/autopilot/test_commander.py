@@ -7,17 +7,37 @@ import dataclasses
 import pytest
 
 from arena.autopilot.commander import Commander, Limits, Mode, Sensed, mode_of
-from arena.autopilot.sticks import Sticks
+from arena.autopilot.manual_control import Sticks
 
 OK = Sensed(
-    now=100.0, xy_valid=True, z_valid=True, yaw_valid=True, landed=True, flying=False, tilt_rad=0.0, battery=0.9,
-    offboard_age=0.02, offboard_needs_position=True, gcs_age=0.1, aligned=True,
-)  # fmt: skip
+    now=100.0,
+    xy_valid=True,
+    z_valid=True,
+    yaw_valid=True,
+    landed=True,
+    flying=False,
+    tilt_rad=0.0,
+    battery=0.9,
+    offboard_age=0.02,
+    offboard_needs_position=True,
+    gcs_age=0.1,
+    aligned=True,
+)
 LIMITS = Limits(
-    com_of_loss_t=1.0, com_obl_rc_act=4, com_fail_act_t=0.0, com_disarm_land=2.0, com_disarm_prflt=10.0, com_low_bat_act=0,
-    bat_low_thr=0.15, bat_crit_thr=0.07, bat_emergen_thr=0.05, nav_dll_act=0, com_dl_loss_t=10.0, cbrk_flightterm=121212,
+    com_of_loss_t=1.0,
+    com_obl_rc_act=4,
+    com_fail_act_t=0.0,
+    com_disarm_land=2.0,
+    com_disarm_prflt=10.0,
+    com_low_bat_act=0,
+    bat_low_thr=0.15,
+    bat_crit_thr=0.07,
+    bat_emergen_thr=0.05,
+    nav_dll_act=0,
+    com_dl_loss_t=10.0,
+    cbrk_flightterm=121212,
     fd_fail_rad=1.05,
-)  # fmt: skip
+)
 
 
 def sensed(**changes) -> Sensed:
@@ -40,11 +60,15 @@ def flying() -> tuple[Commander, dict]:
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        ({"aligned": False}, "Attitude"), ({"xy_valid": False}, "position"), ({"z_valid": False}, "Height"),
-        ({"yaw_valid": False}, "Heading"), ({"battery": 0.05}, "Battery"), ({"tilt_rad": 1.5}, "tilted"),
+        ({"aligned": False}, "Attitude"),
+        ({"xy_valid": False}, "position"),
+        ({"z_valid": False}, "Height"),
+        ({"yaw_valid": False}, "Heading"),
+        ({"battery": 0.05}, "Battery"),
+        ({"tilt_rad": 1.5}, "tilted"),
         ({"offboard_age": 2.0}, "offboard"),
     ],
-)  # fmt: skip
+)
 def test_each_reason_alone_refuses_arming_and_is_named(change, word):
     c = Commander("uav1", mode=Mode.OFFBOARD)
     why = c.arm(sensed(**change), LIMITS)
@@ -59,7 +83,9 @@ def test_arming_is_refused_in_modes_that_only_come_down():
         assert not c.armed
 
 
-@pytest.mark.parametrize(("action", "mode"), [(0, Mode.LAND), (4, Mode.LAND), (5, Mode.HOLD), (6, Mode.TERMINATE)])
+@pytest.mark.parametrize(
+    ("action", "mode"), [(0, Mode.LAND), (4, Mode.LAND), (5, Mode.HOLD), (6, Mode.TERMINATE)]
+)
 def test_each_offboard_loss_action(action, mode):
     c, up = flying()
     c.update(sensed(now=106.0, offboard_age=1.5, **up), limits(com_obl_rc_act=action))
@@ -122,8 +148,12 @@ def test_data_link_loss_acts_only_when_asked_to():
 
 def test_who_answers_a_lost_data_link_does_not_arm_without_one():
     c = Commander("uav1")
-    assert c.arm_checks(sensed(gcs_age=13.0), limits(nav_dll_act=3)) == ["No connection to the ground control station"]
-    assert c.arm_checks(sensed(gcs_age=12.0), limits(nav_dll_act=3)) == [], "2.5 s without a heartbeat, then COM_DL_LOSS_T"
+    assert c.arm_checks(sensed(gcs_age=13.0), limits(nav_dll_act=3)) == [
+        "No connection to the ground control station"
+    ]
+    assert c.arm_checks(sensed(gcs_age=12.0), limits(nav_dll_act=3)) == [], (
+        "2.5 s without a heartbeat, then COM_DL_LOSS_T"
+    )
     assert c.arm_checks(sensed(gcs_age=13.0), LIMITS) == []
 
 
@@ -164,7 +194,8 @@ def _radio_lost(mode=Mode.HOLD, had=True, **changes) -> Commander:
 
 
 @pytest.mark.parametrize(
-    ("action", "mode"), [(1, Mode.HOLD), (2, Mode.RTL), (3, Mode.LAND), (5, Mode.TERMINATE), (0, Mode.OFFBOARD)]
+    ("action", "mode"),
+    [(1, Mode.HOLD), (2, Mode.RTL), (3, Mode.LAND), (5, Mode.TERMINATE), (0, Mode.OFFBOARD)],
 )
 def test_lost_sticks_are_answered_as_nav_rcl_act_says(action, mode):
     c = _radio_lost(Mode.OFFBOARD, nav_rcl_act=action)
@@ -178,9 +209,15 @@ def test_lost_sticks_may_disarm():
 
 @pytest.mark.parametrize(
     ("mode", "bits", "acts"),
-    [(Mode.OFFBOARD, 4, False), (Mode.OFFBOARD, 3, True), (Mode.HOLD, 2, False), (Mode.HOLD, 5, True), (Mode.TAKEOFF, 2, False),
-     (Mode.TAKEOFF, 5, True)],
-)  # fmt: skip
+    [
+        (Mode.OFFBOARD, 4, False),
+        (Mode.OFFBOARD, 3, True),
+        (Mode.HOLD, 2, False),
+        (Mode.HOLD, 5, True),
+        (Mode.TAKEOFF, 2, False),
+        (Mode.TAKEOFF, 5, True),
+    ],
+)
 def test_com_rcl_except_excepts_the_mode_that_was_asked_for(mode, bits, acts):
     c = _radio_lost(mode, nav_rcl_act=3, com_rcl_except=bits)
     assert (c.mode is Mode.LAND) is acts
@@ -221,7 +258,9 @@ def test_lost_sticks_wait_com_fail_act_t_in_hold():
     assert c.mode is Mode.LAND
 
 
-@pytest.mark.parametrize(("action", "mode"), [(1, Mode.LAND), (2, Mode.LAND), (3, Mode.LAND), (5, Mode.TERMINATE)])
+@pytest.mark.parametrize(
+    ("action", "mode"), [(1, Mode.LAND), (2, Mode.LAND), (3, Mode.LAND), (5, Mode.TERMINATE)]
+)
 def test_lost_sticks_do_not_stop_a_landing(action, mode):
     assert _radio_lost(Mode.LAND, nav_rcl_act=action).mode is mode
 
@@ -236,7 +275,9 @@ def test_of_two_failsafes_the_worse_acts():
 
 
 @pytest.mark.parametrize(("there", "mode"), [(True, Mode.HOLD), (False, Mode.LAND)])
-def test_offboard_loss_into_a_mode_flown_by_hand_holds_where_there_are_sticks_and_lands_where_not(there, mode):
+def test_offboard_loss_into_a_mode_flown_by_hand_holds_where_there_are_sticks_and_lands_where_not(
+    there, mode
+):
     for action in (0, 1, 2):
         c, up = flying()
         c.update(sensed(now=106.0, offboard_age=1.5, sticks=there, **up), limits(com_obl_rc_act=action))
@@ -245,9 +286,15 @@ def test_offboard_loss_into_a_mode_flown_by_hand_holds_where_there_are_sticks_an
 
 @pytest.mark.parametrize(
     ("in_mode", "first", "counted"),
-    [(0, "radio", {"radio"}), (1, "radio", {"joystick"}), (2, "radio", {"radio", "joystick"}), (3, "radio", {"radio"}),
-     (3, "joystick", {"joystick"}), (4, "radio", set())],
-)  # fmt: skip
+    [
+        (0, "radio", {"radio"}),
+        (1, "radio", {"joystick"}),
+        (2, "radio", {"radio", "joystick"}),
+        (3, "radio", {"radio"}),
+        (3, "joystick", {"joystick"}),
+        (4, "radio", set()),
+    ],
+)
 def test_com_rc_in_mode_says_whose_sticks_count(in_mode, first, counted):
     for source in ("radio", "joystick"):
         sticks = Sticks()

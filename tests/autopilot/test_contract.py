@@ -43,13 +43,19 @@ def test_what_is_the_same_and_what_is_not(px4, builtin, alike):
 
 
 def test_a_difference_is_found_in_every_shape_and_named():
-    px4 = {"a": {"x": Seen(value=1), "only px4": Seen(value=2), "talk": Seen(value="t", kind="words")}, "not run": {}}
+    px4 = {
+        "a": {"x": Seen(value=1), "only px4": Seen(value=2), "talk": Seen(value="t", kind="words")},
+        "not run": {},
+    }
     builtin = {"a": {"x": Seen(value=3), "only builtin": Seen(value=4)}}
     assert [d.key for d in compare(px4, builtin, {})] == ["a: x", "a: only px4", "a: only builtin"]
 
 
 def test_a_known_difference_has_its_reason_and_another_has_none():
-    px4, builtin = {"a": {"x": Seen(value=1), "y": Seen(value=1)}}, {"a": {"x": Seen(value=2), "y": Seen(value=2)}}
+    px4, builtin = (
+        {"a": {"x": Seen(value=1), "y": Seen(value=1)}},
+        {"a": {"x": Seen(value=2), "y": Seen(value=2)}},
+    )
     known = {"a: x": "because", "a: gone*": "once"}
     found = compare(px4, builtin, known)
     assert [d.reason for d in found] == ["because", ""]

@@ -20,13 +20,13 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from stress import AS_ARENA, FAULTS, STRESSES, Stress, StressFlight, judge, misled, together
 
-from arena.autopilot.estimator import Estimator
-from arena.autopilot.face import Face
-from arena.autopilot.params import Params
-from arena.autopilot.vision import Vision, from_odometry
-from arena.wire.codec import Codec
-from arena.wire.mavframe import cut
-from arena.wire.onboard import Odometry
+from arena.autopilot.estimation.estimator import Estimator
+from arena.autopilot.mavlink.external_vision import Vision, from_odometry
+from arena.autopilot.mavlink.mavlink_interface import Face
+from arena.autopilot.param_table import Params
+from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_records import Odometry
 
 MISLED = [Stress(name=name, matched=False) for name in FAULTS]
 LATE = [Stress(name=name, matched=False, noaid_s=5.0) for name in ("0.5 m north", "frozen")]
@@ -41,7 +41,10 @@ def test_errors_and_innovations_are_as_large_as_the_filter_claims_in_hard_flight
     assert (np.degrees(log.tilt) > 20.0).mean() > 0.5, "not hard enough to prove anything"
     alpha = 1e-3 / (5 * (len(stresses) + 1))
     verdicts = [(s.name, v) for i, s in enumerate(stresses) for v in judge(log.series(i), alpha, s.matched)]
-    verdicts += [("all", v) for v in judge(together([log.series(i) for i in range(len(STRESSES))]), alpha, matched=False)]
+    verdicts += [
+        ("all", v)
+        for v in judge(together([log.series(i) for i in range(len(STRESSES))]), alpha, matched=False)
+    ]
     assert not [(name, v) for name, v in verdicts if not v.holds]
     assert all(flight.mode(i) == "OFFBOARD" for i in range(len(stresses)))
 
@@ -123,7 +126,9 @@ def see(est: Estimator, now: float, north: float) -> None:
 
 
 @pytest.mark.parametrize(("comes_back", "followed"), [(False, False), (True, True)])
-def test_a_gate_that_rejected_does_not_widen_until_it_lets_the_jump_in_and_lets_the_truth_back_in(comes_back, followed):
+def test_a_gate_that_rejected_does_not_widen_until_it_lets_the_jump_in_and_lets_the_truth_back_in(
+    comes_back, followed
+):
     est = hovering()
     for k in range(2500):
         now = 3.0 + 0.004 * k
@@ -151,7 +156,9 @@ def test_the_age_of_a_pose_is_its_parameter_whatever_stamp_it_bears():
     none = [math.nan] * 21
     poses = []
     for stamp in (0, 1_000_000, 2**60):
-        said = mavlink.MAVLink_odometry_message(stamp, 1, 12, 1, 2, 3, [1, 0, 0, 0], *none[:6], none, none, 0, 2, 0)
+        said = mavlink.MAVLink_odometry_message(
+            stamp, 1, 12, 1, 2, 3, [1, 0, 0, 0], *none[:6], none, none, 0, 2, 0
+        )
         data = Codec(1, 197).pack(said)
         poses.append(from_odometry(Odometry.read(data, cut(data).frames[0])))
     assert poses[0] is not None

@@ -12,10 +12,20 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 PX4_ONBOARD_HZ = {
-    "ATTITUDE": 100, "ATTITUDE_QUATERNION": 50, "HIGHRES_IMU": 50, "LOCAL_POSITION_NED": 30, "ODOMETRY": 30, "ALTITUDE": 10,
-    "SERVO_OUTPUT_RAW": 10, "TIMESYNC": 10, "VFR_HUD": 10, "EXTENDED_SYS_STATE": 5, "SYS_STATUS": 5, "HEARTBEAT": 1,
+    "ATTITUDE": 100,
+    "ATTITUDE_QUATERNION": 50,
+    "HIGHRES_IMU": 50,
+    "LOCAL_POSITION_NED": 30,
+    "ODOMETRY": 30,
+    "ALTITUDE": 10,
+    "SERVO_OUTPUT_RAW": 10,
+    "TIMESYNC": 10,
+    "VFR_HUD": 10,
+    "EXTENDED_SYS_STATE": 5,
+    "SYS_STATUS": 5,
+    "HEARTBEAT": 1,
     "SYSTEM_TIME": 1,
-}  # fmt: skip
+}
 
 
 def ready() -> Flight:
@@ -73,7 +83,9 @@ def test_a_parameter_out_of_range_or_not_finite_is_not_taken():
     flight = ready()
     before = float(flight.pilots.params["MPC_XY_P"][0])
     for value in (float("nan"), float("inf"), 1e9, -1.0):
-        flight.send(0, flight.codec[0].param_set_encode(1, 1, b"MPC_XY_P", value, mavlink.MAV_PARAM_TYPE_REAL32))
+        flight.send(
+            0, flight.codec[0].param_set_encode(1, 1, b"MPC_XY_P", value, mavlink.MAV_PARAM_TYPE_REAL32)
+        )
     assert flight.pilots.params["MPC_XY_P"][0] == before
 
 
@@ -106,9 +118,13 @@ def test_a_command_to_everybody_moves_nobody():
         flight.heard[0].clear()
         flight.send(
             0,
-            mavlink.MAVLink_command_long_message(system, component, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0),
+            mavlink.MAVLink_command_long_message(
+                system, component, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0
+            ),
         )
-        flight.send(0, mavlink.MAVLink_param_set_message(0, 1, b"MPC_XY_P", 1.1, mavlink.MAV_PARAM_TYPE_REAL32))
+        flight.send(
+            0, mavlink.MAVLink_param_set_message(0, 1, b"MPC_XY_P", 1.1, mavlink.MAV_PARAM_TYPE_REAL32)
+        )
         flight.run(0.1)
         assert not flight.armed(0)
         assert not any(m.get_type() in ("COMMAND_ACK", "PARAM_VALUE") for m in flight.heard[0])
@@ -137,7 +153,9 @@ def test_a_message_that_has_nothing_to_say_is_denied_and_modes_are_told():
     flight = ready()
     assert flight.command(0, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HOME_POSITION) == 2
     assert flight.command(0, mavlink.MAV_CMD_GET_HOME_POSITION) == 2
-    flight.send(0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision")
+    flight.send(
+        0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision"
+    )
     flight.run(0.1)
     assert flight.command(0, mavlink.MAV_CMD_GET_HOME_POSITION) == 0
     assert flight.command(0, mavlink.MAV_CMD_REQUEST_MESSAGE, 435) == 0
@@ -161,7 +179,9 @@ def test_the_global_position_is_told_to_be_good_only_once_there_is_an_origin():
         return bool(status.onboard_control_sensors_present & status.onboard_control_sensors_health & bit)
 
     assert not said()
-    flight.send(0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision")
+    flight.send(
+        0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision"
+    )
     assert said()
 
 
@@ -178,7 +198,9 @@ def test_motion_capture_estimator_type_and_nan_poses_are_not_fused():
     flight.vision_on[:] = False
     nan = float("nan")
     for estimator, x in ((mavlink.MAV_ESTIMATOR_TYPE_MOCAP, 0.0), (2, nan), (2, float("inf")), (2, 1e9)):
-        m = mavlink.MAVLink_odometry_message(0, 1, 12, x, 0, 0, [1, 0, 0, 0], *[nan] * 6, [nan] * 21, [nan] * 21, 0, estimator, 0)
+        m = mavlink.MAVLink_odometry_message(
+            0, 1, 12, x, 0, 0, [1, 0, 0, 0], *[nan] * 6, [nan] * 21, [nan] * 21, 0, estimator, 0
+        )
         flight.send(0, m, "vision")
     flight.run(0.1)
     assert not flight.pilots.est.aligned[0]
@@ -186,7 +208,9 @@ def test_motion_capture_estimator_type_and_nan_poses_are_not_fused():
 
 def test_a_global_origin_makes_global_and_home_position_valid_on_vision_alone():
     flight = ready()
-    flight.send(0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision")
+    flight.send(
+        0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision"
+    )
     flight.heard[0].clear()
     flight.run(3.0)
     found = {m.get_type(): m for m in flight.heard[0]}
@@ -198,7 +222,12 @@ def test_offboard_setpoints_that_are_infinite_or_empty_do_not_count_as_a_stream(
     flight = ready()
     assert flight.arm(0) == 0
     for mask, x in ((0b100111111000, float("inf")), (0b111111111111, 0.0)):
-        flight.send(0, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, mask, x, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
+        flight.send(
+            0,
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, mask, x, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
+            ),
+        )
     assert flight.offboard(0) == 1
 
 
@@ -224,7 +253,9 @@ def test_valid_frames_with_random_fields_never_break_or_arm_it():
         payload = rng.bytes(struct.calcsize(kind.unpacker.format))
         message = kind.__new__(kind)
         mavlink.MAVLink_message.__init__(message, kind.id, kind.msgname)
-        flight.pilots.receive(0, ("router", "vision", "panic")[n % 3], message._pack(codec, kind.crc_extra, payload))
+        flight.pilots.receive(
+            0, ("router", "vision", "panic")[n % 3], message._pack(codec, kind.crc_extra, payload)
+        )
         if n % 500 == 0:
             flight.run(0.02)
     assert not flight.armed(0)
@@ -238,7 +269,10 @@ _SHARED = Flight(1)
 def test_a_radio_is_told_while_it_is_heard_and_a_joystick_only_where_it_counts():
     def told(f: Flight) -> bool:
         f.run(0.5)
-        return bool([m for m in f.heard[0] if m.get_type() == "SYS_STATUS"][-1].onboard_control_sensors_present & radio)
+        return bool(
+            [m for m in f.heard[0] if m.get_type() == "SYS_STATUS"][-1].onboard_control_sensors_present
+            & radio
+        )
 
     radio = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
     flight = Flight(1, params={"COM_RC_LOSS_T": 1.0, "COM_RC_IN_MODE": 0})

@@ -148,7 +148,9 @@ def test_an_armed_vehicle_that_does_not_take_off_disarms_itself():
 
 def test_velocity_attitude_and_rate_setpoints_move_the_right_way():
     flight, stream = airborne(height=3.0)
-    north = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0b110111000111, 0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0)
+    north = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 0b110111000111, 0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0
+    )
     flight.run(2.0, lambda f: f.send(0, north))
     assert abs(flight.world.truth().v_n[0][0] - 0.5) < 0.1
     flight.run(2.0, stream)
@@ -156,7 +158,9 @@ def test_velocity_attitude_and_rate_setpoints_move_the_right_way():
     q = [np.cos(-0.05), 0.0, np.sin(-0.05), 0.0]
     thrust = float(flight.pilots.thrust[0])
     before = flight.world.truth().v_n[0][0]
-    flight.run(1.0, lambda f: f.send(0, mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, q, 0, 0, 0, thrust)))
+    flight.run(
+        1.0, lambda f: f.send(0, mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, q, 0, 0, 0, thrust))
+    )
     assert flight.world.truth().v_n[0][0] - before > 0.4
     flight.run(3.0, stream)
     turn = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 128, [1, 0, 0, 0], 0, 0, 0.5, thrust)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 from test_face import ready
 
-from arena.autopilot.estimator import _sound
+from arena.autopilot.estimation.estimator import _sound
 
 SHARE = {"powerless": 6000, "ground": 2500, "hover": 3000, "offboard": 300, "wild": 300}
 
@@ -58,11 +58,18 @@ def test_every_message_of_the_dialect_can_be_said_absurdly_and_is_still_valid(rn
 
 @pytest.mark.parametrize(
     ("lat", "lon", "alt", "taken"),
-    [(90.0, 180.0, 0.0, True), (-90.0, -180.0, 0.0, True), (38.7, -9.1, 2147483.0, False), (38.7, -9.1, -12_001.0, False)],
-)  # fmt: skip
+    [
+        (90.0, 180.0, 0.0, True),
+        (-90.0, -180.0, 0.0, True),
+        (38.7, -9.1, 2147483.0, False),
+        (38.7, -9.1, -12_001.0, False),
+    ],
+)
 def test_an_origin_on_a_pole_is_flown_on_and_one_in_space_is_not_taken(lat, lon, alt, taken):
     flight = ready()
-    flight.send(0, mavlink.MAVLink_set_gps_global_origin_message(1, int(lat * 1e7), int(lon * 1e7), int(alt * 1e3), 0))
+    flight.send(
+        0, mavlink.MAVLink_set_gps_global_origin_message(1, int(lat * 1e7), int(lon * 1e7), int(alt * 1e3), 0)
+    )
     flight.heard[0].clear()
     flight.run(2.5)
     told = [m for m in flight.heard[0] if m.get_type() in ("GLOBAL_POSITION_INT", "HOME_POSITION")]
@@ -94,7 +101,11 @@ def _offboard_for(seconds: float, **fields: float) -> Flight:
     flight.run(0.3, stream)
     assert flight.offboard(0) == flight.arm(0) == 0
     flight.run(9.0, stream)
-    said = {"vx": 0.0, "vy": 0.0, "vz": 0.0} | dict.fromkeys(("afx", "afy", "afz", "yaw", "yaw_rate"), math.nan) | fields
+    said = (
+        {"vx": 0.0, "vy": 0.0, "vz": 0.0}
+        | dict.fromkeys(("afx", "afy", "afz", "yaw", "yaw_rate"), math.nan)
+        | fields
+    )
     m = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0b111, 0, 0, 0, *said.values())
     flight.run(seconds, lambda f: f.send(0, m))
     return flight

@@ -37,7 +37,10 @@ def until_reached(flight, seq, limit_s):
 def test_a_mission_takes_off_flies_its_waypoints_holds_turns_and_lands_where_it_says():
     flight = ready(params=SMALL)
     yaw = 90.0
-    start(flight, [item(TAKEOFF, up=1.5), waypoint(3, 0, 1.5), waypoint(3, 3, 2.0, 2.0, 0.3, yaw), item(LAND, 1, 3)])
+    start(
+        flight,
+        [item(TAKEOFF, up=1.5), waypoint(3, 0, 1.5), waypoint(3, 3, 2.0, 2.0, 0.3, yaw), item(LAND, 1, 3)],
+    )
     assert "Executing Mission" in texts(flight) and "Climb to 1.5 meters above home" in texts(flight)
     until_reached(flight, 1, 15)
     assert np.linalg.norm(flight.position(0) - [3, 0, -1.55]) < 0.5
@@ -54,7 +57,9 @@ def test_a_mission_takes_off_flies_its_waypoints_holds_turns_and_lands_where_it_
 
 def test_a_way_is_flown_no_faster_than_told_and_straight():
     flight = ready(params=SMALL)
-    start(flight, [item(TAKEOFF, up=1.5), do(178, 1, 1.0, -1), waypoint(6, 0, 1.5), waypoint(6, 0, 1.5, 60.0)])
+    start(
+        flight, [item(TAKEOFF, up=1.5), do(178, 1, 1.0, -1), waypoint(6, 0, 1.5), waypoint(6, 0, 1.5, 60.0)]
+    )
     fastest, aside = 0.0, 0.0
     until_reached(flight, 0, 10)
     while flight.pilots.faces[0].missions.reached < 2:
@@ -67,7 +72,17 @@ def test_a_way_is_flown_no_faster_than_told_and_straight():
 
 def test_jumps_delays_and_the_mode_s_end_are_px4s():
     flight = ready(params=SMALL)
-    start(flight, [item(TAKEOFF, up=1.2), waypoint(1, 0, 1.2), waypoint(-1, 0, 1.2), do(177, 1, 1), do(DELAY, 1.0), do(RTL)])
+    start(
+        flight,
+        [
+            item(TAKEOFF, up=1.2),
+            waypoint(1, 0, 1.2),
+            waypoint(-1, 0, 1.2),
+            do(177, 1, 1),
+            do(DELAY, 1.0),
+            do(RTL),
+        ],
+    )
     flight.until(lambda f: f.mode(0) == "AUTO.RTL", 40)
     assert reached(flight) == [0, 1, 2, 1, 2, 4]
     flight.until(lambda f: not f.armed(0), 30)
@@ -129,7 +144,9 @@ def test_the_return_climbs_within_its_cone_flies_home_and_lands():
     assert flight.mode(0) == "AUTO.LOITER"
     assert flight.command(0, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == 0
     flight.until(lambda f: f.position(0)[2] < -4.0, 15)
-    assert np.hypot(*(flight.position(0)[:2] - [4, 3])) < 0.6, "up first: five metres from home, by the cone of 45 degrees"
+    assert np.hypot(*(flight.position(0)[:2] - [4, 3])) < 0.6, (
+        "up first: five metres from home, by the cone of 45 degrees"
+    )
     flight.until(lambda f: not f.armed(0), 40)
     assert np.hypot(*flight.position(0)[:2]) < 0.3
 
@@ -150,7 +167,8 @@ FENCE = [item(5001, n, e, p=(4.0,)) for n, e in ((2, 2), (2, -2), (-2, -2), (-2,
 
 
 @pytest.mark.parametrize(
-    ("action", "mode"), [(0, "OFFBOARD"), (1, "OFFBOARD"), (2, "AUTO.LOITER"), (3, "AUTO.RTL"), (5, "AUTO.LAND")]
+    ("action", "mode"),
+    [(0, "OFFBOARD"), (1, "OFFBOARD"), (2, "AUTO.LOITER"), (3, "AUTO.RTL"), (5, "AUTO.LAND")],
 )
 def test_leaving_the_fence_is_met_as_its_parameter_says(action, mode):
     flight = ready(params={"GF_ACTION": action})

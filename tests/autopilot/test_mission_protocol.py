@@ -54,11 +54,16 @@ def test_the_list_has_an_id_that_changes_with_it_and_is_told_with_count_current_
 @pytest.mark.parametrize(
     ("bad", "result"),
     [
-        ({**item(16), "frame": 1}, UNSUPPORTED_FRAME), ({**item(16), "frame": 10}, UNSUPPORTED_FRAME),
-        (item(18), UNSUPPORTED), (do(16), UNSUPPORTED), (do(201, 7), 6), (item(5001, p=(4.0,)), ERROR),
-        (item(16, up=math.nan), INVALID), ({**item(16), "x": 2_000_000_000}, INVALID),
+        ({**item(16), "frame": 1}, UNSUPPORTED_FRAME),
+        ({**item(16), "frame": 10}, UNSUPPORTED_FRAME),
+        (item(18), UNSUPPORTED),
+        (do(16), UNSUPPORTED),
+        (do(201, 7), 6),
+        (item(5001, p=(4.0,)), ERROR),
+        (item(16, up=math.nan), INVALID),
+        ({**item(16), "x": 2_000_000_000}, INVALID),
     ],
-)  # fmt: skip
+)
 def test_an_item_that_cannot_be_is_refused_and_leaves_the_old_list(station, bad, result):
     assert upload(station, SQUARE) == 0
     assert upload(station, [SQUARE[0], bad]) == result
@@ -112,7 +117,9 @@ def test_one_transfer_at_a_time_also_over_another_link(station):
     station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 2, 0), "router")
     station.run(0.04)
     assert [m.type for m in said(station, "MISSION_ACK")] == [ERROR]
-    station.send(0, mavlink.MAVLink_mission_ack_message(1, 1, mavlink.MAV_MISSION_OPERATION_CANCELLED, 0), "panic")
+    station.send(
+        0, mavlink.MAVLink_mission_ack_message(1, 1, mavlink.MAV_MISSION_OPERATION_CANCELLED, 0), "panic"
+    )
 
 
 def test_a_request_out_of_turn_ends_a_download(station):
@@ -126,9 +133,15 @@ def test_a_request_out_of_turn_ends_a_download(station):
 
 
 def test_fence_and_rally_points_are_kept_beside_the_mission_and_cleared_alone(station):
-    fence = [item(5001, n, e, p=(4.0,)) for n, e in ((5, 5), (5, -5), (-5, -5), (-5, 5))] + [item(5004, 20, 20, p=(3.0,))]
-    assert upload(station, SQUARE) == upload(station, fence, 1) == upload(station, [item(5100, 1, 1, 2)], 2) == 0
-    assert [(m.command, m.param1, m.frame) for m in download(station, 1)] == [(5001, 4.0, 5)] * 4 + [(5004, 3.0, 5)]
+    fence = [item(5001, n, e, p=(4.0,)) for n, e in ((5, 5), (5, -5), (-5, -5), (-5, 5))] + [
+        item(5004, 20, 20, p=(3.0,))
+    ]
+    assert (
+        upload(station, SQUARE) == upload(station, fence, 1) == upload(station, [item(5100, 1, 1, 2)], 2) == 0
+    )
+    assert [(m.command, m.param1, m.frame) for m in download(station, 1)] == [(5001, 4.0, 5)] * 4 + [
+        (5004, 3.0, 5)
+    ]
     assert [(m.command, m.z) for m in download(station, 2)] == [(5100, 2.0)]
     station.send(0, mavlink.MAVLink_mission_clear_all_message(1, 1, 1))
     assert [len(download(station, kind)) for kind in (0, 1, 2)] == [len(SQUARE), 0, 1]
@@ -150,11 +163,14 @@ def test_the_current_item_is_told_every_second_and_set_within_the_list_alone(sta
 @pytest.mark.parametrize(
     ("items", "words"),
     [
-        ([item(21)], "starts with landing"), ([waypoint(0, 0, 2), item(22, up=2)], "takeoff not first waypoint item"),
-        ([item(22, up=-1.0)], "Takeoff altitude below home altitude!"), ([item(84, up=2)], "vehicle is not a VTOL"),
-        ([waypoint(20_000, 0, 2)], "First waypoint far away from home: 20000m"), ([do(112, 3)], "item 1: unsupported cmd: 112"),
+        ([item(21)], "starts with landing"),
+        ([waypoint(0, 0, 2), item(22, up=2)], "takeoff not first waypoint item"),
+        ([item(22, up=-1.0)], "Takeoff altitude below home altitude!"),
+        ([item(84, up=2)], "vehicle is not a VTOL"),
+        ([waypoint(20_000, 0, 2)], "First waypoint far away from home: 20000m"),
+        ([do(112, 3)], "item 1: unsupported cmd: 112"),
     ],
-)  # fmt: skip
+)
 def test_a_mission_that_cannot_be_flown_is_taken_explained_and_not_started(station, items, words):
     assert upload(station, items) == 0
     assert words in texts(station)

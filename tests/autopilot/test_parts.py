@@ -7,17 +7,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.control import AttitudeControl, attitude_from_thrust
-from arena.autopilot.mixer import Mixer, mixing_rows
-from arena.autopilot.offboard import from_attitude_target, from_position_target
-from arena.autopilot.params import Params
-from arena.autopilot.setpoint import Level
-from arena.geometry import euler_from_quat, matrix_from_quat, quat_conj, quat_exp, quat_from_euler, quat_multiply, quat_rotate
+from arena.autopilot.control.control_allocator import Mixer, mixing_rows
+from arena.autopilot.control.controllers import AttitudeControl, attitude_from_thrust
+from arena.autopilot.control.setpoints import Level
+from arena.autopilot.mavlink.offboard_setpoints import from_attitude_target, from_position_target
+from arena.autopilot.param_table import Params
+from arena.geometry import (
+    euler_from_quat,
+    matrix_from_quat,
+    quat_conj,
+    quat_exp,
+    quat_from_euler,
+    quat_multiply,
+    quat_rotate,
+)
 
 QUAD_X = [
-    {"position_m": [0.2, 0.2, 0.0], "direction": "ccw"}, {"position_m": [-0.2, -0.2, 0.0], "direction": "ccw"},
-    {"position_m": [0.2, -0.2, 0.0], "direction": "cw"}, {"position_m": [-0.2, 0.2, 0.0], "direction": "cw"},
-]  # fmt: skip
+    {"position_m": [0.2, 0.2, 0.0], "direction": "ccw"},
+    {"position_m": [-0.2, -0.2, 0.0], "direction": "ccw"},
+    {"position_m": [0.2, -0.2, 0.0], "direction": "cw"},
+    {"position_m": [-0.2, 0.2, 0.0], "direction": "cw"},
+]
 GENERIC_RPY = np.radians([10.0, -20.0, 35.0])
 
 
@@ -54,7 +64,12 @@ def test_attitude_from_thrust_opposes_the_thrust_and_keeps_the_heading(tilt, yaw
     q = attitude_from_thrust(thrust, np.array([yaw]))
     assert np.allclose(quat_rotate(q, [0, 0, -1.0]), thrust / np.linalg.norm(thrust))
     nose = quat_rotate(q, [1.0, 0, 0])[0]
-    assert abs(np.arctan2(np.sin(np.arctan2(nose[1], nose[0]) - yaw), np.cos(np.arctan2(nose[1], nose[0]) - yaw))) < 0.35
+    assert (
+        abs(
+            np.arctan2(np.sin(np.arctan2(nose[1], nose[0]) - yaw), np.cos(np.arctan2(nose[1], nose[0]) - yaw))
+        )
+        < 0.35
+    )
 
 
 def test_attitude_control_turns_towards_the_setpoint_at_a_generic_attitude():
@@ -69,7 +84,9 @@ def test_attitude_control_turns_towards_the_setpoint_at_a_generic_attitude():
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), st.sampled_from([0.1, 0.4, 1.0]))
-def test_attitude_control_meets_the_tilt_by_the_shortest_way_and_the_yaw_that_is_left_by_its_weight(turns, weight):
+def test_attitude_control_meets_the_tilt_by_the_shortest_way_and_the_yaw_that_is_left_by_its_weight(
+    turns, weight
+):
     params = Params(1)
     params.set(0, "MC_YAW_WEIGHT", weight)
     q, q_sp = quat_exp(turns[:3]), quat_exp(turns[3:])
@@ -88,7 +105,9 @@ def test_attitude_control_meets_the_tilt_by_the_shortest_way_and_the_yaw_that_is
 
 def test_body_setpoints_turn_by_yaw_alone_and_their_position_is_ignored():
     q = quat_from_euler([0.3, -0.2, np.pi / 2]).tolist()
-    m = mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, 8, 0b010111000000, 9, 9, 9, 1, 0, 0.5, 0, 0, 0, 0, 0.2)
+    m = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 8, 0b010111000000, 9, 9, 9, 1, 0, 0.5, 0, 0, 0, 0, 0.2
+    )
     o = from_position_target(m, q)
     assert np.all(np.isnan(o.p_n))
     assert np.allclose(o.v_n, [0, 1, 0.5], atol=1e-9)
@@ -96,11 +115,16 @@ def test_body_setpoints_turn_by_yaw_alone_and_their_position_is_ignored():
 
 def test_attitude_targets_are_normalised_and_nonsense_refused():
     q = quat_from_euler(GENERIC_RPY)
-    o = from_attitude_target(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, (1.5 * q).tolist(), 0, 0, 0, 2.0))
+    o = from_attitude_target(
+        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, (1.5 * q).tolist(), 0, 0, 0, 2.0)
+    )
     assert o.level is Level.ATTITUDE
     assert np.allclose(euler_from_quat(np.array(o.q_nb)), GENERIC_RPY)
     assert o.thrust == 1.0
     for bad in ([0, 0, 0, 0], [float("nan"), 0, 0, 1]):
-        assert isinstance(from_attitude_target(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, bad, 0, 0, 0, 0.5)), str)
+        assert isinstance(
+            from_attitude_target(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, bad, 0, 0, 0, 0.5)),
+            str,
+        )
     no_thrust = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 71, q.tolist(), 0, 0, 0, 0.5)
     assert isinstance(from_attitude_target(no_thrust), str)

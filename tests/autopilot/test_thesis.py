@@ -33,11 +33,15 @@ def load(name: str) -> ModuleType:
 
 THESIS = load("thesis")
 FLOWN = 3  # steps: the benchmark flies all six, through `arena up`
-needs_data = pytest.mark.skipif(not THESIS.DATA.is_dir(), reason="the thesis's flight data are not beside the repository")
+needs_data = pytest.mark.skipif(
+    not THESIS.DATA.is_dir(), reason="the thesis's flight data are not beside the repository"
+)
 
 
 def track(t: Any, p: Any, goal: Any, start: tuple[int, ...] = (0,)) -> Any:
-    return THESIS.Track(t=np.asarray(t, float), p=np.asarray(p, float), goal=np.asarray(goal, float), start=start)
+    return THESIS.Track(
+        t=np.asarray(t, float), p=np.asarray(p, float), goal=np.asarray(goal, float), start=start
+    )
 
 
 def test_a_late_copy_of_a_track_lies_at_its_lag_and_nowhere_apart():
@@ -78,8 +82,15 @@ def test_parameters_are_read_out_of_a_ulog_as_they_were_at_its_start():
     def parameter(key: bytes, value: bytes) -> bytes:
         return message(b"P", bytes([len(key)]) + key + value)
 
-    log = b"ULog\x01\x12\x35\x01" + bytes(8) + message(b"B", bytes(40)) + message(b"I", b"\x0achar[3] ab" + b"abc")
-    log += parameter(b"float MPC_XY_P", struct.pack("<f", 0.75)) + parameter(b"int32_t SYS_ID", struct.pack("<i", -3))
+    log = (
+        b"ULog\x01\x12\x35\x01"
+        + bytes(8)
+        + message(b"B", bytes(40))
+        + message(b"I", b"\x0achar[3] ab" + b"abc")
+    )
+    log += parameter(b"float MPC_XY_P", struct.pack("<f", 0.75)) + parameter(
+        b"int32_t SYS_ID", struct.pack("<i", -3)
+    )
     log += message(b"D", bytes(9)) + parameter(b"float MPC_XY_P", struct.pack("<f", 0.5))
     assert THESIS.ulog_params(log) == {"MPC_XY_P": 0.75, "SYS_ID": -3}
 
@@ -95,9 +106,13 @@ def test_the_measure_gives_the_figures_of_the_datas_own_readme():
 
 @needs_data
 def test_the_setpoint_program_flown_here_lies_nearer_to_the_real_flight_than_gazebos_did(monkeypatch):
-    real, gazebo = (THESIS.read_track(THESIS.DATA / f"setpoints_{name}.csv") for name in ("real_uav3", "gazebo_uav2"))
+    real, gazebo = (
+        THESIS.read_track(THESIS.DATA / f"setpoints_{name}.csv") for name in ("real_uav3", "gazebo_uav2")
+    )
     end = gazebo.start[FLOWN]
-    bound, _ = THESIS.apart(track(gazebo.t[:end], gazebo.p[:end], gazebo.goal[:end], gazebo.start[:FLOWN]), real)
+    bound, _ = THESIS.apart(
+        track(gazebo.t[:end], gazebo.p[:end], gazebo.goal[:end], gazebo.start[:FLOWN]), real
+    )
     rms, lag = THESIS.apart(flown((THESIS.DATA / "setpoints_real_uav3.ulg").read_bytes(), monkeypatch), real)
     assert np.linalg.norm(rms) <= np.linalg.norm(bound), (rms, bound)
     assert (rms <= bound + 0.01).all(), (rms, bound)
@@ -121,9 +136,14 @@ def flown(ulog: bytes, monkeypatch: pytest.MonkeyPatch) -> Any:
         goal, yaw = estimate(flight)
         goal, yaw = goal + step, yaw + math.radians(turn)
         start.append(len(rows))
-        flight.run(steps.STEP_S, lambda f, g=goal, y=yaw: (f.setpoint(0, g, y), rows.append((f.now, *estimate(f)[0], *g))))
+        flight.run(
+            steps.STEP_S,
+            lambda f, g=goal, y=yaw: (f.setpoint(0, g, y), rows.append((f.now, *estimate(f)[0], *g))),
+        )
     found = np.array(rows)
-    return track(found[:, 0] - found[0, 0], found[:, 1:4] - found[0, 1:4], found[:, 4:] - found[0, 1:4], tuple(start))
+    return track(
+        found[:, 0] - found[0, 0], found[:, 1:4] - found[0, 1:4], found[:, 4:] - found[0, 1:4], tuple(start)
+    )
 
 
 def estimate(flight: Flight) -> tuple[Any, float]:

@@ -7,13 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.capture.natnet import NatNetReceiver
-from arena.capture.pose import pose_ned
 from arena.geometry import q_nb_from_q_wf, q_wf_from_q_nb, quat_from_euler, wxyz_from_xyzw, xyzw_from_wxyz
+from arena.mocap.client.natnet import NatNetReceiver
+from arena.mocap.client.pose import pose_ned
 from arena.wire import natnet
 
 INFO = natnet.encode_server_info(
-    natnet.ServerInfo(name="x", app_version=(3, 1, 0, 0), version=(3, 1), clock_hz=1, data_port=1511, group="")
+    natnet.ServerInfo(
+        name="x", app_version=(3, 1, 0, 0), version=(3, 1), clock_hz=1, data_port=1511, group=""
+    )
 )
 
 
@@ -25,7 +27,9 @@ def shaken(bodies=None) -> NatNetReceiver:
 
 
 def frame(*bodies: natnet.Body) -> bytes:
-    return natnet.encode_frame(natnet.Frame(number=3, timestamp_s=1.0, exposure_ticks=0, bodies=bodies), (3, 1))
+    return natnet.encode_frame(
+        natnet.Frame(number=3, timestamp_s=1.0, exposure_ticks=0, bodies=bodies), (3, 1)
+    )
 
 
 def body(i=1, tracked=True, quat=(0.0, 0.0, 0.0, 1.0), position=(1.0, 2.0, 3.0)) -> natnet.Body:

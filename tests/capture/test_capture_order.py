@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.capture.natnet import NatNetReceiver
-from arena.capture.order import FrameOrder
+from arena.mocap.client.frame_order import FrameOrder
+from arena.mocap.client.natnet import NatNetReceiver
 from arena.wire import natnet
 
 V = (4, 1)
@@ -23,12 +23,22 @@ def models(*bodies: tuple[int, str]) -> bytes:
     return natnet.encode_models(bodies, V)
 
 
-def frame(number: int, *, ids=(1, 2), exposure_ticks: int = 0, stamp: float = 5.0, changed: bool = False) -> bytes:
+def frame(
+    number: int, *, ids=(1, 2), exposure_ticks: int = 0, stamp: float = 5.0, changed: bool = False
+) -> bytes:
     bodies = tuple(
-        natnet.Body(streaming_id=i, position=(float(i), 0.0, 0.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0)) for i in ids
+        natnet.Body(streaming_id=i, position=(float(i), 0.0, 0.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
+        for i in ids
     )
     return natnet.encode_frame(
-        natnet.Frame(number=number, timestamp_s=stamp, exposure_ticks=exposure_ticks, bodies=bodies, models_changed=changed), V
+        natnet.Frame(
+            number=number,
+            timestamp_s=stamp,
+            exposure_ticks=exposure_ticks,
+            bodies=bodies,
+            models_changed=changed,
+        ),
+        V,
     )
 
 
@@ -88,7 +98,9 @@ def test_a_frame_that_says_its_models_changed_names_nobody_until_they_are_known_
     assert receiver.hear(frame(1, changed=True)) is None
     assert natnet.message_of(receiver.ask()) == natnet.REQUEST_MODELDEF
     receiver.hear(models((2, "uav1"), (1, "uav2")))
-    assert east(receiver, frame(2, changed=True)) == {"uav1": 2.0, "uav2": 1.0}, "a bit that stays set is no new change"
+    assert east(receiver, frame(2, changed=True)) == {"uav1": 2.0, "uav2": 1.0}, (
+        "a bit that stays set is no new change"
+    )
     assert receiver.hear(frame(3))
     assert receiver.hear(frame(4, changed=True)) is None
 
@@ -113,9 +125,13 @@ def test_a_frame_without_a_time_is_malformed(stamp):
 
 def test_a_body_kilometres_away_is_no_pose_and_is_counted_apart_from_an_occluded_one():
     far = natnet.Body(streaming_id=1, position=(3e30, 0.0, 0.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
-    lost = natnet.Body(streaming_id=2, position=(0.0, 0.0, 0.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0), tracked=False)
+    lost = natnet.Body(
+        streaming_id=2, position=(0.0, 0.0, 0.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0), tracked=False
+    )
     receiver = shaken()
-    found = receiver.hear(natnet.encode_frame(natnet.Frame(number=1, timestamp_s=1.0, exposure_ticks=0, bodies=(far, lost)), V))
+    found = receiver.hear(
+        natnet.encode_frame(natnet.Frame(number=1, timestamp_s=1.0, exposure_ticks=0, bodies=(far, lost)), V)
+    )
     assert (found.poses, found.untracked) == ((), ("uav1", "uav2"))
     assert receiver.counts["no pose"] == 1
 

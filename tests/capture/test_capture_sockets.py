@@ -10,9 +10,9 @@ import time
 import psutil
 import pytest
 
-from arena.capture import open_capture
-from arena.capture.net import local_for, member, udp
 from arena.errors import InputError
+from arena.mocap.client import open_capture
+from arena.mocap.client.sockets import local_for, member, udp
 from arena.wire import natnet
 
 V = (4, 1)
@@ -35,9 +35,16 @@ class Server:
 
     def settings(self, **changes):
         return {
-            "kind": "natnet", "server": self.host, "local": self.host, "group": GROUP, "transport": "multicast",
-            "command_port": self.socket.getsockname()[1], "data_port": self.data_port, "bodies": ["uav1"], **changes,
-        }  # fmt: skip
+            "kind": "natnet",
+            "server": self.host,
+            "local": self.host,
+            "group": GROUP,
+            "transport": "multicast",
+            "command_port": self.socket.getsockname()[1],
+            "data_port": self.data_port,
+            "bodies": ["uav1"],
+            **changes,
+        }
 
     def asked(self, message: int) -> tuple[str, int]:
         """Wait for a request, passing over keepalives; who asked."""
@@ -49,7 +56,9 @@ class Server:
 
     def shake(self, capture, streaming_id: int = 1) -> tuple[str, int]:
         sender = self.asked(natnet.CONNECT)
-        info = natnet.ServerInfo(name="x", app_version=(4, 1, 0, 0), version=V, clock_hz=1, data_port=self.data_port, group="")
+        info = natnet.ServerInfo(
+            name="x", app_version=(4, 1, 0, 0), version=V, clock_hz=1, data_port=self.data_port, group=""
+        )
         self.socket.sendto(natnet.encode_server_info(info), sender)
         until(capture, lambda: capture.core._version is not None)
         self.asked(natnet.REQUEST_MODELDEF)
@@ -60,7 +69,9 @@ class Server:
 
 def frame(number: int) -> bytes:
     body = natnet.Body(streaming_id=1, position=(1.0, 2.0, 3.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0))
-    return natnet.encode_frame(natnet.Frame(number=number, timestamp_s=1.0, exposure_ticks=0, bodies=(body,)), V)
+    return natnet.encode_frame(
+        natnet.Frame(number=number, timestamp_s=1.0, exposure_ticks=0, bodies=(body,)), V
+    )
 
 
 def until(capture, done, deadline_s: float = 30.0) -> list:
@@ -169,7 +180,7 @@ def test_a_kind_that_is_not_built_yet_is_a_sentence(server):
 
 def test_an_interface_that_is_not_there_yet_is_waited_for_and_told(server, monkeypatch):
     """A lab's Wi-Fi may come after the arena; a forwarder that gave up would leave its vehicle blind."""
-    monkeypatch.setattr("arena.capture.natnet._TRY_S", 0.05)
+    monkeypatch.setattr("arena.mocap.client.natnet._TRY_S", 0.05)
     there = []
 
     def route(to, port):
@@ -177,7 +188,7 @@ def test_an_interface_that_is_not_there_yet_is_waited_for_and_told(server, monke
             raise OSError(101, "Network is unreachable")
         return local_for(to, port)
 
-    monkeypatch.setattr("arena.capture.natnet.local_for", route)
+    monkeypatch.setattr("arena.mocap.client.natnet.local_for", route)
     capture = open_capture(server.settings(local=None))
     until(capture, lambda: capture.counts["no network"] > 2)
     assert "Network is unreachable" in capture.trouble() and server.host in capture.trouble()
@@ -223,7 +234,9 @@ def test_a_group_joined_on_one_interface_is_not_heard_on_another():
         port = probe.getsockname()[1]
     ours = member(GROUP, port, "127.0.0.1")
     assert ours.getsockopt(socket.IPPROTO_IP, 49) == 0
-    outside = [a.address for each in psutil.net_if_addrs().values() for a in each if a.family == socket.AF_INET]
+    outside = [
+        a.address for each in psutil.net_if_addrs().values() for a in each if a.family == socket.AF_INET
+    ]
     outside = [a for a in outside if not a.startswith("127.")]
     if outside:  # the option's value is all that can be looked at on a computer with loopback alone
         theirs, speaker = member(GROUP, port, outside[0]), udp(outside[0], 0)
@@ -237,11 +250,13 @@ def test_a_group_joined_on_one_interface_is_not_heard_on_another():
 
 
 def test_a_body_that_the_server_does_not_have_is_told_with_those_it_has(server, monkeypatch):
-    monkeypatch.setattr("arena.capture.watch._GRACE_S", 0.0)
+    monkeypatch.setattr("arena.mocap.client.reception._GRACE_S", 0.0)
     capture = open_capture(server.settings(bodies=["UAV1"]))
     assert "no answer" in capture.trouble()
     sender = server.asked(natnet.CONNECT)
-    info = natnet.ServerInfo(name="x", app_version=(4, 1, 0, 0), version=V, clock_hz=1, data_port=9, group="239.1.1.1")
+    info = natnet.ServerInfo(
+        name="x", app_version=(4, 1, 0, 0), version=V, clock_hz=1, data_port=9, group="239.1.1.1"
+    )
     server.socket.sendto(natnet.encode_server_info(info), sender)
     until(capture, lambda: capture.core.answers)
     assert "239.1.1.1" in capture.trouble(), "it streams to another group"

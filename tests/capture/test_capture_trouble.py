@@ -6,18 +6,25 @@ from dataclasses import replace
 
 import pytest
 
-from arena.capture.natnet import NatNetReceiver
-from arena.capture.trouble import WELL, Complaint, Condition, sentence
-from arena.capture.watch import Watch
+from arena.mocap.client.diagnosis import WELL, Complaint, Condition, sentence
+from arena.mocap.client.natnet import NatNetReceiver
+from arena.mocap.client.reception import Watch
 from arena.wire import natnet
 
 BASE = Condition(
-    server="10.0.0.5", command_port=1510, data_port=1511, transport="multicast", group="239.255.42.99", local="10.0.0.9"
-)  # fmt: skip
+    server="10.0.0.5",
+    command_port=1510,
+    data_port=1511,
+    transport="multicast",
+    group="239.255.42.99",
+    local="10.0.0.9",
+)
 
 
 def info(version=(4, 1), port=1511, group="239.255.42.99") -> natnet.ServerInfo:
-    return natnet.ServerInfo(name="x", app_version=(3, 1, 0, 0), version=version, clock_hz=1, data_port=port, group=group)
+    return natnet.ServerInfo(
+        name="x", app_version=(3, 1, 0, 0), version=version, clock_hz=1, data_port=port, group=group
+    )
 
 
 @pytest.mark.parametrize(
@@ -59,7 +66,9 @@ def test_a_body_is_hidden_only_after_a_while_and_not_when_it_comes_back():
     receiver.hear(natnet.encode_models([(1, "uav1")], (4, 1)))
 
     def see(wall: float, tracked: bool) -> list[str]:
-        body = natnet.Body(streaming_id=1, position=(0.0, 0.0, 1.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0), tracked=tracked)
+        body = natnet.Body(
+            streaming_id=1, position=(0.0, 0.0, 1.0), quat_xyzw=(0.0, 0.0, 0.0, 1.0), tracked=tracked
+        )
         sent = natnet.Frame(number=int(wall * 10), timestamp_s=wall, exposure_ticks=0, bodies=(body,))
         found = receiver.hear(natnet.encode_frame(sent, (4, 1)))
         watch.look(receiver, [found], wall)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from arena.cli import main, up
 from arena.plan.model import Plan
-from arena.supervise import sweep_all
+from arena.supervisor import sweep_all
 
 
 def plan_from_json(file: Path, overrides: list[str]) -> Plan:

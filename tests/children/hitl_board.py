@@ -20,15 +20,17 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.params import SPECS
-from arena.autopilot.standin import StandIn
-from arena.wire.codec import Codec
-from arena.wire.mavframe import Stream
-from arena.wire.qgcparams import parse_params
+from arena.autopilot.param_table import SPECS
+from arena.autopilot.sitl_standin import StandIn
+from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import Stream
+from arena.wire.qgc_params import parse_params
 
 _ROTORS = ((0.1, 0.1, 0.01), (-0.1, -0.1, 0.01), (0.1, -0.1, -0.01), (-0.1, 0.1, -0.01))
 _QUAD_X = {"CA_ROTOR_COUNT": 4} | {
-    f"CA_ROTOR{i}_{k}": v for i, place in enumerate(_ROTORS) for k, v in zip(("PX", "PY", "KM"), place, strict=True)
+    f"CA_ROTOR{i}_{k}": v
+    for i, place in enumerate(_ROTORS)
+    for k, v in zip(("PX", "PY", "KM"), place, strict=True)
 }
 _HIL = mavlink.MAVLINK_MSG_ID_HIL_SENSOR
 _READ = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ
@@ -62,7 +64,9 @@ class Board(StandIn):
         if self.samples > 1 or now - self._beat < 0.5:
             return b""
         self._beat = now
-        return self._voice.pack(mavlink.MAVLink_heartbeat_message(2, 12, 1 | mavlink.MAV_MODE_FLAG_HIL_ENABLED, 0, 3, 3))
+        return self._voice.pack(
+            mavlink.MAVLink_heartbeat_message(2, 12, 1 | mavlink.MAV_MODE_FLAG_HIL_ENABLED, 0, 3, 3)
+        )
 
     def _controls(self, time_usec: int, motors: Any) -> bytes:
         """Without the flag that asks for lockstep."""
@@ -77,7 +81,9 @@ class Board(StandIn):
         value = self.extra[m.param_id]
         whole = isinstance(value, int)
         packed = struct.unpack("<f", struct.pack("<i", value))[0] if whole else value
-        return self._voice.pack(mavlink.MAVLink_param_value_message(m.param_id.encode(), packed, 6 if whole else 9, 900, 1))
+        return self._voice.pack(
+            mavlink.MAVLink_param_value_message(m.param_id.encode(), packed, 6 if whole else 9, 900, 1)
+        )
 
 
 def main() -> int:

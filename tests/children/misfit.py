@@ -76,9 +76,7 @@ def kills_itself() -> None:
 
 def grandchild() -> None:
     """Leaves a grandchild in its group, and one in a session of its own, then ends."""
-    code = (
-        "import os, signal, sys; print('grandchild', os.getpid(), flush=True); signal.signal(15, signal.SIG_IGN); signal.pause()"
-    )
+    code = "import os, signal, sys; print('grandchild', os.getpid(), flush=True); signal.signal(15, signal.SIG_IGN); signal.pause()"
     subprocess.Popen([sys.executable, "-c", code])
     subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
     tell(ready=True)
@@ -157,7 +155,11 @@ def world() -> None:
     mine = line()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     facts = json.loads(sys.argv[2]) if len(sys.argv) > 2 else {}
-    mine.send(json.dumps({"ready": True, "facts": facts, "stats": json.loads(sys.argv[3]) if len(sys.argv) > 3 else {}}).encode())
+    mine.send(
+        json.dumps(
+            {"ready": True, "facts": facts, "stats": json.loads(sys.argv[3]) if len(sys.argv) > 3 else {}}
+        ).encode()
+    )
     watched = sys.argv[4] if len(sys.argv) > 4 else ""
     mine.settimeout(0.05)
     while True:

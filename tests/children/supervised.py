@@ -6,14 +6,16 @@ import sys
 from pathlib import Path
 
 from arena.plan.model import Plan
-from arena.supervise import Lines, Options, Supervisor, create
+from arena.supervisor import Lines, Options, Supervisor, create
 
 
 def main() -> int:
     plan = Plan.from_json(Path(sys.argv[1]).read_text())
     limits = [float(a[6:]) for a in sys.argv[3:] if a.startswith("limit=")]
     options = Options(
-        until_done="until_done" in sys.argv, time_limit_s=limits[0] if limits else None, adopt="no_adopt" not in sys.argv
+        until_done="until_done" in sys.argv,
+        time_limit_s=limits[0] if limits else None,
+        adopt="no_adopt" not in sys.argv,
     )
     return Supervisor(plan, create(plan, Path(sys.argv[2])), Lines(), options).run()
 

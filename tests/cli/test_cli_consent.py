@@ -41,7 +41,9 @@ def test_the_word_lets_real_vehicles_go_and_they_are_listed(
     monkeypatch.setattr("sys.stdin", Terminal("yes\n"))
     ask_consent(plan, yes=False)
     told = capsys.readouterr().out
-    assert "1 real vehicle:" in told and "uav2: system id 9" in told and "fly.py" in told and "uav1" not in told
+    assert (
+        "1 real vehicle:" in told and "uav2: system id 9" in told and "fly.py" in told and "uav1" not in told
+    )
 
 
 @pytest.mark.parametrize("answer", ["", "\n", "y\n", "no\n", "YES please\n"])
@@ -57,8 +59,21 @@ def test_a_simulated_arena_asks_nothing(tmp_path: Path, monkeypatch: pytest.Monk
     ask_consent(make_plan(load_arena(tmp_path / "arena.yaml")), yes=False)
 
 
-def test_arena_up_without_a_terminal_and_without_yes_starts_nothing(plan: Plan, tmp_path: Path, runtime_dir: Path) -> None:
-    argv = [sys.executable, "-m", "arena", "up", str(tmp_path), "--headless", "--runs", str(tmp_path / "runs")]
-    done = subprocess.run(argv, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60)
+def test_arena_up_without_a_terminal_and_without_yes_starts_nothing(
+    plan: Plan, tmp_path: Path, runtime_dir: Path
+) -> None:
+    argv = [
+        sys.executable,
+        "-m",
+        "arena",
+        "up",
+        str(tmp_path),
+        "--headless",
+        "--runs",
+        str(tmp_path / "runs"),
+    ]
+    done = subprocess.run(
+        argv, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60
+    )
     assert done.returncode == 2 and "no terminal to ask at" in done.stderr and "--yes" in done.stderr
     assert not (tmp_path / "runs").exists()

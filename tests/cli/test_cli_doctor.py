@@ -56,14 +56,22 @@ def test_a_machine_that_has_everything_but_px4_can_fly(nothing_there: Path) -> N
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
-def test_a_missing_package_is_named_and_fatal_only_where_nothing_flies_without_it(nothing_there: Path, package: str) -> None:
+def test_a_missing_package_is_named_and_fatal_only_where_nothing_flies_without_it(
+    nothing_there: Path, package: str
+) -> None:
     purpose, optional = PACKAGES[package]
-    found = [f for f in examined(nothing_there, missing=(package,)) if f.what == f"{package} is not installed, for {purpose}"]
+    found = [
+        f
+        for f in examined(nothing_there, missing=(package,))
+        if f.what == f"{package} is not installed, for {purpose}"
+    ]
     assert len(found) == 1 and found[0].fatal is not optional
 
 
 def test_a_port_in_use_is_a_note_with_its_holder(nothing_there: Path) -> None:
-    found = [f for f in examined(nothing_there, taken={24010: "pid 7 (x)", 14550: ""}) if "UDP port" in f.what]
+    found = [
+        f for f in examined(nothing_there, taken={24010: "pid 7 (x)", 14550: ""}) if "UDP port" in f.what
+    ]
     assert [(f.sign, f.fatal, f.what) for f in found] == [
         ("note", False, "UDP port 14550 of 127.0.0.1 (a ground station) is in use"),
         ("note", False, "UDP port 24010 of 127.0.0.1 (the autopilot, vehicle 1) is in use by pid 7 (x)"),
@@ -79,11 +87,17 @@ def test_the_lock_of_a_running_px4_is_told_and_a_left_one_is_not(nothing_there: 
     assert told == ["PX4 instance 3 is running"]
 
 
-def test_serial_devices_are_listed_with_whether_they_may_be_opened(nothing_there: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_serial_devices_are_listed_with_whether_they_may_be_opened(
+    nothing_there: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("ttyACM0", "ttyUSB1", "ttyS0"):
         (nothing_there / name).touch()
     monkeypatch.setattr(_health.os, "access", lambda path, mode: str(path).endswith("ttyACM0"))
-    told = {f.what.rpartition("/")[2].partition(":")[0]: f.sign for f in examined(nothing_there) if "tty" in f.what}
+    told = {
+        f.what.rpartition("/")[2].partition(":")[0]: f.sign
+        for f in examined(nothing_there)
+        if "tty" in f.what
+    }
     assert told == {"ttyACM0": "ok", "ttyUSB1": "note"}
 
 
@@ -93,11 +107,17 @@ def test_the_stand_in_is_never_told_as_a_px4(nothing_there: Path, monkeypatch: p
     assert len(found) == 1 and found[0].sign == "note" and "unset PX4_HOME" in found[0].what
 
 
-@pytest.mark.parametrize(("missing", "code", "last"), [((), 0, "can fly here"), (("pybullet",), 2, "cannot fly here yet")])
+@pytest.mark.parametrize(
+    ("missing", "code", "last"), [((), 0, "can fly here"), (("pybullet",), 2, "cannot fly here yet")]
+)
 def test_the_exit_code_says_whether_arenas_can_fly(
-    nothing_there: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-    missing: tuple[str, ...], code: int, last: str,
-) -> None:  # fmt: skip
+    nothing_there: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    missing: tuple[str, ...],
+    code: int,
+    last: str,
+) -> None:
     monkeypatch.setattr(_health, "Machine", lambda: FakeMachine(missing))
     assert cli.main(["doctor"]) == code
     assert last in capsys.readouterr().out.splitlines()[-1]

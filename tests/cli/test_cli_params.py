@@ -9,9 +9,9 @@ import typer
 
 import arena.cli as cli
 from arena.cli._params import Sides, begun, file_of
-from arena.params.record import Record
+from arena.params.transfer.push_record import Record
 from arena.schema import load_arena
-from arena.wire.qgcparams import parse_params
+from arena.wire.qgc_params import parse_params
 
 YAML = """name: lab
 address: 127.52.9.1
@@ -48,11 +48,15 @@ def test_a_file_per_vehicle_can_be_read_back_and_says_who_asked_for_each_line(
     assert values["COM_OF_LOSS_T"] == (0.0 if version == "1.9" else 0.5)
     assert "landing speed [m/s]; arena.yaml:4\n" in text and "as written; arena.yaml:6\n" in text
     assert ("CA_ROTOR0_PX" in values) == (version != "1.9")
-    assert ("NOT POSSIBLE" in text) == (version in ("1.9", "1.13")), "old ones hold no more than 2 m above the floor"
+    assert ("NOT POSSIBLE" in text) == (version in ("1.9", "1.13")), (
+        "old ones hold no more than 2 m above the floor"
+    )
     assert parse_params((folder / "made" / "uav2.params").read_text())["MAV_SYS_ID"] == 2
 
 
-def test_what_is_made_is_what_the_simulated_vehicles_get(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_made_is_what_the_simulated_vehicles_get(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     _, out, _ = run(capsys, "generate", "--px4-version", "1.16")
     made, flown = parse_params(out.split("# uav2 of")[0]), load_arena("arena.yaml").vehicles[0].params
     assert {k: v for k, v in made.items() if not k.startswith("CA_")} == pytest.approx(dict(flown))
@@ -68,8 +72,12 @@ vehicles:
 """
 
 
-@pytest.mark.parametrize(("name", "has_rotors"), [("builtin", False), ("px4", True), ("hardware", False), ("hitl", True)])
-def test_rotors_are_pushed_and_compared_only_where_px4_flies_a_simulated_body(folder: Path, name: str, has_rotors: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "has_rotors"), [("builtin", False), ("px4", True), ("hardware", False), ("hitl", True)]
+)
+def test_rotors_are_pushed_and_compared_only_where_px4_flies_a_simulated_body(
+    folder: Path, name: str, has_rotors: bool
+) -> None:
     (folder / "arena.yaml").write_text(KINDS)
     arena = load_arena("arena.yaml")
     vehicle = arena.vehicle(name)
@@ -77,17 +85,28 @@ def test_rotors_are_pushed_and_compared_only_where_px4_flies_a_simulated_body(fo
         pushed = begun(arena, [vehicle], None, version).wanted[name]
         compared = Sides(Path("arena.yaml"), [], version).read(f"yaml:{name}", "").values
         assert pushed == compared and any(p.startswith("CA_ROTOR") for p in pushed) == has_rotors
-        assert "CA_ROTOR_COUNT" in parse_params(file_of(arena, vehicle, version)), "the file has them for each"
+        assert "CA_ROTOR_COUNT" in parse_params(file_of(arena, vehicle, version)), (
+            "the file has them for each"
+        )
     if name != "px4":  # whose version is unknown here
-        assert dict(vehicle.params) == pytest.approx(pushed), "what it starts from, or must hold before it arms"
+        assert dict(vehicle.params) == pytest.approx(pushed), (
+            "what it starts from, or must hold before it arms"
+        )
 
 
-def test_two_files_are_compared_and_a_file_with_what_the_yaml_asks_for(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_files_are_compared_and_a_file_with_what_the_yaml_asks_for(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     run(capsys, "generate", "-o", "made")
-    (folder / "other.params").write_text((folder / "made/uav1.params").read_text().replace("MPC_XY_P\t0.9", "MPC_XY_P\t0.8"))
+    (folder / "other.params").write_text(
+        (folder / "made/uav1.params").read_text().replace("MPC_XY_P\t0.9", "MPC_XY_P\t0.8")
+    )
     code, out, _ = run(capsys, "diff", "made/uav1.params", "other.params")
     assert code == 1 and out.split()[-3:] == ["MPC_XY_P", "0.9", "0.8"]
-    assert run(capsys, "diff", "yaml:uav1", "made/uav1.params")[:2] == (0, "yaml:uav1 and made/uav1.params: no difference\n")
+    assert run(capsys, "diff", "yaml:uav1", "made/uav1.params")[:2] == (
+        0,
+        "yaml:uav1 and made/uav1.params: no difference\n",
+    )
     code, out, _ = run(capsys, "diff", "made/uav1.params", "defaults")
     assert code == 1 and "EKF2_EV_CTRL" in out and "SYS_AUTOSTART" not in out
 
@@ -113,7 +132,10 @@ def test_check_finds_nothing_wrong_in_what_is_made_and_what_is_wrong_elsewhere(
         (("push", "--file", "range.params"), "COM_OBL_RC_ACT: got 1.5, expected a whole number"),
         (("push", "--file", "huge.params"), "huge.params:1: MPC_Z_P: 1e999 is no value for a parameter"),
         (("pull",), "no arena is up"),
-        (("diff", "nowhere", "uav1"), "nowhere: no such file, and no vehicle; there are uav1, uav2, yaml:VEHICLE and defaults"),
+        (
+            ("diff", "nowhere", "uav1"),
+            "nowhere: no such file, and no vehicle; there are uav1, uav2, yaml:VEHICLE and defaults",
+        ),
         (("diff", "yaml:uav9", "defaults"), "got vehicle uav9"),
         (("check", "torn.params"), "torn.params:2"),
         (("generate", "--px4-version", "1.8"), "PX4 1.8 is not in the table"),
@@ -134,13 +156,18 @@ def test_what_cannot_be_is_told_without_a_traceback(
 def test_a_push_that_was_cut_short_goes_on_to_the_same_vehicles_or_not_at_all(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    record = Record.begin(folder / "push.json", {"uav1": {"MPC_XY_P": 0.9}}, {"uav1": "id 1, simulated on 127.0.0.9"})
+    record = Record.begin(
+        folder / "push.json", {"uav1": {"MPC_XY_P": 0.9}}, {"uav1": "id 1, simulated on 127.0.0.9"}
+    )
     record.note("uav1", {"MPC_XY_P": 0.95}, {"MPC_XY_P": 0.9}, "interrupted")
     record.save()
     kept = (folder / "push.json").read_text()
     for arguments, words in (
         ((), "a push was cut short. Go on with it by --resume"),
-        (("--resume",), "is of uav1 at id 1, simulated on 127.0.0.9; here it is at id 1, simulated on 127.52.9.1"),
+        (
+            ("--resume",),
+            "is of uav1 at id 1, simulated on 127.0.0.9; here it is at id 1, simulated on 127.52.9.1",
+        ),
         (("--resume", "uav2"), "the push that was cut short was of uav1"),
         (("--resume", "--file", "x"), "leave --file out"),
     ):
@@ -161,8 +188,12 @@ def test_what_cannot_be_written_is_told(folder: Path, capsys: pytest.CaptureFixt
     assert code == 2 and err == "arena: made: File exists\n"
 
 
-def test_battery_limits_that_px4_does_not_take_are_said_and_moved(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "arena.yaml").write_text("failsafe: {low_battery: {warn: 0.9, land: 0.02}}\nvehicles: {uav1: {}}\n")
+def test_battery_limits_that_px4_does_not_take_are_said_and_moved(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "arena.yaml").write_text(
+        "failsafe: {low_battery: {warn: 0.9, land: 0.02}}\nvehicles: {uav1: {}}\n"
+    )
     _, out, _ = run(capsys, "generate")
     assert out.count("NOT POSSIBLE: failsafe.low_battery") == 2
     assert run(capsys, "push", "--dry-run")[0] == 2  # nobody is up; its limits were no obstacle

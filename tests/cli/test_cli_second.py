@@ -21,14 +21,20 @@ def plan_on(folder: Path, address: str, first_id: int) -> Plan:
     binary.touch(mode=0o755)
     (scripts / "rcS").touch()
     file = folder / f"{address}.yaml"
-    file.write_text(f"address: {address}\npx4: {{home: {folder / 'px4'}}}\nvehicles: {{a: {{autopilot: px4, id: {first_id}}}}}\n")
+    file.write_text(
+        f"address: {address}\npx4: {{home: {folder / 'px4'}}}\nvehicles: {{a: {{autopilot: px4, id: {first_id}}}}}\n"
+    )
     return make_plan(load_arena(file))
 
 
 def refuse(monkeypatch: pytest.MonkeyPatch, second: Plan, first: Plan) -> None:
     run = SimpleNamespace(
-        live=True, address=first.address, name="first", supervisor=SimpleNamespace(pid=123), run="/runs/first",
-    )  # fmt: skip
+        live=True,
+        address=first.address,
+        name="first",
+        supervisor=SimpleNamespace(pid=123),
+        run="/runs/first",
+    )
     monkeypatch.setattr(up, "active_runs", lambda: [run])
     monkeypatch.setattr(up, "plan_of", lambda _: first)
     up._refuse_second(second)
@@ -44,5 +50,7 @@ def test_two_that_fly_px4_with_the_same_ids_are_told_to_have_other_ids_for_anoth
 
 
 def test_two_on_one_address_are_told_to_have_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(RunError, match=r"`arena down --run /runs/first` ends it, or give this one another `address`"):
+    with pytest.raises(
+        RunError, match=r"`arena down --run /runs/first` ends it, or give this one another `address`"
+    ):
         refuse(monkeypatch, plan_on(tmp_path, "127.74.6.1", 8), plan_on(tmp_path, "127.74.6.1", 7))

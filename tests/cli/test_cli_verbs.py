@@ -19,7 +19,9 @@ from arena.schema import load_arena
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hover.py").touch()
-    (tmp_path / "arena.yaml").write_text("name: lab\naddress: 127.52.2.1\nvehicles:\n  uav1: {program: hover.py}\n")
+    (tmp_path / "arena.yaml").write_text(
+        "name: lab\naddress: 127.52.2.1\nvehicles:\n  uav1: {program: hover.py}\n"
+    )
     return tmp_path
 
 
@@ -32,11 +34,16 @@ def run(*arguments: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, 
 def test_check_says_ok_and_what_would_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = run("check", capsys=capsys)
     assert (code, err) == (0, "") and out.startswith("ok: lab (arena.yaml)")
-    assert "uav1: id 1, iris, autopilot builtin (auto: no PX4 was found), at N 0 E 0 D 0, port 16001, hover.py" in out
+    assert (
+        "uav1: id 1, iris, autopilot builtin (auto: no PX4 was found), at N 0 E 0 D 0, port 16001, hover.py"
+        in out
+    )
     assert "6 processes, 1 of them programs" in out
 
 
-def test_check_tells_all_problems_and_exits_with_two(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_tells_all_problems_and_exits_with_two(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, out, err = run("check", "--set", "mocap.latency_ms=1", "--set", "vehicles.uav1.id=0", capsys=capsys)
     assert (code, out) == (2, "") and len(err.splitlines()) == 2 and "Traceback" not in err
 
@@ -46,7 +53,9 @@ def test_a_problem_alone_is_one_line(folder: Path, capsys: pytest.CaptureFixture
     assert code == 2 and err == "arena: none.yaml: cannot be read: No such file or directory\n"
 
 
-def test_plan_prints_each_process_with_its_needs_ports_and_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_plan_prints_each_process_with_its_needs_ports_and_command(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, out, _ = run("plan", capsys=capsys)
     assert code == 0
     line = next(x for x in out.splitlines() if "program.uav1" in x and "--uav" in x)
@@ -74,18 +83,30 @@ def test_explain_tells_where_a_value_came_from(folder: Path, capsys: pytest.Capt
     assert code == 2 and "Did you mean mocap.rate_hz?" in err
 
 
-def test_schema_knows_every_key_and_takes_a_bare_path_for_a_program(capsys: pytest.CaptureFixture[str]) -> None:
+def test_schema_knows_every_key_and_takes_a_bare_path_for_a_program(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     code, out, _ = run("schema", capsys=capsys)
     schema = json.loads(out)
     sections = {"name", "world", "sim", "mocap", "failsafe", "geofence", "hosts", "tools", "vehicles"}
     assert code == 0 and set(schema["properties"]) >= sections
     vehicle = schema["$defs"]["VehicleKeys"]
-    assert vehicle["additionalProperties"] is False and {"type": "string"} in vehicle["properties"]["program"]["anyOf"]
-    undescribed = [f"{n}.{k}" for n, d in schema["$defs"].items() for k, v in d["properties"].items() if "description" not in v]
+    assert (
+        vehicle["additionalProperties"] is False
+        and {"type": "string"} in vehicle["properties"]["program"]["anyOf"]
+    )
+    undescribed = [
+        f"{n}.{k}"
+        for n, d in schema["$defs"].items()
+        for k, v in d["properties"].items()
+        if "description" not in v
+    ]
     assert undescribed == []
 
 
-def test_init_makes_an_arena_that_checks_and_a_program_of_ten_lines(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_init_makes_an_arena_that_checks_and_a_program_of_ten_lines(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     for name in ("lab1", "1e3", "deep/no"):
         code, out, _ = run("init", name, capsys=capsys)
         assert code == 0 and f"{name}/arena.yaml" in out
@@ -119,7 +140,9 @@ def failing(error: BaseException) -> typer.Typer:
     return app
 
 
-@pytest.mark.parametrize(("error", "code"), [(RunError("it broke"), 1), (KeyboardInterrupt(), 130), (ZeroDivisionError("x"), 1)])
+@pytest.mark.parametrize(
+    ("error", "code"), [(RunError("it broke"), 1), (KeyboardInterrupt(), 130), (ZeroDivisionError("x"), 1)]
+)
 def test_every_failure_is_a_sentence_and_an_exit_code(
     error: BaseException, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -148,5 +171,7 @@ def test_land_all_starts_without_the_heavy_modules() -> None:
         "import sys; from arena.cli import build; build(['land-all']);"
         "print([m for m in ('pydantic', 'numpy', 'rich.table', 'matplotlib', 'jinja2') if m in sys.modules])"
     )
-    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=30).stdout
+    told = subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=30
+    ).stdout
     assert told.strip() == "[]"

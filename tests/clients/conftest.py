@@ -44,7 +44,16 @@ def _open(hangar: Hangar, kind: str, more: str) -> Site:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Clients that are not installed are counted, never skipped in silence."""
-    missing = [r for r in terminalreporter.stats.get("skipped", []) if "client is not installed" in str(r.longrepr)]
-    ran = [r for k in ("passed", "failed") for r in terminalreporter.stats.get(k, []) if "tests/clients/" in r.nodeid]
+    missing = [
+        r for r in terminalreporter.stats.get("skipped", []) if "client is not installed" in str(r.longrepr)
+    ]
+    ran = [
+        r
+        for k in ("passed", "failed")
+        for r in terminalreporter.stats.get(k, [])
+        if "tests/clients/" in r.nodeid
+    ]
     if missing or ran:
-        terminalreporter.write_line(f"clients: {len(ran)} tests ran, {len(missing)} did not for a client that is not installed")
+        terminalreporter.write_line(
+            f"clients: {len(ran)} tests ran, {len(missing)} did not for a client that is not installed"
+        )

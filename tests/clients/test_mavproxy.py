@@ -33,11 +33,23 @@ class Console:
         beside = Path(sys.executable).parent / "mavproxy.py"
         script = str(beside) if beside.exists() else shutil.which("mavproxy.py")
         assert script, "MAVProxy has no command"
-        argv = [sys.executable, script, f"--master=udpout:{site.tools}", "--source-system=239", "--nowait", "--force-connected"]
+        argv = [
+            sys.executable,
+            script,
+            f"--master=udpout:{site.tools}",
+            "--source-system=239",
+            "--nowait",
+            "--force-connected",
+        ]
         self._process = subprocess.Popen(
-            argv, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            argv,
+            cwd=folder,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
             preexec_fn=end_with_us,  # noqa: PLW1509  nothing else is done in it
-        )  # fmt: skip
+        )
         self.said = ""
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
@@ -59,7 +71,9 @@ class Console:
         """Type, and wait for what is said after it."""
         before = len(self.said)
         self.type(command)
-        eventually(lambda: words in self.said[before:], limit_s, f"{command}: {words!r}", lambda: self.said[-3000:])
+        eventually(
+            lambda: words in self.said[before:], limit_s, f"{command}: {words!r}", lambda: self.said[-3000:]
+        )
 
     def insist(self, command: str, pattern: str, limit_s: float = 30.0) -> None:
         """Type it every other second until what is said after it matches."""
@@ -112,11 +126,15 @@ def test_it_loads_lists_and_flies_a_mission(console: Console, site: Site, tmp_pa
     lat, lon = 47.397742, 8.545594
     north = lat + math.degrees(2.0 / 6_371_000.0)
     rows = [(22, 0.0, lat, 3.0), (16, 0.4, north, 3.0), (21, 0.0, lat, 0.0)]
-    lines = [f"{k}\t0\t3\t{cmd}\t0\t{p2}\t0\t0\t{at}\t{lon}\t{up}\t1" for k, (cmd, p2, at, up) in enumerate(rows)]
+    lines = [
+        f"{k}\t0\t3\t{cmd}\t0\t{p2}\t0\t0\t{at}\t{lon}\t{up}\t1" for k, (cmd, p2, at, up) in enumerate(rows)
+    ]
     (tmp_path / "mission.txt").write_text("\n".join(["QGC WPL 110", *lines]) + "\n")
     console.ask("wp load mission.txt", "Got MISSION_ACK: TYPE_MISSION: ACCEPTED")
     console.ask("wp list", "Saved 3 waypoints")
-    console.insist("long MISSION_START 0 0", "Mode MISSION")  # refused until it is checked, which is after its acknowledgement
+    console.insist(
+        "long MISSION_START 0 0", "Mode MISSION"
+    )  # refused until it is checked, which is after its acknowledgement
     site.flight.until_up(1.0, 30)
     eventually(lambda: site.position()[0] > 1.4, 30, "north", site.position)
     console.until("DISARMED", 60)

@@ -61,8 +61,14 @@ async def connected(site: Site) -> AsyncIterator[Drone]:
         await mavsdk.add_any_connection(site.sdk_url)
         system = await mavsdk.first_autopilot(timeout_s=PATIENCE * 30.0)
         assert system is not None, site.flight.said()
-        drone = Drone(ActionAsync(system), FailureAsync(system), MissionAsync(system), OffboardAsync(system), ParamAsync(system),
-                      TelemetryAsync(system))  # fmt: skip
+        drone = Drone(
+            ActionAsync(system),
+            FailureAsync(system),
+            MissionAsync(system),
+            OffboardAsync(system),
+            ParamAsync(system),
+            TelemetryAsync(system),
+        )
         await until(drone.telemetry.subscribe_health(), has_a_place)
         await drone.action.hold()  # in a mode that only comes down nothing may arm
         await until(drone.telemetry.subscribe_health(), may_fly)
@@ -136,14 +142,21 @@ def test_telemetry_knows_where_it_is_and_that_it_may_fly(site: Site) -> None:
         position = await until(t.subscribe_position(), lambda p: math.isfinite(p.latitude_deg))
         assert abs(position.latitude_deg - LAT) < 1e-5 and abs(position.longitude_deg - LON) < 1e-5
         home = await until(t.subscribe_home(), lambda h: h.latitude_deg != 0)
-        assert abs(home.latitude_deg - LAT) < 1e-5 and abs(home.absolute_altitude_m - position.absolute_altitude_m) < 1.0
+        assert (
+            abs(home.latitude_deg - LAT) < 1e-5
+            and abs(home.absolute_altitude_m - position.absolute_altitude_m) < 1.0
+        )
         assert not await until(t.subscribe_in_air(), lambda _: True)
         euler = await until(t.subscribe_attitude_euler(), lambda _: True)
         assert abs(euler.roll_deg) < 3 and abs(euler.pitch_deg) < 3
         local = await until(t.subscribe_position_velocity_ned(), lambda _: True)
         assert abs(local.position.down_m) < 0.3
-        battery = await until(t.subscribe_battery(), lambda b: math.isfinite(b.current_battery_a))  # in BATTERY_STATUS alone
-        assert battery.id == 0 and 9.0 < battery.voltage_v < 17.0 and 80.0 < battery.remaining_percent <= 100.0
+        battery = await until(
+            t.subscribe_battery(), lambda b: math.isfinite(b.current_battery_a)
+        )  # in BATTERY_STATUS alone
+        assert (
+            battery.id == 0 and 9.0 < battery.voltage_v < 17.0 and 80.0 < battery.remaining_percent <= 100.0
+        )
 
     fly(site, look)
 
@@ -206,13 +219,19 @@ def test_offboard_flies_every_kind_of_setpoint(site: Site) -> None:
         await eventually(lambda: site.position()[2] < -2.5, 10, site.position)
         await o.set_position_ned(PositionNedYaw(0.0, 0.0, -3.0, 0.0))
         await eventually(near(site, 0, 0, -3.0), 20, site.position)
-        await o.set_position_velocity_ned(PositionNedYaw(1.0, 0.0, -3.0, 0.0), VelocityNedYaw(0.0, 0.0, 0.0, 0.0))
+        await o.set_position_velocity_ned(
+            PositionNedYaw(1.0, 0.0, -3.0, 0.0), VelocityNedYaw(0.0, 0.0, 0.0, 0.0)
+        )
         await eventually(near(site, 1, 0, -3.0), 15, site.position)
         await o.set_position_velocity_acceleration_ned(
-            PositionNedYaw(0.0, 1.0, -3.0, 0.0), VelocityNedYaw(0.0, 0.0, 0.0, 0.0), AccelerationNed(0.0, 0.0, 0.0)
+            PositionNedYaw(0.0, 1.0, -3.0, 0.0),
+            VelocityNedYaw(0.0, 0.0, 0.0, 0.0),
+            AccelerationNed(0.0, 0.0, 0.0),
         )
         await eventually(near(site, 0, 1, -3.0), 15, site.position)
-        await o.set_position_global(PositionGlobalYaw(LAT, LON, 3.0, 0.0, PositionGlobalYaw.AltitudeType.REL_HOME))
+        await o.set_position_global(
+            PositionGlobalYaw(LAT, LON, 3.0, 0.0, PositionGlobalYaw.AltitudeType.REL_HOME)
+        )
         await eventually(near(site, 0, 0, -3.0), 15, site.position)
         hover = await drone.param.get_param_float("MPC_THR_HOVER")
         north = site.position()[0]
@@ -271,8 +290,13 @@ def test_failures_are_injected_where_they_are_known_and_refused_where_not(site: 
             with pytest.raises(MavsdkError):
                 await f.inject(FailureUnit.SENSOR_GPS, FailureType.OFF, 0)
         await p.set_param_int("SYS_FAILURE_EN", 1)
-        for unit in (FailureUnit.SENSOR_GPS, FailureUnit.SENSOR_BARO, FailureUnit.SENSOR_MAG, FailureUnit.SYSTEM_BATTERY,
-                     FailureUnit.SYSTEM_MOTOR):  # fmt: skip
+        for unit in (
+            FailureUnit.SENSOR_GPS,
+            FailureUnit.SENSOR_BARO,
+            FailureUnit.SENSOR_MAG,
+            FailureUnit.SYSTEM_BATTERY,
+            FailureUnit.SYSTEM_MOTOR,
+        ):
             await f.inject(unit, FailureType.OFF, 0)
             await f.inject(unit, FailureType.OK, 0)
         with pytest.raises(MavsdkError):

@@ -29,7 +29,9 @@ def test_it_takes_off_and_lands(site: Site) -> None:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     argv = [sys.executable, str(PROGRAM), site.sdk_url, str(port)]
-    ran = subprocess.Popen(argv, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True)
+    ran = subprocess.Popen(
+        argv, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+    )
     try:
         said, _ = ran.communicate(timeout=PATIENCE * 120)
     finally:

@@ -48,7 +48,9 @@ def mission_starts(link: Any) -> bool:
 @pytest.fixture
 def link(site: Site) -> Iterator[Any]:
     site.ready()
-    connection = mavutil.mavlink_connection(f"udpout:{site.tools}", source_system=238, source_component=190, dialect="common")
+    connection = mavutil.mavlink_connection(
+        f"udpout:{site.tools}", source_system=238, source_component=190, dialect="common"
+    )
     beat = _Beat(connection)
     assert connection.wait_heartbeat(timeout=20) is not None
     connection.target_system, connection.target_component = site.vehicle, 1
@@ -86,7 +88,9 @@ def test_mavparm_sets_both_types_and_a_file_of_all_parameters_can_be_saved(link:
     assert params.mavset(link, "SYS_FAILURE_EN", 1, retries=5, parm_type=mavlink.MAV_PARAM_TYPE_INT32)
     link.param_fetch_one("SYS_FAILURE_EN")
     assert wait_for(
-        link, "PARAM_VALUE", lambda m: (m.param_id, struct.pack("<f", m.param_value)) == ("SYS_FAILURE_EN", b"\1\0\0\0")
+        link,
+        "PARAM_VALUE",
+        lambda m: (m.param_id, struct.pack("<f", m.param_value)) == ("SYS_FAILURE_EN", b"\1\0\0\0"),
     )
     params.save(str(tmp_path / "all.parm"))
     assert len((tmp_path / "all.parm").read_text().splitlines()) >= 0.9 * count
@@ -109,7 +113,11 @@ def test_mavwp_s_list_is_uploaded_item_by_item_flown_and_its_end_told(link: Any,
     relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
     for seq, (command, up) in enumerate(((22, 3.0), (16, 3.0), (21, 0.0))):
         to, place = (site.vehicle, 1), (47.397742, 8.545594, up)
-        loader.add(mavutil.mavlink.MAVLink_mission_item_message(*to, seq, relative, command, 0, 1, 0, 0.4, 0, 0, *place))
+        loader.add(
+            mavutil.mavlink.MAVLink_mission_item_message(
+                *to, seq, relative, command, 0, 1, 0, 0.4, 0, 0, *place
+            )
+        )
     link.waypoint_count_send(loader.count())
     while m := wait_for(link, ["MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"], lambda _: True):
         if m.get_type() == "MISSION_ACK":
@@ -123,7 +131,10 @@ def test_mavwp_s_list_is_uploaded_item_by_item_flown_and_its_end_told(link: Any,
     def at_the_end() -> bool:
         m = link.recv_match(type="MISSION_ITEM_REACHED", blocking=True, timeout=1)
         reached.update({m.seq} if m else ())
-        return reached >= {1, 2}  # the take-off's may be followed so soon by the next one's that PX4 tells that alone
+        return reached >= {
+            1,
+            2,
+        }  # the take-off's may be followed so soon by the next one's that PX4 tells that alone
 
     eventually(at_the_end, 60, "the last is reached", lambda: reached)
     site.down()

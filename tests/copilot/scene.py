@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.capture import CapturedFrame, Pose
 from arena.copilot.braking import Limits, stops
 from arena.copilot.copilot import Copilot, Output
-from arena.copilot.moment import Moment
+from arena.copilot.fleet_state import Moment
 from arena.copilot.settings import Rules, Vehicle
+from arena.mocap.client import CapturedFrame, Pose
 from arena.schema.copilot import RULES
 from arena.schema.copilot import Copilot as Section
-from arena.wire.codec import Codec
-from arena.wire.px4mode import mode_numbers
+from arena.wire.mavlink_codec import Codec
+from arena.wire.px4_mode import mode_numbers
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 PERIOD_S = 0.02
@@ -27,37 +27,64 @@ def rules(**given: Any) -> Rules:
     """The YAML's section, as the plan slices it."""
     section = Section.model_validate(given)
     each = {rule: getattr(section, rule).model_dump() for rule in RULES}
-    settings = {"rules": each, "at_most": section.at_most, "escalate_after_s": section.escalate_after_s, "latency_s": 0.01}
+    settings = {
+        "rules": each,
+        "at_most": section.at_most,
+        "escalate_after_s": section.escalate_after_s,
+        "latency_s": 0.01,
+    }
     return Rules.of(settings)
 
 
 def vehicle(number: int, half: tuple[float, float] = (6.0, 6.0), up: float = 3.0) -> Vehicle:
     return Vehicle.of(
         {
-            "name": f"uav{number}", "id": number, "body": f"uav{number}", "simulated": True, "poses": True,
-            "tools": ["127.0.0.1", 24000 + 10 * number + 6], "panic": ["127.0.0.1", 24000 + 10 * number + 4],
+            "name": f"uav{number}",
+            "id": number,
+            "body": f"uav{number}",
+            "simulated": True,
+            "poses": True,
+            "tools": ["127.0.0.1", 24000 + 10 * number + 6],
+            "panic": ["127.0.0.1", 24000 + 10 * number + 4],
             "fence": {"north": [-half[0], half[0]], "east": [-half[1], half[1]], "up": up},
             "braking": {"accel": 3.0, "jerk": 4.0, "up": 3.0, "down": 4.0},
         }
-    )  # fmt: skip
+    )
 
 
 def limits(n: int) -> Limits:
     return Limits(accel=np.full(n, 3.0), jerk=np.full(n, 4.0), up=np.full(n, 3.0), down=np.full(n, 4.0))
 
 
-def moment(p_n: Sequence[Sequence[float]], v_n: Sequence[Sequence[float]] | None = None, **given: Any) -> Moment:
+def moment(
+    p_n: Sequence[Sequence[float]], v_n: Sequence[Sequence[float]] | None = None, **given: Any
+) -> Moment:
     """All flying in OFFBOARD, captured, healthy, commanded to no place, unless given otherwise."""
     p, n = np.array(p_n, float), len(p_n)
     v = np.zeros((n, 3)) if v_n is None else np.array(v_n, float)
     yes, no, nan = np.ones(n, bool), np.zeros(n, bool), np.full(n, np.nan)
     fields: dict[str, Any] = {
-        "now": 10.0, "flying": yes, "open": yes, "held": no, "placed": yes, "moving": yes, "p_n": p, "v_n": v,
-        "pose_age": np.zeros(n), "tilt": np.zeros(n), "stop": stops(p, v, np.zeros((n, 3)), np.full(n, 0.05), limits(n)),
-        "target": np.full((n, 3), np.nan), "settled": no, "off": np.zeros(n), "battery": np.ones(n), "offboard": yes,
+        "now": 10.0,
+        "flying": yes,
+        "open": yes,
+        "held": no,
+        "placed": yes,
+        "moving": yes,
+        "p_n": p,
+        "v_n": v,
+        "pose_age": np.zeros(n),
+        "tilt": np.zeros(n),
+        "stop": stops(p, v, np.zeros((n, 3)), np.full(n, 0.05), limits(n)),
+        "target": np.full((n, 3), np.nan),
+        "settled": no,
+        "off": np.zeros(n),
+        "battery": np.ones(n),
+        "offboard": yes,
         "silent_s": nan,
-    }  # fmt: skip
-    return Moment(**{**fields, **{key: np.array(x) if isinstance(x, list) else x for key, x in given.items()}})
+    }
+    return Moment(
+        **{**fields, **{key: np.array(x) if isinstance(x, list) else x for key, x in given.items()}}
+    )
 
 
 class Scene:
@@ -69,7 +96,12 @@ class Scene:
         self.p = np.tile([0.0, 0.0, -1.0], (count, 1))
         self.p[:, 0] = 2.0 * np.arange(count)
         self.v, self.turn = np.zeros((count, 3)), [LEVEL] * count
-        self.mode, self.armed, self.landed, self.battery = ["OFFBOARD"] * count, [True] * count, [False] * count, [90] * count
+        self.mode, self.armed, self.landed, self.battery = (
+            ["OFFBOARD"] * count,
+            [True] * count,
+            [False] * count,
+            [90] * count,
+        )
         self.captured, self.speaks, self.beats = [True] * count, [True] * count, [False] * count
         self.estimate_off = np.zeros((count, 3))
         self.events: list[str] = []

@@ -39,7 +39,9 @@ def test_the_formula_is_the_way_of_a_stop_that_is_stepped(speed: float, accel: f
 
 
 def test_at_3_m_s_and_px4s_defaults_a_stop_takes_about_3_m() -> None:
-    whole = stops(np.zeros((1, 3)), np.array([[3.0, 0, 0]]), np.zeros((1, 3)), np.array([0.05]), limits(1)).way
+    whole = stops(
+        np.zeros((1, 3)), np.array([[3.0, 0, 0]]), np.zeros((1, 3)), np.array([0.05]), limits(1)
+    ).way
     assert 2.5 < whole[0, 0] < 4.0
 
 
@@ -50,10 +52,13 @@ def test_a_faster_vehicle_never_stops_sooner(a: float, b: float, accel: float, j
 
 
 @given(SPEEDS, st.floats(0.0, 10.0), st.floats(0.0, 10.0))
-def test_speeding_up_makes_the_way_longer_and_slowing_down_never_shorter(speed: float, more: float, less: float) -> None:
+def test_speeding_up_makes_the_way_longer_and_slowing_down_never_shorter(
+    speed: float, more: float, less: float
+) -> None:
     v = np.array([[speed + 0.01, 0.0, 0.0]])
     way = [
-        float(stops(np.zeros((1, 3)), v, np.array([[a, 0.0, 0.0]]), np.zeros(1), limits(1)).way[0, 0]) for a in (-less, 0, more)
+        float(stops(np.zeros((1, 3)), v, np.array([[a, 0.0, 0.0]]), np.zeros(1), limits(1)).way[0, 0])
+        for a in (-less, 0, more)
     ]
     assert way[0] == way[1] <= way[2] + 1e-9
 
@@ -79,6 +84,9 @@ def test_the_reaction_and_the_swing_are_flown_at_speed() -> None:
 
 
 def test_a_climb_and_a_descent_are_braked_by_their_own_limits() -> None:
-    up, down = (stops(np.zeros((1, 3)), np.array([[0, 0, w]]), np.zeros((1, 3)), np.zeros(1), limits(1)) for w in (-3.0, 3.0))
+    up, down = (
+        stops(np.zeros((1, 3)), np.array([[0, 0, w]]), np.zeros((1, 3)), np.zeros(1), limits(1))
+        for w in (-3.0, 3.0)
+    )
     assert up.way[0, 2] < 0.0 < down.way[0, 2]
     assert abs(up.way[0, 2]) > down.way[0, 2]

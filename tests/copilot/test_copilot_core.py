@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.copilot.known import Known
-from arena.wire.codec import Codec
-from arena.wire.px4mode import mode_numbers
+from arena.copilot.vehicle_state import Known
+from arena.wire.mavlink_codec import Codec
+from arena.wire.px4_mode import mode_numbers
 
 from .scene import Scene, tilted
 
@@ -60,7 +60,11 @@ def test_the_yielder_lets_the_other_by_and_the_other_stops_before_it() -> None:
 def test_whoever_is_on_the_ground_disarmed_or_never_heard_is_not_commanded(ground: str) -> None:
     scene = Scene()
     scene.v[0], scene.battery[0], scene.turn[0] = (4.0, 0.0, 0.0), 1, tilted(80.0)
-    scene.landed[0], scene.armed[0], scene.speaks[0] = ground == "landed", ground != "disarmed", ground != "unknown"
+    scene.landed[0], scene.armed[0], scene.speaks[0] = (
+        ground == "landed",
+        ground != "disarmed",
+        ground != "unknown",
+    )
     scene.run(2.0)
     assert scene.sent == []
 
@@ -82,7 +86,10 @@ def test_an_estimate_shifted_against_the_capture_lands_the_vehicle() -> None:
     assert scene.sent == []
     scene.estimate_off[0] = (0.0, 0.4, 0.0)
     scene.run(0.7)
-    assert scene.commands() == ["AUTO.LAND"] and "its estimate is 0.40 m from where it was captured" in scene.events[0]
+    assert (
+        scene.commands() == ["AUTO.LAND"]
+        and "its estimate is 0.40 m from where it was captured" in scene.events[0]
+    )
 
 
 def test_a_fast_flight_is_no_shifted_estimate() -> None:
@@ -125,7 +132,9 @@ def test_one_that_never_says_whether_it_flies_is_told_as_not_watched_once() -> N
     assert len([e for e in s.events if "NOT WATCHED" in e]) == 1
 
 
-def test_one_whose_captured_times_stand_still_is_told_as_not_stopped_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_whose_captured_times_stand_still_is_told_as_not_stopped_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     s = Scene()
     see = s.core.see
     monkeypatch.setattr(s.core, "see", lambda frames, now: see([replace(f, time_s=5.0) for f in frames], now))
@@ -159,7 +168,9 @@ def test_with_terminate_allowed_one_that_flies_on_beyond_the_fence_is_ended() ->
     s.p[0], s.v[0] = [5.0, 0.0, -2.0], [1.0, 0.0, 0.0]
     for _ in range(60):
         s.run(0.1)
-        s.mode[0] = {"terminate": "AUTO.LAND"}.get((s.commands() or ["OFFBOARD"])[-1], (s.commands() or ["OFFBOARD"])[-1])
+        s.mode[0] = {"terminate": "AUTO.LAND"}.get(
+            (s.commands() or ["OFFBOARD"])[-1], (s.commands() or ["OFFBOARD"])[-1]
+        )
     assert s.commands() == ["AUTO.LOITER", "AUTO.LAND", "terminate"]
 
 
@@ -207,7 +218,9 @@ def test_two_that_are_commanded_to_one_place_are_told_who_yields_once() -> None:
     scene.p = np.array([[-3.0, 0.0, -1.0], [3.0, 0.0, -1.0]])
     for _ in range(60):
         for i in range(2):
-            scene.say(i, mavlink.MAVLink_position_target_local_ned_message(0, 1, 0, 0.1 * i, 0, -1, *[0.0] * 8))
+            scene.say(
+                i, mavlink.MAVLink_position_target_local_ned_message(0, 1, 0, 0.1 * i, 0, -1, *[0.0] * 8)
+            )
         scene.run(0.02)
     assert [e for e in scene.events if "commanded" in e] == [
         "uav2 yields to uav1: both are commanded to about N 0.1 E 0.0 D -1.0, 0.10 m apart"
@@ -227,11 +240,21 @@ def test_a_refusal_is_told_once_and_tried_on() -> None:
 def test_what_is_heard_is_what_pymavlink_says() -> None:
     known, codec = Known([7]), Codec(7, 1)
     known.hear(0, codec.pack(mavlink.MAVLink_local_position_ned_message(5, 1.5, -2.5, 0.0, 9, 9, 9)), 1.0)
-    known.hear(0, codec.pack(mavlink.MAVLink_sys_status_message(1, 2, 3, 4, 5, 6, 55, 8, 9, 10, 11, 12, 13)), 2.0)
-    known.hear(0, codec.pack(mavlink.MAVLink_position_target_local_ned_message(5, 1, 0, 3.0, 4.0, -5.0, *[0.0] * 8)), 3.0)
+    known.hear(
+        0, codec.pack(mavlink.MAVLink_sys_status_message(1, 2, 3, 4, 5, 6, 55, 8, 9, 10, 11, 12, 13)), 2.0
+    )
+    known.hear(
+        0,
+        codec.pack(mavlink.MAVLink_position_target_local_ned_message(5, 1, 0, 3.0, 4.0, -5.0, *[0.0] * 8)),
+        3.0,
+    )
     assert known.estimate[0].tolist() == [1.5, -2.5, 0.0] and known.battery[0] == 0.55
     assert known.target[0].tolist() == [3.0, 4.0, -5.0]
-    known.hear(0, codec.pack(mavlink.MAVLink_position_target_local_ned_message(5, 1, 7, 3.0, 4.0, -5.0, *[0.0] * 8)), 4.0)
+    known.hear(
+        0,
+        codec.pack(mavlink.MAVLink_position_target_local_ned_message(5, 1, 7, 3.0, 4.0, -5.0, *[0.0] * 8)),
+        4.0,
+    )
     assert np.isnan(known.target[0]).all() and np.isinf(known.target_since[0])
 
 

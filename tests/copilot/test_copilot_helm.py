@@ -7,8 +7,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.copilot.helm import MODES, OPEN, REPEAT_S, Helm, Present
-from arena.copilot.moment import Broken
+from arena.copilot.escalation import MODES, OPEN, REPEAT_S, Escalation, Present
+from arena.copilot.fleet_state import Broken
 from arena.copilot.settings import STEPS
 
 from .scene import rules
@@ -18,8 +18,8 @@ LOST = Broken(row=0, rule="pose_age", why="not captured", enough="land")
 NEAR = Broken(row=0, rule="separation", why="near", enough="hold")
 
 
-def helm(**section: Any) -> Helm:
-    return Helm(name="uav1", rules=rules(**section))
+def helm(**section: Any) -> Escalation:
+    return Escalation(name="uav1", rules=rules(**section))
 
 
 def at(mode: str, *, flying: bool = True, fresh: bool = True) -> Present:
@@ -37,7 +37,9 @@ def test_an_order_has_its_reason_and_is_repeated_until_its_mode_is_seen() -> Non
     assert h.decide([], at("AUTO.LOITER"), 9.0) == h.decide([], at("AUTO.LOITER"), 99.0)
 
 
-def test_nothing_is_given_back_and_a_program_that_takes_the_vehicle_is_held_anew_while_the_reason_holds() -> None:
+def test_nothing_is_given_back_and_a_program_that_takes_the_vehicle_is_held_anew_while_the_reason_holds() -> (
+    None
+):
     h = helm()
     h.decide([FENCE], at("OFFBOARD"), 1.0)
     h.decide([FENCE], at("AUTO.LOITER"), 1.1)
@@ -149,7 +151,9 @@ def test_on_the_ground_an_order_ends_and_none_is_given() -> None:
     assert h.decide([FENCE], at("OFFBOARD", flying=False), 3.0).send is None
 
 
-BREAKS = st.sampled_from([[], [FENCE], [LOST], [NEAR], [FENCE, LOST], [Broken(row=0, rule="battery", why="low", enough="land")]])
+BREAKS = st.sampled_from(
+    [[], [FENCE], [LOST], [NEAR], [FENCE, LOST], [Broken(row=0, rule="battery", why="low", enough="land")]]
+)
 MODE = st.sampled_from([*sorted(OPEN), "AUTO.LAND", "AUTO.RTL", "POSCTL", "MANUAL", "TERMINATION", ""])
 
 

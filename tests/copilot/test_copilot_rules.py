@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.copilot.moment import Broken, Moment
+from arena.copilot.fleet_state import Broken, Moment
 from arena.copilot.rules import Judge
 
 from .scene import moment, rules, vehicle
@@ -32,7 +32,9 @@ def test_a_healthy_hover_breaks_nothing() -> None:
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 2.0, 3.0, 4.5])
 @pytest.mark.parametrize(("axis", "sign"), [(0, 1), (0, -1), (1, 1), (1, -1), (2, -1)])
-def test_the_fence_is_broken_where_the_way_to_stop_and_the_reserve_would_pass_it(speed: float, axis: int, sign: int) -> None:
+def test_the_fence_is_broken_where_the_way_to_stop_and_the_reserve_would_pass_it(
+    speed: float, axis: int, sign: int
+) -> None:
     v = np.zeros(3)
     v[axis] = sign * speed
     way = abs(moment([FAR], [v.tolist()]).stop.way[0, axis])
@@ -46,7 +48,9 @@ def test_the_fence_is_broken_where_the_way_to_stop_and_the_reserve_would_pass_it
 def test_a_fast_vehicle_needs_more_room_than_a_slow_one() -> None:
     def least(speed: float) -> float:
         distances = np.arange(0.0, 6.0, 0.02)
-        return min(d for d in distances if not judge().broken(moment([[6.0 - d, 0.0, -1.0]], [[speed, 0.0, 0.0]])))
+        return min(
+            d for d in distances if not judge().broken(moment([[6.0 - d, 0.0, -1.0]], [[speed, 0.0, 0.0]]))
+        )
 
     found = [least(v) for v in (0.5, 1.0, 2.0, 3.0)]
     assert found == sorted(found) and found[-1] > found[0] + 2.0
@@ -117,7 +121,9 @@ def test_out_of_offboard_the_programs_silence_is_its_own_affair() -> None:
 
 
 def test_a_vehicle_that_is_not_placed_is_not_judged_by_its_place() -> None:
-    lost = moment([[9.0, 9.0, -9.0]], [[9.0, 0.0, 0.0]], placed=[False], moving=[False], tilt=[3.0], off=[9.0])
+    lost = moment(
+        [[9.0, 9.0, -9.0]], [[9.0, 0.0, 0.0]], placed=[False], moving=[False], tilt=[3.0], off=[9.0]
+    )
     assert judge().broken(lost) == []
 
 
@@ -128,10 +134,20 @@ def test_nothing_is_ever_said_of_a_vehicle_that_does_not_fly(data: st.DataObject
     each = st.lists(numbers, min_size=3, max_size=3)
     flags = st.lists(st.booleans(), min_size=3, max_size=3)
     made = moment(
-        data.draw(rows), data.draw(rows), flying=data.draw(flags), open=data.draw(flags), held=data.draw(flags),
-        placed=data.draw(flags), moving=data.draw(flags), battery=data.draw(each), off=data.draw(each), silent_s=data.draw(each),
-        target=data.draw(rows), settled=data.draw(flags), pose_age=data.draw(st.lists(st.floats(0, 9), min_size=3, max_size=3)),
-    )  # fmt: skip
+        data.draw(rows),
+        data.draw(rows),
+        flying=data.draw(flags),
+        open=data.draw(flags),
+        held=data.draw(flags),
+        placed=data.draw(flags),
+        moving=data.draw(flags),
+        battery=data.draw(each),
+        off=data.draw(each),
+        silent_s=data.draw(each),
+        target=data.draw(rows),
+        settled=data.draw(flags),
+        pose_age=data.draw(st.lists(st.floats(0, 9), min_size=3, max_size=3)),
+    )
     made = replace(made, open=made.open & made.flying)
     assert {f.name for f in fields(Moment)} >= {"flying"}
     of = judge(3)

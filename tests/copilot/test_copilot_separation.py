@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.copilot.moment import Moment
+from arena.copilot.fleet_state import Moment
 from arena.copilot.separation import Found, approach, separation
 
 from .scene import moment
@@ -64,7 +64,9 @@ def test_where_the_later_may_not_be_commanded_the_earlier_yields() -> None:
 
 
 def test_a_vehicle_on_the_ground_is_in_the_way_and_is_never_the_one_that_yields() -> None:
-    m = moment([[0, 0, -0.5], [2.0, 0, 0.0]], [[1.5, 0, 0], [0, 0, 0]], flying=[True, False], open=[True, False])
+    m = moment(
+        [[0, 0, -0.5], [2.0, 0, 0.0]], [[1.5, 0, 0], [0, 0, 0]], flying=[True, False], open=[True, False]
+    )
     assert rows(look(m)) == [0]
 
 
@@ -99,7 +101,12 @@ def test_too_fast_for_its_place_it_is_expected_where_it_can_stop() -> None:
 def test_vehicles_commanded_to_one_place_are_named_before_they_are_near() -> None:
     m = moment([[-5, 0, -1], [5, 0, -1]], target=[[0, 0, -1], [0.2, 0, -1]], settled=[True, True])
     assert look(m).meeting == ((0, 1),) and look(m).broken == ()
-    assert look(moment([[-5, 0, -1], [5, 0, -1]], target=[[0, 0, -1], [1.2, 0, -1]], settled=[True, True])).meeting == ()
+    assert (
+        look(
+            moment([[-5, 0, -1], [5, 0, -1]], target=[[0, 0, -1], [1.2, 0, -1]], settled=[True, True])
+        ).meeting
+        == ()
+    )
 
 
 def test_being_too_close_now_is_not_answered_by_a_hold_alone() -> None:
@@ -107,7 +114,9 @@ def test_being_too_close_now_is_not_answered_by_a_hold_alone() -> None:
     assert {b.enough for b in look(head_on(8.0)).broken} == {"hold"}
 
 
-@given(st.floats(-5, 5), st.floats(-5, 5), st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3))
+@given(
+    st.floats(-5, 5), st.floats(-5, 5), st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3)
+)
 def test_the_closest_approach_of_straight_ways_is_the_formulas(
     x: float, y: float, a: float, b: float, c: float, d: float
 ) -> None:

@@ -17,9 +17,9 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import ClockServer
 from arena.copilot import __main__ as shell
-from arena.room import Room
+from arena.process_context import ProcessContext
 from arena.schema.copilot import RULES, Copilot
-from arena.wire.codec import Codec
+from arena.wire.mavlink_codec import Codec
 
 HOST = f"127.65.{os.getpid() % 250 + 1}.77"
 
@@ -43,20 +43,32 @@ class Bench:
         line.setblocking(False)
         self.supervisor.setblocking(False)
         section = Copilot.model_validate({"pose_age": {"do": "none"}})
-        self.room = Room(
+        self.room = ProcessContext(
             "copilot",
             {
-                "rules": {rule: getattr(section, rule).model_dump() for rule in RULES}, "at_most": "land",
-                "escalate_after_s": 2.0, "latency_s": 0.01, "listen": [HOST, 24001], "captures": [],
+                "rules": {rule: getattr(section, rule).model_dump() for rule in RULES},
+                "at_most": "land",
+                "escalate_after_s": 2.0,
+                "latency_s": 0.01,
+                "listen": [HOST, 24001],
+                "captures": [],
                 "clock": str(folder / "clock"),
-                "vehicles": [{
-                    "name": "uav1", "id": 1, "body": "uav1", "simulated": True, "poses": False, "tools": [HOST, 24016],
-                    "panic": [HOST, 24014], "fence": {"north": [-5, 5], "east": [-5, 5], "up": 3},
-                    "braking": {"accel": 3.0, "jerk": 4.0, "up": 3.0, "down": 4.0},
-                }],
+                "vehicles": [
+                    {
+                        "name": "uav1",
+                        "id": 1,
+                        "body": "uav1",
+                        "simulated": True,
+                        "poses": False,
+                        "tools": [HOST, 24016],
+                        "panic": [HOST, 24014],
+                        "fence": {"north": [-5, 5], "east": [-5, 5], "up": 3},
+                        "braking": {"accel": 3.0, "jerk": 4.0, "up": 3.0, "down": 4.0},
+                    }
+                ],
             },
             line,
-        )  # fmt: skip
+        )
         self.told: list[dict[str, Any]] = []
         self.thread = threading.Thread(target=shell._make(self.room))
         self.thread.start()
@@ -105,7 +117,10 @@ def bench() -> Iterator[Bench]:
         made.close()
 
 
-FLYING = (mavlink.MAVLink_heartbeat_message(2, 12, 128, 6 << 16, 4, 3), mavlink.MAVLink_extended_sys_state_message(0, 2))
+FLYING = (
+    mavlink.MAVLink_heartbeat_message(2, 12, 128, 6 << 16, 4, 3),
+    mavlink.MAVLink_extended_sys_state_message(0, 2),
+)
 
 
 def test_it_is_ready_and_may_be_stopped_while_time_stands_still(bench: Bench) -> None:
@@ -126,7 +141,9 @@ def test_an_order_goes_through_the_router_and_straight_to_the_autopilot(bench: B
         nonlocal now
         now += 0.02
         bench.server.tick(now)
-        return any(m.get_type() == "COMMAND_LONG" and m.command == mavlink.MAV_CMD_DO_SET_MODE for m in heard(s))
+        return any(
+            m.get_type() == "COMMAND_LONG" and m.command == mavlink.MAV_CMD_DO_SET_MODE for m in heard(s)
+        )
 
     assert until(lambda: ordered(bench.panic)) and until(lambda: ordered(bench.tools))
     assert until(lambda: bench.facts("event"))[0].startswith("uav1: land: battery: its battery is at 3 %")

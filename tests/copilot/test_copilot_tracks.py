@@ -11,7 +11,9 @@ from arena.geometry import quat_from_euler, quat_rotate
 from .scene import LEVEL, tilted
 
 
-def feed(tracks: Tracks, v: tuple[float, float, float], count: int = 9, start: float = 0.0, noise: float = 0.0) -> float:
+def feed(
+    tracks: Tracks, v: tuple[float, float, float], count: int = 9, start: float = 0.0, noise: float = 0.0
+) -> float:
     rng = np.random.default_rng(1)
     for k in range(count):
         t = start + k / 180.0

@@ -34,5 +34,7 @@ def _of(page: Path) -> list[Block]:
     for match in _FENCE.finditer(text):
         body = match[3]
         language = match[2] or ("sh" if re.search(r"^(arena|make|pip|python) ", body, re.M) else "")
-        found.append(Block(page=page, line=text.count("\n", 0, match.start()) + 1, language=language, text=body))
+        found.append(
+            Block(page=page, line=text.count("\n", 0, match.start()) + 1, language=language, text=body)
+        )
     return found

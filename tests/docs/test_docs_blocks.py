@@ -15,8 +15,8 @@ import yaml
 from arena import UAV
 from arena.cli import build, main
 from arena.schema import load_arena
-from arena.smoke.scenario import Scenario, load_scenarios
-from arena.uav import groups
+from arena.smoke.language.scenario import Scenario, load_scenarios
+from arena.uav import data_groups
 
 from .pages import ROOT, Block, blocks
 
@@ -82,7 +82,9 @@ def test_harmless_lines_run(words, tmp_path, monkeypatch, capsys):
     lab(tmp_path)
     if "lab1" in words[1:] and words[0] != "init":
         assert main(["init", "lab1"]) == 0
-    if words[0] == "check" and "--no-machine" not in words:  # whose ports are free here is no matter of the page
+    if (
+        words[0] == "check" and "--no-machine" not in words
+    ):  # whose ports are free here is no matter of the page
         words = [*words, "--no-machine"]
     assert main(words) == 0, capsys.readouterr()
 
@@ -146,13 +148,20 @@ def stub(found: object, folder: Path) -> None:
 
 def test_the_arena_of_the_readme_is_the_first_example():
     first = next(b for b in YAML if b.page.name == "README.md")
-    assert yaml.safe_load(first.text) == yaml.safe_load((ROOT / "examples/01_two_quads/arena.yaml").read_text())
+    assert yaml.safe_load(first.text) == yaml.safe_load(
+        (ROOT / "examples/01_two_quads/arena.yaml").read_text()
+    )
 
 
 # -- Python ------------------------------------------------------------------------------------------------------------
 
 # Group of `uav` -> the class that a program reads it as.
-GROUPS = {"ekf": groups.Ekf, "sen": groups.Sensors, "act": groups.Actuation, "info": groups.Info}
+GROUPS = {
+    "ekf": data_groups.Ekf,
+    "sen": data_groups.Sensors,
+    "act": data_groups.Actuation,
+    "info": data_groups.Info,
+}
 
 
 @pytest.mark.parametrize("block", PYTHON, ids=str)
@@ -188,4 +197,6 @@ def test_the_hello_world_of_the_readme_has_ten_lines_or_fewer():
 @pytest.mark.parametrize("text", ["uav.set_pos(1)", "uav.ekf.position", "from arena import Drone"])
 def test_a_name_that_is_not_there_would_be_found(text):
     with pytest.raises(AssertionError):
-        test_every_python_block_compiles_and_names_what_uav_has(Block(page=ROOT, line=0, language="python", text=text))
+        test_every_python_block_compiles_and_names_what_uav_has(
+            Block(page=ROOT, line=0, language="python", text=text)
+        )

@@ -75,7 +75,9 @@ def test_every_message_is_one_of_the_code(message):
     assert any(in_order(wanted, text) for text in texts()), message
 
 
-@pytest.mark.parametrize("message", ["the vehicle has left OFFBOARD", "the vehicle left OFFBOARD … and was in …"])
+@pytest.mark.parametrize(
+    "message", ["the vehicle has left OFFBOARD", "the vehicle left OFFBOARD … and was in …"]
+)
 def test_a_message_that_is_not_there_would_be_found(message):
     with pytest.raises(AssertionError):
         test_every_message_is_one_of_the_code(message)

@@ -21,8 +21,8 @@ import numpy as np
 import psutil
 from numpy.typing import NDArray
 
-from arena.supervise import Control, RunState, open_run, proc
-from arena.wire.truth import Truth, TruthReader
+from arena.supervisor import Control, RunState, open_run, proc_fs
+from arena.wire.truth_page import Truth, TruthReader
 
 ROOT = Path(__file__).parents[2]
 PROGRAMS = Path(__file__).parent / "programs"
@@ -55,12 +55,18 @@ def end_with_us() -> None:
 
 def started_by(run: Path) -> set[int]:
     mark = f"ARENA_RUN={run}"
-    return {pid for pid in psutil.pids() if not proc.is_zombie(pid) and mark in proc.environment(pid)}
+    return {pid for pid in psutil.pids() if not proc_fs.is_zombie(pid) and mark in proc_fs.environment(pid)}
 
 
 def arena_yaml(folder: Path, address: str, vehicles: dict[str, str], more: str = "") -> Path:
     """An arena of vehicles two metres apart, name -> argument of `programs/fly.py`."""
-    lines = ["name: flight", f"address: {address}", "world: {size: [14, 6, 3]}", "defaults: {autopilot: builtin}", "vehicles:"]
+    lines = [
+        "name: flight",
+        f"address: {address}",
+        "world: {size: [14, 6, 3]}",
+        "defaults: {autopilot: builtin}",
+        "vehicles:",
+    ]
     for i, (name, then) in enumerate(vehicles.items()):
         north = 2.0 * i - len(vehicles) + 1
         program = f"{{path: '{PROGRAMS / 'fly.py'}', args: [{then}]}}"
@@ -78,12 +84,26 @@ class Flight:
         self.began = time.monotonic()
         self.out = folder / f"out-{len(list(folder.glob('out-*')))}.txt"
         self._before = set(self.runs.glob("*"))
-        up = ("up", str(yaml), "--headless", "--runs", str(self.runs), "--set", f"address={address}", *options)
+        up = (
+            "up",
+            str(yaml),
+            "--headless",
+            "--runs",
+            str(self.runs),
+            "--set",
+            f"address={address}",
+            *options,
+        )
         with self.out.open("wb") as out:
             self.process = subprocess.Popen(
-                self._command(*up), stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
-                start_new_session=True, env=self._env(), preexec_fn=end_with_us,  # noqa: PLW1509  nothing else is done in it
-            )  # fmt: skip
+                self._command(*up),
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+                env=self._env(),
+                preexec_fn=end_with_us,  # noqa: PLW1509  nothing else is done in it
+            )
         self._truth: TruthReader | None = None
         self._stood: NDArray[np.float64] | None = None
 
@@ -96,7 +116,9 @@ class Flight:
         def made() -> Path | None:
             over, new = self.process.poll() is not None, set(self.runs.glob("*")) - self._before
             assert new or not over, f"nothing was started: {self.said()}"
-            return next((p for p in new if (p / "state.json").exists() or (p / "outcome.json").exists()), None)
+            return next(
+                (p for p in new if (p / "state.json").exists() or (p / "outcome.json").exists()), None
+            )
 
         return eventually(made, 20, "a run folder", self.said)
 
@@ -169,7 +191,9 @@ class Flight:
 
     def until_up(self, height_m: float = 0.5, limit_s: float = 30.0) -> None:
         """Every vehicle is as high as this."""
-        eventually(lambda: self.heights().min() > height_m or self._ended(), limit_s, "all in the air", self.said)
+        eventually(
+            lambda: self.heights().min() > height_m or self._ended(), limit_s, "all in the air", self.said
+        )
 
     def until_down(self, limit_s: float) -> None:
         """Every vehicle stands on the floor, by the truth."""
@@ -178,7 +202,12 @@ class Flight:
     def until_disarmed(self, vehicles: Iterable[str], limit_s: float) -> None:
         """By the router's facts."""
         wanted = [f"{v}.armed" for v in vehicles]
-        eventually(lambda: not any(self.status()["facts"][w] for w in wanted), limit_s, f"disarmed: {wanted}", self.said)
+        eventually(
+            lambda: not any(self.status()["facts"][w] for w in wanted),
+            limit_s,
+            f"disarmed: {wanted}",
+            self.said,
+        )
 
     def until_said(self, words: str, limit_s: float) -> None:
         eventually(lambda: words in self.said(), limit_s, f"{words!r} said", self.said)
@@ -189,7 +218,9 @@ class Flight:
         def found() -> list[dict[str, Any]]:
             return [e for e in self.events(process) if e.get("to") == to]
 
-        return eventually(lambda: len(found()) >= times and found()[times - 1], limit_s, f"{process} {to}", self.said)
+        return eventually(
+            lambda: len(found()) >= times and found()[times - 1], limit_s, f"{process} {to}", self.said
+        )
 
     def signal(self, number: int) -> None:
         self.process.send_signal(number)
@@ -203,7 +234,12 @@ class Flight:
     def cli(self, *arguments: str, limit_s: float = 60.0) -> subprocess.CompletedProcess[str]:
         """Another `arena` command, as from another terminal."""
         return subprocess.run(
-            self._command(*arguments), capture_output=True, text=True, timeout=PATIENCE * limit_s, check=False, env=self._env()
+            self._command(*arguments),
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE * limit_s,
+            check=False,
+            env=self._env(),
         )
 
     def popen(self, *arguments: str) -> subprocess.Popen[str]:

@@ -19,16 +19,22 @@ from typing import Any, Self
 
 from arena.plan import make_plan
 from arena.schema import load_arena
-from arena.wire.truth import Truth, TruthReader
+from arena.wire.truth_page import Truth, TruthReader
 
 
 class PosingRoom:
     """vehicle: its name; number: its system id; position: where it stands.  It sends its MAVLink to `partner`."""
 
     def __init__(
-        self, address: str, partner: tuple[str, int], *, vehicle: str, number: int, position: list[float],
+        self,
+        address: str,
+        partner: tuple[str, int],
+        *,
+        vehicle: str,
+        number: int,
+        position: list[float],
         params: dict[str, float] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.address = address
         self._folder = folder = Path(tempfile.mkdtemp(prefix="arena-room-"))  # short, for the clock's socket
         keys = {"id": number, "autopilot": "builtin", "start": {"position": position}, "params": params or {}}
@@ -43,7 +49,7 @@ class PosingRoom:
         while not (folder / "clock.sock").exists():
             assert time.monotonic() < deadline and self.processes["world"].poll() is None, self.said("world")
             time.sleep(0.02)
-        self._start("mocap", "arena.mocap")
+        self._start("mocap", "arena.mocap.emulator")
 
     def truth(self) -> Truth:
         found = TruthReader(self._folder / "truth").newest()
@@ -56,7 +62,9 @@ class PosingRoom:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         for process in reversed(self.processes.values()):
             process.kill()
             process.wait()
@@ -74,5 +82,7 @@ class PosingRoom:
 
     def _write(self, name: str, slice_: dict[str, Any]) -> Path:
         file = self._folder / f"{name}.json"
-        file.write_text(json.dumps(slice_).replace("{rt}", str(self._folder)).replace("{run}", str(self._folder)))
+        file.write_text(
+            json.dumps(slice_).replace("{rt}", str(self._folder)).replace("{run}", str(self._folder))
+        )
         return file

@@ -101,14 +101,23 @@ def _cells() -> Iterator[Cell]:
     for process, *columns in rows:
         for (where, number), (fate, own, others, code, *else_) in zip(_COLUMNS, columns, strict=True):
             yield Cell(
-                process=process, signal=number, where=where, fate=fate, own=own, others=others, code=code,
+                process=process,
+                signal=number,
+                where=where,
+                fate=fate,
+                own=own,
+                others=others,
+                code=code,
                 else_=else_[0] if else_ else None,
-            )  # fmt: skip
+            )
 
 
 _COLUMNS: tuple[tuple[Where, Signal], ...] = (
-    ("air", "SIGKILL"), ("air", "SIGSTOP"), ("ground", "SIGKILL"), ("ground", "SIGSTOP"),
-)  # fmt: skip
+    ("air", "SIGKILL"),
+    ("air", "SIGSTOP"),
+    ("ground", "SIGKILL"),
+    ("ground", "SIGSTOP"),
+)
 CELLS = tuple(_cells())
 
 
@@ -144,7 +153,9 @@ class Sortie:
         """What may become of each vehicle."""
         found: dict[str, set[End]] = {}
         for name in self.names:
-            own = [h.cell for h in self.hits if h.vehicle == name] or [h.cell for h in self.hits if h.vehicle is None]
+            own = [h.cell for h in self.hits if h.vehicle == name] or [
+                h.cell for h in self.hits if h.vehicle is None
+            ]
             ends = {c.own for c in own} or {h.cell.others for h in self.hits}
             late = {c.else_ for c in own if c.else_ is not None}
             found[name] = (ends if len(ends) == 1 else ends - {End.FLIES}) | late
@@ -176,19 +187,27 @@ def _sorties() -> Iterator[Sortie]:
             for number in ("SIGKILL", "SIGSTOP"):
                 stays = (process, number, where) == ("supervisor", "SIGSTOP", "air")
                 yield Sortie(
-                    name=f"{process} {number} {where}", where=where, hits=(_hit(process, number, where, process),),
+                    name=f"{process} {number} {where}",
+                    where=where,
+                    hits=(_hit(process, number, where, process),),
                     stay_s=_LONG_S if stays else STAY_S,
-                )  # fmt: skip
+                )
         for number in ("SIGKILL", "SIGSTOP"):
             yield Sortie(
-                name=f"copilot {number} {where}", where=where, hits=(_hit("copilot", number, where, "copilot"),), stay_s=_LONG_S,
-                speed="1", more="copilot: {}",
-            )  # fmt: skip
+                name=f"copilot {number} {where}",
+                where=where,
+                hits=(_hit("copilot", number, where, "copilot"),),
+                stay_s=_LONG_S,
+                speed="1",
+                more="copilot: {}",
+            )
         programs = _both("program.<v>", where, "program.uav1", "program.uav2")
         yield Sortie(name=f"programs {where}", where=where, vehicles=3, hits=programs)
         for kind, target in (("px4.<v>", "px4.uav"), ("PX4 of <v>", "PX4 of uav")):
             px4s = _both(kind, where, f"{target}1", f"{target}2")
-            yield Sortie(name=f"{kind} {where}", where=where, vehicles=3, hits=px4s, px4=("uav1", "uav2"), speed="1")
+            yield Sortie(
+                name=f"{kind} {where}", where=where, vehicles=3, hits=px4s, px4=("uav1", "uav2"), speed="1"
+            )
     tools = _both("tool.<name>", "air", "tool.one", "tool.two")
     loggers = _both("logger.<v>", "air", "logger.uav1", "logger.uav2")
     yield Sortie(name="bystanders air", where="air", vehicles=3, hits=loggers + tools)
@@ -197,10 +216,15 @@ def _sorties() -> Iterator[Sortie]:
     for process in ("mocap", "router", "land-all"):
         for number in ("SIGKILL", "SIGSTOP"):
             yield Sortie(
-                name=f"{process} {number} air", where="air", hits=(_hit(process, number, "air", process),), speed="1",
+                name=f"{process} {number} air",
+                where="air",
+                hits=(_hit(process, number, "air", process),),
+                speed="1",
                 stay_s=_LONG_S if process == "land-all" else STAY_S,
-            )  # fmt: skip
-    yield Sortie(name="land-all ground", where="ground", hits=_both("land-all", "ground", "land-all", "land-all"))
+            )
+    yield Sortie(
+        name="land-all ground", where="ground", hits=_both("land-all", "ground", "land-all", "land-all")
+    )
     shared = [h for p in ("mocap", "router") for h in _both(p, "ground", p, p)]
     owned = [h for p in ("forward", "logger") for h in _both(f"{p}.<v>", "ground", f"{p}.uav1", f"{p}.uav1")]
     tools = _both("tool.<name>", "ground", "tool.one", "tool.two")
@@ -257,7 +281,9 @@ class _Flying:
         for name in self.sortie.names:
             flight.until_event(f"program.{name}", "READY", 60)
         wanted = [f"program.{name}" for name in self.sortie.names]
-        eventually(lambda: set(wanted) <= set(flight.state.processes), 10, "the programs in state.json", flight.said)
+        eventually(
+            lambda: set(wanted) <= set(flight.state.processes), 10, "the programs in state.json", flight.said
+        )
         self.programs = {name: flight.pid(f"program.{name}") for name in self.sortie.names}
         for name in self.sortie.px4:
             flight.until_event(f"px4.{name}", "READY", 60)
@@ -312,7 +338,12 @@ class _Flying:
         first.stdout.readline()
         if self.sortie.where == "air":
             names = self.sortie.names
-            eventually(lambda: all(flight.fact(f"{v}.mode") == "AUTO.LAND" for v in names), 20, "all told to land", flight.said)
+            eventually(
+                lambda: all(flight.fact(f"{v}.mode") == "AUTO.LAND" for v in names),
+                20,
+                "all told to land",
+                flight.said,
+            )
         os.kill(first.pid, number)
         second = flight.cli("land-all", "--run", str(flight.folder))
         os.kill(first.pid, signal.SIGCONT)
@@ -331,7 +362,9 @@ class _Flying:
             assert self.flight.heights().min() > 0.5, self.flight.heights()
             return
         limit_s = 90.0
-        eventually(lambda: all(map(self._is_over, self.sortie.names)), limit_s, f"{self.expected}", self._tell)
+        eventually(
+            lambda: all(map(self._is_over, self.sortie.names)), limit_s, f"{self.expected}", self._tell
+        )
 
     def _is_over(self, name: str) -> bool:
         expected = self.expected[name]
@@ -356,7 +389,9 @@ class _Flying:
             assert flight.cli("down").returncode == 0
         elif self._is_hit("supervisor", "SIGSTOP"):
             told = flight.cli("down")
-            assert told.returncode == 0 and "is stopped and hears nobody" in told.stdout, told.stdout + told.stderr
+            assert told.returncode == 0 and "is stopped and hears nobody" in told.stdout, (
+                told.stdout + told.stderr
+            )
         elif not (self._is_hit("world") or self._is_hit("copilot")):
             flight.signal(signal.SIGTERM)
         code = flight.wait(90)
@@ -450,13 +485,21 @@ def _yaml(sortie: Sortie, hangar: Hangar, go: Path, first_id: int) -> Path:
     program = f"{{path: '{PROGRAMS / 'wait_and_fly.py'}', args: ['{go}', '{sortie.stay_s:g}']}}"
     sleeps = "{argv: [sleep, '1000']}"
     lines = [
-        "name: processes", f"address: {hangar.address}", "world: {size: [14, 6, 3]}", f"sim: {{speed: {sortie.speed}}}",
-        f"tools: {{one: {sleeps}, two: {sleeps}}}", f"defaults: {{program: {program}}}", *sortie.more.splitlines(), "vehicles:",
-    ]  # fmt: skip
+        "name: processes",
+        f"address: {hangar.address}",
+        "world: {size: [14, 6, 3]}",
+        f"sim: {{speed: {sortie.speed}}}",
+        f"tools: {{one: {sleeps}, two: {sleeps}}}",
+        f"defaults: {{program: {program}}}",
+        *sortie.more.splitlines(),
+        "vehicles:",
+    ]
     for i, name in enumerate(sortie.names):
         north = 2.0 * i - len(sortie.names) + 1
         pilot = "px4" if name in sortie.px4 else "builtin"
-        lines.append(f"  {name}: {{id: {first_id + i}, autopilot: {pilot}, start: {{position: [{north:g}, 0, 0]}}}}")
+        lines.append(
+            f"  {name}: {{id: {first_id + i}, autopilot: {pilot}, start: {{position: [{north:g}, 0, 0]}}}}"
+        )
     file = hangar.folder / "processes.yaml"
     file.write_text("\n".join(lines) + "\n")
     return file
@@ -468,19 +511,34 @@ def _yaml(sortie: Sortie, hangar: Hangar, go: Path, first_id: int) -> Path:
 def problems(flown: Flown, hit: Hit) -> list[str]:
     """How what was flown differs from the cell. Empty when it is as the table says."""
     sortie, cell = flown.sortie, hit.cell
-    found = [] if flown.fates[hit] in (cell.fate, None) else [f"the process: {flown.fates[hit]}, expected {cell.fate}"]
+    found = (
+        []
+        if flown.fates[hit] in (cell.fate, None)
+        else [f"the process: {flown.fates[hit]}, expected {cell.fate}"]
+    )
     expected, late = sortie.expected(), False
     for name, track in flown.tracks.items():
-        found += [f"{name} {track.end}, expected {' or '.join(expected[name])}"] if track.end not in expected[name] else []
+        found += (
+            [f"{name} {track.end}, expected {' or '.join(expected[name])}"]
+            if track.end not in expected[name]
+            else []
+        )
         late = late or track.end in {h.cell.else_ for h in sortie.hits}
         if track.touchdown_m_s is not None and End.FALLS not in expected[name]:
             found += [f"{name} crashed: {track.crashed}"] if track.crashed else []
-            found += [f"{name} touched down at {track.touchdown_m_s:.2f} m/s"] if track.touchdown_m_s > TOUCHDOWN_M_S else []
-            found += [f"{name} drifted {track.drift_m:.2f} m"] if track.drift_m is not None and track.drift_m > DRIFT_M else []
+            found += (
+                [f"{name} touched down at {track.touchdown_m_s:.2f} m/s"]
+                if track.touchdown_m_s > TOUCHDOWN_M_S
+                else []
+            )
+            found += (
+                [f"{name} drifted {track.drift_m:.2f} m"]
+                if track.drift_m is not None and track.drift_m > DRIFT_M
+                else []
+            )
     if flown.code != sortie.codes and not late:
         found.append(f"arena up: exit {flown.code}, expected {sortie.codes}")
     return found
-
 
 
 class Sorties:
@@ -504,7 +562,12 @@ class Sorties:
         hangar = self._hangar_of()
         try:
             # PX4 binds its links on every address: ids that hardly another arena has
-            return fly(sortie, hangar, *(() if real else ("--set", "px4.home=stand-in")), first_id=120 + os.getpid() % 60)
+            return fly(
+                sortie,
+                hangar,
+                *(() if real else ("--set", "px4.home=stand-in")),
+                first_id=120 + os.getpid() % 60,
+            )
         except (AssertionError, OSError, ValueError, KeyError) as error:
             return AssertionError(f"{sortie.name}: {type(error).__name__}: {error}")
         finally:

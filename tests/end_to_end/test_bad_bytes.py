@@ -26,7 +26,9 @@ GROWTH_MB = 6.0
 def bad_datagrams(rng: random.Random) -> Iterator[bytes]:
     """Never a whole valid frame that anybody acts on."""
     voice = mavlink.MAVLink(None, srcSystem=77, srcComponent=77)
-    whole = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, *[0.0] * 7).pack(voice)
+    whole = mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, *[0.0] * 7
+    ).pack(voice)
     while True:
         yield rng.randbytes(rng.randrange(0, 300))
         yield whole[: rng.randrange(1, len(whole) - 1)]  # half a frame
@@ -41,7 +43,9 @@ def bad_questions(rng: random.Random) -> Iterator[bytes]:
     while True:
         yield rng.randbytes(rng.randrange(0, 200))
         yield struct.pack("<HH", rng.choice([0, 2, 4, 5, 0xFFFF]), 0xFFFF) + rng.randbytes(8)
-        yield struct.pack("<HH", rng.randrange(50, 60_000), rng.randrange(12)) + rng.randbytes(8)  # shorter than it says
+        yield struct.pack("<HH", rng.randrange(50, 60_000), rng.randrange(12)) + rng.randbytes(
+            8
+        )  # shorter than it says
 
 
 def ports(flight: Flight) -> dict[str, list[int]]:
@@ -59,7 +63,13 @@ def ports(flight: Flight) -> dict[str, list[int]]:
     for vehicle in VEHICLES:
         for room, key in (("forward", "link"), ("logger", "listen"), ("program", "")):
             slice_ = flight.json(f"slices/{room}.{vehicle}.json")
-            port = slice_[key]["local"][1] if key == "link" else slice_[key][1] if key else int(slice_["link"].rpartition(":")[2])
+            port = (
+                slice_[key]["local"][1]
+                if key == "link"
+                else slice_[key][1]
+                if key
+                else int(slice_["link"].rpartition(":")[2])
+            )
             found[f"{room}.{vehicle}"] = [port]
     return found
 
@@ -81,7 +91,9 @@ def throw(flight: Flight, where: dict[str, list[int]], rng: random.Random) -> in
         while (now := time.monotonic()) < until:
             for _ in range(int((now - began) * FLOOD_PER_S) - floods):
                 name, port = targets[floods % len(targets)]
-                s.sendto(next(questions) if name == "mocap" else few[floods % len(few)], (flight.address, port))
+                s.sendto(
+                    next(questions) if name == "mocap" else few[floods % len(few)], (flight.address, port)
+                )
                 floods += 1
             time.sleep(0.002)  # not a wait for anything: the pace of the flood
     return sent + floods
@@ -113,7 +125,10 @@ def test_no_bytes_at_any_port_disturb_a_flight(hangar: Hangar) -> None:
 
     print({name: own.get("dropped") or own for name, own in stats.items()})
     dropped = stats["router"]["dropped"]
-    assert dropped["stranger on a serving socket"] > 100 and dropped["stranger on the ground stations' socket"] > 50
+    assert (
+        dropped["stranger on a serving socket"] > 100
+        and dropped["stranger on the ground stations' socket"] > 50
+    )
     assert dropped["garbage bytes"] > 10_000 and dropped["wrong CRC"] > 10
     for vehicle in VEHICLES:
         autopilot = stats["world"]["autopilot"][vehicle]

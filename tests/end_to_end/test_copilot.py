@@ -19,7 +19,12 @@ FIRST_ID = 65
 
 def hung(hangar: Hangar, more: str, *options: str) -> Flight:
     vehicle = f"{{id: {FIRST_ID}, program: {PROGRAMS / 'hung_sdk.py'}}}"
-    lines = [f"address: {hangar.address}", "defaults: {autopilot: builtin}", f"vehicles: {{uav1: {vehicle}}}", more]
+    lines = [
+        f"address: {hangar.address}",
+        "defaults: {autopilot: builtin}",
+        f"vehicles: {{uav1: {vehicle}}}",
+        more,
+    ]
     file = hangar.folder / "arena.yaml"
     file.write_text("\n".join(lines) + "\n")
     return hangar.up(file, *options)
@@ -45,8 +50,16 @@ def test_without_a_copilot_it_hovers_for_ever(hangar: Hangar) -> None:
 def touring(hangar: Hangar, copilot: str, *options: str) -> Flight:
     """Two vehicles that go round and land."""
     program = f"{{path: '{PROGRAMS / 'fly.py'}', args: [tours]}}"
-    rows = [f"uav{k + 1}: {{id: {FIRST_ID + k}, start: {{position: [{2 * k}, 0, 0]}}, program: {program}}}" for k in (0, 1)]
-    lines = [f"address: {hangar.address}", "world: {size: [14, 6, 3]}", "defaults: {autopilot: builtin}", copilot]
+    rows = [
+        f"uav{k + 1}: {{id: {FIRST_ID + k}, start: {{position: [{2 * k}, 0, 0]}}, program: {program}}}"
+        for k in (0, 1)
+    ]
+    lines = [
+        f"address: {hangar.address}",
+        "world: {size: [14, 6, 3]}",
+        "defaults: {autopilot: builtin}",
+        copilot,
+    ]
     file = hangar.folder / "arena.yaml"
     file.write_text("\n".join([*lines, "vehicles:", *(f"  {row}" for row in rows)]) + "\n")
     return hangar.up(file, *options)
@@ -61,7 +74,9 @@ def bereft(hangar: Hangar, copilot: str, number: int = signal.SIGKILL) -> Flight
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_copilot_that_is_killed_or_hangs_has_everybody_landed_and_the_arena_says_why(hangar: Hangar, number: int) -> None:
+def test_a_copilot_that_is_killed_or_hangs_has_everybody_landed_and_the_arena_says_why(
+    hangar: Hangar, number: int
+) -> None:
     flight = bereft(hangar, "copilot: {}", number)
     assert flight.wait(120) == 1
     assert "copilot: killed by SIGKILL" in flight.said() or "copilot: stopped" in flight.said()
@@ -71,7 +86,9 @@ def test_a_copilot_that_is_killed_or_hangs_has_everybody_landed_and_the_arena_sa
 
 
 @pytest.mark.parametrize(("on_loss", "starts"), [("restart", 2), ("warn", 1)])
-def test_a_copilot_that_need_not_be_there_is_missed_and_the_flight_goes_on(hangar: Hangar, on_loss: str, starts: int) -> None:
+def test_a_copilot_that_need_not_be_there_is_missed_and_the_flight_goes_on(
+    hangar: Hangar, on_loss: str, starts: int
+) -> None:
     flight = bereft(hangar, f"copilot: {{on_loss: {on_loss}}}")
     code = flight.wait(120)
     assert [e["to"] for e in flight.events("copilot") if "to" in e].count("READY") == starts

@@ -35,11 +35,19 @@ def test_a_bad_program_lands_its_vehicle_by_the_offboard_failsafe_and_no_other(h
         verdict = flight.verdict(name)
         assert verdict["crashed"] == "" and verdict["landings"] == 1 and verdict["touchdown_m_s"] < 1.5
         assert flight.summary["vehicles"][name]["landing"]["landed"]
-        offboard, land, off = [m for m in flight.summary["vehicles"][name]["modes"] if m["armed"]] + [{"mode": "", "t_s": 0}]
+        offboard, land, off = [m for m in flight.summary["vehicles"][name]["modes"] if m["armed"]] + [
+            {"mode": "", "t_s": 0}
+        ]
         assert (offboard["mode"], land["mode"], off["mode"]) == ("OFFBOARD", "AUTO.LAND", "")
-        assert 6.5 < land["t_s"] - offboard["t_s"] < 10.0  # 6 s of setpoints, 1 s of none, told by heartbeats a second apart
+        assert (
+            6.5 < land["t_s"] - offboard["t_s"] < 10.0
+        )  # 6 s of setpoints, 1 s of none, told by heartbeats a second apart
     good = flight.summary["vehicles"]["good"]
-    assert good["setpoints"]["worst_m"] <= 0.10 and good["setpoints"]["count"] == 4 and good["landing"]["error_m"] <= 0.3
+    assert (
+        good["setpoints"]["worst_m"] <= 0.10
+        and good["setpoints"]["count"] == 4
+        and good["landing"]["error_m"] <= 0.3
+    )
     assert flight.outcome["processes"]["program.good"]["exit_code"] == 0
 
     to = {name: [e["to"] for e in flight.events(f"program.{name}") if "to" in e] for name in (*BAD, "good")}

@@ -59,7 +59,9 @@ def test_it_flies_the_first_example_and_lands(
     assert flight.wait(150) == 0, flight.said()
     told = flight.summary["vehicles"]["uav1"]
     assert told["judged_by"] == "truth" and told["landing"]["landed"] and told["crashed"] == ""
-    assert len(told["setpoints"]["each"]) == 5 and all(s["error_m"] <= 0.25 for s in told["setpoints"]["each"]), told["setpoints"]
+    assert len(told["setpoints"]["each"]) == 5 and all(
+        s["error_m"] <= 0.25 for s in told["setpoints"]["each"]
+    ), told["setpoints"]
     flight.assert_nothing_left()
 
 

@@ -51,7 +51,9 @@ def assert_down(flight: Flight) -> None:
 
 
 # One arena each: the dead do not fly again. Stopped ones are let go afterwards, so that the run tells how the flight ended.
-@pytest.mark.parametrize("names", [*((name,) for name in HELPERS), HELPERS], ids=lambda x: "+".join(x) if len(x) < 4 else "all")
+@pytest.mark.parametrize(
+    "names", [*((name,) for name in HELPERS), HELPERS], ids=lambda x: "+".join(x) if len(x) < 4 else "all"
+)
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
 def test_it_lands_all_without(hangar: Hangar, names: tuple[str, ...], number: signal.Signals) -> None:
     flight = hangar.fly(VEHICLES, *IDS, more="copilot: {}\n")
@@ -63,7 +65,9 @@ def test_it_lands_all_without(hangar: Hangar, names: tuple[str, ...], number: si
         if number == signal.SIGSTOP:
             hit(flight, names, signal.SIGCONT)
     told = flight.cli("down", limit_s=90.0)
-    assert told.returncode in (0, 1), told.stdout + told.stderr  # programs lost their vehicle; a stale run has no verdict
+    assert told.returncode in (0, 1), (
+        told.stdout + told.stderr
+    )  # programs lost their vehicle; a stale run has no verdict
     flight.wait()
     flight.assert_nothing_left()
 
@@ -103,7 +107,11 @@ def test_the_landing_is_soft_and_the_programs_are_told(hangar: Hangar) -> None:
     flight.until_event("program.uav1", "EXITED", 10)
     flight.until_event("program.uav2", "EXITED", 10)
     assert "left OFFBOARD and is now in AUTO.LAND" in flight.log("program.uav1")
-    eventually(lambda: flight.fact("uav1.armed") is False and flight.fact("uav2.armed") is False, 10, "facts of the router")
+    eventually(
+        lambda: flight.fact("uav1.armed") is False and flight.fact("uav2.armed") is False,
+        10,
+        "facts of the router",
+    )
     assert flight.cli("down").returncode == 1  # both programs lost their vehicle
     assert flight.wait() == 1
     assert flight.outcome["landing"] == "nothing was flying"
@@ -119,5 +127,8 @@ def test_a_hung_router_keeps_the_end_from_landing_no_more_than_the_panic_path(ha
     assert_all_landed(flight)
     flight.signal(signal.SIGINT)
     assert flight.wait() == 130
-    assert flight.outcome["landing"] in ("landed and disarmed", "nothing was flying")  # a new router may have told by then
+    assert flight.outcome["landing"] in (
+        "landed and disarmed",
+        "nothing was flying",
+    )  # a new router may have told by then
     flight.assert_nothing_left()

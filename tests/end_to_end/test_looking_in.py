@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.codec import Codec
+from arena.wire.mavlink_codec import Codec
 
 from .flight import PROGRAMS, Flight, Hangar, eventually
 
@@ -55,7 +55,9 @@ class Client:
             self.listen()
             return systems <= {m.get_srcSystem() for m in self.heard if m.get_type() == kind}
 
-        eventually(has, 5, f"{kind} from {systems}", lambda: {(m.get_srcSystem(), m.get_type()) for m in self.heard})
+        eventually(
+            has, 5, f"{kind} from {systems}", lambda: {(m.get_srcSystem(), m.get_type()) for m in self.heard}
+        )
 
     def close(self) -> None:
         self._socket.close()
@@ -82,7 +84,9 @@ def test_an_sdk_hears_its_own_vehicle_only_and_reads_a_parameter(flying: Flight,
         sdk.send(mavlink.MAVLink_param_request_read_message(number, 1, b"MAV_SYS_ID", -1))
         sdk.until_heard("PARAM_VALUE", {number})
         sdk.until_heard("HEARTBEAT", {number})
-        known = [m for m in sdk.heard if not m.get_type().startswith("UNKNOWN")]  # the dialect has no CURRENT_MODE yet
+        known = [
+            m for m in sdk.heard if not m.get_type().startswith("UNKNOWN")
+        ]  # the dialect has no CURRENT_MODE yet
         assert {m.get_srcSystem() for m in known} == {number}, vehicle
         assert [m.param_id for m in sdk.heard if m.get_type() == "PARAM_VALUE"] == ["MAV_SYS_ID"]
 
@@ -108,12 +112,22 @@ def test_ps_tells_every_process_and_vehicle(flying: Flight) -> None:
     told = flying.cli("ps", "--json")
     assert told.returncode == 0, told.stderr
     status = json.loads(told.stdout)
-    assert status["phase"] == "running" and status["vehicles"] == list(VEHICLES) and status["run"] == str(flying.folder)
-    assert {row["state"] for row in status["processes"].values()} == {"READY"} and len(status["processes"]) == 9
+    assert (
+        status["phase"] == "running"
+        and status["vehicles"] == list(VEHICLES)
+        and status["run"] == str(flying.folder)
+    )
+    assert {row["state"] for row in status["processes"].values()} == {"READY"} and len(
+        status["processes"]
+    ) == 9
     assert flying.processes() == {row["pid"] for row in status["processes"].values()}
-    assert {f"{flying.address}:16001", f"{flying.address}:24000"} <= {f"{c.laddr.ip}:{c.laddr.port}" for c in flying.sockets()}
+    assert {f"{flying.address}:16001", f"{flying.address}:24000"} <= {
+        f"{c.laddr.ip}:{c.laddr.port}" for c in flying.sockets()
+    }
     for vehicle in VEHICLES:
-        assert status["facts"][f"{vehicle}.armed"] is True and status["facts"][f"{vehicle}.mode"] == "OFFBOARD"
+        assert (
+            status["facts"][f"{vehicle}.armed"] is True and status["facts"][f"{vehicle}.mode"] == "OFFBOARD"
+        )
     table = flying.cli("ps").stdout
     assert all(name in table for name in status["processes"])
 
@@ -138,11 +152,19 @@ def test_a_forwarder_restarts_in_flight_without_the_vehicle_noticing(flying: Fli
     gap_s = ready["mono"] - stopping["mono"]
     print(f"without poses for at most {gap_s:.2f} s")
     assert gap_s < 2.0
-    eventually(lambda: flying.status()["processes"]["world"]["stats"]["autopilot"]["uav1"]["vision"] > poses + 200, 10, "poses")
+    eventually(
+        lambda: flying.status()["processes"]["world"]["stats"]["autopilot"]["uav1"]["vision"] > poses + 200,
+        10,
+        "poses",
+    )
     assert flying.pid("forward.uav1") != first
     status = flying.status()
     autopilot = status["processes"]["world"]["stats"]["autopilot"]["uav1"]
-    assert autopilot["failsafe"] == "" and status["facts"]["uav1.mode"] == "OFFBOARD" and flying.heights().min() > 0.8
+    assert (
+        autopilot["failsafe"] == ""
+        and status["facts"]["uav1.mode"] == "OFFBOARD"
+        and flying.heights().min() > 0.8
+    )
 
 
 def test_at_the_end_a_followed_log_ends_too_and_all_have_landed(flying: Flight) -> None:

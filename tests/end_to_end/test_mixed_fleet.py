@@ -40,12 +40,18 @@ vehicles:
 def room(hangar: Hangar) -> Iterator[PosingRoom]:
     a, b, c, d = hangar.address.split(".")
     address = f"{a}.{int(b) + 60}.{c}.{d}"
-    with PosingRoom(address, (hangar.address, WIRE_PORT), vehicle="uav2", number=2, position=[-2.0, 0.0, 0.0]) as made:
+    with PosingRoom(
+        address, (hangar.address, WIRE_PORT), vehicle="uav2", number=2, position=[-2.0, 0.0, 0.0]
+    ) as made:
         yield made
 
 
-def up(hangar: Hangar, room: PosingRoom, program: Path, *options: str, args: str = "", more: str = "") -> Flight:
-    return hangar.up(arena(hangar, room.address, program, args, more), "--yes", "--time-limit", "120", *options)
+def up(
+    hangar: Hangar, room: PosingRoom, program: Path, *options: str, args: str = "", more: str = ""
+) -> Flight:
+    return hangar.up(
+        arena(hangar, room.address, program, args, more), "--yes", "--time-limit", "120", *options
+    )
 
 
 def test_a_real_and_a_simulated_vehicle_fly_one_program_unchanged(hangar: Hangar, room: PosingRoom) -> None:
@@ -63,7 +69,10 @@ def test_a_real_and_a_simulated_vehicle_fly_one_program_unchanged(hangar: Hangar
     assert told["uav1"]["judged_by"] == "truth" and told["uav2"]["judged_by"] != "truth"
     for name in ("uav1", "uav2"):
         assert len(told[name]["setpoints"]["each"]) == 5
-        assert all(s["error_m"] <= 0.15 for s in told[name]["setpoints"]["each"]), (name, told[name]["setpoints"])
+        assert all(s["error_m"] <= 0.15 for s in told[name]["setpoints"]["each"]), (
+            name,
+            told[name]["setpoints"],
+        )
         assert told[name]["landing"]["landed"]
     assert highest > 1.2  # by the other room's own truth
     end = room.truth().p_n[0]
@@ -80,7 +89,9 @@ def test_a_gate_that_does_not_hold_refuses_arming_with_its_reason(hangar: Hangar
     assert flight.summary["vehicles"]["uav1"]["landing"]["landed"]  # the other has flown
 
 
-def test_land_all_lands_both_with_the_supervisor_and_the_router_gone(hangar: Hangar, room: PosingRoom) -> None:
+def test_land_all_lands_both_with_the_supervisor_and_the_router_gone(
+    hangar: Hangar, room: PosingRoom
+) -> None:
     flight = up(hangar, room, PROGRAMS / "fly.py", args="hovers")
     flight.until_up(0.7)
     eventually(lambda: -room.truth().p_n[0, 2] > 0.7, 30, "the real one in the air", flight.said)

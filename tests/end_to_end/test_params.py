@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from arena.params.session import Target, pull, push
-from arena.safety.targets import from_plan
+from arena.emergency.targets import from_plan
+from arena.params.transfer.session import Target, pull, push
 from arena.schema.px4 import find_px4
-from arena.wire.mavparams import Value
+from arena.wire.mavlink_params import Value
 
 from .flight import Flight, Hangar
 
@@ -28,12 +28,19 @@ A_SIGNALLING_NAN = -5_000_001
 
 def targets_of(flight: Flight) -> dict[str, Target]:
     flight.until_said("router: READY", 60)
-    return {t.name: Target(system=t.id, remote=t.tools) for t in from_plan((flight.folder / "plan.json").read_text())}
+    return {
+        t.name: Target(system=t.id, remote=t.tools)
+        for t in from_plan((flight.folder / "plan.json").read_text())
+    }
 
 
 def another(value: Value) -> float:
     """That PX4 has no reason to object to."""
-    return (1 - value.value if value.value in (0, 1) else value.value + 1) if value.kind == INT32 else value.value * 0.9 + 0.01
+    return (
+        (1 - value.value if value.value in (0, 1) else value.value + 1)
+        if value.kind == INT32
+        else value.value * 0.9 + 0.01
+    )
 
 
 def sixty(values: Mapping[str, Value]) -> dict[str, float]:
@@ -46,19 +53,26 @@ def sixty(values: Mapping[str, Value]) -> dict[str, float]:
 
 def yaml(folder: Path, autopilot: str) -> Path:
     file = folder / "arena.yaml"
-    file.write_text(f"world: {{size: [10, 10, 5]}}\nvehicles:\n  uav1: {{autopilot: {autopilot}, id: {NUMBER}}}\n")
+    file.write_text(
+        f"world: {{size: [10, 10, 5]}}\nvehicles:\n  uav1: {{autopilot: {autopilot}, id: {NUMBER}}}\n"
+    )
     return file
 
 
 @pytest.mark.parametrize("autopilot", ["builtin", "stand-in", pytest.param("real", marks=pytest.mark.px4)])
-def test_the_list_is_whole_sixty_are_written_and_an_unknown_name_is_told_apart(hangar: Hangar, autopilot: str) -> None:
+def test_the_list_is_whole_sixty_are_written_and_an_unknown_name_is_told_apart(
+    hangar: Hangar, autopilot: str
+) -> None:
     options = ["--set", "px4.home=stand-in"] if autopilot == "stand-in" else []
     if autopilot == "real" and ((found := find_px4()) is None or found.stand_in):
         pytest.skip("no PX4 is found: set PX4_HOME")
     flight = hangar.up(yaml(hangar.folder, "builtin" if autopilot == "builtin" else "px4"), *options)
     targets = targets_of(flight)
     before = pull(targets)["uav1"]
-    assert before.whole and len(before.values) == {v.total for v in before.values.values()}.pop(), (before.ending, before.missing)
+    assert before.whole and len(before.values) == {v.total for v in before.values.values()}.pop(), (
+        before.ending,
+        before.missing,
+    )
     wanted = sixty(before.values)
     assert len(wanted) == (60 if autopilot == "real" else len(wanted)) and len(wanted) > 40
     if autopilot == "real":
@@ -66,9 +80,13 @@ def test_the_list_is_whole_sixty_are_written_and_an_unknown_name_is_told_apart(h
     report = push(targets, {"uav1": {**wanted, "NO_SUCH_NAME": 1.0}})["uav1"]
     assert report.ending == "done" and report.those("unknown") == ["NO_SUCH_NAME"], report
     refused = report.those("refused")
-    assert set(report.those("written")) == set(wanted) - set(refused) and (autopilot != "real" or not refused), report
+    assert set(report.those("written")) == set(wanted) - set(refused) and (
+        autopilot != "real" or not refused
+    ), report
     after = pull(targets, names=list(wanted))["uav1"]
-    assert after.whole and all(after.values[n].value == pytest.approx(wanted[n]) for n in wanted if n not in refused)
+    assert after.whole and all(
+        after.values[n].value == pytest.approx(wanted[n]) for n in wanted if n not in refused
+    )
     again = push(targets, {"uav1": {n: v for n, v in wanted.items() if n not in refused}})["uav1"]
     assert set(r.outcome for r in again.results.values()) == {"same"}
     told = {"list": before.traffic, "push": report.traffic, "names": len(before.values)}
@@ -89,11 +107,16 @@ def test_by_the_command_line_what_is_pushed_is_what_the_yaml_asks_for(hangar: Ha
     differ = flight.cli("params", "diff", "uav1", "yaml:uav1", *where)
     assert differ.returncode == 1, differ.stderr
     assert {line.split()[0] for line in differ.stdout.splitlines()[1:] if line.strip()} == {
-        "COM_LOW_BAT_ACT", "COM_OBL_RC_ACT", "COM_OF_LOSS_T", "MPC_LAND_SPEED"
-    }, differ.stdout  # fmt: skip
+        "COM_LOW_BAT_ACT",
+        "COM_OBL_RC_ACT",
+        "COM_OF_LOSS_T",
+        "MPC_LAND_SPEED",
+    }, differ.stdout
     tried = flight.cli("params", "push", "--dry-run", *where)
     assert tried.returncode == 0 and "4 differs" in tried.stdout, tried.stdout
     pushed = flight.cli("params", "push", *where)
     assert pushed.returncode == 0 and "4 written" in pushed.stdout, pushed.stdout + pushed.stderr
     same = flight.cli("params", "diff", "uav1", "yaml:uav1", *where)
-    assert (same.returncode, same.stdout) == (0, "uav1 and yaml:uav1: no difference\n"), same.stdout + same.stderr
+    assert (same.returncode, same.stdout) == (0, "uav1 and yaml:uav1: no difference\n"), (
+        same.stdout + same.stderr
+    )

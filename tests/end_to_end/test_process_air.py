@@ -16,6 +16,8 @@ def test_in_the_air_it_ends_as_the_table_says(sorties: Sorties, sortie: Sortie, 
 
 
 @pytest.mark.px4
-@pytest.mark.parametrize(("sortie", "hit"), [c for c in CELLS if c[0].px4], ids=[str(h.cell) for s, h in CELLS if s.px4])
+@pytest.mark.parametrize(
+    ("sortie", "hit"), [c for c in CELLS if c[0].px4], ids=[str(h.cell) for s, h in CELLS if s.px4]
+)
 def test_in_the_air_it_ends_so_on_the_real_px4(sorties: Sorties, sortie: Sortie, hit: Hit) -> None:
     assert sorties.problems(sortie, hit, real=True) == []

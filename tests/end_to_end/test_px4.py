@@ -16,8 +16,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.schema import load_arena
 from arena.schema.px4 import find_px4
-from arena.supervise import open_run
-from arena.wire.codec import Codec
+from arena.supervisor import open_run
+from arena.wire.mavlink_codec import Codec
 
 from .flight import ROOT, Flight, Hangar, eventually
 
@@ -45,7 +45,11 @@ def real_px4() -> list[str]:
 
 
 def flown_by_px4(*vehicles: str) -> list[str]:
-    sets = [f"vehicles.{name}.{what}" for i, name in enumerate(vehicles) for what in ("autopilot=px4", f"id={FIRST_ID + i}")]
+    sets = [
+        f"vehicles.{name}.{what}"
+        for i, name in enumerate(vehicles)
+        for what in ("autopilot=px4", f"id={FIRST_ID + i}")
+    ]
     return [word for each in sets for word in ("--set", each)]
 
 
@@ -66,10 +70,15 @@ def test_px4_and_the_built_in_autopilot_fly_side_by_side_in_one_arena(hangar: Ha
     assert code == 0, flight.said()
     for vehicle in ("uav1", "uav2"):
         told = flight.summary["vehicles"][vehicle]
-        assert told["landing"]["landed"] and told["crashed"] == "" and told["verdict"]["max_height_m"] > 0.9, vehicle
+        assert (
+            told["landing"]["landed"] and told["crashed"] == "" and told["verdict"]["max_height_m"] > 0.9
+        ), vehicle
         assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"]), vehicle
     assert set(flight.summary["px4"]) == {"uav1"}
-    assert flight.summary["px4"]["uav1"]["stand_in"] is bool(px4) and flight.summary["px4"]["uav1"]["ended"] == ""
+    assert (
+        flight.summary["px4"]["uav1"]["stand_in"] is bool(px4)
+        and flight.summary["px4"]["uav1"]["ended"] == ""
+    )
     assert ("This is not PX4" in flight.log("px4.uav1")) is bool(px4)
     assert ("arena's stand-in for PX4" in flight.said()) is bool(px4)
     assert flight.stats("world")["autopilot"]["uav1"]["answers"] > 250 * 5
@@ -78,11 +87,17 @@ def test_px4_and_the_built_in_autopilot_fly_side_by_side_in_one_arena(hangar: Ha
 
 
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
-def test_one_killed_and_one_stopped_for_a_second_are_told_apart_and_the_others_fly_on(hangar: Hangar, px4: list[str]) -> None:
+def test_one_killed_and_one_stopped_for_a_second_are_told_apart_and_the_others_fly_on(
+    hangar: Hangar, px4: list[str]
+) -> None:
     flight = hangar.fly(
-        {"uav1": "hovers", "uav2": "hovers", "uav3": "tours"}, "--until-done", "--time-limit", "60", *px4,
+        {"uav1": "hovers", "uav2": "hovers", "uav3": "tours"},
+        "--until-done",
+        "--time-limit",
+        "60",
+        *px4,
         *flown_by_px4("uav1", "uav2"),
-    )  # fmt: skip
+    )
     flight.until_up(0.8, 60)
     killed, stopped = px4_process(flight, "uav1"), px4_process(flight, "uav2")
     began = flight.truth().time_s
@@ -95,7 +110,9 @@ def test_one_killed_and_one_stopped_for_a_second_are_told_apart_and_the_others_f
         stopped.resume()
     flight.until_said("uav2: PX4 answers again after ", 10)
     flight.until_event("program.uav3", "EXITED", 60)
-    assert flight.wait(60) == 1, "what the world sees down is not waited for, though its PX4 may believe for ever that it flies"
+    assert flight.wait(60) == 1, (
+        "what the world sees down is not waited for, though its PX4 may believe for ever that it flies"
+    )
     said, summary = flight.said(), flight.summary
     assert "uav1: PX4 has closed the simulator link: its motors stop, the world goes on without it" in said
     assert "uav1: PX4 has ended by itself (killed by SIGKILL); nothing flies this vehicle any more" in said
@@ -114,8 +131,12 @@ def landed_all(said: str) -> bool:
     return any(f"land: uav2: {words}" in said for words in ("landed and disarmed", "already on the ground"))
 
 
-@pytest.mark.parametrize("script", ["echo libfoo.so.1: no such file >&2; exit 127", "exec sleep 1000"], ids=["exits", "hangs"])
-def test_one_that_never_connects_is_explained_and_the_other_flies_lands_and_ends_at_once(hangar: Hangar, script: str) -> None:
+@pytest.mark.parametrize(
+    "script", ["echo libfoo.so.1: no such file >&2; exit 127", "exec sleep 1000"], ids=["exits", "hangs"]
+)
+def test_one_that_never_connects_is_explained_and_the_other_flies_lands_and_ends_at_once(
+    hangar: Hangar, script: str
+) -> None:
     """Of a PX4 that is installed, and does not run."""
     home = hangar.folder / "home"
     for folder in ("bin", "etc/init.d-posix"):
@@ -134,7 +155,9 @@ def test_one_that_never_connects_is_explained_and_the_other_flies_lands_and_ends
     assert flight.wait(60) == 1 and landed_all(flight.said())
     why = "its PX4 has ended" if exits else "its PX4 has never connected to the world"
     assert f"uav1 is not waited for: {why}" in flight.said()
-    assert not exits or ("PX4 ended before it was up (exit 127)" in flight.said() and "needs px4.uav1" in flight.said())
+    assert not exits or (
+        "PX4 ended before it was up (exit 127)" in flight.said() and "needs px4.uav1" in flight.said()
+    )
     assert not any("landing was not confirmed" in words for words in flight.outcome["failed"])
     flight.assert_nothing_left()
 
@@ -173,7 +196,10 @@ class GroundStation:
         self.newest[system, m.get_type()] = m
         if m.get_type() == "ESTIMATOR_STATUS" and self._flies(system):
             self.in_the_air.setdefault(system, []).append(m)
-        elif m.get_type() == "SYS_STATUS" and m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK:
+        elif (
+            m.get_type() == "SYS_STATUS"
+            and m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        ):
             self.was_ready.add(system)
 
     def _flies(self, system: int) -> bool:
@@ -190,8 +216,12 @@ def example(shared_hangar: Hangar) -> Iterator[Example]:
     real_px4()
     station = GroundStation(shared_hangar.address)
     yaml = ROOT / "examples" / "01_two_quads" / "arena.yaml"
-    ids = [word for i, name in enumerate(VEHICLES) for word in ("--set", f"vehicles.{name}.id={FIRST_ID + i}")]
-    flight = shared_hangar.up(yaml, "--until-done", "--time-limit", "120", "--set", "defaults.autopilot=px4", *ids)
+    ids = [
+        word for i, name in enumerate(VEHICLES) for word in ("--set", f"vehicles.{name}.id={FIRST_ID + i}")
+    ]
+    flight = shared_hangar.up(
+        yaml, "--until-done", "--time-limit", "120", "--set", "defaults.autopilot=px4", *ids
+    )
     code = flight.wait(180)
     station.close()
     print(flight.said())
@@ -250,9 +280,14 @@ def test_the_ten_vehicle_example_flies_unchanged_on_ten_real_px4(hangar: Hangar)
     assert flight.wait(300) == 0, flight.said()
     print((flight.folder / "summary.txt").read_text())
     for vehicle, told in flight.summary["vehicles"].items():
-        assert told["landing"]["landed"] and told["crashed"] == "" and told["setpoints"]["count"] >= 2, vehicle
+        assert told["landing"]["landed"] and told["crashed"] == "" and told["setpoints"]["count"] >= 2, (
+            vehicle
+        )
         assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"]), (vehicle, told["setpoints"])
-        assert "Preflight Fail" not in flight.log(f"px4.{vehicle}") and len(flight.summary["px4"][vehicle]["ulogs"]) == 1
+        assert (
+            "Preflight Fail" not in flight.log(f"px4.{vehicle}")
+            and len(flight.summary["px4"][vehicle]["ulogs"]) == 1
+        )
     flight.assert_nothing_left()
 
 
@@ -263,5 +298,9 @@ def test_both_are_armed_in_time_and_nothing_of_the_real_px4_is_left(example: Exa
     print(f"all airborne after {first_up} s")
     assert first_up < 20.0  # 12 s to armed is promised; the machine may be shared
     flight.assert_nothing_left()
-    names = [p.name() for p in psutil.process_iter() if p.name() == "px4" and str(flight.folder) in " ".join(p.cmdline())]
+    names = [
+        p.name()
+        for p in psutil.process_iter()
+        if p.name() == "px4" and str(flight.folder) in " ".join(p.cmdline())
+    ]
     assert names == []

@@ -20,12 +20,19 @@ def assert_landed_softly(flight: Flight, vehicle: str) -> None:
     assert flight.summary["vehicles"][vehicle]["landing"]["landed"]
     assert flight.summary["landing"] == "landed and disarmed"
     told = [event["mono"] for event in flight.events()]
-    assert all(after > before - 0.1 for before, after in itertools.pairwise(told))  # in the order in which it happened
+    assert all(
+        after > before - 0.1 for before, after in itertools.pairwise(told)
+    )  # in the order in which it happened
 
 
-@pytest.mark.parametrize(("number", "code", "cause"), [
-    (signal.SIGINT, 130, "Ctrl-C"), (signal.SIGTERM, 0, "SIGTERM"), (signal.SIGHUP, 0, "SIGHUP"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("number", "code", "cause"),
+    [
+        (signal.SIGINT, 130, "Ctrl-C"),
+        (signal.SIGTERM, 0, "SIGTERM"),
+        (signal.SIGHUP, 0, "SIGHUP"),
+    ],
+)
 def test_a_signal_in_flight_lands_then_stops(hangar: Hangar, number: int, code: int, cause: str) -> None:
     flight = hangar.fly({"uav1": "hovers"})
     flight.until_up(0.9)

@@ -9,8 +9,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from arena.plan.doors import Door, doors
 from arena.plan.model import Plan
+from arena.plan.open_ports import Door, doors
 
 from .flight import Flight, Hangar, eventually
 
@@ -20,7 +20,12 @@ Open = tuple[str, str, int]  # protocol, address, port; a local socket's port is
 
 @pytest.fixture
 def flight(hangar: Hangar) -> Iterator[Flight]:
-    ids = ("--set", "vehicles.uav1.id=63", "--set", "vehicles.uav2.id=64")  # not those that a real PX4 beside us may hold
+    ids = (
+        "--set",
+        "vehicles.uav1.id=63",
+        "--set",
+        "vehicles.uav2.id=64",
+    )  # not those that a real PX4 beside us may hold
     made = hangar.fly({"uav1": "hovers", "uav2": "hovers"}, *ids, more="copilot: {}\n")
     made.until_up(0.9)
     yield made
@@ -62,9 +67,14 @@ def test_every_open_socket_is_in_the_plan_and_every_planned_one_is_open(flight: 
     text = (flight.folder / "plan.json").read_text().replace("{rt}", flight.state.rt)
     plan = Plan.from_json(text)
     state = flight.state
-    pids = {"supervisor": state.supervisor.pid, **{name: member.pid for name, member in state.processes.items()}}
+    pids = {
+        "supervisor": state.supervisor.pid,
+        **{name: member.pid for name, member in state.processes.items()},
+    }
     assert set(pids) == {"supervisor", *(spec.name for spec in plan.processes)}
-    every = [Door(**{**vars(door), "address": door.address.replace("{rt}", state.rt)}) for door in doors(plan)]
+    every = [
+        Door(**{**vars(door), "address": door.address.replace("{rt}", state.rt)}) for door in doors(plan)
+    ]
 
     def wrong() -> dict[str, object]:
         found = {}

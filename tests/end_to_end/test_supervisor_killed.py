@@ -24,7 +24,9 @@ def test_without_its_supervisor_an_arena_lands_and_ends_by_itself(hangar: Hangar
     eventually(lambda: not any(map(psutil.pid_exists, programs)), 2, "the programs' end")
     flight.until_down(20)
     assert psutil.pid_exists(world)  # what serves a vehicle outlives its landing
-    eventually(lambda: not flight.processes(), 50, "the end of every process")  # after disarming, not by the limit of 60 s
+    eventually(
+        lambda: not flight.processes(), 50, "the end of every process"
+    )  # after disarming, not by the limit of 60 s
     assert flight.sockets() == []
     for vehicle in VEHICLES:
         rows = flight.rows(vehicle)

@@ -26,13 +26,17 @@ NEAR_M, NEAR_RAD = 0.1, math.radians(5.0)
 
 def places() -> dict[str, tuple[float, float, float]]:
     """Name -> north, east [m] and yaw [deg], no two alike."""
-    return {name: (1.5 * (i % 4) - 2.25, 1.5 * (i // 4) - 1.5, 15.0 * i - 80.0) for i, name in enumerate(NAMES)}
+    return {
+        name: (1.5 * (i % 4) - 2.25, 1.5 * (i // 4) - 1.5, 15.0 * i - 80.0) for i, name in enumerate(NAMES)
+    }
 
 
 def twelve(folder: Path, address: str = "127.74.12.1") -> Path:
     lines = [f"address: {address}", "world: {size: [8, 6, 3]}", "defaults: {autopilot: px4}", "vehicles:"]
     for k, (name, (n, e, yaw)) in enumerate(places().items()):
-        lines.append(f"  {name}: {{id: {FIRST + k}, start: {{position: [{n:g}, {e:g}, 0], rpy_deg: [0, 0, {yaw:g}]}}}}")
+        lines.append(
+            f"  {name}: {{id: {FIRST + k}, start: {{position: [{n:g}, {e:g}, 0], rpy_deg: [0, 0, {yaw:g}]}}}}"
+        )
     file = folder / "arena.yaml"
     file.write_text("\n".join(lines) + "\n")
     return file
@@ -61,10 +65,17 @@ def test_both_ends_of_every_link_name_each_other_and_nobody_else(plan: Plan) -> 
     ends = []
     for name in NAMES:
         links = plan.slices[f"px4.{name}.json"]["links"]
-        for link, partner in ((links["vision"], plan.slices[f"forward.{name}.json"]["link"]), (links["router"], routed[name])):
+        for link, partner in (
+            (links["vision"], plan.slices[f"forward.{name}.json"]["link"]),
+            (links["router"], routed[name]),
+        ):
             assert (link["local"], link["remote"]) == (partner["remote"], partner["local"]), name
         ends += [tuple(link[end]) for link in links.values() for end in ("local", "remote")]
-        assert plan.slices[f"forward.{name}.json"]["body"] == plan.slices[f"forward.{name}.json"]["capture"]["bodies"][0] == name
+        assert (
+            plan.slices[f"forward.{name}.json"]["body"]
+            == plan.slices[f"forward.{name}.json"]["capture"]["bodies"][0]
+            == name
+        )
     assert len(set(ends)) == len(ends) == 12 * 6
 
 
@@ -76,7 +87,9 @@ def position_and_yaw(station: GroundStation, system: int) -> tuple[Any, float] |
 def assert_at_home(flight: Flight, station: GroundStation) -> None:
     """By each autopilot's own estimate, which has nothing but its vision link to learn the place from."""
     for k, (name, (n, e, yaw)) in enumerate(places().items()):
-        found = eventually(lambda k=k: position_and_yaw(station, FIRST + k), 10, f"the estimate of {name}", flight.said)
+        found = eventually(
+            lambda k=k: position_and_yaw(station, FIRST + k), 10, f"the estimate of {name}", flight.said
+        )
         assert np.linalg.norm(found[0] - (n, e)) < NEAR_M, name
         assert abs(math.remainder(found[1] - math.radians(yaw), 2.0 * math.pi)) < NEAR_RAD, name
 
@@ -86,7 +99,9 @@ def assert_loopback_only(flight: Flight) -> None:
     for k, name in enumerate(NAMES):
         sockets = px4_process(flight, name).net_connections("inet")
         links = flight.json(f"slices/px4.{name}.json")["links"]
-        assert sorted(c.laddr[1] for c in sockets if not c.raddr) == sorted(link["local"][1] for link in links.values()), name
+        assert sorted(c.laddr[1] for c in sockets if not c.raddr) == sorted(
+            link["local"][1] for link in links.values()
+        ), name
         (world,) = [c.raddr for c in sockets if c.raddr]
         assert tuple(world) == (flight.address, 24009 + 10 * (FIRST + k)), name
 
@@ -116,7 +131,9 @@ def test_twelve_stand_each_in_its_own_place_and_nobody_hears_another(hangar: Han
             flight.until_event(f"forward.{name}", "READY", 120)  # it serves an autopilot that may arm
         assert_at_home(flight, station)
         assert_loopback_only(flight)
-        assert {system for system, kind in station.newest if kind == "HEARTBEAT"} == set(range(FIRST, FIRST + 12))
+        assert {system for system, kind in station.newest if kind == "HEARTBEAT"} == set(
+            range(FIRST, FIRST + 12)
+        )
         for name in NAMES:
             eventually(lambda name=name: logged_lines(flight, name) > 40, 30, f"a log of {name}", flight.said)
         assert flight.cli("down", "--run", str(flight.folder)).returncode == 0, flight.said()
@@ -124,7 +141,9 @@ def test_twelve_stand_each_in_its_own_place_and_nobody_hears_another(hangar: Han
     finally:
         station.close()
     for name in NAMES:
-        told = flight.stats(f"forward.{name}")  # PX4 passes the router's heartbeats on; datagrams come from nobody but itself
+        told = flight.stats(
+            f"forward.{name}"
+        )  # PX4 passes the router's heartbeats on; datagrams come from nobody but itself
         assert not [key for key in told if "foreign datagram" in key or "not in frame" in key], name
         assert_logged_at_home(flight, name)
     flight.assert_nothing_left()

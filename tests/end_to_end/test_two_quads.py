@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from arena.record.columns import columns
+from arena.recorder.columns import columns
 
 from .flight import ROOT, Flight, Hangar
 
@@ -19,7 +19,9 @@ VEHICLES = ("uav1", "uav2")
 @pytest.fixture(scope="module")
 def flown(shared_hangar: Hangar) -> Iterator[Flight]:
     yaml = ROOT / "examples" / "01_two_quads" / "arena.yaml"
-    flight = shared_hangar.up(yaml, "--until-done", "--time-limit", "120", "--set", "defaults.autopilot=builtin")
+    flight = shared_hangar.up(
+        yaml, "--until-done", "--time-limit", "120", "--set", "defaults.autopilot=builtin"
+    )
     code = flight.wait(180)
     print(flight.said())
     assert code == 0, flight.said()
@@ -29,14 +31,19 @@ def flown(shared_hangar: Hangar) -> Iterator[Flight]:
 def test_it_ends_by_itself_with_0_and_says_where_the_run_is(flown: Flight) -> None:
     summary = flown.summary
     assert summary["cause"] == "done" and summary["failed"] == [] and summary["missing"] == []
-    assert f"run folder: {flown.folder}" in flown.said() and (flown.folder / "summary.txt").read_text().strip() in flown.said()
+    assert (
+        f"run folder: {flown.folder}" in flown.said()
+        and (flown.folder / "summary.txt").read_text().strip() in flown.said()
+    )
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_every_setpoint_is_reached_and_the_landing_is_where_it_was_told(flown: Flight, vehicle: str) -> None:
     told = flown.summary["vehicles"][vehicle]
     assert told["judged_by"] == "truth"
-    assert len(told["setpoints"]["each"]) == 5 and all(s["error_m"] <= 0.10 for s in told["setpoints"]["each"])
+    assert len(told["setpoints"]["each"]) == 5 and all(
+        s["error_m"] <= 0.10 for s in told["setpoints"]["each"]
+    )
     assert told["landing"]["landed"] and told["landing"]["error_m"] <= 0.3
     assert told["crashed"] == "" and 0.2 < told["verdict"]["touchdown_m_s"] < 1.5
     assert told["verdict"]["max_height_m"] > 1.4  # it did fly
@@ -56,11 +63,20 @@ def test_the_summary_tells_lateness_rates_cpu_and_memory(flown: Flight) -> None:
     world = summary["world"]
     assert 0 < world["lateness_p99_ms"] <= world["lateness_worst_ms"] and world["sim_time_s"] > 25
     assert 0 < world["rtf_min"] <= world["rtf"] < 1.1
-    nominal = {"forward.rate_hz": 60, "logger.log_hz": 30, "logger.mocap_hz": 180}  # a starved machine gives less, never more
+    nominal = {
+        "forward.rate_hz": 60,
+        "logger.log_hz": 30,
+        "logger.mocap_hz": 180,
+    }  # a starved machine gives less, never more
     for vehicle in VEHICLES:
         rates = summary["vehicles"][vehicle]["rates"]
         assert all(0.3 * hz < rates[name] < 1.1 * hz for name, hz in nominal.items()), rates
-    every = {"world", "mocap", "router", *(f"{room}.{v}" for room in ("forward", "logger", "program") for v in VEHICLES)}
+    every = {
+        "world",
+        "mocap",
+        "router",
+        *(f"{room}.{v}" for room in ("forward", "logger", "program") for v in VEHICLES),
+    }
     assert set(summary["processes"]) == every
     for name, row in summary["processes"].items():
         assert row["exit_code"] == 0 and row["starts"] == 1, name
@@ -73,7 +89,14 @@ def test_the_log_has_its_columns_and_most_rows_are_full(flown: Flight, vehicle: 
     assert tuple(rows[0]) == columns(simulated=True)
     flying = [r for r in rows if r["info.flight_mode"] == "OFFBOARD" and r["info.is_armed"] == "True"]
     assert len(flying) > 10 * 25
-    full = ("ekf.pos.north", "imu.acc_body.down", "mocap.att_q.w", "pos_ref.down", "truth.pos.east", "err.pos.north")
+    full = (
+        "ekf.pos.north",
+        "imu.acc_body.down",
+        "mocap.att_q.w",
+        "pos_ref.down",
+        "truth.pos.east",
+        "err.pos.north",
+    )
     whole = [r for r in flying if all(r[column] for column in full)]
     assert len(whole) > 0.5 * len(flying)  # a cell stays empty where its value was old
     last = whole[-1]
@@ -84,7 +107,10 @@ def test_every_picture_shows_something(flown: Flight) -> None:
     from PIL import Image
 
     groups = ("position", "velocity", "attitude", "rates", "estimator_error")
-    assert set(flown.summary["plots"]) == {"plots/flight.png", *(f"plots/{v}_{g}.png" for v in VEHICLES for g in groups)}
+    assert set(flown.summary["plots"]) == {
+        "plots/flight.png",
+        *(f"plots/{v}_{g}.png" for v in VEHICLES for g in groups),
+    }
     for picture in flown.summary["plots"]:
         with Image.open(flown.folder / picture) as image:
             assert image.format == "PNG" and min(image.size) > 300
@@ -95,7 +121,9 @@ def test_the_run_folder_holds_what_was_resolved_planned_and_logged(flown: Flight
     files = {"arena.yaml", "plan.json", "events.jsonl", "outcome.json", "summary.json", "summary.txt"}
     assert {p.name for p in flown.folder.iterdir()} == files | {"slices", "logs", "csv", "plots"}
     plan = flown.json("plan.json")
-    assert {p["name"] for p in plan["processes"]} == {p.stem for p in (flown.folder / "logs").iterdir()} - {"report"}
+    assert {p["name"] for p in plan["processes"]} == {p.stem for p in (flown.folder / "logs").iterdir()} - {
+        "report"
+    }
     assert all(json.loads(line)["t"] for line in (flown.folder / "events.jsonl").read_text().splitlines())
     for process in plan["processes"]:
         to = [e["to"] for e in flown.events(process["name"]) if "to" in e]

@@ -28,7 +28,9 @@ def test_it_checks(yaml: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def fly(hangar: Hangar, yaml: Path) -> None:
     """In lockstep, as fast as the machine goes: a starved one is slow, and flies the same."""
-    flight = hangar.up(yaml, "--until-done", "--time-limit", "300", "--speed", "max", "--set", "defaults.autopilot=builtin")
+    flight = hangar.up(
+        yaml, "--until-done", "--time-limit", "300", "--speed", "max", "--set", "defaults.autopilot=builtin"
+    )
     assert flight.wait(180) == 0, flight.said()
     print((flight.folder / "summary.txt").read_text())
     summary = flight.summary

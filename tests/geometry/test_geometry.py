@@ -82,7 +82,10 @@ def test_euler_angles_come_back(roll, pitch, yaw):
 
 @given(rotation, rotation, st.floats(0, 1))
 def test_slerp_goes_from_one_to_the_other_at_constant_rate(a, b, f):
-    whole, part = quat_log(quat_multiply(quat_conj(a), b)), quat_log(quat_multiply(quat_conj(a), quat_slerp(a, b, f)))
+    whole, part = (
+        quat_log(quat_multiply(quat_conj(a), b)),
+        quat_log(quat_multiply(quat_conj(a), quat_slerp(a, b, f))),
+    )
     assert np.allclose(part, f * whole, atol=1e-6)
 
 
@@ -138,7 +141,9 @@ def test_a_zero_or_broken_quaternion_is_refused():
 
 @given(lat0=st.floats(-80, 80), lon0=st.floats(-180, 180), n=st.floats(-500, 500), e=st.floats(-500, 500))
 def test_a_place_on_the_globe_and_back_is_where_it_was(lat0: float, lon0: float, n: float, e: float) -> None:
-    assert local_from_globe(lat0, lon0, *globe_from_local(lat0, lon0, n, e)) == pytest.approx((n, e), abs=1e-6)
+    assert local_from_globe(lat0, lon0, *globe_from_local(lat0, lon0, n, e)) == pytest.approx(
+        (n, e), abs=1e-6
+    )
 
 
 def test_a_degree_north_is_111_km_and_east_shrinks_with_the_latitude() -> None:

@@ -6,22 +6,37 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.mocap.emulator import Emulator
+from arena.mocap.emulator.core import Emulator
 from arena.wire import natnet
-from arena.wire.truth import Truth
+from arena.wire.truth_page import Truth
 
 
 def settings(**changes):
     return {
-        "version": "3.1", "rate_hz": 180, "latency_ms": 10, "bodies": [{"name": "uav1", "streaming_id": 4, "index": 0}],
-        "noise": {"position_m": 0.002, "rotation_deg": 0.5}, "seed": 1, "transport": "multicast", "data_port": 1511,
-        "group": "239.255.42.99", **changes,
-    }  # fmt: skip
+        "version": "3.1",
+        "rate_hz": 180,
+        "latency_ms": 10,
+        "bodies": [{"name": "uav1", "streaming_id": 4, "index": 0}],
+        "noise": {"position_m": 0.002, "rotation_deg": 0.5},
+        "seed": 1,
+        "transport": "multicast",
+        "data_port": 1511,
+        "group": "239.255.42.99",
+        **changes,
+    }
 
 
 def still() -> Truth:
     z = np.zeros((1, 3))
-    return Truth(time_s=0.0, p_n=z + 1.0, q_nb=np.array([[1.0, 0, 0, 0]]), v_n=z, omega_b=z, accel_b=z, motors=np.zeros((1, 4)))
+    return Truth(
+        time_s=0.0,
+        p_n=z + 1.0,
+        q_nb=np.array([[1.0, 0, 0, 0]]),
+        v_n=z,
+        omega_b=z,
+        accel_b=z,
+        motors=np.zeros((1, 4)),
+    )
 
 
 def body(packet: bytes) -> natnet.Body:
@@ -66,11 +81,19 @@ def test_a_frozen_body_keeps_its_pose_and_its_bit():
 def test_keepalives_are_never_answered_and_requests_are():
     emulator = Emulator(settings())
     assert emulator.hear(natnet.packet(natnet.KEEPALIVE), ("127.0.0.1", 9), 0.0) is None
-    assert natnet.message_of(emulator.hear(natnet.packet(natnet.CONNECT), ("127.0.0.1", 9), 0.0)) == natnet.SERVERINFO
-    assert natnet.message_of(emulator.hear(natnet.packet(natnet.REQUEST_MODELDEF), ("127.0.0.1", 9), 0.0)) == natnet.MODELDEF
+    assert (
+        natnet.message_of(emulator.hear(natnet.packet(natnet.CONNECT), ("127.0.0.1", 9), 0.0))
+        == natnet.SERVERINFO
+    )
+    assert (
+        natnet.message_of(emulator.hear(natnet.packet(natnet.REQUEST_MODELDEF), ("127.0.0.1", 9), 0.0))
+        == natnet.MODELDEF
+    )
 
 
-CONNECT, KEEPALIVE, MODELS = (natnet.packet(m) for m in (natnet.CONNECT, natnet.KEEPALIVE, natnet.REQUEST_MODELDEF))
+CONNECT, KEEPALIVE, MODELS = (
+    natnet.packet(m) for m in (natnet.CONNECT, natnet.KEEPALIVE, natnet.REQUEST_MODELDEF)
+)
 HERE, DATA = ("127.0.0.1", 4000), ("127.0.0.1", 1511)
 
 

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from natnet import NatNetClient
 
-from arena.capture import open_capture
 from arena.clock import ClockServer
-from arena.faults import inject
+from arena.fault_injection import inject
 from arena.geometry import quat_from_euler
-from arena.room import LIFELINE
-from arena.wire.truth import Truth, TruthWriter
+from arena.mocap.client import open_capture
+from arena.process_context import LIFELINE
+from arena.wire.truth_page import Truth, TruthWriter
 
 SECONDS = 1.5
 
@@ -43,7 +43,15 @@ class World:
             k += 1
             now = 0.004 * k
             self.truth.write(
-                Truth(time_s=now, p_n=self.P_N, q_nb=self.Q_NB, v_n=z, omega_b=z, accel_b=z, motors=np.zeros((2, 4)))
+                Truth(
+                    time_s=now,
+                    p_n=self.P_N,
+                    q_nb=self.Q_NB,
+                    v_n=z,
+                    omega_b=z,
+                    accel_b=z,
+                    motors=np.zeros((2, 4)),
+                )
             )
             self.clock.tick(now)
             self.clock.poll(max(0.0, begin + now - time.monotonic()))
@@ -62,19 +70,33 @@ def free_port(address: str) -> int:
 
 @contextmanager
 def emulator(tmp_path, address: str, **changes):
-    """A running `python -m arena.mocap`; gives its settings once it has told that it is ready."""
+    """A running `python -m arena.mocap.emulator`; gives its settings once it has told that it is ready."""
     world = World(tmp_path)
     settings = {
-        "name": "mocap", "address": address, "version": "3.1", "transport": "multicast", "group": "239.255.42.99",
-        "command_port": free_port(address), "data_port": free_port(address), "rate_hz": 180, "latency_ms": 10, "seed": 1,
-        "noise": {"position_m": 0.0003, "rotation_deg": 0.05}, "clock": str(tmp_path / "clock"), "truth": str(tmp_path / "truth"),
-        "bodies": [{"name": "uav1", "streaming_id": 1, "index": 0}, {"name": "aero2", "streaming_id": 7, "index": 1}], **changes,
-    }  # fmt: skip
+        "name": "mocap",
+        "address": address,
+        "version": "3.1",
+        "transport": "multicast",
+        "group": "239.255.42.99",
+        "command_port": free_port(address),
+        "data_port": free_port(address),
+        "rate_hz": 180,
+        "latency_ms": 10,
+        "seed": 1,
+        "noise": {"position_m": 0.0003, "rotation_deg": 0.05},
+        "clock": str(tmp_path / "clock"),
+        "truth": str(tmp_path / "truth"),
+        "bodies": [
+            {"name": "uav1", "streaming_id": 1, "index": 0},
+            {"name": "aero2", "streaming_id": 7, "index": 1},
+        ],
+        **changes,
+    }
     (tmp_path / "slice.json").write_text(json.dumps(settings))
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.settimeout(10)
     env = {LIFELINE: str(theirs.fileno()), "PATH": "/usr/bin:/bin"}
-    command = [sys.executable, "-m", "arena.mocap", str(tmp_path / "slice.json")]
+    command = [sys.executable, "-m", "arena.mocap.emulator", str(tmp_path / "slice.json")]
     process = subprocess.Popen(command, env=env, pass_fds=[theirs.fileno()])
     theirs.close()
     try:
@@ -105,9 +127,13 @@ def receive(client, seconds: float) -> tuple[list, float]:
 def test_the_natnet_package_reads_every_frame(tmp_path, version, transport):
     with emulator(tmp_path, "127.0.0.1", version=version, transport=transport) as s:
         client = NatNetClient(
-            server_ip_address="127.0.0.1", local_ip_address="127.0.0.1", multicast_address=s["group"],
-            command_port=s["command_port"], data_port=s["data_port"], use_multicast=transport == "multicast",
-        )  # fmt: skip
+            server_ip_address="127.0.0.1",
+            local_ip_address="127.0.0.1",
+            multicast_address=s["group"],
+            command_port=s["command_port"],
+            data_port=s["data_port"],
+            use_multicast=transport == "multicast",
+        )
         names: list = []
         client.on_data_description_received_event.handlers.append(names.append)
         with client:
@@ -137,8 +163,12 @@ print(sorted(bodies), *bodies["uav1"].position)
 """
     with emulator(tmp_path, "127.0.0.1", version=version, transport=transport) as s:
         out = subprocess.run(
-            [sys.executable, "-c", script, str(s["command_port"])], capture_output=True, text=True, timeout=120, check=False
-        )  # fmt: skip
+            [sys.executable, "-c", script, str(s["command_port"])],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
     assert out.returncode == 0, out.stderr
     names, _, position = out.stdout.splitlines()[-1].partition("] ")
     assert names == "['aero2', 'uav1'"
@@ -151,10 +181,18 @@ print(sorted(bodies), *bodies["uav1"].position)
 def test_our_receiver_gets_180_frames_a_second_in_ned(tmp_path, version, transport):
     address = "127.51.1.1" if transport == "unicast" else "127.51.1.2"
     with emulator(tmp_path, address, version=version, transport=transport, group="239.243.51.1") as s:
-        capture = open_capture({
-            "kind": "natnet", "server": address, "local": address, "group": s["group"], "transport": transport,
-            "command_port": s["command_port"], "data_port": s["data_port"], "bodies": ["aero2", "uav1"],
-        })  # fmt: skip
+        capture = open_capture(
+            {
+                "kind": "natnet",
+                "server": address,
+                "local": address,
+                "group": s["group"],
+                "transport": transport,
+                "command_port": s["command_port"],
+                "data_port": s["data_port"],
+                "bodies": ["aero2", "uav1"],
+            }
+        )
         frames, end = [], time.monotonic() + 10
         while len(frames) < 200:
             assert time.monotonic() < end, f"{len(frames)} frames in 10 s: {capture.counts}"
@@ -162,7 +200,9 @@ def test_our_receiver_gets_180_frames_a_second_in_ned(tmp_path, version, transpo
             frames += capture.poll(time.monotonic())
         capture.close()
     span = frames[-1].number - frames[0].number
-    assert span <= 240, f"{len(frames)} frames of {span}: {capture.counts}"  # a busy machine skips some, and says so
+    assert span <= 240, (
+        f"{len(frames)} frames of {span}: {capture.counts}"
+    )  # a busy machine skips some, and says so
     poses = {p.body: p for p in frames[-1].poses}
     assert np.allclose(poses["uav1"].p_n, World.P_N[0], atol=0.003)
     assert np.allclose(poses["uav1"].q_nb, World.Q_NB[0], atol=0.005)
@@ -173,10 +213,18 @@ def test_faults_are_taken_by_the_process_told_and_its_socket_is_gone_at_the_end(
     monkeypatch.chdir(tmp_path)
     address, path = "127.61.1.1", str(tmp_path / "mocap.faults")
     with emulator(tmp_path, address, group="239.253.61.1", faults=path) as s:
-        capture = open_capture({
-            "kind": "natnet", "server": address, "local": address, "group": s["group"], "transport": "multicast",
-            "command_port": s["command_port"], "data_port": s["data_port"], "bodies": ["uav1"],
-        })  # fmt: skip
+        capture = open_capture(
+            {
+                "kind": "natnet",
+                "server": address,
+                "local": address,
+                "group": s["group"],
+                "transport": "multicast",
+                "command_port": s["command_port"],
+                "data_port": s["data_port"],
+                "bodies": ["uav1"],
+            }
+        )
 
         def see(what):
             end = time.monotonic() + 60
@@ -198,5 +246,7 @@ def test_faults_are_taken_by_the_process_told_and_its_socket_is_gone_at_the_end(
         see(lambda pose: True)
         capture.close()
     assert told[:2] == ["fault: uav1 is seen 0.5 -1 0.25 m off", "fault: frames leave 300 ms later"]
-    assert told[2].startswith("fault refused: ") and told[2].endswith('body: got "uav2", expected one of uav1, aero2')
+    assert told[2].startswith("fault refused: ") and told[2].endswith(
+        'body: got "uav2", expected one of uav1, aero2'
+    )
     assert not (tmp_path / "mocap.faults").exists()

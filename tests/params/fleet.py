@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from arena.autopilot import Autopilots
-from arena.params.session import Target
+from arena.params.transfer.session import Target
 from arena.plan import make_plan
 from arena.schema import load_arena
 from arena.sim.world import World
@@ -70,7 +70,9 @@ class BuiltIn:
 
     def __init__(self, vehicles: int, folder: Path) -> None:
         file = folder / "arena.yaml"
-        rows = "".join(f"  uav{k}: {{start: {{position: [0, {2 * k}, 0]}}}}\n" for k in range(1, vehicles + 1))
+        rows = "".join(
+            f"  uav{k}: {{start: {{position: [0, {2 * k}, 0]}}}}\n" for k in range(1, vehicles + 1)
+        )
         file.write_text(f"world: {{size: [60, 60, 10]}}\ndefaults: {{autopilot: builtin}}\nvehicles:\n{rows}")
         settings = next(s for s in make_plan(load_arena(file)).slices.values() if s["name"] == "world")
         self.world = World(settings)
@@ -124,7 +126,10 @@ def serve(fleet: Served) -> Iterator[dict[str, Target]]:
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
     try:
-        yield {f"uav{s}": Target(system=s, remote=sock.getsockname()) for s, sock in zip(fleet.systems(), sockets, strict=True)}
+        yield {
+            f"uav{s}": Target(system=s, remote=sock.getsockname())
+            for s, sock in zip(fleet.systems(), sockets, strict=True)
+        }
     finally:
         over.set()
         thread.join(10)

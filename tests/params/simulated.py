@@ -12,11 +12,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.params.reading import Reader
-from arena.params.transfer import Transfer
-from arena.params.writing import Writer
-from arena.wire.codec import Codec
-from arena.wire.mavframe import cut
+from arena.params.transfer.reader import Reader
+from arena.params.transfer.transfer import Transfer
+from arena.params.transfer.writer import Writer
+from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import cut
 
 INT32, REAL32 = 6, 9
 ME = 200  # our component
@@ -96,7 +96,13 @@ class Vehicle:
             self._left = self.names if self._left else ["_HASH_CHECK", *self.names]
         elif kind == "COMMAND_LONG":
             self.rebooted += m.command == 246
-            return [self.pack(mavlink.MAVLink_command_ack_message(m.command, 0, 0, 0, m.get_srcSystem(), m.get_srcComponent()))]
+            return [
+                self.pack(
+                    mavlink.MAVLink_command_ack_message(
+                        m.command, 0, 0, 0, m.get_srcSystem(), m.get_srcComponent()
+                    )
+                )
+            ]
         elif kind == "PARAM_REQUEST_READ" and m.param_index >= 0:
             return [self.value(self.names[m.param_index])] if m.param_index < len(self.names) else []
         elif not self._exists(m.param_id):
@@ -117,8 +123,11 @@ class Vehicle:
     def value(self, name: str) -> bytes:
         value, kind = self.params[name]
         names = self.names
-        return self.pack(mavlink.MAVLink_param_value_message(
-            name.encode(), carried(value, kind), kind, len(names), names.index(name)))  # fmt: skip
+        return self.pack(
+            mavlink.MAVLink_param_value_message(
+                name.encode(), carried(value, kind), kind, len(names), names.index(name)
+            )
+        )
 
     def hash(self) -> bytes:
         return self.pack(mavlink.MAVLink_param_value_message(b"_HASH_CHECK", 0.5, 5, len(self.names), 65535))
@@ -137,7 +146,9 @@ class Vehicle:
 class Air:
     """Loses a share each way, holds back by delay_s, some longer, and gives some twice. counted: packets that went out."""
 
-    def __init__(self, *, seed: int = 1, loss: float = 0.0, delay_s: float = 0.0, twice: float = 0.0, late: float = 0.0) -> None:
+    def __init__(
+        self, *, seed: int = 1, loss: float = 0.0, delay_s: float = 0.0, twice: float = 0.0, late: float = 0.0
+    ) -> None:
         self.rng = random.Random(seed)
         self.loss, self.delay_s, self.twice, self.late = loss, delay_s, twice, late
         self._flying: list[tuple[float, int, str, bytes]] = []
@@ -164,7 +175,12 @@ def rough(seed: int) -> Air:
 
 
 def run(
-    core: Transfer, vehicle: Vehicle, air: Air, *, limit_s: float = 120.0, each: Callable[[float], None] | None = None
+    core: Transfer,
+    vehicle: Vehicle,
+    air: Air,
+    *,
+    limit_s: float = 120.0,
+    each: Callable[[float], None] | None = None,
 ) -> float:
     """Until the core is done. Returns how long it took [s] of simulated time."""
     now = 0.0
@@ -197,7 +213,9 @@ def reader(names: list[str] | None = None) -> Reader:
 
 def others() -> dict[str, float]:
     """Other values for all sixty."""
-    return {name: (value * 3 + 1 if kind == INT32 else value + 0.1) for name, (value, kind) in sixty().items()}
+    return {
+        name: (value * 3 + 1 if kind == INT32 else value + 0.1) for name, (value, kind) in sixty().items()
+    }
 
 
 def holds(vehicle: Vehicle, wanted: dict[str, float]) -> bool:

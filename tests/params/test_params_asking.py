@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from arena.params.asking import Asking, Pace
+from arena.params.transfer.request_window import Asking, Pace
 
 
 def test_the_more_a_wire_loses_the_more_silences_it_takes() -> None:

@@ -9,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.errors import InputError
-from arena.params.diff import NO_SETTINGS, Row, against_defaults, diff, no_setting, same
-from arena.params.table import parameters, versions
+from arena.params.checks.diff import NO_SETTINGS, Row, against_defaults, diff, no_setting, same
+from arena.params.facts.parameter_table import parameters, versions
 
 EVERY_NAME = {name for version in versions() for name in parameters(version)}
 VALUES = st.dictionaries(
-    st.sampled_from(sorted(parameters("1.16"))), st.floats(width=32, allow_infinity=False) | st.integers(-(2**31), 2**31 - 1)
+    st.sampled_from(sorted(parameters("1.16"))),
+    st.floats(width=32, allow_infinity=False) | st.integers(-(2**31), 2**31 - 1),
 )
 
 
@@ -25,7 +26,9 @@ def as_float(value: float) -> float:
 def test_floats_are_the_same_that_a_float_of_32_bits_holds_alike():
     assert not diff({"EKF2_EVP_NOISE": 0.01}, {"EKF2_EVP_NOISE": as_float(0.01)}, "1.16")
     assert not diff({"COM_OF_LOSS_T": 1}, {"COM_OF_LOSS_T": 1.0}, "1.16")
-    assert diff({"EKF2_EVP_NOISE": 0.01}, {"EKF2_EVP_NOISE": 0.010001}, "1.16") == [Row("EKF2_EVP_NOISE", 0.01, 0.010001, "")]
+    assert diff({"EKF2_EVP_NOISE": 0.01}, {"EKF2_EVP_NOISE": 0.010001}, "1.16") == [
+        Row("EKF2_EVP_NOISE", 0.01, 0.010001, "")
+    ]
 
 
 def test_whole_numbers_are_compared_exactly():
@@ -48,9 +51,16 @@ def test_a_name_on_one_side_only_is_told_with_its_side():
 def test_the_same_setting_of_two_versions_is_no_difference():
     old = {"EKF2_AID_MASK": 24, "EKF2_HGT_MODE": 3, "COM_RC_IN_MODE": 0, "BAT_N_CELLS": 4}
     new = {
-        "EKF2_EV_CTRL": 11, "EKF2_GPS_CTRL": 0, "EKF2_OF_CTRL": 0, "EKF2_DRAG_CTRL": 0, "EKF2_IMU_CTRL": 7, "EKF2_HGT_REF": 3,
-        "EKF2_BARO_CTRL": 0, "COM_RC_IN_MODE": 0, "BAT1_N_CELLS": 4,
-    }  # fmt: skip
+        "EKF2_EV_CTRL": 11,
+        "EKF2_GPS_CTRL": 0,
+        "EKF2_OF_CTRL": 0,
+        "EKF2_DRAG_CTRL": 0,
+        "EKF2_IMU_CTRL": 7,
+        "EKF2_HGT_REF": 3,
+        "EKF2_BARO_CTRL": 0,
+        "COM_RC_IN_MODE": 0,
+        "BAT1_N_CELLS": 4,
+    }
     assert diff(old, new, "1.9.2", "1.16") == []
     assert diff(new, old, "1.16", "1.9.2") == []
 
@@ -83,7 +93,10 @@ def test_a_number_that_came_to_mean_something_else_is_told_with_its_reason():
 def test_without_a_version_names_are_names():
     rows = diff({"EKF2_AID_MASK": 24}, {"EKF2_EV_CTRL": 11})
     assert [row.name for row in rows] == ["EKF2_AID_MASK", "EKF2_EV_CTRL"]
-    assert [r.name for r in diff({"EKF2_AID_MASK": 24}, {"EKF2_EV_CTRL": 11}, "", "1.16")] == ["EKF2_AID_MASK", "EKF2_EV_CTRL"]
+    assert [r.name for r in diff({"EKF2_AID_MASK": 24}, {"EKF2_EV_CTRL": 11}, "", "1.16")] == [
+        "EKF2_AID_MASK",
+        "EKF2_EV_CTRL",
+    ]
 
 
 def test_a_version_that_is_not_known_is_refused():
@@ -100,10 +113,23 @@ def test_against_defaults_only_what_is_set_otherwise_is_told():
     assert [r.name for r in against_defaults(values, "1.15")] == ["EKF2_EV_CTRL", "FOO"]
 
 
-@pytest.mark.parametrize("name", [
-    "CAL_ACC0_XOFF", "CAL_MAG1_ROT", "CAL_GYRO0_PRIO", "LND_FLIGHT_T_HI", "LND_FLIGHT_T_LO", "COM_FLIGHT_UUID", "MAV_SYS_ID",
-    "SYS_AUTOCONFIG", "RC1_TRIM", "TC_A0_ID", "EKF2_MAGBIAS_X", "_HASH_CHECK",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        "CAL_ACC0_XOFF",
+        "CAL_MAG1_ROT",
+        "CAL_GYRO0_PRIO",
+        "LND_FLIGHT_T_HI",
+        "LND_FLIGHT_T_LO",
+        "COM_FLIGHT_UUID",
+        "MAV_SYS_ID",
+        "SYS_AUTOCONFIG",
+        "RC1_TRIM",
+        "TC_A0_ID",
+        "EKF2_MAGBIAS_X",
+        "_HASH_CHECK",
+    ],
+)
 def test_what_nobody_sets_is_left_out_unless_asked_for(name):
     assert no_setting(name)
     assert diff({name: 1}, {name: 2}, "1.9") == []
@@ -112,7 +138,9 @@ def test_what_nobody_sets_is_left_out_unless_asked_for(name):
     assert [row.name for row in against_defaults({name: 77}, "1.9", every=True)] == [name]
 
 
-@pytest.mark.parametrize("name", ["MAV_TYPE", "SYS_AUTOSTART", "SENS_BOARD_ROT", "RC_MAP_ROLL", "BAT1_V_DIV", "COM_OF_LOSS_T"])
+@pytest.mark.parametrize(
+    "name", ["MAV_TYPE", "SYS_AUTOSTART", "SENS_BOARD_ROT", "RC_MAP_ROLL", "BAT1_V_DIV", "COM_OF_LOSS_T"]
+)
 def test_what_people_set_is_shown(name):
     assert not no_setting(name)
     assert diff({name: 1}, {name: 2}, "1.16")
@@ -138,7 +166,8 @@ def test_the_other_way_round_the_same_names_differ(a, b):
 
 
 @given(
-    st.dictionaries(st.sampled_from(sorted(EVERY_NAME)), st.integers(-5, 300)), *2 * [st.sampled_from(versions())]
+    st.dictionaries(st.sampled_from(sorted(EVERY_NAME)), st.integers(-5, 300)),
+    *2 * [st.sampled_from(versions())],
 )
 def test_any_two_versions_can_be_compared(values, first, second):
     for row in diff(values, {}, first, second):

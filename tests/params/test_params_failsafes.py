@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.params import Params
+from arena.autopilot.param_table import Params
 from arena.schema import load_arena
 
 pytest.importorskip("pybullet", reason="the simulation room needs pybullet")
@@ -38,12 +38,20 @@ class Case:
 
 
 def _offboard(action: str, after_s: float, modes: tuple[str, ...], ends: str) -> Case:
-    return Case("setpoints", f"offboard_loss: {{action: {action}, after_s: {after_s:g}}}", after_s, modes, ends)
+    return Case(
+        "setpoints", f"offboard_loss: {{action: {action}, after_s: {after_s:g}}}", after_s, modes, ends
+    )
 
 
 def _link(action: str, modes: tuple[str, ...], ends: str) -> Case:
     after_s = None if action == "none" else LINK_LOSS_S
-    return Case("ground station", f"data_link_loss: {{action: {action}, after_s: {LINK_LOSS_S:g}}}", after_s, modes, ends)
+    return Case(
+        "ground station",
+        f"data_link_loss: {{action: {action}, after_s: {LINK_LOSS_S:g}}}",
+        after_s,
+        modes,
+        ends,
+    )
 
 
 def _blind(action: str, offboard: str, modes: tuple[str, ...], ends: str) -> Case:
@@ -52,7 +60,9 @@ def _blind(action: str, offboard: str, modes: tuple[str, ...], ends: str) -> Cas
 
 
 def _sticks(action: str, modes: tuple[str, ...], ends: str) -> Case:
-    return Case("sticks", f"rc_loss: {{action: {action}}}", None if action == "none" else 0.5, modes, ends, STICKS)
+    return Case(
+        "sticks", f"rc_loss: {{action: {action}}}", None if action == "none" else 0.5, modes, ends, STICKS
+    )
 
 
 def _fence(lost: str, action: str, after_s: float, modes: tuple[str, ...], ends: str) -> Case:
@@ -160,9 +170,14 @@ class Fleet:
             flight.send(i, mavlink.MAVLink_set_gps_global_origin_message(i + 1, 503500000, 142500000, 300000))
         flight.until(lambda f: all(face.ready_to_arm for face in f.pilots.faces), 20, self._speak)
         flight.run(0.4, self._speak)
-        for command, *numbers in ((mavlink.MAV_CMD_DO_SET_MODE, 1, 6), (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0)):
+        for command, *numbers in (
+            (mavlink.MAV_CMD_DO_SET_MODE, 1, 6),
+            (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0),
+        ):
             for i in range(len(self.cases)):
-                flight.send(i, mavlink.MAVLink_command_long_message(i + 1, 1, command, 0, *numbers, 0, 0, 0, 0, 0))
+                flight.send(
+                    i, mavlink.MAVLink_command_long_message(i + 1, 1, command, 0, *numbers, 0, 0, 0, 0, 0)
+                )
             flight.run(0.1, self._speak)
         flight.run(6.0, self._speak)
         for i, case in enumerate(self.cases):
@@ -228,7 +243,9 @@ def test_each_failsafe_of_the_yaml_does_what_it_says(seen: dict[str, Seen], name
 
 
 def test_an_empty_battery_is_told_whatever_it_does(seen: dict[str, Seen]) -> None:
-    assert "Low battery: 19 %" in seen["charge, warn"].texts and "Critical battery" in seen["charge, land"].texts
+    assert (
+        "Low battery: 19 %" in seen["charge, warn"].texts and "Critical battery" in seen["charge, land"].texts
+    )
     assert "battery" not in seen["nothing"].texts
 
 

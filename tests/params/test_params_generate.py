@@ -6,36 +6,59 @@ import itertools
 
 import pytest
 
-from arena.params.generate import Generated, generate
-from arena.params.needs import Failsafe, Needs, Rotor
-from arena.params.table import parameters, versions
+from arena.params.facts.parameter_table import parameters, versions
+from arena.params.generation.generate import Generated, generate
+from arena.params.generation.requirements import Failsafe, Needs, Rotor
 
 VERSIONS = [str(v) for v in versions()]
-ROTORS = tuple(Rotor(x_m=x, y_m=y, spin=s) for x, y, s in ((0.1, 0.2, 1), (-0.1, -0.2, 1), (0.1, -0.2, -1), (-0.1, 0.2, -1)))
+ROTORS = tuple(
+    Rotor(x_m=x, y_m=y, spin=s)
+    for x, y, s in ((0.1, 0.2, 1), (-0.1, -0.2, 1), (0.1, -0.2, -1), (-0.1, 0.2, -1))
+)
 
 
 def made(version: str, **changes: object) -> Generated:
-    given = {"system_id": 3, "hover": 0.5, "vision_delay_ms": 11.0, "ceiling_m": 3.0, "rotors": ROTORS, "moment_ratio_m": 0.05,
-             "gains": {"MC_ROLL_P": 6.0, "MPC_XY_VEL_P_ACC": 1.8}}  # fmt: skip
+    given = {
+        "system_id": 3,
+        "hover": 0.5,
+        "vision_delay_ms": 11.0,
+        "ceiling_m": 3.0,
+        "rotors": ROTORS,
+        "moment_ratio_m": 0.05,
+        "gains": {"MC_ROLL_P": 6.0, "MPC_XY_VEL_P_ACC": 1.8},
+    }
     return generate(Needs(**{**given, **changes}), version)  # type: ignore[arg-type]
 
 
 def test_then_and_now_the_same_words_have_other_names() -> None:
     then, now = made("1.9").values, made("1.16").values
     assert then["COM_POSCTL_NAVL"] == 1
-    assert (then["EKF2_AID_MASK"], then["EKF2_HGT_MODE"], then["COM_OBL_ACT"], then["COM_OBL_RC_ACT"]) == (24, 3, 0, 4)
+    assert (then["EKF2_AID_MASK"], then["EKF2_HGT_MODE"], then["COM_OBL_ACT"], then["COM_OBL_RC_ACT"]) == (
+        24,
+        3,
+        0,
+        4,
+    )
     assert then["MPC_XY_VEL_P"] == pytest.approx(1.8 * 0.5 / 9.81)
-    assert (now["EKF2_EV_CTRL"], now["EKF2_HGT_REF"], now["COM_OBL_RC_ACT"], now["MPC_XY_VEL_P_ACC"]) == (15, 3, 4, 1.8)
+    assert (now["EKF2_EV_CTRL"], now["EKF2_HGT_REF"], now["COM_OBL_RC_ACT"], now["MPC_XY_VEL_P_ACC"]) == (
+        15,
+        3,
+        4,
+        1.8,
+    )
     assert then["COM_OF_LOSS_T"] == 0.5 and now["COM_OF_LOSS_T"] == 1.0, "1.9 adds half a second by itself"
     assert {"EKF2_AID_MASK", "COM_OBL_ACT"}.isdisjoint(now)
     assert {"EKF2_EV_CTRL", "MPC_XY_VEL_P_ACC", "COM_FAIL_ACT_T"}.isdisjoint(then)
 
 
 ACTIONS = {
-    "offboard_loss": ("land", "hold", "return", "terminate", "disarm"), "position_loss": ("land", "terminate"),
-    "rc_loss": ("none", "land", "return"), "data_link_loss": ("none", "hold", "land"), "geofence": ("none", "land", "terminate"),
+    "offboard_loss": ("land", "hold", "return", "terminate", "disarm"),
+    "position_loss": ("land", "terminate"),
+    "rc_loss": ("none", "land", "return"),
+    "data_link_loss": ("none", "hold", "land"),
+    "geofence": ("none", "land", "terminate"),
     "attitude": (None, "none", "terminate"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -43,11 +66,16 @@ def test_every_line_is_of_that_version_and_within_its_limits_whatever_is_asked(v
     known = parameters(version)
     for chosen in itertools.product(*ACTIONS.values()):
         for gps, sticky in ((False, False), (True, True)):
-            failsafe = Failsafe(**dict(zip(ACTIONS, chosen, strict=True)), low_battery_land=None if gps else 0.1)
+            failsafe = Failsafe(
+                **dict(zip(ACTIONS, chosen, strict=True)), low_battery_land=None if gps else 0.1
+            )
             for line in made(version, failsafe=failsafe, gps=gps, sticks=sticky, landing_speed_m_s=0.7).lines:
                 fact = known[line.name]
                 assert fact.type == "FLOAT" or float(line.value).is_integer(), line
-                over = line.name in ("GF_ACTION", "COM_RC_IN_MODE")  # enumerations whose stated limits PX4 forgot to widen
+                over = line.name in (
+                    "GF_ACTION",
+                    "COM_RC_IN_MODE",
+                )  # enumerations whose stated limits PX4 forgot to widen
                 assert over or (fact.min is None or line.value >= fact.min - 1e-9), line
                 assert over or (fact.max is None or line.value <= fact.max + 1e-9), line
                 assert line.what and line.asked
@@ -55,27 +83,39 @@ def test_every_line_is_of_that_version_and_within_its_limits_whatever_is_asked(v
 
 def test_what_a_version_cannot_do_is_said() -> None:
     assert any("geofence" in words and "came with 1.11" in words for words in made("1.9").cannot)
-    assert any("mixer file" in words for words in made("1.12").cannot) and made("1.13", ceiling_m=10.0).cannot == ()
+    assert (
+        any("mixer file" in words for words in made("1.12").cannot)
+        and made("1.13", ceiling_m=10.0).cannot == ()
+    )
     terminate = made("1.16", failsafe=Failsafe(position_loss="terminate"))
     assert [words.split(":")[0] for words in terminate.cannot] == ["failsafe.position_loss"]
     assert made("1.16", failsafe=Failsafe(offboard_loss="terminate", position_loss="terminate")).cannot == ()
-    assert [w for w in made("1.9", gains={"MPC_JERK_NEW": 1.0, "MPC_JERK_MAX": 2.0}).cannot if "JERK" in w] == [
-        "gains: PX4 1.9 has no MPC_JERK_NEW (1)"
-    ]
+    assert [
+        w for w in made("1.9", gains={"MPC_JERK_NEW": 1.0, "MPC_JERK_MAX": 2.0}).cannot if "JERK" in w
+    ] == ["gains: PX4 1.9 has no MPC_JERK_NEW (1)"]
     assert made("1.16", failsafe=Failsafe(rc_loss="land")).cannot == (
         "failsafe.rc_loss: the vehicle has no sticks that could be lost; land is not set",
     )
     unheard = Failsafe(data_link_loss="terminate")
     assert made("1.13", failsafe=unheard).values["NAV_DLL_ACT"] == 5, "1.14 began to remember a termination"
     assert made("1.16", failsafe=unheard).values["NAV_DLL_ACT"] == 0
-    assert [words.split(":")[0] for words in made("1.16", failsafe=unheard).cannot] == ["failsafe.data_link_loss"]
+    assert [words.split(":")[0] for words in made("1.16", failsafe=unheard).cannot] == [
+        "failsafe.data_link_loss"
+    ]
     soon = Failsafe(data_link_loss="land", data_link_loss_after_s=2)
-    assert any("COM_DL_LOSS_T -0.5, which PX4 1.16 does not take; 5 is" in words for words in made("1.16", failsafe=soon).cannot)
-    assert any("RTL_DESCEND_ALT" in words for words in made("1.9").cannot), "a room lower than PX4 comes down from"
+    assert any(
+        "COM_DL_LOSS_T -0.5, which PX4 1.16 does not take; 5 is" in words
+        for words in made("1.16", failsafe=soon).cannot
+    )
+    assert any("RTL_DESCEND_ALT" in words for words in made("1.9").cannot), (
+        "a room lower than PX4 comes down from"
+    )
 
 
 def test_who_asked_is_told_and_what_a_user_names_himself_wins() -> None:
-    own = made("1.16", own={"COM_OF_LOSS_T": 0.4, "NO_SUCH": 1.0}, asked={"own.COM_OF_LOSS_T": "arena.yaml:7"})
+    own = made(
+        "1.16", own={"COM_OF_LOSS_T": 0.4, "NO_SUCH": 1.0}, asked={"own.COM_OF_LOSS_T": "arena.yaml:7"}
+    )
     line = {each.name: each for each in own.lines}["COM_OF_LOSS_T"]
     assert (line.value, line.asked) == (0.4, "arena.yaml:7")
     assert any("NO_SUCH" in words for words in own.cannot) and own.values["NO_SUCH"] == 1.0
@@ -89,9 +129,13 @@ def test_an_attitude_failure_is_armed_where_it_is_asked_for_and_left_as_it_is_wh
     armed = made("1.16", failsafe=Failsafe(attitude="terminate", attitude_above_deg=75)).values
     assert {name: armed[name] for name in names} == {"CBRK_FLIGHTTERM": 0, "FD_FAIL_R": 75, "FD_FAIL_P": 75}
     then = made("1.9", failsafe=Failsafe(attitude="terminate"))
-    assert "CBRK_FLIGHTTERM" not in then.values and any("v1.9 says that it enforces" in words for words in then.cannot)
+    assert "CBRK_FLIGHTTERM" not in then.values and any(
+        "v1.9 says that it enforces" in words for words in then.cannot
+    )
     narrow = made("1.12", failsafe=Failsafe(attitude="terminate", attitude_above_deg=50))
-    assert narrow.values["FD_FAIL_R"] == 60 and any("FD_FAIL_R 50, which PX4 1.12 does not take" in w for w in narrow.cannot)
+    assert narrow.values["FD_FAIL_R"] == 60 and any(
+        "FD_FAIL_R 50, which PX4 1.12 does not take" in w for w in narrow.cannot
+    )
 
 
 def test_where_lost_sticks_are_answered_with_nothing_no_mode_answers() -> None:

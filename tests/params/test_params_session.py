@@ -17,12 +17,12 @@ from typing import Any
 
 import pytest
 
-from arena.autopilot.params import SPECS
+from arena.autopilot.param_table import SPECS
 from arena.errors import InputError
-from arena.params.record import Record
-from arena.params.session import Report, SerialWire, Target, pull, push, reboot
-from arena.params.transfer import Progress
-from arena.wire.mavframe import cut
+from arena.params.transfer.push_record import Record
+from arena.params.transfer.session import Report, SerialWire, Target, pull, push, reboot
+from arena.params.transfer.transfer import Progress
+from arena.wire.mavlink_frame import cut
 
 from .fleet import BuiltIn, Simulated, own_address, serve
 from .simulated import INT32, Air, Vehicle, sixty
@@ -59,13 +59,17 @@ def test_a_rough_air_for_each_of_ten_and_all_end_right() -> None:
     with serve(vehicles) as targets:
         wanted = dict(list(others().items())[:25])
         reports = push(targets, same_for(targets, wanted))
-    assert all(report.holds for report in reports.values()), {n: (r.ending, r.those("lost")) for n, r in reports.items()}
+    assert all(report.holds for report in reports.values()), {
+        n: (r.ending, r.those("lost")) for n, r in reports.items()
+    }
     assert all(holds(v, wanted) for v in vehicles.vehicles)
     print("ten in a rough air [s]:", sorted(round(r.traffic.seconds, 1) for r in reports.values()))
 
 
-def test_one_that_is_not_there_and_one_that_is_armed_do_not_hold_up_the_third(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("arena.params.transfer.PATIENCE_S", 2.5)
+def test_one_that_is_not_there_and_one_that_is_armed_do_not_hold_up_the_third(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("arena.params.transfer.transfer.PATIENCE_S", 2.5)
     vehicles = fleet(1, 2, 3)
     vehicles.vehicles[0].alive, vehicles.vehicles[1].armed = False, True
     with serve(vehicles) as targets:
@@ -152,8 +156,10 @@ def test_over_a_serial_line(serial_cable: tuple[str, str]) -> None:
     assert report.holds and holds(vehicle, others()) and pulled.whole
 
 
-def test_a_device_that_is_unplugged_is_a_vehicle_that_vanishes_and_nobody_spins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("arena.params.transfer.SILENT_S", 1.0)
+def test_a_device_that_is_unplugged_is_a_vehicle_that_vanishes_and_nobody_spins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("arena.params.transfer.transfer.SILENT_S", 1.0)
     reads, read = [], SerialWire.read
     monkeypatch.setattr(SerialWire, "read", lambda wire: reads.append(1) or read(wire))
     board, device = pty.openpty()
@@ -179,7 +185,9 @@ def test_a_device_that_is_unplugged_is_a_vehicle_that_vanishes_and_nobody_spins(
 
 def test_a_device_that_is_not_there_is_told() -> None:
     report = push({"uav1": Target(system=1, device="/dev/none")}, {"uav1": {"P_03": 9}})["uav1"]
-    assert report.ending == "not heard" and report.why.startswith("/dev/none cannot be opened at 57600 baud: ")
+    assert report.ending == "not heard" and report.why.startswith(
+        "/dev/none cannot be opened at 57600 baud: "
+    )
 
 
 # -- the record ----------------------------------------------------------------------------------------------------------------
@@ -187,6 +195,7 @@ def test_a_device_that_is_not_there_is_told() -> None:
 
 def interrupt_when(vehicle: Vehicle, told: int) -> Any:
     """An on_progress that presses Ctrl-C once so much has been written."""
+
     def look(_: Any) -> None:
         if len(vehicle.told) >= told:
             raise KeyboardInterrupt
@@ -200,19 +209,28 @@ def test_an_interrupted_push_leaves_a_record_and_is_resumed_from_it(tmp_path: Pa
     vehicles.airs = [Air(delay_s=0.05), Air(delay_s=0.05)]
     with serve(vehicles) as targets:
         wanted = same_for(targets, others())
-        reports = push(targets, wanted, record=Record.begin(file, wanted), on_progress=interrupt_when(first, 15))
+        reports = push(
+            targets, wanted, record=Record.begin(file, wanted), on_progress=interrupt_when(first, 15)
+        )
         assert reports["uav1"].ending == reports["uav2"].ending == "interrupted"
         assert reports["uav1"].those("written") and reports["uav1"].those("differs", "lost")
         left = Record.read(file)
         for name, vehicle in (("uav1", first), ("uav2", second)):
             entry = left.entries[name]
             assert entry.wanted == others() and entry.ending == "interrupted"
-            assert set(entry.written) == set(reports[name].those("written")) <= set(vehicle.told) <= set(entry.before)
+            assert (
+                set(entry.written)
+                == set(reports[name].those("written"))
+                <= set(vehicle.told)
+                <= set(entry.before)
+            )
             assert entry.before == pytest.approx({n: v for n, (v, _) in sixty().items()})
         before = {name: list(vehicle.told) for name, vehicle in (("uav1", first), ("uav2", second))}
         again = push(targets, left.wanted, record=left)
     assert all(r.holds for r in again.values()) and holds(first, others()) and holds(second, others())
-    assert set(again["uav1"].those("same")) >= set(reports["uav1"].those("written")), "what was written is not written again"
+    assert set(again["uav1"].those("same")) >= set(reports["uav1"].those("written")), (
+        "what was written is not written again"
+    )
     assert not set(first.told[len(before["uav1"]) :]) & set(reports["uav1"].those("written"))
     assert not file.exists(), "nothing is left to resume"
 
@@ -239,7 +257,11 @@ def test_a_resumed_push_keeps_the_values_from_before_the_first_attempt(tmp_path:
     again = Record.read(record.path)
     assert again.wanted == {"a": {"X": 2.0}}
     again.note("a", {"X": 1.5}, {}, "done")
-    assert again.entries["a"].before == {"X": 1.0} and again.entries["a"].written == {"X": 2.0} and again.wanted == {}
+    assert (
+        again.entries["a"].before == {"X": 1.0}
+        and again.entries["a"].written == {"X": 2.0}
+        and again.wanted == {}
+    )
 
 
 def test_a_vehicle_that_was_not_done_keeps_the_record(tmp_path: Path) -> None:
@@ -254,14 +276,20 @@ def test_a_vehicle_that_was_not_done_keeps_the_record(tmp_path: Path) -> None:
 def test_a_record_that_cannot_be_written_stops_it_before_anything_is_set(tmp_path: Path) -> None:
     vehicles = fleet(1)
     with serve(vehicles) as targets, pytest.raises(OSError, match="No such file"):
-        push(targets, {"uav1": others()}, record=Record.begin(tmp_path / "none" / "push.json", {"uav1": others()}))
+        push(
+            targets,
+            {"uav1": others()},
+            record=Record.begin(tmp_path / "none" / "push.json", {"uav1": others()}),
+        )
     assert vehicles.vehicles[0].told == []
 
 
 NO_NUMBER = '{"a": {"wanted": {"X": "1"}, "before": {}, "written": {}, "ending": ""}}'
 
 
-@pytest.mark.parametrize("vehicles", ["", ', "vehicles": []', ', "vehicles": {"a": {}}', f', "vehicles": {NO_NUMBER}'])
+@pytest.mark.parametrize(
+    "vehicles", ["", ', "vehicles": []', ', "vehicles": {"a": {}}', f', "vehicles": {NO_NUMBER}']
+)
 def test_what_is_no_record_is_told(tmp_path: Path, vehicles: str) -> None:
     file = tmp_path / "push.json"
     with pytest.raises(InputError, match="there is no push to resume"):
@@ -286,7 +314,9 @@ def test_a_process_that_is_killed_while_it_pushes_leaves_a_record_that_is_whole(
     vehicles, file = Simulated([Vehicle()], [Air(delay_s=0.05)]), tmp_path / "push.json"
     with serve(vehicles) as targets:
         wanted = {"uav1": others()}
-        pusher = subprocess.Popen([sys.executable, "-c", PUSHER, str(file), repr(targets["uav1"].remote), repr(others())])
+        pusher = subprocess.Popen(
+            [sys.executable, "-c", PUSHER, str(file), repr(targets["uav1"].remote), repr(others())]
+        )
         try:
             deadline = time.monotonic() + 60.0
             while len(vehicles.vehicles[0].told) < 15:
@@ -316,7 +346,9 @@ def some_of_the_built_in() -> dict[str, float]:
 
 
 def written(reports: dict[str, Report], pilots: Any, wanted: dict[str, float]) -> bool:
-    return all(pilots.params[name][i] == pytest.approx(v) for name, v in wanted.items() for i in range(len(reports)))
+    return all(
+        pilots.params[name][i] == pytest.approx(v) for name, v in wanted.items() for i in range(len(reports))
+    )
 
 
 def test_ten_built_in_autopilots_take_sixty_each_and_list_all_they_have(tmp_path: Path) -> None:
@@ -330,14 +362,22 @@ def test_ten_built_in_autopilots_take_sixty_each_and_list_all_they_have(tmp_path
     assert alone.holds and all(r.holds for r in reports.values()), {n: r.ending for n, r in reports.items()}
     assert written(reports, flying.pilots, wanted)
     assert all(p.whole and set(p.values) == set(SPECS) for p in pulled.values())
-    print(f"one: {alone.traffic}; ten: {max(r.traffic.seconds for r in reports.values()):.2f} s", file=sys.stderr)
+    print(
+        f"one: {alone.traffic}; ten: {max(r.traffic.seconds for r in reports.values()):.2f} s",
+        file=sys.stderr,
+    )
 
 
-def test_the_built_in_autopilot_keeps_what_is_out_of_range_and_knows_what_it_does_not_know(tmp_path: Path) -> None:
+def test_the_built_in_autopilot_keeps_what_is_out_of_range_and_knows_what_it_does_not_know(
+    tmp_path: Path,
+) -> None:
     with serve(BuiltIn(1, tmp_path)) as targets:
         wanted = {"EKF2_HGT_REF": 9, "MPC_XY_P": 1.25, "NO_SUCH_NAME": 1, "MPC_Z_P": 1.25}
         report = push(targets, {"uav1": wanted})["uav1"]
     assert {n: r.outcome for n, r in report.results.items()} == {
-        "EKF2_HGT_REF": "refused", "MPC_XY_P": "written", "NO_SUCH_NAME": "unknown", "MPC_Z_P": "written",
-    }  # fmt: skip
+        "EKF2_HGT_REF": "refused",
+        "MPC_XY_P": "written",
+        "NO_SUCH_NAME": "unknown",
+        "MPC_Z_P": "written",
+    }
     assert report.results["EKF2_HGT_REF"].kind == INT32 and report.results["EKF2_HGT_REF"].new != 9

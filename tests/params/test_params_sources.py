@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pyulog import ULog
 
 from arena.errors import InputError
-from arena.params.sources import Source, read_values
+from arena.params.param_files import Source, read_values
 from tests.params.ulogs import DATA, HEADER, SYNC, definitions, flags, keyed, logged, message, parameter, ulog
 
 VALUES = {"COM_OF_LOSS_T": 1.0, "EKF2_EV_CTRL": 11, "EKF2_EVP_NOISE": 0.01, "NAV_AH_LON": -1518423250}
@@ -57,17 +57,27 @@ def test_a_file_that_qgroundcontrol_saved_has_types_and_a_version(tmp_path):
     assert (source.version, source.origin) == ("1.16.0", str(tmp_path / "given.params"))
 
 
-@pytest.mark.parametrize("data", [
-    SAVED.replace("\n", "\r\n").encode(), b"\xef\xbb\xbf" + SAVED.encode(), SAVED.replace("\t", "   ").encode(),
-    SAVED.rstrip("\n").encode(), SAVED.replace("3\t1", "\n\n  3\t1").encode(),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "data",
+    [
+        SAVED.replace("\n", "\r\n").encode(),
+        b"\xef\xbb\xbf" + SAVED.encode(),
+        SAVED.replace("\t", "   ").encode(),
+        SAVED.rstrip("\n").encode(),
+        SAVED.replace("3\t1", "\n\n  3\t1").encode(),
+    ],
+)
 def test_ends_of_lines_marks_and_blanks_do_not_matter(tmp_path, data):
     assert read(tmp_path, data).values == {"EKF2_EV_CTRL": 11, "EKF2_EV_DELAY": 20.0}
 
 
 def test_plain_lines_have_no_types_and_no_version(tmp_path):
     source = read(tmp_path, b"COM_OF_LOSS_T 1\nEKF2_EVP_NOISE 1e-2\n# Version: new\n")
-    assert (source.values, source.types, source.version) == ({"COM_OF_LOSS_T": 1, "EKF2_EVP_NOISE": 0.01}, {}, "")
+    assert (source.values, source.types, source.version) == (
+        {"COM_OF_LOSS_T": 1, "EKF2_EVP_NOISE": 0.01},
+        {},
+        "",
+    )
 
 
 def test_a_ulog_tells_values_types_version_and_hardware(tmp_path):
@@ -109,10 +119,13 @@ def test_what_was_appended_is_read_from_its_place(tmp_path):
     assert read(tmp_path, data + parameter("EKF2_EV_CTRL", 8)).values == {"EKF2_EV_CTRL": 8}
 
 
-@given(st.dictionaries(
-    st.from_regex(r"[A-Z][A-Z0-9_]{0,15}", fullmatch=True),
-    st.integers(-(2**31), 2**31 - 1) | st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=1,
-))  # fmt: skip
+@given(
+    st.dictionaries(
+        st.from_regex(r"[A-Z][A-Z0-9_]{0,15}", fullmatch=True),
+        st.integers(-(2**31), 2**31 - 1) | st.floats(width=32, allow_nan=False, allow_infinity=False),
+        min_size=1,
+    )
+)
 @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_a_ulog_is_read_as_the_px4_projects_own_reader_reads_it(tmp_path, values):
     data = ulog(**values)
@@ -125,18 +138,67 @@ def test_a_ulog_is_read_as_the_px4_projects_own_reader_reads_it(tmp_path, values
 # --- what is refused: text
 
 NAMES = ["MPC-XY", "A.B", "EKF2_EV_CTRL_LONG", "É", "A/B", "A:", "=", "'A'", '"B"', "A,1,", "(A)", "A;"]
-NUMBERS = ["nan", "NaN", "inf", "-inf", "Infinity", "x", "1,5", "0x10", "1_000", "1e", "--1", "1.2.3", "true", "None", "½",
-           "٣", "1f", "1e400", "5e38", "-4e38", "+-1", ".", "e5", "1/2", "10%"]  # fmt: skip
+NUMBERS = [
+    "nan",
+    "NaN",
+    "inf",
+    "-inf",
+    "Infinity",
+    "x",
+    "1,5",
+    "0x10",
+    "1_000",
+    "1e",
+    "--1",
+    "1.2.3",
+    "true",
+    "None",
+    "½",
+    "٣",
+    "1f",
+    "1e400",
+    "5e38",
+    "-4e38",
+    "+-1",
+    ".",
+    "e5",
+    "1/2",
+    "10%",
+]
 TYPES = ["0", "11", "77", "-6", "INT32", "6.0", "x", "\uff16"]
-COLUMNS = ["A", "1 1 A", "1 1 A 2", "1 1 A 2 6 7", "1 x A 2 6", "x 1 A 2 6", "-1 1 A 2 6", "1 1.0 A 2 6", "1234 1 A 2 6", "A = 1",
-           "A,1", "A=1", "<parameter name='A'>", "{", '{"A": 1}', "- A: 1", "A\t1\t# ok", "1,1,A,2,6"]  # fmt: skip
+COLUMNS = [
+    "A",
+    "1 1 A",
+    "1 1 A 2",
+    "1 1 A 2 6 7",
+    "1 x A 2 6",
+    "x 1 A 2 6",
+    "-1 1 A 2 6",
+    "1 1.0 A 2 6",
+    "1234 1 A 2 6",
+    "A = 1",
+    "A,1",
+    "A=1",
+    "<parameter name='A'>",
+    "{",
+    '{"A": 1}',
+    "- A: 1",
+    "A\t1\t# ok",
+    "1,1,A,2,6",
+]
 WHOLE = ["2.5", "2.0", "1e3", "2147483648", "-2147483649", "99999999999999999999", "nan"]
 
 BAD_LINES = [
-    *(f"{name} 1" for name in NAMES), *(f"1\t1\t{name}\t1\t6" for name in NAMES), *(f"A {number}" for number in NUMBERS),
-    *(f"1\t1\tA\t{number}\t9" for number in NUMBERS), *(f"1\t1\tA\t1\t{kind}" for kind in TYPES), *COLUMNS,
-    *(f"1\t1\tA\t{number}\t6" for number in WHOLE), "GOOD 2", "1\t1\tGOOD\t1\t6",
-]  # fmt: skip
+    *(f"{name} 1" for name in NAMES),
+    *(f"1\t1\t{name}\t1\t6" for name in NAMES),
+    *(f"A {number}" for number in NUMBERS),
+    *(f"1\t1\tA\t{number}\t9" for number in NUMBERS),
+    *(f"1\t1\tA\t1\t{kind}" for kind in TYPES),
+    *COLUMNS,
+    *(f"1\t1\tA\t{number}\t6" for number in WHOLE),
+    "GOOD 2",
+    "1\t1\tGOOD\t1\t6",
+]
 
 
 @pytest.mark.parametrize("line", BAD_LINES)
@@ -153,19 +215,33 @@ def test_every_wrong_line_is_told_up_to_twenty(tmp_path):
     assert len(lines) == 21 and "280 more" in lines[-1]
 
 
-@pytest.mark.parametrize(("data", "words"), [
-    (b"", "no parameter"), (b"\n\n", "no parameter"), (b"# only a comment\n", "no parameter"),
-    (b"1\t154\tCAM_MODE\t2\t6\n", "no parameter"),
-    (b"A 1\nB \xff\n", ":2: got the byte 0xff"), (b"\x89PNG\r\n\x1a\n", "0x89"), (b"A 1\n\0\0\0", ":2: got a byte of zero"),
-    ("A 1".encode("utf-16"), "0xff"), (b"PK\x03\x04" + bytes(20), "zero"), (b"A 1\n" * 1_500_000, "6000000 bytes"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "no parameter"),
+        (b"\n\n", "no parameter"),
+        (b"# only a comment\n", "no parameter"),
+        (b"1\t154\tCAM_MODE\t2\t6\n", "no parameter"),
+        (b"A 1\nB \xff\n", ":2: got the byte 0xff"),
+        (b"\x89PNG\r\n\x1a\n", "0x89"),
+        (b"A 1\n\0\0\0", ":2: got a byte of zero"),
+        ("A 1".encode("utf-16"), "0xff"),
+        (b"PK\x03\x04" + bytes(20), "zero"),
+        (b"A 1\n" * 1_500_000, "6000000 bytes"),
+    ],
+)
 def test_what_is_no_text_with_parameters_is_refused(tmp_path, data, words):
     assert words in refused(tmp_path, data)[0]
 
 
 def test_what_is_no_file_is_refused(tmp_path):
     (tmp_path / "folder").mkdir()
-    for name, words in (("folder", "this is no file"), ("absent", "no such file"), ("a\0b", "cannot be read"), ("n" * 300, "")):
+    for name, words in (
+        ("folder", "this is no file"),
+        ("absent", "no such file"),
+        ("a\0b", "cannot be read"),
+        ("n" * 300, ""),
+    ):
         with pytest.raises(InputError) as error:
             read_values(tmp_path / name)
         assert words in str(error.value) and "\n" not in str(error.value)
@@ -175,11 +251,16 @@ def test_what_is_no_file_is_refused(tmp_path):
 
 WHOLE_HEAD = definitions(EKF2_EV_CTRL=11, COM_OF_LOSS_T=1.0)
 BAD_LOGS = {
-    "empty": b"", "text": b"EKF2_EV_CTRL 11\n", "half a header": HEADER[:9], "another format": b"ULog\x01\x12\x36" + bytes(20),
-    "no parameters": HEADER + flags() + logged(), "header only": HEADER,
+    "empty": b"",
+    "text": b"EKF2_EV_CTRL 11\n",
+    "half a header": HEADER[:9],
+    "another format": b"ULog\x01\x12\x36" + bytes(20),
+    "no parameters": HEADER + flags() + logged(),
+    "header only": HEADER,
     "a newer kind": HEADER + flags(incompatible=2) + parameter("A", 1) + logged(),
     "short flags": HEADER + message("B", bytes(10)) + parameter("A", 1) + logged(),
-    "no message": HEADER + flags() + b"\0" * 30, "unknown message": HEADER + flags() + message("z", b"1234") + logged(),
+    "no message": HEADER + flags() + b"\0" * 30,
+    "unknown message": HEADER + flags() + message("z", b"1234") + logged(),
     "long message": HEADER + flags() + struct.pack("<HB", 60_000, ord("P")) + b"abc",
     "name too long": HEADER + parameter("A_NAME_OF_SEVENTE", 1) + logged(),
     "name of another script": HEADER + parameter("É", 1) + logged(),
@@ -192,7 +273,7 @@ BAD_LOGS = {
     "long value": HEADER + keyed("P", "int32_t A", bytes(5)) + logged(),
     "long key": HEADER + message("P", b"\xf0float A") + logged(),
     **{f"cut at byte {end}": WHOLE_HEAD[:end] for end in range(len(HEADER) + 1, len(WHOLE_HEAD), 4)},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("data", BAD_LOGS.values(), ids=BAD_LOGS)
@@ -213,7 +294,10 @@ def test_whatever_a_file_holds_it_is_read_or_refused(tmp_path, data):
         refused(tmp_path, data)
 
 
-@given(st.lists(st.tuples(st.integers(16, len(ulog(**VALUES)) - 1), st.integers(0, 255)), max_size=4), st.integers(0, 60))
+@given(
+    st.lists(st.tuples(st.integers(16, len(ulog(**VALUES)) - 1), st.integers(0, 255)), max_size=4),
+    st.integers(0, 60),
+)
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_a_log_with_wrong_bytes_is_read_or_refused(tmp_path, flips, cut):
     data = bytearray(ulog(**VALUES))

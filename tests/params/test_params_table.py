@@ -12,10 +12,10 @@ from xml.etree import ElementTree
 import pytest
 
 from arena.errors import InputError
-from arena.params import meanings, regenerate, renames, table
-from arena.params.changes import CHANGES
-from arena.params.delays import delays
-from arena.params.table import Version, assumed, parameters, source, versions
+from arena.params.facts import failsafe_actions, parameter_table, regenerate, renames
+from arena.params.facts.changes import CHANGES
+from arena.params.facts.failsafe_delays import delays
+from arena.params.facts.parameter_table import Version, assumed, parameters, source, versions
 from arena.schema.px4 import find_px4
 
 MINORS = {version.minor: parameters(version) for version in versions()}
@@ -28,7 +28,15 @@ XML = """<parameters><version>3</version><group name="G" no_code_generation="tru
 JSON = {
     "version": 1,
     "parameters": [
-        {"name": "AA_ONE", "type": "Int32", "default": 3, "min": 0, "max": 9, "units": "s", "rebootRequired": True},
+        {
+            "name": "AA_ONE",
+            "type": "Int32",
+            "default": 3,
+            "min": 0,
+            "max": 9,
+            "units": "s",
+            "rebootRequired": True,
+        },
         {"name": "AA_TWO", "type": "Float", "default": 0.5, "max": 1000.0},
         {"name": "node.rate", "type": "Int32", "default": 1},
     ],
@@ -57,7 +65,9 @@ def test_spans_of_a_name_do_not_overlap_and_are_not_longer_than_they_need() -> N
         for first, then in itertools.pairwise(spans):
             assert minor(first["until"]) < minor(then["since"]), name
             if minor(first["until"]) + 1 == minor(then["since"]):
-                assert [first[c] for c in regenerate.Fact._fields] != [then[c] for c in regenerate.Fact._fields], name
+                assert [first[c] for c in regenerate.Fact._fields] != [
+                    then[c] for c in regenerate.Fact._fields
+                ], name
         assert all(minor(row["since"]) <= minor(row["until"]) for row in spans), name
 
 
@@ -81,8 +91,17 @@ def test_names_and_defaults_are_those_of_the_vehicles_version() -> None:
     assert not {"EKF2_EV_CTRL", "EKF2_HGT_REF", "MPC_XY_VEL_P_ACC", "COM_FAIL_ACT_T"} & set(old)
     assert (old["EKF2_EV_DELAY"].default, new["EKF2_EV_DELAY"].default) == (175, 0)
     assert (parameters("1.15")["EKF2_EV_CTRL"].default, new["EKF2_EV_CTRL"].default) == (15, 0)
-    assert [parameters(v)["COM_OF_LOSS_T"].default for v in ("1.10", "1.11", "1.12", "1.16")] == [0, 0.5, 1, 1]
-    assert (new["EKF2_NOAID_TOUT"].unit, new["EKF2_NOAID_TOUT"].min, new["EKF2_NOAID_TOUT"].default) == ("us", 500_000, 5_000_000)
+    assert [parameters(v)["COM_OF_LOSS_T"].default for v in ("1.10", "1.11", "1.12", "1.16")] == [
+        0,
+        0.5,
+        1,
+        1,
+    ]
+    assert (new["EKF2_NOAID_TOUT"].unit, new["EKF2_NOAID_TOUT"].min, new["EKF2_NOAID_TOUT"].default) == (
+        "us",
+        500_000,
+        5_000_000,
+    )
     assert "COM_POSCTL_NAVL" in new and "COM_POSCTL_NAVL" not in parameters("1.17")
     assert source("EKF2_EV_CTRL", "1.16") and source("EKF2_EV_CTRL", "1.9") == ""
 
@@ -98,7 +117,9 @@ def test_an_unknown_version_names_the_known_ones(text: str) -> None:
 
 
 def test_versions_are_ordered_as_numbers() -> None:
-    assert Version.parse("1.9") < Version.parse("v1.9.2") < Version.parse("1.10") < Version.parse("1.16.0-rc1")
+    assert (
+        Version.parse("1.9") < Version.parse("v1.9.2") < Version.parse("1.10") < Version.parse("1.16.0-rc1")
+    )
     assert (str(Version.parse("v1.9.2")), str(Version.parse("1.16"))) == ("1.9.2", "1.16")
 
 
@@ -114,12 +135,14 @@ def test_regenerating_takes_facts_and_no_sentence_and_changes_nothing_the_second
     regenerate.main([str(tmp_path), "--table", str(made)])
     first = made.read_text()
     assert first.splitlines() == [
-        "# 1.9 = v1.9", "# 1.10 = v1.10", "# 1.11 ~ main",
+        "# 1.9 = v1.9",
+        "# 1.10 = v1.10",
+        "# 1.11 ~ main",
         "name,type,unit,default,min,max,reboot,since,until,source",
         "AA_ONE,INT32,s,3,0,9,1,1.9,1.10,",
         "AA_ONE,INT32,s,4,0,9,1,1.11,1.11,",
         "AA_TWO,FLOAT,,0.5,,1000,,1.9,1.11,",
-    ]  # fmt: skip
+    ]
     regenerate.main([str(tmp_path), "--table", str(made)])
     assert made.read_text() == first
 
@@ -146,7 +169,9 @@ def test_one_version_is_replaced_or_laid_over_and_the_others_stay(tmp_path: Path
 def test_the_source_tree_says_where_a_name_is_defined(tmp_path: Path) -> None:
     (tmp_path / "src" / "a").mkdir(parents=True)
     (tmp_path / "src" / "a" / "params.c").write_text("PARAM_DEFINE_INT32(AA_ONE, 3);\n")
-    (tmp_path / "src" / "a" / "module.yaml").write_text("definitions:\n    BB_${i}_X:\n    AA_TWO:\n  - param_prefix: CCC\n")
+    (tmp_path / "src" / "a" / "module.yaml").write_text(
+        "definitions:\n    BB_${i}_X:\n    AA_TWO:\n  - param_prefix: CCC\n"
+    )
     made = ("AA_TWO", "BB_0_X", "CCC_MIN1")
     found = regenerate.sources(tmp_path, ["AA_ONE", *made, "DD"])
     assert found == {"AA_ONE": "a/params.c", **dict.fromkeys(made, "a/module.yaml"), "DD": ""}
@@ -162,7 +187,9 @@ def px4_build() -> tuple[str, Path]:
     found = find_px4()
     build = Path(found.data).parent / "parameters.xml" if found and not found.stand_in else None
     if found is None or build is None or not build.exists():
-        pytest.skip("no PX4 with a parameters.xml beside its binary was found: set PX4_HOME to its build folder")
+        pytest.skip(
+            "no PX4 with a parameters.xml beside its binary was found: set PX4_HOME to its build folder"
+        )
     return found.version, build
 
 
@@ -183,14 +210,24 @@ def test_px4_calls_the_values_by_the_same_words() -> None:
         for node in ElementTree.parse(build).iter("parameter")
         for value in node.iter("value")
     }
-    also = {"none": ("disabled",), "stabilized": ("manual",), "warn": (), "descend": ("land",), "disarm": ("lockdown",)}
+    also = {
+        "none": ("disabled",),
+        "stabilized": ("manual",),
+        "warn": (),
+        "descend": ("land",),
+        "disarm": ("lockdown",),
+    }
     told = 0
-    for event in meanings.EVENTS:
-        for action in meanings.actions(event, version):
-            for name, value in meanings.ways(event, action, version).items():
+    for event in failsafe_actions.EVENTS:
+        for action in failsafe_actions.actions(event, version):
+            for name, value in failsafe_actions.ways(event, action, version).items():
                 if (name, value) in labels:
                     told += 1
-                    assert any(word in labels[name, value] for word in (action, *also.get(action, ()))), (event, action, name)
+                    assert any(word in labels[name, value] for word in (action, *also.get(action, ()))), (
+                        event,
+                        action,
+                        name,
+                    )
     assert told > 20
 
 
@@ -211,7 +248,13 @@ def test_a_change_is_one_that_the_table_shows(change: renames.Change) -> None:
 
 def test_the_vision_of_a_1_9_vehicle_is_carried_to_1_16() -> None:
     carried = renames.carry({"EKF2_AID_MASK": 24, "EKF2_HGT_MODE": 3, "EKF2_EV_DELAY": 20}, "1.9", "1.16")
-    wanted = {"EKF2_EV_CTRL": 11, "EKF2_GPS_CTRL": 0, "EKF2_HGT_REF": 3, "EKF2_BARO_CTRL": 0, "EKF2_EV_DELAY": 20}
+    wanted = {
+        "EKF2_EV_CTRL": 11,
+        "EKF2_GPS_CTRL": 0,
+        "EKF2_HGT_REF": 3,
+        "EKF2_BARO_CTRL": 0,
+        "EKF2_EV_DELAY": 20,
+    }
     assert {name: carried.values[name] for name in wanted} == wanted
     assert set(carried.values) <= set(parameters("1.16"))
     assert any("EKF2_AID_MASK 24 becomes EKF2_EV_CTRL 11" in note for note in carried.notes)
@@ -232,12 +275,18 @@ def test_what_stands_under_the_new_name_stays() -> None:
 def test_numbers_change_with_their_meaning() -> None:
     assert renames.carry({"COM_OBL_ACT": 0}, "1.9", "1.16").values == {"COM_OBL_RC_ACT": 4}
     assert renames.carry({"NAV_RCL_ACT": 0}, "1.11", "1.12").values == {"COM_RCL_EXCEPT": 7}
-    assert renames.carry({"MPC_XY_VEL_P": 0.09}, "1.10", "1.11").values["MPC_XY_VEL_P_ACC"] == pytest.approx(1.8)
+    assert renames.carry({"MPC_XY_VEL_P": 0.09}, "1.10", "1.11").values["MPC_XY_VEL_P_ACC"] == pytest.approx(
+        1.8
+    )
     assert renames.carry({"SENS_BOARD_ROT": 4}, "1.9", "1.16").values == {"SENS_BOARD_ROT": 4}
 
 
 def test_successors_run_through_the_versions_and_not_backwards() -> None:
-    assert renames.successors("EKF2_HGT_MODE", "1.9", "1.16") == ("EKF2_HGT_REF", "EKF2_BARO_CTRL", "EKF2_RNG_CTRL")
+    assert renames.successors("EKF2_HGT_MODE", "1.9", "1.16") == (
+        "EKF2_HGT_REF",
+        "EKF2_BARO_CTRL",
+        "EKF2_RNG_CTRL",
+    )
     assert renames.successors("BAT_N_CELLS", "1.9", "1.12") == ("BAT1_N_CELLS",)
     assert renames.successors("COM_POSCTL_NAVL", "1.16", "1.17") == ()
     assert renames.successors("MPC_XY_P", "1.9", "1.18") == ("MPC_XY_P",)
@@ -252,13 +301,13 @@ BEYOND = {"COM_ACT_FAIL_ACT"}
 
 
 @pytest.mark.parametrize("version", [str(v) for v in versions()])
-@pytest.mark.parametrize("event", meanings.EVENTS)
-def test_each_way_is_one_the_version_has_parameters_for(event: meanings.Event, version: str) -> None:
-    assert sum(r.event == event and r.since <= minor(version) <= r.until for r in meanings.ROWS) == 1
-    known, found = parameters(version), meanings.row(event, version)
+@pytest.mark.parametrize("event", failsafe_actions.EVENTS)
+def test_each_way_is_one_the_version_has_parameters_for(event: failsafe_actions.Event, version: str) -> None:
+    assert sum(r.event == event and r.since <= minor(version) <= r.until for r in failsafe_actions.ROWS) == 1
+    known, found = parameters(version), failsafe_actions.row(event, version)
     assert found.ways and found.why and found.source
-    for action in meanings.actions(event, version):
-        for name, value in meanings.ways(event, action, version).items():
+    for action in failsafe_actions.actions(event, version):
+        for name, value in failsafe_actions.ways(event, action, version).items():
             p = known[name]
             within = (p.min is None or value >= p.min) and (p.max is None or value <= p.max)
             assert within or name in BEYOND, (action, name)
@@ -267,20 +316,20 @@ def test_each_way_is_one_the_version_has_parameters_for(event: meanings.Event, v
 
 
 @pytest.mark.parametrize("version", [str(v) for v in versions()])
-@pytest.mark.parametrize("event", meanings.EVENTS)
-def test_ways_differ_and_are_read_back(event: meanings.Event, version: str) -> None:
-    for action in meanings.actions(event, version):
-        found = meanings.ways(event, action, version)
+@pytest.mark.parametrize("event", failsafe_actions.EVENTS)
+def test_ways_differ_and_are_read_back(event: failsafe_actions.Event, version: str) -> None:
+    for action in failsafe_actions.actions(event, version):
+        found = failsafe_actions.ways(event, action, version)
         if found:
-            assert meanings.action_of(event, found, version) == action
+            assert failsafe_actions.action_of(event, found, version) == action
 
 
 def test_landing_when_the_program_ends_is_another_number_in_another_version() -> None:
-    assert meanings.ways("offboard_loss_without_sticks", "land", "1.9") == {"COM_OBL_ACT": 0}
-    assert meanings.ways("offboard_loss_without_sticks", "land", "1.13") == {"COM_OBL_ACT": 0}
-    assert meanings.ways("offboard_loss_without_sticks", "land", "1.16") == {"COM_OBL_RC_ACT": 4}
-    assert meanings.action_of("offboard_loss", {"COM_OBL_RC_ACT": -1}, "1.13") == "none"
-    assert meanings.action_of("offboard_loss", {"COM_OBL_RC_ACT": -1}, "1.16") is None
+    assert failsafe_actions.ways("offboard_loss_without_sticks", "land", "1.9") == {"COM_OBL_ACT": 0}
+    assert failsafe_actions.ways("offboard_loss_without_sticks", "land", "1.13") == {"COM_OBL_ACT": 0}
+    assert failsafe_actions.ways("offboard_loss_without_sticks", "land", "1.16") == {"COM_OBL_RC_ACT": 4}
+    assert failsafe_actions.action_of("offboard_loss", {"COM_OBL_RC_ACT": -1}, "1.13") == "none"
+    assert failsafe_actions.action_of("offboard_loss", {"COM_OBL_RC_ACT": -1}, "1.16") is None
 
 
 @pytest.mark.parametrize(
@@ -297,17 +346,17 @@ def test_landing_when_the_program_ends_is_another_number_in_another_version() ->
     ],
 )
 def test_what_a_version_cannot_do_is_refused_with_the_reason(
-    event: meanings.Event, action: meanings.Action, version: str, why: str
+    event: failsafe_actions.Event, action: failsafe_actions.Action, version: str, why: str
 ) -> None:
     with pytest.raises(InputError, match=why):
-        meanings.ways(event, action, version)
+        failsafe_actions.ways(event, action, version)
 
 
 def test_where_sticks_come_from_has_a_number_in_each_version() -> None:
-    assert [meanings.sticks("none", v) for v in ("1.9", "1.12", "1.13", "1.18")] == [1, 1, 4, 4]
-    assert meanings.sticks("radio", "1.9") == meanings.sticks("radio", "1.18") == 0
+    assert [failsafe_actions.sticks("none", v) for v in ("1.9", "1.12", "1.13", "1.18")] == [1, 1, 4, 4]
+    assert failsafe_actions.sticks("radio", "1.9") == failsafe_actions.sticks("radio", "1.18") == 0
     with pytest.raises(InputError, match="radio, joystick, none"):
-        meanings.sticks("both", "1.12")
+        failsafe_actions.sticks("both", "1.12")
 
 
 def test_the_waits_are_in_seconds() -> None:
@@ -320,4 +369,4 @@ def test_the_waits_are_in_seconds() -> None:
 
 def test_the_table_is_read_once() -> None:
     assert parameters("1.16") is parameters(Version(1, 16, 2))
-    assert table.parameters("1.9") is not parameters("1.16")
+    assert parameter_table.parameters("1.9") is not parameters("1.16")

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.params.transfer import Rebooter, Transfer
+from arena.params.transfer.transfer import Rebooter, Transfer
 
 from .simulated import ME, Air, Vehicle, holds, others, outcomes, reader, run, writer
 
@@ -17,7 +17,11 @@ from .simulated import ME, Air, Vehicle, holds, others, outcomes, reader, run, w
 def test_an_armed_vehicle_is_never_written_to() -> None:
     vehicle, core = Vehicle(armed=True), writer(others())
     run(core, vehicle, Air())
-    assert core.ending == "armed" and vehicle.told == [] and not {"written", "same"} & set(outcomes(core).values())
+    assert (
+        core.ending == "armed"
+        and vehicle.told == []
+        and not {"written", "same"} & set(outcomes(core).values())
+    )
 
 
 @pytest.mark.parametrize("at", [1, 17, 59])
@@ -44,7 +48,11 @@ def test_nothing_is_written_before_a_heartbeat_has_told_that_it_is_not_armed() -
         """Tells its attitude and no heartbeat."""
 
         def step(self, now: float) -> list[bytes]:
-            return [self.pack(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0))] if int(now * 100) % 10 == 0 else []
+            return (
+                [self.pack(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0))]
+                if int(now * 100) % 10 == 0
+                else []
+            )
 
     vehicle, core = Shy(), writer(others())
     with pytest.raises(AssertionError, match="not done within 20"):
@@ -52,7 +60,9 @@ def test_nothing_is_written_before_a_heartbeat_has_told_that_it_is_not_armed() -
     assert core.progress.phase == "writing" and vehicle.told == []
 
 
-def test_one_whose_heartbeats_are_lost_for_8_s_is_not_written_to_meanwhile_and_not_believed_to_have_gone() -> None:
+def test_one_whose_heartbeats_are_lost_for_8_s_is_not_written_to_meanwhile_and_not_believed_to_have_gone() -> (
+    None
+):
     class Faint(Vehicle):
         def step(self, now: float) -> list[bytes]:
             found = super().step(now)
@@ -68,7 +78,9 @@ def test_one_whose_heartbeats_are_lost_for_8_s_is_not_written_to_meanwhile_and_n
 def test_a_slow_wire_is_not_crowded() -> None:
     air, core = Air(delay_s=1.2), writer(others())
     run(core, Vehicle(), air)
-    assert core.ending == "done" and air.counted["up"] - 60 < 1.3 * 3 * 60, "no more than a third is asked for in vain"
+    assert core.ending == "done" and air.counted["up"] - 60 < 1.3 * 3 * 60, (
+        "no more than a third is asked for in vain"
+    )
 
 
 def test_a_vehicle_that_vanishes_ends_it_after_3_s_with_what_is_known() -> None:
@@ -86,7 +98,9 @@ def test_a_vehicle_that_vanishes_ends_it_after_3_s_with_what_is_known() -> None:
     assert len(core.before) == 60 and 10 <= len(core.written) <= 21
 
 
-@pytest.mark.parametrize("make", [lambda: writer(others()), reader, lambda: Rebooter(system=1, component=ME, now=0.0)])
+@pytest.mark.parametrize(
+    "make", [lambda: writer(others()), reader, lambda: Rebooter(system=1, component=ME, now=0.0)]
+)
 def test_one_that_is_never_heard_ends_it(make: Any) -> None:
     core: Transfer = make()
     assert 9.9 < run(core, Vehicle(alive=False), Air()) < 11.0

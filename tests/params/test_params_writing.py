@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from arena.wire.mavframe import cut
+from arena.wire.mavlink_frame import cut
 
 from .simulated import INT32, Air, Vehicle, holds, others, outcomes, reader, rough, run, sixty, writer
 
@@ -33,7 +33,10 @@ def test_unknown_names_are_told_apart_from_lost_packets_on_a_rough_wire(seed: in
     wanted = {**others(), "NO_SUCH": 1.0, "NOR_THIS": 2.0}
     vehicle, core = Vehicle(), writer(wanted)
     assert run(core, vehicle, rough(seed)) < 60.0
-    assert {name for name, outcome in outcomes(core).items() if outcome == "unknown"} == {"NO_SUCH", "NOR_THIS"}
+    assert {name for name, outcome in outcomes(core).items() if outcome == "unknown"} == {
+        "NO_SUCH",
+        "NOR_THIS",
+    }
     assert set(outcomes(core).values()) == {"written", "unknown"}
 
 
@@ -76,7 +79,11 @@ def test_a_dry_run_writes_nothing_even_on_an_armed_vehicle() -> None:
     vehicle, core = Vehicle(armed=True), writer(others() | {"P_01": 1, "NO_SUCH": 1}, dry_run=True)
     run(core, vehicle, Air())
     assert vehicle.told == [] and core.ending == "done"
-    assert outcomes(core)["P_01"] == "same" and outcomes(core)["P_00"] == "differs" and outcomes(core)["NO_SUCH"] == "unknown"
+    assert (
+        outcomes(core)["P_01"] == "same"
+        and outcomes(core)["P_00"] == "differs"
+        and outcomes(core)["NO_SUCH"] == "unknown"
+    )
 
 
 @pytest.mark.parametrize("value", [3.5, 2.0**31, math.nan, math.inf])
@@ -90,7 +97,11 @@ def test_what_an_integer_cannot_be_is_refused_and_not_sent(value: float) -> None
 def test_a_float_that_no_parameter_can_hold_is_refused() -> None:
     vehicle, core = Vehicle(), writer({"P_02": 1e39})
     run(core, vehicle, Air())
-    assert core.result["P_02"].outcome == "refused" and "too large" in core.result["P_02"].why and vehicle.told == []
+    assert (
+        core.result["P_02"].outcome == "refused"
+        and "too large" in core.result["P_02"].why
+        and vehicle.told == []
+    )
 
 
 @pytest.mark.parametrize("name", ["", "SEVENTEEN_LETTERS", "P\0", "GRÖSSE", "_HASH_CHECK"])
@@ -126,7 +137,10 @@ def test_a_name_that_appears_only_after_another_was_set_is_written_in_a_later_pa
     vehicle.hidden = {"LATE": ("P_01", 4), "LATER": ("LATE", 1)}
     core = writer({"LATER": 2, "LATE": 1, **others(), "NEVER": 1})
     run(core, vehicle, rough(seed))
-    assert outcomes(core)["LATE"] == outcomes(core)["LATER"] == "written" and outcomes(core)["NEVER"] == "unknown"
+    assert (
+        outcomes(core)["LATE"] == outcomes(core)["LATER"] == "written"
+        and outcomes(core)["NEVER"] == "unknown"
+    )
     assert vehicle.params["LATER"] == (2, INT32)
 
 
@@ -151,7 +165,11 @@ def test_a_vehicle_that_says_an_error_in_words_is_believed_at_once() -> None:
 def test_a_write_that_is_refused_in_words_is_told_with_them() -> None:
     class Strict(Vehicle):
         def _answer(self, m: Any) -> list[bytes]:
-            return [self.error(m.param_id, 2)] if m.get_type() == "PARAM_SET" and m.param_id == "P_03" else super()._answer(m)
+            return (
+                [self.error(m.param_id, 2)]
+                if m.get_type() == "PARAM_SET" and m.param_id == "P_03"
+                else super()._answer(m)
+            )
 
     core = writer({"P_03": 9, "P_05": 6})
     assert run(core, Strict(), Air(delay_s=0.02)) < 2.0
@@ -194,7 +212,11 @@ def test_values_of_another_vehicle_and_of_another_component_are_not_taken_for_an
     camera.voice.srcComponent = 100
 
     def chatter(now: float) -> None:
-        for data in (stranger.value("P_03"), camera.value("P_03"), stranger.step(now)[0] if int(now * 100) % 100 == 0 else b""):
+        for data in (
+            stranger.value("P_03"),
+            camera.value("P_03"),
+            stranger.step(now)[0] if int(now * 100) % 100 == 0 else b"",
+        ):
             for frame in cut(data).frames:
                 core.hear(data, frame, now)
 

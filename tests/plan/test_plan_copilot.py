@@ -42,27 +42,41 @@ def test_an_empty_section_is_all_its_defaults(tmp_path: Path) -> None:
     assert made["rules"]["separation"] == {"do": "hold", "at_m": 0.8, "ahead_s": 3.0}
     assert made["at_most"] == "land" and made["clock"] == "{rt}/clock" and len(made["captures"]) == 1
     one, two = made["vehicles"]
-    assert one["braking"] == {"accel": 2.5, "jerk": 4.0, "up": 3.0, "down": 4.0} and two["braking"]["accel"] == 3.0
+    assert (
+        one["braking"] == {"accel": 2.5, "jerk": 4.0, "up": 3.0, "down": 4.0}
+        and two["braking"]["accel"] == 3.0
+    )
     assert one["tools"] == ["127.0.0.1", 24016] and one["panic"] == ["127.0.0.1", 24014]
 
 
 def test_the_copilots_fence_is_the_arenas_else_the_walls_less_the_vehicles_size(tmp_path: Path) -> None:
-    walls = planned(tmp_path, "copilot: {}\nworld: {size: [10, 6, 3]}").slices["copilot.json"]["vehicles"][0]["fence"]
+    walls = planned(tmp_path, "copilot: {}\nworld: {size: [10, 6, 3]}").slices["copilot.json"]["vehicles"][0][
+        "fence"
+    ]
     radius = load_arena(tmp_path / "arena.yaml").vehicles[0].profile.radius_m
-    assert walls["north"] == [-5 + radius, 5 - radius] and walls["east"] == [-3 + radius, 3 - radius] and walls["up"] < 3
+    assert (
+        walls["north"] == [-5 + radius, 5 - radius]
+        and walls["east"] == [-3 + radius, 3 - radius]
+        and walls["up"] < 3
+    )
     fence = "copilot: {}\nworld: {size: [10, 6, 3]}\ngeofence: {margin_m: 0.5}"
     drawn = planned(tmp_path, fence).slices["copilot.json"]["vehicles"][0]["fence"]
     assert drawn == {"north": [-4.5, 4.5], "east": [-2.5, 2.5], "up": 2.5}
 
 
 @pytest.mark.parametrize(
-    ("on_loss", "needed", "restart"), [("land", True, "never"), ("restart", True, "on_failure"), ("warn", False, "never")]
+    ("on_loss", "needed", "restart"),
+    [("land", True, "never"), ("restart", True, "on_failure"), ("warn", False, "never")],
 )
-def test_on_loss_is_who_needs_it_and_whether_it_comes_again(tmp_path: Path, on_loss: str, needed: bool, restart: str) -> None:
+def test_on_loss_is_who_needs_it_and_whether_it_comes_again(
+    tmp_path: Path, on_loss: str, needed: bool, restart: str
+) -> None:
     plan = planned(tmp_path, f"copilot: {{on_loss: {on_loss}}}")
     assert process(plan, "copilot").restart.mode == restart
     assert ("copilot" in process(plan, "program.uav1").needs) is needed
-    assert ("copilot" in process(plan, "logger.uav2").needs) is needed  # it has no program that would be lost with it
+    assert (
+        "copilot" in process(plan, "logger.uav2").needs
+    ) is needed  # it has no program that would be lost with it
     assert "copilot" not in process(plan, "logger.uav1").needs
 
 
@@ -76,7 +90,10 @@ def test_the_resolved_yaml_has_it_too(tmp_path: Path) -> None:
     again = tmp_path / "again"
     again.mkdir()
     (again / "arena.yaml").write_text(plan.yaml)
-    assert make_plan(load_arena(again / "arena.yaml"), "py").slices["copilot.json"] == plan.slices["copilot.json"]
+    assert (
+        make_plan(load_arena(again / "arena.yaml"), "py").slices["copilot.json"]
+        == plan.slices["copilot.json"]
+    )
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,18 @@ import json
 import pytest
 
 from arena.plan import make_plan
-from arena.plan.doors import doors, open_lines
+from arena.plan.open_ports import doors, open_lines
 from arena.schema import load_arena
 
 
 def plan_of(folder, **keys):
     file = folder / "arena.yaml"
-    arena = {"vehicles": {"uav1": {"autopilot": "builtin"}, "uav2": {"autopilot": "builtin", "start": {"position": [1, 1, 0]}}}}
+    arena = {
+        "vehicles": {
+            "uav1": {"autopilot": "builtin"},
+            "uav2": {"autopilot": "builtin", "start": {"position": [1, 1, 0]}},
+        }
+    }
     file.write_text(json.dumps({**arena, **keys}))
     return make_plan(load_arena(file))
 
@@ -34,8 +39,14 @@ def test_every_port_of_the_plan_is_a_door_and_has_words(tmp_path):
 def test_what_other_computers_reach_is_told_with_who_is_answered(tmp_path):
     lines = open_lines(plan_of(tmp_path, address="192.168.77.5"))
     assert "open: udp 192.168.77.5:24016,24026 tools (router) answers this computer alone" in lines
-    assert "open: udp 192.168.77.5:24014,24024 panic link (world) answers commands from this computer alone" in lines
-    assert "open: udp 192.168.77.5:24000 ground stations (router) answers the addresses that the YAML names" in lines
+    assert (
+        "open: udp 192.168.77.5:24014,24024 panic link (world) answers commands from this computer alone"
+        in lines
+    )
+    assert (
+        "open: udp 192.168.77.5:24000 ground stations (router) answers the addresses that the YAML names"
+        in lines
+    )
     assert any(":1510 NatNet commands (mocap) answers whoever asks" in line for line in lines)
     assert any("239.255.42.99:1511 NatNet frames, shared" in line for line in lines)
 
@@ -43,7 +54,9 @@ def test_what_other_computers_reach_is_told_with_who_is_answered(tmp_path):
 def test_a_vehicle_that_is_listened_for_everywhere_is_told_though_the_rest_is_closed(tmp_path):
     real = {"uav1": {"autopilot": "hardware", "url": "udpin:0.0.0.0:14540"}}
     lines = open_lines(plan_of(tmp_path, vehicles=real, mocap={"source": "natnet", "server": "127.66.40.9"}))
-    assert lines == ["open: udp 0.0.0.0:14540 the wire (link.uav1) answers the first address that speaks as this vehicle"]
+    assert lines == [
+        "open: udp 0.0.0.0:14540 the wire (link.uav1) answers the first address that speaks as this vehicle"
+    ]
 
 
 def test_of_fifty_vehicles_a_line_stays_a_line(tmp_path):

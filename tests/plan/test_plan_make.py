@@ -45,7 +45,15 @@ def test_the_plan_is_pure(arena: Arena, monkeypatch: pytest.MonkeyPatch) -> None
         raise AssertionError("make_plan must not do that")
 
     first = make_plan(arena, "py")
-    calls = ("builtins.open", "os.stat", "os.listdir", "socket.socket", "subprocess.Popen", "time.time", "time.monotonic")
+    calls = (
+        "builtins.open",
+        "os.stat",
+        "os.listdir",
+        "socket.socket",
+        "subprocess.Popen",
+        "time.time",
+        "time.monotonic",
+    )
     with monkeypatch.context() as m:
         for target in calls:
             m.setattr(target, refuse)
@@ -65,11 +73,19 @@ def test_the_resolved_yaml_loads_to_the_same_plan(plan: Plan, tmp_path: Path) ->
 
 def test_the_processes_and_what_they_need(plan: Plan) -> None:
     assert {p.name: p.needs for p in plan.processes} == {
-        "world": (), "mocap": ("world",), "forward.uav1": ("world", "mocap"), "forward.uav2": ("world", "mocap"),
-        "router": ("world",), "logger.uav1": ("router",), "logger.uav2": ("router",), "logger.uav3": ("router",),
-        "program.uav1": ("forward.uav1", "router", "logger.uav1"), "program.uav2": ("forward.uav2", "router", "logger.uav2"),
-        "tool.rec": ("router",), "tool.uav3.view": ("world",),
-    }  # fmt: skip
+        "world": (),
+        "mocap": ("world",),
+        "forward.uav1": ("world", "mocap"),
+        "forward.uav2": ("world", "mocap"),
+        "router": ("world",),
+        "logger.uav1": ("router",),
+        "logger.uav2": ("router",),
+        "logger.uav3": ("router",),
+        "program.uav1": ("forward.uav1", "router", "logger.uav1"),
+        "program.uav2": ("forward.uav2", "router", "logger.uav2"),
+        "tool.rec": ("router",),
+        "tool.uav3.view": ("world",),
+    }
 
 
 def test_a_process_stands_after_all_that_it_needs(plan: Plan) -> None:
@@ -90,8 +106,15 @@ def test_what_serves_a_flying_vehicle_outlives_and_the_rest_does_not(plan: Plan)
 
 def test_only_what_can_be_started_again_in_flight_is(plan: Plan) -> None:
     modes = {p.kind: p.restart.mode for p in plan.processes}
-    assert modes == {"world": "never", "mocap": "on_failure", "forward": "on_failure", "router": "on_failure",
-                     "logger": "on_failure", "program": "never", "tool": "never"}  # fmt: skip
+    assert modes == {
+        "world": "never",
+        "mocap": "on_failure",
+        "forward": "on_failure",
+        "router": "on_failure",
+        "logger": "on_failure",
+        "program": "never",
+        "tool": "never",
+    }
     assert process(plan, "tool.rec").restart.mode == "always"
 
 
@@ -101,8 +124,18 @@ def test_the_commands(plan: Plan, tmp_path: Path) -> None:
     assert one.argv == ("py", str(tmp_path / "hover.py"), "--uav", "{run}/slices/program.uav1.json", "fast")
     assert two.argv == (str(tmp_path / "fly"), "--uav", "{run}/slices/program.uav2.json")
     assert one.cwd == two.cwd == str(tmp_path) and one.ready == "started"
-    assert plan.land is not None and plan.land.argv == ("py", "-m", "arena.safety.land_all", "--run", "{run}")
-    assert plan.report is not None and plan.report.argv == ("py", "-m", "arena.record.report", "{run}") and plan.report.nice == 10
+    assert plan.land is not None and plan.land.argv == (
+        "py",
+        "-m",
+        "arena.emergency.land_all",
+        "--run",
+        "{run}",
+    )
+    assert (
+        plan.report is not None
+        and plan.report.argv == ("py", "-m", "arena.recorder.report", "{run}")
+        and plan.report.nice == 10
+    )
     for spec in plan.processes:
         assert ("OMP_NUM_THREADS", "1") in spec.env and ("PYTHONUNBUFFERED", "1") in spec.env
     assert process(plan, "tool.rec").env[-2:] == (("A", "1"), ("B", "2"))
@@ -120,14 +153,26 @@ def test_ports_are_those_of_the_architecture(plan: Plan) -> None:
     """Written out: the table in docs/architecture.md, not the code's own."""
     ports = {p.name: sorted(x.port for x in p.listens) for p in plan.processes}
     assert ports == {
-        "world": [24010, 24012, 24014, 24020, 24022, 24024, 24030, 24032, 24034], "mocap": [1510],
-        "forward.uav1": [24013], "forward.uav2": [24023],
+        "world": [24010, 24012, 24014, 24020, 24022, 24024, 24030, 24032, 24034],
+        "mocap": [1510],
+        "forward.uav1": [24013],
+        "forward.uav2": [24023],
         "router": [24000, 24011, 24016, 24018, 24021, 24026, 24028, 24031, 24036, 24038],
-        "logger.uav1": [24017], "logger.uav2": [24027], "logger.uav3": [24037],
-        "program.uav1": [16001], "program.uav2": [17002], "tool.rec": [], "tool.uav3.view": [],
-    }  # fmt: skip
+        "logger.uav1": [24017],
+        "logger.uav2": [24027],
+        "logger.uav3": [24037],
+        "program.uav1": [16001],
+        "program.uav2": [17002],
+        "tool.rec": [],
+        "tool.uav3.view": [],
+    }
     assert plan.land is not None and [x.port for x in plan.land.listens] == [24015, 24025, 24035]
-    assert [(v.port, v.sdk_port, v.tools_port, v.logger_port) for v in plan.vehicles][1] == (17002, 23002, 24026, 24027)
+    assert [(v.port, v.sdk_port, v.tools_port, v.logger_port) for v in plan.vehicles][1] == (
+        17002,
+        23002,
+        24026,
+        24027,
+    )
     panic = plan.vehicles[0].panic
     assert (panic.autopilot_port, panic.partner_port, panic.autopilot_host) == (24014, 24015, "127.0.0.1")
 
@@ -145,7 +190,10 @@ def test_the_two_ends_of_a_link_fit(plan: Plan) -> None:
     world = {v["name"]: v["links"] for v in plan.slices["world.json"]["vehicles"]}
     routed = {v["name"]: v["link"] for v in plan.slices["router.json"]["vehicles"]}
     for v in plan.vehicles:
-        assert world[v.name]["router"] == {"local": routed[v.name]["remote"], "remote": routed[v.name]["local"]}
+        assert world[v.name]["router"] == {
+            "local": routed[v.name]["remote"],
+            "remote": routed[v.name]["local"],
+        }
         assert world[v.name]["panic"]["remote"] == [v.panic.partner_host, v.panic.partner_port]
     forward = plan.slices["forward.uav1.json"]["link"]
     assert world["uav1"]["vision"] == {"local": forward["remote"], "remote": forward["local"]}
@@ -153,12 +201,28 @@ def test_the_two_ends_of_a_link_fit(plan: Plan) -> None:
 
 def test_the_router_serves_each_vehicle_to_its_own_clients_and_all_to_ground_stations(plan: Plan) -> None:
     slice_ = plan.slices["router.json"]
-    assert [g["address"] for g in slice_["gcs"]] == [["127.0.0.1", 14550], ["10.0.0.5", 14550], ["10.0.0.6", 14550]]
-    assert slice_["gcs_local"] == ["127.0.0.1", 24000] and slice_["heartbeat"] is True and slice_["simulated"] is True
+    assert [g["address"] for g in slice_["gcs"]] == [
+        ["127.0.0.1", 14550],
+        ["10.0.0.5", 14550],
+        ["10.0.0.6", 14550],
+    ]
+    assert (
+        slice_["gcs_local"] == ["127.0.0.1", 24000]
+        and slice_["heartbeat"] is True
+        and slice_["simulated"] is True
+    )
     clients = {v["name"]: [c["address"] for c in v["clients"]] for v in slice_["vehicles"]}
-    assert clients["uav1"] == [["127.0.0.1", 16001], ["127.0.0.1", 22001], ["10.0.0.5", 16001], ["10.0.0.5", 22001]]
+    assert clients["uav1"] == [
+        ["127.0.0.1", 16001],
+        ["127.0.0.1", 22001],
+        ["10.0.0.5", 16001],
+        ["10.0.0.5", 22001],
+    ]
     assert clients["uav2"] == [["127.0.0.1", 17002], ["127.0.0.1", 23002]]
-    assert slice_["vehicles"][0]["serve"] == ["127.0.0.1", 24018] and slice_["vehicles"][0]["logger"] == ["127.0.0.1", 24017]
+    assert slice_["vehicles"][0]["serve"] == ["127.0.0.1", 24018] and slice_["vehicles"][0]["logger"] == [
+        "127.0.0.1",
+        24017,
+    ]
 
 
 def test_slices_carry_what_the_rooms_read(plan: Plan) -> None:
@@ -170,7 +234,10 @@ def test_slices_carry_what_the_rooms_read(plan: Plan) -> None:
     assert mocap["bodies"][1] == {"name": "aero2", "streaming_id": 2, "index": 1}
     assert mocap["noise"]["position_m"] == pytest.approx(3e-4)
     program = plan.slices["program.uav1.json"]
-    assert program["neighbours"] == [{"name": "uav2", "body": "aero2"}] and program["capture"]["bodies"] == ["uav1", "aero2"]
+    assert program["neighbours"] == [{"name": "uav2", "body": "aero2"}] and program["capture"]["bodies"] == [
+        "uav1",
+        "aero2",
+    ]
     assert program["link"] == "udpin:127.0.0.1:16001" and program["clock"] == "{rt}/clock"
     assert set(program["profile"]) == {"mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve"}
     logger = plan.slices["logger.uav2.json"]
@@ -181,7 +248,9 @@ def test_slices_carry_what_the_rooms_read(plan: Plan) -> None:
 class Bench(Machine):
     """A machine that has what the test says."""
 
-    def __init__(self, modules: bool = True, commands: bool = True, held: dict[int, str] | None = None) -> None:
+    def __init__(
+        self, modules: bool = True, commands: bool = True, held: dict[int, str] | None = None
+    ) -> None:
         self.modules, self.commands, self.held = modules, commands, held or {}
 
     def has_module(self, name: str) -> bool:
@@ -205,7 +274,9 @@ def test_a_sound_machine_is_passed(arena: Arena) -> None:
 
 
 def test_a_missing_pybullet_is_told_with_the_way_to_get_it(arena: Arena) -> None:
-    with pytest.raises(NotInstalledError, match=r"pybullet is not installed.*pip install 'flying-arena\[sim\]'"):
+    with pytest.raises(
+        NotInstalledError, match=r"pybullet is not installed.*pip install 'flying-arena\[sim\]'"
+    ):
         check_machine(arena, Bench(modules=False))
     with pytest.raises(NotInstalledError, match="'sleep' is not on this machine"):
         check_machine(arena, Bench(commands=False))
@@ -232,7 +303,10 @@ def test_the_real_machine_tells_this_process_by_its_id(tmp_path: Path) -> None:
     check_machine(arena)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
         held.bind(("127.52.1.1", 24017))
-        with pytest.raises(InputError, match=rf"UDP port 24017 of 127.52.1.1, for the logger of uav1 .* by pid {os.getpid()} \("):
+        with pytest.raises(
+            InputError,
+            match=rf"UDP port 24017 of 127.52.1.1, for the logger of uav1 .* by pid {os.getpid()} \(",
+        ):
             check_machine(arena)
     check_machine(arena)
     with pytest.raises(InputError, match="cannot be bound"):

@@ -9,7 +9,9 @@ from arena.plan.px4 import forgotten
 from arena.schema import load_arena
 
 
-def test_one_px4_that_never_comes_takes_its_forwarder_and_program_along_and_nothing_of_the_others(tmp_path: Path) -> None:
+def test_one_px4_that_never_comes_takes_its_forwarder_and_program_along_and_nothing_of_the_others(
+    tmp_path: Path,
+) -> None:
     file = tmp_path / "arena.yaml"
     (tmp_path / "fly.py").touch()
     file.write_text(

@@ -8,7 +8,7 @@ import pytest
 
 from arena.plan import Plan, make_plan
 from arena.schema import Arena, load_arena
-from arena.supervise.runfolder import _LONGEST_SOCKET
+from arena.supervisor.run_folder import _LONGEST_SOCKET
 
 MIXED = """
 mocap: {source: natnet, server: 10.0.0.5, local: 10.0.0.2, version: "4.1", rate_hz: 120}
@@ -37,7 +37,9 @@ def test_a_real_vehicle_has_a_link_in_the_place_of_its_autopilot(mixed: Plan) ->
     assert link["links"]["vision"] == {"local": forward["link"]["remote"], "remote": forward["link"]["local"]}
     routed = {v["name"]: v for v in router["vehicles"]}
     assert link["links"]["router"]["local"] == routed["real"]["link"]["remote"]
-    assert (routed["real"]["simulated"], routed["sim"]["simulated"]) == (False, True) and router["simulated"] is False
+    assert (routed["real"]["simulated"], routed["sim"]["simulated"]) == (False, True) and router[
+        "simulated"
+    ] is False
 
 
 def test_the_world_and_the_emulator_know_simulated_vehicles_alone(mixed: Plan) -> None:
@@ -56,7 +58,11 @@ def test_each_vehicle_is_seen_by_its_own_cameras(mixed: Plan) -> None:
 
 def test_the_emulator_never_speaks_in_the_group_of_a_real_server_that_the_yaml_names(tmp_path: Path) -> None:
     plan = make_plan(arena_of(MIXED.replace("local:", "group: 239.1.2.3, local:"), tmp_path))
-    assert plan.slices["forward.real.json"]["capture"]["group"] == "239.1.2.3" != plan.slices["mocap.json"]["group"]
+    assert (
+        plan.slices["forward.real.json"]["capture"]["group"]
+        == "239.1.2.3"
+        != plan.slices["mocap.json"]["group"]
+    )
 
 
 def test_real_vehicles_live_on_the_wall_clock_and_are_never_taken_for_simulated(mixed: Plan) -> None:
@@ -72,24 +78,37 @@ def test_faults_on_purpose_are_taken_where_no_real_vehicle_flies_alone(mixed: Pl
     for room in ("world", "mocap", "router"):
         assert simulated.slices[f"{room}.json"]["faults"] == f"{{rt}}/{room}.faults"
         assert mixed.slices[f"{room}.json"]["faults"] is None
-        assert len(f"/{room}.faults") <= len(_LONGEST_SOCKET), "or a run's folder may be too long a path for it"
-    assert simulated.slices["router.json"]["clock"] == "{rt}/clock" and mixed.slices["router.json"]["clock"] is None
+        assert len(f"/{room}.faults") <= len(_LONGEST_SOCKET), (
+            "or a run's folder may be too long a path for it"
+        )
+    assert (
+        simulated.slices["router.json"]["clock"] == "{rt}/clock"
+        and mixed.slices["router.json"]["clock"] is None
+    )
     assert simulated.slices["router.json"]["seed"] == 1
 
 
 def test_hardware_must_hold_what_the_yaml_makes_or_what_it_names_alone(mixed: Plan, tmp_path: Path) -> None:
     asked = mixed.slices["link.real.json"]["params"]
-    assert asked["COM_OF_LOSS_T"] == 0.5 and asked["COM_OBL_RC_ACT"] == 4.0 and not [k for k in asked if k.startswith("CA_")]
+    assert (
+        asked["COM_OF_LOSS_T"] == 0.5
+        and asked["COM_OBL_RC_ACT"] == 4.0
+        and not [k for k in asked if k.startswith("CA_")]
+    )
     without = MIXED.replace("preflight: {", "preflight: {params: false, ")
     alone = make_plan(arena_of(without, tmp_path))
     assert alone.slices["link.real.json"]["params"] == {"COM_OF_LOSS_T": 0.5}
     assert mixed.slices["link.real.json"]["preflight"]["position_m"] == 0.3
-    (tmp_path / "lab.params").write_text("1\t1\tCOM_OF_LOSS_T\t1.5\t9\n1\t1\tEKF2_HGT_REF\t3\t6\n1\t1\tMAV_SYS_ID\t1\t6\n")
+    (tmp_path / "lab.params").write_text(
+        "1\t1\tCOM_OF_LOSS_T\t1.5\t9\n1\t1\tEKF2_HGT_REF\t3\t6\n1\t1\tMAV_SYS_ID\t1\t6\n"
+    )
     plan = make_plan(arena_of(without.replace("id: 7,", "id: 7, params_file: lab.params,"), tmp_path))
     assert plan.slices["link.real.json"]["params"] == {"COM_OF_LOSS_T": 0.5, "EKF2_HGT_REF": 3.0}
 
 
-def test_a_simulated_vehicle_takes_its_file_of_parameters_over_the_rules_and_under_the_yaml(tmp_path: Path) -> None:
+def test_a_simulated_vehicle_takes_its_file_of_parameters_over_the_rules_and_under_the_yaml(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "lab.params").write_text("# saved\nCOM_OBL_RC_ACT 3\nMPC_XY_VEL_MAX 2.5\n")
     text = "vehicles:\n  a: {autopilot: builtin, params_file: lab.params, params: {MPC_XY_VEL_MAX: 4}}\n"
     params = arena_of(text, tmp_path).vehicles[0].params
@@ -108,14 +127,25 @@ def test_what_waits_for_a_real_vehicle_waits_longer_than_a_simulated_one_needs(m
     assert patience["link.real"] == patience["forward.real"] == 600.0 > patience["forward.sim"]
 
 
-def test_a_controller_in_the_loop_has_its_body_in_the_world_and_its_link_at_the_simulator_port(tmp_path: Path) -> None:
+def test_a_controller_in_the_loop_has_its_body_in_the_world_and_its_link_at_the_simulator_port(
+    tmp_path: Path,
+) -> None:
     plan = make_plan(arena_of(LOOP, tmp_path))
     world, link = plan.slices["world.json"]["vehicles"][0], plan.slices["link.board.json"]
     assert link["simulator"] == world["simulator"] == ["127.0.0.1", 24039] and "links" not in world
     assert link["wire"] == {"kind": "serial", "device": "/dev/ttyACM0", "baud": 921600}
-    wanted = {"SYS_HITL": 1, "HIL_ACT_FUNC1": 101, "HIL_ACT_FUNC4": 104, "EKF2_EV_CTRL": 15, "CA_ROTOR_COUNT": 4, "MAV_SYS_ID": 3}
+    wanted = {
+        "SYS_HITL": 1,
+        "HIL_ACT_FUNC1": 101,
+        "HIL_ACT_FUNC4": 104,
+        "EKF2_EV_CTRL": 15,
+        "CA_ROTOR_COUNT": 4,
+        "MAV_SYS_ID": 3,
+    }
     assert wanted.items() <= link["params"].items()
-    assert [p.name for p in plan.processes][:3] == ["world", "mocap", "link.board"] and plan.vehicles[0].simulated
+    assert [p.name for p in plan.processes][:3] == ["world", "mocap", "link.board"] and plan.vehicles[
+        0
+    ].simulated
 
 
 @pytest.mark.parametrize("text", [MIXED, LOOP], ids=["mixed", "hitl"])
@@ -123,4 +153,7 @@ def test_the_resolved_yaml_gives_the_same_plan(text: str, tmp_path: Path) -> Non
     arena = arena_of(text, tmp_path)
     (tmp_path / "again.yaml").write_text(make_plan(arena).yaml)
     again = load_arena(tmp_path / "again.yaml")
-    assert make_plan(again).slices == make_plan(arena).slices and make_plan(again).processes == make_plan(arena).processes
+    assert (
+        make_plan(again).slices == make_plan(arena).slices
+        and make_plan(again).processes == make_plan(arena).processes
+    )

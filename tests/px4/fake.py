@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.px4.links import Px4Links
+from arena.px4.lockstep import Px4Links
 
 _count = itertools.count(1)
 LOCKSTEP, ARMED = 1, 128
@@ -44,9 +44,11 @@ def greeting() -> bytes:
 def sensors(vehicles: int) -> dict[str, Any]:
     """What the world hands to autopilots, of vehicles at rest."""
     return {
-        "accel_b": np.tile([0.01, -0.02, -9.81], (vehicles, 1)), "gyro_b": np.tile([0.001, 0.002, -0.003], (vehicles, 1)),
-        "mag_b": np.tile([0.2, 0.01, 0.43], (vehicles, 1)), "baro_alt_m": np.linspace(488.0, 489.0, vehicles),
-    }  # fmt: skip
+        "accel_b": np.tile([0.01, -0.02, -9.81], (vehicles, 1)),
+        "gyro_b": np.tile([0.001, 0.002, -0.003], (vehicles, 1)),
+        "mag_b": np.tile([0.2, 0.01, 0.43], (vehicles, 1)),
+        "baro_alt_m": np.linspace(488.0, 489.0, vehicles),
+    }
 
 
 class FakePx4:
@@ -56,7 +58,12 @@ class FakePx4:
     """
 
     def __init__(
-        self, address: tuple[str, int], motors: list[float], free_run: int = 3, armed: bool = True, flags: int = LOCKSTEP
+        self,
+        address: tuple[str, int],
+        motors: list[float],
+        free_run: int = 3,
+        armed: bool = True,
+        flags: int = LOCKSTEP,
     ) -> None:
         self.samples: list[Any] = []
         self._flags = flags
@@ -101,7 +108,9 @@ class FakePx4:
 
     def _reply(self, time_usec: int) -> None:
         try:
-            self._socket.sendall(answer(self._motors, armed=self._armed, time_usec=time_usec, flags=self._flags))
+            self._socket.sendall(
+                answer(self._motors, armed=self._armed, time_usec=time_usec, flags=self._flags)
+            )
         except OSError:
             return
 
@@ -114,7 +123,10 @@ class World:
         self.places = [(self.address, 24000 + 10 * k + 9) for k in range(1, vehicles + 1)]
         profile = {"rotors": [{"position_m": [0, 0, 0], "direction": "cw"}] * 4}
         self.links = Px4Links(
-            [{"name": f"uav{k}", "simulator": list(place), "profile": profile} for k, place in enumerate(self.places, 1)]
+            [
+                {"name": f"uav{k}", "simulator": list(place), "profile": profile}
+                for k, place in enumerate(self.places, 1)
+            ]
         )
         self.said: list[str] = []
         self.now = 0.0

@@ -19,7 +19,9 @@ def left_by(world_cores: set[int]) -> set[int]:
     with subprocess.Popen(["sleep", "30"]) as world:
         try:
             os.sched_setaffinity(world.pid, world_cores)
-            said = subprocess.run([sys.executable, "-c", ASK, str(world.pid)], capture_output=True, text=True, check=True).stdout
+            said = subprocess.run(
+                [sys.executable, "-c", ASK, str(world.pid)], capture_output=True, text=True, check=True
+            ).stdout
         finally:
             world.kill()
     return {int(core) for core in said.split()}

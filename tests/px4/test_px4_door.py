@@ -8,15 +8,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from arena.px4 import door as module
-from arena.px4 import links
+from arena.px4 import connection_guard as module
+from arena.px4 import lockstep
 
 from .fake import FakePx4, World, greeting
 
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(links, "LATE_S", 5.0)
+    monkeypatch.setattr(lockstep, "LATE_S", 5.0)
 
 
 @pytest.fixture
@@ -62,19 +62,25 @@ def test_one_from_another_address_is_sent_away_whatever_it_says(one: World) -> N
     assert "it comes from another address than this computer's, so it is no PX4" in one.said[0]
 
 
-def test_one_who_says_nothing_in_time_is_sent_away_counted_and_told_once(one: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_who_says_nothing_in_time_is_sent_away_counted_and_told_once(
+    one: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(module, "PROVE_S", 0.05)
     for n in (1, 2):
         with knock(one) as stranger:
             one.until(lambda: hung_up(stranger))
             assert one.links.stats()["uav1"]["strangers"] == n
     host, port = one.places[0]
-    assert len(one.said) == 1 and one.said[0].startswith(f"uav1: simulator port {host}:{port}: a connection from ")
+    assert len(one.said) == 1 and one.said[0].startswith(
+        f"uav1: simulator port {host}:{port}: a connection from "
+    )
     assert one.said[0].endswith("was closed: it said nothing valid within 0.05 s, so it is no PX4")
 
 
 @pytest.mark.parametrize("rubbish", [b"GET / HTTP/1.0\r\n\r\n", b"\0" * 40, greeting()[1:20] + b"\xff" * 300])
-def test_one_who_speaks_something_else_is_sent_away_at_once(one: World, rubbish: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_who_speaks_something_else_is_sent_away_at_once(
+    one: World, rubbish: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(module, "PROVE_S", 3600.0)
     with knock(one) as stranger:
         stranger.sendall(rubbish)
@@ -109,6 +115,6 @@ def test_a_flight_controller_in_the_loop_is_flown_and_never_waited_for(one: Worl
     controller.mute()
     began = time.monotonic()
     one.step(200)
-    assert time.monotonic() - began < 200 * links.LATE_S / 2, "it was waited for"
+    assert time.monotonic() - began < 200 * lockstep.LATE_S / 2, "it was waited for"
     assert one.status() == ["booting"] and one.said == ["uav1: PX4 connected"]
     controller.hang_up()

@@ -33,7 +33,10 @@ def test_a_source_tree_a_build_folder_and_an_installation_are_found(tmp_path: Pa
 
 
 def test_the_yaml_comes_first_then_the_environment_then_the_path(tmp_path: Path) -> None:
-    home, env, path = (build(tmp_path / name, version) for name, version in (("a", "1.16.0"), ("b", "1.15.4"), ("c", "1.17.0")))
+    home, env, path = (
+        build(tmp_path / name, version)
+        for name, version in (("a", "1.16.0"), ("b", "1.15.4"), ("c", "1.17.0"))
+    )
     everything = {"PX4_HOME": str(env), "PATH": str(path / "build" / "px4_sitl_default" / "bin")}
 
     def version(home: Path | None, env: dict[str, str]) -> str:
@@ -61,10 +64,16 @@ def test_a_binary_that_may_not_be_run_or_has_no_startup_scripts_is_none(tmp_path
 
 @pytest.mark.parametrize(
     ("content", "version"),
-    [(b"..\0v1.16.0\0..", "1.16.0"), (b"\0v1.17.0-beta1\0", "1.17.0-beta1"), (b"\0v1.16.0-2-g0123abc\0", "1.16.0-2-g0123abc"),
-     (b"\0v1.6.10-100-g890c415\0\0v1.8.2-beta4\0\0v1.16.0\0", "1.16.0"),
-     (b"version v1.16.0 of\0", ""), (b"\0v2.0.0\0", ""), (b"", "")],
-)  # fmt: skip
+    [
+        (b"..\0v1.16.0\0..", "1.16.0"),
+        (b"\0v1.17.0-beta1\0", "1.17.0-beta1"),
+        (b"\0v1.16.0-2-g0123abc\0", "1.16.0-2-g0123abc"),
+        (b"\0v1.6.10-100-g890c415\0\0v1.8.2-beta4\0\0v1.16.0\0", "1.16.0"),
+        (b"version v1.16.0 of\0", ""),
+        (b"\0v2.0.0\0", ""),
+        (b"", ""),
+    ],
+)
 def test_the_version_is_what_the_binary_says(tmp_path: Path, content: bytes, version: str) -> None:
     (tmp_path / "px4").write_bytes(content)
     assert version_of(tmp_path / "px4") == version
@@ -89,7 +98,7 @@ def arena_file(folder: Path, more: str) -> Path:
 
 def test_the_word_stand_in_selects_the_stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     named = load_arena(arena_file(tmp_path, "px4: {home: stand-in}\n")).px4
-    assert named is not None and named.stand_in and named.argv[1:] == ("-m", "arena.autopilot.standin")
+    assert named is not None and named.stand_in and named.argv[1:] == ("-m", "arena.autopilot.sitl_standin")
     monkeypatch.setenv("PX4_HOME", "stand-in")
     found = load_arena(arena_file(tmp_path, "")).px4
     assert found is not None and found.stand_in and found.source == "$PX4_HOME" and "stand-in" in found.words
@@ -101,8 +110,12 @@ def test_a_home_in_the_yaml_is_read_from_where_the_yaml_is(tmp_path: Path) -> No
     assert found is not None and found.version == "1.16.0"
 
 
-@pytest.mark.parametrize(("binary", "names"), [("1.14.3", "1.14.3"), ("1.16.0-2-g0123abc", "1.16"), ("1.99.0", "1.16")])
-def test_the_parameters_of_a_vehicle_have_the_names_of_the_px4_that_flies_it(tmp_path: Path, binary: str, names: str) -> None:
+@pytest.mark.parametrize(
+    ("binary", "names"), [("1.14.3", "1.14.3"), ("1.16.0-2-g0123abc", "1.16"), ("1.99.0", "1.16")]
+)
+def test_the_parameters_of_a_vehicle_have_the_names_of_the_px4_that_flies_it(
+    tmp_path: Path, binary: str, names: str
+) -> None:
     build(tmp_path / "PX4", binary)
     arena = load_arena(arena_file(tmp_path, "px4: {home: ./PX4}\ndefaults: {px4_version: '1.13'}\n"))
     assert arena.vehicles[0].px4_version == names
@@ -125,12 +138,20 @@ def test_the_resolved_arena_flies_the_same_px4(tmp_path: Path, monkeypatch: pyte
     assert make_plan(load_arena(again)).slices["px4.uav1.json"] == plan.slices["px4.uav1.json"]
 
 
-def test_on_another_loopback_address_a_real_px4_is_met_at_127_0_0_1_where_the_kernel_lets_it_speak_from(tmp_path: Path) -> None:
+def test_on_another_loopback_address_a_real_px4_is_met_at_127_0_0_1_where_the_kernel_lets_it_speak_from(
+    tmp_path: Path,
+) -> None:
     build(tmp_path / "PX4")
     for home, host in (("./PX4", "127.0.0.1"), ("stand-in", "127.60.0.9")):
         plan = make_plan(load_arena(arena_file(tmp_path, f"address: 127.60.0.9\npx4: {{home: {home}}}\n")))
-        router, forward = plan.slices["router.json"]["vehicles"][0]["link"], plan.slices["forward.uav1.json"]["link"]
+        router, forward = (
+            plan.slices["router.json"]["vehicles"][0]["link"],
+            plan.slices["forward.uav1.json"]["link"],
+        )
         assert (router["local"], router["remote"]) == (["127.60.0.9", 24011], [host, 24010])
         assert (forward["local"], forward["remote"]) == (["127.60.0.9", 24013], [host, 24012])
-        assert plan.vehicles[0].panic.autopilot_host == host and plan.vehicles[0].panic.partner_host == "127.60.0.9"
+        assert (
+            plan.vehicles[0].panic.autopilot_host == host
+            and plan.vehicles[0].panic.partner_host == "127.60.0.9"
+        )
         assert "-u 24010 -t 127.60.0.9 -o 24011" in plan.slices["px4.uav1.json"]["scripts"]["px4-rc.mavlink"]

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from arena.plan import Plan, make_plan
-from arena.record.report import report
+from arena.recorder.report import report
 from arena.schema import load_arena
-from arena.supervise.ending import Cause, End, failures, grounded, is_done, may_fly
-from arena.supervise.life import Exit, Life, State
+from arena.supervisor.process_state import Exit, Life, State
+from arena.supervisor.shutdown_policy import Cause, End, failures, grounded, is_done, may_fly
 
 READY = Life(state=State.READY, started=1)
 DONE = Life(state=State.EXITED, started=1, exit=Exit(code=0, words="exit 0"))
@@ -50,11 +50,15 @@ def test_a_run_ends_though_a_killed_px4_never_said_that_it_is_disarmed(plan: Pla
     assert is_done(plan, lives_of(plan, px4_uav1=DIED), {"uav2.armed": False, "uav3.armed": False})
 
 
-def test_a_px4_that_ended_before_the_end_makes_the_run_a_failed_one_and_one_that_was_stopped_does_not(plan: Plan) -> None:
+def test_a_px4_that_ended_before_the_end_makes_the_run_a_failed_one_and_one_that_was_stopped_does_not(
+    plan: Plan,
+) -> None:
     def failed(then: Life) -> list[str]:
         lives = lives_of(plan, px4_uav1=then)
         end = End(cause=Cause.DONE, why="done", lives=lives)
-        return failures(plan, end, {**lives, **{p.name: DONE for p in plan.processes}}, {}, landed=True, until_done=True)
+        return failures(
+            plan, end, {**lives, **{p.name: DONE for p in plan.processes}}, {}, landed=True, until_done=True
+        )
 
     assert failed(DIED) == ["px4.uav1: exit 1"]
     assert failed(READY) == []
@@ -66,22 +70,43 @@ def write_run(folder: Path, plan: Plan, ended: str) -> Path:
     (folder / "px4/uav1/log/2026-01-02/10_11_12.ulg").write_bytes(b"ULog")
     (folder / "px4/uav1/log/data.txt").touch()
     (folder / "plan.json").write_text(plan.to_json())
-    row: dict[str, Any] = {"state": "EXITED", "cpu_mean": 0.1, "rss_peak_mb": 30.0, "starts": 1, "exit": "exit 1"}
+    row: dict[str, Any] = {
+        "state": "EXITED",
+        "cpu_mean": 0.1,
+        "rss_peak_mb": 30.0,
+        "starts": 1,
+        "exit": "exit 1",
+    }
     processes = {"px4.uav1": {**row, "stats": {"ended": ended} if ended else {}}, "px4.uav2": row}
-    outcome = {"name": "lab", "exit_code": 1, "failed": [], "reason": "done", "duration_s": 1.0, "processes": processes}
+    outcome = {
+        "name": "lab",
+        "exit_code": 1,
+        "failed": [],
+        "reason": "done",
+        "duration_s": 1.0,
+        "processes": processes,
+    }
     (folder / "outcome.json").write_text(json.dumps(outcome))
     return folder
 
 
-def test_the_summary_tells_which_px4_flew_where_its_logs_are_and_which_ended_by_itself(plan: Plan, tmp_path: Path) -> None:
+def test_the_summary_tells_which_px4_flew_where_its_logs_are_and_which_ended_by_itself(
+    plan: Plan, tmp_path: Path
+) -> None:
     run = write_run(tmp_path / "run", plan, "killed by SIGKILL")
     text = report(run)
-    assert "uav1: arena's stand-in for PX4 ENDED BY ITSELF (killed by SIGKILL); ULogs: px4/uav1/log/2026-01-02/10_11_12" in text
+    assert (
+        "uav1: arena's stand-in for PX4 ENDED BY ITSELF (killed by SIGKILL); ULogs: px4/uav1/log/2026-01-02/10_11_12"
+        in text
+    )
     assert "uav2: arena's stand-in for PX4; ULogs: none" in text and "uav3: arena" not in text
     found = json.loads((run / "summary.json").read_text())["px4"]
     assert found["uav1"] == {
-        "version": "", "stand_in": True, "ended": "killed by SIGKILL", "ulogs": ["px4/uav1/log/2026-01-02/10_11_12.ulg"],
-    }  # fmt: skip
+        "version": "",
+        "stand_in": True,
+        "ended": "killed by SIGKILL",
+        "ulogs": ["px4/uav1/log/2026-01-02/10_11_12.ulg"],
+    }
     assert set(found) == {"uav1", "uav2"} and found["uav2"]["ended"] == ""
 
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.px4.link import SimulatorLink
-from arena.wire.truth import Truth
+from arena.px4.simulator_link import SimulatorLink
+from arena.wire.truth_page import Truth
 
 from .fake import answer, sensors
 
@@ -37,7 +37,12 @@ def test_a_sample_is_a_hil_sensor_with_these_bytes() -> None:
     payload = data[10 : 10 + data[1]].ljust(65, b"\0")
     time_usec, *floats = struct.unpack("<Q13f", payload[:60])
     fields, sensor_id = struct.unpack("<IB", payload[60:])
-    accel, gyro, mag, (pressure_hpa, difference, height, celsius) = floats[:3], floats[3:6], floats[6:9], floats[9:]
+    accel, gyro, mag, (pressure_hpa, difference, height, celsius) = (
+        floats[:3],
+        floats[3:6],
+        floats[6:9],
+        floats[9:],
+    )
     assert time_usec == 1_500_000 and sensor_id == 0
     assert accel == pytest.approx([0.01, -0.02, -9.81]) and gyro == pytest.approx([0.001, 0.002, -0.003])
     assert mag == pytest.approx([0.2, 0.01, 0.43])
@@ -166,8 +171,14 @@ def test_a_new_connection_begins_anew() -> None:
 
 def test_the_truth_goes_out_with_every_fifth_sample_in_the_units_of_the_message() -> None:
     link = SimulatorLink(4)
-    row = {"q_nb": [0.5, 0.5, -0.5, 0.5], "p_n": [10.0, -20.0, -3.0], "v_n": [1.0, -2.0, 0.5], "omega_b": [0.1, 0.2, 0.3],
-           "accel_b": [0.0, 9.80665, -400.0], "motors": [0.0] * 4}  # fmt: skip
+    row = {
+        "q_nb": [0.5, 0.5, -0.5, 0.5],
+        "p_n": [10.0, -20.0, -3.0],
+        "v_n": [1.0, -2.0, 0.5],
+        "omega_b": [0.1, 0.2, 0.3],
+        "accel_b": [0.0, 9.80665, -400.0],
+        "motors": [0.0] * 4,
+    }
     truth = Truth(time_s=1.0, **{key: np.array([value]) for key, value in row.items()})
     sent = []
     for k in range(10):
@@ -177,7 +188,11 @@ def test_the_truth_goes_out_with_every_fifth_sample_in_the_units_of_the_message(
     m = sent[0]
     assert m.attitude_quaternion == [0.5, 0.5, -0.5, 0.5] and (m.vx, m.vy, m.vz) == (100, -200, 50)
     assert (m.rollspeed, m.pitchspeed, m.yawspeed) == pytest.approx((0.1, 0.2, 0.3))
-    assert m.lat == pytest.approx(387000899, abs=20) and m.lon == pytest.approx(-91002305, abs=20) and m.alt == 103_000
+    assert (
+        m.lat == pytest.approx(387000899, abs=20)
+        and m.lon == pytest.approx(-91002305, abs=20)
+        and m.alt == 103_000
+    )
     assert (m.xacc, m.yacc, m.zacc) == (0, 1000, -32768)  # milli-g, held to what the message can say
 
 
@@ -188,4 +203,8 @@ def test_a_pilots_radio_is_heard_fifty_times_a_second_only_where_there_is_one() 
     assert sum("RC_CHANNELS" in kinds for kinds in heard[:250]) == 50
     assert not any("RC_CHANNELS" in kinds for kinds in heard[250:])
     with_sticks.sticks = False
-    assert not any(m.get_type() == "RC_CHANNELS" for i in range(50) for m in decoded(with_sticks.sample(2 + i / 250, SENSORS, 0)))
+    assert not any(
+        m.get_type() == "RC_CHANNELS"
+        for i in range(50)
+        for m in decoded(with_sticks.sample(2 + i / 250, SENSORS, 0))
+    )

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from arena.errors import RunError
-from arena.px4 import links as module
-from arena.px4.links import Px4Links
+from arena.px4 import lockstep as module
+from arena.px4.lockstep import Px4Links
 
 from .fake import FakePx4, World
 
@@ -93,7 +93,9 @@ def test_one_that_hangs_up_is_named_its_motors_stop_and_the_other_flies_on(two: 
     two.until(lambda: two.status()[0] == "gone")
     assert two.step(50).tolist() == [[0.0] * 4, [0.5] * 4]
     assert two.links.armed.tolist() == [False, True]
-    assert two.said[2:] == ["uav1: PX4 has closed the simulator link: its motors stop, the world goes on without it"]
+    assert two.said[2:] == [
+        "uav1: PX4 has closed the simulator link: its motors stop, the world goes on without it"
+    ]
 
 
 def test_one_that_hangs_up_disarmed_as_at_the_end_of_every_run_is_no_alarm(two: World) -> None:
@@ -114,7 +116,9 @@ def test_one_that_connects_again_begins_anew_and_is_told(two: World) -> None:
     assert two.step(10)[0] == pytest.approx([0.75] * 4) and len(again.samples) >= 10
 
 
-def test_one_that_hangs_up_while_it_is_waited_for_does_not_hold_the_world(two: World, soon_late: None) -> None:
+def test_one_that_hangs_up_while_it_is_waited_for_does_not_hold_the_world(
+    two: World, soon_late: None
+) -> None:
     px4s = connect(two)
     px4s[0].mute()
     two.step()
@@ -123,19 +127,25 @@ def test_one_that_hangs_up_while_it_is_waited_for_does_not_hold_the_world(two: W
     assert two.step(20)[1] == pytest.approx([0.5] * 4)
 
 
-def test_one_that_never_connects_is_told_once_with_its_port(two: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_that_never_connects_is_told_once_with_its_port(
+    two: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     FakePx4(two.places[1], [0.5] * 4)
     two.until(lambda: two.status()[1] == "in step")
     monkeypatch.setattr(module, "_NEVER_S", 0.0)
     two.step(20)
     host, port = two.places[0]
     told = [text for text in two.said if "has not connected" in text]
-    assert told == [f"PX4 has not connected to the simulator port after 0 s: uav1 ({host}:{port}). Its log says why"]
+    assert told == [
+        f"PX4 has not connected to the simulator port after 0 s: uav1 ({host}:{port}). Its log says why"
+    ]
 
 
 def test_a_port_that_is_taken_is_an_error_that_names_vehicle_and_address(two: World) -> None:
     host, port = two.places[0]
-    with pytest.raises(RunError, match=f"uav9: cannot serve the simulator API on {host}:{port}: Address already in use"):
+    with pytest.raises(
+        RunError, match=f"uav9: cannot serve the simulator API on {host}:{port}: Address already in use"
+    ):
         Px4Links([{"name": "uav9", "simulator": [host, port], "profile": {"rotors": [{}] * 4}}])
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import psutil
 import pytest
 
-from arena.autopilot.standin import BANNER, UP
+from arena.autopilot.sitl_standin import BANNER, UP
 from arena.errors import RunError
 from arena.px4 import __main__ as room
 from arena.px4.__main__ import check_free, make_folder, text
@@ -94,7 +94,9 @@ def until_ready(started: Started, world: World) -> None:
     world.until(lambda: {"ready": True} in started.hear() and world.status() == ["in step"], 30.0)
 
 
-def test_it_runs_the_stand_in_is_ready_once_that_is_up_and_ends_it_when_told(started: Started, world: World) -> None:
+def test_it_runs_the_stand_in_is_ready_once_that_is_up_and_ends_it_when_told(
+    started: Started, world: World
+) -> None:
     until_ready(started, world)
     assert BANNER in started.said and UP in started.said
     child = started.standin()
@@ -107,7 +109,9 @@ def test_it_runs_the_stand_in_is_ready_once_that_is_up_and_ends_it_when_told(sta
     assert not [t for t in started.hear() if "event" in t]
 
 
-def test_one_that_is_killed_is_told_by_name_and_signal_and_the_room_fails(started: Started, world: World) -> None:
+def test_one_that_is_killed_is_told_by_name_and_signal_and_the_room_fails(
+    started: Started, world: World
+) -> None:
     until_ready(started, world)
     started.standin().kill()
     world.until(lambda: started.process.poll() is not None)
@@ -132,8 +136,12 @@ def until_ended(started: Started) -> list[str]:
     return [t["event"] for t in started.hear() if "event" in t]
 
 
-def test_one_that_ends_before_it_is_up_is_told_with_its_last_words(tmp_path: Path, settings: dict[str, Any]) -> None:
-    started = Started(tmp_path, replaced(settings, tmp_path, "echo 'libfoo.so.1: no such file' >&2; exit 127"))
+def test_one_that_ends_before_it_is_up_is_told_with_its_last_words(
+    tmp_path: Path, settings: dict[str, Any]
+) -> None:
+    started = Started(
+        tmp_path, replaced(settings, tmp_path, "echo 'libfoo.so.1: no such file' >&2; exit 127")
+    )
     try:
         (told,) = until_ended(started)
     finally:
@@ -149,15 +157,19 @@ def test_one_that_hangs_is_told_before_it_is_given_up(
     told: list[str] = []
     monkeypatch.setattr(room, "_SLOW_S", 0.1)
     hanging = SimpleNamespace(
-        settings=settings, stopping=False, event=lambda text: (told.append(text), setattr(hanging, "stopping", True)),
-    )  # fmt: skip
+        settings=settings,
+        stopping=False,
+        event=lambda text: (told.append(text), setattr(hanging, "stopping", True)),
+    )
     with subprocess.Popen(["sleep", "60"], stdout=subprocess.PIPE) as process:
         assert room._watch(hanging, process, None) == 0
         process.kill()
     assert told == ["uav1: PX4 has not come up for 0.1 s. It has said nothing"]
 
 
-def test_one_that_is_stopped_is_late_and_not_gone_and_goes_on_when_continued(started: Started, world: World) -> None:
+def test_one_that_is_stopped_is_late_and_not_gone_and_goes_on_when_continued(
+    started: Started, world: World
+) -> None:
     until_ready(started, world)
     child = started.standin()
     child.suspend()
@@ -165,10 +177,14 @@ def test_one_that_is_stopped_is_late_and_not_gone_and_goes_on_when_continued(sta
     assert started.process.poll() is None
     child.resume()
     world.until_in_step()
-    assert any("answers again" in text for text in world.said) and not [t for t in started.hear() if "event" in t]
+    assert any("answers again" in text for text in world.said) and not [
+        t for t in started.hear() if "event" in t
+    ]
 
 
-def test_one_that_stays_stopped_has_ended(tmp_path: Path, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_that_stays_stopped_has_ended(
+    tmp_path: Path, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: list[str] = []
     monkeypatch.setattr(room, "_STOPPED_S", 0.1)
     given = SimpleNamespace(settings=settings, stopping=False, event=told.append, stats=told.append)
@@ -176,7 +192,10 @@ def test_one_that_stays_stopped_has_ended(tmp_path: Path, settings: dict[str, An
         process.send_signal(signal.SIGSTOP)
         assert room._watch(given, process, None) == 1
         assert process.poll() == -signal.SIGKILL
-    assert "(stopped by a signal for 0.1 s, then killed)" in told[0] and "stopped by a signal" in told[1]["ended"]
+    assert (
+        "(stopped by a signal for 0.1 s, then killed)" in told[0]
+        and "stopped by a signal" in told[1]["ended"]
+    )
 
 
 def test_the_killed_room_takes_its_px4_along(started: Started, world: World) -> None:
@@ -201,7 +220,13 @@ def test_its_folder_is_the_installed_one_by_links_but_for_what_the_arena_writes(
     tmp_path: Path, settings: dict[str, Any]
 ) -> None:
     data = tmp_path / "etc"
-    for name in ("init.d-posix/rcS", "init.d-posix/px4-rc.mavlink", "init.d-posix/airframes/1", "init.d/rc.mc", "extras.txt"):
+    for name in (
+        "init.d-posix/rcS",
+        "init.d-posix/px4-rc.mavlink",
+        "init.d-posix/airframes/1",
+        "init.d/rc.mc",
+        "extras.txt",
+    ):
         (data / name).parent.mkdir(parents=True, exist_ok=True)
         (data / name).write_text("installed")
     folder = make_folder({**settings, "data": str(data)})
@@ -214,7 +239,9 @@ def test_its_folder_is_the_installed_one_by_links_but_for_what_the_arena_writes(
     assert (data / "init.d-posix/px4-rc.mavlink").read_text() == "installed"
 
 
-@pytest.mark.parametrize(("value", "words"), [(4, "4"), (4.0, "4.0"), (0.25, "0.25"), (1_000_000, "1000000"), (-1, "-1")])
+@pytest.mark.parametrize(
+    ("value", "words"), [(4, "4"), (4.0, "4.0"), (0.25, "0.25"), (1_000_000, "1000000"), (-1, "-1")]
+)
 def test_a_parameter_is_written_as_its_type_is_read(value: float, words: str) -> None:
     assert text(value) == words
 
@@ -230,7 +257,9 @@ def with_free_ports(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("stand_in", [False, True])
-def test_a_port_that_is_taken_is_an_error_that_names_link_port_and_holder(settings: dict[str, Any], stand_in: bool) -> None:
+def test_a_port_that_is_taken_is_an_error_that_names_link_port_and_holder(
+    settings: dict[str, Any], stand_in: bool
+) -> None:
     given = {**with_free_ports(settings), "stand_in": stand_in}
     check_free(given)
     host, port = given["links"]["vision"]["local"]
@@ -251,6 +280,8 @@ def test_a_held_lock_of_the_instance_is_an_error_and_a_left_one_is_in_nobodys_wa
     check_free(given)
     with lock.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
-        with pytest.raises(RunError, match="PX4 instance 6 runs already: stop it, or give this vehicle another id"):
+        with pytest.raises(
+            RunError, match="PX4 instance 6 runs already: stop it, or give this vehicle another id"
+        ):
             check_free(given)
         check_free({**given, "stand_in": True})  # the stand-in has a lock of its own

@@ -12,25 +12,35 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.standin import BANNER, FREE_RUN, StandIn
-from arena.autopilot.startup import read_startup, rotors
+from arena.autopilot.px4_startup import read_startup, rotors
+from arena.autopilot.sitl_standin import BANNER, FREE_RUN, StandIn
 from arena.errors import InputError
 from arena.plan import make_plan
 from arena.plan.px4 import forgotten
-from arena.px4.link import SimulatorLink
+from arena.px4.simulator_link import SimulatorLink
 from arena.schema import load_arena
 
 from .fake import PERIOD_S, own_address, sensors
 
-PARAMS = {"MAV_SYS_ID": 7.0, "CA_ROTOR_COUNT": 4.0, **{f"CA_ROTOR{i}_{key}": value for i, row in enumerate(
-    ((0.13, 0.22, 0.05), (-0.13, -0.2, 0.05), (0.13, -0.22, -0.05), (-0.13, 0.2, -0.05))
-) for key, value in zip(("PX", "PY", "KM"), row, strict=True)}}  # fmt: skip
+PARAMS = {
+    "MAV_SYS_ID": 7.0,
+    "CA_ROTOR_COUNT": 4.0,
+    **{
+        f"CA_ROTOR{i}_{key}": value
+        for i, row in enumerate(
+            ((0.13, 0.22, 0.05), (-0.13, -0.2, 0.05), (0.13, -0.22, -0.05), (-0.13, 0.2, -0.05))
+        )
+        for key, value in zip(("PX", "PY", "KM"), row, strict=True)
+    },
+}
 
 
 def slice_of(folder: Path, address: str) -> dict[str, Any]:
     """The px4 room's slice of an arena with one vehicle that the stand-in flies, filled as the supervisor fills it."""
     file = folder / "arena.yaml"
-    file.write_text(f"address: {address}\npx4: {{home: stand-in}}\nvehicles: {{uav1: {{autopilot: px4, id: 7}}}}\n")
+    file.write_text(
+        f"address: {address}\npx4: {{home: stand-in}}\nvehicles: {{uav1: {{autopilot: px4, id: 7}}}}\n"
+    )
     made = make_plan(load_arena(file)).slices["px4.uav1.json"]
     return {**made, "folder": str(folder / "px4" / "uav1"), "clock": str(folder / "clock")}
 
@@ -53,13 +63,16 @@ def test_it_reads_the_scripts_that_the_plan_writes(tmp_path: Path) -> None:
     startup = {"MAV_SYS_ID": 7.0, "EKF2_MULTI_IMU": 0.0, "SENS_IMU_MODE": 1.0}
     assert found.params == {"MPC_THR_HOVER": 0.55, **startup, **forgotten(made["params"], made["version"])}
     assert {link.name: [link.local, list(link.remote)] for link in found.links} == {
-        name: [made["links"][name]["local"][1], made["links"][name]["remote"]] for name in ("router", "vision", "panic")
+        name: [made["links"][name]["local"][1], made["links"][name]["remote"]]
+        for name in ("router", "vision", "panic")
     }
 
 
 def test_the_environment_wins_over_a_default_and_a_script_over_the_environment(tmp_path: Path) -> None:
     text = "param set-default A 1\nparam set-default B 1\nparam set C 1\nsimulator_mavlink start -c 4560\n"
-    found = read_startup(scripts(tmp_path, mavlinksim=text, mavlink=""), {"PX4_PARAM_A": "5", "PX4_PARAM_C": "5"})
+    found = read_startup(
+        scripts(tmp_path, mavlinksim=text, mavlink=""), {"PX4_PARAM_A": "5", "PX4_PARAM_C": "5"}
+    )
     assert found.params == {"A": 5.0, "B": 1.0, "C": 1.0} and found.simulator == ("127.0.0.1", 4560)
 
 
@@ -71,10 +84,13 @@ def test_what_it_does_not_understand_is_told_and_never_guessed(tmp_path: Path) -
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("param set A b\nsimulator_mavlink start -c 4560", "A: got 'b', expected a number"),
-     ("param set A 1", "starts no simulator_mavlink"), ("simulator_mavlink start -c 0", "got '0', expected a port"),
-     (". none", "none: No such file")],
-)  # fmt: skip
+    [
+        ("param set A b\nsimulator_mavlink start -c 4560", "A: got 'b', expected a number"),
+        ("param set A 1", "starts no simulator_mavlink"),
+        ("simulator_mavlink start -c 0", "got '0', expected a port"),
+        (". none", "none: No such file"),
+    ],
+)
 def test_a_startup_that_cannot_be_is_an_error_in_words(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         read_startup(scripts(tmp_path, mavlinksim=text, mavlink=""), {})
@@ -82,7 +98,11 @@ def test_a_startup_that_cannot_be_is_an_error_in_words(tmp_path: Path, text: str
 
 def test_rotors_come_from_the_control_allocation_parameters() -> None:
     found = rotors(PARAMS)
-    assert [r["direction"] for r in found] == ["ccw", "ccw", "cw", "cw"] and found[1]["position_m"] == [-0.13, -0.2, 0.0]
+    assert [r["direction"] for r in found] == ["ccw", "ccw", "cw", "cw"] and found[1]["position_m"] == [
+        -0.13,
+        -0.2,
+        0.0,
+    ]
     with pytest.raises(InputError, match="CA_ROTOR_COUNT is not given"):
         rotors({})
     with pytest.raises(InputError, match="CA_ROTOR3_KM is not given: set PX4_PARAM_CA_ROTOR3_KM"):
@@ -96,7 +116,12 @@ def decoded(data: bytes) -> list[Any]:
 
 def test_it_greets_as_px4_does() -> None:
     wanted, beat = decoded(StandIn("x", PARAMS).greet())
-    assert (wanted.get_type(), wanted.command, wanted.param1, wanted.param2) == ("COMMAND_LONG", 511, 115.0, 5000.0)
+    assert (wanted.get_type(), wanted.command, wanted.param1, wanted.param2) == (
+        "COMMAND_LONG",
+        511,
+        115.0,
+        5000.0,
+    )
     assert beat.get_type() == "HEARTBEAT" and beat.get_srcSystem() == 7
 
 
@@ -119,10 +144,14 @@ def test_a_sample_that_comes_in_pieces_is_answered_once_it_is_whole() -> None:
 
 def test_magnetometer_and_barometer_are_held_between_their_samples() -> None:
     px4, codec = StandIn("x", PARAMS), mavlink.MAVLink(None)
-    for k, (fields, mag, height) in enumerate(((0x1FFF, 0.3, 100.0), (0x03F, 9.0, 900.0), (0x03F, 9.0, 900.0)), 1):
+    for k, (fields, mag, height) in enumerate(
+        ((0x1FFF, 0.3, 100.0), (0x03F, 9.0, 900.0), (0x03F, 9.0, 900.0)), 1
+    ):
         floats = [0.0, 0.0, -9.8, 0.0, 0.0, 0.0, mag, 0.0, 0.4, 1000.0, 0.0, height, 25.0]
         px4.hear(mavlink.MAVLink_hil_sensor_message(4000 * k, *floats, fields).pack(codec))
-    assert px4._held["mag_b"][0] == pytest.approx([0.3, 0.0, 0.4]) and px4._held["baro_alt_m"].tolist() == [100.0]
+    assert px4._held["mag_b"][0] == pytest.approx([0.3, 0.0, 0.4]) and px4._held["baro_alt_m"].tolist() == [
+        100.0
+    ]
 
 
 def test_it_speaks_on_its_links_as_the_vehicle_it_was_told_to_be() -> None:
@@ -132,9 +161,13 @@ def test_it_speaks_on_its_links_as_the_vehicle_it_was_told_to_be() -> None:
         px4.hear(link.sample(PERIOD_S * k, sensors(1), 0))
         for name, data in px4.transmit():
             for m in decoded(data):
-                assert m.get_type().startswith("UNKNOWN") or m.get_srcSystem() == 7  # the dialect has no CURRENT_MODE yet
+                assert (
+                    m.get_type().startswith("UNKNOWN") or m.get_srcSystem() == 7
+                )  # the dialect has no CURRENT_MODE yet
                 said.setdefault(name, set()).add(m.get_type())
-    assert {"HEARTBEAT", "ATTITUDE", "HIGHRES_IMU"} <= said["router"] and "HEARTBEAT" in said["vision"] & said["panic"]
+    assert {"HEARTBEAT", "ATTITUDE", "HIGHRES_IMU"} <= said["router"] and "HEARTBEAT" in said[
+        "vision"
+    ] & said["panic"]
 
 
 def test_samples_without_a_period_and_garbage_do_not_start_it() -> None:
@@ -151,8 +184,10 @@ def test_samples_without_a_period_and_garbage_do_not_start_it() -> None:
 def test_a_command_line_that_cannot_be_ends_with_2_and_says_that_it_is_no_px4(
     tmp_path: Path, arguments: list[str], said: str
 ) -> None:
-    argv = [sys.executable, "-m", "arena.autopilot.standin", "-d", "-i", "0", *arguments]
+    argv = [sys.executable, "-m", "arena.autopilot.sitl_standin", "-d", "-i", "0", *arguments]
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    done = subprocess.run(argv, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        argv, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 2 and said in done.stderr
     assert BANNER in done.stdout or "usage" in done.stderr

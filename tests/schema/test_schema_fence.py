@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from arena.params.generate import generate
-from arena.params.table import parameters, versions
+from arena.params.facts.parameter_table import parameters, versions
+from arena.params.generation.generate import generate
 from arena.plan.text import arena_yaml
 from arena.schema import Arena, load_arena
 from arena.schema.arena import Fence
@@ -39,8 +39,10 @@ def test_walls_that_are_not_given_are_the_rooms_and_the_margin_is_taken_off_once
     assert drawn.geofence == Fence(north=(-2.75, 1.75), east=(-2.75, 2.75), up=2.25)
     told = {key: drawn.origins[f"geofence.{key}"].source for key in ("north", "east", "up")}
     assert told == {
-        "north": "arena.yaml:2, less margin_m", "east": "default: the room's, less margin_m", "up": "arena.yaml:2, less margin_m",
-    }  # fmt: skip
+        "north": "arena.yaml:2, less margin_m",
+        "east": "default: the room's, less margin_m",
+        "up": "arena.yaml:2, less margin_m",
+    }
 
 
 def test_the_resolved_yaml_draws_the_same_box(folder: Path) -> None:
@@ -50,7 +52,9 @@ def test_the_resolved_yaml_draws_the_same_box(folder: Path) -> None:
     assert [v.params for v in again.vehicles] == [v.params for v in arena.vehicles]
 
 
-def test_each_vehicles_circle_holds_the_whole_box_and_no_more_and_its_height_counts_from_where_it_stands(folder: Path) -> None:
+def test_each_vehicles_circle_holds_the_whole_box_and_no_more_and_its_height_counts_from_where_it_stands(
+    folder: Path,
+) -> None:
     arena = load("geofence: {north: [-3, 2], up: 2.5}\n" + VEHICLES)
     assert arena.geofence is not None
     for v in arena.vehicles:
@@ -84,7 +88,9 @@ def test_every_version_gets_it_in_its_own_limits(version: str, folder: Path) -> 
 
 def test_a_real_vehicle_may_stand_anywhere_in_the_box(folder: Path) -> None:
     served = "mocap: {source: natnet, server: 10.0.0.2}\n"
-    (real,) = load(served + "geofence: {}\nvehicles:\n  uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14580'}\n").vehicles
+    (real,) = load(
+        served + "geofence: {}\nvehicles:\n  uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14580'}\n"
+    ).vehicles
     assert real.params["GF_MAX_HOR_DIST"] == pytest.approx(math.hypot(7, 4), abs=0.001)
 
 

@@ -12,12 +12,45 @@ from hypothesis import strategies as st
 from arena.schema.loader import dump_yaml, parse_yaml
 
 SCALARS: dict[str, Any] = {
-    "no": "no", "No": "No", "yes": "yes", "on": "on", "off": "off", "y": "y", "true": True, "False": False, "TRUE": True,
-    "010": 10, "0o17": 15, "0x1F": 31, "+3": 3, "-0": 0, "1_000": "1_000", "0b11": "0b11",
-    "12:30": "12:30", "190:20:30": "190:20:30", "1e-3": 1e-3, "1E5": 1e5, ".5": 0.5, "1.": 1.0, "-1.5e+2": -150.0,
-    ".inf": math.inf, "-.INF": -math.inf, "~": None, "null": None, "": None, "2001-01-01": "2001-01-01", "=": "=",
-    '"12"': "12", "'no'": "no", "3.1": 3.1, "'3.1'": "3.1", "1.2.3": "1.2.3", "0x": "0x", "nan": "nan", "inf": "inf",
-}  # fmt: skip
+    "no": "no",
+    "No": "No",
+    "yes": "yes",
+    "on": "on",
+    "off": "off",
+    "y": "y",
+    "true": True,
+    "False": False,
+    "TRUE": True,
+    "010": 10,
+    "0o17": 15,
+    "0x1F": 31,
+    "+3": 3,
+    "-0": 0,
+    "1_000": "1_000",
+    "0b11": "0b11",
+    "12:30": "12:30",
+    "190:20:30": "190:20:30",
+    "1e-3": 1e-3,
+    "1E5": 1e5,
+    ".5": 0.5,
+    "1.": 1.0,
+    "-1.5e+2": -150.0,
+    ".inf": math.inf,
+    "-.INF": -math.inf,
+    "~": None,
+    "null": None,
+    "": None,
+    "2001-01-01": "2001-01-01",
+    "=": "=",
+    '"12"': "12",
+    "'no'": "no",
+    "3.1": 3.1,
+    "'3.1'": "3.1",
+    "1.2.3": "1.2.3",
+    "0x": "0x",
+    "nan": "nan",
+    "inf": "inf",
+}
 
 
 @pytest.mark.parametrize("text", SCALARS)
@@ -51,11 +84,18 @@ def test_windows_line_ends_and_a_byte_order_mark_do_no_harm() -> None:
 
 
 plain = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text("abn019.:-_ex~#{}[]'\" \n", max_size=8)
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False)
+    | st.text("abn019.:-_ex~#{}[]'\" \n", max_size=8)
     | st.sampled_from(list(SCALARS)),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text("abc", min_size=1, max_size=3), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.text("abc", min_size=1, max_size=3), inner, max_size=3)
+    ),
     max_leaves=8,
-)  # fmt: skip
+)
 
 
 def tupled(value: Any) -> Any:

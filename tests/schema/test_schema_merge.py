@@ -45,7 +45,13 @@ def test_two_lines_are_a_complete_arena(folder: Path) -> None:
     one, two = arena.vehicles
     assert (one.id, one.ports.program, one.ports.sdk) == (1, 16001, 22001)
     assert (two.id, two.ports.program, two.ports.sdk) == (2, 16002, 22002)
-    assert (one.pose_rate_hz, one.forward, one.mocap_body, one.autopilot, one.asked) == (60.0, True, "uav1", "builtin", "auto")
+    assert (one.pose_rate_hz, one.forward, one.mocap_body, one.autopilot, one.asked) == (
+        60.0,
+        True,
+        "uav1",
+        "builtin",
+        "auto",
+    )
     assert one.program is not None and one.program.path == str(folder / "position_setpoints.py")
     assert two.position == (-2.0, 0.0, 0.0) and two.rpy_deg == (0.0, 0.0, 0.0)
 
@@ -59,8 +65,10 @@ def test_an_arena_cannot_be_changed(folder: Path) -> None:
 
 
 def test_ids_fill_the_gaps_that_given_ids_leave(folder: Path) -> None:
-    text = "vehicles:\n" + "".join(f"  v{i}: {{start: {{position: [{i - 1.5}, 0, 0]}}{given}}}\n" for i, given in
-                                   enumerate(["", ", id: 1", "", ", id: 7"]))  # fmt: skip
+    text = "vehicles:\n" + "".join(
+        f"  v{i}: {{start: {{position: [{i - 1.5}, 0, 0]}}{given}}}\n"
+        for i, given in enumerate(["", ", id: 1", "", ", id: 7"])
+    )
     assert [v.id for v in load(text).vehicles] == [2, 1, 3, 7]
 
 
@@ -90,21 +98,26 @@ def test_layers_lie_in_order_and_each_tells_its_place(folder: Path) -> None:
 
 
 def test_parameters_follow_from_the_arena(folder: Path) -> None:
-    arena = load(TWO, "mocap.latency_ms=20", "vehicles.uav2.profile=intel_aero", "vehicles.uav2.forward=false")
+    arena = load(
+        TWO, "mocap.latency_ms=20", "vehicles.uav2.profile=intel_aero", "vehicles.uav2.forward=false"
+    )
     one, two = (v.params for v in arena.vehicles)
     assert one["EKF2_EV_DELAY"] == 21.0 and one["EKF2_EV_CTRL"] == 15.0 and "EKF2_EV_DELAY" not in two
     assert one["MPC_THR_HOVER"] == pytest.approx(0.5652, abs=1e-4)
     assert two["MPC_THR_HOVER"] == pytest.approx(0.6099, abs=1e-4)
     assert (one["MAV_SYS_ID"], two["MAV_SYS_ID"]) == (1.0, 2.0)
     assert one["COM_OBL_RC_ACT"] == 4.0, "offboard loss must land"
-    assert (one["RTL_RETURN_ALT"], one["RTL_DESCEND_ALT"]) == (pytest.approx(1.8), pytest.approx(1.8)), "under a ceiling of 3 m"
+    assert (one["RTL_RETURN_ALT"], one["RTL_DESCEND_ALT"]) == (pytest.approx(1.8), pytest.approx(1.8)), (
+        "under a ceiling of 3 m"
+    )
     high = load(TWO, "world.size=[30,30,40]").vehicles[0].params
     assert (high["RTL_RETURN_ALT"], high["RTL_DESCEND_ALT"]) == (24.0, 10.0)
     assert load(TWO, "defaults.params.MPC_THR_HOVER=0.4").vehicles[0].params["MPC_THR_HOVER"] == 0.4
 
 
 @pytest.mark.parametrize(
-    ("frames", "poses"), [(180, 60), (200, 50), (120, 60), (100, 50), (50, 50), (240, 60), (250, 50), (360, 60)]
+    ("frames", "poses"),
+    [(180, 60), (200, 50), (120, 60), (100, 50), (50, 50), (240, 60), (250, 50), (360, 60)],
 )
 def test_the_pose_rate_follows_the_frame_rate(frames: float, poses: float, folder: Path) -> None:
     assert load(TWO, f"mocap.rate_hz={frames}").vehicles[0].pose_rate_hz == pytest.approx(poses)
@@ -112,7 +125,9 @@ def test_the_pose_rate_follows_the_frame_rate(frames: float, poses: float, folde
 
 def test_a_program_may_be_a_path_or_a_mapping_and_need_not_be_python(folder: Path) -> None:
     program = (
-        load("vehicles:\n  uav1: {program: {path: fly, args: [a, '1'], restart: on_failure}, args: [b]}\n").vehicles[0].program
+        load("vehicles:\n  uav1: {program: {path: fly, args: [a, '1'], restart: on_failure}, args: [b]}\n")
+        .vehicles[0]
+        .program
     )
     assert program is not None
     assert (Path(program.path).name, program.args, program.restart) == ("fly", ("a", "1", "b"), "on_failure")
@@ -122,7 +137,9 @@ def test_a_profile_may_be_a_file_beside_the_arena(folder: Path) -> None:
     from arena.schema import data_folder
 
     text = (data_folder("profiles") / "iris.yaml").read_text()
-    Path("mine.yaml").write_text(text.replace("name: iris", "name: mine").replace("mass_kg: 1.52", "mass_kg: 1.9"))
+    Path("mine.yaml").write_text(
+        text.replace("name: iris", "name: mine").replace("mass_kg: 1.52", "mass_kg: 1.9")
+    )
     vehicle = load("vehicles: {uav1: {profile: mine.yaml}}").vehicles[0]
     assert (vehicle.profile.name, vehicle.profile.mass_kg) == ("mine", 1.9)
     assert vehicle.params["MPC_THR_HOVER"] > 0.5652
@@ -135,7 +152,12 @@ def test_the_capture_group_follows_the_address(folder: Path) -> None:
 
 
 def test_an_override_may_be_a_flow_collection_and_make_what_was_not_there(folder: Path) -> None:
-    arena = load(TWO, "tools={rec: {argv: [sleep, '1']}}", "vehicles.uav3={start: {position: [2, 1, 0]}}", "world.size=[9, 9, 4]")
+    arena = load(
+        TWO,
+        "tools={rec: {argv: [sleep, '1']}}",
+        "vehicles.uav3={start: {position: [2, 1, 0]}}",
+        "world.size=[9, 9, 4]",
+    )
     assert [v.name for v in arena.vehicles] == ["uav1", "uav2", "uav3"]
     assert arena.tools["rec"].argv == ("sleep", "1") and arena.world.size == (9.0, 9.0, 4.0)
 

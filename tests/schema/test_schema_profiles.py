@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from arena.errors import InputError
 from arena.schema import load_profile, profile_names
 from arena.schema.library import read_profile
-from arena.thrust import ThrustCurve, thrust_curve
+from arena.thrust_curve import ThrustCurve, thrust_curve
 
 ROOT = Path(__file__).parents[2]
 CURVES = {name: load_profile(name).curve for name in ("iris", "intel_aero")}
@@ -29,7 +29,12 @@ def test_the_two_profiles_are_there() -> None:
 def test_rotors_stand_in_px4s_order_and_balance(name: str) -> None:
     profile = load_profile(name)
     places = np.array([r.position_m for r in profile.rotors])
-    assert [(x > 0, y > 0) for x, y, _ in places] == [(True, True), (False, False), (True, False), (False, True)]
+    assert [(x > 0, y > 0) for x, y, _ in places] == [
+        (True, True),
+        (False, False),
+        (True, False),
+        (False, True),
+    ]
     assert [r.direction for r in profile.rotors] == ["ccw", "ccw", "cw", "cw"]
     assert np.abs(places.sum(axis=0)[:2]).max() < 1e-9, "equal thrusts must not turn it"
     ixx, iyy, izz = profile.inertia_kg_m2
@@ -52,7 +57,9 @@ def test_the_figures_of_the_thesis_hold() -> None:
     t = np.linspace(5, 18.9, 20)
     assert np.allclose(aero.command(t), (np.tan((t - 10.37) / 8.84) + 1.478) / 2.955)
     hover = 1.52 * 9.80665
-    assert iris.command(hover) == pytest.approx((hover - 14.906) / 45.34 + 0.561, abs=0.005), "the tangent near hover"
+    assert iris.command(hover) == pytest.approx((hover - 14.906) / 45.34 + 0.561, abs=0.005), (
+        "the tangent near hover"
+    )
     assert iris.command(hover, 5.0) == pytest.approx(iris.command(hover / 0.8))
 
 
@@ -61,7 +68,9 @@ def test_the_figures_of_the_thesis_hold() -> None:
 def test_command_and_newtons_are_inverses(name: str, u: float) -> None:
     curve = CURVES[name]
     assert curve.command(curve.newtons(u)) == pytest.approx(u, abs=1e-9)
-    assert curve.newtons(curve.command(u * curve.max_newtons)) == pytest.approx(u * curve.max_newtons, abs=1e-9)
+    assert curve.newtons(curve.command(u * curve.max_newtons)) == pytest.approx(
+        u * curve.max_newtons, abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", CURVES)
@@ -69,7 +78,12 @@ def test_a_curve_never_wraps_and_never_falls(name: str) -> None:
     curve: ThrustCurve = CURVES[name]
     assert curve.newtons(0.0) == 0.0, "a motor that stands still gives nothing"
     assert np.all(np.diff(curve.newtons(np.linspace(0, 1, 2001))) > 0)
-    for newtons, command in ((-5.0, 0.0), (24.26 if name == "intel_aero" else 60.0, 1.0), (1e9, 1.0), (np.inf, 1.0)):
+    for newtons, command in (
+        (-5.0, 0.0),
+        (24.26 if name == "intel_aero" else 60.0, 1.0),
+        (1e9, 1.0),
+        (np.inf, 1.0),
+    ):
         assert curve.command(newtons) == pytest.approx(command, abs=1e-12) and curve.command(newtons) <= 1.0
     assert curve.command(10.0, 1e9) <= 1.0 and np.isfinite(curve.newtons(1.0, 1e9))
     assert curve.newtons(np.zeros((2, 3))).shape == (2, 3)
@@ -82,10 +96,14 @@ def test_a_curve_of_no_known_kind_is_refused() -> None:
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
-    [("mass_kg: 1.52", "mass_kg: -1", "mass_kg: got -1"), ("mass_kg: 1.52", "mass_kg: 9", "does not lift 9.0 kg"),
-     ("num_rotors: 4", "num_rotors: 6", "4 rotors are listed"), ("kind: quadratic", "kind: cubic", "thrust_curve"),
-     ("radius_m: 0.275", "radius: 0.275", "Did you mean radius_m?")],
-)  # fmt: skip
+    [
+        ("mass_kg: 1.52", "mass_kg: -1", "mass_kg: got -1"),
+        ("mass_kg: 1.52", "mass_kg: 9", "does not lift 9.0 kg"),
+        ("num_rotors: 4", "num_rotors: 6", "4 rotors are listed"),
+        ("kind: quadratic", "kind: cubic", "thrust_curve"),
+        ("radius_m: 0.275", "radius: 0.275", "Did you mean radius_m?"),
+    ],
+)
 def test_a_broken_profile_is_told_with_its_line(old: str, new: str, words: str, tmp_path: Path) -> None:
     text = (ROOT / "profiles" / "iris.yaml").read_text()
     assert old in text
@@ -114,6 +132,12 @@ def test_a_built_package_carries_profiles_and_templates(tmp_path: Path) -> None:
     )
     env = {**os.environ, "PYTHONPATH": str(tmp_path / "lib")}
     told = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=env, check=True, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=env,
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=60,
     ).stdout
     assert str(tmp_path / "lib") in told and "['intel_aero', 'iris']" in told and "arena.yaml.j2" in told

@@ -11,7 +11,7 @@ from sim_slices import PROFILE, slice_of, vehicle
 from arena.errors import InputError
 from arena.geometry import matrix_from_quat, quat_from_euler, quat_multiply
 from arena.sim.bodies import Bodies, display_answers
-from arena.sim.fleet import GRAVITY, read_fleet
+from arena.sim.vehicle_arrays import GRAVITY, read_fleet
 from arena.sim.world import World
 
 GENERIC = quat_from_euler(np.radians([10.0, -20.0, 35.0]))
@@ -74,7 +74,13 @@ def test_a_wrench_lasts_one_step(bodies):
 
 
 def test_nothing_damps_a_fall_or_a_spin(bodies):
-    bodies.place(0, p_n=np.array([0, 0, -100.0]), q_nb=GENERIC, v_n=np.array([3.0, 0, 0]), omega_b=np.array([0, 0, 4.0]))
+    bodies.place(
+        0,
+        p_n=np.array([0, 0, -100.0]),
+        q_nb=GENERIC,
+        v_n=np.array([3.0, 0, 0]),
+        omega_b=np.array([0, 0, 4.0]),
+    )
     for _ in range(500):
         bodies.step()
     assert bodies.v_n[0] == pytest.approx([3.0, 0.0, GRAVITY], rel=1e-9)

@@ -9,7 +9,7 @@ from sim_slices import vehicle
 from arena.errors import InputError
 from arena.geometry import euler_from_quat
 from arena.sim import world as module
-from arena.sim.spoil import spoil
+from arena.sim.fault_injection import spoil
 
 LEANING = [0.17, -0.35, 0.61]
 
@@ -25,12 +25,17 @@ class Pilots:
 
 
 def three(build, **changes):
-    return build(*(vehicle(f"uav{k}", k, position=[2.0 * k - 4.0, 0.5, -3.0], rpy=LEANING) for k in (1, 2, 3)), **changes)
+    return build(
+        *(vehicle(f"uav{k}", k, position=[2.0 * k - 4.0, 0.5, -3.0], rpy=LEANING) for k in (1, 2, 3)),
+        **changes,
+    )
 
 
 @pytest.mark.parametrize("most", [0, 2], ids=["batch", "few"])
 @pytest.mark.parametrize("rotor", [1, 2, 3, 4])
-def test_a_rotor_without_thrust_turns_the_vehicle_towards_it_and_lifts_a_quarter_less(build, monkeypatch, most, rotor):
+def test_a_rotor_without_thrust_turns_the_vehicle_towards_it_and_lifts_a_quarter_less(
+    build, monkeypatch, most, rotor
+):
     monkeypatch.setattr(module, "MOST", most)
     world = build(*(vehicle(f"uav{k}", k, position=[2.0 * k - 4.0, 0.5, -3.0], rpy=LEANING) for k in (1, 2)))
     assert (world._few is None) == (most == 0)
@@ -95,19 +100,26 @@ def test_a_battery_is_drained_at_its_pace_and_then_by_its_motors_again(build):
 @pytest.mark.parametrize("most", [0, 2], ids=["batch", "few"])
 def test_wind_blows_the_way_it_is_said_to_in_ned(build, monkeypatch, most):
     monkeypatch.setattr(module, "MOST", most)
-    calm, windy = (build(vehicle(position=[0, 0, -3], rpy=LEANING, drag_kg_s=[0.3, 0.3, 0.3])) for _ in range(2))
+    calm, windy = (
+        build(vehicle(position=[0, 0, -3], rpy=LEANING, drag_kg_s=[0.3, 0.3, 0.3])) for _ in range(2)
+    )
     assert spoil(windy, Pilots(), {"do": "wind", "wind_m_s": [3, -1.5, 0.5]}) == "wind 3 -1.5 0.5 m/s"
     for _ in range(10):
         for world in (calm, windy):
             world.step(np.tile(world.fleet.hover[:, None], 4))
     pushed = windy.truth().v_n[0] - calm.truth().v_n[0]
-    assert pushed / np.linalg.norm(pushed) == pytest.approx(np.array([3, -1.5, 0.5]) / np.linalg.norm([3, -1.5, 0.5]), abs=0.02)
+    assert pushed / np.linalg.norm(pushed) == pytest.approx(
+        np.array([3, -1.5, 0.5]) / np.linalg.norm([3, -1.5, 0.5]), abs=0.02
+    )
     assert abs(euler_from_quat(calm.truth().q_nb[0])[0]) > 0.1
 
 
 def test_sticks_are_passed_on_to_the_pilots(build):
     world, pilots = three(build), Pilots()
-    assert spoil(world, pilots, {"do": "sticks", "vehicle": "uav3", "on": False}) == "the sticks of uav3 are lost"
+    assert (
+        spoil(world, pilots, {"do": "sticks", "vehicle": "uav3", "on": False})
+        == "the sticks of uav3 are lost"
+    )
     spoil(world, pilots, {"do": "sticks", "vehicle": "uav1", "on": True})
     assert pilots.told == [(2, False), (0, True)]
     with pytest.raises(InputError, match="know no sticks"):
@@ -116,13 +128,27 @@ def test_sticks_are_passed_on_to_the_pilots(build):
 
 MOTOR = {"do": "motor", "vehicle": "uav1", "rotor": 1, "thrust": 0.0}
 SENSELESS = [
-    {}, {"do": "Motor"}, {"do": ["motor"]}, {**MOTOR, "vehicle": "uav9"}, {**MOTOR, "vehicle": 1}, {**MOTOR, "rotor": 0},
-    {**MOTOR, "rotor": 5}, {**MOTOR, "rotor": 1.0}, {**MOTOR, "thrust": -0.1}, {**MOTOR, "thrust": float("nan")},
-    {**MOTOR, "thrust": None}, {"do": "battery", "vehicle": "uav1"}, {"do": "battery", "vehicle": "uav1", "empty_in_s": 0},
-    {"do": "battery", "vehicle": "uav1", "empty_in_s": float("inf")}, {"do": "wind"}, {"do": "wind", "wind_m_s": [1, 2]},
-    {"do": "wind", "wind_m_s": [1, 2, float("nan")]}, {"do": "wind", "wind_m_s": [1e9, 0, 0]},
-    {"do": "sticks", "vehicle": "uav1", "on": 0}, {"do": "sticks", "vehicle": "uav1"},
-]  # fmt: skip
+    {},
+    {"do": "Motor"},
+    {"do": ["motor"]},
+    {**MOTOR, "vehicle": "uav9"},
+    {**MOTOR, "vehicle": 1},
+    {**MOTOR, "rotor": 0},
+    {**MOTOR, "rotor": 5},
+    {**MOTOR, "rotor": 1.0},
+    {**MOTOR, "thrust": -0.1},
+    {**MOTOR, "thrust": float("nan")},
+    {**MOTOR, "thrust": None},
+    {"do": "battery", "vehicle": "uav1"},
+    {"do": "battery", "vehicle": "uav1", "empty_in_s": 0},
+    {"do": "battery", "vehicle": "uav1", "empty_in_s": float("inf")},
+    {"do": "wind"},
+    {"do": "wind", "wind_m_s": [1, 2]},
+    {"do": "wind", "wind_m_s": [1, 2, float("nan")]},
+    {"do": "wind", "wind_m_s": [1e9, 0, 0]},
+    {"do": "sticks", "vehicle": "uav1", "on": 0},
+    {"do": "sticks", "vehicle": "uav1"},
+]
 
 
 @pytest.mark.parametrize("fault", SENSELESS, ids=str)

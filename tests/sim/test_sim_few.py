@@ -20,12 +20,18 @@ def flown(most: int, height_m: float, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(module, "MOST", most)
     fleet = [
         vehicle(
-            f"uav{k}", k, position=[2.0 * k, 0.2, -height_m], rpy=[0.1, -0.2, 0.7 * k], drag_kg_s=[0.2, 0.3, 0.4],
-            thrust_curve=CURVE, body_drag_kg_m=[0.01, 0.02, 0.03], ground_effect={"rotor_radius_m": 0.127, "body_lift": 2.0},
+            f"uav{k}",
+            k,
+            position=[2.0 * k, 0.2, -height_m],
+            rpy=[0.1, -0.2, 0.7 * k],
+            drag_kg_s=[0.2, 0.3, 0.4],
+            thrust_curve=CURVE,
+            body_drag_kg_m=[0.01, 0.02, 0.03],
+            ground_effect={"rotor_radius_m": 0.127, "body_lift": 2.0},
             battery=PACK,
         )
         for k in (1, 2)
-    ]  # fmt: skip
+    ]
     world, rng, seen = World(slice_of(*fleet, wind_m_s=[0.5, -0.2, 0.1])), np.random.default_rng(1), []
     assert (world._few is None) == (most == 0)
     for _ in range(200):
@@ -37,7 +43,9 @@ def flown(most: int, height_m: float, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.mark.parametrize(("height_m", "within"), [(3.0, 1e-9), (0.0, 1e-6)])
-def test_a_small_fleet_flies_as_it_would_in_a_batch(height_m: float, within: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_fleet_flies_as_it_would_in_a_batch(
+    height_m: float, within: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     few, batched = flown(2, height_m, monkeypatch), flown(0, height_m, monkeypatch)
     assert np.abs(batched[-1] - batched[0]).max() > 0.1
     assert np.abs(few - batched).max() < within

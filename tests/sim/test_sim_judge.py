@@ -5,12 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from arena.sim.judge import Judge
+from arena.sim.crash_detector import Judge
 
 DT = 0.004
 
 
-def watch(judge, seconds, *, v=(0.0, 0.0, 0.0), p=(0.0, 0.0, -1.0), floor=False, cos_tilt=1.0, others=None, start=0.0):
+def watch(
+    judge,
+    seconds,
+    *,
+    v=(0.0, 0.0, 0.0),
+    p=(0.0, 0.0, -1.0),
+    floor=False,
+    cos_tilt=1.0,
+    others=None,
+    start=0.0,
+):
     for k in range(round(seconds / DT)):
         judge.watch(
             now=start + k * DT,

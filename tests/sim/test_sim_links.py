@@ -9,7 +9,7 @@ import time
 import pytest
 
 from arena.errors import InputError, RunError
-from arena.sim.links import Links, hosts_heard
+from arena.sim.vehicle_links import Links, hosts_heard
 
 HOST = "127.55.2.1"
 
@@ -60,7 +60,10 @@ def test_datagrams_arrive_with_their_vehicle_and_link():
 
 
 def test_anyone_is_heard_but_only_the_partner_is_answered():
-    with opened() as (links, partners, vehicles), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+    with (
+        opened() as (links, partners, vehicles),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
         stranger.bind((HOST, 0))
         stranger.setblocking(False)
         stranger.sendto(b"x" * 60_000, local(vehicles, 0, "router"))
@@ -131,16 +134,24 @@ def test_where_other_computers_reach_it_a_link_hears_this_one_and_its_partners_a
             links.close()
 
 
-@pytest.mark.parametrize(("local", "remote", "heard"), [
-    ("127.0.0.1", "127.0.0.1", set()), ("127.3.2.1", "127.0.0.1", set()),
-    ("192.168.1.5", "192.168.1.5", {"192.168.1.5"}), ("10.0.0.2", "10.0.0.9", {"10.0.0.2", "10.0.0.9"}),
-])
+@pytest.mark.parametrize(
+    ("local", "remote", "heard"),
+    [
+        ("127.0.0.1", "127.0.0.1", set()),
+        ("127.3.2.1", "127.0.0.1", set()),
+        ("192.168.1.5", "192.168.1.5", {"192.168.1.5"}),
+        ("10.0.0.2", "10.0.0.9", {"10.0.0.2", "10.0.0.9"}),
+    ],
+)
 def test_who_is_heard_goes_by_the_address(local, remote, heard):
     assert hosts_heard(local, remote) == heard
 
 
 def test_a_port_in_use_is_a_sentence_that_names_it():
-    with opened() as (_, _, vehicles), pytest.raises(RunError, match=f"uav1: vision link: cannot bind {HOST}:"):
+    with (
+        opened() as (_, _, vehicles),
+        pytest.raises(RunError, match=f"uav1: vision link: cannot bind {HOST}:"),
+    ):
         Links([{"name": "uav1", "links": {"vision": vehicles[0]["links"]["vision"]}}], budget_s=1.0)
 
 

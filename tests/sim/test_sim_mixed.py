@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from arena.sim.mixed import Mixed
+from arena.sim.composite_autopilot import Mixed
 
 
 class Listening:

@@ -93,6 +93,8 @@ def test_a_world_that_hurries_keeps_to_a_core_where_every_px4_has_one_too():
     assert own_core(tuple(range(8)), speed=math.inf, outside=7, pid=0) == 0
 
 
-@pytest.mark.parametrize(("speed", "outside", "cores"), [(1.0, 1, 2), (math.inf, 0, 2), (math.inf, 2, 2), (math.inf, 1, 1)])
+@pytest.mark.parametrize(
+    ("speed", "outside", "cores"), [(1.0, 1, 2), (math.inf, 0, 2), (math.inf, 2, 2), (math.inf, 1, 1)]
+)
 def test_else_the_kernel_chooses(speed, outside, cores):
     assert own_core(tuple(range(cores)), speed=speed, outside=outside, pid=7) is None

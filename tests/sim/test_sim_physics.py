@@ -12,9 +12,9 @@ from sim_slices import PROFILE, vehicle
 
 from arena.geometry import quat_from_euler
 from arena.sim.battery import Battery
-from arena.sim.fleet import Fleet, read_fleet
 from arena.sim.ground import REACH, ground_share, ground_table
 from arena.sim.rotors import Rotors
+from arena.sim.vehicle_arrays import Fleet, read_fleet
 
 H = 0.002
 RADIUS = 0.127
@@ -70,14 +70,19 @@ def test_drag_of_the_body_goes_with_the_square_and_against_the_air_along_each_ax
 def test_a_gliding_vehicle_slows_down_whatever_its_attitude(rpy_deg: Any, build: Any) -> None:
     world = build(vehicle(drag_kg_s=[0.3, 0.3, 0.3]))
     world.bodies.place(
-        0, p_n=np.array([0.0, 0.0, -4.0]), q_nb=quat_from_euler(np.radians(rpy_deg)), v_n=np.array([2.0, -1.0, 0.0])
+        0,
+        p_n=np.array([0.0, 0.0, -4.0]),
+        q_nb=quat_from_euler(np.radians(rpy_deg)),
+        v_n=np.array([2.0, -1.0, 0.0]),
     )
     push_n = world.bodies.r_nb[0] @ push(world.fleet, world.bodies.v_n[0] @ world.bodies.r_nb[0])
     alone_n = world.bodies.r_nb[0] @ push(fleet_of(), np.zeros(3))
     assert push_n - alone_n == pytest.approx([-0.6, 0.3, 0.0], abs=1e-3)
 
 
-def test_a_rotor_has_closed_63_percent_of_the_gap_after_its_time_constant_and_falls_slower_than_it_rises() -> None:
+def test_a_rotor_has_closed_63_percent_of_the_gap_after_its_time_constant_and_falls_slower_than_it_rises() -> (
+    None
+):
     fleet = fleet_of(motor_up_s=0.02, motor_down_s=0.04)
     rotors = Rotors(fleet, step_s=H)
     for _ in range(10):
@@ -111,7 +116,9 @@ def test_the_floor_lifts_most_where_it_is_near_and_not_at_all_some_diameters_up(
     assert np.all(np.diff(share) <= 0.0)
     assert 1.2 < share[0] < 1.5
     fleet = fleet_of(ground_effect=GROUND)
-    thrusts = [-push(fleet, [0, 0, 0], height=np.array([z]))[2] for z in (0.05, 8 * RADIUS, REACH * RADIUS, 50.0)]
+    thrusts = [
+        -push(fleet, [0, 0, 0], height=np.array([z]))[2] for z in (0.05, 8 * RADIUS, REACH * RADIUS, 50.0)
+    ]
     weight = PROFILE["mass_kg"] * 9.80665
     assert thrusts[0] > 1.2 * weight
     assert thrusts[1] == pytest.approx(weight, rel=0.012), "four diameters up a hundredth is left"
@@ -132,7 +139,9 @@ def test_a_pack_sags_under_load_recovers_without_it_and_never_gains_charge() -> 
     rest = float(battery.voltage[0])
     battery.step(np.full((1, 4), 0.9))
     loaded, charge = float(battery.voltage[0]), float(battery.remaining[0])
-    assert rest - loaded == pytest.approx(0.05 * (battery.current[0] - PROFILE["battery"]["idle_a"]), rel=0.01)
+    assert rest - loaded == pytest.approx(
+        0.05 * (battery.current[0] - PROFILE["battery"]["idle_a"]), rel=0.01
+    )
     battery.step(np.zeros((1, 4)))
     assert float(battery.voltage[0]) == pytest.approx(rest, abs=1e-3)
     assert float(battery.remaining[0]) < charge < 1.0

@@ -9,8 +9,8 @@ import pytest
 from sim_slices import vehicle
 
 from arena.geometry import matrix_from_quat, quat_from_euler
-from arena.sim.fleet import read_fleet
 from arena.sim.sensors import Origin, Sensors
+from arena.sim.vehicle_arrays import read_fleet
 
 N = 5000
 LISBON = Origin(lat_deg=38.7, lon_deg=-9.1, alt_m=100.0)
@@ -70,7 +70,12 @@ def test_samples_are_not_views_of_one_another():
 
 def test_an_impact_saturates_the_accelerometer_at_16_g():
     made = sensors(vehicle(sensors=QUIET))
-    sensed = made.sense(accel_b=np.array([[0, 0, -400.0]]), omega_b=np.zeros((1, 3)), r_nb=np.eye(3)[None], p_n=np.zeros((1, 3)))
+    sensed = made.sense(
+        accel_b=np.array([[0, 0, -400.0]]),
+        omega_b=np.zeros((1, 3)),
+        r_nb=np.eye(3)[None],
+        p_n=np.zeros((1, 3)),
+    )
     assert sensed["accel_b"][0, 2] == pytest.approx(-156.9)
 
 

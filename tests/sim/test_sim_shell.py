@@ -18,8 +18,8 @@ import pytest
 from sim_slices import slice_of, vehicle
 
 from arena.clock import SimClock
-from arena.faults import inject
-from arena.wire.truth import TruthReader
+from arena.fault_injection import inject
+from arena.wire.truth_page import TruthReader
 
 HOST = "127.55.3.1"
 STUB = Path(__file__).with_name("stub_world.py")
@@ -128,7 +128,15 @@ def test_stats_have_what_the_summary_needs():
     with running() as run:
         stats = run.told("stats", lambda stats: stats["steps"] < 230)
         assert 0 < stats["rtf"] < 1.1
-        assert {"lateness_p99_ms", "lateness_worst_ms", "rtf_min", "rtf_max", "forgiven", "steps", "autopilot"} <= set(stats)
+        assert {
+            "lateness_p99_ms",
+            "lateness_worst_ms",
+            "rtf_min",
+            "rtf_max",
+            "forgiven",
+            "steps",
+            "autopilot",
+        } <= set(stats)
         assert stats["vehicles"]["uav1"]["crashed"] == ""
 
 
@@ -149,7 +157,9 @@ def test_at_most_speed_it_runs_far_faster_than_the_wall_clock_and_waits_for_who_
             now = clock.sleep_until(due)
             assert now == pytest.approx(due, abs=0.0041)
             truth = TruthReader(run.folder / "truth")
-            assert (clock.now(), truth.newest().time_s) == (now, now), "lockstep: it waits while this client is awake"
+            assert (clock.now(), truth.newest().time_s) == (now, now), (
+                "lockstep: it waits while this client is awake"
+            )
             assert (clock.now(), truth.newest().time_s) == (now, now)
         clock.close()
 
@@ -167,7 +177,9 @@ def test_a_client_that_hangs_in_lockstep_is_struck_off_by_name():
 @pytest.mark.parametrize("outside", [False, True])
 def test_a_fault_is_in_force_at_the_next_step_of_a_lockstep_world_and_is_told(outside, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with running(speed="max", stub_outside=outside, stub_command=0.7, faults=str(tmp_path / "world.faults")) as run:
+    with running(
+        speed="max", stub_outside=outside, stub_command=0.7, faults=str(tmp_path / "world.faults")
+    ) as run:
         run.told("ready")
         clock, truth = SimClock(run.folder / "clock", "a test"), TruthReader(run.folder / "truth")
         now = clock.sleep_until(clock.now() + 0.1)  # from here on nothing moves while this test is awake
@@ -182,7 +194,9 @@ def test_a_fault_is_in_force_at_the_next_step_of_a_lockstep_world_and_is_told(ou
         assert fell - climb == pytest.approx(9.81 * 0.004, rel=0.05), "all of the next step it falls freely"
         told = [run.told("event") for _ in range(5)]
         assert told[0] == "fault: rotor 1 of uav1 gives 0 % of its thrust"
-        assert told[4].startswith("fault refused: ") and told[4].endswith('vehicle: got "uav9", expected one of uav1')
+        assert told[4].startswith("fault refused: ") and told[4].endswith(
+            'vehicle: got "uav9", expected one of uav1'
+        )
         clock.sleep_until(now + 0.1)
         clock.close()
         run.child.terminate()
@@ -219,15 +233,24 @@ def test_an_error_is_one_sentence_and_exit_code_two():
 
 
 def test_a_port_in_use_leaves_nothing_behind():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken, tempfile.TemporaryDirectory(prefix="w5-") as folder:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken,
+        tempfile.TemporaryDirectory(prefix="w5-") as folder,
+    ):
         taken.bind((HOST, 0))
         address = list(taken.getsockname())
         made = slice_of(
-            vehicle(links={"router": {"local": address, "remote": address}}), clock=f"{folder}/c", truth=f"{folder}/t"
+            vehicle(links={"router": {"local": address, "remote": address}}),
+            clock=f"{folder}/c",
+            truth=f"{folder}/t",
         )
         Path(folder, "slice.json").write_text(json.dumps(made))
         done = subprocess.run(
-            [sys.executable, str(STUB), f"{folder}/slice.json"], capture_output=True, text=True, timeout=DEADLINE_S, check=False
+            [sys.executable, str(STUB), f"{folder}/slice.json"],
+            capture_output=True,
+            text=True,
+            timeout=DEADLINE_S,
+            check=False,
         )
         assert done.returncode == 1
         assert "uav1: router link: cannot bind" in done.stderr

@@ -10,7 +10,7 @@ from sim_slices import PROFILE, slice_of, vehicle
 
 from arena.errors import InputError
 from arena.geometry import euler_from_quat, matrix_from_quat, quat_from_euler
-from arena.sim.fleet import GRAVITY
+from arena.sim.vehicle_arrays import GRAVITY
 from arena.sim.world import World, substeps
 
 ALOFT = [0.0, 0.0, -2.5]
@@ -128,7 +128,9 @@ def test_two_vehicles_that_meet_have_both_crashed_and_each_names_the_other(build
     assert world.events() == []
 
 
-@pytest.mark.parametrize(("towards", "wall"), [((1, 0), "north"), ((-1, 0), "south"), ((0, 1), "east"), ((0, -1), "west")])
+@pytest.mark.parametrize(
+    ("towards", "wall"), [((1, 0), "north"), ((-1, 0), "south"), ((0, 1), "east"), ((0, -1), "west")]
+)
 def test_a_wall_stops_a_vehicle_and_is_named(build, towards, wall):
     world = settled(build(vehicle(position=ALOFT)))
     edge = np.array([6.0, 4.0]) * towards
@@ -142,7 +144,9 @@ def test_a_wall_stops_a_vehicle_and_is_named(build, towards, wall):
 @pytest.mark.parametrize(("speed", "crashes"), [(0.7, False), (1.3, False), (1.8, True)])
 def test_touchdown_speed_decides(build, speed, crashes):
     world = settled(build(vehicle(position=[0, 0, -0.5])))
-    world.bodies.place(0, p_n=np.array([0.5, 0.2, -0.5]), q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([0, 0, speed]))
+    world.bodies.place(
+        0, p_n=np.array([0.5, 0.2, -0.5]), q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([0, 0, speed])
+    )
     for _ in range(500):
         world.step(hover(world) if not world.judge()["uav1"]["landings"] else np.zeros((1, 4)))
     verdict = world.judge()["uav1"]
@@ -154,7 +158,9 @@ def test_touchdown_speed_decides(build, speed, crashes):
 
 def test_tilt_is_a_crash(build):
     world = build(vehicle(position=[0, 0, -4]))
-    world.bodies.place(0, p_n=np.array([0, 0, -4.0]), q_nb=quat_from_euler([0, 0, 0]), omega_b=np.array([6.0, 0, 0]))
+    world.bodies.place(
+        0, p_n=np.array([0, 0, -4.0]), q_nb=quat_from_euler([0, 0, 0]), omega_b=np.array([6.0, 0, 0])
+    )
     fly(world, np.zeros((1, 4)), 0.3)
     assert "tilted 6" in world.judge()["uav1"]["crashed"]
 
@@ -212,7 +218,9 @@ def test_vehicles_of_different_rotor_counts_live_together(build):
         {"position_m": [0.2 * np.cos(a), 0.2 * np.sin(a), 0], "direction": "cw" if i % 2 else "ccw"}
         for i, a in enumerate(np.radians(np.arange(30, 390, 60)))
     ]
-    world = settled(build(vehicle(position=ALOFT), vehicle("hexa", 2, position=[2, 0, -2.5], rotors=six, num_rotors=6)))
+    world = settled(
+        build(vehicle(position=ALOFT), vehicle("hexa", 2, position=[2, 0, -2.5], rotors=six, num_rotors=6))
+    )
     assert world.fleet.rotors == 6
     fly(world, hover(world), 1.0)
     assert world.bodies.p_n[:, 2] == pytest.approx([-2.55, -2.55], abs=2e-3)
@@ -231,7 +239,9 @@ def test_the_battery_empties_as_the_profile_says(build):
 
 def test_physics_must_divide_into_sensor_periods_and_the_error_shows_both():
     assert substeps(500, 250) == 2
-    with pytest.raises(InputError, match=r"physics_hz: got 600, must be a whole multiple of sensor_hz \(250\)\. Try 500"):
+    with pytest.raises(
+        InputError, match=r"physics_hz: got 600, must be a whole multiple of sensor_hz \(250\)\. Try 500"
+    ):
         substeps(600, 250)
     with pytest.raises(InputError, match="physics_hz"):
         substeps(100, 250)

@@ -1,7 +1,5 @@
 """Every kind of broken scenario gives one clear line, with its place; several give several."""
 
-# ruff: noqa: E501  a row of the table is read as a whole
-
 from __future__ import annotations
 
 import math
@@ -13,8 +11,8 @@ from hypothesis import strategies as st
 
 from arena.errors import InputError
 from arena.schema import load_arena
-from arena.smoke.scenario import ScenarioFile, load_scenarios
-from arena.smoke.words import Box
+from arena.smoke.language.model import Box
+from arena.smoke.language.scenario import ScenarioFile, load_scenarios
 
 TWO = "vehicles:\n  uav1: {program: fly.py}\n  uav2: {start: {position: [2, 0, 0]}}\n"
 ONE = "vehicles:\n  uav1: {program: fly.py}\n"
@@ -23,52 +21,173 @@ STEP = "steps:\n  - at: uav1.airborne\n    do: kill program uav1\n"
 
 # name of the breakage -> (the YAML, `line: field: ` it must be told at, words it must hold)
 BROKEN: dict[str, tuple[str, str, str]] = {
-    "unknown key": (HEAD + "tim_limit_s: 3\n" + STEP, "2: tim_limit_s: ", "unknown key. Did you mean time_limit_s?"),
+    "unknown key": (
+        HEAD + "tim_limit_s: 3\n" + STEP,
+        "2: tim_limit_s: ",
+        "unknown key. Did you mean time_limit_s?",
+    ),
     "key given twice": (HEAD + HEAD + STEP, "2: arena: ", "twice, on lines 1 and 2"),
     "no arena": (STEP, "1: arena: ", "is missing"),
     "no steps": (HEAD, "1: steps: ", "is missing"),
     "empty steps": (HEAD + "steps: []\n", "2: steps: ", "at least 1"),
     "steps as text": (HEAD + "steps: kill all\n", "2: steps: ", "got 'kill all', expected a list."),
-    "arena as a number": ("arena: 3\n" + STEP, "1: arena: ", "got 3, expected the arena's file, a list of such files, or a mapping"),
+    "arena as a number": (
+        "arena: 3\n" + STEP,
+        "1: arena: ",
+        "got 3, expected the arena's file, a list of such files, or a mapping",
+    ),
     "empty list of arenas": ("arena: []\n" + STEP, "1: arena: ", "expected the arena's file"),
-    "arena that is not there": ("arena: tow.yaml\n" + STEP, "1: arena: ", "got 'tow.yaml', which is not there. Did you mean two.yaml?"),
-    "arena of another folder that is not there": ("arena: ../x/two.yaml\n" + STEP, "1: arena: ", "which is not there"),
-    "time limit of nothing": (HEAD + "time_limit_s: 0\n" + STEP, "2: time_limit_s: ", "got 0, expected more than 0."),
-    "time limit as text": (HEAD + "time_limit_s: 60 s\n" + STEP, "2: time_limit_s: ", "got '60 s', expected a number."),
+    "arena that is not there": (
+        "arena: tow.yaml\n" + STEP,
+        "1: arena: ",
+        "got 'tow.yaml', which is not there. Did you mean two.yaml?",
+    ),
+    "arena of another folder that is not there": (
+        "arena: ../x/two.yaml\n" + STEP,
+        "1: arena: ",
+        "which is not there",
+    ),
+    "time limit of nothing": (
+        HEAD + "time_limit_s: 0\n" + STEP,
+        "2: time_limit_s: ",
+        "got 0, expected more than 0.",
+    ),
+    "time limit as text": (
+        HEAD + "time_limit_s: 60 s\n" + STEP,
+        "2: time_limit_s: ",
+        "got '60 s', expected a number.",
+    ),
     "override that is none": (HEAD + "set: [defaults]\n" + STEP, "2: set[0]: ", "expected key=value"),
-    "override of an unknown key": (HEAD + "set:\n  - world.seed=3\n  - world.sede=3\n" + STEP, "4: set[1]: ", "world.sede: unknown key. Did you mean seed?"),
-    "override with a wrong value": (HEAD + "set: [sim.speed=fast]\n" + STEP, "2: set[0]: ", "sim.speed: got 'fast'"),
-    "override that suits no vehicle": (HEAD + "set: [defaults.pose_rate_hz=70]\n" + STEP, "2: set[0]: ", "pose_rate_hz: got 70"),
-    "step as text": (HEAD + "steps:\n  - kill all\n", "3: steps[0]: ", "got 'kill all', expected a mapping of at, do, expect."),
+    "override of an unknown key": (
+        HEAD + "set:\n  - world.seed=3\n  - world.sede=3\n" + STEP,
+        "4: set[1]: ",
+        "world.sede: unknown key. Did you mean seed?",
+    ),
+    "override with a wrong value": (
+        HEAD + "set: [sim.speed=fast]\n" + STEP,
+        "2: set[0]: ",
+        "sim.speed: got 'fast'",
+    ),
+    "override that suits no vehicle": (
+        HEAD + "set: [defaults.pose_rate_hz=70]\n" + STEP,
+        "2: set[0]: ",
+        "pose_rate_hz: got 70",
+    ),
+    "step as text": (
+        HEAD + "steps:\n  - kill all\n",
+        "3: steps[0]: ",
+        "got 'kill all', expected a mapping of at, do, expect.",
+    ),
     "empty step": (HEAD + "steps:\n  - {}\n", "3: steps[0]: ", "expected a mapping of at, do, expect."),
-    "unknown key of a step": (HEAD + STEP + "  - expct: uav1.landed within 2 s\n", "5: steps[1].expct: ", "unknown key. Did you mean expect?"),
+    "unknown key of a step": (
+        HEAD + STEP + "  - expct: uav1.landed within 2 s\n",
+        "5: steps[1].expct: ",
+        "unknown key. Did you mean expect?",
+    ),
     "deed as a number": (HEAD + "steps:\n  - do: 3\n", "3: steps[0].do: ", "got 3, expected text."),
-    "one of several deeds": (HEAD + "steps:\n  - do:\n      - land all\n      - lnd all\n", "5: steps[0].do[1]: ", "Did you mean land?"),
+    "one of several deeds": (
+        HEAD + "steps:\n  - do:\n      - land all\n      - lnd all\n",
+        "5: steps[0].do[1]: ",
+        "Did you mean land?",
+    ),
     "no deed": (HEAD + "steps:\n  - do: []\n", "3: steps[0].do: ", "expected text"),
-    "two moments": (HEAD + "steps:\n  - at: [start, start]\n    do: land all\n", "3: steps[0].at: ", "expected text"),
-    "moment misspelt": (HEAD + "steps:\n  - at: uav1.airbrne + 3 s\n    do: land all\n", "3: steps[0].at: ", "Did you mean uav1.airborne?"),
-    "vehicle that is not there": (HEAD + "steps:\n  - at: uav3.airborne\n    do: land all\n", "3: steps[0].at: ", "expected a vehicle of the arena, or each"),
-    "deed on a vehicle that is not there": (HEAD + "steps:\n  - do: rc loss uav3\n", "3: steps[0].do: ", "got 'uav3' after 'loss'"),
-    "program that is not there": (HEAD + "steps:\n  - do: kill program uav2\n", "3: steps[0].do: ", "no process program.uav2"),
-    "PX4 that is not there": (HEAD + "steps:\n  - do: hang px4 uav1\n", "3: steps[0].do: ", "no process px4.uav1"),
-    "rotor that is not there": (HEAD + "steps:\n  - do: motor loss uav1 rotor 5\n", "3: steps[0].do: ", "a rotor, 1 to 4"),
-    "expectation without a time": (HEAD + STEP + "  - expect: uav1.landed\n", "5: steps[1].expect: ", "`within` a time, or `for` a time"),
-    "mode that is none": (HEAD + STEP + "  - expect: uav1.mode == LADN within 2 s\n", "5: steps[1].expect: ", "Did you mean LAND?"),
-    "one of several expectations": (HEAD + STEP + "    expect:\n      - uav1.landed within 2 s\n      - uav1.landed wihtin 2 s\n", "7: steps[0].expect[1]: ", "Did you mean within?"),
-    "rule misspelt": (HEAD + STEP + "always:\n  - separation > 0.8 m\n  - inside geofnce\n", "7: always[1]: ", "got 'geofnce' after 'inside', expected geofence. Did you mean geofence?"),
-    "rule with the wrong unit": (HEAD + STEP + "always: [uav1.tilt < 40 m]\n", "5: always[0]: ", "expected the unit deg"),
-    "rule as a mapping": (HEAD + STEP + "always:\n  - separation: 3\n", "6: always[0]: ", "got a mapping, expected text."),
+    "two moments": (
+        HEAD + "steps:\n  - at: [start, start]\n    do: land all\n",
+        "3: steps[0].at: ",
+        "expected text",
+    ),
+    "moment misspelt": (
+        HEAD + "steps:\n  - at: uav1.airbrne + 3 s\n    do: land all\n",
+        "3: steps[0].at: ",
+        "Did you mean uav1.airborne?",
+    ),
+    "vehicle that is not there": (
+        HEAD + "steps:\n  - at: uav3.airborne\n    do: land all\n",
+        "3: steps[0].at: ",
+        "expected a vehicle of the arena, or each",
+    ),
+    "deed on a vehicle that is not there": (
+        HEAD + "steps:\n  - do: rc loss uav3\n",
+        "3: steps[0].do: ",
+        "got 'uav3' after 'loss'",
+    ),
+    "program that is not there": (
+        HEAD + "steps:\n  - do: kill program uav2\n",
+        "3: steps[0].do: ",
+        "no process program.uav2",
+    ),
+    "PX4 that is not there": (
+        HEAD + "steps:\n  - do: hang px4 uav1\n",
+        "3: steps[0].do: ",
+        "no process px4.uav1",
+    ),
+    "rotor that is not there": (
+        HEAD + "steps:\n  - do: motor loss uav1 rotor 5\n",
+        "3: steps[0].do: ",
+        "a rotor, 1 to 4",
+    ),
+    "expectation without a time": (
+        HEAD + STEP + "  - expect: uav1.landed\n",
+        "5: steps[1].expect: ",
+        "`within` a time, or `for` a time",
+    ),
+    "mode that is none": (
+        HEAD + STEP + "  - expect: uav1.mode == LADN within 2 s\n",
+        "5: steps[1].expect: ",
+        "Did you mean LAND?",
+    ),
+    "one of several expectations": (
+        HEAD + STEP + "    expect:\n      - uav1.landed within 2 s\n      - uav1.landed wihtin 2 s\n",
+        "7: steps[0].expect[1]: ",
+        "Did you mean within?",
+    ),
+    "rule misspelt": (
+        HEAD + STEP + "always:\n  - separation > 0.8 m\n  - inside geofnce\n",
+        "7: always[1]: ",
+        "got 'geofnce' after 'inside', expected geofence. Did you mean geofence?",
+    ),
+    "rule with the wrong unit": (
+        HEAD + STEP + "always: [uav1.tilt < 40 m]\n",
+        "5: always[0]: ",
+        "expected the unit deg",
+    ),
+    "rule as a mapping": (
+        HEAD + STEP + "always:\n  - separation: 3\n",
+        "6: always[0]: ",
+        "got a mapping, expected text.",
+    ),
     "rules as text": (HEAD + STEP + "always: inside geofence\n", "5: always: ", "expected a list"),
-    "separation of one": ("arena: one.yaml\n" + STEP + "always: [separation > 1 m]\n", "5: always[0]: ", "one vehicle alone"),
+    "separation of one": (
+        "arena: one.yaml\n" + STEP + "always: [separation > 1 m]\n",
+        "5: always[0]: ",
+        "one vehicle alone",
+    ),
     "what may happen misspelt": (HEAD + "may: [crsh uav1]\n" + STEP, "2: may[0]: ", "Did you mean crash?"),
     "what may happen to nobody": (HEAD + "may: [crash]\n" + STEP, "2: may[0]: ", "got nothing after 'crash'"),
-    "hardware": ("arena: {vehicles: {uav1: {autopilot: hardware, url: 'udpin:127.0.0.1:14600'}}}\n" + "steps: [do: land all]\n", "1: ", "uav1"),
-    "fault of the arena inside": ("arena:\n  vehicles:\n    uav1: {prgram: fly.py}\n" + STEP, "3: arena.vehicles.uav1.prgram: ", "unknown key. Did you mean program?"),
+    "hardware": (
+        "arena: {vehicles: {uav1: {autopilot: hardware, url: 'udpin:127.0.0.1:14600'}}}\n"
+        + "steps: [do: land all]\n",
+        "1: ",
+        "uav1",
+    ),
+    "fault of the arena inside": (
+        "arena:\n  vehicles:\n    uav1: {prgram: fly.py}\n" + STEP,
+        "3: arena.vehicles.uav1.prgram: ",
+        "unknown key. Did you mean program?",
+    ),
     "an empty file": ("# nothing\n", "", "s.yaml: is empty. Start with `arena:` and `steps:`"),
-    "an arena": ("name: lab\n" + TWO, "2: ", "is an arena, and a scenario is needed. One that names it, `arena: s.yaml`, flies it"),
-    "copilot that is not there": (HEAD + "steps: [do: kill copilot]\n", "2: steps[0].do: ", "expected a process of the arena, which has no copilot"),
+    "an arena": (
+        "name: lab\n" + TWO,
+        "2: ",
+        "is an arena, and a scenario is needed. One that names it, `arena: s.yaml`, flies it",
+    ),
+    "copilot that is not there": (
+        HEAD + "steps: [do: kill copilot]\n",
+        "2: steps[0].do: ",
+        "expected a process of the arena, which has no copilot",
+    ),
     "no mapping": ("- 3\n", "1: ", "expected"),
-}  # fmt: skip
+}
 
 
 @pytest.fixture
@@ -106,7 +225,9 @@ def test_everything_wrong_is_told_at_once_in_the_order_of_the_file(folder: Path)
 
 def test_a_fault_of_an_arenas_own_file_is_told_with_its_place(folder: Path) -> None:
     Path("two.yaml").write_text("vehicles:\n  uav1: {prgram: fly.py}\n")
-    assert problems(HEAD + "steps: [do: land all]\n") == ["two.yaml:2: vehicles.uav1.prgram: unknown key. Did you mean program?"]
+    assert problems(HEAD + "steps: [do: land all]\n") == [
+        "two.yaml:2: vehicles.uav1.prgram: unknown key. Did you mean program?"
+    ]
 
 
 def test_what_is_wrong_in_several_arenas_is_told_once(folder: Path) -> None:
@@ -154,12 +275,16 @@ def test_an_arena_inside_has_its_folder(folder: Path) -> None:
     Path("s.yaml").write_text("arena: {vehicles: {uav1: {program: fly.py}}}\n" + STEP)
     (scenario,) = load_scenarios("s.yaml")
     assert scenario.arena_file == ""
-    assert scenario.arena.vehicles[0].program is not None and scenario.arena.vehicles[0].program.path == str(folder / "fly.py")
+    assert scenario.arena.vehicles[0].program is not None and scenario.arena.vehicles[0].program.path == str(
+        folder / "fly.py"
+    )
 
 
 def test_entries_that_only_expect_belong_to_the_step_before(folder: Path) -> None:
     Path("s.yaml").write_text(
-        HEAD + STEP + "  - expect: uav1.landed within 2 s\n  - expect: [uav2.landed within 3 s, uav1.armed for 1 s]\n"
+        HEAD
+        + STEP
+        + "  - expect: uav1.landed within 2 s\n  - expect: [uav2.landed within 3 s, uav1.armed for 1 s]\n"
         "  - do: [land all, down]\n    expect: uav1.landed within 4 s\n"
     )
     (scenario,) = load_scenarios("s.yaml")
@@ -191,7 +316,10 @@ def test_every_key_has_its_line_for_the_reference() -> None:
 
 values = st.recursive(
     st.one_of(
-        st.none(), st.booleans(), st.integers(-5, 5), st.sampled_from(["two.yaml", "kill all", "uav1.landed within 2 s", "", "é"])
+        st.none(),
+        st.booleans(),
+        st.integers(-5, 5),
+        st.sampled_from(["two.yaml", "kill all", "uav1.landed within 2 s", "", "é"]),
     ),
     lambda inner: st.one_of(
         st.lists(inner, max_size=3),

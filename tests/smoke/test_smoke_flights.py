@@ -31,9 +31,13 @@ class Smoke:
         argv = [sys.executable, "-m", "arena.cli", "smoke", *arguments, "--results", str(self.results)]
         with self.out.open("wb") as out:
             self.process = subprocess.Popen(
-                argv, stdout=out, stderr=subprocess.STDOUT, cwd=folder, env={**os.environ, "TMPDIR": str(temporary)},
+                argv,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                cwd=folder,
+                env={**os.environ, "TMPDIR": str(temporary)},
                 start_new_session=True,
-            )  # fmt: skip
+            )
 
     def wait(self) -> int:
         return self.process.wait(_LIMIT_S)
@@ -85,7 +89,10 @@ def test_every_shipped_scenario_passes(smoke: Any, temporary: Path, tmp_path: Pa
     flown = smoke(*(str(folder) for folder in FOLDERS), "-j", "2", "--seed", "3", "--junit", "junit.xml")
     assert flown.wait() == 0, flown.said
     print(flown.said)
-    assert f'tests="{len(flown.runs)}" failures="0"' in (tmp_path / "junit.xml").read_text() and len(flown.runs) >= 20
+    assert (
+        f'tests="{len(flown.runs)}" failures="0"' in (tmp_path / "junit.xml").read_text()
+        and len(flown.runs) >= 20
+    )
     assert not [run for run in flown.runs if list((run / "plots").iterdir())]
     assert {json.loads((run / "slices" / "world.json").read_text())["seed"] for run in flown.runs} == {3}
     assert_nothing_left(flown, temporary)
@@ -133,12 +140,22 @@ def test_an_interruption_leaves_nothing(smoke: Any, temporary: Path, times: int)
     flown = smoke(str(SHIPPED / "hover.smoke.yaml"), "-j", "2")
 
     def airborne() -> bool:
-        return any("airborne" in (run / "events.jsonl").read_text() for run in flown.runs if (run / "events.jsonl").exists())
+        return any(
+            "airborne" in (run / "events.jsonl").read_text()
+            for run in flown.runs
+            if (run / "events.jsonl").exists()
+        )
 
-    eventually(lambda: airborne() or flown.process.poll() is not None, 120, "one in the air", lambda: flown.said)
+    eventually(
+        lambda: airborne() or flown.process.poll() is not None, 120, "one in the air", lambda: flown.said
+    )
     flown.process.send_signal(signal.SIGINT)
     if times == 2:
-        eventually(lambda: any("SIGTERM" in (run / "events.jsonl").read_text() for run in flown.runs), 60, "it begins to land")
+        eventually(
+            lambda: any("SIGTERM" in (run / "events.jsonl").read_text() for run in flown.runs),
+            60,
+            "it begins to land",
+        )
         flown.process.send_signal(signal.SIGINT)
     assert flown.wait() == 130, flown.said
     assert "interrupted: 2 of 2" in flown.said
@@ -146,7 +163,9 @@ def test_an_interruption_leaves_nothing(smoke: Any, temporary: Path, times: int)
 
 
 @pytest.mark.flight
-def test_an_arena_that_does_not_come_up_is_a_result_in_its_own_words(smoke: Any, temporary: Path, tmp_path: Path):
+def test_an_arena_that_does_not_come_up_is_a_result_in_its_own_words(
+    smoke: Any, temporary: Path, tmp_path: Path
+):
     (tmp_path / "quits.smoke.yaml").write_text(
         "arena: {vehicles: {uav1: {autopilot: builtin, tools: {broken: {argv: [/does/not/exist]}}}}}\n"
         "steps:\n  - expect: uav1.airborne within 3 s\n"

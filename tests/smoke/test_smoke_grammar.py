@@ -1,7 +1,5 @@
 """Every word of a scenario: what it means, and what is said where it is wrong."""
 
-# ruff: noqa: E501  a row of the tables is read as a whole
-
 from __future__ import annotations
 
 import math
@@ -11,18 +9,35 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.smoke.grammar import Names, read_allowance, read_deed, read_expectation, read_moment, read_rule
-from arena.smoke.tokens import UNITS, WrongWordError
-from arena.smoke.vocabulary import DEEDS, MODES, OTHERS, PROCESS_STATES, QUANTITIES, STATES
-from arena.smoke.words import Allowance, Condition, Deed, Expectation, Moment, Place, Rule
+from arena.smoke.language.grammar import (
+    Names,
+    read_allowance,
+    read_deed,
+    read_expectation,
+    read_moment,
+    read_rule,
+)
+from arena.smoke.language.model import Allowance, Condition, Deed, Expectation, Moment, Place, Rule
+from arena.smoke.language.tokens import UNITS, WrongWordError
+from arena.smoke.language.vocabulary import DEEDS, MODES, OTHERS, PROCESS_STATES, QUANTITIES, STATES
 
 HERE = Place(file="a.yaml", line=3, text="as written")
 NAMES = Names(
     vehicles=("uav1", "uav2"),
-    processes=("world", "mocap", "px4.uav2", "forward.uav1", "forward.uav2", "router", "copilot", "program.uav1", "tool.view",
-               "tool.uav1.planner"),
+    processes=(
+        "world",
+        "mocap",
+        "px4.uav2",
+        "forward.uav1",
+        "forward.uav2",
+        "router",
+        "copilot",
+        "program.uav1",
+        "tool.view",
+        "tool.uav1.planner",
+    ),
     rotors={"uav1": 4, "uav2": 6},
-)  # fmt: skip
+)
 
 numbers = st.floats(min_value=0.001, max_value=999.0).map(lambda x: round(x, 3))
 vehicles = st.sampled_from([("uav1", ("uav1",)), ("uav2", ("uav2",)), ("each", ("uav1", "uav2"))])
@@ -49,9 +64,15 @@ def states(draw):
 @st.composite
 def modes(draw):
     (name, who), sign = draw(vehicles), draw(st.sampled_from(["==", "!="]))
-    given_ = draw(st.lists(st.sampled_from(["LAND", "AUTO.LAND", "HOLD", "OFFBOARD", "AUTO.LOITER"]), min_size=1, max_size=3))
+    given_ = draw(
+        st.lists(
+            st.sampled_from(["LAND", "AUTO.LAND", "HOLD", "OFFBOARD", "AUTO.LOITER"]), min_size=1, max_size=3
+        )
+    )
     means = {"LAND": "AUTO.LAND", "HOLD": "AUTO.LOITER"}
-    made = Condition(place=HERE, of="mode", vehicles=who, sign=sign, words=tuple(means.get(m, m) for m in given_))
+    made = Condition(
+        place=HERE, of="mode", vehicles=who, sign=sign, words=tuple(means.get(m, m) for m in given_)
+    )
     space = draw(st.sampled_from(["", " "]))
     return f"{name}.mode{space}{sign}{space}{' or '.join(given_)}", made
 
@@ -68,13 +89,26 @@ def quantities(draw):
 @st.composite
 def rooms(draw):
     sign, value, (name, who) = draw(st.sampled_from(["<", ">"])), draw(numbers), draw(vehicles)
-    return draw(st.sampled_from([
-        (f"separation {sign} {value} m", Condition(place=HERE, of="separation", vehicles=NAMES.vehicles, sign=sign, value=value)),
-        (f"tracking({name}){sign}{value}m", Condition(place=HERE, of="tracking", vehicles=who, sign=sign, value=value)),
-        ("inside geofence", Condition(place=HERE, of="outside", vehicles=NAMES.vehicles, sign="<", value=0.0)),
-        ('told "low battery, 12 %"', Condition(place=HERE, of="told", words=("low battery, 12 %",))),
-        ("arena ended", Condition(place=HERE, of="ended")),
-    ]))  # fmt: skip
+    return draw(
+        st.sampled_from(
+            [
+                (
+                    f"separation {sign} {value} m",
+                    Condition(place=HERE, of="separation", vehicles=NAMES.vehicles, sign=sign, value=value),
+                ),
+                (
+                    f"tracking({name}){sign}{value}m",
+                    Condition(place=HERE, of="tracking", vehicles=who, sign=sign, value=value),
+                ),
+                (
+                    "inside geofence",
+                    Condition(place=HERE, of="outside", vehicles=NAMES.vehicles, sign="<", value=0.0),
+                ),
+                ('told "low battery, 12 %"', Condition(place=HERE, of="told", words=("low battery, 12 %",))),
+                ("arena ended", Condition(place=HERE, of="ended")),
+            ]
+        )
+    )
 
 
 @st.composite
@@ -85,11 +119,20 @@ def processes(draw):
 
 
 PROCESSES = {
-    "program uav1": ("program.uav1",), "program each": ("program.uav1",), "forwarder each": ("forward.uav1", "forward.uav2"),
-    "px4 uav2": ("px4.uav2",), "router": ("router",), "mocap": ("mocap",), "world": ("world",), "supervisor": ("supervisor",),
-    "copilot": ("copilot",), "tool view": ("tool.view",), "tool uav1.planner": ("tool.uav1.planner",),
-    "tool.uav1.planner": ("tool.uav1.planner",), "forward.uav2": ("forward.uav2",),
-}  # fmt: skip
+    "program uav1": ("program.uav1",),
+    "program each": ("program.uav1",),
+    "forwarder each": ("forward.uav1", "forward.uav2"),
+    "px4 uav2": ("px4.uav2",),
+    "router": ("router",),
+    "mocap": ("mocap",),
+    "world": ("world",),
+    "supervisor": ("supervisor",),
+    "copilot": ("copilot",),
+    "tool view": ("tool.view",),
+    "tool uav1.planner": ("tool.uav1.planner",),
+    "tool.uav1.planner": ("tool.uav1.planner",),
+    "forward.uav2": ("forward.uav2",),
+}
 
 
 @given(conditions(), st.sampled_from(["within", "for"]), numbers, units("time"))
@@ -130,10 +173,14 @@ DEEDS_MEANT: dict[str, Deed] = {
     "restart program uav1": Deed(verb="restart", place=HERE, processes=("program.uav1",)),
     "mocap dropout uav1": Deed(verb="mocap dropout", place=HERE, vehicles=("uav1",)),
     "mocap freeze each for 2 s": Deed(verb="mocap freeze", place=HERE, vehicles=("uav1", "uav2"), for_s=2.0),
-    "mocap jump uav1 by 1 0 -2.5 m": Deed(verb="mocap jump", place=HERE, vehicles=("uav1",), by=(1.0, 0.0, -2.5)),
+    "mocap jump uav1 by 1 0 -2.5 m": Deed(
+        verb="mocap jump", place=HERE, vehicles=("uav1",), by=(1.0, 0.0, -2.5)
+    ),
     "mocap swap uav2 uav1": Deed(verb="mocap swap", place=HERE, vehicles=("uav2", "uav1")),
     "mocap delay 200 ms": Deed(verb="mocap delay", place=HERE, number=200.0),
-    "link loss 30 % uav1 for 500 ms": Deed(verb="link loss", place=HERE, vehicles=("uav1",), number=0.3, for_s=0.5),
+    "link loss 30 % uav1 for 500 ms": Deed(
+        verb="link loss", place=HERE, vehicles=("uav1",), number=0.3, for_s=0.5
+    ),
     "link delay 0.2 s uav1": Deed(verb="link delay", place=HERE, vehicles=("uav1",), number=200.0),
     "rc loss uav2": Deed(verb="rc loss", place=HERE, vehicles=("uav2",)),
     "ground station loss for 9 s": Deed(verb="ground station loss", place=HERE, for_s=9.0),
@@ -175,48 +222,112 @@ def test_what_may_happen() -> None:
 
 
 WRONG: dict[str, tuple[object, str, str]] = {
-    "moment misspelt": (read_moment, "strat + 3 s", "got 'strat', expected a condition such as uav1.airborne, separation > 0.8 m "
-                        "or inside geofence. Did you mean start?"),
-    "vehicle misspelt": (read_moment, "uva1.airborne", "got 'uva1.airborne', expected a vehicle of the arena, or each. Did you mean "
-                         "uav1.airborne?"),
+    "moment misspelt": (
+        read_moment,
+        "strat + 3 s",
+        "got 'strat', expected a condition such as uav1.airborne, separation > 0.8 m "
+        "or inside geofence. Did you mean start?",
+    ),
+    "vehicle misspelt": (
+        read_moment,
+        "uva1.airborne",
+        "got 'uva1.airborne', expected a vehicle of the arena, or each. Did you mean uav1.airborne?",
+    ),
     "state misspelt": (read_moment, "uav1.airborn", "Did you mean uav1.airborne?"),
-    "time without a unit": (read_moment, "uav1.airborne + 3", "got nothing after '3', expected the unit s or ms."),
+    "time without a unit": (
+        read_moment,
+        "uav1.airborne + 3",
+        "got nothing after '3', expected the unit s or ms.",
+    ),
     "time that is none": (read_moment, "start + soon", "got 'soon' after '+', expected a time."),
     "no plus": (read_moment, "start 3 s", "got '3' after 'start', expected + a time or nothing more."),
     "minus": (read_moment, "start + -3 s", "got '-3' after '+', expected more than 0 s."),
-    "mode misspelt": (read_expectation, "uav1.mode == LNAD within 2 s", "got 'LNAD' after '==', expected a mode. Did you mean LAND?"),
-    "assignment": (read_expectation, "uav1.mode = LAND within 2 s", "got '=' after 'uav1.mode', expected == or != and a mode. Write "
-                   "== instead."),
-    "no time": (read_expectation, "uav1.landed", "got nothing after 'uav1.landed', expected `within` a time, or `for` a time."),
+    "mode misspelt": (
+        read_expectation,
+        "uav1.mode == LNAD within 2 s",
+        "got 'LNAD' after '==', expected a mode. Did you mean LAND?",
+    ),
+    "assignment": (
+        read_expectation,
+        "uav1.mode = LAND within 2 s",
+        "got '=' after 'uav1.mode', expected == or != and a mode. Write == instead.",
+    ),
+    "no time": (
+        read_expectation,
+        "uav1.landed",
+        "got nothing after 'uav1.landed', expected `within` a time, or `for` a time.",
+    ),
     "within misspelt": (read_expectation, "uav1.landed wihtin 2 s", "Did you mean within?"),
-    "two times": (read_expectation, "uav1.landed within 2 s for 3 s", "got 'for' after 's', expected nothing more."),
+    "two times": (
+        read_expectation,
+        "uav1.landed within 2 s for 3 s",
+        "got 'for' after 's', expected nothing more.",
+    ),
     "zero": (read_expectation, "uav1.landed within 0 s", "expected more than 0 s"),
-    "at least": (read_expectation, "uav1.height >= 1 m within 2 s", "got '>=' after 'uav1.height', expected < or >. Write > instead."),
+    "at least": (
+        read_expectation,
+        "uav1.height >= 1 m within 2 s",
+        "got '>=' after 'uav1.height', expected < or >. Write > instead.",
+    ),
     "wrong unit": (read_rule, "uav1.tilt < 40 m", "got 'm' after '40', expected the unit deg."),
     "rms of something else": (read_rule, "uav1.tilt < 40 deg rms", "expected no rms"),
     "rms in an expectation": (read_expectation, "tracking(uav1) < 1 m rms within 2 s", "expected no rms"),
     "rule with a time": (read_rule, "uav1.tilt < 40 deg for 2 s", "a rule holds all the time"),
-    "and": (read_rule, "uav1.armed && uav2.armed", "got '&&' after 'uav1.armed', expected nothing more. Write a further entry instead."),
+    "and": (
+        read_rule,
+        "uav1.armed && uav2.armed",
+        "got '&&' after 'uav1.armed', expected nothing more. Write a further entry instead.",
+    ),
     "no parenthesis": (read_rule, "tracking uav2 < 1 m", "got 'uav2' after 'tracking', expected (."),
     "half a quantity": (read_rule, "uav1.estimate < 1 m", "got '<' after 'uav1.estimate', expected error."),
     "unknown": (read_rule, "seperation > 1 m", "Did you mean separation?"),
     "told nothing": (read_rule, "told low", "in double quotes"),
     "unknown state of a process": (read_rule, "router is REDY", "Did you mean READY?"),
-    "deed misspelt": (read_deed, "kil program uav1", "got 'kil', expected something to do. Did you mean kill?"),
-    "process misspelt": (read_deed, "kill progrm uav1", "got 'progrm' after 'kill', expected a process of the arena. Did you mean "
-                         "program?"),
-    "process that is not there": (read_deed, "kill px4 uav1", "a vehicle with a px4; the arena has no process px4.uav1"),
+    "deed misspelt": (
+        read_deed,
+        "kil program uav1",
+        "got 'kil', expected something to do. Did you mean kill?",
+    ),
+    "process misspelt": (
+        read_deed,
+        "kill progrm uav1",
+        "got 'progrm' after 'kill', expected a process of the arena. Did you mean program?",
+    ),
+    "process that is not there": (
+        read_deed,
+        "kill px4 uav1",
+        "a vehicle with a px4; the arena has no process px4.uav1",
+    ),
     "tool misspelt": (read_deed, "kill tool veiw", "Did you mean view?"),
-    "second word misspelt": (read_deed, "mocap drpout uav1", "got 'drpout' after 'mocap', expected delay, dropout, freeze, jump, swap. "
-                             "Did you mean dropout?"),
-    "no third number": (read_deed, "mocap jump uav1 by 1 0 m", "got 'm' after '0', expected down, one of three numbers."),
-    "swap with itself": (read_deed, "mocap swap uav1 uav1", "expected two vehicles by name. Did you mean uav2?"),
+    "second word misspelt": (
+        read_deed,
+        "mocap drpout uav1",
+        "got 'drpout' after 'mocap', expected delay, dropout, freeze, jump, swap. Did you mean dropout?",
+    ),
+    "no third number": (
+        read_deed,
+        "mocap jump uav1 by 1 0 m",
+        "got 'm' after '0', expected down, one of three numbers.",
+    ),
+    "swap with itself": (
+        read_deed,
+        "mocap swap uav1 uav1",
+        "expected two vehicles by name. Did you mean uav2?",
+    ),
     "more than all": (read_deed, "link loss 130 % uav1", "got 130 %, expected at most 100 %."),
-    "no such rotor": (read_deed, "motor loss uav1 rotor 5", "got '5' after 'rotor', expected a rotor, 1 to 4."),
+    "no such rotor": (
+        read_deed,
+        "motor loss uav1 rotor 5",
+        "got '5' after 'rotor', expected a rotor, 1 to 4.",
+    ),
     "nothing to do": (read_deed, "", "got nothing, expected something to do."),
     "huge": (read_deed, "mocap delay 1e400 ms", "a million"),
-    "ending": (read_deed, "mocap dropout uav1 during 2 s", "got 'during' after 'uav1', expected for a time or nothing more."),
-}  # fmt: skip
+    "ending": (
+        read_deed,
+        "mocap dropout uav1 during 2 s",
+        "got 'during' after 'uav1', expected for a time or nothing more.",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -234,14 +345,54 @@ def test_separation_needs_two() -> None:
 
 
 WORDS = [
-    *(word for form in DEEDS for word in form.form.split()), *(word for text in OTHERS for word in text.split()), *MODES[:3],
-    *NAMES.vehicles, *NAMES.processes, "each", "uav1.mode", "uav1.height", "uav1.estimate", "error", "rms", "within", "for", "then",
-    "start", "+", "not", "or", "==", "(", ")", '"', "3", "-1", "1e400", "s", "ms", "m", "m/s", "%", "deg", ".", "é", "\t",
-]  # fmt: skip
-READERS = [read_moment, read_expectation, read_rule, read_deed, lambda text, names, place: read_allowance(text, names)]
+    *(word for form in DEEDS for word in form.form.split()),
+    *(word for text in OTHERS for word in text.split()),
+    *MODES[:3],
+    *NAMES.vehicles,
+    *NAMES.processes,
+    "each",
+    "uav1.mode",
+    "uav1.height",
+    "uav1.estimate",
+    "error",
+    "rms",
+    "within",
+    "for",
+    "then",
+    "start",
+    "+",
+    "not",
+    "or",
+    "==",
+    "(",
+    ")",
+    '"',
+    "3",
+    "-1",
+    "1e400",
+    "s",
+    "ms",
+    "m",
+    "m/s",
+    "%",
+    "deg",
+    ".",
+    "é",
+    "\t",
+]
+READERS = [
+    read_moment,
+    read_expectation,
+    read_rule,
+    read_deed,
+    lambda text, names, place: read_allowance(text, names),
+]
 
 
-@given(st.one_of(st.text(max_size=40), st.lists(st.sampled_from(WORDS), max_size=9).map(" ".join)), st.sampled_from(READERS))
+@given(
+    st.one_of(st.text(max_size=40), st.lists(st.sampled_from(WORDS), max_size=9).map(" ".join)),
+    st.sampled_from(READERS),
+)
 def test_any_text_is_read_or_refused_in_one_sentence(text, read) -> None:
     try:
         read(text, NAMES, HERE)

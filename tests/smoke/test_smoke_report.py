@@ -1,7 +1,5 @@
 """Results as people and machines read them."""
 
-# ruff: noqa: E501
-
 from __future__ import annotations
 
 import io
@@ -14,8 +12,8 @@ import pytest
 from rich.console import Console
 
 from arena.smoke import report
-from arena.smoke.verdict import Result, Row, RuleResult, StepResult, Touchdown, Verdict
-from arena.smoke.words import Place
+from arena.smoke.language.model import Place
+from arena.smoke.referee.verdict import Result, Row, RuleResult, StepResult, Touchdown, Verdict
 
 
 def place(line: int, text: str) -> Place:
@@ -23,27 +21,67 @@ def place(line: int, text: str) -> Place:
 
 
 PASSED = Result(
-    scenario="offboard loss lands [one]", file="loss.yaml", seed=3, run="runs/1-one", wall_s=4.25,
+    scenario="offboard loss lands [one]",
+    file="loss.yaml",
+    seed=3,
+    run="runs/1-one",
+    wall_s=4.25,
     facts={"autopilot": "builtin"},
     verdict=Verdict(
         steps=(
-            StepResult(place=place(4, "at uav1.airborne + 3 s: kill program uav1"), outcome="passed", kind="do", begun_s=6.0, done_s=6.0),
-            StepResult(place=place(6, "uav1.mode == LAND within 2 s"), outcome="passed", begun_s=6.0, done_s=7.125),
+            StepResult(
+                place=place(4, "at uav1.airborne + 3 s: kill program uav1"),
+                outcome="passed",
+                kind="do",
+                begun_s=6.0,
+                done_s=6.0,
+            ),
+            StepResult(
+                place=place(6, "uav1.mode == LAND within 2 s"), outcome="passed", begun_s=6.0, done_s=7.125
+            ),
         ),
-        rules=(RuleResult(place=place(9, "separation > 0.8 m"), outcome="passed", worst=1.25, unit="m", at_s=6.5, who="uav1 and uav2"),),
+        rules=(
+            RuleResult(
+                place=place(9, "separation > 0.8 m"),
+                outcome="passed",
+                worst=1.25,
+                unit="m",
+                at_s=6.5,
+                who="uav1 and uav2",
+            ),
+        ),
         touchdowns=(Touchdown(vehicle="uav1", at_s=9.5, after_s=3.5, speed_m_s=0.625, drift_m=0.125),),
-        lasted_s=10.5, ended="all is done",
+        lasted_s=10.5,
+        ended="all is done",
     ),
-)  # fmt: skip
+)
 BROKEN = replace(
-    PASSED, scenario="loss <& [bold]$four^[/] $_", pictures=("runs/2/plots/scenario.png",),
+    PASSED,
+    scenario="loss <& [bold]$four^[/] $_",
+    pictures=("runs/2/plots/scenario.png",),
     verdict=replace(
         PASSED.verdict,
-        steps=(PASSED.verdict.steps[0], replace(PASSED.verdict.steps[1], outcome="failed", done_s=None, failure="uav1.mode was OFFBOARD \x1b[0m")),
-        rules=(replace(PASSED.verdict.rules[0], outcome="failed", worst=0.61, failure="separation between uav1 and uav2 was 0.61 m at 6.50 s"),),
-        troubles=("router: <gone>",), ended="a step failed",
+        steps=(
+            PASSED.verdict.steps[0],
+            replace(
+                PASSED.verdict.steps[1],
+                outcome="failed",
+                done_s=None,
+                failure="uav1.mode was OFFBOARD \x1b[0m",
+            ),
+        ),
+        rules=(
+            replace(
+                PASSED.verdict.rules[0],
+                outcome="failed",
+                worst=0.61,
+                failure="separation between uav1 and uav2 was 0.61 m at 6.50 s",
+            ),
+        ),
+        troubles=("router: <gone>",),
+        ended="a step failed",
     ),
-)  # fmt: skip
+)
 BOTH = (PASSED, BROKEN)
 
 
@@ -55,7 +93,11 @@ def shown(results: tuple[Result, ...]) -> str:
 
 def test_what_failed_is_told_with_its_place_and_what_passed_takes_a_row() -> None:
     text = shown(BOTH)
-    assert "offboard loss lands [one]" in text and "1.12 s: uav1.mode == LAND within 2 s" in text and "0.62" in text
+    assert (
+        "offboard loss lands [one]" in text
+        and "1.12 s: uav1.mode == LAND within 2 s" in text
+        and "0.62" in text
+    )
     assert "flown [s]" in text
     assert "loss <& [bold]$four^[/] $_" in text  # a name is no markup
     for line in (
@@ -76,24 +118,37 @@ def test_junit_has_a_testcase_a_scenario_and_a_failure_a_failed_one() -> None:
     root = ElementTree.fromstring(report.junit_xml(BOTH))
     assert root.tag == "testsuites"
     (suite,) = root
-    assert (suite.tag, suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("testsuite", "2", "1", "0")
+    assert (suite.tag, suite.get("tests"), suite.get("failures"), suite.get("errors")) == (
+        "testsuite",
+        "2",
+        "1",
+        "0",
+    )
     passed, failed = suite
     assert [c.tag for c in passed] == ["system-out"] and [c.tag for c in failed] == ["failure", "system-out"]
-    assert passed.get("name") == PASSED.scenario and passed.get("classname") == "smoke.loss" and passed.get("time") == "4.250"
+    assert (
+        passed.get("name") == PASSED.scenario
+        and passed.get("classname") == "smoke.loss"
+        and passed.get("time") == "4.250"
+    )
     assert failed.get("name") == BROKEN.scenario
     assert (failed.get("file"), failed.get("line")) == ("loss.yaml", "6")
     failure = failed[0]
     assert failure.get("message", "").startswith("loss.yaml:6: uav1.mode was OFFBOARD")
     assert (failure.text or "").splitlines() == [
-        "loss.yaml:6: uav1.mode was OFFBOARD ?[0m", "loss.yaml:9: separation between uav1 and uav2 was 0.61 m at 6.50 s",
+        "loss.yaml:6: uav1.mode was OFFBOARD ?[0m",
+        "loss.yaml:9: separation between uav1 and uav2 was 0.61 m at 6.50 s",
         "router: <gone>",
-    ]  # fmt: skip
+    ]
 
 
 def test_junit_has_an_error_for_each_that_was_interrupted() -> None:
     root = ElementTree.fromstring(report.junit_xml(BOTH, ["c", "d\x01"]))
     assert (root.get("tests"), root.get("errors")) == ("4", "2")
-    assert [case.get("name") for case in root.iter("testcase") if case.find("error") is not None] == ["c", "d?"]
+    assert [case.get("name") for case in root.iter("testcase") if case.find("error") is not None] == [
+        "c",
+        "d?",
+    ]
 
 
 def test_junit_tells_the_steps() -> None:
@@ -112,7 +167,9 @@ def test_every_failed_result_has_a_reason() -> None:
     """One that ended before its steps were reached, though nothing else was wrong."""
     step = replace(PASSED.verdict.steps[0], outcome="not reached", begun_s=None, done_s=None)
     bare = replace(PASSED, verdict=Verdict(steps=(step,), rules=(), ended="the time limit"))
-    assert not bare.verdict.passed and report.reasons(bare) == ["loss.yaml: not all steps were reached: the time limit"]
+    assert not bare.verdict.passed and report.reasons(bare) == [
+        "loss.yaml: not all steps were reached: the time limit"
+    ]
     assert ElementTree.fromstring(report.junit_xml((bare,))).find(".//failure") is not None
 
 
@@ -125,10 +182,19 @@ def test_results_are_read_back_equal() -> None:
 @pytest.mark.parametrize("names", [("uav1",), ("uav1", "uav2")])
 def test_a_picture_is_drawn_of_whatever_was_seen(tmp_path: Path, names: tuple[str, ...]) -> None:
     rows = [
-        Row(time_s=5 + k / 10, vehicle=name, p_n=(0.0, k / 50, -1.0), height_m=1.0, speed_m_s=0.2, tilt_deg=1.0,
-            mode="" if k < 3 else "OFFBOARD" if k < 30 else "AUTO.LAND", nearest_m=None if k < 9 or len(names) == 1 else 2.0)
-        for k in range(50) for name in names
-    ]  # fmt: skip
+        Row(
+            time_s=5 + k / 10,
+            vehicle=name,
+            p_n=(0.0, k / 50, -1.0),
+            height_m=1.0,
+            speed_m_s=0.2,
+            tilt_deg=1.0,
+            mode="" if k < 3 else "OFFBOARD" if k < 30 else "AUTO.LAND",
+            nearest_m=None if k < 9 or len(names) == 1 else 2.0,
+        )
+        for k in range(50)
+        for name in names
+    ]
     (picture,) = report.draw(BROKEN, rows, tmp_path)
     assert Path(picture) == tmp_path / "plots" / "scenario.png"
     assert Path(picture).read_bytes().startswith(b"\x89PNG") and Path(picture).stat().st_size > 10_000

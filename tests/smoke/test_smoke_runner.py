@@ -14,10 +14,10 @@ import pytest
 from arena.cli import main
 from arena.cli.smoke import files, load
 from arena.errors import InputError, RunError
-from arena.smoke import runner
-from arena.smoke.fly import How, slug
-from arena.smoke.scenario import Scenario
-from arena.smoke.verdict import Result, Verdict
+from arena.smoke.flying import runner
+from arena.smoke.flying.fly_scenario import How, slug
+from arena.smoke.language.scenario import Scenario
+from arena.smoke.referee.verdict import Result, Verdict
 
 ROOT = Path(__file__).parents[2]
 ARENA = "vehicles:\n  uav1: {autopilot: builtin}\n"
@@ -44,7 +44,11 @@ def passed(scenario: Scenario, how: How) -> Result:
 def test_results_come_in_the_order_of_the_scenarios_each_from_a_process_of_its_own(tmp_path: Path, how: How):
     told: list[str] = []
     found = runner.fly_all(
-        scenarios(tmp_path, "c", "a", "b"), how, jobs=2, tell=lambda r: told.append(r.scenario), flown_by=passed
+        scenarios(tmp_path, "c", "a", "b"),
+        how,
+        jobs=2,
+        tell=lambda r: told.append(r.scenario),
+        flown_by=passed,
     )
     assert [r.scenario for r in found] == ["c", "a", "b"] and sorted(told) == ["a", "b", "c"]
     assert len({r.verdict.ended for r in found} | {f"in {os.getpid()}"}) == 4
@@ -94,17 +98,23 @@ def test_a_folder_stands_for_the_scenarios_in_it(tmp_path: Path):
     inner.mkdir()
     scenarios(inner, "b", "a")
     assert files([tmp_path, inner / "a.smoke.yaml", inner / "arena.yaml"]) == [
-        inner / "a.smoke.yaml", inner / "b.smoke.yaml", inner / "arena.yaml"
-    ]  # fmt: skip
+        inner / "a.smoke.yaml",
+        inner / "b.smoke.yaml",
+        inner / "arena.yaml",
+    ]
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"empty: no \*\.smoke\.yaml"):
         files([tmp_path / "empty"])
 
 
-def test_all_problems_are_told_before_anything_flies(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any):
+def test_all_problems_are_told_before_anything_flies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
+):
     monkeypatch.setattr(runner, "fly_all", None)
     scenarios(tmp_path, "good")
-    (tmp_path / "one.smoke.yaml").write_text("arena: arena.yaml\nsteps:\n  - expect: uav7.airborne within 2 s\n")
+    (tmp_path / "one.smoke.yaml").write_text(
+        "arena: arena.yaml\nsteps:\n  - expect: uav7.airborne within 2 s\n"
+    )
     (tmp_path / "two.smoke.yaml").write_text(f"arena: arena.yaml\n{STEPS}  - do: kil program uav1\n")
     assert main(["smoke", str(tmp_path)]) == 2
     said = capsys.readouterr().err
@@ -113,7 +123,11 @@ def test_all_problems_are_told_before_anything_flies(tmp_path: Path, capsys: pyt
 
 @pytest.mark.parametrize(("passes", "code"), [(True, 0), (False, 1)])
 def test_the_exit_code_and_the_files_tell_how_it_went(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, passes: bool, code: int
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    passes: bool,
+    code: int,
 ):
     def fly_all(given: list[Scenario], how: How, **_: Any) -> list[Result]:
         assert how.seed == 7 and [s.arena.world.wind_m_s[0] for s in given] == [1.0, 1.0]
@@ -132,12 +146,20 @@ def test_the_exit_code_and_the_files_tell_how_it_went(
 @pytest.mark.parametrize(
     ("option", "value", "said"),
     [
-        ("--speed", "fast", "sim.speed: got 'fast'"), ("--speed", "0", "sim.speed: got 0"), ("--seed", "-4", "seed: got -4"),
-        ("--junit", ".", "is a folder, expected a file"), ("--results", "s.py", "s.py: cannot be made"),
+        ("--speed", "fast", "sim.speed: got 'fast'"),
+        ("--speed", "0", "sim.speed: got 0"),
+        ("--seed", "-4", "seed: got -4"),
+        ("--junit", ".", "is a folder, expected a file"),
+        ("--results", "s.py", "s.py: cannot be made"),
     ],
-)  # fmt: skip
+)
 def test_options_are_checked_before_anything_flies(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, option: str, value: str, said: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    option: str,
+    value: str,
+    said: str,
 ):
     monkeypatch.setattr(runner, "fly_all", None)
     monkeypatch.chdir(tmp_path)
@@ -147,7 +169,9 @@ def test_options_are_checked_before_anything_flies(
     assert said in capsys.readouterr().err
 
 
-def test_listing_flies_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+def test_listing_flies_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(runner, "fly_all", None)
     scenarios(tmp_path, "a", "b")
     assert main(["smoke", str(tmp_path), "--list"]) == 0
@@ -159,7 +183,9 @@ def test_the_shipped_scenarios_are_right():
     assert {"hover [one]", "hover [four]", "offboard loss lands"} <= {s.name for s in found}
 
 
-@pytest.mark.parametrize(("name", "folder"), [("offboard loss lands [four]", "offboard-loss-lands-four"), ("../..", "scenario")])
+@pytest.mark.parametrize(
+    ("name", "folder"), [("offboard loss lands [four]", "offboard-loss-lands-four"), ("../..", "scenario")]
+)
 def test_a_name_becomes_a_folder(name: str, folder: str):
     assert slug(name) == folder
 

@@ -18,20 +18,20 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import InputError, RunError
-from arena.faults import Faults
+from arena.fault_injection import Faults
 from arena.plan import Plan, make_plan
 from arena.schema import load_arena
-from arena.smoke.chronicle import Chronicle, Tail
-from arena.smoke.deeds import Doer, faults
-from arena.smoke.ears import SYSTEM, Ears
-from arena.smoke.seen import Eyes
-from arena.smoke.session import free_address
-from arena.smoke.vocabulary import DEEDS
-from arena.smoke.words import Deed, Place
-from arena.supervise import RunFolder, proc
-from arena.supervise.runfolder import Member, myself
+from arena.smoke.flying.actions import ActionRunner, faults
+from arena.smoke.flying.observation import Eyes
+from arena.smoke.flying.run_log import RunLog, Tail
+from arena.smoke.flying.session import free_address
+from arena.smoke.flying.telemetry_listener import SYSTEM, TelemetryListener
+from arena.smoke.language.model import Deed, Place
+from arena.smoke.language.vocabulary import DEEDS
+from arena.supervisor import RunFolder, proc_fs
+from arena.supervisor.run_folder import Member, myself
 from arena.wire.telemetry import Heart, Local, Telemetry
-from arena.wire.truth import Truth
+from arena.wire.truth_page import Truth
 
 PLACE = Place(file="x", line=1, text="")
 
@@ -58,8 +58,15 @@ def truth(height_m: float, roll: float = 0.0, motors: float = 0.5) -> Truth:
     """Of one vehicle whose origin is so far above the floor."""
     zero = np.zeros((1, 3))
     q = np.array([[np.cos(roll / 2), np.sin(roll / 2), 0.0, 0.0]])
-    return Truth(time_s=1.0, p_n=np.array([[0.0, 0.0, -height_m]]), q_nb=q, v_n=zero, omega_b=zero, accel_b=zero,
-                 motors=np.full((1, 4), motors))  # fmt: skip
+    return Truth(
+        time_s=1.0,
+        p_n=np.array([[0.0, 0.0, -height_m]]),
+        q_nb=q,
+        v_n=zero,
+        omega_b=zero,
+        accel_b=zero,
+        motors=np.full((1, 4), motors),
+    )
 
 
 def see(eyes: Eyes, at: Truth, told: Telemetry | None = None, now: float = 1.0) -> Any:
@@ -72,7 +79,9 @@ def test_height_is_that_of_the_lowest_point_of_a_leaning_cylinder():
     leaning = see(eyes, truth(1.0, roll=0.5))
     assert leaning.height_m == pytest.approx(1.0 - 0.05 * np.cos(0.5) - 0.25 * np.sin(0.5))
     assert leaning.tilt_rad == pytest.approx(0.5)
-    assert see(eyes, truth(0.25, roll=np.pi / 2)).height_m == pytest.approx(0.0, abs=1e-9)  # it lies on its side
+    assert see(eyes, truth(0.25, roll=np.pi / 2)).height_m == pytest.approx(
+        0.0, abs=1e-9
+    )  # it lies on its side
 
 
 def test_airborne_does_not_flicker_at_the_floor():
@@ -101,7 +110,10 @@ def test_ears_ask_for_each_heartbeat_and_for_rates_until_they_hold(plan: Plan):
     for sock, vehicle in zip(tools, plan.vehicles, strict=True):
         sock.bind((vehicle.router.partner_host, vehicle.tools_port))
         sock.settimeout(5)
-    ears, voice = Ears(plan.vehicles), mavlink.MAVLink(None, srcSystem=plan.vehicles[0].id, srcComponent=1)
+    ears, voice = (
+        TelemetryListener(plan.vehicles),
+        mavlink.MAVLink(None, srcSystem=plan.vehicles[0].id, srcComponent=1),
+    )
     try:
         ears.listen(1.0)
         asked, sender = _asked(tools[0], 3)
@@ -144,9 +156,11 @@ def test_a_tail_gives_whole_lines_once(tmp_path: Path):
     assert tail.lines() == ["two"] and tail.lines() == []
 
 
-def test_a_chronicle_tells_states_events_and_crashes_also_those_that_only_the_world_wrote_down(tmp_path: Path):
+def test_a_chronicle_tells_states_events_and_crashes_also_those_that_only_the_world_wrote_down(
+    tmp_path: Path,
+):
     (tmp_path / "logs").mkdir()
-    chronicle = Chronicle(tmp_path, ["world", "router"])
+    chronicle = RunLog(tmp_path, ["world", "router"])
     assert not chronicle.started
     lines = [
         {"process": "world", "from": "STOPPED", "to": "READY", "reason": "it says so"},
@@ -154,9 +168,15 @@ def test_a_chronicle_tells_states_events_and_crashes_also_those_that_only_the_wo
         {"process": "world", "event": "uav1 crashed: touched a wall at 3.20 s"},
     ]
     (tmp_path / "events.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines) + '{"half')
-    (tmp_path / "logs" / "world.log").write_text("uav2 crashed: tilted 90 degrees at 4.00 s\nthe second up to 4.0 s: x\n")
+    (tmp_path / "logs" / "world.log").write_text(
+        "uav2 crashed: tilted 90 degrees at 4.00 s\nthe second up to 4.0 s: x\n"
+    )
     told = chronicle.read()
-    assert told == ["world: READY: it says so", "router: FATAL: exit 1", "world: uav1 crashed: touched a wall at 3.20 s"]
+    assert told == [
+        "world: READY: it says so",
+        "router: FATAL: exit 1",
+        "world: uav1 crashed: touched a wall at 3.20 s",
+    ]
     assert chronicle.started and chronicle.states == {"world": "READY", "router": "FATAL"}
     assert chronicle.crashed == {"uav1": "touched a wall at 3.20 s", "uav2": "tilted 90 degrees at 4.00 s"}
 
@@ -176,30 +196,50 @@ def run(plan: Plan, tmp_path: Path) -> RunFolder:
     return folder
 
 
-def doer(plan: Plan, run: RunFolder) -> Doer:
+def doer(plan: Plan, run: RunFolder) -> ActionRunner:
     ears: Any = SimpleNamespace(command=lambda *_: None, set_parameter=lambda *_: None)
-    return Doer(plan, run.path, run.rt, Chronicle(run.path, []), ears)
+    return ActionRunner(plan, run.path, run.rt, RunLog(run.path, []), ears)
 
 
 SPOILT = [
     (deed("mocap dropout", vehicles=("uav1",)), "mocap", {"do": "dropout", "body": "red", "on": True}),
-    (deed("mocap swap", vehicles=("uav1", "uav2")), "mocap", {"do": "swap", "bodies": ["red", "blue"], "on": True}),
-    (deed("mocap jump", vehicles=("uav2",), by=(1.0, 0.0, 0.5)), "mocap",
-     {"do": "jump", "body": "blue", "by_m": [1.0, 0.0, 0.5], "yaw_deg": 0.0}),
+    (
+        deed("mocap swap", vehicles=("uav1", "uav2")),
+        "mocap",
+        {"do": "swap", "bodies": ["red", "blue"], "on": True},
+    ),
+    (
+        deed("mocap jump", vehicles=("uav2",), by=(1.0, 0.0, 0.5)),
+        "mocap",
+        {"do": "jump", "body": "blue", "by_m": [1.0, 0.0, 0.5], "yaw_deg": 0.0},
+    ),
     (deed("mocap delay", number=200.0), "mocap", {"do": "delay", "ms": 200.0}),
-    (deed("link loss", vehicles=("uav1",), number=0.3), "router", {"do": "loss", "vehicle": "uav1", "share": 0.3}),
+    (
+        deed("link loss", vehicles=("uav1",), number=0.3),
+        "router",
+        {"do": "loss", "vehicle": "uav1", "share": 0.3},
+    ),
     (deed("ground station loss"), "router", {"do": "heartbeat", "on": False}),
     (deed("ground station loss", undo=True), "router", {"do": "heartbeat", "on": True}),
     (deed("rc loss", vehicles=("uav1",)), "world", {"do": "sticks", "vehicle": "uav1", "on": False}),
-    (deed("motor loss", vehicles=("uav1",), number=2.0), "world", {"do": "motor", "vehicle": "uav1", "rotor": 2, "thrust": 0.0}),
-    (deed("battery drain", vehicles=("uav1",), number=20.0, undo=True), "world",
-     {"do": "battery", "vehicle": "uav1", "empty_in_s": None}),
+    (
+        deed("motor loss", vehicles=("uav1",), number=2.0),
+        "world",
+        {"do": "motor", "vehicle": "uav1", "rotor": 2, "thrust": 0.0},
+    ),
+    (
+        deed("battery drain", vehicles=("uav1",), number=20.0, undo=True),
+        "world",
+        {"do": "battery", "vehicle": "uav1", "empty_in_s": None},
+    ),
     (deed("wind", by=(3.0, 0.0, 0.0)), "world", {"do": "wind", "wind_m_s": [3.0, 0.0, 0.0]}),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("given", "room", "expected"), SPOILT, ids=lambda x: getattr(x, "verb", None))
-def test_a_deed_reaches_its_room(plan: Plan, run: RunFolder, given: Deed, room: str, expected: dict[str, Any]):
+def test_a_deed_reaches_its_room(
+    plan: Plan, run: RunFolder, given: Deed, room: str, expected: dict[str, Any]
+):
     listening = Faults(run.rt / f"{room}.faults")
     doer(plan, run).do(given)
     assert listening.take() == [expected]
@@ -223,7 +263,7 @@ def test_a_room_that_does_not_listen_is_told_of(plan: Plan, run: RunFolder):
 def test_signals_go_to_the_recorded_process_and_to_no_other_that_has_its_number(plan: Plan, run: RunFolder):
     child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], start_new_session=True)
     try:
-        member = Member(pid=child.pid, pgid=child.pid, start_s=proc.start_time(child.pid) or 0.0)
+        member = Member(pid=child.pid, pgid=child.pid, start_s=proc_fs.start_time(child.pid) or 0.0)
         run.write_state(plan, {"router": replace(member, start_s=member.start_s - 1.0)})
         with pytest.raises(RunError, match="router does not run"):
             doer(plan, run).do(deed("kill", processes=("router",)))
@@ -257,7 +297,7 @@ def test_addresses_on_which_a_router_listens_are_not_free():
 
 
 def test_real_vehicles_are_refused(tmp_path: Path):
-    from arena.smoke.fly import refuse_real
+    from arena.smoke.flying.fly_scenario import refuse_real
 
     (tmp_path / "arena.yaml").write_text(
         "mocap: {source: natnet, server: 127.0.0.2}\nvehicles:\n  uav1: {autopilot: builtin}\n"

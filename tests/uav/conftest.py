@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from arena.uav import UAV, pilot
+from arena.uav import UAV, vehicle_control
 
 from .fake import FakeAutopilot, free_address, until
 
@@ -12,13 +12,15 @@ CURVE = {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 25.0}
 
 
 def make_uav(address: tuple[str, int], **more: object) -> UAV:
-    return UAV("uav1", 1.52, 0.275, 0.1, 4, CURVE, link=f"udpin:{address[0]}:{address[1]}", system_id=1, **more)
+    return UAV(
+        "uav1", 1.52, 0.275, 0.1, 4, CURVE, link=f"udpin:{address[0]}:{address[1]}", system_id=1, **more
+    )
 
 
 @pytest.fixture(autouse=True)
 def short_stream(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fake autopilot asks for no stream before OFFBOARD."""
-    monkeypatch.setattr(pilot, "_STREAM_FIRST_S", 0.1)
+    monkeypatch.setattr(vehicle_control, "_STREAM_FIRST_S", 0.1)
 
 
 @pytest.fixture

@@ -11,7 +11,12 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import common as mavlink
 
-MODES = {"AUTO.LOITER": 4 << 16 | 3 << 24, "OFFBOARD": 6 << 16, "AUTO.LAND": 4 << 16 | 6 << 24, "POSCTL": 3 << 16}
+MODES = {
+    "AUTO.LOITER": 4 << 16 | 3 << 24,
+    "OFFBOARD": 6 << 16,
+    "AUTO.LAND": 4 << 16 | 6 << 24,
+    "POSCTL": 3 << 16,
+}
 SETPOINTS = (
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
     mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
@@ -121,7 +126,9 @@ class FakeAutopilot:
         base = 1 | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0)
         told = [
             mavlink.MAVLink_heartbeat_message(2, 12, base, MODES[self.mode], 4, 3),
-            mavlink.MAVLink_sys_status_message(bit, bit, bit if self.prearm else 0, 0, 12000, 0, 87, 0, 0, 0, 0, 0, 0),
+            mavlink.MAVLink_sys_status_message(
+                bit, bit, bit if self.prearm else 0, 0, 12000, 0, 87, 0, 0, 0, 0, 0, 0
+            ),
             mavlink.MAVLink_extended_sys_state_message(0, 1 if self.landed else 2),
             mavlink.MAVLink_attitude_quaternion_message(ms, 0.9659258, 0.0, 0.0, 0.2588190, 0.1, 0.2, 0.3),
             mavlink.MAVLink_attitude_message(ms, 0.0, 0.0, 0.52, 0.1, 0.2, 0.3),
@@ -151,7 +158,11 @@ class FakeAutopilot:
         if result == 0 and m.command == mavlink.MAV_CMD_DO_SET_MODE:
             self.mode = {v: k for k, v in MODES.items()}[int(m.param2) << 16 | int(m.param3) << 24]
         if result == 0 and m.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            self.tell(mavlink.MAVLink_autopilot_version_message(0, self.version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0))
+            self.tell(
+                mavlink.MAVLink_autopilot_version_message(
+                    0, self.version, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 0
+                )
+            )
         to = self.ack_to or (m.get_srcSystem(), m.get_srcComponent())
         self.tell(mavlink.MAVLink_command_ack_message(m.command, result, 0, 0, *to))
         if text:

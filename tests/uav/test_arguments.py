@@ -16,17 +16,29 @@ from arena.uav.arguments import read_arguments
 from .fake import free_address
 
 PROFILE = {
-    "mass_kg": 1.3, "radius_m": 0.295, "height_m": 0.222, "num_rotors": 4,
+    "mass_kg": 1.3,
+    "radius_m": 0.295,
+    "height_m": 0.222,
+    "num_rotors": 4,
     "thrust_curve": {"kind": "quadratic", "a": 30.0, "b": 5.0},
-}  # fmt: skip
+}
 
 
 def slice_file(tmp_path, **more):
     host, port = free_address()
     settings = {
-        "name": "program.uav2", "vehicle": "uav2", "id": 2, "link": f"udpin:{host}:{port}", "capture": None, "body": "aero2",
-        "clock": None, "profile": PROFILE, "neighbours": [{"name": "uav1", "body": "b1"}], "stale_s": 0.4, **more,
-    }  # fmt: skip
+        "name": "program.uav2",
+        "vehicle": "uav2",
+        "id": 2,
+        "link": f"udpin:{host}:{port}",
+        "capture": None,
+        "body": "aero2",
+        "clock": None,
+        "profile": PROFILE,
+        "neighbours": [{"name": "uav1", "body": "b1"}],
+        "stale_s": 0.4,
+        **more,
+    }
     file = tmp_path / "program.uav2.json"
     file.write_text(json.dumps(settings))
     return file
@@ -35,7 +47,12 @@ def slice_file(tmp_path, **more):
 def test_the_supervisors_slice_is_enough_and_the_rest_is_the_programs(tmp_path):
     with UAV.from_args(["--uav", str(slice_file(tmp_path)), "--laps", "3", "fast"]) as uav:
         assert uav.args == ["--laps", "3", "fast"]
-        assert (uav.info.drone_ns, uav.info.mass, uav.info.radius, uav.info.height) == ("uav2", 1.3, 0.295, 0.222)
+        assert (uav.info.drone_ns, uav.info.mass, uav.info.radius, uav.info.height) == (
+            "uav2",
+            1.3,
+            0.295,
+            0.222,
+        )
         assert isinstance(uav.clock, WallClock)
 
 
@@ -50,7 +67,9 @@ def test_a_simulation_clock_is_used_where_there_is_one(tmp_path):
 
 
 def test_by_hand_the_profile_gives_the_figures():
-    found = read_arguments(["--ns", "uav3", "--profile", "intel_aero", "--link", "udpin:127.56.3.1:16003", "left"])
+    found = read_arguments(
+        ["--ns", "uav3", "--profile", "intel_aero", "--link", "udpin:127.56.3.1:16003", "left"]
+    )
     assert (found["system_id"], found["mass"] < 1.4, found["args"]) == (3, True, ["left"])
 
 
@@ -70,11 +89,15 @@ def test_by_hand_a_motion_capture_server_is_named_by_its_address():
 @pytest.mark.parametrize(
     ("argv", "said"),
     [
-        (["--uav", "/nowhere.json"], "nowhere.json"), (["--ns", "alpha"], "--id"), (["--profile", "irsi"], "iris"),
-        (["--link", "tcp:1"], "udpin:HOST:PORT"), (["--capture", "vrpn:10.0.0.5"], "natnet:ADDRESS"),
-        (["--capture", "natnet:motive"], "natnet:10.0.0.5"), (["--capture", "natnet:10.0.0.5:tcp"], "multicast"),
+        (["--uav", "/nowhere.json"], "nowhere.json"),
+        (["--ns", "alpha"], "--id"),
+        (["--profile", "irsi"], "iris"),
+        (["--link", "tcp:1"], "udpin:HOST:PORT"),
+        (["--capture", "vrpn:10.0.0.5"], "natnet:ADDRESS"),
+        (["--capture", "natnet:motive"], "natnet:10.0.0.5"),
+        (["--capture", "natnet:10.0.0.5:tcp"], "multicast"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_said(argv, said):
     with pytest.raises(InputError, match=said):
         UAV(**read_arguments(argv))
@@ -89,10 +112,20 @@ def test_a_slice_that_lacks_a_key_names_it(tmp_path):
 
 def test_importing_arena_is_light():
     code = "import sys, arena; print(any(m in sys.modules for m in ('numpy', 'pymavlink', 'matplotlib', 'pydantic')))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "False"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        == "False"
+    )
 
 
 def test_a_program_does_not_import_what_it_does_not_need():
     heavy = "('matplotlib', 'pydantic', 'pybullet', 'rich')"
     code = f"import sys; from arena import UAV; print([m for m in {heavy} if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        == "[]"
+    )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from arena.capture import CapturedFrame, Pose
 from arena.clock import WallClock
-from arena.uav.link import Link
+from arena.mocap.client import CapturedFrame, Pose
+from arena.uav.connection import Link
 from arena.uav.poses import Poses
 
 from .fake import free_address
@@ -23,7 +23,9 @@ class FakeReceiver:
 
     def poll(self, now: float) -> list[CapturedFrame]:
         self.number += 1
-        poses = tuple(Pose(b, (self.settings["north"], 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)) for b in self.settings["bodies"])
+        poses = tuple(
+            Pose(b, (self.settings["north"], 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)) for b in self.settings["bodies"]
+        )
         return [CapturedFrame(self.number, now, poses, ())]
 
     def close(self) -> None:
@@ -33,7 +35,7 @@ class FakeReceiver:
 @pytest.fixture
 def receivers(monkeypatch):
     monkeypatch.setattr(FakeReceiver, "made", [], raising=False)
-    monkeypatch.setattr("arena.capture.open_capture", FakeReceiver)
+    monkeypatch.setattr("arena.mocap.client.open_capture", FakeReceiver)
     return FakeReceiver.made
 
 

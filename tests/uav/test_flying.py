@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import CommandRefusedError, NotConfirmedError, OffboardLostError, StaleDataError
-from arena.uav import UAV, pilot
+from arena.uav import UAV, vehicle_control
 
 from .conftest import make_uav
 from .fake import FakeAutopilot, free_address, until
@@ -60,13 +60,15 @@ def test_a_mission_starts_in_the_order_offboard_then_arm_at_the_place_where_it_s
 
 def test_a_refused_arming_raises_with_the_autopilots_own_words(autopilot, uav):
     autopilot.refuse[mavlink.MAV_CMD_COMPONENT_ARM_DISARM] = (1, b"Arming denied: throttle above center")
-    with pytest.raises(CommandRefusedError, match=r"uav1.*arming.*temporarily rejected.*throttle above center"):
+    with pytest.raises(
+        CommandRefusedError, match=r"uav1.*arming.*temporarily rejected.*throttle above center"
+    ):
         uav.start_offboard_mission()
     assert gaps(autopilot).max() < 0.1
 
 
 def test_a_refused_mode_is_asked_for_again_then_raises(autopilot, uav, monkeypatch):
-    monkeypatch.setattr(pilot, "_CONFIRM_TIMEOUT_S", 0.8)
+    monkeypatch.setattr(vehicle_control, "_CONFIRM_TIMEOUT_S", 0.8)
     autopilot.refuse[mavlink.MAV_CMD_DO_SET_MODE] = (2, b"No offboard signal")
     with pytest.raises(CommandRefusedError, match=r"denied.*No offboard signal"):
         uav.start_offboard_mode()
@@ -74,7 +76,7 @@ def test_a_refused_mode_is_asked_for_again_then_raises(autopilot, uav, monkeypat
 
 
 def test_a_vehicle_that_is_not_ready_is_not_armed_and_says_why(autopilot, uav, monkeypatch):
-    monkeypatch.setattr(pilot, "READY_TIMEOUT_S", 0.4)
+    monkeypatch.setattr(vehicle_control, "READY_TIMEOUT_S", 0.4)
     autopilot.prearm = False
     until(lambda: uav._source.telemetry.status.prearm is False)
     autopilot.say(b"Preflight Fail: Compass not calibrated")
@@ -86,11 +88,14 @@ def test_a_vehicle_that_is_not_ready_is_not_armed_and_says_why(autopilot, uav, m
 def test_the_first_heartbeat_is_asked_for_and_not_waited_for(autopilot, uav):
     uav.start_offboard_mission()
     first = autopilot.commands[0]
-    assert (first.command, first.param1) == (mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+    assert (first.command, first.param1) == (
+        mavlink.MAV_CMD_REQUEST_MESSAGE,
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+    )
 
 
 def test_no_estimate_means_no_mission(monkeypatch):
-    monkeypatch.setattr(pilot, "READY_TIMEOUT_S", 0.4)
+    monkeypatch.setattr(vehicle_control, "READY_TIMEOUT_S", 0.4)
     with FakeAutopilot(free_address(), position=False) as autopilot, make_uav(autopilot.to) as uav:
         with pytest.raises(NotConfirmedError, match="no position estimate"):
             uav.start_offboard_mission()
@@ -106,7 +111,7 @@ def test_a_command_that_nobody_answers_is_sent_again_with_a_counter(autopilot, u
 
 
 def test_an_answer_to_somebody_else_is_not_ours(autopilot, uav, monkeypatch):
-    monkeypatch.setattr(pilot, "_TRIES", 1)
+    monkeypatch.setattr(vehicle_control, "_TRIES", 1)
     autopilot.ack_to = (253, 190)
     with pytest.raises(NotConfirmedError, match="did not answer"):
         uav.arm_drone()
@@ -124,7 +129,9 @@ def test_an_answer_to_somebody_else_is_not_ours(autopilot, uav, monkeypatch):
 )
 def test_every_setter_raises_once_the_pilot_took_over_and_goes_on_raising(autopilot, uav, setter):
     uav.start_offboard_mission()
-    setter_thread_sees = threading.Timer(0.1, lambda: (autopilot.say(b"Pilot took over using sticks"), take(autopilot)))
+    setter_thread_sees = threading.Timer(
+        0.1, lambda: (autopilot.say(b"Pilot took over using sticks"), take(autopilot))
+    )
     setter_thread_sees.start()
     began = time.monotonic()
     with pytest.raises(OffboardLostError, match=r"POSCTL.*Pilot took over using sticks"):
@@ -194,7 +201,7 @@ def test_landing_returns_when_the_vehicle_is_down_and_disarmed(autopilot, uav):
 
 
 def test_a_landing_that_is_not_confirmed_says_what_is_known(autopilot, uav, monkeypatch):
-    monkeypatch.setattr(pilot, "LAND_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(vehicle_control, "LAND_TIMEOUT_S", 0.3)
     uav.start_offboard_mission()
     autopilot.landed = False
     until(lambda: not uav.info.is_landed)
@@ -254,7 +261,9 @@ def test_motors_cannot_be_set_where_the_autopilot_would_ignore_it(autopilot, uav
 def test_motors_can_be_set_on_an_old_autopilot(autopilot, uav):
     autopilot.version = 0x01090200
     uav.set_act(0, [0.1, 0.2, 0.3, 0.5], 50)
-    until(lambda: autopilot.setpoints and autopilot.setpoints[-1][1].get_type() == "SET_ACTUATOR_CONTROL_TARGET")
+    until(
+        lambda: autopilot.setpoints and autopilot.setpoints[-1][1].get_type() == "SET_ACTUATOR_CONTROL_TARGET"
+    )
     assert list(autopilot.setpoints[-1][1].controls[:4]) == pytest.approx([0.1, 0.2, 0.3, 0.5])
 
 
@@ -266,4 +275,13 @@ def test_nothing_can_be_sent_before_anything_was_heard():
 def test_a_second_program_on_the_same_port_is_told_so():
     address = free_address()
     with make_uav(address), pytest.raises(Exception, match="Does another program hold it"):
-        UAV("uav1", 1, 1, 1, 4, {"kind": "quadratic", "a": 1.0, "b": 1.0}, link=f"udpin:{address[0]}:{address[1]}", system_id=1)
+        UAV(
+            "uav1",
+            1,
+            1,
+            1,
+            4,
+            {"kind": "quadratic", "a": 1.0, "b": 1.0},
+            link=f"udpin:{address[0]}:{address[1]}",
+            system_id=1,
+        )

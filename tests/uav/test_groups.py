@@ -8,9 +8,9 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import StaleDataError
 from arena.geometry import quat_from_euler, quat_rotate
-from arena.uav.groups import Body, Snapshot, Source
+from arena.uav.data_groups import Body, Snapshot, Source
 from arena.uav.poses import Poses
-from arena.wire.px4mode import mode_numbers, mode_words
+from arena.wire.px4_mode import mode_numbers, mode_words
 from arena.wire.telemetry import Telemetry
 
 BODY = Body(ns="uav1", mass=1.5, radius=0.3, height=0.1, num_rotors=4, thrust_curve={"kind": "quadratic"})
@@ -25,7 +25,12 @@ class Bench:
         self.telemetry = Telemetry(1)
         self.poses = Poses("aero2", [("uav2", "b2"), ("uav3", "b3")])
         self.source = Source(
-            ns="uav1", stale_s=0.5, telemetry=self.telemetry, poses=self.poses, now=lambda: self.now, refresh=lambda: None
+            ns="uav1",
+            stale_s=0.5,
+            telemetry=self.telemetry,
+            poses=self.poses,
+            now=lambda: self.now,
+            refresh=lambda: None,
         )
         self.uav = Snapshot.of(self.source, BODY)
         self._out = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -40,7 +45,9 @@ def bench() -> Bench:
     found.hear(
         mavlink.MAVLink_local_position_ned_message(1, 1.0, 2.0, -3.0, 0.1, 0.2, 0.3),
         mavlink.MAVLink_attitude_quaternion_message(1, *Q_NB, 0.4, 0.5, 0.6),
-        mavlink.MAVLink_highres_imu_message(0, 1, 2, -9.8, 0.1, 0.2, 0.3, 0.2, 0.1, 0.4, 1013.25, 0.0, 12.5, 21.0, 0x1FFF),
+        mavlink.MAVLink_highres_imu_message(
+            0, 1, 2, -9.8, 0.1, 0.2, 0.3, 0.2, 0.1, 0.4, 1013.25, 0.0, 12.5, 21.0, 0x1FFF
+        ),
         mavlink.MAVLink_heartbeat_message(2, 12, 1 | 128, 4 << 16 | 6 << 24, 4, 3),
         mavlink.MAVLink_extended_sys_state_message(0, 2),
         mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12000, 0, 42, 0, 0, 0, 0, 0, 0),
@@ -64,28 +71,51 @@ def test_sensors_are_in_si(bench):
     assert sen.imu.acc_body.tolist() == pytest.approx([1, 2, -9.8])
     assert sen.imu.ang_vel.tolist() == pytest.approx([0.1, 0.2, 0.3])
     assert sen.imu.mag.tolist() == pytest.approx([2e-5, 1e-5, 4e-5])
-    assert (sen.baro.pressure, sen.baro.alt, sen.baro.temperature) == pytest.approx((101325, 12.5, 21.0), rel=1e-5)
+    assert (sen.baro.pressure, sen.baro.alt, sen.baro.temperature) == pytest.approx(
+        (101325, 12.5, 21.0), rel=1e-5
+    )
     assert sen.gps.pos.tolist() == pytest.approx([47.397742, 8.545594, 488.0])
 
 
 def test_info_and_actuators(bench):
     info = bench.uav.info
-    assert (info.flight_mode, info.is_armed, info.is_landed, info.is_connected) == ("AUTO.LAND", True, False, True)
+    assert (info.flight_mode, info.is_armed, info.is_landed, info.is_connected) == (
+        "AUTO.LAND",
+        True,
+        False,
+        True,
+    )
     assert (info.battery, info.drone_ns, info.mass, info.num_rotors) == (42.0, "uav1", 1.5, 4)
     assert bench.uav.act.output.tolist() == pytest.approx([0.25, 0.5, 0.75, 1.0])
     assert bench.uav.act.group == 1
 
 
 FAST = [
-    lambda u: u.ekf.pos, lambda u: u.ekf.vel, lambda u: u.ekf.vel_body, lambda u: u.ekf.att_q, lambda u: u.ekf.att_euler,
-    lambda u: u.ekf.ang_vel, lambda u: u.sen.imu.acc_body, lambda u: u.sen.imu.ang_vel, lambda u: u.sen.imu.mag,
-    lambda u: u.sen.mocap.pos, lambda u: u.sen.mocap.att_q, lambda u: u.sen.mocap.att_euler, lambda u: u.sen.baro.alt,
-    lambda u: u.sen.emu.rel_pos, lambda u: u.sen.emu.rel_vel,
-]  # fmt: skip
+    lambda u: u.ekf.pos,
+    lambda u: u.ekf.vel,
+    lambda u: u.ekf.vel_body,
+    lambda u: u.ekf.att_q,
+    lambda u: u.ekf.att_euler,
+    lambda u: u.ekf.ang_vel,
+    lambda u: u.sen.imu.acc_body,
+    lambda u: u.sen.imu.ang_vel,
+    lambda u: u.sen.imu.mag,
+    lambda u: u.sen.mocap.pos,
+    lambda u: u.sen.mocap.att_q,
+    lambda u: u.sen.mocap.att_euler,
+    lambda u: u.sen.baro.alt,
+    lambda u: u.sen.emu.rel_pos,
+    lambda u: u.sen.emu.rel_vel,
+]
 SLOW = [
-    lambda u: u.sen.gps.pos, lambda u: u.act.output, lambda u: u.act.group, lambda u: u.info.flight_mode,
-    lambda u: u.info.is_armed, lambda u: u.info.is_landed, lambda u: u.info.battery,
-]  # fmt: skip
+    lambda u: u.sen.gps.pos,
+    lambda u: u.act.output,
+    lambda u: u.act.group,
+    lambda u: u.info.flight_mode,
+    lambda u: u.info.is_armed,
+    lambda u: u.info.is_landed,
+    lambda u: u.info.battery,
+]
 
 
 @pytest.mark.parametrize("read", FAST + SLOW)
@@ -149,7 +179,9 @@ def test_writing_into_a_vector_does_not_change_the_next_one(bench):
 def test_other_vehicles_and_other_components_are_not_heard(bench):
     for system, component in ((2, 1), (1, 191)):
         stranger = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-        bench.telemetry.hear(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3).pack(stranger), bench.now)
+        bench.telemetry.hear(
+            mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3).pack(stranger), bench.now
+        )
     assert bench.uav.info.flight_mode == "AUTO.LAND"
 
 
@@ -181,9 +213,11 @@ def test_a_damaged_frame_does_not_hide_the_next_one_of_its_datagram(bench):
 
 def test_long_texts_come_in_chunks(bench):
     bench.hear(
-        mavlink.MAVLink_statustext_message(3, b"x" * 50, 9, 0), mavlink.MAVLink_statustext_message(3, b"end", 9, 1),
-        mavlink.MAVLink_statustext_message(3, b"another", 10, 0), mavlink.MAVLink_statustext_message(6, b"plain"),
-    )  # fmt: skip
+        mavlink.MAVLink_statustext_message(3, b"x" * 50, 9, 0),
+        mavlink.MAVLink_statustext_message(3, b"end", 9, 1),
+        mavlink.MAVLink_statustext_message(3, b"another", 10, 0),
+        mavlink.MAVLink_statustext_message(6, b"plain"),
+    )
     assert bench.telemetry.recent_texts(0.0) == ["x" * 50 + "end", "another", "plain"]
     assert bench.telemetry.recent_texts(0.0, worst=3) == ["x" * 50 + "end", "another"]
     assert bench.telemetry.recent_texts(bench.now + 1) == []

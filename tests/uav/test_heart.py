@@ -12,7 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena import Heart
-from arena.wire.codec import Codec
+from arena.wire.mavlink_codec import Codec
 
 from .conftest import make_uav
 from .fake import FakeAutopilot, until
@@ -62,7 +62,9 @@ def test_it_beats_ten_times_a_second_of_its_clock_at_most(ear: Ear) -> None:
         heart.beat()
     heard = ear.heard()
     assert len(heard) == 10
-    assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in heard} == {(7, 191, mavlink.MAV_TYPE_ONBOARD_CONTROLLER)}
+    assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in heard} == {
+        (7, 191, mavlink.MAV_TYPE_ONBOARD_CONTROLLER)
+    }
     heart.close()
 
 
@@ -80,9 +82,25 @@ def test_a_copilot_that_is_not_there_is_no_error(ear: Ear) -> None:
 
 
 def test_a_foreign_program_takes_it_from_the_supervisors_arguments(tmp_path: Path, ear: Ear) -> None:
-    profile = {"mass_kg": 1.5, "radius_m": 0.3, "height_m": 0.1, "num_rotors": 4, "thrust_curve": {"kind": "quadratic"}}
-    slice_ = {"vehicle": "uav3", "id": 3, "link": "udpin:127.0.0.1:16003", "body": "uav3", "clock": None, "capture": None,
-              "profile": profile, "neighbours": [], "stale_s": 0.5, "heart": list(ear.address)}  # fmt: skip
+    profile = {
+        "mass_kg": 1.5,
+        "radius_m": 0.3,
+        "height_m": 0.1,
+        "num_rotors": 4,
+        "thrust_curve": {"kind": "quadratic"},
+    }
+    slice_ = {
+        "vehicle": "uav3",
+        "id": 3,
+        "link": "udpin:127.0.0.1:16003",
+        "body": "uav3",
+        "clock": None,
+        "capture": None,
+        "profile": profile,
+        "neighbours": [],
+        "stale_s": 0.5,
+        "heart": list(ear.address),
+    }
     (tmp_path / "slice.json").write_text(json.dumps(slice_))
     Heart.from_args(["--uav", str(tmp_path / "slice.json"), "own", "words"]).beat()
     assert [m.get_srcSystem() for m in ear.heard()] == [3]

@@ -30,7 +30,12 @@ def mask(*names: str) -> int:
 
 def test_a_position_is_in_local_ned_and_ignores_all_but_position_and_yaw():
     m, _ = on_the_wire(ENCODER.pos_yaw([1, 2, -3], 0.5, NOW))
-    assert (m.get_type(), m.coordinate_frame, m.target_system, m.target_component) == ("SET_POSITION_TARGET_LOCAL_NED", 1, 7, 1)
+    assert (m.get_type(), m.coordinate_frame, m.target_system, m.target_component) == (
+        "SET_POSITION_TARGET_LOCAL_NED",
+        1,
+        7,
+        1,
+    )
     assert m.type_mask == mask("VX", "VY", "VZ", "AX", "AY", "AZ", "YAW_RATE")
     assert (m.x, m.y, m.z, m.yaw) == pytest.approx((1, 2, -3, 0.5))
     assert m.time_boot_ms == 12345
@@ -44,7 +49,10 @@ def test_a_velocity_is_in_local_ned_and_ignores_all_but_velocity_and_yaw():
 
 def test_a_body_velocity_is_in_body_ned_and_ignores_the_yaw():
     m, _ = on_the_wire(ENCODER.vel_body_yaw_rate([1, 2, -3], 0.7, NOW))
-    assert (m.coordinate_frame, m.type_mask) == (mavlink.MAV_FRAME_BODY_NED, mask("X", "Y", "Z", "AX", "AY", "AZ", "YAW"))
+    assert (m.coordinate_frame, m.type_mask) == (
+        mavlink.MAV_FRAME_BODY_NED,
+        mask("X", "Y", "Z", "AX", "AY", "AZ", "YAW"),
+    )
     assert (m.vx, m.vy, m.vz, m.yaw_rate) == pytest.approx((1, 2, -3, 0.7))
 
 
@@ -60,7 +68,9 @@ def test_an_attitude_ignores_the_rates_and_keeps_the_order_wxyz():
 def test_body_rates_ignore_the_attitude():
     m, _ = on_the_wire(ENCODER.ang_vel_thrust([0.1, 0.2, 0.3], 0.6, NOW))
     assert m.type_mask == mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
-    assert (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate, m.thrust) == pytest.approx((0.1, 0.2, 0.3, 0.6))
+    assert (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate, m.thrust) == pytest.approx(
+        (0.1, 0.2, 0.3, 0.6)
+    )
 
 
 def test_golden_bytes_of_a_position():
@@ -77,7 +87,9 @@ def test_golden_bytes_of_a_position():
     )
 
 
-@pytest.mark.parametrize("good", [[1, 2, 3], (1, 2, 3), np.array([1, 2, 3]), np.array([[1], [2], [3]]), [[1], [2], [3]]])
+@pytest.mark.parametrize(
+    "good", [[1, 2, 3], (1, 2, 3), np.array([1, 2, 3]), np.array([[1], [2], [3]]), [[1], [2], [3]]]
+)
 def test_rows_and_columns_are_both_vectors(good):
     assert vector(good, "pos").tolist() == [1.0, 2.0, 3.0]
 
@@ -85,10 +97,18 @@ def test_rows_and_columns_are_both_vectors(good):
 @pytest.mark.parametrize(
     ("bad", "found"),
     [
-        ([1, 2], r"\(2,\)"), ([[1, 2, 3]], r"\(1, 3\)"), (np.zeros((3, 3)), r"\(3, 3\)"), (1.0, r"\(\)"), ([1, 2, np.nan], "nan"),
-        ([1, np.inf, 2], "inf"), ("abc", "abc"), ([1, [2], 3], r"\[1, \[2\], 3\]"), (None, "nan|None|shape"), ([1, 2, "x"], "x"),
+        ([1, 2], r"\(2,\)"),
+        ([[1, 2, 3]], r"\(1, 3\)"),
+        (np.zeros((3, 3)), r"\(3, 3\)"),
+        (1.0, r"\(\)"),
+        ([1, 2, np.nan], "nan"),
+        ([1, np.inf, 2], "inf"),
+        ("abc", "abc"),
+        ([1, [2], 3], r"\[1, \[2\], 3\]"),
+        (None, "nan|None|shape"),
+        ([1, 2, "x"], "x"),
     ],
-)  # fmt: skip
+)
 def test_anything_else_is_refused_with_what_was_found(bad, found):
     with pytest.raises(SetpointError, match=found) as caught:
         vector(bad, "pos")
@@ -133,7 +153,11 @@ def test_attitudes_by_angles_and_by_quaternion_agree():
 
 @pytest.mark.parametrize(
     ("att", "kind", "found"),
-    [([0] * 4, "quaternion", "no rotation"), ([0] * 3, "degrees", "'degrees'"), ([0] * 3, "quaternion", r"\(3,\)")],
+    [
+        ([0] * 4, "quaternion", "no rotation"),
+        ([0] * 3, "degrees", "'degrees'"),
+        ([0] * 3, "quaternion", r"\(3,\)"),
+    ],
 )
 def test_what_is_no_attitude_is_refused(att, kind, found):
     with pytest.raises(SetpointError, match=found):

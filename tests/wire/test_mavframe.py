@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire import mavtargets
-from arena.wire.mavframe import TRIES, byte_at, cut, uint_at
-from arena.wire.px4mode import mode_words
+from arena.wire import mavlink_targets
+from arena.wire.mavlink_frame import TRIES, byte_at, cut, uint_at
+from arena.wire.px4_mode import mode_words
 
 
 def speaker(system=7, component=191):
@@ -25,7 +25,16 @@ def filled(message):
     for i, name in enumerate(message.ordered_fieldnames):
         kind, length = message.fieldtypes[message.fieldnames.index(name)], message.array_lengths[i]
         number = 1.5 + i if kind in ("float", "double") else 3 + i
-        values.append((name, (b"ab" if kind == "char" else [number] * length) if length else b"a" if kind == "char" else number))
+        values.append(
+            (
+                name,
+                (b"ab" if kind == "char" else [number] * length)
+                if length
+                else b"a"
+                if kind == "char"
+                else number,
+            )
+        )
     return message(**dict(values))
 
 
@@ -40,14 +49,14 @@ def attitude(system=7):
 
 def test_the_tables_are_those_of_pymavlink():
     """Of the messages that both know: another version of pymavlink knows a few more or fewer."""
-    crc_extra, targets = mavtargets.tables_of(mavlink)
-    both = crc_extra.keys() & mavtargets.CRC_EXTRA.keys()
+    crc_extra, targets = mavlink_targets.tables_of(mavlink)
+    both = crc_extra.keys() & mavlink_targets.CRC_EXTRA.keys()
     assert len(both) > 200
-    assert {k: crc_extra[k] for k in both} == {k: mavtargets.CRC_EXTRA[k] for k in both}
-    assert {k: targets.get(k) for k in both} == {k: mavtargets.TARGETS.get(k) for k in both}
+    assert {k: crc_extra[k] for k in both} == {k: mavlink_targets.CRC_EXTRA[k] for k in both}
+    assert {k: targets.get(k) for k in both} == {k: mavlink_targets.TARGETS.get(k) for k in both}
 
 
-KNOWN = [m for number, m in mavlink.mavlink_map.items() if number in mavtargets.CRC_EXTRA]
+KNOWN = [m for number, m in mavlink.mavlink_map.items() if number in mavlink_targets.CRC_EXTRA]
 
 
 @pytest.mark.parametrize("message", KNOWN, ids=lambda m: m.msgname)
@@ -57,8 +66,16 @@ def test_every_message_is_found_with_its_sender_and_target(message):
     frames, garbage, bad_crc, unknown = cut(data)
     assert (len(frames), garbage, bad_crc, unknown) == (1, 0, 0, 0)
     frame = frames[0]
-    assert (frame.start, frame.end, frame.sysid, frame.compid, frame.msgid) == (0, len(data), 7, 191, message.id)
-    assert frame.target_sys == getattr(sent, "target_system", getattr(sent, "target", 0) if message.id == 69 else 0)
+    assert (frame.start, frame.end, frame.sysid, frame.compid, frame.msgid) == (
+        0,
+        len(data),
+        7,
+        191,
+        message.id,
+    )
+    assert frame.target_sys == getattr(
+        sent, "target_system", getattr(sent, "target", 0) if message.id == 69 else 0
+    )
     assert frame.target_comp == getattr(sent, "target_component", 0)
 
 
@@ -66,7 +83,10 @@ def test_mavlink_1_is_understood_beside_mavlink_2():
     voice = mavlink1.MAVLink(None, srcSystem=3, srcComponent=4)
     old = bytes(mavlink1.MAVLink_command_long_message(5, 6, 400, 0, 0, 0, 0, 0, 0, 0, 0).pack(voice))
     frames = cut(old + command()).frames
-    assert [(f.sysid, f.compid, f.target_sys, f.target_comp) for f in frames] == [(3, 4, 5, 6), (7, 191, 9, 1)]
+    assert [(f.sysid, f.compid, f.target_sys, f.target_comp) for f in frames] == [
+        (3, 4, 5, 6),
+        (7, 191, 9, 1),
+    ]
     assert frames[1].start == len(old)
 
 
@@ -95,7 +115,7 @@ def test_one_wrong_bit_keeps_a_frame_out(byte):
         data = bytearray(attitude())
         data[byte] ^= 1 << bit
         frames = cut(data).frames
-        assert not frames or (byte in (7, 8, 9) and frames[0].msgid not in mavtargets.CRC_EXTRA)
+        assert not frames or (byte in (7, 8, 9) and frames[0].msgid not in mavlink_targets.CRC_EXTRA)
 
 
 def test_a_frame_with_an_incompatibility_it_does_not_know_is_dropped():
@@ -147,7 +167,9 @@ def test_a_cut_off_datagram_yields_just_the_whole_frames_of_it(parts, data):
     assert len(found.frames) == len(kept)
 
 
-@pytest.mark.parametrize("filler", [b"\xfd", b"\xfe", b"\xfe\xf0\x00\x00\x00\x00", b"\xfd\xff\x00\x00\x00\x00\x00\x1e\x00\x00"])
+@pytest.mark.parametrize(
+    "filler", [b"\xfd", b"\xfe", b"\xfe\xf0\x00\x00\x00\x00", b"\xfd\xff\x00\x00\x00\x00\x00\x1e\x00\x00"]
+)
 def test_a_datagram_made_to_be_slow_is_given_up_early(filler):
     data = (filler * 65507)[:65507]
     began = time.perf_counter()
@@ -162,9 +184,17 @@ def test_random_bytes_almost_never_pass_for_a_frame():
     assert passed <= 2
 
 
-@pytest.mark.parametrize(("number", "words"), [
-    (6 << 16, "OFFBOARD"), (4 << 16 | 6 << 24, "AUTO.LAND"), (4 << 16 | 3 << 24, "AUTO.LOITER"), (3 << 16, "POSCTL"),
-    (3 << 16 | 1 << 24, "POSCTL"), (4 << 16 | 77 << 24, "AUTO.77"), (0, "mode 0"),
-])
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (6 << 16, "OFFBOARD"),
+        (4 << 16 | 6 << 24, "AUTO.LAND"),
+        (4 << 16 | 3 << 24, "AUTO.LOITER"),
+        (3 << 16, "POSCTL"),
+        (3 << 16 | 1 << 24, "POSCTL"),
+        (4 << 16 | 77 << 24, "AUTO.77"),
+        (0, "mode 0"),
+    ],
+)
 def test_modes_are_told_in_px4s_words(number, words):
     assert mode_words(number) == words

@@ -9,15 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavframe import Stream, cut
+from arena.wire.mavlink_frame import Stream, cut
 
 
 def frames_of(n: int, version: int = 2) -> list[bytes]:
     voice = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
     made = []
     for i in range(n):
-        m = mavlink.MAVLink_local_position_ned_message(i, i + 0.5, -2.0, 0.25, 0.0, 1e-9, 0.0) if i % 2 else (
-            mavlink.MAVLink_statustext_message(3, f"hello {i} \xfd\xfe".encode("latin1"), 0, 0))
+        m = (
+            mavlink.MAVLink_local_position_ned_message(i, i + 0.5, -2.0, 0.25, 0.0, 1e-9, 0.0)
+            if i % 2
+            else (mavlink.MAVLink_statustext_message(3, f"hello {i} \xfd\xfe".encode("latin1"), 0, 0))
+        )
         made.append(m.pack(voice, force_mavlink1=version == 1))
         voice.seq = (voice.seq + 1) % 256
     return made

@@ -18,24 +18,44 @@ from arena.errors import WireError
 from arena.wire import natnet
 
 BODIES = (
-    natnet.Body(streaming_id=1, position=(1.0, 2.0, 3.0), quat_xyzw=(0.0, 0.0, 0.5, 0.8660254), mean_error_m=0.25),
+    natnet.Body(
+        streaming_id=1, position=(1.0, 2.0, 3.0), quat_xyzw=(0.0, 0.0, 0.5, 0.8660254), mean_error_m=0.25
+    ),
     natnet.Body(streaming_id=7, position=(-1.5, 0.25, 0.5), quat_xyzw=(0.5, 0.5, 0.5, 0.5), tracked=False),
 )
 FRAME = natnet.Frame(number=12345, timestamp_s=68.5, exposure_ticks=685_000_000, bodies=BODIES)
 VERSIONS = [(3, 0), (3, 1), (4, 0), (4, 1), (4, 2)]
 
 GOLDEN_31 = bytes.fromhex(
-    "0700" "9a00"  # frame of data, 154 bytes
+    "0700"
+    "9a00"  # frame of data, 154 bytes
     "39300000"  # frame 12345
-    "00000000" "00000000"  # no marker sets, no loose markers
+    "00000000"
+    "00000000"  # no marker sets, no loose markers
     "02000000"  # two rigid bodies
-    "01000000" "0000803f0000004000004040" "00000000000000000000003fd7b35d3f" "0000803e" "0100"
-    "07000000" "0000c0bf0000803e0000003f" "0000003f0000003f0000003f0000003f" "00000000" "0000"
-    "00000000" "00000000" "00000000" "00000000"  # skeletons, labelled markers, force plates, devices
-    "00000000" "00000000" "0000000000205140"  # timecode, sub frame, 68.5 s
-    "4045d42800000000" "4045d42800000000" "4045d42800000000"  # ticks: exposure, received, sent
-    "0000" "00000000"  # parameters, end
-)  # fmt: skip
+    "01000000"
+    "0000803f0000004000004040"
+    "00000000000000000000003fd7b35d3f"
+    "0000803e"
+    "0100"
+    "07000000"
+    "0000c0bf0000803e0000003f"
+    "0000003f0000003f0000003f0000003f"
+    "00000000"
+    "0000"
+    "00000000"
+    "00000000"
+    "00000000"
+    "00000000"  # skeletons, labelled markers, force plates, devices
+    "00000000"
+    "00000000"
+    "0000000000205140"  # timecode, sub frame, 68.5 s
+    "4045d42800000000"
+    "4045d42800000000"
+    "4045d42800000000"  # ticks: exposure, received, sent
+    "0000"
+    "00000000"  # parameters, end
+)
 
 
 def test_the_golden_frame_is_what_we_write_and_what_we_read():
@@ -49,7 +69,9 @@ def test_the_golden_frame_is_what_we_write_and_what_we_read():
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_an_independent_client_reads_our_frames(version):
-    peer = DataFrame.read_from_buffer(PacketBuffer(natnet.encode_frame(FRAME, version)[4:]), Version(*version))
+    peer = DataFrame.read_from_buffer(
+        PacketBuffer(natnet.encode_frame(FRAME, version)[4:]), Version(*version)
+    )
     assert peer.prefix.frame_number == 12345
     assert [b.id_num for b in peer.rigid_bodies] == [1, 7]
     assert peer.rigid_bodies[0].pos == pytest.approx((1.0, 2.0, 3.0))
@@ -65,7 +87,12 @@ def test_an_independent_client_reads_our_models_and_server(version):
     peer = DataDescriptions.read_from_buffer(PacketBuffer(models[4:]), Version(*version))
     assert [(b.id_num, b.name) for b in peer.rigid_bodies] == [(1, "uav1"), (7, "aero2")]
     info = natnet.ServerInfo(
-        name="arena", app_version=(4, 1, 0, 0), version=version, clock_hz=10_000_000, data_port=1511, group="239.255.42.99"
+        name="arena",
+        app_version=(4, 1, 0, 0),
+        version=version,
+        clock_hz=10_000_000,
+        data_port=1511,
+        group="239.255.42.99",
     )
     data = natnet.encode_server_info(info)
     seen = PeerServerInfo.read_from_buffer(PacketBuffer(data[4:]), Version(*version))
@@ -79,7 +106,10 @@ def test_frames_and_models_come_back_and_only_the_wanted_bodies_are_unpacked(ver
     again = natnet.decode_frame(data, version, wanted={7})
     assert [b.streaming_id for b in again.bodies] == [7]
     assert again.exposure_ticks == FRAME.exposure_ticks
-    assert natnet.decode_models(natnet.encode_models([(3, "a"), (4, "b")], version), version) == {3: "a", 4: "b"}
+    assert natnet.decode_models(natnet.encode_models([(3, "a"), (4, "b")], version), version) == {
+        3: "a",
+        4: "b",
+    }
 
 
 def test_markers_and_skeletons_between_the_bodies_are_passed_over_in_a_sized_frame():
@@ -87,8 +117,19 @@ def test_markers_and_skeletons_between_the_bodies_are_passed_over_in_a_sized_fra
     body = struct.pack("<i3f4ffh", 9, 1, 2, 3, 0, 0, 0, 1, 0, 1)
     markers = b"set\0" + struct.pack("<i3f", 1, 0, 0, 0)
     sections = struct.pack("<ii", 1, len(markers)) + markers + struct.pack("<ii3f", 1, 12, 1, 1, 1)
-    sections += struct.pack("<ii", 1, len(body)) + body + struct.pack("<ii", 1, 5) + b"skele" + struct.pack("<ii", 0, 0) * 4
-    payload = struct.pack("<i", 5) + sections + struct.pack("<IIdQQQ", 0, 0, 1.5, 3, 3, 3) + struct.pack("<IIhi", 1, 0, 0, 0)
+    sections += (
+        struct.pack("<ii", 1, len(body))
+        + body
+        + struct.pack("<ii", 1, 5)
+        + b"skele"
+        + struct.pack("<ii", 0, 0) * 4
+    )
+    payload = (
+        struct.pack("<i", 5)
+        + sections
+        + struct.pack("<IIdQQQ", 0, 0, 1.5, 3, 3, 3)
+        + struct.pack("<IIhi", 1, 0, 0, 0)
+    )
     frame = natnet.decode_frame(natnet.packet(natnet.FRAME, payload), (4, 1))
     assert frame.bodies[0].streaming_id == 9
     assert frame.timestamp_s == 1.5
@@ -121,7 +162,11 @@ def test_a_newer_minor_version_is_read_where_its_frames_are_laid_out_alike_and_r
     longer = natnet.packet(natnet.FRAME, data[4:at] + bytes(8) + data[at:])
     with pytest.raises(WireError, match=r"4\.4 frame with 62 bytes"):
         natnet.decode_frame(longer, (4, 4))
-    understood = [v for v in ((2, 10), (3, 0), (3, 1), (3, 2), (4, 0), (4, 2), (4, 4), (5, 0)) if natnet.is_understood(v)]
+    understood = [
+        v
+        for v in ((2, 10), (3, 0), (3, 1), (3, 2), (4, 0), (4, 2), (4, 4), (5, 0))
+        if natnet.is_understood(v)
+    ]
     assert understood == [(3, 0), (3, 1), (4, 0), (4, 2), (4, 4)]
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.errors import WireError
-from arena.wire.qgcparams import INT32, REAL32, format_params, parse_params
+from arena.wire.qgc_params import INT32, REAL32, format_params, parse_params
 
 SAVED = """# Onboard parameters for Vehicle 1
 #
@@ -27,22 +27,28 @@ def test_a_file_that_qgroundcontrol_saved_is_read_without_the_cameras_lines():
 
 
 def test_plain_lines_are_read():
-    assert parse_params("\nSYS_HITL 1\n  # by hand\nEKF2_EVP_NOISE 0.01\n") == {"SYS_HITL": 1, "EKF2_EVP_NOISE": 0.01}
+    assert parse_params("\nSYS_HITL 1\n  # by hand\nEKF2_EVP_NOISE 0.01\n") == {
+        "SYS_HITL": 1,
+        "EKF2_EVP_NOISE": 0.01,
+    }
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("A 1\nB 2\nA 3", ("line 3", "A stands on line 1")),
-    ("A 1\nB nan", ("line 2", "nan")),
-    ("B inf", ("line 1", "finite")),
-    ("B x", ("line 1", "'x' is no number")),
-    ("A 1\n\n1 1 B", ("line 3", "3 columns")),
-    ("1\t1\tB\t2.5\t6", ("line 1", "whole")),
-    ("1\t1\tB\t2.5\t77", ("line 1", "type")),
-    ("1\tx\tB\t2.5\t9", ("line 1", "component")),
-    ("MPC-XY 1", ("line 1", "name")),
-    ("A_NAME_OF_SEVENTEEN 1", ("line 1", "16")),
-    ("A = 1", ("line 1", "3 columns")),
-])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("A 1\nB 2\nA 3", ("line 3", "A stands on line 1")),
+        ("A 1\nB nan", ("line 2", "nan")),
+        ("B inf", ("line 1", "finite")),
+        ("B x", ("line 1", "'x' is no number")),
+        ("A 1\n\n1 1 B", ("line 3", "3 columns")),
+        ("1\t1\tB\t2.5\t6", ("line 1", "whole")),
+        ("1\t1\tB\t2.5\t77", ("line 1", "type")),
+        ("1\tx\tB\t2.5\t9", ("line 1", "component")),
+        ("MPC-XY 1", ("line 1", "name")),
+        ("A_NAME_OF_SEVENTEEN 1", ("line 1", "16")),
+        ("A = 1", ("line 1", "3 columns")),
+    ],
+)
 def test_what_is_no_parameter_file_is_refused_with_its_line(text, words):
     with pytest.raises(WireError) as error:
         parse_params(text)
@@ -56,10 +62,12 @@ def test_a_written_file_has_types_and_a_header():
     assert text == "\n".join([*lines, f"7\t1\tMPC_VEL\t2\t{REAL32}\n"])
 
 
-@given(st.dictionaries(
-    st.from_regex(r"[A-Z][A-Z0-9_]{0,15}", fullmatch=True),
-    st.integers(-(2**31), 2**31 - 1) | st.floats(width=32, allow_nan=False, allow_infinity=False),
-))
+@given(
+    st.dictionaries(
+        st.from_regex(r"[A-Z][A-Z0-9_]{0,15}", fullmatch=True),
+        st.integers(-(2**31), 2**31 - 1) | st.floats(width=32, allow_nan=False, allow_infinity=False),
+    )
+)
 def test_what_is_written_is_read_again(values):
     read = parse_params(format_params(values, 3))
     assert read == pytest.approx(values, rel=1e-7)

@@ -10,7 +10,7 @@ import pytest
 
 from arena.errors import RunError, WireError
 from arena.geometry import quat_exp, quat_from_euler, quat_multiply
-from arena.wire.truth import Truth, TruthReader, TruthWriter
+from arena.wire.truth_page import Truth, TruthReader, TruthWriter
 
 AXIS = np.array([0.3, -0.5, 0.8])
 Q0 = quat_from_euler(np.radians([10.0, -20.0, 35.0]))
@@ -18,9 +18,14 @@ Q0 = quat_from_euler(np.radians([10.0, -20.0, 35.0]))
 
 def sample(t: float) -> Truth:
     return Truth(
-        time_s=t, p_n=np.array([[t, 2 * t, -t]]), q_nb=quat_multiply(Q0, quat_exp(AXIS * t))[None],
-        v_n=np.array([[1.0, 2.0, -1.0]]), omega_b=AXIS[None], accel_b=np.zeros((1, 3)), motors=np.full((1, 4), 0.5),
-    )  # fmt: skip
+        time_s=t,
+        p_n=np.array([[t, 2 * t, -t]]),
+        q_nb=quat_multiply(Q0, quat_exp(AXIS * t))[None],
+        v_n=np.array([[1.0, 2.0, -1.0]]),
+        omega_b=AXIS[None],
+        accel_b=np.zeros((1, 3)),
+        motors=np.full((1, 4), 0.5),
+    )
 
 
 def test_position_and_attitude_are_interpolated_between_two_samples(tmp_path):

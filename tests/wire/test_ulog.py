@@ -8,14 +8,16 @@ from arena.errors import WireError
 from arena.wire.ulog import parse_ulog
 
 GOLDEN = bytes.fromhex(
-    "554C6F67011235 01 E02E000000000000"                                  # ULog, version 1, 12 ms
-    "2800 42 0000000000000000 0000000000000000" + 3 * "0000000000000000"  # B: flags, no offsets
+    "554C6F67011235 01 E02E000000000000"  # ULog, version 1, 12 ms
+    "2800 42 0000000000000000 0000000000000000"
+    + 3
+    * "0000000000000000"  # B: flags, no offsets
     + "1C00 49 17 75696E7433325F74207665725F73775F72656C65617365 FF001001"  # I: uint32_t ver_sw_release 1.16.0
-    "1900 50 14 696E7433325F7420454B46325F45565F4354524C 0B000000"        # P: int32_t EKF2_EV_CTRL 11
-    "1800 50 13 666C6F617420434F4D5F4F465F4C4F53535F54 0000003F"          # P: float COM_OF_LOSS_T 0.5
-    "0400 41 00 0000 61"                                                  # A: the definitions end
-    "1900 50 14 696E7433325F7420454B46325F45565F4354524C 00000000"        # P: EKF2_EV_CTRL is changed to 0
-)  # fmt: skip
+    "1900 50 14 696E7433325F7420454B46325F45565F4354524C 0B000000"  # P: int32_t EKF2_EV_CTRL 11
+    "1800 50 13 666C6F617420434F4D5F4F465F4C4F53535F54 0000003F"  # P: float COM_OF_LOSS_T 0.5
+    "0400 41 00 0000 61"  # A: the definitions end
+    "1900 50 14 696E7433325F7420454B46325F45565F4354524C 00000000"  # P: EKF2_EV_CTRL is changed to 0
+)
 
 
 def test_the_golden_bytes_are_read():

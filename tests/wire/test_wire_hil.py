@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire import hil
-from arena.wire.mavframe import Stream, cut
+from arena.wire.mavlink_frame import Stream, cut
 
 floats = st.floats(width=32, allow_nan=False)
 int16s, int32s = st.integers(-(2**15), 2**15 - 1), st.integers(-(2**31), 2**31 - 1)
@@ -35,29 +35,68 @@ def read(data: bytes) -> hil.Controls:
 
 
 def test_a_sensor_message_has_these_bytes() -> None:
-    data = hil.Voice(1, 200).sensor(1_500_000, [1.0, 0, -2.0, 0, 0, 0, 0, 0, 0, 956.0, 0, 488.0, 25.0], 0x1AFF)
-    assert data.hex() == (
-        "fd" "3e" "00" "00" "00" "01" "c8" "6b0000"  # magic, length, flags, flags, number, system, component, message
-        "60e3160000000000"  # time_usec
-        "0000803f" "00000000" "000000c0"  # accel
-        "000000000000000000000000" "000000000000000000000000"  # gyro, mag
-        "00006f44" "00000000" "0000f443" "0000c841"  # pressure, difference, height, temperature
-        "ff1a"  # fields_updated; the zeros behind it, and id 0, are left away
-    ) + data[-2:].hex()  # fmt: skip
-    assert data == oracle(mavlink.MAVLink_hil_sensor_message(1_500_000, 1, 0, -2, *[0] * 6, 956, 0, 488, 25, 0x1AFF, 0))
+    data = hil.Voice(1, 200).sensor(
+        1_500_000, [1.0, 0, -2.0, 0, 0, 0, 0, 0, 0, 956.0, 0, 488.0, 25.0], 0x1AFF
+    )
+    assert (
+        data.hex()
+        == (
+            "fd"
+            "3e"
+            "00"
+            "00"
+            "00"
+            "01"
+            "c8"
+            "6b0000"  # magic, length, flags, flags, number, system, component, message
+            "60e3160000000000"  # time_usec
+            "0000803f"
+            "00000000"
+            "000000c0"  # accel
+            "000000000000000000000000"
+            "000000000000000000000000"  # gyro, mag
+            "00006f44"
+            "00000000"
+            "0000f443"
+            "0000c841"  # pressure, difference, height, temperature
+            "ff1a"  # fields_updated; the zeros behind it, and id 0, are left away
+        )
+        + data[-2:].hex()
+    )
+    assert data == oracle(
+        mavlink.MAVLink_hil_sensor_message(1_500_000, 1, 0, -2, *[0] * 6, 956, 0, 488, 25, 0x1AFF, 0)
+    )
 
 
 @given(times, many(floats, 13), st.integers(0, 2**32 - 1))
-def test_sensors_are_packed_as_the_other_codec_packs_them(time_usec: int, readings: list[float], fields: int) -> None:
+def test_sensors_are_packed_as_the_other_codec_packs_them(
+    time_usec: int, readings: list[float], fields: int
+) -> None:
     expected = mavlink.MAVLink_hil_sensor_message(time_usec, *readings, fields, 0)
     assert hil.Voice(1, 200).sensor(time_usec, readings, fields) == oracle(expected)
 
 
-@given(times, many(floats, 4), many(floats, 3), many(int32s, 3), many(int16s, 3), st.integers(0, 2**16 - 1), many(int16s, 3))
+@given(
+    times,
+    many(floats, 4),
+    many(floats, 3),
+    many(int32s, 3),
+    many(int16s, 3),
+    st.integers(0, 2**16 - 1),
+    many(int16s, 3),
+)
 def test_the_truth_is_packed_as_the_other_codec_packs_it(
-    time_usec: int, q: list[float], rates: list[float], place: list[int], v: list[int], speed: int, accel: list[int]
+    time_usec: int,
+    q: list[float],
+    rates: list[float],
+    place: list[int],
+    v: list[int],
+    speed: int,
+    accel: list[int],
 ) -> None:
-    expected = mavlink.MAVLink_hil_state_quaternion_message(time_usec, q, *rates, *place, *v, speed, speed, *accel)
+    expected = mavlink.MAVLink_hil_state_quaternion_message(
+        time_usec, q, *rates, *place, *v, speed, speed, *accel
+    )
     found = hil.Voice(1, 200).state(time_usec, q, rates, (place[0], place[1], place[2]), v, speed, accel)
     assert found == oracle(expected)
 
@@ -68,7 +107,9 @@ def test_controls_are_read_as_the_other_codec_packs_them(
 ) -> None:
     found = read(oracle(mavlink.MAVLink_hil_actuator_controls_message(time_usec, outputs, mode, flags)))
     assert (found.time_usec, found.mode, found.flags) == (time_usec, mode, flags)
-    assert all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in zip(found.controls, outputs, strict=True))
+    assert all(
+        a == b or (math.isnan(a) and math.isnan(b)) for a, b in zip(found.controls, outputs, strict=True)
+    )
     assert found.armed == bool(mode & 128) and found.lockstep == bool(flags & 1)
 
 
@@ -93,9 +134,19 @@ def test_a_bit_that_flips_on_the_way_is_noticed(at: int) -> None:
 
 def test_satellites_and_sticks_are_read_by_the_reference_codec_as_they_were_meant() -> None:
     codec, voice = mavlink.MAVLink(None), hil.Voice(1, 200)
-    (gps,) = codec.parse_buffer(voice.gps(5_000_000, (387_000_001, -91_000_002, 103_456), (80, 120), [30, -40, 5], 14))
+    (gps,) = codec.parse_buffer(
+        voice.gps(5_000_000, (387_000_001, -91_000_002, 103_456), (80, 120), [30, -40, 5], 14)
+    )
     assert (gps.time_usec, gps.lat, gps.lon, gps.alt) == (5_000_000, 387_000_001, -91_000_002, 103_456)
-    assert (gps.eph, gps.epv, gps.vn, gps.ve, gps.vd, gps.fix_type, gps.satellites_visible) == (80, 120, 30, -40, 5, 3, 14)
+    assert (gps.eph, gps.epv, gps.vn, gps.ve, gps.vd, gps.fix_type, gps.satellites_visible) == (
+        80,
+        120,
+        30,
+        -40,
+        5,
+        3,
+        14,
+    )
     assert gps.vel == 50 and gps.cog == 65535
     (rc,) = codec.parse_buffer(voice.sticks(5_000, (1500,) * 7 + (1900,)))
     assert (rc.time_boot_ms, rc.chancount, rc.rssi) == (5_000, 8, 100)

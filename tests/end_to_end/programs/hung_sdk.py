@@ -20,7 +20,9 @@ uav.set_pos_yaw(place, 0.0, 4.0)
 
 def resend() -> None:
     """Past the pilot of `arena.uav`, which would beat and would notice."""
-    clock = SimClock(json.loads(Path(sys.argv[sys.argv.index("--uav") + 1]).read_text())["clock"], "the thread of an SDK")
+    clock = SimClock(
+        json.loads(Path(sys.argv[sys.argv.index("--uav") + 1]).read_text())["clock"], "the thread of an SDK"
+    )
     rate = clock.rate(20.0)
     while True:
         uav._link.send(uav._pilot.encoder.pos_yaw(place, 0.0, clock.now()))

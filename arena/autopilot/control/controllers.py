@@ -1,0 +1,271 @@
+"""The cascade from position to motors, batched over a fleet. PX4's structure and parameter names; see its controller diagrams.
+
+position P -> velocity PID -> acceleration -> thrust vector and attitude -> attitude P on the quaternion -> rate PID -> mixer.
+Attitude law: Brescianini, Hehn, D'Andrea, "Nonlinear quadrocopter attitude control", ETH, 2013 (tilt first, yaw weighted).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.autopilot.control.setpoints import Level, Setpoints
+from arena.autopilot.estimation.estimator import GRAVITY, Estimator
+from arena.autopilot.param_table import Params
+from arena.geometry import quat_between, quat_from_euler, yaw_from_quat
+
+Array = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+_NO_TRIM = 1.0 / np.radians(400.0)  # an error of this rate is a transient, not a trim [s/rad]
+_POSITION_EVERY = 2  # IMU steps per position loop: 125 Hz at 250 Hz
+
+
+class PositionControl:
+    """Position setpoints -> attitude and thrust setpoints. thrust_n: normalised thrust vector [-] [NED] (V, 3)."""
+
+    def __init__(self, params: Params, vehicles: int, dt: float) -> None:
+        self.params, self.dt = params, dt
+        self.integral = np.zeros((vehicles, 3))
+        self.thrust_n = np.zeros((vehicles, 3))
+        self.v_sp_n = np.full((vehicles, 3), np.nan)
+        self.a_sp_n = np.full((vehicles, 3), np.nan)
+        self.speed_up = np.full(vehicles, np.inf)  # limits that the take-off ramp and modes set [m/s]
+        self.tilt_max = np.full(vehicles, np.inf)  # [rad]
+        self._v_last, self._v_dot = np.zeros((vehicles, 3)), np.zeros((vehicles, 3))
+        self._read_params()
+
+    def _read_params(self) -> None:
+        p = self.params
+        self._version = p.version
+        self._p = p.columns("MPC_XY_P", "MPC_XY_P", "MPC_Z_P")
+        self._vp = p.columns("MPC_XY_VEL_P_ACC", "MPC_XY_VEL_P_ACC", "MPC_Z_VEL_P_ACC")
+        self._vi = p.columns("MPC_XY_VEL_I_ACC", "MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC")
+        self._vd = p.columns("MPC_XY_VEL_D_ACC", "MPC_XY_VEL_D_ACC", "MPC_Z_VEL_D_ACC")
+        self._hover, self._thr_min, self._thr_max = p["MPC_THR_HOVER"], p["MPC_THR_MIN"], p["MPC_THR_MAX"]
+        self._per_thrust, self._short_gain = GRAVITY / self._hover, 2.0 / self._vp[:, 0]
+        self._vi_dt = self._vi * self.dt
+        self._margin, self._xy_max = p["MPC_THR_XY_MARG"], p["MPC_XY_VEL_MAX"]
+        self._up_max, self._down_max = p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"]
+        self._tilt_air = np.radians(p["MPC_TILTMAX_AIR"])
+        cutoff = p["MPC_VELD_LP"]
+        self._lp = (self.dt / (self.dt + 1.0 / (2 * np.pi * np.maximum(cutoff, 1e-3))))[:, None]
+
+    def reset(self, which: Bool | int) -> None:
+        """No memory of an earlier flight."""
+        self.integral[which] = 0.0
+        self._v_dot[which] = 0.0
+
+    def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
+        """-> attitude setpoint [-] wxyz (V, 4), collective thrust 0..1 [-] (V,), for the vehicles of the position level."""
+        if self._version != self.params.version:
+            self._read_params()
+        self._v_dot += self._lp * ((est.v_n - self._v_last) / self.dt - self._v_dot)
+        self._v_last = est.v_n.copy()
+        v_sp = self._velocity_setpoint(sp, est)
+        held = np.isfinite(v_sp)
+        error = np.where(held, v_sp - est.v_n, 0.0)
+        a_sp = error * self._vp + self.integral - self._v_dot * self._vd * held
+        a_sp += np.where(np.isfinite(sp.a_n), sp.a_n, 0.0)
+        self._to_thrust(a_sp)
+        self._integrate(error, a_sp)
+        self.v_sp_n, self.a_sp_n = v_sp, a_sp
+        yaw = np.where(np.isfinite(sp.yaw), sp.yaw, yaw_from_quat(est.q_nb))
+        return attitude_from_thrust(self.thrust_n, yaw), _length(self.thrust_n)
+
+    def _velocity_setpoint(self, sp: Setpoints, est: Estimator) -> Array:
+        wanted = (sp.p_n - est.p_n) * self._p
+        has_p, has_v = np.isfinite(wanted), np.isfinite(sp.v_n)
+        from_p, feed = np.where(has_p, wanted, 0.0), np.where(has_v, sp.v_n, 0.0)
+        v = from_p + feed
+        # The position's share comes first when the horizontal limit is short: scale the feed-forward, then the whole.
+        v[:, :2] = _shorten(v[:, :2], self._xy_max)
+        v[:, 2] = np.maximum(np.minimum(v[:, 2], self._down_max), -np.minimum(self._up_max, self.speed_up))
+        return np.where(has_p | has_v, v, np.nan)
+
+    def _to_thrust(self, a_sp: Array) -> None:
+        """Acceleration -> thrust vector: tilt limit, then vertical before horizontal but for a margin."""
+        body_z = -a_sp
+        body_z[:, 2] = GRAVITY
+        body_z /= _length(body_z)[:, None]
+        limit = np.minimum(self._tilt_air, self.tilt_max)
+        over = body_z[:, 2] < np.cos(limit)
+        if over.any():
+            flat = body_z[:, :2] / np.maximum(np.hypot(body_z[:, 0], body_z[:, 1]), 1e-9)[:, None]
+            body_z[over] = np.concatenate([flat * np.sin(limit)[:, None], np.cos(limit)[:, None]], axis=1)[
+                over
+            ]
+        along_z = a_sp[:, 2] / self._per_thrust - self._hover
+        collective = np.minimum(along_z / body_z[:, 2], -self._thr_min)
+        thrust = body_z * collective[:, None]
+        horizontal = np.hypot(thrust[:, 0], thrust[:, 1])
+        most = self._thr_max**2
+        thrust[:, 2] = np.maximum(
+            thrust[:, 2], -np.sqrt(np.maximum(most - np.minimum(horizontal, self._margin) ** 2, 0.0))
+        )
+        thrust[:, :2] = _shorten(thrust[:, :2], np.sqrt(np.maximum(most - thrust[:, 2] ** 2, 0.0)))
+        self.thrust_n = thrust
+
+    def _integrate(self, error: Array, a_sp: Array) -> None:
+        """Integrals stop where the thrust is saturated (vertical) or track what was produced (horizontal)."""
+        e = error.copy()
+        z, thrust_z = e[:, 2], self.thrust_n[:, 2]
+        stuck = ((thrust_z >= -self._thr_min) & (z >= 0)) | ((thrust_z <= -self._thr_max) & (z <= 0))
+        e[stuck, 2] = 0.0
+        produced = self.thrust_n[:, :2] * self._per_thrust[:, None]
+        short = np.hypot(a_sp[:, 0], a_sp[:, 1]) > np.hypot(produced[:, 0], produced[:, 1])
+        e[:, :2] -= (short * self._short_gain)[:, None] * (a_sp[:, :2] - produced)
+        self.integral += e * self._vi_dt
+        # PX4 bounds the vertical one; the horizontal one would follow an absurd acceleration to where no flight unwinds it.
+        self.integral = np.minimum(np.maximum(self.integral, -GRAVITY), GRAVITY)
+
+
+def attitude_from_thrust(thrust_n: Array, yaw: Array) -> Array:
+    """The attitude whose body z axis opposes thrust_n (V, 3) and whose heading is yaw [rad] (V,); wxyz, w >= 0 (V, 4)."""
+    x, y, z = -thrust_n.T
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    ahead, aside = cos * x + sin * y, cos * y - sin * x
+    up = np.where(z < 0, -1.0, 1.0)
+    rpy = np.empty((len(yaw), 3))
+    rpy[:, 0] = np.arctan2(-aside, up * np.hypot(ahead, z))
+    rpy[:, 1] = np.arctan2(up * ahead, np.abs(z))
+    rpy[:, 2] = yaw
+    q = quat_from_euler(rpy)
+    return np.asarray(q * np.where(q[:, :1] < 0, -1.0, 1.0))
+
+
+class AttitudeControl:
+    """Attitude setpoint -> body rates."""
+
+    def __init__(self, params: Params) -> None:
+        self.params = params
+        self._read_params()
+
+    def _read_params(self) -> None:
+        p = self.params
+        self._version = p.version
+        self._weight = p["MC_YAW_WEIGHT"]
+        gain = p.columns("MC_ROLL_P", "MC_PITCH_P", "MC_YAW_P")
+        gain[:, 2] /= np.maximum(self._weight, 1e-6)
+        self._gain = gain
+        self._limit = np.radians(p.columns("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"))
+
+    def update(self, q_nb: Array, r_nb: Array, q_sp: Array, yaw_rate: Array) -> Array:
+        """q_nb, r_nb: attitude [-] wxyz (V, 4) and its matrix (V, 3, 3); q_sp: its setpoint (V, 4); yaw_rate: feed-forward about
+        down [rad/s] (V,).
+
+        -> body rates [rad/s] [FRD] (V, 3).
+        """
+        if self._version != self.params.version:
+            self._read_params()
+        # The error in body axes, tilt * twist about z: only the twist, by half its angle, is weighted. Where the two z axes are
+        # opposite the twist is nothing, and the error is flown as it is.
+        error = quat_between(q_nb, q_sp)
+        error *= np.where(error[:, :1] < 0, -2.0, 2.0)
+        w, x, y, z = error.T
+        half = np.arctan2(z, w)
+        kept = self._weight * half
+        cos, sin = np.cos(half - kept), np.sin(half - kept)
+        turn = np.empty_like(r_nb[:, 2])
+        turn[:, 0], turn[:, 1] = cos * x - sin * y, cos * y + sin * x
+        turn[:, 2] = np.hypot(w, z) * np.sin(kept)
+        # Bounded before it is turned: of a faster one each body axis would get its all, and the vehicle would roll over.
+        feed = np.minimum(np.maximum(yaw_rate, -self._limit[:, 2]), self._limit[:, 2])
+        # The last row of the rotation matrix is down, in body axes.
+        rates = turn * self._gain + r_nb[:, 2] * feed[:, None]
+        return np.asarray(np.minimum(np.maximum(rates, -self._limit), self._limit))
+
+
+class RateControl:
+    """Body rates -> normalised torques [-] [FRD] (V, 3)."""
+
+    def __init__(self, params: Params, vehicles: int, dt: float) -> None:
+        self.params, self.dt = params, dt
+        self.integral = np.zeros((vehicles, 3))
+        self._rate, self._accel = np.zeros((vehicles, 3)), np.zeros((vehicles, 3))
+        self._yaw_torque = np.zeros(vehicles)
+        self._read_params()
+
+    def _read_params(self) -> None:
+        p, axes = self.params, ("ROLL", "PITCH", "YAW")
+        self._version = p.version
+        k = p.columns(*(f"MC_{a}RATE_K" for a in axes))
+        self._p = k * p.columns(*(f"MC_{a}RATE_P" for a in axes))
+        self._i_dt = k * p.columns(*(f"MC_{a}RATE_I" for a in axes)) * self.dt
+        self._d = k * p.columns(*(f"MC_{a}RATE_D" for a in axes))
+        self._limit = p.columns("MC_RR_INT_LIM", "MC_PR_INT_LIM", "MC_YR_INT_LIM")
+        self._lp_rate = _low_pass(p["IMU_GYRO_CUTOFF"], self.dt)
+        self._lp_accel = _low_pass(p["IMU_DGYRO_CUTOFF"], self.dt)
+        self._lp_yaw = _low_pass(p["MC_YAW_TQ_CUTOFF"], self.dt)[:, 0]
+
+    def reset(self, which: Bool | int) -> None:
+        self.integral[which] = 0.0
+        self._yaw_torque[which] = 0.0
+
+    def update(self, omega_b: Array, omega_sp: Array, saturated: Array) -> Array:
+        """saturated: sign of the torque that the mixer could not deliver, per axis (V, 3)."""
+        if self._version != self.params.version:
+            self._read_params()
+        last = self._rate
+        self._rate = last + self._lp_rate * (omega_b - last)
+        self._accel += self._lp_accel * ((self._rate - last) / self.dt - self._accel)
+        error = omega_sp - self._rate
+        torque = self._p * error + self.integral - self._d * self._accel
+        grow = np.where(saturated * error > 0, 0.0, error)
+        # Large errors are transients, not trims: let the integral sleep through them (400 deg/s and more: none).
+        fade = np.maximum(0.0, 1.0 - (error * _NO_TRIM) ** 2)
+        integral = self.integral + fade * grow * self._i_dt
+        self.integral = np.minimum(np.maximum(integral, -self._limit), self._limit)
+        # Rotors that gather speed push back on the body: what yaw asks for is smoothed, as PX4 does.
+        self._yaw_torque += self._lp_yaw * (
+            np.minimum(np.maximum(torque[:, 2], -1.0), 1.0) - self._yaw_torque
+        )
+        torque[:, 2] = self._yaw_torque
+        return torque
+
+
+def _low_pass(cutoff_hz: Array, dt: float) -> Array:
+    """First-order coefficient per step (V, 1); 0 Hz switches the filter off."""
+    return np.where(cutoff_hz > 0, 1.0 - np.exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)[:, None]
+
+
+def _shorten(v: Array, most: Array) -> Array:
+    """Vectors (V, 2) no longer than most (V,)."""
+    length = np.hypot(v[:, 0], v[:, 1])
+    return np.asarray(v * np.minimum(1.0, most / np.maximum(length, 1e-9))[:, None])
+
+
+def _length(v: Array) -> Array:
+    """Of vectors (V, 3); numpy's own norm costs several times as much."""
+    return np.asarray(np.hypot(np.hypot(v[:, 0], v[:, 1]), v[:, 2]))
+
+
+class Cascade:
+    """All of it: setpoints and estimate in, torques and collective thrust out."""
+
+    def __init__(self, params: Params, vehicles: int, dt: float) -> None:
+        self.position = PositionControl(params, vehicles, dt * _POSITION_EVERY)
+        self.attitude = AttitudeControl(params)
+        self.rate = RateControl(params, vehicles, dt)
+        self.q_sp, self.omega_sp = np.tile([1.0, 0.0, 0.0, 0.0], (vehicles, 1)), np.zeros((vehicles, 3))
+        self.thrust = np.zeros(vehicles)
+        self.saturated = np.zeros((vehicles, 3))
+        self.dt = dt
+        self._steps = 0
+
+    def reset(self, which: Bool | int) -> None:
+        self.position.reset(which)
+        self.rate.reset(which)
+
+    def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
+        """-> torque [-] [FRD] (V, 3), thrust 0..1 [-] (V,)."""
+        by_position = sp.at(Level.POSITION)
+        if self._steps % _POSITION_EVERY == 0:
+            q_sp, thrust = self.position.update(sp, est)
+            self.q_sp = np.where(by_position[:, None], q_sp, sp.q_nb)
+            self.thrust = np.where(by_position, thrust, sp.thrust)
+        self._steps += 1
+        feed = np.where(by_position & np.isfinite(sp.yaw_rate), sp.yaw_rate, sp.yaw_rate_ff)
+        rates = self.attitude.update(est.q_nb, est.r_nb, self.q_sp, feed)
+        self.omega_sp = np.where((by_position | sp.at(Level.ATTITUDE))[:, None], rates, sp.omega_b)
+        return self.rate.update(est.omega_b, self.omega_sp, self.saturated), self.thrust

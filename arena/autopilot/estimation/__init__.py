@@ -1,0 +1,1 @@
+"""Estimation of the built-in autopilot: the Kalman filter and the land detector."""

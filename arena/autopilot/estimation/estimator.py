@@ -1,0 +1,321 @@
+"""Error-state Kalman filter over a fleet: IMU strapdown, corrected by external vision (position and yaw) at a known delay.
+
+Nominal state at the present: p_n, v_n, q_nb, gyro bias, accelerometer bias. Error state, 15 numbers in this order:
+    dp_n, dv_n, dtheta_b, dbg, dba       with q_true = q_nb * exp(dtheta_b)
+A measurement of age tau is compared with the state kept from then, and its Jacobian carries the age: to first order
+dp(t - tau) = dp - tau dv. So nothing is predicted twice, and the past states are corrected along with the present one.
+(Sola, "Quaternion kinematics for the error-state Kalman filter", 2017, for the error dynamics. Noise parameters, gates and
+time-outs have PX4's names and meaning.)  Yaw is taken from the rotation between measured and estimated attitude about the
+down axis, so tilt is learned from how the vehicle moves and from nothing that a badly drawn rigid body could spoil.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.autopilot.param_table import Params
+from arena.geometry import (
+    matrix_from_quat,
+    quat_conj,
+    quat_exp,
+    quat_from_euler,
+    quat_log,
+    quat_multiply,
+    quat_normalize,
+    yaw_from_quat,
+)
+
+Array = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+Index = NDArray[np.intp]
+
+GRAVITY = 9.80665
+_P, _V, _TH, _BG, _BA = (slice(i, i + 3) for i in range(0, 15, 3))
+_COVARIANCE_EVERY = 4
+_RING = 96
+_NEVER = -1e9
+_SETTLE_S = 1.0  # after alignment, before the estimate may be flown on
+_UNUSED_VARIANCE = 1e9
+_SMALL_VARIANCE = 1e-6
+_VELOCITY_VARIANCE = 0.16  # that may be flown on [m2/s2]
+_SURE = np.repeat(
+    (0.25, _VELOCITY_VARIANCE, 0.01), 3
+)  # variances of position, velocity and attitude that may be flown on
+_EYE = np.eye(15)
+
+
+class Estimator:
+    """Arrays over V vehicles. dt: IMU period [s]."""
+
+    def __init__(self, params: Params, vehicles: int, dt: float) -> None:
+        v = vehicles
+        self.params, self.dt = params, dt
+        self.p_n, self.v_n, self.a_n = np.zeros((v, 3)), np.zeros((v, 3)), np.zeros((v, 3))
+        self.q_nb = np.tile([1.0, 0.0, 0.0, 0.0], (v, 1))
+        self.r_nb = np.tile(np.eye(3), (v, 1, 1))
+        self.gyro_bias, self.accel_bias = np.zeros((v, 3)), np.zeros((v, 3))
+        self.omega_b = np.zeros((v, 3))
+        self.cov = np.zeros((v, 15, 15))
+        self.aligned = np.zeros(v, bool)
+        self.aligned_at = np.full(v, np.inf)
+        self.last_xy, self.last_z, self.last_yaw = np.full(v, _NEVER), np.full(v, _NEVER), np.full(v, _NEVER)
+        self.rejected = np.zeros(v, int)
+        self.reset_counter = np.zeros(v, int)
+        self.test_ratio = np.zeros((v, 2))  # position, yaw: innovation squared over its gate [-]
+        self.innovation = np.zeros((v, 4))  # position [m] [NED], yaw [rad]
+        self.innovation_var = np.ones(
+            (v, 4)
+        )  # what the filter takes the variance of these to be [m2], [rad2]
+        self._strict = np.full((v, 4), np.inf)  # since a rejection: the variance that its gate had
+        self._accel_mean = np.tile([0.0, 0.0, -GRAVITY], (v, 1))
+        self._baro_offset, self._baro_seen = np.zeros(v), np.zeros(v, bool)
+        self._ring_p, self._ring_q = np.zeros((_RING, v, 3)), np.zeros((_RING, v, 4))
+        self._ring_q[..., 0] = 1.0
+        self._steps = 0
+        self._read_params()
+
+    def _read_params(self) -> None:
+        p = self.params
+        self._version = p.version
+        self._timeout_s = p["EKF2_NOAID_TOUT"] * 1e-6
+        self._delay_s = p["EKF2_EV_DELAY"] * 1e-3
+        self._ctrl = p["EKF2_EV_CTRL"].astype(int)
+        self._least_variance = (p.columns("EKF2_EVP_NOISE", "EKF2_EVA_NOISE") ** 2)[:, (0, 0, 0, 1)]
+        self._gate_squared = p.columns("EKF2_EVP_GATE", "EKF2_HDG_GATE") ** 2
+        # Of velocity, attitude and both biases. PX4 adds (noise * dt)^2 at each of its own steps; the same growth per second.
+        noise = p.columns("EKF2_ACC_NOISE", "EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_B_NOISE").repeat(
+            3, axis=1
+        )
+        self._growth = (noise * self.dt) ** 2 * _COVARIANCE_EVERY
+
+    # -- what others ask -----------------------------------------------------------------------------------------------
+
+    def xy_valid(self, now: float) -> Bool:
+        """Horizontal position and velocity may be flown on: fused within EKF2_NOAID_TOUT, and converged."""
+        return np.asarray(self.aligned & (now - self.last_xy < self._timeout_s) & self._converged(now))
+
+    def z_valid(self, now: float) -> Bool:
+        """Height may be flown on (the barometer carries it when vision is lost)."""
+        return np.asarray(self.aligned & ((now - self.last_z < self._timeout_s) | self._baro_seen))
+
+    def yaw_valid(self, now: float) -> Bool:
+        return np.asarray(self.aligned & ((now - self.last_yaw < self._timeout_s) | (self._ctrl & 8 == 0)))
+
+    def velocity_known(self, i: int) -> bool:
+        """Whether the velocity of vehicle i is still good enough to brake by, with vision or for a while without."""
+        return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
+
+    def _converged(self, now: float) -> Bool:
+        d = np.einsum("vii->vi", self.cov)[:, :9]
+        return np.asarray((d < _SURE).all(1) & (now - self.aligned_at > _SETTLE_S))
+
+    # -- prediction ----------------------------------------------------------------------------------------------------
+
+    def predict(self, accel_b: Array, gyro_b: Array) -> None:
+        """One IMU period. accel_b: specific force [m/s2] [FRD] (V, 3); gyro_b: body rates [rad/s] [FRD] (V, 3)."""
+        if self._version != self.params.version:
+            self._read_params()
+        dt = self.dt
+        omega_b = gyro_b - self.gyro_bias
+        force_b = accel_b - self.accel_bias
+        self._accel_mean += 0.02 * (accel_b - self._accel_mean)
+        # The gyroscope tells the rates at either end of the period, the accelerometer the mean over it.
+        self.q_nb = quat_multiply(self.q_nb, quat_exp((self.omega_b + omega_b) * (0.5 * dt)))
+        self.q_nb /= np.sqrt((self.q_nb * self.q_nb).sum(1))[:, None]
+        self.omega_b, before = omega_b, self.r_nb
+        self.r_nb = matrix_from_quat(self.q_nb)
+        a_n = ((self.r_nb + before) @ (0.5 * force_b[:, :, None]))[:, :, 0]
+        a_n[:, 2] += GRAVITY
+        self.a_n = a_n
+        moving = self.aligned[:, None]
+        dv = a_n * dt * moving
+        self.p_n = self.p_n + self.v_n * dt + 0.5 * dt * dv
+        self.v_n = self.v_n + dv
+        slot = self._steps % _RING
+        self._ring_p[slot], self._ring_q[slot] = self.p_n, self.q_nb
+        self._steps += 1
+        if self._steps % _COVARIANCE_EVERY == 0:
+            self._predict_covariance(force_b, dt * _COVARIANCE_EVERY)
+
+    def _predict_covariance(self, force_b: Array, dt: float) -> None:
+        v = len(force_b)
+        f = np.empty((v, 15, 15))
+        f[:] = _EYE
+        f[:, 0, 3] = f[:, 1, 4] = f[:, 2, 5] = dt
+        f[:, _V, _TH] = -dt * (self.r_nb @ _skew(force_b))
+        f[:, _V, _BA] = -dt * self.r_nb
+        f[:, _TH, _TH] -= dt * _skew(self.omega_b)
+        f[:, 6, 9] = f[:, 7, 10] = f[:, 8, 11] = -dt
+        cov = f @ self.cov @ f.transpose(0, 2, 1)
+        d = np.einsum("vii->vi", cov)  # a view of the diagonals
+        d[:, 3:] += self._growth
+        np.minimum(np.maximum(d, 0.0), 1e4, out=d)
+        self.cov = cov
+
+    # -- correction ----------------------------------------------------------------------------------------------------
+
+    def fuse_vision(
+        self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, var_yaw: Array, now: float
+    ) -> None:
+        """External vision of the vehicles idx (m,), just arrived: p_n (m, 3), q_nb (m, 4), variances [m2] (m, 3), [rad2] (m,).
+
+        NaN in q_nb: no attitude. Its age is EKF2_EV_DELAY, as PX4 counts it for samples stamped on arrival.
+        """
+        fresh = ~self.aligned[idx]
+        if fresh.any():
+            self._align(idx[fresh], p_n[fresh], q_nb[fresh], var_p[fresh], now)
+            idx = idx[~fresh]
+            p_n, q_nb, var_p, var_yaw = (x[~fresh] for x in (p_n, q_nb, var_p, var_yaw))
+        if not len(idx):
+            return
+        delay = np.minimum(np.maximum(self._delay_s[idx] + 0.5 * self.dt, 0.0), (_RING - 3) * self.dt)
+        past_p, past_q = self._past(idx, delay)
+        y = np.zeros((len(idx), 4))
+        y[:, :3] = p_n - past_p
+        has_yaw = np.isfinite(q_nb[:, 0]) & (self._ctrl[idx] & 8 > 0)
+        q_measured = np.where(has_yaw[:, None], q_nb, past_q)
+        y[:, 3] = quat_log(quat_multiply(q_measured, quat_conj(past_q)))[:, 2]
+        h = np.zeros((len(idx), 4, 15))
+        h[:, 0, 0] = h[:, 1, 1] = h[:, 2, 2] = 1.0
+        h[:, 0, 3] = h[:, 1, 4] = h[:, 2, 5] = -delay
+        h[:, 3, _TH] = self.r_nb[idx, 2]
+        r = np.empty((len(idx), 4))
+        r[:, :3], r[:, 3] = var_p, var_yaw
+        np.maximum(r, self._least_variance[idx], out=r)
+        # Heard at some moment of the period that ends now: uniform, half a period old on average, dt^2 / 12.
+        r[:, :3] += self.v_n[idx] ** 2 * (self.dt**2 / 12)
+        r[:, 3] += self.omega_b[idx, 2] ** 2 * (self.dt**2 / 12)
+        self._gate_and_update(idx, y, h, r, has_yaw, now)
+
+    def _gate_and_update(self, idx: Index, y: Array, h: Array, r: Array, has_yaw: Bool, now: float) -> None:
+        """Reject what lies outside its gate; a rejected row gets a variance that leaves it no weight.
+
+        A gate that has rejected grows no more: what jumped while the estimate was sure is no better for the estimate having
+        become unsure since. It is taken again when it comes back to where it was expected.
+        """
+        hp = h @ self.cov[idx]
+        s_diag = np.einsum("mij,mij->mi", hp, h) + r
+        self.innovation[idx], self.innovation_var[idx] = y, s_diag
+        strict = np.minimum(s_diag, self._strict[idx])
+        ratio = y * y / strict
+        tested = np.empty((len(idx), 2))
+        tested[:, 0], tested[:, 1] = ratio[:, :3].max(1), ratio[:, 3]
+        tested /= self._gate_squared[idx]
+        self.test_ratio[idx] = tested
+        position_ratio, yaw_ratio = tested.T
+        ctrl = self._ctrl[idx]
+        consistent = position_ratio < 1.0
+        use_xy, use_z = consistent & (ctrl & 1 > 0), consistent & (ctrl & 2 > 0)
+        # A yaw that jumped while the position stayed is a flipped rigid body: declare, do not follow.
+        use_yaw = has_yaw & consistent & (yaw_ratio < 1.0)
+        self.rejected[idx] += ~consistent | (has_yaw & (yaw_ratio >= 1.0))
+        use, passed = np.empty_like(y, bool), np.empty_like(y, bool)
+        use[:, 0] = use[:, 1] = use_xy
+        use[:, 2], use[:, 3] = use_z, use_yaw
+        passed[:, :3], passed[:, 3] = consistent[:, None], use_yaw
+        strict[~has_yaw, 3] = self._strict[idx[~has_yaw], 3]
+        self._strict[idx] = np.where(passed, np.inf, strict)
+        self.last_xy[idx[use_xy]] = now
+        self.last_z[idx[use_z]] = now
+        self.last_yaw[idx[use_yaw]] = now
+        self._update(idx, np.where(use, y, 0.0), h, np.where(use, r, _UNUSED_VARIANCE), hp)
+
+    def _update(self, idx: Index, y: Array, h: Array, r: Array, hp: Array) -> None:
+        s = hp @ h.transpose(0, 2, 1)
+        np.einsum("mii->mi", s)[:] += r
+        gain = np.linalg.solve(s, hp).transpose(0, 2, 1)
+        dx = (gain @ y[:, :, None])[:, :, 0]
+        cov = self.cov[idx] - gain @ hp
+        self.cov[idx] = _sound(0.5 * (cov + cov.transpose(0, 2, 1)))
+        self._inject(idx, dx)
+
+    def _inject(self, idx: Index, dx: Array) -> None:
+        """Move the nominal state by the error found, and the past states with it."""
+        r_nb = self.r_nb[idx]
+        dtheta_n = (r_nb @ dx[:, _TH, None])[:, :, 0]
+        turn = quat_exp(dtheta_n)
+        self.p_n[idx] += dx[:, _P]
+        self.v_n[idx] += dx[:, _V]
+        self.q_nb[idx] = quat_multiply(turn, self.q_nb[idx])
+        self.gyro_bias[idx] += dx[:, _BG]
+        limit = self.params["EKF2_ABL_LIM"][idx, None]
+        self.accel_bias[idx] = np.minimum(np.maximum(self.accel_bias[idx] + dx[:, _BA], -limit), limit)
+        self.r_nb[idx] = matrix_from_quat(self.q_nb[idx])
+        depth = min(self._steps, int(np.max(self._delay_s[idx], initial=0.0) / self.dt) + 3)
+        ages = np.arange(depth)
+        at = ((self._steps - 1 - ages)[:, None] % _RING, idx)
+        self._ring_p[at] += dx[None, :, _P] - (ages * self.dt)[:, None, None] * dx[None, :, _V]
+        self._ring_q[at] = quat_multiply(turn[None], self._ring_q[at])
+
+    def fuse_baro(self, baro_alt_m: Array, now: float) -> None:
+        """baro_alt_m: [m] up (V,), NaN of one that has failed.
+
+        It learns its offset while vision gives the height, and carries it when vision is gone.
+        """
+        height = -self.p_n[:, 2]
+        alive = np.isfinite(baro_alt_m)
+        good = alive & self.aligned & (now - self.last_z < 0.2)
+        first = good & ~self._baro_seen
+        self._baro_offset[first] = (baro_alt_m - height)[first]
+        self._baro_seen |= good
+        self._baro_offset += np.where(good, 0.02 * (baro_alt_m - height - self._baro_offset), 0.0)
+        lost = alive & self._baro_seen & (now - self.last_z > 0.5) & (self.params["EKF2_BARO_CTRL"] > 0)
+        if lost.any():
+            idx = np.flatnonzero(lost)
+            h = np.zeros((len(idx), 1, 15))
+            h[:, 0, 2] = 1.0
+            y = (self._baro_offset - baro_alt_m - self.p_n[:, 2])[idx, None]
+            self._update(idx, y, h, np.full((len(idx), 1), 0.25), h @ self.cov[idx])
+
+    def realign(self, idx: Index) -> None:
+        """Forget everything but the biases; the next vision sample aligns anew. On the ground only."""
+        self.aligned[idx] = False
+        self.reset_counter[idx] += 1
+
+    def _align(self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, now: float) -> None:
+        """Tilt from gravity, heading and position from vision, at rest."""
+        ok = np.isfinite(q_nb[:, 0])
+        idx, p_n, q_nb, var_p = idx[ok], p_n[ok], q_nb[ok], var_p[ok]
+        if not len(idx):
+            return
+        down_b = -self._accel_mean[idx]
+        roll = np.arctan2(down_b[:, 1], down_b[:, 2])
+        pitch = np.arctan2(-down_b[:, 0], np.hypot(down_b[:, 1], down_b[:, 2]))
+        self.q_nb[idx] = quat_normalize(
+            quat_from_euler(np.stack([roll, pitch, yaw_from_quat(q_nb)], axis=-1))
+        )
+        self.r_nb[idx] = matrix_from_quat(self.q_nb[idx])
+        self.p_n[idx], self.v_n[idx] = p_n, 0.0
+        self._ring_p[:, idx], self._ring_q[:, idx] = p_n, self.q_nb[idx]
+        sigma = np.array([0.1] * 3 + [0.1] * 3 + [0.05, 0.05, 0.1] + [0.02] * 3 + [0.1] * 3)
+        self.cov[idx] = np.diag(sigma**2)
+        self.aligned[idx], self.aligned_at[idx] = True, now
+        self._strict[idx] = np.inf
+        self.last_xy[idx] = self.last_z[idx] = self.last_yaw[idx] = now
+
+    def _past(self, idx: Index, delay_s: Array) -> tuple[Array, Array]:
+        """Position and attitude kept from delay_s (m,) ago, between two kept states."""
+        age = delay_s / self.dt
+        whole = np.floor(age).astype(int)
+        part = (age - whole)[:, None]
+        newer, older = (self._steps - 1 - whole) % _RING, (self._steps - 2 - whole) % _RING
+        p = (1 - part) * self._ring_p[newer, idx] + part * self._ring_p[older, idx]
+        q = (1 - part) * self._ring_q[newer, idx] + part * self._ring_q[older, idx]
+        return p, q / np.sqrt((q * q).sum(1))[:, None]
+
+
+def _sound(cov: Array) -> Array:
+    """A variance that rounding made negative is set small and its correlations are forgotten, as PX4 does. (m, 15, 15)"""
+    lost = np.einsum("mii->mi", cov) < 0.0
+    if lost.any():
+        cov = np.where(lost[:, :, None] | lost[:, None, :], 0.0, cov)
+        np.einsum("mii->mi", cov)[lost] = _SMALL_VARIANCE
+    return cov
+
+
+def _skew(v: Array) -> Array:
+    m = np.zeros((*v.shape, 3))
+    m[..., 0, 1], m[..., 0, 2], m[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    m[..., 1, 0], m[..., 2, 0], m[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return m

@@ -1,0 +1,1 @@
+"""MAVLink of the built-in autopilot: commands, setpoints, telemetry, parameters and missions."""

@@ -1,0 +1,1 @@
+"""Navigation of the built-in autopilot: AUTO modes, missions and geofences."""

@@ -1,0 +1,420 @@
+"""AUTO.MISSION and AUTO.RTL of one vehicle: which item is flown, when it is reached, and what the cascade is asked for.
+
+PX4 v1.16's rules for a multirotor: a climb before the first item where it lies higher, acceptance radii, a wanted heading that
+must be met, hold times, jumps, landing above the landing point, a return within a cone above home. Called some fifty times a
+second, for the vehicles alone that fly these modes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.autopilot.commander import CRITICAL, INFO, Mode
+from arena.autopilot.control.setpoints import Setpoints
+from arena.autopilot.control.trajectory import Course, Pace, wrapped
+from arena.autopilot.mavlink.mission_protocol import Missions
+from arena.autopilot.navigation.mission_feasibility import moves
+from arena.autopilot.navigation.mission_items import MISSION, RALLY, Item, place
+from arena.autopilot.param_table import Params
+
+Point = tuple[float, float, float]
+_NEAREST_BY_M = 2.0  # by how much a rally point must be nearer than home
+_JUMPS = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """The vehicle at this moment. p_n, v_n [NED]; yaw [rad]; flying: the take-off is through; say: (severity, text)."""
+
+    now: float
+    p_n: Point
+    v_n: Point
+    yaw: float
+    landed: bool
+    flying: bool
+    origin: Point
+    home_n: Point
+    home_yaw: float
+    say: Callable[[int, str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leg:
+    """One thing to do. to [m] [NED]; yaw [rad], NaN: the nose follows the way; kind: how it is flown and when it is done."""
+
+    kind: str  # climb, go, land, stay, at once
+    to: Point = (0.0, 0.0, 0.0)
+    yaw: float = math.nan
+    within_m: float = 2.0
+    within_up_m: float = 0.8
+    hold_s: float = 0.0
+    reports: bool = True
+    then: str = ""  # what follows this leg within the same item
+
+
+@dataclass(slots=True)
+class Navigator:
+    """State of one vehicle's flight by itself. i: its row; running: a mission is being flown, not yet at its end."""
+
+    i: int
+    params: Params
+    missions: Missions
+    course: Course = field(default_factory=Course)
+    leg: Leg = field(default_factory=lambda: Leg(kind="stay"))
+    mode: Mode | None = None
+    running: bool = False
+    asked: Mode | None = None
+    _moved: int = -1
+    _cruise: float = math.nan
+    _climb_d: float = math.nan
+    _there: float = math.nan
+    _turned: bool = False
+    _jumps: dict[int, int] = field(default_factory=dict)
+    _activated: bool = False
+    _disarmed: bool = False
+    _destination: Point = (0.0, 0.0, 0.0)
+
+    # -- from outside --------------------------------------------------------------------------------------------------
+
+    def enter(self, mode: Mode, s: Situation) -> None:
+        """Begin MISSION or RTL here."""
+        self.mode, self.asked = mode, None
+        self.course.begin(s.p_n, s.v_n, s.yaw)
+        if mode is Mode.RTL:
+            self._begin_return(s)
+        else:
+            self._begin_mission(s)
+
+    def go(self, to: Point, yaw: float, s: Situation) -> None:
+        """Hold there instead of here (DO_REPOSITION). yaw [rad], NaN for the nose along the way."""
+        if self.mode is not Mode.HOLD:
+            self.mode, self.asked = Mode.HOLD, None
+            self.course.begin(s.p_n, s.v_n, s.yaw)
+        self._set(Leg(kind="stay", to=to, yaw=yaw), s)
+
+    def change_speed(self, speed: float) -> None:
+        """[m/s] from now on; NaN for MPC_XY_CRUISE."""
+        self._cruise = speed
+
+    def leave(self, *, armed: bool) -> None:
+        """Another mode flies, or nothing does."""
+        if self.mode is Mode.MISSION:
+            self.missions.tell(reached=-1)
+        self.mode, self.running = None, False
+        if not armed:
+            self._disarmed, self._cruise = True, math.nan
+
+    def fly(self, sp: Setpoints, s: Situation, dt: float) -> None:
+        """Write the setpoint of this moment; `asked` is a mode that the mission wants."""
+        if self.mode is Mode.MISSION and self.missions.moved != self._moved:
+            self._take_up(s)
+        if self._done(s):
+            self._advance(s)
+        self._steer(sp, s, dt)
+
+    # -- a mission -----------------------------------------------------------------------------------------------------
+
+    def _begin_mission(self, s: Situation) -> None:
+        m = self.missions
+        if self._disarmed and self._activated and m.current + 1 == len(m.items[MISSION]):
+            self._jumps.clear()
+            self._cruise = math.nan
+            m.tell(current=0)
+        self._activated, self._disarmed = True, False
+        self._moved = -1
+        self._take_up(s)
+        self._climb_d = self._first_climb(s)
+        if self.running:
+            self._load(s)
+
+    def _take_up(self, s: Situation) -> None:
+        """A mission began, or was changed from outside."""
+        begun, self._moved = self._moved < 0, self.missions.moved
+        if not (self.missions.items[MISSION] and self.missions.valid):
+            rest = "refusing takeoff" if s.landed else "loitering"
+            s.say(CRITICAL, f"No valid mission available, {rest}")
+            self.running = False
+            self._set(Leg(kind="stay", to=s.p_n), s)
+            return
+        if not self.running:
+            s.say(INFO, "Executing Mission")
+        self.running = True
+        self.missions.tell(reached=-1)
+        if not begun:
+            self._load(s)
+
+    def _first_climb(self, s: Situation) -> float:
+        """The height to climb to before anything else [m] [NED down], NaN where none is needed."""
+        first = next((x for x in self.missions.items[MISSION][self.missions.current :] if moves(x)), None)
+        if first is None:
+            return math.nan
+        d = place(first, s.origin, s.home_n[2])[2]
+        return d if s.p_n[2] - d > self._param("NAV_MC_ALT_RAD") else math.nan
+
+    def _load(self, s: Situation) -> None:
+        """Take up the item that is current, past its jumps."""
+        items = self.missions.items[MISSION]
+        k = self._past_jumps(self.missions.current)
+        if k is None or k >= len(items):
+            self._finish(s)
+            return
+        self.missions.tell(current=k)
+        self._set(self._leg_of(items[k], s, ""), s)
+
+    def _past_jumps(self, k: int) -> int | None:
+        items = self.missions.items[MISSION]
+        for _ in range(_JUMPS):
+            if k >= len(items) or items[k].command != mavlink.MAV_CMD_DO_JUMP:
+                return k
+            to, repeat = (int(x) if math.isfinite(x) else -1 for x in items[k].params[:2])
+            if not 0 <= to < len(items):
+                return None
+            made = self._jumps.get(k, 0)
+            if repeat < 0 or made < repeat:
+                self._jumps[k] = made + 1
+                k = to
+            else:
+                k += 1
+        return None
+
+    def _leg_of(self, item: Item, s: Situation, stage: str) -> Leg:
+        """stage: what has been done of this item already."""
+        if not moves(item):
+            return self._do(item, s)
+        to = place(item, s.origin, s.home_n[2])
+        if math.isfinite(self._climb_d):
+            d, self._climb_d = self._climb_d, math.nan
+            s.say(INFO, f"Climb to {s.home_n[2] - d:.1f} meters above home")
+            within = self._param("NAV_MC_ALT_RAD")
+            height = s.home_n[2] - d
+            within = height / 2.0 if s.landed and 0.0 < height < within else within
+            return Leg(
+                kind="climb", to=(s.p_n[0], s.p_n[1], d), within_up_m=within, reports=False, then="climbed"
+            )
+        if item.command == mavlink.MAV_CMD_NAV_LAND:
+            return self._landing_leg(to, s, stage)
+        return self._leg_to(item, to)
+
+    def _landing_leg(self, to: Point, s: Situation, stage: str) -> Leg:
+        away = math.dist(to[:2], s.p_n[:2])
+        if not s.landed and stage != "above" and away > self._param("NAV_ACC_RAD"):
+            height = self.leg.to[2] if self.leg.kind == "go" else s.p_n[2]
+            return Leg(
+                kind="go", to=(to[0], to[1], height), within_m=self._param("NAV_ACC_RAD"), then="above"
+            )
+        return Leg(kind="land", to=to)
+
+    def _leg_to(self, item: Item, to: Point) -> Leg:
+        within, hold, yaw, kind = self._param("NAV_ACC_RAD"), 0.0, math.radians(item.params[3]), "go"
+        if item.command == mavlink.MAV_CMD_NAV_WAYPOINT:
+            within = item.params[1] if item.params[1] > 1e-6 else within
+            hold = item.params[0] if item.params[0] > 0 else 0.0
+        elif item.command == mavlink.MAV_CMD_NAV_LOITER_TIME:
+            hold, yaw = max(item.params[0], 0.0), math.nan
+        elif item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
+            kind = "stay"
+        else:
+            yaw = math.nan
+        return Leg(
+            kind=kind, to=to, yaw=yaw, within_m=within, within_up_m=self._param("NAV_MC_ALT_RAD"), hold_s=hold
+        )
+
+    def _do(self, item: Item, s: Situation) -> Leg:
+        """An item without a way: done at once but for the delay; what the built-in autopilot has not got does nothing."""
+        command, p = item.command, item.params
+        if command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
+            self._cruise = p[1] if math.isfinite(p[1]) and p[1] > 0 else math.nan
+        elif command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            self.asked = Mode.RTL
+            return Leg(kind="stay", to=self._here(s))
+        elif command == mavlink.MAV_CMD_NAV_DELAY:
+            hold = p[0] if math.isfinite(p[0]) and p[0] > 0 else 0.0
+            return Leg(kind="wait", to=self._here(s), yaw=self.course.yaw, hold_s=hold)
+        return Leg(kind="at once", to=self._here(s), yaw=self.course.yaw)
+
+    def _here(self, s: Situation) -> Point:
+        return self.leg.to if self.leg.kind == "go" else s.p_n
+
+    def _advance(self, s: Situation) -> None:
+        if self.mode is Mode.RTL:
+            self._advance_return(s)
+            return
+        items, m = self.missions.items[MISSION], self.missions
+        if self.leg.reports:
+            m.tell(reached=m.current)
+        if self.leg.then and m.current < len(items):
+            self._set(self._leg_of(items[m.current], s, self.leg.then), s)
+        elif m.current < len(items) and items[m.current].autocontinue:
+            after = self._past_jumps(m.current + 1)
+            if after is None or after >= len(items):
+                self._finish(s)
+            else:
+                m.tell(current=after)
+                self._set(self._leg_of(items[after], s, ""), s)
+        else:
+            self._set(Leg(kind="stay", to=self.leg.to, yaw=self.leg.yaw), s)
+
+    def _finish(self, s: Situation) -> None:
+        s.say(INFO, f"Mission finished, {'landed' if s.landed else 'loitering'}")
+        self.running = False
+        self._jumps.clear()
+        self._set(Leg(kind="stay", to=s.p_n, yaw=self.course.yaw), s)
+
+    # -- the return ----------------------------------------------------------------------------------------------------
+
+    def _begin_return(self, s: Situation) -> None:
+        self._cruise = math.nan
+        self._destination = self._where_to(s)
+        if s.landed:
+            self._set(Leg(kind="stay", to=s.p_n), s)
+            return
+        d = self._return_d(s)
+        above = self._destination[2] - d
+        s.say(
+            INFO,
+            f"RTL: start return at {math.ceil(s.origin[2] - d)} m ({math.ceil(above)} m above destination)",
+        )
+        if s.p_n[2] > d:
+            self._set(Leg(kind="climb", to=(s.p_n[0], s.p_n[1], d), yaw=s.yaw, then="climbed"), s)
+        else:
+            self._move_home(d, s)
+
+    def _where_to(self, s: Situation) -> Point:
+        """Home, or a rally point that is clearly nearer."""
+        best, least = s.home_n, math.dist(s.home_n[:2], s.p_n[:2])
+        for item in self.missions.items[RALLY]:
+            point = place(item, s.origin, s.home_n[2])
+            if math.dist(point[:2], s.p_n[:2]) + _NEAREST_BY_M < least:
+                best, least = point, math.dist(point[:2], s.p_n[:2])
+        return best
+
+    def _return_d(self, s: Situation) -> float:
+        """How high to fly home [m] [NED down]: within a cone around it, never lower than now. (RTL_CONE_ANG, RTL_RETURN_ALT)"""
+        away = math.dist(self._destination[:2], s.p_n[:2])
+        most, now = self._param("RTL_RETURN_ALT"), self._destination[2] - s.p_n[2]
+        cone, within = self._param("RTL_CONE_ANG"), self._param("NAV_ACC_RAD")
+        height = most
+        if cone > 0 and away <= within:
+            height = 2.0 * away
+        elif cone > 0:
+            if away <= self._param("RTL_MIN_DIST"):
+                height = min(away / math.tan(math.radians(min(max(cone, 1.0), 89.0))), most)
+            height = max(height, 2.0 * within)
+        height = max(min(height, most), now) if cone > 0 else max(now, most)
+        return self._destination[2] - height
+
+    def _move_home(self, d: float, s: Situation) -> None:
+        near = math.dist(self._destination[:2], s.p_n[:2]) < self._param("RTL_MIN_DIST")
+        yaw = s.home_yaw if near else math.nan
+        to = (self._destination[0], self._destination[1], d)
+        self._set(Leg(kind="go", to=to, yaw=yaw, within_m=self._param("NAV_ACC_RAD"), then="above"), s)
+
+    def _advance_return(self, s: Situation) -> None:
+        delay, done = self._param("RTL_LAND_DELAY"), self.leg.then
+        low_d = max(self.leg.to[2], self._destination[2] - self._param("RTL_DESCEND_ALT"))
+        above = (self._destination[0], self._destination[1], low_d)
+        if done == "climbed":
+            self._move_home(self.leg.to[2], s)
+        elif done == "above" and abs(delay) > 1e-6:
+            self._set(Leg(kind="go", to=above, yaw=s.home_yaw, then="low", hold_s=max(delay, 0.0)), s)
+        elif done == "low" and delay < 0:
+            s.say(INFO, "RTL: completed, loitering")
+            self._set(Leg(kind="stay", to=above, yaw=s.home_yaw), s)
+        elif self.leg.kind == "land":
+            self._set(Leg(kind="stay", to=s.p_n), s)
+        else:
+            s.say(INFO, "RTL: land at destination")
+            self._set(Leg(kind="land", to=self._destination, yaw=s.home_yaw), s)
+
+    # -- both ----------------------------------------------------------------------------------------------------------
+
+    def _param(self, name: str) -> float:
+        return float(self.params[name][self.i])
+
+    def _set(self, leg: Leg, s: Situation) -> None:
+        self.leg, self._there, self._turned = leg, math.nan, False
+
+    def _done(self, s: Situation) -> bool:
+        """Is this leg flown, with its heading and its time?"""
+        leg = self.leg
+        if leg.kind in ("stay", "at once"):
+            return leg.kind == "at once"
+        if leg.kind == "land":
+            return s.landed
+        if math.isnan(self._there) and self._arrived(s):
+            self._there = s.now
+        if math.isnan(self._there):
+            return False
+        self._turned |= not math.isfinite(leg.yaw) or abs(wrapped(leg.yaw - s.yaw)) < math.radians(
+            self._param("MIS_YAW_ERR")
+        )
+        self._turned |= self._param("MIS_YAW_TMT") >= 0 or leg.kind != "go"
+        return self._turned and s.now - self._there >= leg.hold_s
+
+    def _arrived(self, s: Situation) -> bool:
+        leg = self.leg
+        if leg.kind == "wait":
+            return True
+        if s.landed:
+            return False
+        if leg.kind == "climb":
+            return s.p_n[2] < leg.to[2] + leg.within_up_m
+        return (
+            math.dist(leg.to[:2], s.p_n[:2]) <= leg.within_m and abs(leg.to[2] - s.p_n[2]) <= leg.within_up_m
+        )
+
+    def _steer(self, sp: Setpoints, s: Situation, dt: float) -> None:
+        leg, course, pace = self.leg, self.course, self._pace()
+        if leg.kind == "stay" and not s.flying:
+            # On the floor it goes on pressing down as a landing does, or the land detector would think again.
+            sp.fly(self.i, v_n=(0.0, 0.0, self._param("MPC_LAND_SPEED")), yaw=course.yaw)
+            return
+        course.turn(self._heading(s), pace, dt)
+        if leg.kind == "land":
+            v = (0.0, 0.0, self._param("MPC_LAND_SPEED"))
+            sp.fly(self.i, p_n=(leg.to[0], leg.to[1], math.nan), v_n=v, yaw=course.yaw)
+        elif leg.kind == "climb" and not s.flying:
+            self._lift_off(sp, s)
+        else:
+            course.run(leg.to, s.p_n, pace, dt)
+            sp.fly(
+                self.i, p_n=tuple(course.p_n), v_n=tuple(course.v_n), a_n=tuple(course.a_n), yaw=course.yaw
+            )
+
+    def _lift_off(self, sp: Setpoints, s: Situation) -> None:
+        """By climb rate until the take-off is through, as AUTO.TAKEOFF does."""
+        left = s.p_n[2] - self.leg.to[2]
+        v = (0.0, 0.0, -min(self._param("MPC_TKO_SPEED"), max(left, 0.0) + 0.15))
+        self.course.begin(
+            (self.course.p_n[0], self.course.p_n[1], s.p_n[2]), (0.0, 0.0, s.v_n[2]), self.course.yaw
+        )
+        sp.fly(self.i, p_n=(self.course.p_n[0], self.course.p_n[1], math.nan), v_n=v, yaw=self.course.yaw)
+
+    def _heading(self, s: Situation) -> float:
+        """The wanted yaw, or along the way while it is far."""
+        leg = self.leg
+        if math.isfinite(leg.yaw) or leg.kind in ("climb", "stay", "wait", "land"):
+            return leg.yaw
+        away = (leg.to[0] - s.p_n[0], leg.to[1] - s.p_n[1])
+        return math.atan2(away[1], away[0]) if math.hypot(*away) > leg.within_m else math.nan
+
+    def _pace(self) -> Pace:
+        p = self._param
+        fastest = p("MPC_XY_VEL_MAX")
+        cruise = min(self._cruise if math.isfinite(self._cruise) else p("MPC_XY_CRUISE"), fastest)
+        turn, jerk = math.radians(p("MPC_YAWRAUTO_MAX")), max(p("MPC_JERK_AUTO"), 0.5)
+        return Pace(
+            cruise=cruise,
+            up=p("MPC_Z_V_AUTO_UP"),
+            down=p("MPC_Z_V_AUTO_DN"),
+            accel=p("MPC_ACC_HOR"),
+            turn=turn,
+            jerk=jerk,
+            accel_up=p("MPC_ACC_UP_MAX"),
+            accel_down=p("MPC_ACC_DOWN_MAX"),
+            lead_m=p("MPC_XY_ERR_MAX"),
+        )

@@ -1,0 +1,132 @@
+"""The startup scripts of a PX4, as far as the stand-in understands them. Reads those files, else pure.
+
+Understood, a line each: `. FILE`, `param set NAME VALUE`, `param set-default NAME VALUE`, `simulator_mavlink start` and
+`mavlink start`. `mavlink stream` is passed over: the built-in autopilot has rates of its own. Whatever else stands there is told.
+"""
+
+from __future__ import annotations
+
+import itertools
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from arena.errors import InputError
+
+Address = tuple[str, int]
+LINKS = ("router", "vision", "panic")
+"""In the order in which the scripts open them."""
+_LOOPBACK = "127.0.0.1"
+_ENV = "PX4_PARAM_"
+
+
+@dataclass(frozen=True, kw_only=True)
+class UdpLink:
+    """local: the port; remote: the fixed partner."""
+
+    name: str
+    local: int
+    remote: Address
+
+
+@dataclass(kw_only=True)
+class Startup:
+    """simulator: where the world serves the simulator API.  params: by PX4 name.  skipped: lines not understood."""
+
+    simulator: Address | None = None
+    links: list[UdpLink] = field(default_factory=list)
+    params: dict[str, float] = field(default_factory=dict)
+    skipped: list[str] = field(default_factory=list)
+
+
+def read_startup(script: Path, env: Mapping[str, str]) -> Startup:
+    """script: the first one, others are found beside it. env: PX4_PARAM_<NAME>=VALUE, which `set-default` does not override.
+
+    Raises InputError: a file is missing, a value is no number, or no simulator is named.
+    """
+    found = Startup(
+        params={k.removeprefix(_ENV): _number(k, v) for k, v in env.items() if k.startswith(_ENV)}
+    )
+    for line in _lines(script):
+        _obey(found, line)
+    if found.simulator is None:
+        raise InputError(f"{script}: starts no simulator_mavlink, so there is no world to connect to")
+    return found
+
+
+def _lines(script: Path) -> Iterator[list[str]]:
+    """The words of each line, with the files that it sources in their place."""
+    try:
+        text = script.read_text()
+    except OSError as error:
+        raise InputError(f"{script}: {error.strerror}") from error
+    for line in text.splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["."]:
+            yield from _lines(script.parent / " ".join(words[1:]))
+        elif words:
+            yield words
+
+
+def _obey(found: Startup, words: list[str]) -> None:
+    match words:
+        case ["param", "set", name, value]:
+            found.params[name] = _number(name, value)
+        case ["param", "set-default", name, value]:
+            found.params.setdefault(name, _number(name, value))
+        case ["simulator_mavlink", "start", "-c", port]:
+            found.simulator = (_LOOPBACK, _port(port))
+        case ["simulator_mavlink", "start", "-t", host, port]:
+            found.simulator = (host, _port(port))
+        case ["mavlink", "start", *options]:
+            _open(found, options)
+        case ["mavlink", "stream", *_]:
+            pass
+        case _:
+            found.skipped.append(" ".join(words))
+
+
+def _open(found: Startup, options: Sequence[str]) -> None:
+    given = {flag: value for flag, value in itertools.pairwise(options) if flag in ("-u", "-t", "-o")}
+    if len(given) != 3 or len(found.links) == len(LINKS):
+        found.skipped.append(f"mavlink start {' '.join(options)}")
+        return
+    remote = (given["-t"], _port(given["-o"]))
+    found.links.append(UdpLink(name=LINKS[len(found.links)], local=_port(given["-u"]), remote=remote))
+
+
+def rotors(params: Mapping[str, float]) -> list[dict[str, Any]]:
+    """The rotors as a profile has them, from CA_ROTOR*: KM is positive for one that turns counter-clockwise.
+
+    Raises InputError when there are none.
+    """
+    count = int(params.get("CA_ROTOR_COUNT", 0))
+    if count < 1:
+        raise InputError(
+            "CA_ROTOR_COUNT is not given: set PX4_PARAM_CA_ROTOR_COUNT and each rotor's PX, PY and KM"
+        )
+    try:
+        return [
+            {
+                "position_m": [params[f"CA_ROTOR{i}_PX"], params[f"CA_ROTOR{i}_PY"], 0.0],
+                "direction": "ccw" if params[f"CA_ROTOR{i}_KM"] > 0.0 else "cw",
+            }
+            for i in range(count)
+        ]
+    except KeyError as error:
+        raise InputError(f"{error.args[0]} is not given: set PX4_PARAM_{error.args[0]}") from error
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{name}: got {text!r}, expected a number") from None
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or not 0 < int(text) < 65536:
+        raise InputError(f"got {text!r}, expected a port")
+    return int(text)

@@ -1,0 +1,107 @@
+"""What the vehicles say of themselves, and their programs' heartbeats. Bytes and time in, arrays over the N vehicles out. Pure.
+
+Frames are read by their layout: at fifty vehicles the copilot hears thousands a second, and needs few bytes of each.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.wire.mavlink_frame import Buffer, Frame, byte_at, cut, uint_at
+from arena.wire.px4_mode import mode_words
+
+Array = NDArray[np.float64]
+
+SYSTEM, COMPONENT = 251, 190
+_AUTOPILOT, _PROGRAM = 1, 191
+HEARTBEAT, SYS_STATUS, LOCAL, TARGET, ACK, EXTENDED = 0, 1, 32, 85, 77, 245
+_ARMED = 128
+_NONE, _IN_PROGRESS = 0, 5
+_UNDEFINED, _ON_GROUND = 0, 1  # MAV_LANDED_STATE
+_STILL_M = 0.03
+_XYZ = struct.Struct("<fff")
+_NO_POSITION = 0b111
+
+
+class Known:
+    """ids: MAV_SYS_ID of each row. Times [s] of the caller's clock, -inf before the first."""
+
+    def __init__(self, ids: Sequence[int]) -> None:
+        n = len(ids)
+        self._rows = {system: i for i, system in enumerate(ids)}
+        self.mode = [""] * n
+        self.armed: list[bool | None] = [None] * n
+        self.landed: list[bool | None] = [None] * n
+        self.heart_at = np.full(n, -np.inf)
+        self.estimate, self.estimate_at = np.full((n, 3), np.nan), np.full(n, -np.inf)
+        self.target, self.target_at = np.full((n, 3), np.nan), np.full(n, -np.inf)
+        self.target_since = np.full(n, np.inf)
+        """Since when the target stands where it is."""
+        self.battery, self.battery_at = np.full(n, np.nan), np.full(n, -np.inf)
+        self.beat_at = np.full(n, -np.inf)
+        """The last heartbeat of its program in this arming."""
+        self.refusals: list[tuple[int, int, int]] = []
+        """(row, command, result), as they come; whoever reads them empties the list."""
+        self.counts: Counter[str] = Counter()
+
+    def hear(self, row: int | None, data: Buffer, now: float) -> None:
+        """A datagram. row: whose tools port it came from; None: from anybody, and then only a program's heartbeat counts."""
+        found = cut(data)
+        if found.garbage or found.bad_crc:
+            self.counts["garbled"] += 1
+        for frame in found.frames:
+            whose = self._rows.get(frame.sysid)
+            if whose is None:
+                continue
+            if frame.compid == _AUTOPILOT and whose == row:
+                self._autopilot(whose, data, frame, now)
+            elif row is None and frame.msgid == HEARTBEAT and frame.compid != _AUTOPILOT:
+                self.counts["program heartbeats"] += 1
+                self.beat_at[whose] = now
+
+    def _autopilot(self, i: int, data: Buffer, frame: Frame, now: float) -> None:
+        match frame.msgid:
+            case 0:
+                self._heartbeat(i, data, frame, now)
+            case 1:
+                left = byte_at(data, frame, 30)
+                self.battery[i], self.battery_at[i] = (left / 100.0 if left <= 100 else np.nan), now
+            case 32:
+                self.estimate[i], self.estimate_at[i] = _xyz(data, frame, 4), now
+            case 85:
+                self._target(i, data, frame, now)
+            case 245:
+                state = byte_at(data, frame, 1)
+                if state != _UNDEFINED:  # says nothing, and so takes nothing back
+                    self.landed[i] = state == _ON_GROUND
+            case 77 if frame.target_sys == SYSTEM and frame.target_comp == COMPONENT:
+                result = byte_at(data, frame, 2)
+                if result not in (_NONE, _IN_PROGRESS):
+                    self.refusals.append((i, uint_at(data, frame, 0, 2), result))
+
+    def _heartbeat(self, i: int, data: Buffer, frame: Frame, now: float) -> None:
+        armed = bool(byte_at(data, frame, 6) & _ARMED)
+        if not armed:
+            self.beat_at[i] = -np.inf  # the next arming begins anew
+        self.mode[i], self.armed[i], self.heart_at[i] = mode_words(uint_at(data, frame, 0, 4)), armed, now
+
+    def _target(self, i: int, data: Buffer, frame: Frame, now: float) -> None:
+        ignored = uint_at(data, frame, 48, 2) & _NO_POSITION
+        place = np.full(3, np.nan) if ignored else _xyz(data, frame, 4)
+        moved = np.abs(place - self.target[i])
+        if not (moved <= _STILL_M).all():  # also where either is nan
+            self.target_since[i] = now if np.isfinite(place).all() else np.inf
+            self.target[i] = place
+        self.target_at[i] = now
+
+
+def _xyz(data: Buffer, frame: Frame, offset: int) -> Array:
+    """Three floats of the payload; zeros beyond its end, as MAVLink cuts them."""
+    start = frame.payload + offset
+    raw = bytes(data[start : min(start + 12, frame.payload + frame.size)])
+    return np.array(_XYZ.unpack(raw.ljust(12, b"\0")), dtype=np.float64)

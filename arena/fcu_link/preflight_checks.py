@@ -1,0 +1,177 @@
+"""The preflight gates: whether the captured pose, the estimator and the battery agree that this vehicle may be armed. Pure.
+
+Each reason is a sentence that fits one STATUSTEXT of 50 bytes, for it is shown wherever the request to arm came from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from arena.fcu_link.settings import Preflight
+from arena.geometry import yaw_from_quat
+
+TEXT_BYTES = 50
+HEARD_S = 1.5
+_ESTIMATE_S = 0.5
+_BATTERY_S = 5.0
+_RATE_SHARE = 0.8
+_WINDOW_S = 1.0
+_BELOW_FLOOR_M = 0.05
+
+Vector = tuple[float, float, float]
+
+
+def sentence(text: str) -> str:
+    """ "Preflight: ..." within a STATUSTEXT; a long text goes without the word, and is cut at last."""
+    full = f"Preflight: {text}"
+    return full if len(full.encode()) <= TEXT_BYTES else text.encode()[:TEXT_BYTES].decode(errors="ignore")
+
+
+class Gates:
+    """Feed it what the autopilot says and the poses that reach it; ask `reasons`. All times are the caller's [s]."""
+
+    def __init__(self, preflight: Preflight) -> None:
+        self._p = preflight
+        self.heard = -math.inf
+        self.beat = -math.inf
+        self.armed = False
+        self.forget()
+
+    def forget(self) -> None:
+        """The autopilot has started anew: nothing that it said before counts."""
+        self._local: tuple[float, Vector] | None = None
+        self._yaw: tuple[float, float] | None = None
+        self._battery: tuple[float, int] | None = None
+        self._packs: dict[int, tuple[float, int]] = {}
+        self._pose: tuple[float, Vector, float] | None = None
+        self._poses: deque[float] = deque()
+
+    def on_autopilot(self, m: Any, now: float) -> None:
+        """A message of the vehicle's autopilot, decoded."""
+        kind = m.get_type()
+        if kind == "HEARTBEAT":
+            self.beat, self.armed = now, bool(m.base_mode & 128)
+        elif kind == "LOCAL_POSITION_NED":
+            self._local = now, (m.x, m.y, m.z)
+        elif kind == "ATTITUDE":
+            self._yaw = now, m.yaw
+        elif kind == "ATTITUDE_QUATERNION":
+            self._yaw = now, _yaw((m.q1, m.q2, m.q3, m.q4))
+        elif kind == "SYS_STATUS":
+            self._battery = now, m.battery_remaining
+        elif kind == "BATTERY_STATUS":
+            self._packs[m.id] = now, m.battery_remaining
+
+    def on_pose(self, m: Any, now: float) -> None:
+        """An ODOMETRY of the forwarder that goes out on the wire."""
+        self._pose = now, (m.x, m.y, m.z), _yaw(m.q)
+        self._poses.append(now)
+        self._trim(now)
+
+    def reasons(self, now: float, more: Sequence[str] = ()) -> list[str]:
+        """Why it must not be armed, gravest first; empty when it may. more: further reasons, of the parameters."""
+        found = [
+            *self._link(now),
+            *(self._cameras(now) if self._p.poses else self._estimate(now)),
+            *self._inside(now),
+        ]
+        return [sentence(text) for text in (*found, *self._charge(now), *more)]
+
+    def pose_rate_hz(self, now: float) -> float:
+        """Over the last second."""
+        self._trim(now)
+        return len(self._poses) / _WINDOW_S
+
+    def _trim(self, now: float) -> None:
+        while self._poses and self._poses[0] <= now - _WINDOW_S:
+            self._poses.popleft()
+
+    def _link(self, now: float) -> list[str]:
+        if self.heard == -math.inf:
+            return ["vehicle not heard yet"]
+        silent = now - self.heard
+        return [f"vehicle silent for {silent:.1f} s"] if silent > HEARD_S else []
+
+    def _cameras(self, now: float) -> list[str]:
+        """The poses that reach it, and whether they are where it believes to be."""
+        if self._pose is None:
+            return ["no pose has come", *self._estimate(now)]
+        at, p_n, yaw = self._pose
+        age, rate, needs = now - at, self.pose_rate_hz(now), _RATE_SHARE * self._p.pose_rate_hz
+        if age > self._p.pose_age_s:
+            return [f"no pose for {age:.2f} s (limit {self._p.pose_age_s:g} s)", *self._estimate(now)]
+        found = [f"{rate:.0f} poses/s, needs {needs:.0f}"] if rate < needs else []
+        if not all(map(math.isfinite, (*p_n, yaw))):
+            return [*found, "pose is not finite", *self._estimate(now)]
+        return found + (self._estimate(now) or self._agreement(p_n, yaw))
+
+    def _agreement(self, p_n: Vector, yaw: float) -> list[str]:
+        """Pose against an estimate that is known to be fresh."""
+        assert self._local is not None and self._yaw is not None
+        apart = math.dist(p_n, self._local[1])
+        turned = abs(math.degrees(math.remainder(yaw - self._yaw[1], math.tau)))
+        found = [] if apart <= self._p.position_m else [f"pose is {apart:.2f} m from the estimate"]
+        return found + (
+            [] if turned <= self._p.yaw_deg else [f"pose yaw is {turned:.0f} deg off the estimate"]
+        )
+
+    def _estimate(self, now: float) -> list[str]:
+        """Is there a fresh one?"""
+        if self._local is None:
+            return ["no position estimate"]
+        if self._yaw is None:
+            return ["no attitude estimate"]
+        age = now - min(self._local[0], self._yaw[0])
+        if age > _ESTIMATE_S:
+            return [f"estimate is {age:.1f} s old (limit {_ESTIMATE_S:g} s)"]
+        return [] if all(map(math.isfinite, (*self._local[1], self._yaw[1]))) else ["estimate is not finite"]
+
+    def _inside(self, now: float) -> list[str]:
+        known = self._pose if self._p.poses else self._local
+        if known is None or not all(map(math.isfinite, known[1])):
+            return []  # which is a reason already
+        (north, east, down), (size_n, size_e, height) = known[1], self._p.size_m
+        walls = [
+            (letter, x, half)
+            for letter, x, half in (("N", north, size_n / 2), ("E", east, size_e / 2))
+            if abs(x) > half
+        ]
+        found = [f"{letter} {x:.2f} m is outside +-{half:g} m" for letter, x, half in walls]
+        lowest = -down - self._p.height_m
+        if lowest < -_BELOW_FLOOR_M:
+            found.append(f"{-lowest:.2f} m below the floor")
+        if -down > height:
+            found.append(f"height {-down:.2f} m is over {height:g} m")
+        return found
+
+    def _charge(self, now: float) -> list[str]:
+        if self._p.battery <= 0.0:
+            return []
+        charge = self._remaining(now)
+        if charge is None:
+            return ["battery level unknown"]
+        return (
+            []
+            if charge / 100.0 >= self._p.battery
+            else [f"battery at {charge} %, needs {100 * self._p.battery:.0f} %"]
+        )
+
+    def _remaining(self, now: float) -> int | None:
+        """[%]; the autopilot's own sum, else the emptiest pack."""
+        if self._battery is not None and self._battery[1] >= 0 and now - self._battery[0] <= _BATTERY_S:
+            return self._battery[1]
+        packs = [charge for at, charge in self._packs.values() if charge >= 0 and now - at <= _BATTERY_S]
+        return min(packs, default=None)
+
+
+def _yaw(q: Sequence[float]) -> float:
+    """Of a wxyz quaternion; nan when it is none."""
+    norm = math.sqrt(sum(x * x for x in q))
+    return (
+        float(yaw_from_quat(np.asarray(q, float) / norm)) if math.isfinite(norm) and norm > 0.5 else math.nan
+    )

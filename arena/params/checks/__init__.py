@@ -1,0 +1,1 @@
+"""Checks and comparison of parameter values."""

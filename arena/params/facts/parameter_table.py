@@ -1,0 +1,164 @@
+"""The facts of PX4's parameters by version: px4_parameters.csv -> values. Pure but for reading that one file, once.
+
+A row holds for the versions `since` to `until`, both included. Point releases of one minor version share their rows: the
+last one of each was read, and nothing differs between v1.16.0 and v1.16.2.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Literal, NamedTuple
+
+from arena.errors import InputError
+
+CSV = "px4_parameters.csv"
+COLUMNS = ("name", "type", "unit", "default", "min", "max", "reboot", "since", "until", "source")
+Type = Literal["INT32", "FLOAT"]
+_ROUNDING = 1e-6
+_VERSION = re.compile(r"v?(\d{1,2})\.(\d{1,2})(?:\.(\d{1,3}))?(?:[-+ ].*)?")
+_HEAD = re.compile(r"# (\d+\.\d+) ([=~]) (.+)")
+
+
+class Parameter(NamedTuple):
+    """default, min, max: in `unit`, as PX4 writes it ("" when it has none); an INT32's are int.  reboot: acts after one only."""
+
+    name: str
+    type: Type
+    unit: str
+    default: float
+    min: float | None
+    max: float | None
+    reboot: bool
+
+    def objection(self, value: float) -> str:
+        """What is expected instead of this value; "" when it is allowed. PX4 itself takes any number over MAVLink."""
+        if not math.isfinite(value) or (self.type == "INT32" and not float(value).is_integer()):
+            return "a whole number" if self.type == "INT32" else "a number"
+        least, most = (
+            (-math.inf if self.min is None else self.min),
+            (math.inf if self.max is None else self.max),
+        )
+        return "" if least - _ROUNDING <= value <= most + _ROUNDING else _range(least, most)
+
+
+def _range(least: float, most: float) -> str:
+    if math.isinf(most):
+        return f"at least {least:g}"
+    return f"at most {most:g}" if math.isinf(least) else f"from {least:g} to {most:g}"
+
+
+@dataclass(frozen=True, order=True)
+class Version:
+    """A version of PX4. The table has one set of facts for each minor version."""
+
+    major: int
+    minor: int
+    patch: int = 0
+
+    @classmethod
+    def of(cls, version: Version | str) -> Version:
+        """Itself, or what the text says. Raises InputError as `parse` does."""
+        return cls.parse(version) if isinstance(version, str) else version
+
+    @classmethod
+    def parse(cls, text: str) -> Version:
+        """From a text like 1.16, v1.9.2 or 1.18.0-beta1. Raises InputError with the versions that are known."""
+        found = _VERSION.fullmatch(text.strip())
+        if found is None:
+            raise InputError(f"{text!r} is no version of PX4; expected one like 1.16 or v1.9.2. {_known()}")
+        version = cls(*(int(part or 0) for part in found.groups()))
+        if version.table not in provenance():
+            raise InputError(f"PX4 {text.strip()} is not in the table of parameters. {_known()}")
+        return version
+
+    @property
+    def table(self) -> str:
+        """Which column of the table holds: "1.16"."""
+        return f"{self.major}.{self.minor}"
+
+    def __str__(self) -> str:
+        return f"{self.table}.{self.patch}" if self.patch else self.table
+
+
+class Provenance(NamedTuple):
+    """text: the tag or commit whose facts these are.  released: it is a release of this very version."""
+
+    text: str
+    released: bool
+
+
+def versions() -> tuple[Version, ...]:
+    """Those with facts, oldest first."""
+    return tuple(Version(*map(int, name.split("."))) for name in provenance())
+
+
+def parameters(version: Version | str) -> Mapping[str, Parameter]:
+    """Every parameter of that version by name. Raises InputError for a version that is not in the table."""
+    version = Version.of(version)
+    if version.table not in provenance():
+        raise InputError(f"PX4 {version} is not in the table of parameters. {_known()}")
+    return _parameters(version.table)
+
+
+def assumed(version: Version | str) -> bool:
+    """The facts are not those of a release of this version: say so wherever they are shown."""
+    version = Version.of(version)
+    return not provenance()[version.table].released
+
+
+def source(name: str, version: Version | str) -> str:
+    """The file in PX4's tree that defines it in that version; "" when it is unknown."""
+    version = Version.of(version)
+    at = list(provenance()).index(version.table)
+    return next((row[9] for row, since, until in _spans() if row[0] == name and since <= at <= until), "")
+
+
+@cache
+def provenance() -> Mapping[str, Provenance]:
+    """By minor version, oldest first: where its facts come from."""
+    heads = (found.groups() for line in _parts()[0] if (found := _HEAD.fullmatch(line)))
+    return MappingProxyType({name: Provenance(text, mark == "=") for name, mark, text in heads})
+
+
+@cache
+def _parameters(table: str) -> Mapping[str, Parameter]:
+    at = list(provenance()).index(table)
+    return MappingProxyType(
+        {row[0]: _parameter(row) for row, since, until in _spans() if since <= at <= until}
+    )
+
+
+def _parameter(row: list[str]) -> Parameter:
+    name, kind, unit, default, least, most, reboot = row[:7]
+    number: Callable[[str], float] = int if kind == "INT32" else float
+    low, high = number(least) if least else None, number(most) if most else None
+    return Parameter(
+        name, "INT32" if kind == "INT32" else "FLOAT", unit, number(default), low, high, bool(reboot)
+    )
+
+
+@cache
+def _spans() -> tuple[tuple[list[str], int, int], ...]:
+    """Each row with the places of its first and last version."""
+    _, rows = _parts()
+    places = {name: place for place, name in enumerate(provenance())}
+    return tuple((row, places[row[7]], places[row[8]]) for row in csv.reader(rows[1:]))
+
+
+@cache
+def _parts() -> tuple[list[str], list[str]]:
+    """The lines of the head, which say where the facts come from, and those of the table with its heading."""
+    lines = files(__package__).joinpath(CSV).read_text(encoding="utf-8").splitlines()
+    head = next(place for place, line in enumerate(lines) if not line.startswith("#"))
+    return lines[:head], lines[head:]
+
+
+def _known() -> str:
+    return f"Known: {', '.join(provenance())}."

@@ -1,0 +1,281 @@
+"""parameters.xml or parameters.json of PX4 builds -> px4_parameters.csv.
+
+    python -m arena.params.facts.regenerate DIR                       every DIR/<version>/*.xml and *.json; later files win
+    python -m arena.params.facts.regenerate FILE --version 1.16       that version's facts become the file's
+    python -m arena.params.facts.regenerate FILE --version 1.16 --over    the file's facts are laid over that version's
+
+A build holds the parameters of its own board and modules: lay such a file over. `--tree` names PX4's source tree of that version,
+from which the column `source` is filled (DIR/<version>/tree.txt may name it); without it a name keeps the source it has.
+`--of` says which tag or commit it is, with `~` before it when that is no release of the version.
+Only facts are taken: names, types, units, figures. PX4's sentences stay in PX4.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import lzma
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+from arena.errors import InputError
+from arena.params.facts.parameter_table import COLUMNS, CSV
+
+TABLE = Path(__file__).with_name(CSV)
+_NAME = re.compile(r"[A-Z0-9_]{1,16}")  # the rest are nodes' on the CAN bus
+_MINOR = re.compile(r"v?(\d+\.\d+)(?:\.\d+)?")
+_IN_C = re.compile(r"PARAM_DEFINE_(?:INT32|FLOAT)\s*\(\s*(\w+)")
+_IN_YAML = re.compile(
+    r"(?m)^\s*(?:- )?(?:name|param_prefix)?:?\s*['\"]?((?:[A-Z0-9_]|\$\{\w+\}){3,}?)['\"]?:?\s*$"
+)
+
+
+_GENERATED = {
+    "SER_": "../Tools/serial/generate_config.py",
+    "PWM_": "drivers/pwm_out/module.yaml",
+}  # named in no file
+
+
+class Fact(NamedTuple):
+    """As text, as in the file."""
+
+    type: str
+    unit: str
+    default: str
+    min: str
+    max: str
+    reboot: str
+
+
+class Table(NamedTuple):
+    """facts: by version, then name.  sources: by name, of the newest version that has it.  of: by version, mark and text."""
+
+    facts: dict[str, dict[str, Fact]]
+    sources: dict[str, dict[str, str]]
+    of: dict[str, str]
+
+
+def read_xml(data: bytes) -> dict[str, Fact]:
+    """parameters.xml as PX4's build writes it -> facts by name."""
+    found = {}
+    for node in ElementTree.fromstring(data).iter("parameter"):
+        text = {child.tag: (child.text or "").strip() for child in node}
+        reboot = text.get("reboot_required", "").lower() == "true"
+        found[node.attrib["name"]] = _fact(
+            node.attrib["type"],
+            text.get("unit"),
+            node.attrib["default"],
+            text.get("min"),
+            text.get("max"),
+            reboot,
+        )
+    return _named(found)
+
+
+def read_json(data: bytes) -> dict[str, Fact]:
+    """parameters.json as PX4's build writes it -> facts by name. Up to 1.18 it says rebootRequired of parameters that
+    parameters.xml says `false` of (14 in 1.16): the XML is right."""
+    rows: list[dict[str, Any]] = json.loads(data)["parameters"]
+    return _named({row["name"]: _row(row) for row in rows})
+
+
+def _row(row: Mapping[str, Any]) -> Fact:
+    reboot = str(row.get("rebootRequired", "")).lower() == "true"
+    return _fact(row["type"], row.get("units"), row["default"], row.get("min"), row.get("max"), reboot)
+
+
+def read(path: Path) -> dict[str, Fact]:
+    """By its ending: .xml, .json, either with .xz."""
+    data = path.read_bytes()
+    name = path.name
+    if name.endswith(".xz"):
+        data, name = lzma.decompress(data), name.removesuffix(".xz")
+    if name.endswith(".xml"):
+        return read_xml(data)
+    if name.endswith(".json"):
+        return read_json(data)
+    raise InputError(f"{path}: expected parameters.xml or parameters.json, perhaps with .xz")
+
+
+def _fact(kind: str, unit: str | None, default: object, least: object, most: object, reboot: bool) -> Fact:
+    kind = kind.upper()
+    if kind not in ("INT32", "FLOAT"):
+        raise InputError(f"a parameter's type is {kind}; expected INT32 or FLOAT")
+    return Fact(
+        kind,
+        unit or "",
+        _number(kind, default),
+        _number(kind, least),
+        _number(kind, most),
+        "1" if reboot else "",
+    )
+
+
+def _number(kind: str, value: object) -> str:
+    if value in (None, ""):
+        return ""
+    number = float(str(value))
+    return str(int(number)) if kind == "INT32" else f"{number:.9g}"
+
+
+def _named(found: dict[str, Fact]) -> dict[str, Fact]:
+    return {name: fact for name, fact in found.items() if _NAME.fullmatch(name)}
+
+
+def sources(tree: Path, names: Sequence[str]) -> dict[str, str]:
+    """Which file below PX4's `src` defines each name; names made by a generator are found by their pattern or prefix."""
+    exact: dict[str, str] = {}
+    patterns: dict[str, str] = {}
+    for path in sorted(tree.glob("src/**/*")):
+        place = str(path.relative_to(tree / "src"))
+        if path.suffix in (".c", ".h"):
+            exact.update({name: place for name in _IN_C.findall(path.read_text(errors="replace"))})
+        elif path.suffix == ".yaml":
+            patterns.update({name: place for name in _IN_YAML.findall(path.read_text(errors="replace"))})
+    shaped = [
+        (re.compile(re.sub(r"\\\$\\\{\w+\\\}", r"\\w+", re.escape(text)) + r"(_\w+)?"), text, place)
+        for text, place in sorted(patterns.items(), key=lambda item: -len(item[0]))
+    ]  # the longest prefix says most
+    found = {}
+    for name in names:
+        place = (
+            exact.get(name)
+            or patterns.get(name)
+            or next((p for shape, _, p in shaped if shape.fullmatch(name)), "")
+        )
+        found[name] = place or next((p for prefix, p in _GENERATED.items() if name.startswith(prefix)), "")
+    return found
+
+
+def load(text: str) -> Table:
+    """The file's text -> facts by version."""
+    of = {
+        line[2:].split(" ", 1)[0]: line[2:].split(" ", 1)[1]
+        for line in text.splitlines()
+        if line.startswith("# ")
+    }
+    order = sorted(of, key=_key)
+    table = Table({version: {} for version in order}, {version: {} for version in order}, of)
+    for row in csv.DictReader(line for line in text.splitlines() if not line.startswith("#")):
+        fact = Fact(*(row[column] for column in Fact._fields))
+        for version in order[order.index(row["since"]) : order.index(row["until"]) + 1]:
+            table.facts[version][row["name"]] = fact
+            table.sources[version][row["name"]] = row["source"]
+    return table
+
+
+def dump(table: Table) -> str:
+    """-> the file's text: one row for each name and span of versions over which its facts are the same."""
+    out = io.StringIO()
+    order = sorted(table.facts, key=_key)
+    out.writelines(f"# {version} {table.of[version]}\n" for version in order)
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for name in sorted({name for facts in table.facts.values() for name in facts}):
+        for fact, since, until in _spans(name, order, table.facts):
+            writer.writerow((name, *fact, since, until, table.sources[until].get(name, "")))
+    return out.getvalue()
+
+
+def _spans(
+    name: str, order: Sequence[str], facts: Mapping[str, Mapping[str, Fact]]
+) -> Iterator[tuple[Fact, str, str]]:
+    held: Fact | None = None
+    since = until = ""
+    for version in order:
+        fact = facts[version].get(name)
+        if fact != held:
+            if held is not None:
+                yield held, since, until
+            held, since = fact, version
+        until = version
+    if held is not None:
+        yield held, since, until
+
+
+def _key(version: str) -> tuple[int, ...]:
+    return tuple(map(int, version.split(".")))
+
+
+def replaced(
+    table: Table, version: str, facts: dict[str, Fact], found: Mapping[str, str], of: str, over: bool
+) -> Table:
+    """The table with that version's facts replaced, or laid over. found: sources by name."""
+    new = {**table.facts.get(version, {}), **facts} if over else facts
+    known = {
+        name: place
+        for v in sorted(table.sources, key=_key)
+        for name, place in table.sources[v].items()
+        if place
+    }
+    here = table.sources.get(version, {})
+    places = {name: found.get(name) or here.get(name) or known.get(name, "") for name in new}
+    return Table({**table.facts, version: new}, {**table.sources, version: places}, {**table.of, version: of})
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m arena.params.facts.regenerate", description="PX4's parameter files -> the table."
+    )
+    parser.add_argument(
+        "place", type=Path, help="a folder of folders named by version, or one parameters.xml or .json"
+    )
+    parser.add_argument("--version", help="of the one file: 1.16")
+    parser.add_argument(
+        "--over", action="store_true", help="lay the file over what the table says of that version"
+    )
+    parser.add_argument(
+        "--of", default="", help="the tag or commit: v1.16.0, or '~ main of 2026-07-08' when it is no release"
+    )
+    parser.add_argument(
+        "--tree", type=Path, help="PX4's source tree of that version, for the column `source`"
+    )
+    parser.add_argument("--table", type=Path, default=TABLE, help="the table that is rewritten")
+    given = parser.parse_args(arguments)
+    table = load(given.table.read_text()) if given.table.exists() else Table({}, {}, {})
+    for version, files, of, tree in _inputs(given):
+        facts: dict[str, Fact] = {}
+        for file in files:
+            facts.update(read(file))
+        mark = of or table.of.get(version, "= v" + version)
+        places = sources(tree, tuple(facts)) if tree else {}
+        table = replaced(table, version, facts, places, mark if mark[0] in "=~" else f"= {mark}", given.over)
+        print(f"{version}: {len(facts)} parameters from {len(files)} files")
+    given.table.write_text(dump(table))
+
+
+def _inputs(given: argparse.Namespace) -> Iterator[tuple[str, list[Path], str, Path | None]]:
+    """(version, its files, what they are of, the source tree)"""
+    if given.place.is_file():
+        yield _minor(given.version or given.place.parent.name), [given.place], given.of, given.tree
+        return
+    folders = [f for f in sorted(given.place.iterdir()) if f.is_dir() and _MINOR.fullmatch(f.name)]
+    if not folders:
+        raise InputError(
+            f"{given.place}: expected folders named by version (1.16), each with parameters.xml or parameters.json"
+        )
+    for folder in sorted(folders, key=lambda f: _key(_minor(f.name))):
+        files = sorted(f for f in folder.iterdir() if re.search(r"\.(xml|json)(\.xz)?$", f.name))
+        of, tree = (folder / "of.txt", folder / "tree.txt")
+        yield (
+            _minor(folder.name),
+            files,
+            of.read_text().strip() if of.exists() else "",
+            Path(tree.read_text().strip()) if tree.exists() else None,
+        )
+
+
+def _minor(text: str) -> str:
+    found = _MINOR.fullmatch(text)
+    if found is None:
+        raise InputError(f"{text!r}: say which version of PX4 the file is of, as in --version 1.16")
+    return found[1]
+
+
+if __name__ == "__main__":
+    main()

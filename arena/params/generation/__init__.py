@@ -1,0 +1,1 @@
+"""Generation of PX4 parameters from what an arena requires."""

@@ -1,0 +1,1 @@
+"""Transfer of parameters to and from vehicles over MAVLink."""

@@ -1,0 +1,36 @@
+"""The logger of one vehicle: `python -m arena.recorder slice.json`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+from arena.errors import RunError
+from arena.process_context import ProcessContext, run_room
+from arena.recorder.logger import Logger
+
+
+def main() -> int:
+    return run_room("logger", _make)
+
+
+def _make(room: ProcessContext) -> Callable[[], None]:
+    try:
+        logger = Logger(room)
+    except OSError as error:  # a folder or a disk that takes no file
+        raise RunError(str(error)) from error
+
+    def serve() -> None:
+        room.ready()
+        try:
+            logger.run()
+        except OSError as error:
+            raise RunError(str(error)) from error
+        finally:
+            logger.close()
+
+    return serve
+
+
+if __name__ == "__main__":
+    sys.exit(main())

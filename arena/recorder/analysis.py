@@ -1,0 +1,151 @@
+"""Figures of one flight. Pure; every figure is None where the log does not tell."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.geometry import Array
+from arena.recorder.columns import RPY
+from arena.recorder.flight_log import Flight
+
+_SAME_M = 0.002
+_CONSTANT_S = 1.5
+# the autopilot tells its reference ten times a second only, so a log's rows go on showing the last one while the next is flown to
+_BEFORE_CHANGE_S = 0.15
+
+
+def analyse(flight: Flight) -> dict[str, Any]:
+    """Metres, seconds, degrees; JSON-ready."""
+    return {
+        "rows": int(flight.t.size),
+        "duration_s": _round(flight.t[-1], 2),
+        "log_hz": _round(_rate(flight), 2),
+        "judged_by": flight.judge,
+        "flown": bool(flight.armed.any()),
+        "tracking": tracking(flight),
+        "setpoints": setpoints(flight),
+        "landing": landing(flight),
+        "estimator": estimator(flight),
+        "modes": modes(flight),
+        "battery_end": _round(_last(flight.numbers.get("info.battery")), 1),
+    }
+
+
+def tracking(flight: Flight) -> dict[str, float | None]:
+    """Distance from the position reference in OFFBOARD [m]; climbs and steps count, so a far step weighs."""
+    distance = np.linalg.norm(flight.pos - flight.group("pos_ref"), axis=1)[flight.offboard]
+    return {"rms_m": _round(_rms(distance)), "max_m": _round(_max(distance))}
+
+
+def constant_spans(flight: Flight) -> list[tuple[int, int]]:
+    """(first, last) rows of each position reference that stood still for at least 1.5 s in OFFBOARD."""
+    ref = flight.group("pos_ref")
+    held = flight.offboard & np.isfinite(ref).all(axis=1)
+    moved = np.concatenate([[True], np.abs(np.diff(ref, axis=0)).max(axis=1) > _SAME_M])
+    spans, first = [], None
+    for i in range(flight.t.size):
+        if first is not None and (not held[i] or moved[i]):
+            spans.append((first, i - 1))
+            first = None
+        if held[i] and first is None:
+            first = i
+    if first is not None:
+        spans.append((first, flight.t.size - 1))
+    return [(a, b) for a, b in spans if flight.t[b] - flight.t[a] >= _CONSTANT_S]
+
+
+def setpoints(flight: Flight) -> dict[str, Any]:
+    """How far from each constant setpoint the vehicle was when its time was over."""
+    pos, ref = flight.pos, flight.group("pos_ref")
+    each = []
+    for first, last in constant_spans(flight):
+        row = max(first, int(np.searchsorted(flight.t, flight.t[last] - _BEFORE_CHANGE_S)))
+        error = float(np.linalg.norm(pos[row] - ref[row]))
+        each.append(
+            {
+                "ned": [_round(x, 3) for x in ref[row]],
+                "until_s": _round(flight.t[last], 2),
+                "error_m": _round(error),
+            }
+        )
+    known = [e["error_m"] for e in each if e["error_m"] is not None]
+    return {"count": len(each), "worst_m": max(known, default=None), "each": each}
+
+
+def landing(flight: Flight) -> dict[str, Any]:
+    """Where it came down, against where it was told to land: its last position reference, else where it was then."""
+    flown = np.flatnonzero(flight.offboard)
+    down = bool(flight.landed[-1] and not flight.armed[-1])
+    if not flown.size:
+        return {"landed": down, "error_m": None}
+    told = flight.group("pos_ref")[flown[-1], :2]
+    told = (
+        told if np.isfinite(told).all() else flight.pos[flown[-1], :2]
+    )  # nan where it was not seen just then
+    error = float(np.linalg.norm(_last_place(flight) - told)) if down else math.nan
+    return {"landed": down, "error_m": _round(error), "told_ne": [_round(x, 3) for x in told]}
+
+
+def _last_place(flight: Flight) -> Array:
+    """Where it lay at last, north and east [m] (2,): the newest row on the ground in which it was seen."""
+    pos = flight.pos[flight.landed, :2]
+    seen = pos[np.isfinite(pos).all(axis=1)]
+    return seen[-1] if len(seen) else np.full(2, np.nan)
+
+
+def estimator(flight: Flight) -> dict[str, float | None]:
+    """Estimate minus truth at the instant of the estimate, while armed. Without truth, minus what the cameras last said: that
+    counts the delay of both, some centimetres in fast flight.
+    """
+    if flight.judge == "estimate":
+        return {"pos_rms_m": None, "pos_max_m": None, "yaw_rms_deg": None, "yaw_max_deg": None}
+    error, turned = flight.group("err.pos"), flight.group("err.att_euler", RPY)[:, 2]
+    if flight.judge == "capture":
+        error = flight.group("ekf.pos") - flight.pos
+        turned = flight.group("ekf.att_euler", RPY)[:, 2] - flight.euler[:, 2]
+        turned = (turned + np.pi) % (2 * np.pi) - np.pi
+    distance = np.linalg.norm(error, axis=1)[flight.armed]
+    yaw = np.degrees(np.abs(turned))[flight.armed]
+    return {
+        "pos_rms_m": _round(_rms(distance)),
+        "pos_max_m": _round(_max(distance)),
+        "yaw_rms_deg": _round(_rms(yaw), 3),
+        "yaw_max_deg": _round(_max(yaw), 3),
+    }
+
+
+def modes(flight: Flight) -> list[dict[str, Any]]:
+    """When it entered which mode, armed or not."""
+    found: list[dict[str, Any]] = []
+    for t, mode, armed in zip(flight.t, flight.mode, flight.armed, strict=True):
+        known = bool(mode)  # nothing is known before the first heartbeat
+        if known and (not found or (found[-1]["mode"], found[-1]["armed"]) != (mode, bool(armed))):
+            found.append({"t_s": _round(t, 2), "mode": mode, "armed": bool(armed)})
+    return found
+
+
+def _rate(flight: Flight) -> float:
+    return (flight.t.size - 1) / flight.t[-1] if flight.t.size > 1 and flight.t[-1] > 0 else math.nan
+
+
+def _rms(x: Array) -> float:
+    x = x[np.isfinite(x)]
+    return float(np.sqrt((x * x).mean())) if x.size else math.nan
+
+
+def _max(x: Array) -> float:
+    x = x[np.isfinite(x)]
+    return float(x.max()) if x.size else math.nan
+
+
+def _last(x: NDArray[np.float64] | None) -> float:
+    x = np.zeros(0) if x is None else x[np.isfinite(x)]
+    return float(x[-1]) if x.size else math.nan
+
+
+def _round(x: float, digits: int = 4) -> float | None:
+    return round(float(x), digits) if math.isfinite(x) else None

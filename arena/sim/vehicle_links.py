@@ -1,0 +1,145 @@
+"""The UDP sockets of the vehicles' MAVLink links, drained without ever waiting.
+
+On the loopback a link hears anyone, as PX4 does, and answers its fixed partner alone. On an address that other computers reach it
+hears this computer and its partner's; strangers are refused and counted. What is read per step is bounded, by
+count on each link and by time in all, so that a flood on one socket costs neither the other links nor the
+step: the rest stays in the kernel, which drops it.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from arena.errors import InputError, RunError
+
+LINKS = ("panic", "vision", "router")
+_PER_TURN = 4
+_PER_STEP = 64
+_MOST_BYTES = 65_536
+Receive = Callable[[int, str, bytes], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Link:
+    vehicle: int
+    link: str
+    socket: socket.socket
+    remote: tuple[str, int]
+    hosts: frozenset[str]  # who may speak; none named: everybody
+
+
+class Links:
+    """All links of all vehicles. budget_s: wall time that one drain may take before it stops after the
+    current turn [s].
+    """
+
+    def __init__(self, vehicles: Sequence[Mapping[str, Any]], *, budget_s: float) -> None:
+        self._budget_s = budget_s
+        self._epoll = select.epoll()
+        self._by_fd: dict[int, _Link] = {}
+        self._by_name: dict[tuple[int, str], _Link] = {}
+        self._page = memoryview(bytearray(_MOST_BYTES))
+        self.received = self.sent = self.not_sent = self.cut_short = self.strangers = 0
+        for i, vehicle in enumerate(vehicles):
+            for name in LINKS:
+                if name in vehicle.get("links", {}):
+                    self._open(i, str(vehicle["name"]), name, vehicle["links"][name])
+
+    def drain(self, receive: Receive) -> None:
+        """Hand over what has arrived: receive(vehicle, link, datagram). Links take turns, the panic links
+        first.
+        """
+        ready = [self._by_fd[fd] for fd, _ in self._epoll.poll(0)]
+        if not ready:
+            return
+        ready.sort(key=lambda x: LINKS.index(x.link))
+        until = time.monotonic() + self._budget_s
+        for _ in range(_PER_STEP // _PER_TURN):
+            ready = [link for link in ready if self._turn(link, receive)]
+            if not ready:
+                return
+            if time.monotonic() > until:
+                break
+        self.cut_short += 1
+
+    def send(self, messages: Sequence[tuple[int, str, bytes]]) -> None:
+        """(vehicle, link, datagram) each to the link's partner. A full buffer drops: MAVLink is sent
+        again.
+        """
+        for vehicle, name, data in messages:
+            link = self._by_name.get((vehicle, name))
+            if link is None:
+                continue
+            try:
+                link.socket.sendto(data, link.remote)
+                self.sent += 1
+            except OSError:
+                self.not_sent += 1
+
+    def stats(self) -> dict[str, int]:
+        return {
+            "received": self.received,
+            "sent": self.sent,
+            "not_sent": self.not_sent,
+            "cut_short": self.cut_short,
+            "strangers": self.strangers,
+        }
+
+    def close(self) -> None:
+        for link in self._by_fd.values():
+            link.socket.close()
+        self._epoll.close()
+
+    def _turn(self, link: _Link, receive: Receive) -> bool:
+        """A few datagrams of one link; True when there may be more."""
+        for _ in range(_PER_TURN):
+            try:
+                size, sender = link.socket.recvfrom_into(self._page)
+            except (
+                OSError
+            ):  # nothing left, or an answer of the network to something sent before: neither is a datagram
+                return False
+            if link.hosts and sender[0] not in link.hosts:
+                self.strangers += 1
+                continue
+            self.received += 1
+            receive(link.vehicle, link.link, bytes(self._page[:size]))
+        return True
+
+    def _open(self, i: int, vehicle: str, name: str, settings: Mapping[str, Any]) -> None:
+        local, remote = (
+            _address(settings, "local", f"{vehicle}.{name}"),
+            _address(settings, "remote", f"{vehicle}.{name}"),
+        )
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        made.setblocking(False)
+        try:
+            made.bind(local)
+        except OSError as error:
+            made.close()
+            raise RunError(
+                f"{vehicle}: {name} link: cannot bind {local[0]}:{local[1]} ({error.strerror}): does another arena run here?"
+            ) from error
+        link = _Link(vehicle=i, link=name, socket=made, remote=remote, hosts=hosts_heard(local[0], remote[0]))
+        self._by_fd[made.fileno()] = self._by_name[i, name] = link
+        self._epoll.register(made.fileno(), select.EPOLLIN)
+
+
+def hosts_heard(local: str, remote: str) -> frozenset[str]:
+    """Who may command on a link of these two ends. None are named on the loopback: only this computer reaches it."""
+    return frozenset() if local.startswith("127.") else frozenset({local, remote})
+
+
+def _address(settings: Mapping[str, Any], key: str, what: str) -> tuple[str, int]:
+    try:
+        host, port = settings[key]
+        return str(host), int(port)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"links of {what}: {key}: got {settings.get(key)!r}, expected [host, port]"
+        ) from error

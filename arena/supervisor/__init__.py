@@ -1,0 +1,23 @@
+"""The supervisor: it runs a plan and knows nothing of drones. The only room that forks or signals."""
+
+from arena.supervisor.control_socket import Control
+from arena.supervisor.loop import Options, Supervisor
+from arena.supervisor.run_folder import RunFolder, RunState, active_runs, create, open_run, plan_of
+from arena.supervisor.stale_runs import sweep, sweep_all
+from arena.supervisor.terminal import Lines, LiveTable
+
+__all__ = [
+    "Control",
+    "Lines",
+    "LiveTable",
+    "Options",
+    "RunFolder",
+    "RunState",
+    "Supervisor",
+    "active_runs",
+    "create",
+    "open_run",
+    "plan_of",
+    "sweep",
+    "sweep_all",
+]

@@ -1,0 +1,226 @@
+"""The only place that forks. One Child is one started process, its session, its log and its end of the line.
+
+A child leads a session and process group of its own; signals go to the group. What does not outlive the supervisor gets
+a parent-death signal, which fires when the *thread* that forked ends: start children from the main thread only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import signal
+import socket
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from arena.plan.model import ProcessSpec
+from arena.process_context import LIFELINE
+from arena.supervisor import proc_fs
+from arena.supervisor.process_state import Exit
+
+LOG_LIMIT_BYTES = 64 << 20
+LOG_KEPT_BYTES = 1 << 20
+RUN, PROCESS = "ARENA_RUN", "ARENA_PROCESS"
+_PACKET_BYTES = 1 << 18
+_PACKETS_PER_TURN = 64
+_AUTOGROUP = Path("/proc/self/autogroup")
+_PR_SET_PDEATHSIG = 1
+_PR_SET_CHILD_SUBREAPER = 36
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+@dataclass(kw_only=True)
+class Child:
+    """One started process. pid is also its process group and session. start_s: when the kernel started it [s since boot].
+
+    garbage: packets that were none.  cut: how often its log was.  cpu_s: what it and its children used, once reaped [s].
+    stopped: the signal that has stopped it, as of the last `reap`; "" when it may run. A debugger's hold is none.
+    """
+
+    spec: ProcessSpec
+    pid: int
+    start_s: float
+    log: Path
+    line: socket.socket | None
+    garbage: int = 0
+    cut: int = 0
+    cpu_s: float = 0.0
+    stopped: str = ""
+    _popen: subprocess.Popen[bytes] | None = field(default=None, repr=False)
+
+    def signal(self, number: int) -> None:
+        """To the whole group. One that has gone already is no error."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.pid, number)
+
+    def reap(self) -> Exit | None:
+        """Its end, or None while it runs. Kills what is left of its group while its own pid still holds the number."""
+        try:
+            found = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
+        except ChildProcessError:
+            return Exit(code=1, words="ended, and somebody else took its exit code")
+        if found is None or found.si_code == os.CLD_STOPPED:
+            self.stopped = _signal_name(found.si_status) if found is not None else ""
+            return None
+        self.signal(signal.SIGKILL)
+        _, status, used = os.wait4(self.pid, 0)
+        self.cpu_s = used.ru_utime + used.ru_stime
+        if self._popen is not None:
+            self._popen.returncode = os.waitstatus_to_exitcode(status)
+        return exit_of(status)
+
+    def hear(self) -> list[dict[str, Any]]:
+        """The packets that wait on its line, a bounded number. Garbage is counted; at end of file `line` becomes None."""
+        packets: list[dict[str, Any]] = []
+        for _ in range(_PACKETS_PER_TURN):
+            data = self._receive()
+            if not data:
+                break
+            try:
+                packet = json.loads(data)
+            except (ValueError, RecursionError):
+                packet = None
+            if isinstance(packet, dict):
+                packets.append(packet)
+            else:
+                self.garbage += 1
+        return packets
+
+    def _receive(self) -> bytes:
+        if self.line is None:
+            return b""
+        try:
+            data = self.line.recv(_PACKET_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self.close()
+        return data
+
+    def close(self) -> None:
+        if self.line is not None:
+            self.line.close()
+            self.line = None
+
+    def cut_log(self) -> bool:
+        """A flood is cut back to its first mebibyte; the log is open for appending, so the child writes on from there."""
+        with contextlib.suppress(OSError):
+            if self.log.stat().st_size > LOG_LIMIT_BYTES:
+                os.truncate(self.log, LOG_KEPT_BYTES)
+                self.cut += 1
+                return True
+        return False
+
+
+def start(spec: ProcessSpec, log: Path, run: str) -> Child:
+    """Fork and exec. `spec` has its placeholders filled; its env is laid over the supervisor's own. Raises OSError."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+    line = {LIFELINE: str(theirs.fileno()), RUN: run, PROCESS: spec.name}
+    try:
+        ours.setblocking(False)
+        popen = subprocess.Popen(
+            spec.argv,
+            cwd=spec.cwd,
+            env={**os.environ, **dict(spec.env), **line},
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            pass_fds=(theirs.fileno(),),
+            preexec_fn=_before_exec(spec),  # noqa: PLW1509  there is one thread
+        )
+    except (OSError, subprocess.SubprocessError, ValueError):
+        ours.close()
+        raise
+    finally:
+        theirs.close()
+        os.close(output)
+    return Child(
+        spec=spec,
+        pid=popen.pid,
+        start_s=proc_fs.start_time(popen.pid) or 0.0,
+        log=log,
+        line=ours,
+        _popen=popen,
+    )
+
+
+def last_line(log: Path) -> str:
+    """The last line of a log that is not blank; "" when there is none."""
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - 4096))
+            lines = file.read().decode(errors="replace").splitlines()
+    except OSError:
+        return ""
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
+
+def exit_of(status: int) -> Exit:
+    """A wait status in words: `exit 1`, `killed by SIGKILL`."""
+    code = os.waitstatus_to_exitcode(status)
+    if code >= 0:
+        return Exit(code=code, words=f"exit {code}")
+    return Exit(code=128 - code, words=f"killed by {_signal_name(-code)}")
+
+
+def adopt_orphans() -> None:
+    """Descendants whose parents have gone become this process's children, so that none escapes by forking twice."""
+    _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
+    """End children that nobody here started: descendants that left their group and outlived the process they came from.
+
+    mark: what every process of this run has in its environment.  alive: names of processes whose descendants may stay.
+    Returns the pids that were killed.
+    """
+    killed = []
+    for pid in proc_fs.children(os.getpid()):
+        if pid in known:
+            continue
+        environment = proc_fs.environment(pid)
+        if mark in environment and not any(f"{PROCESS}={name}" in environment for name in alive):
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
+            killed.append(pid)
+        with contextlib.suppress(ChildProcessError):
+            os.waitpid(pid, 0 if pid in killed else os.WNOHANG)
+    return killed
+
+
+def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
+    """Runs in the child between fork and exec. None lets the faster vfork be used."""
+    if spec.outlives and not spec.nice:
+        return None
+    supervisor, nice, dies_with_us = os.getpid(), spec.nice, not spec.outlives
+
+    def prepare() -> None:
+        if dies_with_us:
+            _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+            if os.getppid() != supervisor:  # it died before we asked
+                os._exit(1)
+        if nice:
+            with contextlib.suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, 0, nice)
+            # Where the kernel groups by session, every session has an equal share whatever its processes' nice values say: the
+            # group has a nice value of its own.
+            with contextlib.suppress(OSError):
+                _AUTOGROUP.write_text(str(nice))
+
+    return prepare
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

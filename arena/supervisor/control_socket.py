@@ -1,0 +1,217 @@
+"""The control socket of a running arena: one JSON object a line, both ways. Answers `ps`, `restart`, `down` and `subscribe`.
+
+    {"do": "ps"}                       -> {"name": ..., "processes": {...}, "facts": {...}, ...}
+    {"do": "restart", "name": "x"}     -> {"ok": true}
+    {"do": "down", "now": false}       -> {"ok": true}
+    {"do": "subscribe"}                -> {"ok": true}, then {"say": "..."} for everything said, until the run has ended
+A line that is none of these is answered with {"error": "..."}. No client can make the loop wait:
+one that does not read is dropped.
+
+The socket is its owner's alone, in a folder that is; whoever connects all the same and is neither the owner nor root, by the
+kernel's word, is refused and counted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import selectors
+import socket
+import struct
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+from arena.errors import RunError
+
+_LONGEST_REQUEST = 1 << 16
+_LONGEST_ANSWER = 1 << 22
+_MOST_CLIENTS = 32
+
+Answer = Callable[[dict[str, Any]], dict[str, Any]]
+
+
+class _Client:
+    def __init__(self, connection: socket.socket) -> None:
+        self.connection = connection
+        self.heard = b""
+        self.owed = b""
+        self.subscribed = False
+
+
+class ControlServer:
+    """path: the socket's, in the run's private folder. answer: what a request gets; raises KeyError or ValueError with words.
+
+    refused: told of each new user who was refused.  users: who is not; the owner and root.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        selector: selectors.BaseSelector,
+        answer: Answer,
+        *,
+        refused: Callable[[str], None] = lambda _: None,
+        users: Collection[int] | None = None,
+    ) -> None:
+        self._answer, self._selector, self._told = answer, selector, refused
+        self._users = {0, os.getuid()} if users is None else set(users)
+        self.refused: dict[int, int] = {}
+        self._clients: dict[int, _Client] = {}
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        half = path.with_name("control.new")  # who sees the path can connect
+        self._socket.bind(str(half))
+        half.chmod(0o600)
+        self._socket.listen(_MOST_CLIENTS)
+        half.rename(path)
+        self._socket.setblocking(False)
+        selector.register(self._socket, selectors.EVENT_READ, self._accept)
+
+    def say(self, text: str) -> None:
+        """To every subscriber."""
+        for client in list(self._clients.values()):
+            if client.subscribed:
+                self._owe(client, {"say": text})
+
+    def close(self) -> None:
+        for client in list(self._clients.values()):
+            self._drop(client)
+        self._selector.unregister(self._socket)
+        self._socket.close()
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._socket.accept()
+        except OSError:
+            return
+        connection.setblocking(False)
+        if (user := _user(connection)) not in self._users:
+            self._refuse(connection, user)
+            return
+        if len(self._clients) >= _MOST_CLIENTS:
+            connection.close()
+            return
+        client = self._clients[connection.fileno()] = _Client(connection)
+        self._selector.register(connection, selectors.EVENT_READ, lambda: self._turn(client))
+
+    def _refuse(self, connection: socket.socket, user: int) -> None:
+        with contextlib.suppress(OSError):
+            connection.send(json.dumps({"error": f"user {user} may not command this arena"}).encode() + b"\n")
+        connection.close()
+        self.refused[user] = self.refused.get(user, 0) + 1
+        if self.refused[user] == 1:
+            self._told(f"user {user} wanted to command this arena and was refused")
+
+    def _turn(self, client: _Client) -> None:
+        self._flush(client)
+        try:
+            data = client.connection.recv(1 << 16)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(client)
+            return
+        *lines, client.heard = (client.heard + data).split(b"\n")
+        for line in lines:
+            self._owe(client, self._reply(client, line))
+        if len(client.heard) > _LONGEST_REQUEST:
+            self._owe(client, {"error": f"a request is one line of at most {_LONGEST_REQUEST} bytes"})
+            self._drop(client)
+
+    def _reply(self, client: _Client, line: bytes) -> dict[str, Any]:
+        try:
+            request = json.loads(line)
+            if not isinstance(request, dict):
+                raise ValueError("a request is a JSON object")
+            if request.get("do") == "subscribe":
+                client.subscribed = True
+                return {"ok": True}
+            return self._answer(request)
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            return {"error": str(error.args[0]) if error.args else type(error).__name__}
+
+    def _owe(self, client: _Client, packet: dict[str, Any]) -> None:
+        client.owed += json.dumps(packet, default=str).encode() + b"\n"
+        self._flush(client)
+
+    def _flush(self, client: _Client) -> None:
+        if client.connection.fileno() < 0:
+            return
+        try:
+            while client.owed:
+                client.owed = client.owed[client.connection.send(client.owed) :]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._drop(client)
+            return
+        if len(client.owed) > _LONGEST_ANSWER:
+            self._drop(client)
+            return
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.owed else 0)
+        key = self._selector.get_key(client.connection)
+        if key.events != events:
+            self._selector.modify(client.connection, events, key.data)
+
+    def _drop(self, client: _Client) -> None:
+        if client.connection.fileno() < 0:
+            return
+        self._clients.pop(client.connection.fileno(), None)
+        with contextlib.suppress(KeyError):
+            self._selector.unregister(client.connection)
+        client.connection.close()
+
+
+def _user(connection: socket.socket) -> int:
+    """Who connected, by the kernel's word (SO_PEERCRED: pid, uid, gid)."""
+    _, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return int(user)
+
+
+class Control:
+    """A client. Raises RunError when nobody answers; `timeout_s` bounds every wait [s]."""
+
+    def __init__(self, path: Path, timeout_s: float = 5.0) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.settimeout(timeout_s)
+        self._heard = b""
+        try:
+            self._socket.connect(str(path))
+        except OSError as error:
+            self._socket.close()
+            raise RunError(f"no arena answers at {path} ({error.strerror or error})") from error
+
+    def ask(self, **request: Any) -> dict[str, Any]:
+        """One request, one answer. Raises RunError with the words of an error."""
+        try:
+            self._socket.sendall(json.dumps(request).encode() + b"\n")
+            answer = self.listen()
+        except OSError as error:
+            raise RunError(f"the arena did not answer ({error}): is its supervisor stopped?") from error
+        if answer is None:
+            raise RunError("the arena ended before it answered")
+        if "error" in answer:
+            raise RunError(str(answer["error"]))
+        return answer
+
+    def listen(self, timeout_s: float | None = None) -> dict[str, Any] | None:
+        """The next packet, or None at the end of the run. Raises TimeoutError."""
+        if timeout_s is not None:
+            self._socket.settimeout(timeout_s)
+        while b"\n" not in self._heard:
+            try:
+                data = self._socket.recv(1 << 16)
+            except ConnectionError:
+                data = b""
+            if not data:
+                return None
+            self._heard += data
+        line, _, self._heard = self._heard.partition(b"\n")
+        packet = json.loads(line)
+        return packet if isinstance(packet, dict) else {}
+
+    def close(self) -> None:
+        self._socket.close()

@@ -1,0 +1,145 @@
+"""What /proc tells of a process, read directly: the supervisor asks forty times a second and must cost next to nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+_TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
+_PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Usage:
+    """cpu_s: of the process and the children it waited for [s].  rss_mb: resident now [MB]."""
+
+    cpu_s: float
+    rss_mb: float
+
+
+@cache
+def boot_id() -> str:
+    """Which boot of the kernel this is: start times mean nothing in another one."""
+    return _read("/proc/sys/kernel/random/boot_id").decode().strip()
+
+
+def _read(path: str) -> bytes:
+    """One small file of /proc; empty when the process has gone."""
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return b""
+    try:
+        return os.read(fd, 1 << 16)
+    except OSError:
+        return b""
+    finally:
+        os.close(fd)
+
+
+def _stat(pid: int) -> list[bytes]:
+    """The fields of /proc/PID/stat after the name: [0] is field 3, the state."""
+    return _read(f"/proc/{pid}/stat").rpartition(b")")[2].split()
+
+
+def usage(pid: int) -> Usage | None:
+    fields = _stat(pid)
+    if len(fields) < 22:
+        return None
+    return Usage(cpu_s=sum(map(int, fields[11:15])) * _TICK_S, rss_mb=int(fields[21]) * _PAGE_MB)
+
+
+def start_time(pid: int) -> float | None:
+    """When the kernel started it [s since boot], to a hundredth; None when there is no such process. With the pid, its identity.
+
+    Not as wall time: that of the boot jumps when the clock is set, and a second's jump would make a live run look dead.
+    """
+    fields = _stat(pid)
+    return int(fields[19]) * _TICK_S if len(fields) >= 20 else None
+
+
+def is_zombie(pid: int) -> bool:
+    fields = _stat(pid)
+    return bool(fields) and fields[0] in (b"Z", b"X")
+
+
+def is_stopped(pid: int) -> bool:
+    """A signal, or a debugger, keeps it from running."""
+    fields = _stat(pid)
+    return bool(fields) and fields[0] in (b"T", b"t")
+
+
+def is_same(pid: int, start_s: float) -> bool:
+    """Is this the very process that was recorded, and is it still running?"""
+    found = start_time(pid)
+    return found is not None and abs(found - start_s) < 0.005 and not is_zombie(pid)
+
+
+def children(pid: int) -> list[int]:
+    """Children forked by its main thread. Others are not seen: looking at every thread would cost more than it tells."""
+    return [int(x) for x in _read(f"/proc/{pid}/task/{pid}/children").split()]
+
+
+def tree(pid: int, depth: int = 4) -> Iterator[int]:
+    """The process and its descendants."""
+    yield pid
+    if depth:
+        for child in children(pid):
+            yield from tree(child, depth - 1)
+
+
+def group_members(pgid: int) -> list[int]:
+    """Running processes of a process group, from a scan of all. For sweeps, not for loops."""
+    return [pid for pid, fields in _all() if int(fields[2]) == pgid and fields[0] not in (b"Z", b"X")]
+
+
+def session_members(sid: int) -> list[int]:
+    return [pid for pid, fields in _all() if int(fields[3]) == sid and fields[0] not in (b"Z", b"X")]
+
+
+def _all() -> Iterator[tuple[int, list[bytes]]]:
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            fields = _stat(int(entry.name))
+            if len(fields) >= 20:
+                yield int(entry.name), fields
+
+
+def environment(pid: int) -> list[str]:
+    """The `KEY=value` entries it was started with; empty when one may not look."""
+    return [entry.decode(errors="replace") for entry in _read(f"/proc/{pid}/environ").split(b"\0")]
+
+
+def serves_port(pid: int, port: int) -> bool:
+    """Does the process, or a descendant, have a listening TCP or a bound UDP socket on this port?"""
+    inodes = _listening(port)
+    return bool(inodes) and any(inodes & _socket_inodes(member) for member in tree(pid))
+
+
+def _listening(port: int) -> set[bytes]:
+    wanted, found = f":{port:04X}".encode(), set()
+    for name, states in (
+        ("tcp", (b"0A",)),
+        ("tcp6", (b"0A",)),
+        ("udp", (b"07", b"01")),
+        ("udp6", (b"07", b"01")),
+    ):
+        with contextlib.suppress(OSError):
+            for line in Path(f"/proc/net/{name}").read_bytes().splitlines()[1:]:
+                fields = line.split()
+                if fields[1].endswith(wanted) and fields[3] in states:
+                    found.add(b"socket:[" + fields[9] + b"]")
+    return found
+
+
+def _socket_inodes(pid: int) -> set[bytes]:
+    found = set()
+    with contextlib.suppress(OSError):
+        for entry in Path(f"/proc/{pid}/fd").iterdir():
+            with contextlib.suppress(OSError):
+                found.add(str(entry.readlink()).encode())
+    return found

@@ -1,0 +1,223 @@
+"""The folder of one run, its private folder for sockets, and how other terminals find both.
+
+`<runtime base>/<run>/run` holds the path of the run folder; `<run folder>/state.json` holds who is running. state.json is
+written before the first process starts and removed at a clean end: one whose supervisor has gone is a stale run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from arena.errors import RunError
+from arena.plan.model import Plan, ProcessSpec
+from arena.run_dirs import ONLY, pointers, runtime_bases
+from arena.supervisor import proc_fs
+
+_SOCKET_PATH_BYTES = 107
+_LONGEST_SOCKET = "/router.faults"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Member:
+    """One process as recorded. pid is also its group and session; start_s [s since boot] completes its identity."""
+
+    pid: int
+    pgid: int
+    start_s: float
+
+    @property
+    def alive(self) -> bool:
+        return proc_fs.is_same(self.pid, self.start_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunState:
+    """state.json. boot: the kernel's boot id.  processes: name -> the running process."""
+
+    name: str
+    run: str
+    rt: str
+    address: str
+    boot: str
+    supervisor: Member
+    processes: dict[str, Member]
+
+    @property
+    def live(self) -> bool:
+        """Its supervisor is running."""
+        return self.boot == proc_fs.boot_id() and self.supervisor.alive
+
+    @property
+    def stopped(self) -> bool:
+        """Its supervisor is there, and a signal keeps it from running: it hears nobody."""
+        return self.live and proc_fs.is_stopped(self.supervisor.pid)
+
+    def survivors(self) -> dict[str, list[int]]:
+        """Process name -> the pids of its group that still run and are really the ones recorded."""
+        members = self.processes if self.boot == proc_fs.boot_id() else {}
+        found = {name: _still_there(member) for name, member in members.items()}
+        return {name: pids for name, pids in found.items() if pids}
+
+
+def _still_there(member: Member) -> list[int]:
+    """A leader by its start time; what is left of its group without it, by session and by being younger than it.
+
+    The number of a group cannot be given to a new process while a member of it runs.
+    """
+    if proc_fs.start_time(member.pid) is not None and not (member.alive or proc_fs.is_zombie(member.pid)):
+        return []
+    sessions = set(proc_fs.session_members(member.pid))
+    members = [pid for pid in proc_fs.group_members(member.pgid) if pid in sessions]
+    return [pid for pid in members if (proc_fs.start_time(pid) or 0.0) >= member.start_s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunFolder:
+    """path: the run folder.  rt: the private runtime folder, short enough for socket paths."""
+
+    path: Path
+    rt: Path
+
+    @property
+    def control(self) -> Path:
+        return self.rt / "control.sock"
+
+    def fill(self, text: str) -> str:
+        return text.replace("{run}", str(self.path)).replace("{rt}", str(self.rt))
+
+    def spec(self, spec: ProcessSpec) -> ProcessSpec:
+        """The same with every placeholder filled."""
+        return dataclasses.replace(
+            spec,
+            argv=tuple(map(self.fill, spec.argv)),
+            cwd=self.fill(spec.cwd),
+            env=tuple((k, self.fill(v)) for k, v in spec.env),
+        )
+
+    def log(self, name: str) -> Path:
+        return self.path / "logs" / f"{name}.log"
+
+    def write_state(self, plan: Plan, processes: dict[str, Member]) -> None:
+        state = RunState(
+            name=plan.name,
+            run=str(self.path),
+            rt=str(self.rt),
+            address=plan.address,
+            boot=proc_fs.boot_id(),
+            supervisor=myself(),
+            processes=processes,
+        )
+        write_whole(self.path / "state.json", json.dumps(dataclasses.asdict(state), indent=1))
+
+    def close(self) -> None:
+        """A clean end: nothing is running, nobody will look for it."""
+        (self.path / "state.json").unlink(missing_ok=True)
+        shutil.rmtree(self.rt, ignore_errors=True)
+
+
+def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
+    """Make a new run folder under `runs`, and its runtime folder. now_s: wall time [s]. Raises RunError."""
+    stamp = time.strftime("%Y%m%d-%H%M%S", time.localtime(now_s))
+    try:
+        path = _make_unique(runs.resolve(), f"{stamp}-{plan.name}")
+        folder = RunFolder(path=path, rt=_free_runtime(path.name))
+        for sub in ("logs", "slices", "csv", "plots"):
+            (path / sub).mkdir()
+        (path / "arena.yaml").write_text(plan.yaml)
+        (path / "plan.json").write_text(plan.to_json())
+        for name, slice_ in plan.slices.items():
+            file = path / "slices" / (name if name.endswith(".json") else f"{name}.json")
+            file.write_text(json.dumps(_filled(folder, slice_), indent=1))
+        folder.write_state(plan, {})
+        folder.rt.mkdir(mode=0o700)
+        (folder.rt / "run").write_text(str(path))
+    except OSError as error:
+        raise RunError(f"cannot make the run folder: {error.filename or runs}: {error.strerror}") from error
+    return folder
+
+
+def open_run(path: Path) -> RunState | None:
+    """The state of the run in this folder, or None when it ended cleanly or is no run."""
+    try:
+        raw = json.loads((path / "state.json").read_text())
+        raw["supervisor"] = Member(**raw["supervisor"])
+        raw["processes"] = {name: Member(**m) for name, m in raw["processes"].items()}
+        return RunState(**raw)
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def active_runs() -> list[RunState]:
+    """Every run of this user that has not ended cleanly, oldest first; `live` tells which still have their supervisor."""
+    found = []
+    for pointer in pointers():
+        with contextlib.suppress(OSError):
+            state = open_run(Path(pointer.read_text()))
+            if state is not None and state.rt == str(pointer.parent):
+                found.append(state)
+    return sorted(found, key=lambda state: state.supervisor.start_s)
+
+
+def plan_of(state: RunState) -> Plan | None:
+    try:
+        return Plan.from_json((Path(state.run) / "plan.json").read_text())
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def myself() -> Member:
+    pid = os.getpid()
+    return Member(pid=pid, pgid=os.getpgid(0), start_s=proc_fs.start_time(pid) or 0.0)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """A reader sees the old file or the new one, never half."""
+    half = path.with_name(path.name + ".new")
+    half.write_text(text)
+    half.replace(path)
+
+
+def _free_runtime(name: str) -> Path:
+    base = runtime_bases()[0]
+    base.mkdir(mode=0o700, exist_ok=True)
+    if base.stat().st_uid != os.getuid() or base.is_symlink():
+        raise RunError(
+            f"{base} belongs to somebody else: remove it, or set XDG_RUNTIME_DIR to a folder of yours"
+        )
+    base.chmod(0o700)
+    room = _SOCKET_PATH_BYTES - len(os.fsencode(base)) - len("/-999" + _LONGEST_SOCKET)
+    if room < len("20261121"):
+        raise RunError(f"{base} is too long a path for local sockets: set {ONLY} to a shorter one")
+    short = name[:room]
+    return next(rt for rt in (base / f"{short}{end}" for end in _endings()) if not rt.exists())
+
+
+def _make_unique(runs: Path, name: str) -> Path:
+    runs.mkdir(parents=True, exist_ok=True)
+    for end in _endings():
+        with contextlib.suppress(FileExistsError):
+            (path := runs / f"{name}{end}").mkdir()
+            return path
+    raise RunError(f"{runs}: a thousand runs of the same second")
+
+
+def _endings() -> list[str]:
+    return ["", *(f"-{i}" for i in range(2, 1000))]
+
+
+def _filled(folder: RunFolder, value: Any) -> Any:
+    if isinstance(value, str):
+        return folder.fill(value)
+    if isinstance(value, dict):
+        return {key: _filled(folder, item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_filled(folder, item) for item in value]
+    return value

@@ -1,0 +1,109 @@
+"""Static thrust against normalised command, as the profiles give it. Pure; shared by the world, the autopilot and user programs.
+
+Every curve is for the vehicle's TOTAL thrust; one of n equal rotors gives a share of 1/n. The command u is 0..1. Both
+directions clamp to what the vehicle has, so a tangent never wraps, and are exact inverses of each other at rest:
+    newtons(command(T)) = T   for 0 <= T <= max_newtons          command(newtons(u)) = u   for 0 <= u <= 1
+In flight at speed v the rotors give the share `1 - v / fade_speed_m_s` of it, where a profile has that figure.
+
+The iris's two published formulas do not quite agree: T = 34.068 u^2 + 7.1202 u is the curve, and
+u = (T - 14.906) / 45.34 + 0.561 its tangent near hover (0.7 % of u off at hover, 0.14 off at full thrust, 0.23 at none).
+Here the first one rules and `command` inverts it; from the second comes the share lost at speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from arena.errors import InputError
+
+Array = NDArray[np.float64]
+
+_LEAST_SHARE = (
+    0.1  # of the static thrust, however fast: beyond that the model means nothing, and 1 / 0 must not happen
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrustCurve:
+    """max_newtons: total static thrust at u = 1 [N].  fade_speed_m_s: speed at which the rotors would give nothing [m/s]."""
+
+    max_newtons: float
+    fade_speed_m_s: float = math.inf
+    _newtons: Callable[[Array], Array] = field(repr=False)
+    _command: Callable[[Array], Array] = field(repr=False)
+
+    def newtons(self, u: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
+        """Total thrust [N] at the command u [-], clamped to 0..1, and the airspeed [m/s]. Any shapes that broadcast."""
+        return self._newtons(np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)) * self._share(speed_m_s)
+
+    def command(self, newtons: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
+        """The command u [-], 0..1, that gives this total thrust [N], or the nearest there is, at the airspeed [m/s]."""
+        static = np.asarray(newtons, dtype=np.float64) / self._share(speed_m_s)
+        return np.clip(self._command(np.clip(static, 0.0, self.max_newtons)), 0.0, 1.0)
+
+    def _share(self, speed_m_s: ArrayLike) -> Array:
+        return np.clip(
+            1.0 - np.abs(np.asarray(speed_m_s, dtype=np.float64)) / self.fade_speed_m_s, _LEAST_SHARE, 1.0
+        )
+
+
+def thrust_curve(settings: Mapping[str, Any]) -> ThrustCurve:
+    """The curve that a profile's `thrust_curve` describes. Raises InputError when its kind is not known."""
+    maker = _KINDS.get(settings.get("kind", ""))
+    if maker is None:
+        raise InputError(
+            f"thrust_curve.kind: got {settings.get('kind')!r}, expected one of {', '.join(sorted(_KINDS))}"
+        )
+    return maker(settings)
+
+
+def _quadratic(s: Mapping[str, Any]) -> ThrustCurve:
+    """T = a u^2 + b u.  a, b [N], a > 0, b >= 0."""
+    a, b = float(s["a"]), float(s["b"])
+    return ThrustCurve(
+        max_newtons=a + b,
+        fade_speed_m_s=_fade(s),
+        _newtons=lambda u: (a * u + b) * u,
+        # the root written so that nothing cancels near T = 0
+        _command=lambda t: 2.0 * t / (b + np.sqrt(b * b + 4.0 * a * t) + 1e-300),
+    )
+
+
+def _tangent(s: Mapping[str, Any]) -> ThrustCurve:
+    """u = (tan((T - offset) / scale) + phase) / gain.  offset, scale [N]; phase, gain [-].
+
+    Below the command `low_u` the fit means nothing (it gives thrust at u = 0), and a straight line from the origin replaces it.
+    """
+    offset, scale, phase, gain, low = (float(s[k]) for k in ("offset_n", "scale_n", "phase", "gain", "low_u"))
+
+    def fitted(u: Array) -> Array:
+        return offset + scale * np.arctan(gain * u - phase)
+
+    knee = float(fitted(np.asarray(low)))
+    top = float(fitted(np.asarray(1.0)))
+
+    def command(t: Array) -> Array:
+        return np.where(
+            t < knee, t * low / knee, (np.tan((np.maximum(t, knee) - offset) / scale) + phase) / gain
+        )
+
+    return ThrustCurve(
+        max_newtons=top,
+        fade_speed_m_s=_fade(s),
+        _newtons=lambda u: np.where(u < low, u * knee / low, fitted(np.maximum(u, low))),
+        _command=command,
+    )
+
+
+def _fade(s: Mapping[str, Any]) -> float:
+    fade = s.get("fade_speed_m_s")
+    return math.inf if fade is None else float(fade)
+
+
+_KINDS: dict[str, Callable[[Mapping[str, Any]], ThrustCurve]] = {"quadratic": _quadratic, "tangent": _tangent}

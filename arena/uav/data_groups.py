@@ -1,0 +1,400 @@
+"""What a program reads: `uav.ekf.pos`, `uav.sen.imu.acc_body`, ... Each value is one whole message's, and never a stale one.
+
+A group reads the newest values at each access. `uav.snapshot()` gives the same groups fixed at one instant.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from arena.errors import StaleDataError
+from arena.geometry import Array, euler_from_quat, quat_conj, quat_rotate
+from arena.uav.poses import Pose, Poses
+from arena.wire.telemetry import Attitude, Baro, Imu, Local, Telemetry
+
+# How long a group stays good, in multiples of `stale_s`: what PX4 sends slowly grows old slowly.
+_SLOW = {
+    "heartbeat": 6.0,
+    "landed state": 6.0,
+    "actuators": 2.0,
+    "gps": 6.0,
+    "battery": 20.0,
+    "connection": 6.0,
+}
+
+
+class Stamped(Protocol):
+    """Anything heard at a time [s]."""
+
+    @property
+    def heard(self) -> float: ...
+
+
+S = TypeVar("S", bound=Stamped)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """What a program is told of its vehicle. mass [kg], radius [m], height [m]; thrust_curve: as in the profile."""
+
+    ns: str
+    mass: float
+    radius: float
+    height: float
+    num_rotors: int
+    thrust_curve: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """Where groups read: refresh() brings the newest in; now() is the time their ages are counted to [s]."""
+
+    ns: str
+    stale_s: float
+    telemetry: Telemetry
+    poses: Poses
+    now: Callable[[], float]
+    refresh: Callable[[], None]
+
+    def fixed(self) -> Source:
+        """The same values, fixed at this instant."""
+        self.refresh()
+        instant = self.now()
+        return Source(
+            ns=self.ns,
+            stale_s=self.stale_s,
+            telemetry=copy.copy(self.telemetry),
+            poses=copy.copy(self.poses),
+            now=lambda: instant,
+            refresh=lambda: None,
+        )
+
+    def limit_s(self, what: str) -> float:
+        return self.stale_s * _SLOW.get(what, 1.0)
+
+    def fresh(self, value: S | None, what: str) -> S:
+        """value, if it was ever heard and is young enough; else StaleDataError."""
+        if value is None:
+            raise StaleDataError(f"{self.ns}: no {what} has been heard yet")
+        age, limit = self.now() - value.heard, self.limit_s(what)
+        if age > limit:
+            raise StaleDataError(
+                f"{self.ns}: {what} is {age:.2f} s old, more than {limit:g} s is too old to fly by"
+            )
+        return value
+
+    def age(self, value: Stamped | None) -> float:
+        return math.inf if value is None else max(0.0, self.now() - value.heard)
+
+
+class Ekf:
+    """The autopilot's estimate."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    def _local(self) -> Local:
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.local, "estimated position")
+
+    def _attitude(self) -> Attitude:
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.attitude, "estimated attitude")
+
+    @property
+    def age_s(self) -> float:
+        """Age of the older of position and attitude [s]; infinite before both were heard."""
+        self._source.refresh()
+        return max(
+            self._source.age(self._source.telemetry.local), self._source.age(self._source.telemetry.attitude)
+        )
+
+    @property
+    def pos(self) -> Array:
+        """Position of the body origin [m] [NED] (3,)."""
+        return self._local().pos.copy()
+
+    @property
+    def vel(self) -> Array:
+        """Velocity [m/s] [NED] (3,)."""
+        return self._local().vel.copy()
+
+    @property
+    def vel_body(self) -> Array:
+        """Velocity in body axes [m/s] [FRD] (3,)."""
+        return quat_rotate(quat_conj(self._attitude().q_nb), self._local().vel)
+
+    @property
+    def att_q(self) -> Array:
+        """Attitude q_nb [-] wxyz (4,)."""
+        return self._attitude().q_nb.copy()
+
+    @property
+    def att_euler(self) -> Array:
+        """Roll, pitch, yaw [rad] (3,)."""
+        return euler_from_quat(self._attitude().q_nb)
+
+    @property
+    def ang_vel(self) -> Array:
+        """Body rates [rad/s] [FRD] (3,)."""
+        return self._attitude().ang_vel.copy()
+
+
+class ImuSensor:
+    """The autopilot's inertial sensors."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    def _imu(self) -> Imu:
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.imu, "inertial measurement")
+
+    @property
+    def age_s(self) -> float:
+        self._source.refresh()
+        return self._source.age(self._source.telemetry.imu)
+
+    @property
+    def acc_body(self) -> Array:
+        """Specific force [m/s2] [FRD] (3,): about (0, 0, -9.81) at rest."""
+        return self._imu().acc_body.copy()
+
+    @property
+    def ang_vel(self) -> Array:
+        """Body rates as measured [rad/s] [FRD] (3,)."""
+        return self._imu().ang_vel.copy()
+
+    @property
+    def mag(self) -> Array:
+        """Magnetic field [T] [FRD] (3,)."""
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.mag, "magnetic field").mag.copy()
+
+
+class MocapSensor:
+    """The motion capture's own measurement of this vehicle, past the autopilot."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    @property
+    def age_s(self) -> float:
+        self._source.refresh()
+        return self._source.age(self._source.poses.own)
+
+    @property
+    def pos(self) -> Array:
+        """Position of the body origin [m] [NED] (3,)."""
+        self._source.refresh()
+        return self._source.fresh(self._source.poses.own, "motion capture pose").p_n
+
+    @property
+    def att_q(self) -> Array:
+        """Attitude q_nb [-] wxyz (4,)."""
+        self._source.refresh()
+        return self._source.fresh(self._source.poses.own, "motion capture pose").q_nb
+
+    @property
+    def att_euler(self) -> Array:
+        """Roll, pitch, yaw [rad] (3,)."""
+        return euler_from_quat(self.att_q)
+
+
+class GpsSensor:
+    """The autopilot's satellite receiver, where it has one."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    @property
+    def age_s(self) -> float:
+        self._source.refresh()
+        return self._source.age(self._source.telemetry.gps)
+
+    @property
+    def pos(self) -> Array:
+        """Latitude [deg], longitude [deg], altitude above mean sea level [m] (3,)."""
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.gps, "gps").pos.copy()
+
+
+class BaroSensor:
+    """The autopilot's barometer."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    def _baro(self) -> Baro:
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.baro, "air pressure")
+
+    @property
+    def age_s(self) -> float:
+        self._source.refresh()
+        return self._source.age(self._source.telemetry.baro)
+
+    @property
+    def pressure(self) -> float:
+        """Air pressure [Pa]."""
+        return self._baro().pressure
+
+    @property
+    def temperature(self) -> float:
+        """Air temperature [deg C]."""
+        return self._baro().temperature
+
+    @property
+    def alt(self) -> float:
+        """Pressure altitude [m]."""
+        return self._baro().alt
+
+
+class EmulatedSensor:
+    """Where the neighbours are, as a sensor on board would tell it: made from motion capture."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+
+    @property
+    def age_s(self) -> float:
+        """Age of the oldest pose among own and neighbours [s]."""
+        self._source.refresh()
+        poses = self._source.poses
+        return max(self._source.age(p) for p in (poses.own, *poses.neighbours))
+
+    @property
+    def rel_pos(self) -> Array:
+        """Neighbours' positions minus one's own [m] [NED] (n, 3), in the order of `neighbours`."""
+        own, others = self._all()
+        return np.array([o.p_n - own.p_n for o in others]).reshape(-1, 3)
+
+    @property
+    def rel_vel(self) -> Array:
+        """Neighbours' velocities minus one's own [m/s] [NED] (n, 3): the slope of the last nine poses, so some 25 ms late."""
+        own, others = self._all()
+        return np.array([o.v_n - own.v_n for o in others]).reshape(-1, 3)
+
+    def _all(self) -> tuple[Pose, list[Pose]]:
+        self._source.refresh()
+        poses = self._source.poses
+        own = self._source.fresh(poses.own, "motion capture pose")
+        names = poses.neighbour_names
+        return own, [
+            self._source.fresh(p, f"motion capture pose of {n}")
+            for n, p in zip(names, poses.neighbours, strict=True)
+        ]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """uav.sen"""
+
+    source: Source = field(repr=False)
+    imu: ImuSensor = field(init=False, repr=False)
+    mocap: MocapSensor = field(init=False, repr=False)
+    gps: GpsSensor = field(init=False, repr=False)
+    baro: BaroSensor = field(init=False, repr=False)
+    emu: EmulatedSensor = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        kinds = {
+            "imu": ImuSensor,
+            "mocap": MocapSensor,
+            "gps": GpsSensor,
+            "baro": BaroSensor,
+            "emu": EmulatedSensor,
+        }
+        for name, kind in kinds.items():
+            object.__setattr__(self, name, kind(self.source))
+
+
+class Actuation:
+    """What the autopilot tells its motors."""
+
+    def __init__(self, source: Source, num_rotors: int) -> None:
+        self._source, self._rotors = source, num_rotors
+
+    @property
+    def age_s(self) -> float:
+        self._source.refresh()
+        return self._source.age(self._source.telemetry.actuators)
+
+    @property
+    def group(self) -> int:
+        """Mixer group, or output port where the autopilot tells motors."""
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.actuators, "actuators").group
+
+    @property
+    def output(self) -> Array:
+        """One number for each rotor, 0..1 [-] (num_rotors,)."""
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.actuators, "actuators").output[: self._rotors].copy()
+
+
+class Info:
+    """Which vehicle this is and how it is."""
+
+    def __init__(self, source: Source, body: Body) -> None:
+        self._source = source
+        self.drone_ns, self.mass, self.radius, self.height = body.ns, body.mass, body.radius, body.height
+        self.num_rotors, self.thrust_curve = body.num_rotors, body.thrust_curve
+
+    @property
+    def age_s(self) -> float:
+        """Age of the last heartbeat [s]."""
+        self._source.refresh()
+        return self._source.age(self._source.telemetry.heart)
+
+    @property
+    def flight_mode(self) -> str:
+        """PX4's words: "OFFBOARD", "AUTO.LAND", ..."""
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.heart, "heartbeat").mode
+
+    @property
+    def is_connected(self) -> bool:
+        """Is the autopilot heard? Never raises."""
+        return self.age_s <= self._source.limit_s("connection")
+
+    @property
+    def is_armed(self) -> bool:
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.heart, "heartbeat").armed
+
+    @property
+    def is_landed(self) -> bool:
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.ground, "landed state").landed
+
+    @property
+    def battery(self) -> float:
+        """What is left [%]; nan where the autopilot does not know."""
+        self._source.refresh()
+        return self._source.fresh(self._source.telemetry.status, "battery").battery
+
+
+@dataclass(frozen=True, kw_only=True)
+class Snapshot:
+    """All groups at one instant."""
+
+    ekf: Ekf
+    sen: Sensors
+    act: Actuation
+    info: Info
+
+    @classmethod
+    def of(cls, source: Source, body: Body) -> Snapshot:
+        return cls(
+            ekf=Ekf(source),
+            sen=Sensors(source),
+            act=Actuation(source, body.num_rotors),
+            info=Info(source, body),
+        )

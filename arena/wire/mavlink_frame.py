@@ -1,0 +1,215 @@
+"""Cuts datagrams into MAVLink 1 and 2 frames by their headers, and makes frames of payloads. Decodes nothing but the bytes that
+name a target.
+
+    MAVLink 1   FE len seq sys comp id                          payload  crc lo, hi
+    MAVLink 2   FD len incompat compat seq sys comp id id id    payload  crc lo, hi  [13 bytes of signature]
+
+The CRC is X.25 (mcrf4xx) over what stands between the magic byte and the CRC, then the message's own seed byte.
+A datagram holds whole frames: a tail that is not complete is garbage. MAVLink 2 cuts trailing zeros off the payload,
+so a byte beyond its end is 0. Work is bounded: after `TRIES` false starts the rest of a datagram is given up.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import NamedTuple, Protocol
+
+from fastcrc import crc16
+
+from arena.wire.mavlink_targets import CRC_EXTRA, TARGETS
+
+TRIES = 32
+_V1, _V2 = 0xFE, 0xFD
+_V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
+_SIGNED = 0x01
+_MAGIC = re.compile(rb"[\xfd\xfe]")
+SEEDS = {number: bytes([extra]) for number, extra in CRC_EXTRA.items()}
+"""What ends the CRC of each message."""
+_HEAD, _LITTLE = struct.Struct("<BBBBBBHB"), struct.Struct("<H")
+_crc = crc16.mcrf4xx
+_new = tuple.__new__  # a NamedTuple's own constructor costs twice as much, and there is one per message
+
+Buffer = bytes | bytearray | memoryview
+
+
+class Voice(Protocol):
+    """What a pymavlink.MAVLink tells of who speaks."""
+
+    seq: int
+    srcSystem: int
+    srcComponent: int
+
+
+def frame(msgid: int, payload: bytes, voice: Voice, crc_extra: bytes) -> bytes:
+    """The MAVLink 2 frame of a payload, which loses the zeros at its end."""
+    if not payload[-1]:
+        payload = payload.rstrip(b"\0") or b"\0"
+    body = (
+        _HEAD.pack(
+            len(payload), 0, 0, voice.seq, voice.srcSystem, voice.srcComponent, msgid & 0xFFFF, msgid >> 16
+        )
+        + payload
+    )
+    return b"\xfd" + body + _LITTLE.pack(_crc(body + crc_extra))
+
+
+class Frame(NamedTuple):
+    """Where one frame stands in its buffer, who sent it and to whom.
+
+    start, end: byte range with magic, CRC and signature.
+    payload, size: offset and length of the payload as sent.
+    target_sys, target_comp: 0 when the message names none, or means everybody.
+    """
+
+    start: int
+    end: int
+    payload: int
+    size: int
+    sysid: int
+    compid: int
+    msgid: int
+    target_sys: int
+    target_comp: int
+
+
+class Cut(NamedTuple):
+    """All frames of one datagram.
+
+    garbage: bytes that belong to no frame.
+    bad_crc: false starts whose message is known but whose CRC is wrong.
+    unknown: frames of messages that are not in the table, passed on their lengths alone.
+    """
+
+    frames: list[Frame]
+    garbage: int
+    bad_crc: int
+    unknown: int
+
+
+def cut(data: Buffer) -> Cut:
+    """Every frame of a datagram, in order. Never raises, whatever the bytes."""
+    frames: list[Frame] = []
+    size, at, used, bad_crc, unknown, tries = len(data), 0, 0, 0, 0, 0
+    while at < size:
+        frame = _frame_at(data, at, size)
+        if frame is not None:
+            seed = SEEDS.get(frame[6])
+            if _plausible(data, frame, at == used, size) if seed is None else _crc_fits(data, frame, seed):
+                frames.append(frame)
+                used += frame[1] - at
+                at = frame[1]
+                unknown += seed is None
+                continue
+            bad_crc += seed is not None
+        tries += 1
+        found = _MAGIC.search(data, at + 1) if tries < TRIES else None
+        if found is None:
+            break
+        at = found.start()
+    return _new(Cut, (frames, size - used, bad_crc, unknown))
+
+
+class Stream:
+    """Cuts what comes in pieces of any length, from a serial line: the same frames however it is chopped.
+
+    A frame is given out once it is whole and its CRC fits; a false start costs one byte and the search goes on behind it, so that
+    at most one frame's length is ever kept back. A message that is not in the table is believed only between two others.
+    """
+
+    def __init__(self) -> None:
+        self._kept = b""
+        self._clean = True  # does what is kept begin where a frame ended?
+
+    def feed(self, data: Buffer) -> tuple[bytes, Cut]:
+        """The next piece -> a buffer, and the frames that stand in it. Never raises."""
+        buffer = self._kept + bytes(data)
+        frames: list[Frame] = []
+        size, at, garbage, bad_crc, unknown = len(buffer), 0, 0, 0, 0
+        while at < size:
+            if not _begins(buffer, at, size):
+                found = _MAGIC.search(buffer, at + 1)
+                at, garbage, self._clean = self._skip(at, found.start() if found else size, garbage)
+                continue
+            frame = _frame_at(buffer, at, size)
+            seed = None if frame is None else SEEDS.get(frame[6])
+            if frame is None or (seed is None and frame[1] == size):
+                break  # not whole yet; or one whose end only the next byte can prove
+            if (
+                _plausible(buffer, frame, self._clean, size)
+                if seed is None
+                else _crc_fits(buffer, frame, seed)
+            ):
+                frames.append(frame)
+                at, self._clean = frame[1], True
+                unknown += seed is None
+                continue
+            bad_crc += seed is not None
+            found = _MAGIC.search(buffer, at + 1)
+            at, garbage, self._clean = self._skip(at, found.start() if found else size, garbage)
+        self._kept = buffer[at:]
+        return buffer, _new(Cut, (frames, garbage, bad_crc, unknown))
+
+    @staticmethod
+    def _skip(at: int, to: int, garbage: int) -> tuple[int, int, bool]:
+        return to, garbage + to - at, False
+
+
+def byte_at(data: Buffer, frame: Frame, offset: int) -> int:
+    """One byte of the payload; 0 beyond its end."""
+    return data[frame.payload + offset] if offset < frame.size else 0
+
+
+def uint_at(data: Buffer, frame: Frame, offset: int, width: int) -> int:
+    """A little-endian unsigned number of the payload; zeros beyond its end."""
+    end = frame.payload + min(offset + width, frame.size)
+    return int.from_bytes(data[frame.payload + offset : end], "little")
+
+
+def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
+    """The frame whose magic byte stands at `at`, by its lengths alone; None when there is none or it is cut off."""
+    magic = data[at]
+    if magic == _V2 and at + _V2_HEAD + _CRC <= size:
+        length, flags, payload = data[at + 1], data[at + 2], at + _V2_HEAD
+        end = payload + length + _CRC + (_SIGNATURE if flags & _SIGNED else 0)
+        if flags & ~_SIGNED or end > size:  # a frame with a flag one does not know must not be read
+            return None
+        sysid, compid = data[at + 5], data[at + 6]
+        msgid = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+    elif magic == _V1 and at + _V1_HEAD + _CRC <= size:
+        length, payload = data[at + 1], at + _V1_HEAD
+        end = payload + length + _CRC
+        if end > size:
+            return None
+        sysid, compid, msgid = data[at + 3], data[at + 4], data[at + 5]
+    else:
+        return None
+    place = TARGETS.get(msgid)
+    if place is None:
+        return _new(Frame, (at, end, payload, length, sysid, compid, msgid, 0, 0))
+    system, component = place
+    target_sys = data[payload + system] if system < length else 0
+    target_comp = data[payload + component] if 0 <= component < length else 0
+    return _new(Frame, (at, end, payload, length, sysid, compid, msgid, target_sys, target_comp))
+
+
+def _begins(data: Buffer, at: int, size: int) -> bool:
+    """May a frame begin here, by as much of its header as has come?"""
+    if data[at] == _V2:
+        return at + 2 >= size or not data[at + 2] & ~_SIGNED
+    return data[at] == _V1
+
+
+def _crc_fits(data: Buffer, frame: Frame, seed: bytes) -> bool:
+    start, _, payload, size = frame[:4]
+    at = payload + size
+    expected: int = _crc(seed, _crc(data[start + 1 : at]))
+    return expected == data[at] | data[at + 1] << 8
+
+
+def _plausible(data: Buffer, frame: Frame, clean: bool, size: int) -> bool:
+    """Without its seed a CRC proves nothing: only frames that leave no byte over on either side are believed.
+
+    clean: everything before it in the datagram was frames.
+    """
+    return clean and frame.sysid != 0 and (frame.end == size or data[frame.end] in (_V1, _V2))

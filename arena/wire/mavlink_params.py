@@ -1,0 +1,136 @@
+"""MAVLink's parameter messages, bytes <-> values, as PX4 reads and writes them. No sockets, no clocks.
+
+    PARAM_REQUEST_READ (20)   <h B B 16s     index (-1: by name), system, component, name
+    PARAM_REQUEST_LIST (21)   <B B           system, component
+    PARAM_VALUE (22)          <4s H H 16s B  value, count, index, name, type
+    PARAM_SET (23)            <4s B B 16s B  value, system, component, name, type
+    PARAM_ERROR (345)         <h B B 16s B   index, system, component, name, error
+    COMMAND_LONG (76)         <7f H B B B    parameters, command, system, component, confirmation
+
+The four bytes of a value are a float, or an integer as it lies in memory. They are never handled as the float that they are not:
+many an integer is the pattern of a signalling NaN, which a float's copy would change.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import NamedTuple
+
+from arena.wire.mavlink_frame import Buffer, Frame
+from arena.wire.qgc_params import INTEGERS
+
+REQUEST_READ, REQUEST_LIST, VALUE, SET, COMMAND_LONG, ERROR = 20, 21, 22, 23, 76, 345
+REBOOT = 246
+HASH = "_HASH_CHECK"
+NO_INDEX = 65535
+"""What PX4 gives for a parameter that exists and that nothing uses yet: it is not in the list."""
+DOES_NOT_EXIST = 1
+AUTOPILOT = 1
+NAME_BYTES = 16
+
+_READ, _LIST, _VALUE, _SET, _ERROR, _COMMAND = (
+    struct.Struct(s) for s in ("<hBB16s", "<BB", "<4sHH16sB", "<4sBB16sB", "<hBB16sB", "<7fHBBB")
+)
+_WIDTH = {1: 1, 2: 1, 3: 2, 4: 2}  # of MAV_PARAM_TYPE, in bytes; elsewhere 4. Odd integer types are unsigned
+_SAME = 1e-6
+_ERRORS = {
+    1: "it does not exist",
+    2: "the value is out of range",
+    3: "permission is denied",
+    4: "the component is not found",
+    5: "it is read-only",
+    6: "the type is not supported",
+    7: "the type is another one",
+    8: "it could not be read",
+}
+
+Message = tuple[int, bytes]
+"""The id and the payload of a message to be framed."""
+
+
+class Value(NamedTuple):
+    """value: an int where the type is one.  kind: MAV_PARAM_TYPE.  place: in the list, or NO_INDEX.  total: its length."""
+
+    name: str
+    value: float
+    kind: int
+    place: int
+    total: int
+
+
+def parse_value(data: Buffer, frame: Frame) -> Value:
+    """A PARAM_VALUE that stands in `data`."""
+    raw, count, index, name, kind = _VALUE.unpack(_payload(data, frame, _VALUE.size))
+    return Value(_text(name), _from_bytes(raw, kind), kind, index, count)
+
+
+def parse_error(data: Buffer, frame: Frame) -> tuple[str, int, str]:
+    """A PARAM_ERROR: (name, error, the error in words)."""
+    *_, name, error = _ERROR.unpack(_payload(data, frame, _ERROR.size))
+    return _text(name), error, _ERRORS.get(error, f"error {error}")
+
+
+def request_list(system: int) -> Message:
+    return REQUEST_LIST, _LIST.pack(system, AUTOPILOT)
+
+
+def request_read(system: int, what: str | int) -> Message:
+    """what: a name, or an index in the list."""
+    if isinstance(what, int):
+        return REQUEST_READ, _READ.pack(what, system, AUTOPILOT, b"")
+    return REQUEST_READ, _READ.pack(-1, system, AUTOPILOT, what.encode())
+
+
+def set_value(system: int, name: str, value: float, kind: int) -> Message:
+    """value: as `fitted` gives it."""
+    return SET, _SET.pack(_to_bytes(value, kind), system, AUTOPILOT, name.encode(), kind)
+
+
+def reboot(system: int) -> Message:
+    """MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: the autopilot starts anew."""
+    return COMMAND_LONG, _COMMAND.pack(1.0, *(0.0,) * 6, REBOOT, system, AUTOPILOT, 0)
+
+
+def fitted(value: float, kind: int) -> float:
+    """The value as a parameter of this type holds it. Raises ValueError with the reason why it cannot."""
+    if not math.isfinite(value):
+        raise ValueError("it must be a finite number")
+    if kind in INTEGERS and value != int(value):
+        raise ValueError("it must be a whole number")
+    try:
+        return _from_bytes(_to_bytes(value, kind), kind)
+    except (OverflowError, struct.error):
+        raise ValueError("it is too large for the parameter's type") from None
+
+
+def alike(a: float, b: float, kind: int) -> bool:
+    """Integers are equal; floats agree to the digits that a file of them keeps."""
+    return a == b if kind in INTEGERS else math.isclose(a, b, rel_tol=_SAME)
+
+
+def is_name(name: str) -> bool:
+    """Could it be sent at all?"""
+    return 0 < len(name) <= NAME_BYTES and name.isascii() and name.isprintable() and name != HASH
+
+
+def _to_bytes(value: float, kind: int) -> bytes:
+    if kind not in INTEGERS:
+        return struct.pack("<f", value)
+    width = _WIDTH.get(kind, 4)
+    return int(value).to_bytes(width, "little", signed=kind % 2 == 0).ljust(4, b"\0")
+
+
+def _from_bytes(raw: bytes, kind: int) -> float:
+    if kind in INTEGERS:
+        return int.from_bytes(raw[: _WIDTH.get(kind, 4)], "little", signed=kind % 2 == 0)
+    return float(struct.unpack("<f", raw)[0])
+
+
+def _payload(data: Buffer, frame: Frame, size: int) -> bytes:
+    """With the zeros that MAVLink 2 leaves away, and without what a later version adds."""
+    return bytes(data[frame.payload : frame.payload + min(frame.size, size)]).ljust(size, b"\0")
+
+
+def _text(name: bytes) -> str:
+    return name.split(b"\0")[0].decode(errors="replace")

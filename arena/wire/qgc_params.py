@@ -1,0 +1,137 @@
+"""QGroundControl's `.params` text <-> values: what its Vehicle Setup > Parameters > Tools saves and loads.
+
+    # a comment
+    sysid <TAB> component <TAB> NAME <TAB> value <TAB> type        MAV_PARAM_TYPE: 6 int32, 9 float
+
+Plain lines `NAME value` are read as well. Lines of other components than the autopilot (a camera, a gimbal) are passed over.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from arena.errors import WireError
+
+INT32, REAL32 = 6, 9
+_AUTOPILOT = 1
+INTEGERS = range(1, 9)
+_TYPES = range(1, 11)
+_NAME = re.compile(r"[A-Za-z0-9_]{1,16}")
+_ID = re.compile(r"[0-9]{1,3}")
+_WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
+_NUMBER = re.compile(
+    r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?|[+-]?(nan|inf|infinity)", re.IGNORECASE
+)
+_LAYOUT = "expected five columns (system, component, NAME, value, type), or `NAME value`"
+
+
+class Entry(NamedTuple):
+    """One parameter as a line gives it. kind: MAV_PARAM_TYPE, or None where the line has no type.  line: 1-based."""
+
+    name: str
+    value: float
+    kind: int | None
+    line: int
+
+
+class Fault(NamedTuple):
+    """One line that is wrong: what was found and what is expected."""
+
+    line: int
+    name: str
+    message: str
+
+
+def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
+    """Every parameter of the autopilot, and every line that is wrong, in the order of the text."""
+    entries: dict[str, Entry] = {}
+    faults: list[Fault] = []
+    for number, line in enumerate(text.split("\n"), 1):
+        words = line.lstrip("\ufeff").split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            found = _line(words, number)
+        except ValueError as error:
+            name = words[0] if len(words) == 2 else words[2] if len(words) == 5 else ""
+            faults.append(Fault(number, name if _NAME.fullmatch(name) else "", str(error)))
+            continue
+        if found is not None and found.name in entries:
+            there = entries[found.name].line
+            faults.append(
+                Fault(
+                    number,
+                    found.name,
+                    f"{found.name} stands on line {there} already; expected each name once",
+                )
+            )
+        elif found is not None:
+            entries[found.name] = found
+    return list(entries.values()), faults
+
+
+def parse_params(text: str) -> dict[str, float]:
+    """-> {name: value}; whole numbers as int. Raises WireError with the number of the first line that is wrong."""
+    entries, faults = parse_entries(text)
+    for fault in faults:
+        raise WireError(f"line {fault.line}: {fault.message}")
+    return {entry.name: entry.value for entry in entries}
+
+
+def format_params(
+    values: Mapping[str, float],
+    system: int,
+    *,
+    header: Sequence[str] = (),
+    types: Mapping[str, int] | None = None,
+    comments: Mapping[str, str] | None = None,
+) -> str:
+    """types: MAV_PARAM_TYPE by name where it is known; elsewhere an int is INT32 and a float REAL32.
+
+    comments: by name, each on a line before its own.
+    """
+    lines = [f"# {line}".rstrip() for line in header]
+    for name, value in values.items():
+        kind = (types or {}).get(name, INT32 if isinstance(value, int) else REAL32)
+        if comments and name in comments:
+            lines.append(f"# {comments[name]}")
+        shown = str(round(value)) if kind in INTEGERS else f"{value:.9g}"
+        lines.append(f"{system}\t{_AUTOPILOT}\t{name}\t{shown}\t{kind}")
+    return "\n".join(lines) + "\n"
+
+
+def _line(words: list[str], number: int) -> Entry | None:
+    """None for another component's. Raises ValueError with what is wrong."""
+    if len(words) == 2:
+        return Entry(_name(words[0]), _value(words[1], None), None, number)
+    if len(words) != 5:
+        raise ValueError(f"got {len(words)} columns, {_LAYOUT}")
+    system, component, name, value, kind = words
+    if (
+        not (_ID.fullmatch(system) and _ID.fullmatch(component) and _ID.fullmatch(kind))
+        or int(kind) not in _TYPES
+    ):
+        raise ValueError(f"got {' '.join(words)!r}, {_LAYOUT}")
+    read = Entry(_name(name), _value(value, int(kind)), int(kind), number)
+    return read if int(component) == _AUTOPILOT else None
+
+
+def _name(word: str) -> str:
+    if not _NAME.fullmatch(word):
+        raise ValueError(f"{word!r} is no parameter's name (1 to 16 letters, digits and _), {_LAYOUT}")
+    return word
+
+
+def _value(word: str, kind: int | None) -> float:
+    whole = _WHOLE.fullmatch(word) is not None
+    if not _NUMBER.fullmatch(word):  # float() would take 1_000 and the digits of other scripts
+        raise ValueError(f"{word!r} is no number, expected one such as 4 or 0.5")
+    value = float(word)
+    if not math.isfinite(value):
+        raise ValueError(f"{word} is no value for a parameter, expected a finite number")
+    if kind is not None and kind in INTEGERS and not whole:
+        raise ValueError(f"{word} is no whole number, and type {kind} is one")
+    return int(word) if whole and kind != REAL32 else value

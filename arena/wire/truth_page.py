@@ -1,0 +1,146 @@
+"""The truth page: what the simulated world knows, in shared memory, for the rooms that may look at it.
+
+A ring of samples, so that a reader can interpolate to an instant between two of them. One writer (the world), any number
+of readers (motion-capture emulator, logger, judge). Layout, native doubles:
+
+    [0] samples written so far   [1] vehicles V   [2] ring length K   [3] unused
+    K rows of: time [s], then per vehicle 20 numbers:
+        p_n (3) [m] [NED], q_nb (4) [-] wxyz, v_n (3) [m/s] [NED], omega_b (3) [rad/s] [FRD],
+        accel_b (3) specific force [m/s2] [FRD], motors (4) what the first four rotors do, 0..1 [-]
+
+The writer fills a row, then raises the count; a reader that finds the count K - 1 or more ahead of what it read, reads again.
+"""
+
+from __future__ import annotations
+
+import mmap
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arena.errors import RunError, WireError
+from arena.geometry import quat_slerp
+
+Array = NDArray[np.float64]
+
+_HEAD = 4
+_PER_VEHICLE = 20
+_RING = 64
+_NEARLY_ONE = 0.9999
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """One instant of the world, batched over its V vehicles.
+
+    time_s: simulation time [s].  p_n: position of the body origin [m] [NED] (V, 3).  q_nb: attitude [-] wxyz (V, 4).
+    v_n: velocity [m/s] [NED] (V, 3).  omega_b: body rates [rad/s] [FRD] (V, 3).
+    accel_b: specific force [m/s2] [FRD] (V, 3).  motors: what the first four rotors do, 0..1 [-] (V, 4).
+    """
+
+    time_s: float
+    p_n: Array
+    q_nb: Array
+    v_n: Array
+    omega_b: Array
+    accel_b: Array
+    motors: Array
+
+    @classmethod
+    def from_row(cls, row: Array) -> Truth:
+        b = row[1:].reshape(-1, _PER_VEHICLE)
+        return cls(
+            time_s=float(row[0]),
+            p_n=b[:, 0:3],
+            q_nb=b[:, 3:7],
+            v_n=b[:, 7:10],
+            omega_b=b[:, 10:13],
+            accel_b=b[:, 13:16],
+            motors=b[:, 16:20],
+        )
+
+
+class TruthWriter:
+    """Owned by the world. path: the page's file, made anew."""
+
+    def __init__(self, path: str | Path, vehicles: int) -> None:
+        width = 1 + vehicles * _PER_VEHICLE
+        part = Path(f"{path}.new")  # a reader finds the page whole or not at all
+        with part.open("w+b") as file:
+            file.truncate(8 * (_HEAD + _RING * width))
+            self._all = np.frombuffer(mmap.mmap(file.fileno(), 0), dtype=np.float64)
+        self._all[1:3] = vehicles, _RING
+        part.replace(path)
+        self._rows = self._all[_HEAD:].reshape(_RING, width)
+        self._count = 0
+
+    def write(self, truth: Truth) -> None:
+        """Append one sample."""
+        row = self._rows[self._count % _RING]
+        row[0] = truth.time_s
+        body = row[1:].reshape(-1, _PER_VEHICLE)
+        body[:, 0:3], body[:, 3:7], body[:, 7:10] = truth.p_n, truth.q_nb, truth.v_n
+        body[:, 10:13], body[:, 13:16], body[:, 16:20] = truth.omega_b, truth.accel_b, truth.motors
+        self._count += 1
+        self._all[0] = self._count
+
+
+class TruthReader:
+    """Any other room. Raises RunError when there is no page, WireError when it is not one."""
+
+    def __init__(self, path: str | Path) -> None:
+        try:
+            with Path(path).open("rb") as file:
+                self._all = np.frombuffer(mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ), dtype=np.float64)
+        except (OSError, ValueError) as error:
+            raise RunError(f"no truth page at {path}: is the world up?") from error
+        vehicles, ring = int(self._all[1]), int(self._all[2])
+        width = 1 + vehicles * _PER_VEHICLE
+        if self._all.size != _HEAD + ring * width:
+            raise WireError(
+                f"{path}: {self._all.size} numbers, expected {_HEAD + ring * width} for {vehicles} vehicles"
+            )
+        self._rows, self._ring = self._all[_HEAD:].reshape(ring, width), ring
+
+    def newest(self) -> Truth | None:
+        """The last sample written, or None before the first."""
+        while count := int(self._all[0]):
+            row = self._rows[(count - 1) % self._ring].copy()
+            if int(self._all[0]) - count < self._ring - 1:
+                return Truth.from_row(row)
+        return None
+
+    def at(self, time_s: float) -> Truth | None:
+        """The world at time_s [s], interpolated between its two neighbours; None when they are not both in the ring."""
+        count = int(self._all[0])
+        held = min(count, self._ring - 1)
+        found = self._around(time_s, count, held)
+        # What was overwritten while it was looked at is not to be believed; the writer is rarely a whole ring ahead.
+        if int(self._all[0]) - count >= 1 + self._ring - held:
+            return self.at(time_s) if held >= 2 else None
+        return None if found is None else _between(*found, time_s)
+
+    def _around(self, time_s: float, count: int, held: int) -> tuple[Array, Array] | None:
+        """The samples before and after time_s; it is a few behind the newest, so look from there."""
+        rows, ring = self._rows, self._ring
+        if held < 2 or time_s > rows[(count - 1) % ring, 0] + 1e-9:
+            return None
+        for i in range(count - 2, count - held - 1, -1):
+            if rows[i % ring, 0] <= time_s:
+                return rows[i % ring].copy(), rows[(i + 1) % ring].copy()
+        return None
+
+
+def _between(before: Array, after: Array, time_s: float) -> Truth:
+    fraction = (time_s - before[0]) / (after[0] - before[0])
+    mixed = Truth.from_row(before + fraction * (after - before))
+    a, b = before[1:].reshape(-1, _PER_VEHICLE)[:, 3:7], after[1:].reshape(-1, _PER_VEHICLE)[:, 3:7]
+    if (
+        np.add.reduce(a * b, 1) > _NEARLY_ONE
+    ).all():  # turned by less than 1.6 degrees: the chord's error is below 1e-7 rad
+        mixed.q_nb[:] /= np.sqrt(np.add.reduce(mixed.q_nb * mixed.q_nb, 1))[:, None]
+    else:
+        mixed.q_nb[:] = quat_slerp(a, b, np.full(len(a), fraction))
+    return mixed

@@ -1,0 +1,414 @@
+"""land-all and kill-all over sockets, against autopilots that obey, refuse, are deaf, or are hard to hear."""
+
+import dataclasses
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from fakes import LAND, OFFBOARD, Fake, Fleet, target
+
+from arena.emergency.dispatch import Link, bring_down, own_component
+from arena.emergency.run_record import told_down
+from arena.emergency.targets import Target
+
+
+def land(targets, timeout_s=20.0, action="land"):
+    lines = []
+    return bring_down(targets, action=action, timeout_s=timeout_s, say=lines.append), lines
+
+
+def test_all_are_landed_and_confirmed():
+    with Fleet([Fake(system=1), Fake(system=2, land_s=0.4)], "127.54.30.1") as fleet:
+        code, lines = land(fleet.targets)
+    assert code == 0
+    assert [line.split(" after ")[0] for line in lines] == [
+        "uav1: landed and disarmed",
+        "uav2: landed and disarmed",
+    ]
+    assert all(fake.mode == LAND and not fake.armed and fake.landed for fake in fleet.fakes.values())
+    assert {(s, c) for fake in fleet.fakes.values() for s, c, _ in fake.heard} == {(253, own_component())}
+
+
+@pytest.mark.parametrize("path", ["panic", "tools"])
+def test_one_way_is_enough(path):
+    """The router may be dead, or a second land-all may hold the panic link."""
+    with Fleet([Fake(system=1)], "127.54.31.1", paths=(path,)) as fleet:
+        assert land(fleet.targets)[0] == 0
+
+
+def test_a_taken_panic_port_still_lets_it_command_and_hear_through_the_router():
+    with (
+        Fleet([Fake(system=1)], "127.54.32.1") as fleet,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        other.bind(fleet.targets[0].partner)
+        assert land(fleet.targets)[0] == 0
+
+
+def test_with_the_panic_port_taken_and_no_router_it_lands_unheard_and_says_so():
+    with (
+        Fleet([Fake(system=1)], "127.54.33.1", paths=("panic",)) as fleet,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        other.bind(fleet.targets[0].partner)
+        code, lines = land(fleet.targets, timeout_s=1.0)
+    assert fleet.fakes[1].mode == LAND
+    assert (code, lines) == (1, ["uav1: NOT CONFIRMED: not heard at all"])
+
+
+def test_one_that_refuses_is_not_confirmed_with_its_reason_and_the_others_land():
+    with Fleet([Fake(system=1), Fake(system=2, obeys=False)], "127.54.34.1") as fleet:
+        code, lines = land(fleet.targets, timeout_s=2.0)
+    assert code == 1
+    assert any(
+        line.startswith("uav2: ") and line.endswith("refused: denied; trying on") for line in lines[:-2]
+    )
+    assert lines[-2].startswith("uav1: landed and disarmed")
+    assert lines[-1].startswith("uav2: NOT CONFIRMED: last heard 0 s ago, armed, in the air, mode OFFBOARD")
+    assert len([c for c in fleet.fakes[2].told if c[0] == 176]) >= 6  # two paths, each half second
+    assert all(c[0] != 400 for c in fleet.fakes[2].told)
+    assert fleet.fakes[2].armed
+
+
+@pytest.mark.parametrize("broken", ["__init__", "send", "_read"])
+def test_what_goes_wrong_with_one_keeps_no_other_in_the_air(monkeypatch, broken):
+    right = getattr(Link, broken)
+
+    def wrong(link, *args):
+        if "uav1" in (getattr(link, "target", None) or args[0]).name:
+            raise OverflowError("no such port")
+        return right(link, *args)
+
+    monkeypatch.setattr(Link, broken, wrong)
+    with Fleet([Fake(system=1), Fake(system=2)], "127.54.47.1") as fleet:
+        code, lines = land(fleet.targets, timeout_s=5.0)
+    assert code == 1 and fleet.fakes[2].mode == LAND
+    assert lines.count("uav1: OverflowError: no such port; trying on") == 1
+    assert any(line.startswith("uav2: landed and disarmed") for line in lines)
+    assert any(line.startswith("uav1: NOT CONFIRMED") for line in lines)
+
+
+def test_a_deaf_one_is_not_confirmed():
+    with Fleet([Fake(system=1)], "127.54.35.1") as fleet:
+        code, lines = land([*fleet.targets, target(2, "127.54.35.1")], timeout_s=1.0)
+    assert code == 1
+    assert lines[-1] == "uav2: NOT CONFIRMED: not heard at all"
+
+
+def record(folder, *events):
+    """A run that has written these down."""
+    folder.mkdir(exist_ok=True)
+    (folder / "events.jsonl").write_text("".join(json.dumps(e) + "\n" for e in events) + '{"half wri')
+    return folder
+
+
+PX4_DIED = {"process": "px4.uav2", "from": "READY", "to": "EXITED", "reason": "exit 1"}
+CRASHED = {"process": "world", "event": "uav1 crashed: tilted 61 degrees at 3.20 s"}
+
+
+def test_a_simulated_one_whose_px4_has_ended_is_not_waited_for_and_not_called_landed(tmp_path):
+    run = record(tmp_path / "run", CRASHED, PX4_DIED)
+    with Fleet([Fake(system=1)], "127.74.30.1") as fleet:
+        began = time.monotonic()
+        silent = dataclasses.replace(target(2, "127.74.30.1"), run=run)
+        code, lines = land([*fleet.targets, silent], timeout_s=60.0)
+    assert code == 1 and 3.0 < time.monotonic() - began < 60.0
+    assert lines[-1] == "uav2: NOT CONFIRMED: not heard at all; its run says: its PX4 has ended: exit 1"
+    assert lines[-2].startswith("uav1: landed and disarmed"), (
+        "one that crashed by the record, and lands all the same, has landed"
+    )
+
+
+def test_a_real_one_is_waited_for_whatever_stands_in_a_record(tmp_path):
+    record(tmp_path / "run", PX4_DIED)
+    began = time.monotonic()
+    code, lines = land([target(2, "127.74.31.1")], timeout_s=5.0)
+    assert (code, lines) == (1, ["uav2: NOT CONFIRMED: not heard at all"]) and time.monotonic() - began >= 5.0
+
+
+def test_the_record_tells_the_first_crash_and_forgets_a_px4_that_was_started_again(tmp_path):
+    again = {"process": "px4.uav2", "from": "STARTING", "to": "READY", "reason": "it says so"}
+    program = {"process": "program.uav3", "event": "uav3 crashed: nowhere"}
+    both = {"uav1": "crashed: tilted 61 degrees at 3.20 s", "uav2": "its PX4 has ended: exit 1"}
+    names = ["uav1", "uav2", "uav3"]
+    assert told_down(record(tmp_path / "a", CRASHED, PX4_DIED, program, {"process": None}), names) == both
+    assert told_down(record(tmp_path / "b", PX4_DIED, again), names) == {}
+    assert told_down(record(tmp_path / "a", CRASHED), ["uav2"]) == {}
+    assert told_down(tmp_path / "none", names) == {}
+
+
+def test_with_a_third_of_all_datagrams_lost_everybody_lands():
+    with Fleet([Fake(system=k) for k in (1, 2, 3)], "127.54.36.1", paths=("panic",), loss=0.3) as fleet:
+        assert land(fleet.targets)[0] == 0
+
+
+def test_one_on_the_ground_but_armed_is_disarmed_without_force():
+    fake = Fake(system=1, landed=True, disarms=False, mode=OFFBOARD)
+    with Fleet([fake], "127.54.37.1") as fleet:
+        code, lines = land(fleet.targets)
+    assert code == 0
+    assert not fake.armed
+    assert {c for c in fake.told if c[0] == 400} == {(400, 0.0, 0.0)}
+    assert lines[-1].startswith("uav1: landed and disarmed after 3.")
+
+
+def test_one_that_stands_there_is_left_alone():
+    with Fleet([Fake(system=1, landed=True, armed=False)], "127.54.38.1") as fleet:
+        assert land(fleet.targets) == (0, ["uav1: already on the ground"])
+
+
+def test_one_whose_program_arms_it_after_it_was_seen_standing_is_landed_too():
+    with Fleet([Fake(system=1, armed=False, landed=True)], "127.74.38.1") as fleet:
+        fake = fleet.fakes[1]
+
+        def take_off():
+            fake.mode, fake.landing_since, fake.armed, fake.landed = OFFBOARD, None, True, False
+
+        starter = threading.Timer(0.7, take_off)
+        starter.start()
+        code, (line,) = land(fleet.targets)
+        starter.join()
+        assert fake.landed and not fake.armed
+    assert code == 0 and line.startswith("uav1: landed and disarmed after ")
+
+
+def test_killing_stops_the_motors_in_the_air():
+    with Fleet([Fake(system=1, obeys=False)], "127.54.39.1") as fleet:
+        code, lines = land(fleet.targets, action="kill")
+    assert code == 0
+    assert lines[0].startswith("uav1: motors stopped after ")
+    assert {c[:3] for c in fleet.fakes[1].told} == {(400, 0.0, 21196.0)}
+
+
+def test_a_strangers_good_news_is_not_believed():
+    """A heartbeat on the ground from anywhere but the vehicle's own link or router."""
+    host = "127.54.40.1"
+    lie = Fake(system=1, landed=True, armed=False)
+    moved = Target(
+        name="uav1", id=1, autopilot=(host, 30000), partner=target(1, host).partner, tools=(host, 30001)
+    )
+    with Fleet([lie], host, paths=("panic",)):
+        code, lines = land([moved], timeout_s=0.5)
+    assert (code, lines) == (1, ["uav1: NOT CONFIRMED: not heard at all"])
+
+
+def router_slice(host, ids):
+    vehicles = [
+        {
+            "name": f"uav{k}",
+            "id": k,
+            "link": {"local": [host, 24001 + 10 * k], "remote": [host, 24000 + 10 * k]},
+            "serve": [host, 24008 + 10 * k],
+            "tools": [host, 24006 + 10 * k],
+            "clients": [],
+            "logger": None,
+        }
+        for k in ids
+    ]
+    return {
+        "name": "router",
+        "vehicles": vehicles,
+        "gcs_local": [host, 24000],
+        "gcs": [],
+        "heartbeat": True,
+        "simulated": True,
+    }
+
+
+def test_through_a_real_router_alone_everybody_is_landed_and_heard(tmp_path):
+    host = "127.54.46.1"
+    file = tmp_path / "router.json"
+    file.write_text(json.dumps(router_slice(host, (1, 2))))
+    with Fleet([Fake(system=1), Fake(system=2)], host, paths=("router",)) as fleet:
+        router = subprocess.Popen([sys.executable, "-m", "arena.mavlink_router", str(file)])
+        try:
+            code, lines = land(fleet.targets)
+        finally:
+            router.terminate()
+            assert router.wait(20) == 0
+    assert code == 0, lines
+    acks = {(s, c) for fake in fleet.fakes.values() for s, c, kind in fake.heard if kind == "COMMAND_LONG"}
+    assert acks == {(253, own_component())}
+
+
+# the commands
+
+
+def arena(*arguments, module="arena.cli", cwd=None, env=None):
+    return subprocess.run(
+        [sys.executable, "-m", module, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=180,
+        cwd=cwd,
+        check=False,
+        env={**os.environ, **(env or {})},
+    )
+
+
+def empty_runtime(tmp_path):
+    return {"XDG_RUNTIME_DIR": str(tmp_path), "TMPDIR": str(tmp_path)}
+
+
+def test_the_command_lands_from_a_broken_yaml_and_ends_with_0(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text(
+        "address: 127.54.41.1\nworld: {size: [\nvehicles:\n  one: {profile: nosuch}\n  two: {start: [0, 0}\n"
+    )
+    with Fleet([Fake(system=1), Fake(system=2)], "127.54.41.1"):
+        done = arena("land-all", file, "--timeout", "20", env=empty_runtime(tmp_path))
+    assert done.returncode == 0, done.stderr
+    first, *rest = done.stdout.splitlines()
+    assert first == f"landing one, two ({file})"
+    assert [line.split(" after")[0] for line in rest] == [
+        "one: landed and disarmed",
+        "two: landed and disarmed",
+    ]
+
+
+def test_the_command_spares_those_it_is_told_to(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.54.42.1\nvehicles:\n  one:\n  two:\n")
+    with Fleet([Fake(system=1), Fake(system=2)], "127.54.42.1") as fleet:
+        done = arena("land-all", file, "--except", "two", env=empty_runtime(tmp_path))
+    assert done.returncode == 0
+    assert not fleet.fakes[2].told
+    assert arena("land-all", file, "--only", "three", env=empty_runtime(tmp_path)).returncode == 2
+
+
+@pytest.mark.parametrize("module", ["arena.cli", "arena.emergency.land_all"])
+def test_one_not_confirmed_ends_with_1(tmp_path, module):
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.54.43.1\nvehicles:\n  one:\n")
+    verb = ("land-all",) if module == "arena.cli" else ()
+    done = arena(*verb, file, "--timeout", "0.3", module=module, env=empty_runtime(tmp_path))
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (1, "one: NOT CONFIRMED: not heard at all")
+
+
+def test_kill_all_wants_a_yes(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.54.44.1\nvehicles:\n  one:\n")
+    with Fleet([Fake(system=1)], "127.54.44.1") as fleet:
+        refused = arena("kill-all", file, env=empty_runtime(tmp_path))
+        assert not fleet.fakes[1].told
+        done = arena("kill-all", file, "--yes", env=empty_runtime(tmp_path))
+    assert (refused.returncode, done.returncode) == (2, 0)
+    assert "--yes" in refused.stderr
+    assert not fleet.fakes[1].armed
+
+
+HEAVY = {
+    "numpy",
+    "pydantic",
+    "rich",
+    "typer",
+    "click",
+    "matplotlib",
+    "pybullet",
+    "psutil",
+    "jinja2",
+    "serial",
+    "yaml",
+    "arena.schema",
+    "arena.plan",
+    "arena.supervisor",
+    "pymavlink",
+}
+
+
+def test_the_panic_path_imports_nothing_heavy(tmp_path):
+    """By the command line, until everybody has landed, from a run's plan."""
+    host = "127.66.20.1"
+    link = {"autopilot_host": host, "autopilot_port": 24014, "partner_host": host, "partner_port": 24015}
+    vehicle = {"name": "uav1", "id": 1, "simulated": True, "panic": link, "router": link, "tools_port": 24016}
+    (tmp_path / "plan.json").write_text(json.dumps({"vehicles": [vehicle]}))
+    code = (
+        "import sys, json; from arena.cli import main; code = main(sys.argv[1:]); "
+        "print(json.dumps([code, sorted(sys.modules)]))"
+    )
+    for verb in (["land-all"], ["kill-all", "--yes"]):
+        with Fleet([Fake(system=1)], host):
+            argv = [sys.executable, "-c", code, *verb, "--run", str(tmp_path)]
+            done = subprocess.run(argv, capture_output=True, text=True, timeout=120, check=True)
+        exit_code, loaded = json.loads(done.stdout.splitlines()[-1])
+        assert exit_code == 0 and "arena.emergency.dispatch" in loaded
+        assert not HEAVY & set(loaded)
+
+
+@pytest.mark.parametrize("verb", ["land-all", "kill-all"])
+def test_the_help_and_the_command_know_the_same_options(verb):
+    shown, short = arena(verb, "--help"), arena(verb, "--no-such-option")
+    assert (shown.returncode, short.returncode) == (0, 2)
+    options = [set(re.findall(r"--[a-z]+", text)) for text in (shown.stdout, short.stderr)]
+    assert options[0] - {"--help"} == options[1] - {"--no"}
+
+
+@pytest.mark.parametrize("paths", [("panic",), ("tools",), ("panic", "tools")])
+def test_two_at_once_both_confirm(tmp_path, paths):
+    host, file = f"127.66.21.{1 + len(''.join(paths))}", tmp_path / "arena.yaml"
+    file.write_text(f"address: {host}\nvehicles:\n  one:\n  two:\n")
+    argv = [sys.executable, "-m", "arena.cli", "land-all", str(file)]
+    with Fleet([Fake(system=1), Fake(system=2)], host, paths=paths):
+        both = [
+            subprocess.Popen(argv, stdout=subprocess.PIPE, env={**os.environ, **empty_runtime(tmp_path)})
+            for _ in range(2)
+        ]
+        said = [process.communicate(timeout=180)[0].decode() for process in both]
+    assert [process.returncode for process in both] == [0, 0], said
+
+
+@pytest.mark.parametrize("verb", [("land-all",), ("kill-all", "--yes")])
+def test_the_commands_get_through_when_a_third_is_lost_each_way(tmp_path, verb):
+    host, file = f"127.66.22.{len(verb)}", tmp_path / "arena.yaml"
+    file.write_text(f"address: {host}\nvehicles:\n" + "".join(f"  v{k}:\n" for k in range(1, 11)))
+    with Fleet([Fake(system=k) for k in range(1, 11)], host, loss=0.3) as fleet:
+        done = arena(*verb, file, env=empty_runtime(tmp_path))
+    assert done.returncode == 0, done.stdout
+    assert not any(fake.armed for fake in fleet.fakes.values())
+
+
+def test_kill_all_spares_those_it_is_told_to(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.66.23.1\nvehicles:\n  one:\n  two:\n  three:\n")
+    with Fleet([Fake(system=k) for k in (1, 2, 3)], "127.66.23.1") as fleet:
+        done = arena(
+            "kill-all", file, "--yes", "--only", "one,two", "--except", "two", env=empty_runtime(tmp_path)
+        )
+    assert done.returncode == 0 and "of one (" in done.stdout
+    assert [fake.armed for fake in fleet.fakes.values()] == [False, True, True]
+    assert not fleet.fakes[2].told and not fleet.fakes[3].told
+
+
+def test_a_landing_goes_on_when_nobody_reads_and_the_terminal_has_gone(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text("address: 127.66.24.1\nvehicles:\n  one:\n")
+    with Fleet([Fake(system=1, land_s=1.5)], "127.66.24.1") as fleet:
+        argv = [sys.executable, "-m", "arena.cli", "land-all", str(file)]
+        process = subprocess.Popen(
+            argv, stdout=subprocess.PIPE, env={**os.environ, **empty_runtime(tmp_path)}
+        )
+        assert process.stdout.readline().startswith(b"landing one")
+        process.stdout.close()
+        while not fleet.fakes[1].told:
+            time.sleep(0.01)
+        process.send_signal(signal.SIGHUP)
+        process.wait(120)
+    assert fleet.fakes[1].landed and not fleet.fakes[1].armed
+    assert process.returncode == 0
+
+
+def test_fifty_vehicles_are_all_commanded_and_confirmed(tmp_path):
+    """How soon: benchmarks/panic.py."""
+    file, host = tmp_path / "arena.yaml", "127.54.45.1"
+    file.write_text(f"address: {host}\nvehicles:\n" + "".join(f"  v{k}:\n" for k in range(1, 51)))
+    with Fleet([Fake(system=k) for k in range(1, 51)], host) as fleet:
+        done = arena("land-all", file, env=empty_runtime(tmp_path))
+    assert done.returncode == 0, done.stdout
+    assert len(fleet.first_command) == 50

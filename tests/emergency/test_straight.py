@@ -1,0 +1,286 @@
+"""A real vehicle with a single wire: through its link, beside it, and in its place when it is dead or stopped.
+
+The link is the real process; the vehicle is a fake at the other end of a UDP port or of a serial cable.
+"""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from fakes import LAND, Fake, Fleet
+
+from arena.emergency import link_process
+from arena.emergency.direct_address import Owner
+from arena.emergency.land_all import command, land_all
+
+K = 1
+DEADLINE_S = 60.0
+
+
+class SerialFake:
+    """A fake at the far end of a cable."""
+
+    def __init__(self, fake, device):
+        self.fake, self.fd = fake, os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        self.wake, self.stop = socket.socketpair()
+        self.thread = threading.Thread(target=self.run)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.stop.send(b"x")
+        self.thread.join(10)
+        os.close(self.fd)
+        for s in (self.wake, self.stop):
+            s.close()
+
+    def run(self):
+        due = 0.0
+        while True:
+            ready, _, _ = select.select([self.wake, self.fd], [], [], 0.02)
+            if self.wake in ready:
+                return
+            out = self.fake.hear(os.read(self.fd, 4096)) if self.fd in ready else []
+            if (now := time.monotonic()) > due:
+                due = now + 0.1
+                self.fake.step(now)
+                out += self.fake.state()
+            with contextlib.suppress(BlockingIOError):
+                os.write(self.fd, b"".join(out))
+
+
+class Lab:
+    """The run folder of one real vehicle, and its link as a process."""
+
+    def __init__(self, folder, host, wire):
+        self.folder, self.host = folder, host
+        base = 24000 + 10 * K
+        ends = {
+            name: {"local": [host, base + at], "remote": [host, base + at + 1]}
+            for name, at in (("router", 0), ("vision", 2), ("panic", 4))
+        }
+        preflight = {
+            "position_m": 0.2,
+            "yaw_deg": 15.0,
+            "pose_age_s": 0.1,
+            "pose_rate_hz": 50.0,
+            "battery": 0.2,
+            "size_m": [7, 4, 3],
+            "height_m": 0.1,
+            "poses": True,
+        }
+        slice_ = {
+            "name": "link.uav1",
+            "vehicle": "uav1",
+            "id": K,
+            "wire": wire,
+            "links": ends,
+            "simulator": None,
+            "preflight": preflight,
+            "params": {},
+            "params_file": "",
+            "simulated": False,
+            "wire_file": str(folder / "wire" / "uav1.json"),
+        }
+        link = {
+            "autopilot_host": host,
+            "autopilot_port": base + 4,
+            "partner_host": host,
+            "partner_port": base + 5,
+        }
+        vehicle = {
+            "name": "uav1",
+            "id": K,
+            "simulated": False,
+            "panic": link,
+            "router": link,
+            "tools_port": base + 6,
+        }
+        folder.mkdir()
+        self.slice = folder / "link.json"
+        self.slice.write_text(json.dumps(slice_))
+        (folder / "plan.json").write_text(
+            json.dumps({"vehicles": [vehicle], "slices": {"link.uav1.json": slice_}})
+        )
+        self.link = None
+
+    def start(self):
+        """The link, until it knows where its vehicle is; and state.json, as a supervisor keeps it."""
+        self.link = subprocess.Popen(
+            [sys.executable, "-m", "arena.fcu_link", str(self.slice)], stdout=subprocess.DEVNULL
+        )
+        self.until(lambda: "vehicle" not in self.seen() or self.seen()["vehicle"])
+        fields = Path(f"/proc/{self.link.pid}/stat").read_text().rpartition(")")[2].split()
+        start_s = int(fields[19]) / os.sysconf("SC_CLK_TCK")
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        state = {
+            "boot": boot,
+            "supervisor": {"pid": 0},
+            "processes": {"link.uav1": {"pid": self.link.pid, "start_s": start_s}},
+        }
+        (self.folder / "state.json").write_text(json.dumps(state))
+
+    def seen(self):
+        file = self.folder / "wire" / "uav1.json"
+        return json.loads(file.read_text()) if file.exists() else {"vehicle": None}
+
+    def until(self, check):
+        deadline = time.monotonic() + DEADLINE_S
+        while not check():
+            assert time.monotonic() < deadline and (self.link is None or self.link.poll() is None)
+            time.sleep(0.02)
+
+    def signal(self, number):
+        self.link.send_signal(number)
+        if number == signal.SIGKILL:
+            self.link.wait()
+
+    def close(self):
+        if self.link is not None:
+            self.link.kill()
+            self.link.wait()
+
+
+@pytest.fixture
+def lab(tmp_path):
+    made = []
+
+    def make(host, wire):
+        made.append(Lab(tmp_path / "run", host, wire))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def udpin(host):
+    return {"kind": "udpin", "address": [host, 14540 + K]}
+
+
+def lines(capsys):
+    return capsys.readouterr().out.splitlines()
+
+
+def test_the_link_keeps_the_vehicles_address_and_lands_it_while_it_works(lab, capsys):
+    host = "127.66.1.1"
+    with Fleet([Fake(system=K)], host, paths=("wire",)) as fleet:
+        room = lab(host, udpin(host))
+        room.start()
+        assert room.seen() == {"kind": "udpin", "local": [host, 14541], "vehicle": [host, 25001]}
+        assert land_all(run=room.folder) == 0
+        assert fleet.fakes[K].mode == LAND and room.link.poll() is None
+    said = lines(capsys)
+    assert said[1].startswith("uav1: landed and disarmed") and len(said) == 2, "nothing straight"
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+@pytest.mark.parametrize("verb", ["land-all", "kill-all"])
+def test_a_stopped_or_dead_link_is_replaced(lab, capsys, number, verb):
+    host = f"127.66.2.{number + 10 * len(verb)}"
+    with Fleet([Fake(system=K)], host, paths=("wire",)) as fleet:
+        room = lab(host, udpin(host))
+        room.start()
+        room.signal(number)
+        assert command(verb, ["--run", str(room.folder), *(["--yes"] if verb == "kill-all" else [])]) == 0
+        assert not fleet.fakes[K].armed
+    said = lines(capsys)
+    assert any(f"speaking in its place on udpin {host}:14541" in line for line in said)
+    assert any(f"process {room.link.pid}" in line and "ended" in line for line in said) is (
+        number == signal.SIGSTOP
+    )
+    assert room.link.wait(10) == -signal.SIGKILL
+
+
+def test_a_vehicle_whose_address_was_never_learned_is_found_by_its_voice(lab, capsys):
+    host = "127.66.3.1"
+    room = lab(host, udpin(host))
+    with Fleet([Fake(system=K)], host, paths=("wire",)):
+        assert land_all(run=room.folder) == 0, "the arena has gone, and only the run folder is left"
+
+
+def test_one_spoken_to_first_is_spoken_to_in_the_links_place(lab):
+    host = "127.66.4.1"
+    with Fleet([Fake(system=K)], host, paths=("tools",)) as fleet:  # answers whoever speaks to it
+        room = lab(host, {"kind": "udpout", "address": list(fleet.targets[0].tools)})
+        room.start()
+        room.signal(signal.SIGSTOP)
+        (room.folder / "plan.json").write_text(
+            (room.folder / "plan.json").read_text().replace("24016", "24019")
+        )  # no router
+        assert land_all(run=room.folder) == 0
+
+
+def test_a_link_that_reads_is_never_ended_however_silent_its_vehicle(lab, capsys):
+    host = "127.66.5.1"
+    with Fleet([Fake(system=K)], host, paths=("wire",)):
+        room = lab(host, udpin(host))
+        room.start()
+    assert land_all(run=room.folder, timeout_s=4.0) == 1
+    assert room.link.poll() is None
+    said = lines(capsys)
+    assert said[-1].startswith("uav1: NOT CONFIRMED")
+    assert any(f"speaking straight to {host}:25001 too" in line for line in said)
+    assert not any("in its place" in line for line in said)
+
+
+def test_another_process_with_the_recorded_number_is_not_ended():
+    bystander = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    try:
+        assert link_process.end(Owner(name="link.uav1", pid=bystander.pid, start_s=1.0))
+        assert bystander.poll() is None
+    finally:
+        bystander.kill()
+        bystander.communicate()
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+def test_on_a_serial_line_the_device_is_taken_over(lab, serial_cable, capsys, number):
+    near, far = serial_cable
+    fake = Fake(system=K)
+    with SerialFake(fake, far):
+        room = lab(f"127.66.6.{number}", {"kind": "serial", "device": near, "baud": 115200})
+        room.start()
+        room.signal(number)
+        assert land_all(run=room.folder) == 0
+    assert fake.mode == LAND and not fake.armed
+    assert any(f"speaking in its place on {near} at 115200" in line for line in lines(capsys))
+
+
+def test_from_the_yaml_alone(tmp_path, monkeypatch, serial_cable):
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path))
+    near, far = serial_cable
+    host, file = "127.66.7.1", tmp_path / "arena.yaml"
+    file.write_text(
+        f'address: {host}\nvehicles:\n  a: {{autopilot: hardware, url: "udpin:{host}:14541", world: [}}\n'
+        f"  b: {{autopilot: hardware, url: 'serial:{near}'}}\n"
+    )
+    other = Fake(system=2)
+    with Fleet([Fake(system=1)], host, paths=("wire",)) as fleet, SerialFake(other, far):
+        assert land_all(arena=file) == 0
+    assert not other.armed and not fleet.fakes[1].armed
+
+
+def test_a_second_land_all_is_heard_by_the_link_too(lab):
+    """The first holds the panic link's own end and was stopped, and there is no router."""
+    host = "127.66.8.1"
+    with (
+        Fleet([Fake(system=K)], host, paths=("wire",)) as fleet,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):
+        room = lab(host, udpin(host))
+        room.start()
+        other.bind((host, 24015))
+        assert land_all(run=room.folder, timeout_s=3.0) == 1, "unheard"
+        assert fleet.fakes[K].landed and not fleet.fakes[K].armed

@@ -1,0 +1,314 @@
+"""Whom land-all lands: the running plan, else a YAML however broken."""
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+
+import pytest
+from fakes import target
+from hypothesis import given
+from hypothesis import strategies as st
+
+from arena.emergency.direct_address import BAUD, Owner, Wire
+from arena.emergency.land_all import land_all
+from arena.emergency.targets import active_runs, choose, find, from_plan, from_yaml
+from arena.emergency.yaml_fallback import read_yaml, vehicles_of
+from arena.errors import InputError
+from arena.plan.model import Link, Plan, VehiclePlan
+from arena.schema.ports import vehicle_ports
+from arena.schema.resolve import DEFAULT_BAUD
+
+HOST = "127.54.20.1"
+
+
+def named(text):
+    address, vehicles = vehicles_of(read_yaml(text))
+    return address, [(v.name, v.id) for v in vehicles]
+
+
+def link(k, at, host=HOST):
+    base = 24000 + 10 * k + at
+    return Link(autopilot_host=host, autopilot_port=base, partner_host=host, partner_port=base + 1)
+
+
+def plan(ids=(1, 2), host=HOST):
+    vehicles = tuple(
+        VehiclePlan(
+            name=f"uav{k}",
+            id=k,
+            autopilot="builtin",
+            profile="iris",
+            simulated=True,
+            router=link(k, 0, host),
+            vision=link(k, 2, host),
+            panic=link(k, 4, host),
+            port=16000 + k,
+            sdk_port=22000 + k,
+            tools_port=24006 + 10 * k,
+            logger_port=24007 + 10 * k,
+            mocap_body=f"uav{k}",
+        )
+        for k in ids
+    )
+    return Plan(name="lab", address=host, vehicles=vehicles, processes=())
+
+
+@pytest.fixture
+def runtime(tmp_path, monkeypatch):
+    """An empty runtime folder, and a function that makes an active run."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "rt"))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.chdir(tmp_path)
+
+    def make(name, a_plan, pid=None):
+        folder, rt = tmp_path / "runs" / name, tmp_path / "rt" / "arena" / name
+        folder.mkdir(parents=True)
+        rt.mkdir(parents=True)
+        (rt / "run").write_text(str(folder))
+        (folder / "plan.json").write_text(a_plan.to_json())
+        state = {"supervisor": {"pid": pid or os.getpid()}, "processes": {}}
+        (folder / "state.json").write_text(json.dumps(state))
+        return folder
+
+    return make
+
+
+def test_the_rule_of_ports_is_the_schemas():
+    for k in (1, 7, 250):
+        ports, t = vehicle_ports(k), target(k, HOST)
+        assert (t.autopilot[1], t.partner[1], t.tools[1]) == (
+            ports.panic_autopilot,
+            ports.panic_land_all,
+            ports.tools,
+        )
+
+
+def test_a_plan_and_the_yaml_it_came_from_name_the_same_addresses(tmp_path):
+    file = tmp_path / "arena.yaml"
+    file.write_text(f"address: {HOST}\nvehicles:\n  uav1: {{}}\n  uav2: {{id: 2}}\n")
+    assert from_yaml(file).targets == from_plan(plan().to_json()) == (target(1, HOST), target(2, HOST))
+
+
+def test_only_of_a_simulated_vehicle_is_the_record_of_its_run_believed(tmp_path):
+    raw = json.loads(plan().to_json())
+    raw["vehicles"][1]["simulated"] = False
+    assert [t.run for t in from_plan(json.dumps(raw), tmp_path)] == [tmp_path, None]
+
+
+def test_the_running_plan_is_read_before_any_yaml(runtime, tmp_path):
+    (tmp_path / "arena.yaml").write_text("vehicles:\n  other:\n")
+    folder = runtime("a", plan((3,)))
+    assert active_runs() == [folder]
+    assert find().targets == (target(3, HOST),)
+    assert find().source == str(folder)
+
+
+def test_every_active_run_is_landed(runtime):
+    runtime("a", plan((1,)))
+    runtime("b", plan((1,), host="127.54.20.2"))
+    assert find().targets == (target(1, HOST), target(1, "127.54.20.2"))
+
+
+def test_a_yaml_takes_the_running_plan_of_its_address_and_no_other(runtime, tmp_path):
+    runtime("a", plan((3,)))
+    same, other = tmp_path / "same.yaml", tmp_path / "other.yaml"
+    same.write_text(f"address: {HOST}\nvehicles: {{x: }}\n")
+    other.write_text("address: 127.54.20.9\nvehicles: {x: }\n")
+    assert find(arena=same).targets == (target(3, HOST),)
+    assert find(arena=other).targets == (target(1, "127.54.20.9", "x"),)
+
+
+def test_the_running_plan_wins_over_the_yaml_as_it_is_by_now(runtime, tmp_path):
+    """Started from it, then edited: another address, another vehicle, and broken."""
+    file = tmp_path / "lab.yaml"
+    for number, edited in enumerate(("address: 127.54.20.9\nvehicles: {x: {id: 9}}\n", "", "vehicles: [")):
+        folder = runtime(f"a{number}", plan((3,)))
+        (folder / "arena.yaml").write_text(
+            f"# resolved from {file}\naddress: {HOST}\nvehicles: {{uav3: {{id: 3}}}}\n"
+        )
+        file.write_text(edited)
+        assert find(arena=file).targets == (target(3, HOST),)
+
+
+def test_a_plan_that_cannot_be_read_at_all_keeps_nobody_else_from_landing(runtime):
+    (runtime("a", plan((1,))) / "plan.json").write_text("{")
+    runtime("b", plan((2,), host="127.54.20.2"))
+    found = find()
+    assert found.targets == (target(2, "127.54.20.2"),)
+    assert len(found.unread) == 1 and "runs/a" in found.unread[0]
+
+
+def test_a_run_that_was_not_read_is_told_and_is_no_success(runtime, monkeypatch, capsys):
+    (runtime("a", plan((1,))) / "plan.json").write_text("{")
+    runtime("b", plan((2,), host="127.54.20.2"))
+    monkeypatch.setattr("arena.emergency.land_all.bring_down", lambda *_, **__: 0)
+    assert land_all() == 1
+    assert "NOT COMMANDED" in capsys.readouterr().out.splitlines()[-1]
+
+
+URLS = [
+    ('"udpin:0.0.0.0:14540"', Wire(kind="udpin", local=("0.0.0.0", 14540))),
+    ('"udpout:10.0.0.7:14550"', Wire(kind="udpout", vehicle=("10.0.0.7", 14550))),
+    ('"serial:/dev/ttyUSB0"', Wire(kind="serial", device="/dev/ttyUSB0", baud=BAUD)),
+    ('"serial:/dev/ttyUSB0", baud: 57600', Wire(kind="serial", device="/dev/ttyUSB0", baud=57600)),
+    ('"nonsense"', None),
+    ("7", None),
+    ('"udpin:host:port"', None),
+]
+
+
+@pytest.mark.parametrize(("url", "wire"), URLS)
+def test_a_yaml_tells_how_a_real_vehicle_is_reached(url, wire):
+    _, (a, b) = vehicles_of(
+        read_yaml(f"vehicles:\n  a: {{autopilot: hardware, url: {url}}}\n  b: {{autopilot: builtin}}\n")
+    )
+    assert (a.wire, b.wire) == (wire, None)
+
+
+def test_also_where_it_is_broken_or_in_the_defaults():
+    _, (a,) = vehicles_of(read_yaml('vehicles:\n  a: {id: 4, url: "udpin:0.0.0.0:14540", start: [}\n'))
+    assert (a.id, a.wire) == (4, Wire(kind="udpin", local=("0.0.0.0", 14540)))
+    _, (a, b) = vehicles_of(
+        read_yaml('defaults: {url: "serial:/dev/x"}\nvehicles:\n  a:\n  b: {autopilot: builtin}\n')
+    )
+    assert (a.wire, b.wire) == (Wire(kind="serial", device="/dev/x", baud=BAUD), None)
+    assert BAUD == DEFAULT_BAUD
+
+
+def real(host=HOST):
+    """Of one real vehicle, as its run was started."""
+    slices = {"link.uav1.json": {"wire": {"kind": "udpin", "address": ["0.0.0.0", 14540]}}}
+    vehicles = tuple(dataclasses.replace(v, simulated=False) for v in plan((1,), host).vehicles)
+    return Plan(name="lab", address=host, vehicles=vehicles, processes=(), slices=slices)
+
+
+def test_a_run_tells_a_real_vehicles_last_address_and_who_holds_its_wire(runtime):
+    folder = runtime("a", real())
+    assert find().targets[0].wire == Wire(kind="udpin", local=("0.0.0.0", 14540))
+    (folder / "wire").mkdir()
+    seen = folder / "wire" / "uav1.json"
+    seen.write_text(json.dumps({"kind": "udpin", "local": ["0.0.0.0", 14540], "vehicle": ["10.0.0.7", 9]}))
+    boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    state = {
+        "boot": boot,
+        "supervisor": {"pid": os.getpid()},
+        "processes": {"link.uav1": {"pid": 77, "start_s": 1.5}},
+    }
+    (folder / "state.json").write_text(json.dumps(state))
+    owner = Owner(name="link.uav1", pid=77, start_s=1.5)
+    wire = Wire(kind="udpin", local=("0.0.0.0", 14540), vehicle=("10.0.0.7", 9), owner=owner)
+    assert find(run=folder).targets[0].wire == wire
+    (folder / "state.json").write_text(json.dumps({**state, "boot": "another"}))
+    assert find(run=folder).targets[0].wire.owner is None
+    for broken in ("{", "[]", '{"kind": "serial"}', '{"kind": "udpin", "vehicle": 3}'):
+        seen.write_text(broken)
+        assert find(run=folder).targets[0].wire == Wire(kind="udpin", local=("0.0.0.0", 14540))
+
+
+def test_a_run_of_which_nothing_runs_is_no_active_run(runtime):
+    gone = next(pid for pid in range(2**22 - 1, 0, -1) if not Path(f"/proc/{pid}").exists())
+    runtime("a", plan(), pid=gone)
+    assert active_runs() == []
+
+
+def test_a_state_that_cannot_be_read_counts_as_running(runtime):
+    folder = runtime("a", plan())
+    (folder / "state.json").write_text("{")
+    assert active_runs() == [folder]
+
+
+def test_a_broken_plan_falls_back_to_the_yaml_of_its_run(runtime):
+    folder = runtime("a", plan())
+    (folder / "plan.json").write_text('{"vehicles": [{"name": ')
+    (folder / "arena.yaml").write_text(f"address: {HOST}\nvehicles:\n  uav1:\n")
+    assert find(run=folder).targets == find().targets == (target(1, HOST),)
+
+
+def test_nothing_to_land_says_what_to_do(runtime):
+    with pytest.raises(InputError, match="no run is active, and there is no"):
+        find()
+
+
+def test_the_yaml_of_this_folder_is_the_last_resort(runtime, tmp_path):
+    (tmp_path / "arena.yaml").write_text("vehicles:\n  uav1:\n")
+    assert [t.name for t in find().targets] == ["uav1"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "vehicles:\n  a:\n  b:\n",
+        "vehicles: {a: {}, b: {profile: nosuch, start: {position: [.nan, 0, 0]}}}\n",
+        "wrold: {size: [1, 2\nvehicles:\n  a: {profile: iris}\n  b: {profile: iris}\n",
+        "vehicles:\n  a: {profile: iris\n  b:\n    start: [0, 0\n",
+        "vehicles:\n  a:\n\tprofile: iris\n  b: {}\n",
+        "vehicles:\n  a: {program: 'x}\n  b: {}\nsim: [}\n",
+        "vehicles:\n  a: *nowhere\n  b: &x {}\n",
+        "%bad directive\nvehicles:\n  a:\n  b:\n",
+        'name: @x\n"vehicles":\n    a: !!python/object:os.system {}\n    b: 2\n',
+        "vehicles:\n  a:\n  b:\nvehicle: [",
+        "\ufeffvehicles:\r\n  a:\r\n  b: {\r\n",
+    ],
+)
+def test_a_yaml_wrong_anywhere_else_still_names_its_vehicles(text):
+    assert named(text) == ("127.0.0.1", [("a", 1), ("b", 2)])
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("vehicles: {a: , b: {id: 1}, c: }", [("a", 2), ("b", 1), ("c", 3)]),
+        ("vehicles:\n  a: {id: 7, start: [}\n  b:\n    id: 4\n    start: [\n", [("a", 7), ("b", 4)]),
+        ("vehicles: {a: {id: many}, b: {id: true}, c: {id: 999}}", [("a", 1), ("b", 2), ("c", 3)]),
+    ],
+)
+def test_ids_are_those_written_and_else_the_lowest_free_in_order(text, found):
+    assert named(text)[1] == found
+
+
+def test_a_broken_yaml_keeps_its_address():
+    assert vehicles_of(read_yaml("address: 127.0.0.7\nworld: [\nvehicles:\n  a: {\n"))[0] == "127.0.0.7"
+
+
+@pytest.mark.parametrize("text", ["", "vehicles:", "vehicles: 3", "[1, 2]", "\x00\x01", "{{{{", "a: b: c: d"])
+def test_a_file_without_vehicles_is_told_so(tmp_path, text):
+    file = tmp_path / "arena.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError, match="no vehicle can be found"):
+        from_yaml(file)
+
+
+@given(st.text(alphabet="ab: \n\t{}[],#'\"&*!%-1", max_size=120))
+def test_any_text_is_read_without_an_error(text):
+    vehicles_of(read_yaml(text))
+
+
+def test_only_and_except_choose_and_refuse_strangers():
+    all_ = tuple(target(k, HOST) for k in (1, 2, 3))
+    assert choose(all_, only=["uav2"]) == (all_[1],)
+    assert choose(all_, spared=["uav2"]) == (all_[0], all_[2])
+    with pytest.raises(InputError, match="got vehicle uav9, expected one of uav1, uav2, uav3"):
+        choose(all_, only=["uav9"])
+
+
+def test_a_plan_from_the_model_survives_a_field_more():
+    raw = dataclasses.asdict(plan())
+    raw["vehicles"][0]["new"] = 1
+    assert len(from_plan(json.dumps(raw))) == 2
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["udpin:0.0.0.0:99999", "udpout:10.0.0.1:65536", "udpout:drone.lab:14550", "udpin:::1:5", "udpin::5"],
+)
+def test_a_url_that_no_socket_takes_is_no_wire_and_its_vehicle_is_landed_all_the_same(tmp_path, url):
+    file = tmp_path / "arena.yaml"
+    file.write_text(f'address: {HOST}\nvehicles:\n  uav1: {{autopilot: hardware, url: "{url}"}}\n  uav2:\n')
+    assert from_yaml(file).targets == (target(1, HOST), target(2, HOST))
+    assert from_yaml(file).targets[0].wire is None
+
+
+def test_an_address_that_is_none_is_not_asked_for_by_name():
+    assert named("address: 999.1.1.1\nvehicles:\n  uav1:\n") == ("127.0.0.1", [("uav1", 1)])

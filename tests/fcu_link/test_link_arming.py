@@ -1,0 +1,204 @@
+"""What may arm a vehicle is withheld while a gate does not hold, and answered; what brings it down always passes."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.clock import WallClock
+from arena.uav.connection import COMPONENT as PROGRAM
+from arena.wire.mavlink_codec import Codec
+from arena.wire.telemetry import Telemetry
+
+from .parts import ENDS, ID, POSE, Rig, arm
+
+LAND = (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 4, 6)
+
+
+def command_int(number: int, param1: float, param2: float = 0.0, target: int = ID) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_command_int_message(target, 1, 0, number, 0, 0, param1, param2, 0, 0, 0, 0, 0)
+
+
+def command(number: int, *params: float, target: int = ID) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_command_long_message(target, 1, number, 0, *params, *[0.0] * (7 - len(params)))
+
+
+def rig_with_reasons() -> Rig:
+    rig = Rig()
+    rig.fly(1.5, p_n=(POSE[0] + 1.0, POSE[1], POSE[2]), battery=5)
+    rig.out.clear()
+    return rig
+
+
+ARMING = {
+    "COMMAND_LONG": arm(),
+    "with the force magic": arm(magic=21196.0),
+    "to every system": arm(target=0),
+    "to every component": arm(component=0),
+    "COMMAND_INT": command_int(400, 1.0),
+    "COMMAND_INT by force": command_int(400, 1.0, 21196.0),
+    "COMMAND_INT to every system": command_int(400, 1.0, target=0),
+    "what PX4 rounds to 1": arm(param1=0.6),
+    "what PX4 takes for 1 when it cuts it to a byte": arm(param1=257.0),
+    "MISSION_START": command(300),
+    "COMMAND_INT MISSION_START": command_int(300, 0.0),
+}
+
+
+@pytest.mark.parametrize("link", ENDS)
+@pytest.mark.parametrize("message", ARMING.values(), ids=ARMING.keys())
+def test_arming_is_withheld_on_every_link_while_a_gate_does_not_hold(link, message):
+    rig = rig_with_reasons()
+    rig.ask(link, message)
+    assert not rig.sent("COMMAND_LONG")
+    assert not rig.sent("COMMAND_INT")
+
+
+@pytest.mark.parametrize("link", ENDS)
+@pytest.mark.parametrize("message", ARMING.values(), ids=ARMING.keys())
+def test_arming_passes_once_all_gates_hold(link, message):
+    rig = Rig()
+    rig.fly(2.0)
+    rig.ask(link, message)
+    assert rig.arming_passed(message.command)
+    assert not rig.heard("router", "STATUSTEXT")
+
+
+@pytest.mark.parametrize("link", ENDS)
+def test_who_asked_is_answered_with_the_reasons_in_the_autopilots_name(link):
+    rig = rig_with_reasons()
+    rig.ask(link, arm())
+    for end in {link, "router"}:
+        (ack,) = rig.heard(end, "COMMAND_ACK")
+        assert (ack.command, ack.result) == (400, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+        assert (ack.target_system, ack.target_component) == (ID, 191)
+        assert (ack.get_srcSystem(), ack.get_srcComponent()) == (ID, 1)
+        texts = rig.heard(end, "STATUSTEXT")
+        assert {t.text for t in texts} == set(rig.reasons())
+        assert {t.severity for t in texts} == {mavlink.MAV_SEVERITY_ERROR}
+    assert not [end for end in ENDS if end not in (link, "router") and rig.heard(end, "COMMAND_ACK")]
+
+
+def test_a_client_that_hammers_is_answered_each_time_and_told_the_reasons_now_and_then():
+    rig = rig_with_reasons()
+    for _ in range(10):
+        rig.now += 0.01
+        rig.ask("router", arm())
+    assert len(rig.heard("router", "COMMAND_ACK")) == 10
+    assert len(rig.heard("router", "STATUSTEXT")) == len(rig.reasons())
+
+
+def test_a_program_of_arena_reads_the_reasons_in_its_error():
+    """By the codec that the program's own link has: acknowledgement and texts, as `uav/pilot.py` collects them."""
+    rig = rig_with_reasons()
+    telemetry, now = Telemetry(ID), WallClock().now()
+    data = b"".join(
+        d
+        for end, d in rig.core.from_partner("router", Codec(ID, PROGRAM).pack(arm()), rig.now)
+        if end == "router"
+    )
+    telemetry.hear(data, now)
+    assert [(a.command, a.result, a.target) for a in telemetry.acks] == [(400, 1, (ID, PROGRAM))]
+    said = telemetry.recent_texts(now - 1.0, mavlink.MAV_SEVERITY_WARNING)
+    assert said == list(reversed(rig.reasons()))
+
+
+@pytest.mark.parametrize("link", ENDS)
+@pytest.mark.parametrize(
+    "message",
+    [
+        arm(param1=0.0),
+        arm(param1=0.0, magic=21196.0),
+        arm(param1=0.4),
+        command_int(400, 0.0),
+        command(176, *LAND),
+        command(21),
+        command(185, 1.0),
+        command(20),
+        command(22),
+        mavlink.MAVLink_set_mode_message(ID, 1, 4 << 16 | 6 << 24),
+        mavlink.MAVLink_set_position_target_local_ned_message(
+            0, ID, 1, 1, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0, 0, 0
+        ),
+        mavlink.MAVLink_param_request_read_message(ID, 1, b"SYS_AUTOSTART", -1),
+    ],
+    ids=[
+        "disarm",
+        "kill",
+        "nearly 0",
+        "disarm by int",
+        "land mode",
+        "land",
+        "terminate",
+        "return",
+        "takeoff",
+        "set mode",
+        "setpoint",
+        "param",
+    ],
+)
+def test_disarming_landing_modes_and_setpoints_always_pass(link, message):
+    rig = Rig()  # nothing heard, no pose: every gate is closed
+    assert rig.reasons()
+    rig.ask(link, message)
+    assert [m.get_msgId() for m in rig.out] == [message.get_msgId()]
+
+
+def test_in_flight_with_dead_cameras_everything_but_a_new_arming_passes():
+    rig = Rig()
+    rig.fly(1.0, armed=True)
+    rig.fly(1.0, armed=True, poses=False)
+    assert rig.reasons()
+    rig.out.clear()
+    stick = mavlink.MAVLink_manual_control_message(ID, 0, 0, 500, 0, 0)
+    rig.ask("router", command(176, *LAND), stick, command(300))
+    assert [m.get_type() for m in rig.out] == ["COMMAND_LONG", "MANUAL_CONTROL", "COMMAND_LONG"]
+
+
+@pytest.mark.parametrize(
+    "sticks",
+    [
+        mavlink.MAVLink_manual_control_message(ID, 0, 0, 0, 1000, 0),
+        mavlink.MAVLink_rc_channels_override_message(ID, 1, *[1500] * 8),
+    ],
+)
+def test_sticks_that_could_arm_by_a_gesture_wait_for_the_gates(sticks):
+    rig = rig_with_reasons()
+    rig.ask("router", sticks)
+    assert rig.out == []
+    assert rig.core.counts["to the vehicle: sticks withheld"] == 1
+    rig.fly(1.5)
+    rig.out.clear()
+    rig.ask("router", sticks)
+    assert len(rig.out) == 1
+
+
+def test_arming_for_another_system_is_not_ours_to_answer():
+    rig = rig_with_reasons()
+    rig.ask("router", arm(target=ID + 1))
+    assert rig.heard("router", "COMMAND_ACK") == []
+
+
+def test_one_withheld_command_among_others_takes_none_of_them_along():
+    rig = rig_with_reasons()
+    rig.ask("router", command(176, *LAND), arm(), arm(param1=0.0))
+    assert [(m.command, m.param1) for m in rig.out] == [(176, 1.0), (400, 0.0)]
+
+
+def test_a_vehicle_armed_by_its_own_radio_in_spite_of_a_gate_is_told_once():
+    rig = rig_with_reasons()
+    rig.core.events()
+    rig.fly(3.0, armed=True, battery=5)
+    told = [e for e in rig.core.events() if "is armed, though" in e]
+    assert len(told) == 1
+    assert "battery at 5 %" in told[0]
+    assert told[0].startswith("uav7: ")
+
+
+def test_a_real_vehicle_that_fell_silent_while_armed_counts_as_armed_and_a_simulated_one_has_ended():
+    real, simulated = Rig(), Rig(simulated=True)
+    for rig in (real, simulated):
+        rig.fly(1.0, armed=True)
+        rig.fly(30.0, telemetry=False)
+    assert real.core.armed(real.now)
+    assert not simulated.core.armed(simulated.now)

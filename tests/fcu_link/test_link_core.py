@@ -1,0 +1,349 @@
+"""What goes where, what goes first, and what is told of a wire that says nothing or nonsense."""
+
+from __future__ import annotations
+
+import random
+import struct
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.fcu_link.peer import Partner
+from arena.fcu_link.send_queue import LIMIT_BYTES
+from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import Stream, cut
+
+from .parts import ENDS, ID, Rig, arm, attitude, heartbeat, local, odometry, sys_status
+
+A, B = ("10.0.0.21", 14550), ("10.0.0.66", 14550)
+
+
+def sensor(us: int) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_hil_sensor_message(us, *[0.1] * 13, 0x1FFF, 0)
+
+
+def setpoint(i: int) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        i, ID, 1, 1, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0, 0, 0
+    )
+
+
+# -- routing ---------------------------------------------------------------------------------------------------------------
+
+
+def test_the_router_hears_everything_and_the_forwarder_what_it_listens_to():
+    rig = Rig()
+    rig.say(
+        heartbeat(),
+        sys_status(),
+        mavlink.MAVLink_system_time_message(0, 5),
+        attitude(),
+        local(),
+        mavlink.MAVLink_gps_global_origin_message(1, 2, 3, 4),
+    )
+    assert len(rig.got["router"]) == 6
+    assert [m.get_type() for m in rig.got["vision"]] == [
+        "HEARTBEAT",
+        "SYS_STATUS",
+        "SYSTEM_TIME",
+        "GPS_GLOBAL_ORIGIN",
+    ]
+    assert rig.got["panic"] == rig.got["simulator"] == []
+
+
+def test_land_all_hears_everything_while_it_is_there():
+    rig = Rig()
+    rig.ask("panic", mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+    rig.now += 4.9
+    rig.say(heartbeat(), attitude())
+    assert len(rig.got["panic"]) == 2
+    rig.now += 0.2
+    rig.say(heartbeat())
+    assert len(rig.got["panic"]) == 2
+
+
+def test_timesync_replies_never_reach_the_vehicle_and_its_own_requests_do():
+    rig = Rig()
+    for link in ENDS:
+        rig.ask(link, mavlink.MAVLink_timesync_message(123, 456), mavlink.MAVLink_timesync_message(0, 456))
+    assert [m.tc1 for m in rig.sent("TIMESYNC")] == [0, 0, 0]
+    assert rig.core.counts["to the vehicle: TIMESYNC reply"] == 3
+
+
+def test_frames_of_a_foreign_system_are_counted_and_dropped():
+    rig = Rig()
+    rig.say(heartbeat(armed=True), local(), codec=Codec(ID + 1, 1))
+    assert rig.got["router"] == []
+    assert not rig.core.ever_heard
+    assert not rig.core.gates.armed
+    assert rig.core.counts["from the wire: foreign system"] == 2
+
+
+def test_a_companion_on_the_vehicle_is_heard_and_is_not_the_autopilot():
+    rig = Rig()
+    rig.say(heartbeat(armed=True), codec=Codec(ID, 191))
+    assert len(rig.got["router"]) == 1
+    assert rig.got["vision"] == []
+    assert not rig.core.ever_heard
+
+
+def test_of_a_controller_in_the_loop_the_motors_go_to_the_world_and_the_rest_to_the_links():
+    rig = Rig(simulator=["127.71.0.1", 24079], simulated=True)
+    rig.say(mavlink.MAVLink_hil_actuator_controls_message(1, [0.5] * 16, 128, 0), heartbeat())
+    assert [m.get_type() for m in rig.got["simulator"]] == ["HIL_ACTUATOR_CONTROLS"]
+    assert [m.get_type() for m in rig.got["router"]] == ["HEARTBEAT"]
+
+
+def test_sensors_of_the_world_go_to_the_controller_and_its_truth_does_not():
+    rig = Rig(simulator=["127.71.0.1", 24079], simulated=True)
+    world = Codec(1, 200)
+    truth = mavlink.MAVLink_hil_state_quaternion_message(1, [1, 0, 0, 0], *[0] * 14)
+    data = world.pack(sensor(1)) + world.pack(truth)
+    rig.core.from_simulator(data, cut(data), rig.now)
+    assert [m.get_type() for m in rig.flush()] == ["HIL_SENSOR"]
+
+
+# -- priorities ------------------------------------------------------------------------------------------------------------
+
+
+def fill(rig: Rig, *what: tuple[str, mavlink.MAVLink_message]) -> None:
+    """Without the wire taking anything meanwhile."""
+    for link, message in what:
+        if link == "simulator":
+            data = rig.program.pack(message)
+            rig.core.from_simulator(data, cut(data), rig.now)
+        else:
+            rig.core.from_partner(link, rig.program.pack(message), rig.now)
+
+
+def test_panic_goes_before_commands_before_sensors_before_poses():
+    rig = Rig(simulator=["127.71.0.1", 24079])
+    fill(
+        rig,
+        ("vision", odometry()),
+        ("simulator", sensor(1)),
+        ("router", setpoint(1)),
+        ("panic", arm(param1=0.0)),
+    )
+    kinds = [m.get_type() for m in rig.flush()]
+    assert kinds == ["COMMAND_LONG", "SET_POSITION_TARGET_LOCAL_NED", "HIL_SENSOR", "ODOMETRY"]
+
+
+def test_an_old_pose_makes_room_for_a_newer_one_and_old_sensors_too():
+    rig = Rig(simulator=["127.71.0.1", 24079])
+    for i in range(20):
+        fill(rig, ("vision", odometry((i * 0.1, 0, -0.1))), ("simulator", sensor(i)))
+    out = rig.flush()
+    assert [m.x for m in out if m.get_type() == "ODOMETRY"] == [pytest.approx(1.9)]
+    assert [m.time_usec for m in out if m.get_type() == "HIL_SENSOR"] == [19]
+
+
+def test_a_full_wire_loses_poses_and_then_the_oldest_setpoints_but_no_landing():
+    rig = Rig()
+    fill(rig, ("panic", arm(param1=0.0)), ("vision", odometry()))
+    for i in range(400):
+        fill(rig, ("router", setpoint(i)))
+    out = rig.flush()
+    assert out[0].get_type() == "COMMAND_LONG"
+    assert out[-1].time_boot_ms == 399
+    assert not [m for m in out if m.get_type() == "ODOMETRY"]
+    assert sum(len(m.get_msgbuf()) for m in out) <= LIMIT_BYTES
+    assert rig.core.counts["to the vehicle: wire full (vision)"] == 1
+    assert rig.core.counts["to the vehicle: wire full (router)"] == 400 - len(out) + 1
+
+
+def test_what_waited_for_over_a_second_is_never_obeyed():
+    rig = Rig()
+    fill(rig, ("router", setpoint(1)))
+    rig.now += 1.1
+    fill(rig, ("router", setpoint(2)))
+    assert [m.time_boot_ms for m in rig.flush()] == [2]
+
+
+def test_nothing_is_kept_for_a_wire_that_is_away():
+    rig = Rig()
+    fill(rig, ("router", setpoint(1)), ("panic", arm(param1=0.0)))
+    rig.core.outbox.clear()
+    assert rig.flush() == []
+    assert rig.core.counts["to the vehicle: wire away (panic)"] == 1
+
+
+# -- who speaks on a listening wire ---------------------------------------------------------------------------------------
+
+
+def test_the_partner_is_the_first_that_speaks_as_the_vehicle_and_another_follows_only_after_silence():
+    partner = Partner()
+    assert not partner.accepts(B, False, 0.0)
+    assert partner.address is None
+    assert partner.accepts(A, True, 1.0)
+    assert not partner.accepts(B, True, 3.9)
+    assert partner.accepts(
+        A, False, 3.9
+    )  # as a companion of the vehicle does: the same address, yet not its autopilot
+    assert partner.accepts(B, True, 4.1)
+    assert not partner.accepts(A, True, 4.2)
+    assert partner.events == [
+        "speaks from 10.0.0.21:14550",
+        "speaks from 10.0.0.66:14550, and not from 10.0.0.21:14550 any more, silent for 3 s",
+    ]
+
+
+# -- what is told ----------------------------------------------------------------------------------------------------------
+
+
+def told_after(rig: Rig, seconds: float, *data: bytes) -> list[str]:
+    for _ in range(round(seconds * 20)):
+        rig.now += 0.05
+        for piece in data:
+            rig.core.from_wire(piece, cut(piece), rig.now)
+        rig.core.tick(rig.now)
+        rig.flush()
+    return rig.core.events()
+
+
+def test_silence_garbage_and_a_wrong_id_are_told_apart_every_ten_seconds():
+    assert (
+        told_after(Rig(), 21.0)
+        == [
+            "uav7: nothing heard on udpin 127.71.0.1:14540 for 10 s: is it switched on, and does it send here?"
+        ]
+        * 2
+    )
+    serial = {"kind": "serial", "device": "/dev/ttyACM0", "baud": 57600}
+    assert told_after(Rig(wire=serial), 11.0, b"\x00\xff\x80noise") == [
+        "uav7: on /dev/ttyACM0 at 57600 baud bytes come but no MAVLink: is the baud rate right?"
+    ]
+    (text,) = told_after(Rig(), 11.0, Codec(1, 1).pack(heartbeat()))
+    assert "system 1 component 1 speaks" in text
+    assert "set the vehicle's MAV_SYS_ID to 7" in text
+
+
+def test_a_vehicle_is_told_when_it_is_first_heard_and_when_it_is_back():
+    rig = Rig()
+    rig.say(heartbeat())
+    rig.fly(5.0, telemetry=False)
+    rig.say(heartbeat())
+    assert rig.core.events() == ["uav7: heard", "uav7: heard again after 5 s"]
+
+
+def test_its_own_voice_is_an_onboard_computers_once_a_second():
+    rig = Rig()
+    rig.fly(5.0, telemetry=False)
+    beats = [m for m in rig.sent("HEARTBEAT") if m.get_srcComponent() == 192]
+    assert len(beats) in (5, 6)
+    assert {(m.get_srcSystem(), m.type) for m in beats} == {(ID, 18)}
+
+
+# -- streams ---------------------------------------------------------------------------------------------------------------
+
+
+def answers(rig: Rig, asked: list[int], result: int) -> None:
+    """The vehicle answers each request for a stream."""
+    for m in rig.flush():
+        if m.get_type() == "COMMAND_LONG" and m.command == 511:
+            asked.append(int(m.param1))
+            rig.say(mavlink.MAVLink_command_ack_message(511, result, 0, 0, ID, 192))
+
+
+def run_thin(rig: Rig, seconds: float, result: int | None = 0) -> list[int]:
+    """A vehicle that says its heartbeat and 30 Hz of position alone."""
+    asked: list[int] = []
+    for i in range(round(seconds * 30)):
+        rig.now += 1 / 30
+        rig.say(local(), *([heartbeat()] if i % 30 == 0 else []))
+        rig.core.tick(rig.now)
+        if result is None:
+            asked += [
+                int(m.param1) for m in rig.flush() if m.get_type() == "COMMAND_LONG" and m.command == 511
+            ]
+        else:
+            answers(rig, asked, result)
+    return asked
+
+
+def test_what_is_missing_is_asked_for_once_and_what_comes_is_not():
+    asked = run_thin(Rig(), 8.0)
+    assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED not in asked
+    for needed in (
+        "ATTITUDE",
+        "ATTITUDE_QUATERNION",
+        "EXTENDED_SYS_STATE",
+        "SYS_STATUS",
+        "BATTERY_STATUS",
+        "SYSTEM_TIME",
+    ):
+        assert asked.count(getattr(mavlink, f"MAVLINK_MSG_ID_{needed}")) == 1, needed
+
+
+def test_a_narrow_serial_wire_is_not_filled_with_what_only_logs_show():
+    wire = {"kind": "serial", "device": "/dev/ttyUSB0", "baud": 57600}
+    assert mavlink.MAVLINK_MSG_ID_HIGHRES_IMU in run_thin(Rig(), 6.0)
+    assert mavlink.MAVLINK_MSG_ID_HIGHRES_IMU not in run_thin(Rig(wire=wire), 6.0)
+
+
+def test_requests_that_nobody_answers_are_tried_again_and_then_told():
+    rig = Rig()
+    asked = run_thin(rig, 12.0, result=None)
+    assert asked.count(mavlink.MAVLINK_MSG_ID_ATTITUDE) == 5
+    assert any("no answer to 5 requests for ATTITUDE at 50 Hz" in e for e in rig.core.events())
+
+
+def test_after_a_reboot_everything_is_asked_for_again():
+    rig = Rig()
+    rig.say(mavlink.MAVLink_system_time_message(0, 60_000))
+    assert run_thin(rig, 6.0).count(mavlink.MAVLINK_MSG_ID_ATTITUDE) == 1
+    rig.say(mavlink.MAVLink_system_time_message(0, 59_900))  # out of order
+    assert run_thin(rig, 3.0).count(mavlink.MAVLINK_MSG_ID_ATTITUDE) == 0
+    rig.say(mavlink.MAVLink_system_time_message(0, 900))
+    assert run_thin(rig, 6.0).count(mavlink.MAVLINK_MSG_ID_ATTITUDE) == 1
+    assert any("started anew" in e for e in rig.core.events())
+
+
+# -- hostile bytes ---------------------------------------------------------------------------------------------------------
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["wire", "stream", "simulator", *ENDS]), st.binary(max_size=120)),
+        max_size=30,
+    )
+)
+@settings(max_examples=150, deadline=None)
+def test_random_bytes_from_anywhere_never_raise(pieces):
+    rig, stream = Rig(simulator=["127.71.0.1", 24079], params={"SYS_HITL": 1}), Stream()
+    feed(rig, stream, pieces)
+
+
+def feed(rig: Rig, stream: Stream, pieces: list[tuple[str, bytes]]) -> None:
+    for end, data in pieces:
+        rig.now += 0.05
+        if end == "wire":
+            rig.core.from_wire(data, cut(data), rig.now)
+        elif end == "stream":
+            rig.core.from_wire(*stream.feed(data), rig.now)
+        elif end == "simulator":
+            rig.core.from_simulator(*stream.feed(data), rig.now)
+        else:
+            rig.core.from_partner(end, data, rig.now)
+        rig.core.tick(rig.now)
+        rig.flush()
+
+
+def test_whole_frames_with_any_payload_never_raise():
+    """As a wire that flips bits and mends the checksum would send: each message that is read, with random contents."""
+    rng, voice = random.Random(3), mavlink.MAVLink(None, srcSystem=ID, srcComponent=1)
+    rig, stream = Rig(simulator=["127.71.0.1", 24079], params={"SYS_HITL": 1, "MPC_XY_P": 0.95}), Stream()
+    kinds = (0, 1, 2, 22, 30, 31, 32, 69, 70, 75, 76, 77, 93, 107, 111, 147, 253, 331, 345)
+    pieces = []
+    for _ in range(1500):
+        kind = rng.choice(kinds)
+        whole = struct.calcsize(mavlink.mavlink_map[kind].unpacker.format)
+        payload = rng.choice([rng.randbytes(whole), b"\xff" * whole, b"", rng.randbytes(whole + 3)])
+        message = mavlink.MAVLink_message(kind, "x")
+        message._crc_extra = mavlink.mavlink_map[kind].crc_extra
+        frame = message._pack(voice, mavlink.mavlink_map[kind].crc_extra, payload)
+        pieces.append((rng.choice(["wire", "stream", "simulator", *ENDS]), frame[: rng.choice([None, -3])]))
+    feed(rig, stream, pieces)
+    assert rig.core.flow["from_vehicle"] > 200

@@ -1,0 +1,130 @@
+"""A router's slice and the words its neighbours speak, for the tests of this folder."""
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.mavlink_router.router import Router
+from arena.mavlink_router.routing_table import Table
+
+GCS = ("127.54.0.9", 14550)
+TOOL = ("127.0.0.1", 40001)
+OFFBOARD, LAND = 6 << 16, 4 << 16 | 6 << 24
+
+
+def slice_of(
+    ids=(1, 2),
+    host="127.54.0.1",
+    base=24000,
+    gcs=GCS,
+    client_host=None,
+    simulated=True,
+    heartbeat=True,
+    real=(),
+):
+    client_host = client_host or host
+    vehicles = [
+        {
+            "name": f"uav{k}",
+            "id": k,
+            **({"simulated": False} if k in real else {}),
+            "link": {"local": [host, base + 10 * k + 1], "remote": [client_host, base + 10 * k]},
+            "serve": [host, base + 10 * k + 8],
+            "clients": [
+                {"name": "program", "address": [client_host, 16000 + k]},
+                {"name": "sdk", "address": [client_host, 22000 + k]},
+            ],
+            "logger": [client_host, base + 10 * k + 7],
+            "tools": [host, base + 10 * k + 6],
+        }
+        for k in ids
+    ]
+    return {
+        "name": "router",
+        "vehicles": vehicles,
+        "gcs_local": [host, base],
+        "gcs": [{"name": "gcs", "address": list(gcs)}],
+        "heartbeat": heartbeat,
+        "simulated": simulated,
+    }
+
+
+class Fleet:
+    """A router with vehicles 1 and 2. What it is given and gives is told by names."""
+
+    def __init__(self, ids=(1, 2), real=()):
+        self.table = Table.from_slice(slice_of(ids, real=real))
+        self.router = Router(self.table)
+        self.now = 100.0
+        self.names = {GCS: "gcs"}
+        for v in self.table.vehicles:
+            program, sdk = v.clients
+            self.names |= {
+                v.remote: f"autopilot{v.id}",
+                program: f"program{v.id}",
+                sdk: f"sdk{v.id}",
+                v.logger: f"logger{v.id}",
+            }
+        self.address = {name: address for address, name in self.names.items()}
+
+    def socket(self, address):
+        return self.router.sockets.index(address)
+
+    def vehicle(self, k):
+        return next(v for v in self.table.vehicles if v.id == k)
+
+    def say(self, who, data, at=None):
+        """`who` sends a datagram to its usual socket; returns {receiver: bytes}."""
+        if who == "gcs":
+            socket = self.table.gcs_local
+        else:
+            v = self.vehicle(int(who[-1]))
+            socket = v.local if who.startswith("autopilot") else v.serve
+        return self.send(self.address[who], at or socket, data)
+
+    def tool(self, data, k=1, address=TOOL):
+        self.names.setdefault(address, "tool")
+        return self.send(address, self.vehicle(k).tools, data)
+
+    def send(self, sender, socket, data):
+        told = {}
+        for piece, destinations in self.router.on_datagram(self.socket(socket), sender, data, self.now):
+            for _, dest in destinations:
+                name = self.names[dest]
+                told[name] = told.get(name, b"") + bytes(piece)
+        return told
+
+    @property
+    def dropped(self):
+        return {why: n for why, n in self.router.counts.dropped.items() if n}
+
+
+def voice(system, component=1):
+    return mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+
+
+def packed(message, system, component=1):
+    return bytes(message.pack(voice(system, component)))
+
+
+def heartbeat(system=1, component=1, armed=False, mode=OFFBOARD, kind=2):
+    return packed(mavlink.MAVLink_heartbeat_message(kind, 12, 1 | 128 * armed, mode, 4, 3), system, component)
+
+
+def attitude(system=1, component=1):
+    return packed(mavlink.MAVLink_attitude_message(5, 0.1, 0.2, 0.3, 0, 0, 0.7), system, component)
+
+
+def landed_state(state, system=1):
+    return packed(mavlink.MAVLink_extended_sys_state_message(0, state), system)
+
+
+def command(target, sender, component=1):
+    message = mavlink.MAVLink_command_long_message(target, component, 400, 0, 1, 0, 0, 0, 0, 0, 5)
+    return packed(message, *sender)
+
+
+def ack(target, system=1):
+    return packed(mavlink.MAVLink_command_ack_message(400, 0, 0, 0, *target), system)
+
+
+def timesync(tc1, system=1, component=191):
+    return packed(mavlink.MAVLink_timesync_message(tc1, 123456789), system, component)

@@ -1,0 +1,249 @@
+"""`python -m arena.pose_forwarder` on loopback, between a capture server and an autopilot that the test plays."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import math
+import os
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.geometry import quat_from_euler
+from arena.mocap.emulator.core import Emulator
+from arena.process_context import LIFELINE
+from arena.wire.truth_page import Truth
+
+_hosts = itertools.count(1)
+DEADLINE_S = 40.0
+
+
+def truth_at(time_s: float) -> Truth:
+    """A slow circle at a generic attitude."""
+    z, p_n = np.zeros((1, 3)), np.array([[math.cos(0.2 * time_s), math.sin(0.2 * time_s), -1.5]])
+    q_nb = quat_from_euler(np.radians([[10.0, -20.0, 35.0]]))
+    return Truth(time_s=time_s, p_n=p_n, q_nb=q_nb, v_n=z, omega_b=z, accel_b=z, motors=np.zeros((1, 4)))
+
+
+def bound(host: str) -> socket.socket:
+    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    s.bind((host, 0))
+    s.setblocking(False)
+    return s
+
+
+class Arena:
+    """Everything around one forwarder, stepped by the test at 180 Hz of wall time."""
+
+    def __init__(self, folder, body="b", **changes) -> None:
+        self.host = f"127.51.4.{next(_hosts)}"
+        self.server, self.autopilot = bound(self.host), bound(self.host)
+        with bound(self.host) as a, bound(self.host) as b:
+            self.link, data_port = a.getsockname(), b.getsockname()[1]
+        noise = {"position_m": 0.0003, "rotation_deg": 0.05}
+        self.emulator = Emulator(
+            {
+                "version": "4.1",
+                "rate_hz": 180,
+                "latency_ms": 0,
+                "bodies": [{"name": "b", "streaming_id": 1, "index": 0}],
+                "seed": 1,
+                "noise": noise,
+                "transport": "unicast",
+                "data_port": data_port,
+                "group": "239.243.51.11",
+            }
+        )
+        settings = {
+            "name": "forward.uav1",
+            "vehicle": "uav1",
+            "id": 1,
+            "body": body,
+            "frame_rate_hz": 180,
+            "rate_hz": 60,
+            "stale_s": 0.1,
+            "noise": noise,
+            "origin": {"lat_deg": 38.7, "lon_deg": -9.1, "alt_m": 100.0},
+            "simulated": True,
+            "clock": None,
+            "link": {"local": list(self.link), "remote": list(self.autopilot.getsockname())},
+            "capture": {
+                "kind": "natnet",
+                "server": self.host,
+                "local": self.host,
+                "group": "239.243.51.11",
+                "transport": "unicast",
+                "command_port": self.server.getsockname()[1],
+                "data_port": data_port,
+                "bodies": [body],
+            },
+            **changes,
+        }
+        (folder / "slice.json").write_text(json.dumps(settings))
+        self.line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.line.setblocking(False)
+        env = {**os.environ, LIFELINE: str(theirs.fileno())}
+        command = [sys.executable, "-m", "arena.pose_forwarder", str(folder / "slice.json")]
+        self.process = subprocess.Popen(
+            command, env=env, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE, text=True
+        )
+        theirs.close()
+        self.voice = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        self.heard: list = []
+        self.told: list[dict] = []
+        self.armed, self.healthy = False, True
+        self.number, self.begin, self.beat = 0, time.monotonic(), 0.0
+
+    def step(self) -> None:
+        now = time.monotonic()
+        self.number = int((now - self.begin) * 180)
+        self._serve(now)
+        self._listen()
+        if now - self.beat > 0.2:
+            self.beat = now
+            self.say(mavlink.MAVLink_heartbeat_message(2, 12, 128 if self.armed else 1, 0, 4, 3))
+            bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+            self.say(mavlink.MAVLink_sys_status_message(bit, bit, bit if self.healthy else 0, *[0] * 10))
+        wait = self.begin + (self.number + 1) / 180 - time.monotonic()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(max(wait, 0.001))
+
+    def until(self, done) -> None:
+        end = time.monotonic() + DEADLINE_S
+        while not done():
+            assert time.monotonic() < end, f"it did not happen in time: {self.told[-1:]}"
+            self.step()
+
+    def say(self, message, sender: socket.socket | None = None) -> None:
+        (sender or self.autopilot).sendto(message.pack(self.voice), self.link)
+
+    def of(self, kind: str) -> list:
+        return [m for m in self.heard if m.get_type() == kind]
+
+    @property
+    def ready(self) -> bool:
+        return any(t.get("ready") for t in self.told)
+
+    @property
+    def stats(self) -> dict:
+        return next((t["stats"] for t in reversed(self.told) if "stats" in t), {})
+
+    def _serve(self, now: float) -> None:
+        while (packet := _receive(self.server)) is not None:
+            reply = self.emulator.hear(packet[0], packet[1], now)
+            if reply:
+                self.server.sendto(reply, packet[1])
+        data = self.emulator.frame(self.number, truth_at(self.number / 180))
+        for address in self.emulator.destinations(now):
+            self.server.sendto(data, address)
+
+    def _listen(self) -> None:
+        while (packet := _receive(self.autopilot)) is not None:
+            self.heard += mavlink.MAVLink(None).parse_buffer(packet[0]) or []
+        while (packet := _receive(self.line)) is not None and packet[0]:
+            self.told.append(json.loads(packet[0]))
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait(30)
+        self.process.stderr.close()
+        for s in (self.server, self.autopilot, self.line):
+            s.close()
+
+
+def _receive(s: socket.socket):
+    try:
+        return s.recvfrom(65535)
+    except OSError:
+        return None
+
+
+@pytest.fixture
+def arena(tmp_path):
+    made = Arena(tmp_path)
+    yield made
+    made.close()
+
+
+def test_poses_flow_in_ned_and_it_is_ready_when_the_autopilot_may_arm(arena):
+    arena.healthy = False
+    arena.until(lambda: len(arena.of("ODOMETRY")) > 60)
+    assert not arena.ready
+    arena.healthy = True
+    arena.until(lambda: arena.ready)
+    m = arena.of("ODOMETRY")[-1]
+    truth = truth_at(arena.number / 180)
+    assert math.dist((m.x, m.y, m.z), truth.p_n[0]) < 0.1
+    assert abs(sum(a * b for a, b in zip(m.q, truth.q_nb[0], strict=True))) > 0.9999
+    assert arena.of("SET_GPS_GLOBAL_ORIGIN")
+    arena.until(lambda: arena.stats.get("poses", 0) > 100)
+    assert 20 < arena.stats["rate_hz"] < 66  # a starved machine gives less, never more
+    beat = arena.of("HEARTBEAT")[0]
+    assert (beat.type, beat.get_srcSystem(), beat.get_srcComponent()) == (18, 1, 197)
+    arena.process.terminate()
+    assert arena.process.wait(30) == 0
+
+
+def test_a_stranger_on_the_vision_link_is_not_heard_and_a_flood_stops_no_pose(arena):
+    arena.healthy = False
+    arena.until(lambda: len(arena.of("ODOMETRY")) > 10)
+    with bound(arena.host) as stranger:
+        bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        before, end = len(arena.of("ODOMETRY")), time.monotonic() + 2.0
+        while time.monotonic() < end:
+            for _ in range(30):
+                arena.say(mavlink.MAVLink_sys_status_message(bit, bit, bit, *[0] * 10), stranger)
+                stranger.sendto(os.urandom(200), arena.fcu_link)
+            arena.step()
+    assert not arena.ready, "only the autopilot says that it may arm"
+    assert len(arena.of("ODOMETRY")) - before > 90
+    arena.until(lambda: arena.stats.get("dropped foreign datagram", 0) > 1000)
+
+
+def test_a_body_that_the_server_does_not_have_is_said_once_with_those_it_has(tmp_path):
+    """Silence here would leave a vehicle that never gets ready, and nobody would know why."""
+    arena = Arena(tmp_path, body="B")
+    try:
+        events = lambda: [t["event"] for t in arena.told if "event" in t]  # noqa: E731
+        arena.until(events)
+        end = time.monotonic() + 1.5
+        while time.monotonic() < end:
+            arena.step()
+        assert len(events()) == 1
+        assert "has no body 'B'; it has 'b'. Perhaps you meant 'b'?" in events()[0]
+        assert arena.stats["capture unknown body"] > 0
+        assert not arena.of("ODOMETRY")
+    finally:
+        arena.close()
+
+
+def test_an_orphan_serves_until_its_vehicle_is_disarmed(arena):
+    arena.armed = True
+    arena.until(lambda: arena.ready)
+    arena.line.close()
+    before, end = len(arena.of("ODOMETRY")), time.monotonic() + 3.0
+    while time.monotonic() < end:
+        arena.step()
+    assert arena.process.poll() is None
+    assert len(arena.of("ODOMETRY")) - before > 120
+    arena.armed = False
+    arena.until(lambda: arena.process.poll() is not None)
+    assert arena.process.returncode == 0
+
+
+def test_a_slice_without_a_key_is_a_sentence(tmp_path):
+    (tmp_path / "slice.json").write_text('{"name": "forward.x"}')
+    for room in ("arena.pose_forwarder", "arena.mocap.emulator"):
+        command = [sys.executable, "-m", room, str(tmp_path / "slice.json")]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 2
+        assert "is missing" in done.stderr
+        assert "Traceback" not in done.stderr

@@ -1,0 +1,302 @@
+"""What the forwarder lets through, how it is written, and what it never sends again."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.geometry import quat_from_euler
+from arena.mocap.client import CapturedFrame, Pose
+from arena.mocap.client.natnet import NatNetReceiver
+from arena.mocap.emulator.core import Emulator
+from arena.pose_forwarder.forwarder import Forwarder
+from arena.wire.truth_page import Truth
+
+SETTINGS = {
+    "name": "forward.uav1",
+    "vehicle": "uav1",
+    "id": 3,
+    "body": "aero2",
+    "frame_rate_hz": 180,
+    "rate_hz": 60,
+    "stale_s": 0.1,
+    "noise": {"position_m": 0.001, "rotation_deg": 0.5},
+    "origin": {"lat_deg": 38.7, "lon_deg": -9.1, "alt_m": 100.0},
+}
+GENERIC_RPY = np.radians([10.0, -20.0, 35.0])
+
+
+def frame(
+    number: int, *, at: float | None = None, x: float | None = None, tracked: bool = True
+) -> CapturedFrame:
+    x = 0.001 * number if x is None else x
+    pose = Pose("aero2", (x, 2.0, -1.0), tuple(quat_from_euler(GENERIC_RPY).tolist()))
+    return CapturedFrame(
+        number,
+        number / 180.0 if at is None else at,
+        (pose,) if tracked else (),
+        () if tracked else ("aero2",),
+    )
+
+
+def decode(data: bytes):
+    (message,) = mavlink.MAVLink(None).parse_buffer(data)
+    return message
+
+
+def from_autopilot(message, system: int = 3) -> bytes:
+    return message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=1))
+
+
+def heartbeat(armed: bool = False) -> bytes:
+    return from_autopilot(mavlink.MAVLink_heartbeat_message(2, 12, 128 if armed else 1, 0, 4, 3))
+
+
+def test_every_third_frame_goes_on_and_lost_frames_do_not_shift_their_turn():
+    forwarder = Forwarder(SETTINGS)
+    sent = [n for n in range(300) if n not in (30, 31, 100, 102) and forwarder.on_frame(frame(n), n / 180)]
+    assert sent == [{30: 32, 102: 103}.get(n, n) for n in range(0, 300, 3)]
+
+
+def test_the_pose_is_written_in_ned_with_its_covariance_and_a_type_that_px4_fuses():
+    m = decode(Forwarder(SETTINGS).on_frame(frame(0), 0.0))
+    assert m.get_type() == "ODOMETRY"
+    assert (m.frame_id, m.child_frame_id) == (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD)
+    assert m.estimator_type == mavlink.MAV_ESTIMATOR_TYPE_VISION
+    assert (m.get_srcSystem(), m.get_srcComponent()) == (3, 197)
+    assert (m.x, m.y, m.z) == (0.0, 2.0, -1.0)
+    assert np.allclose(m.q, quat_from_euler(GENERIC_RPY), atol=1e-6)
+    assert all(math.isnan(v) for v in (m.vx, m.vy, m.vz, m.rollspeed, m.pitchspeed, m.yawspeed))
+    diagonal = [m.pose_covariance[k] for k in (0, 6, 11, 15, 18, 20)]
+    assert diagonal == pytest.approx([1e-6] * 3 + [math.radians(0.5) ** 2] * 3)
+    assert sum(c != 0 for c in m.pose_covariance) == 6, (
+        "independent noise; NaN off the diagonal would say that nothing is known"
+    )
+    assert math.isnan(m.velocity_covariance[0])
+
+
+def test_an_untracked_body_is_dropped_and_the_last_pose_is_not_sent_again():
+    forwarder = Forwarder(SETTINGS)
+    assert forwarder.on_frame(frame(0), 0.0)
+    assert all(forwarder.on_frame(frame(n, tracked=False), n / 180) is None for n in range(1, 30))
+    assert forwarder.counts["untracked"] == 29
+
+
+def test_a_frozen_pose_that_claims_to_be_tracked_is_dropped():
+    forwarder = Forwarder(SETTINGS)
+    assert forwarder.on_frame(frame(0, x=1.0), 0.0)
+    assert all(forwarder.on_frame(frame(n, x=1.0), n / 180) is None for n in range(1, 30))
+    assert forwarder.counts["frozen"] == 29
+
+
+def test_repeated_and_reordered_frames_are_dropped():
+    forwarder = Forwarder(SETTINGS)
+    assert forwarder.on_frame(frame(6), 0.0)
+    assert forwarder.on_frame(frame(6, x=9.0), 0.001) is None
+    assert forwarder.on_frame(frame(3), 0.002) is None
+    assert forwarder.counts["repeated frame"] == 2
+
+
+def test_frames_that_were_held_up_on_the_way_are_stale_and_dropped():
+    forwarder = Forwarder(SETTINGS)
+    for n in range(0, 180):
+        forwarder.on_frame(frame(n), n / 180 + 0.01)
+    held = [forwarder.on_frame(frame(n), 1.5) for n in range(180, 220)]
+    assert not any(held)
+    assert forwarder.counts["stale"] > 0
+    assert forwarder.on_frame(frame(273), 273 / 180 + 0.012)
+
+
+def test_a_restarted_server_is_followed_and_not_taken_for_repetition():
+    forwarder = Forwarder(SETTINGS)
+    before = decode(forwarder.on_frame(frame(200), 500.0))
+    sent = [decode(d) for n in range(30) if (d := forwarder.on_frame(frame(n), 510.0 + n / 180))]
+    assert len(sent) == 8, "nine old frames in a row are no reordering; from then on every third"
+    assert {m.reset_counter for m in sent} == {before.reset_counter + 1}
+
+
+def test_readiness_needs_poses_and_an_autopilot_that_may_arm():
+    forwarder = Forwarder(SETTINGS)
+    forwarder.on_frame(frame(0), 0.0)
+    assert not forwarder.serving
+    bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+
+    def status(health):
+        return from_autopilot(
+            mavlink.MAVLink_sys_status_message(bit, bit, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+        )
+
+    forwarder.on_mavlink(status(0), 0.1)
+    assert not forwarder.serving
+    forwarder.on_mavlink(status(bit), 0.2)
+    assert forwarder.serving
+
+
+def test_a_vehicle_on_the_ground_in_the_mode_it_was_told_to_land_in_is_served_though_it_may_not_arm():
+    forwarder = Forwarder(SETTINGS)
+    land = mavlink.MAVLink_heartbeat_message(2, 12, 1, 4 << 16 | 6 << 24, 4, 3)
+    forwarder.on_frame(frame(0), 0.0)
+    assert not forwarder.serving
+    forwarder.on_mavlink(from_autopilot(land), 0.1)
+    assert forwarder.serving
+
+
+def origins(datagrams: list[bytes]) -> list:
+    return [m for m in map(decode, datagrams) if m.get_type() == "SET_GPS_GLOBAL_ORIGIN"]
+
+
+def test_the_origin_is_sent_until_it_is_known_and_again_after_a_restart_but_never_while_armed():
+    forwarder = Forwarder(SETTINGS)
+    forwarder.on_frame(frame(0), 0.0)
+    assert not origins(forwarder.tick(0.0)), "nobody is there to hear it"
+    forwarder.on_mavlink(heartbeat(), 1.0)
+    (m,) = origins(forwarder.tick(1.1))
+    assert (m.latitude, m.longitude) == (387000000, -91000000)
+    assert m.altitude == 0, (
+        "PX4 v1.16 takes its height anew after a gap as if this were 0, and sees itself fall by any other"
+    )
+    forwarder.on_mavlink(
+        from_autopilot(mavlink.MAVLink_gps_global_origin_message(387000000, -91000000, 100000, 0)), 1.2
+    )
+    forwarder.on_mavlink(heartbeat(), 2.1)
+    assert not origins(forwarder.tick(2.2))
+    forwarder.on_mavlink(from_autopilot(mavlink.MAVLink_system_time_message(0, 50_000)), 2.3)
+    forwarder.on_mavlink(from_autopilot(mavlink.MAVLink_system_time_message(0, 100)), 2.4)
+    assert origins(forwarder.tick(3.3)), "time ran backwards: the autopilot has restarted"
+    forwarder.on_mavlink(heartbeat(armed=True), 3.4)
+    assert not origins(forwarder.tick(5.0))
+
+
+def standing(state: int = mavlink.MAV_LANDED_STATE_ON_GROUND) -> bytes:
+    return from_autopilot(mavlink.MAVLink_extended_sys_state_message(0, state))
+
+
+def sent_between(forwarder: Forwarder, first: int, last: int) -> int:
+    return sum(forwarder.on_frame(frame(n), n / 180) is not None for n in range(first, last))
+
+
+def test_an_autopilot_on_the_ground_gets_its_origin_and_its_place_before_the_first_pose():
+    """Else PX4's estimator takes itself to be thousands of km away, and says so: "horizontal position unstable"."""
+    forwarder = Forwarder(SETTINGS)
+    assert sent_between(forwarder, 0, 18) == 6, "to one that is not heard they go at once: it may be flying"
+    forwarder.on_mavlink(heartbeat(), 0.1)
+    forwarder.on_mavlink(standing(), 0.1)
+    assert sent_between(forwarder, 18, 180) == 0 and forwarder.counts["held for the origin"] == 54
+    origin, place = (decode(d) for d in forwarder.tick(1.0) if decode(d).get_type() != "HEARTBEAT")
+    assert origin.get_type() == "SET_GPS_GLOBAL_ORIGIN" and (place.command, place.target_system) == (
+        43003,
+        forwarder.system,
+    )
+    assert math.isnan(place.z), "its height is left to the poses"
+    refused = mavlink.MAVLink_command_ack_message(
+        43003, mavlink.MAV_RESULT_UNSUPPORTED, 0, 0, forwarder.system, 197
+    )
+    forwarder.on_mavlink(from_autopilot(refused), 1.01)
+    assert sent_between(forwarder, 183, 201) == 6, (
+        "any answer will do: an autopilot that does not know the command goes on"
+    )
+
+
+@pytest.mark.parametrize(
+    "said", [heartbeat(armed=True), standing(mavlink.MAV_LANDED_STATE_IN_AIR)], ids=["armed", "in the air"]
+)
+def test_nothing_is_held_back_from_a_vehicle_that_may_be_flying(said: bytes):
+    forwarder = Forwarder(SETTINGS)
+    forwarder.on_mavlink(heartbeat(), 0.0)
+    forwarder.on_mavlink(said, 0.0)
+    assert sent_between(forwarder, 0, 18) == 6
+
+
+def test_poses_are_held_back_for_seconds_only_and_for_a_moment_where_nothing_is_known():
+    unknown, deaf = Forwarder(SETTINGS), Forwarder(SETTINGS)
+    for forwarder in (unknown, deaf):
+        forwarder.on_mavlink(heartbeat(), 0.0)
+    deaf.on_mavlink(standing(), 0.0)
+    assert sent_between(unknown, 0, 54) == 0 and sent_between(unknown, 54, 72) == 6
+    assert sent_between(deaf, 0, 540) == 0 and sent_between(deaf, 540, 558) == 6
+
+
+def test_the_first_pose_waits_a_moment_for_a_word_of_the_autopilot_and_no_longer():
+    """One that booted before its forwarder would follow the first pose at once, before it is told where it is."""
+    forwarder = Forwarder(SETTINGS, listen_s=0.3)
+    assert sent_between(forwarder, 0, 54) == 0 and sent_between(forwarder, 54, 72) == 6
+    heard = Forwarder(SETTINGS, listen_s=0.3)
+    heard.on_mavlink(heartbeat(armed=True), 0.0)
+    assert sent_between(heard, 0, 18) == 6
+
+
+def test_the_place_lies_north_and_east_of_the_origin_as_the_pose_does():
+    forwarder = Forwarder(SETTINGS)
+    forwarder.on_frame(frame(0, x=11.0), 0.0)
+    forwarder.on_mavlink(heartbeat(), 0.0)
+    (place,) = (m for m in map(decode, forwarder.tick(0.1)) if m.get_type() == "COMMAND_INT")
+    degree = 6_371_000.0 * math.radians(1.0)
+    assert place.x - 387000000 == pytest.approx(1e7 * 11.0 / degree, abs=1)
+    assert place.y + 91000000 == pytest.approx(1e7 * 2.0 / degree / math.cos(math.radians(38.7)), abs=1)
+
+
+def test_timesync_is_never_answered():
+    forwarder = Forwarder(SETTINGS)
+    forwarder.on_mavlink(from_autopilot(mavlink.MAVLink_timesync_message(0, 123456)), 0.0)
+    kinds = {decode(d).get_type() for d in forwarder.tick(0.1)}
+    assert kinds <= {"HEARTBEAT", "SET_GPS_GLOBAL_ORIGIN"}
+
+
+def test_another_vehicles_messages_are_not_heard():
+    forwarder = Forwarder(SETTINGS)
+    forwarder.on_mavlink(
+        from_autopilot(mavlink.MAVLink_heartbeat_message(2, 12, 129, 0, 4, 3), system=4), 0.0
+    )
+    assert not forwarder.autopilot.armed
+    assert forwarder.counts["foreign message"] == 1
+
+
+@given(st.lists(st.binary(max_size=300), max_size=10))
+def test_any_bytes_on_the_link_are_survived(chunks):
+    forwarder = Forwarder(SETTINGS)
+    for chunk in chunks:
+        forwarder.on_mavlink(chunk, 0.0)
+    forwarder.on_mavlink(heartbeat(armed=True), 1.0)
+    forwarder.on_mavlink(heartbeat(armed=True), 1.1)
+    assert forwarder.autopilot.armed
+
+
+@pytest.mark.parametrize("version", ["3.1", "4.1"])
+def test_the_truth_comes_out_of_the_whole_chain_as_it_went_in(version):
+    """World -> emulator -> NatNet bytes -> receiver -> forwarder -> ODOMETRY, at a generic attitude and place."""
+    truth = Truth(
+        time_s=1.0,
+        p_n=np.array([[9.0, 9.0, 9.0], [1.25, -0.5, -1.75]]),
+        q_nb=np.array([[1.0, 0, 0, 0], quat_from_euler(GENERIC_RPY)]),
+        v_n=np.zeros((2, 3)),
+        omega_b=np.zeros((2, 3)),
+        accel_b=np.zeros((2, 3)),
+        motors=np.zeros((2, 4)),
+    )
+    emulator = Emulator(
+        {
+            "version": version,
+            "rate_hz": 180,
+            "latency_ms": 10,
+            "bodies": [
+                {"name": "other", "streaming_id": 1, "index": 0},
+                {"name": "aero2", "streaming_id": 2, "index": 1},
+            ],
+            "noise": {"position_m": 0.0, "rotation_deg": 0.0},
+            "seed": 1,
+            "transport": "multicast",
+            "data_port": 1511,
+            "group": "239.255.42.99",
+        }
+    )
+    receiver = NatNetReceiver(["aero2"])
+    for _ in range(2):
+        receiver.hear(emulator.hear(receiver.ask(), ("127.0.0.1", 5), 0.0))
+    m = decode(Forwarder(SETTINGS).on_frame(receiver.hear(emulator.frame(180, truth)), 1.01))
+    assert np.allclose((m.x, m.y, m.z), truth.p_n[1], atol=1e-6)
+    assert np.allclose(m.q, truth.q_nb[1], atol=1e-6)

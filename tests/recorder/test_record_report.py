@@ -1,0 +1,147 @@
+"""A report of whole runs, of parts of runs, and of next to nothing."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from arena.recorder.flight_log import read_flight
+from arena.recorder.recorder import Recorder
+from arena.recorder.report import main, report, summarise
+from arena.recorder.summary import as_text
+
+from .synthetic import flight_csv, make_run
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    run = make_run(tmp_path_factory.mktemp("whole") / "run", vehicles=2)
+    text = report(run)
+    return run, text, json.loads((run / "summary.json").read_text())
+
+
+def test_the_figures_are_those_of_the_flight(whole):
+    uav1 = whole[2]["vehicles"]["uav1"]
+    assert uav1["tracking"]["rms_m"] == pytest.approx(0.05, abs=1e-3)
+    assert (uav1["setpoints"]["count"], uav1["setpoints"]["worst_m"]) == (2, pytest.approx(0.05, abs=1e-3))
+    assert uav1["landing"] == {
+        "landed": True,
+        "error_m": pytest.approx(0.12, abs=1e-3),
+        "told_ne": [1.0, 0.0],
+    }
+    assert uav1["estimator"]["pos_rms_m"] == pytest.approx(0.01, abs=1e-4)
+    assert uav1["log_hz"] == pytest.approx(30, abs=0.1)
+    assert [(m["mode"], m["armed"]) for m in uav1["modes"]] == [
+        ("OFFBOARD", True),
+        ("AUTO.LAND", True),
+        ("AUTO.LAND", False),
+    ]
+    assert uav1["airborne_after_s"] == 6.0 and whole[2]["first_airborne_s"] == 6.0
+    assert whole[2]["vehicles"]["uav2"]["airborne_after_s"] == 7.0
+
+
+def test_every_picture_is_there(whole):
+    run = whole[0]
+    names = {p.name for p in (run / "plots").iterdir()}
+    groups = ("position", "velocity", "attitude", "rates", "estimator_error")
+    assert names == {"flight.png", *(f"{v}_{g}.png" for v in ("uav1", "uav2") for g in groups)}
+    assert all((run / "plots" / name).read_bytes().startswith(b"\x89PNG") for name in names)
+
+
+def test_the_text_tells_what_matters(whole):
+    assert whole[1] == (whole[0] / "summary.txt").read_text().rstrip("\n")
+    for words in ("uav2", "0.050", "landed", "p99 0.40 ms", "0.998", "exit 0", "AUTO.LAND"):
+        assert words in whole[1]
+    assert "missing" not in whole[1]
+
+
+def test_a_killed_supervisor_leaves_a_report_that_says_so(tmp_path):
+    run = make_run(tmp_path / "run")
+    (run / "outcome.json").unlink()
+    text = report(run)
+    assert "did not end this run" in text and "missing: outcome.json" in text
+    assert json.loads((run / "summary.json").read_text())["vehicles"]["uav1"]["tracking"]["rms_m"]
+
+
+def test_a_vehicle_without_a_log_is_named(tmp_path):
+    run = make_run(tmp_path / "run", vehicles=2)
+    (run / "csv" / "uav2.csv").write_text("")
+    text = report(run)
+    assert "csv/uav2.csv" in text and "no log" in text and "0.050" in text
+
+
+def test_a_crash_is_in_the_text(tmp_path):
+    run = make_run(tmp_path / "run")
+    outcome = json.loads((run / "outcome.json").read_text())
+    outcome["processes"]["world"]["stats"]["vehicles"]["uav1"]["crashed"] = "touched a wall at 7.10 s"
+    outcome |= {"exit_code": 1, "failed": ["uav1 crashed"]}
+    (run / "outcome.json").write_text(json.dumps(outcome))
+    assert "crashed: touched a wall at 7.10 s" in report(run)
+
+
+@pytest.mark.parametrize("broken", ["", "{", "[]", '{"processes": {}}'])
+def test_broken_records_are_no_traceback(tmp_path, broken):
+    (tmp_path / "outcome.json").write_text(broken)
+    (tmp_path / "plan.json").write_text(broken)
+    assert main([str(tmp_path)]) == 0
+    assert (tmp_path / "summary.json").exists()
+
+
+def test_something_that_is_no_run_folder_is_an_input_error(tmp_path, capsys):
+    assert main([str(tmp_path / "nowhere")]) == 2
+    assert "run folder" in capsys.readouterr().err
+
+
+def make_real_run(folder, *, captured: bool):
+    """A hardware vehicle that flew and one that was never switched on; no world."""
+    run = make_run(folder, vehicles=2)
+    (run / "csv" / "uav1.csv").write_text(flight_csv(real=True, captured=captured))
+    (run / "csv" / "uav2.csv").write_text(Recorder(2, None).header)
+    plan = json.loads((run / "plan.json").read_text())
+    (run / "plan.json").write_text(
+        json.dumps({**plan, "slices": {"link.uav1": {"preflight": {"size_m": [7.0, 4.0, 3.0]}}}})
+    )
+    outcome = json.loads((run / "outcome.json").read_text())
+    del outcome["processes"]["world"]
+    (run / "outcome.json").write_text(json.dumps(outcome))
+    return run
+
+
+def test_a_real_vehicle_is_judged_by_the_cameras_where_they_see_it(tmp_path):
+    run = make_real_run(tmp_path / "run", captured=True)
+    text = report(run)
+    uav1 = json.loads((run / "summary.json").read_text())["vehicles"]["uav1"]
+    assert (uav1["judged_by"], uav1["crashed"], uav1["verdict"]) == ("capture", None, None)
+    assert uav1["tracking"]["rms_m"] == pytest.approx(0.05, abs=1e-3)
+    assert uav1["landing"] == {
+        "landed": True,
+        "error_m": pytest.approx(0.12, abs=1e-3),
+        "told_ne": [1.0, 0.0],
+    }
+    assert uav1["estimator"]["pos_rms_m"] == pytest.approx(0.01, abs=1e-4)
+    assert uav1["estimator"]["yaw_rms_deg"] == pytest.approx(0.0, abs=1e-6)
+    pictures = {f"uav1_{g}.png" for g in ("position", "velocity", "attitude", "rates")}
+    assert {p.name for p in (run / "plots").glob("uav1*")} == pictures
+    assert "capture" in text and "landed" in text and "NOT" not in text
+    assert "csv/uav2.csv" in text and "no log" in text
+
+
+def test_a_real_vehicle_without_cameras_is_judged_by_its_own_estimate(tmp_path):
+    run = make_real_run(tmp_path / "run", captured=False)
+    report(run)
+    uav1 = json.loads((run / "summary.json").read_text())["vehicles"]["uav1"]
+    assert uav1["judged_by"] == "estimate"
+    assert uav1["tracking"]["rms_m"] == pytest.approx(0.051, abs=1e-3)  # the estimate is 10 mm off the truth
+    assert uav1["estimator"]["pos_rms_m"] is None
+    assert (run / "plots" / "flight.png").exists()
+
+
+def test_a_vehicle_that_was_never_armed_has_not_flown(tmp_path):
+    file = tmp_path / "uav1.csv"
+    file.write_text(
+        flight_csv(real=True).replace("OFFBOARD,True", "OFFBOARD,False").replace("LAND,True", "LAND,False")
+    )
+    flight = read_flight(file)
+    assert flight is not None
+    assert "not flown" in as_text(summarise(["uav1"], {"uav1": flight}, {}, [], []))

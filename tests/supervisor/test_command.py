@@ -1,0 +1,152 @@
+"""`arena up --detach`, ps, logs, restart and down, from other terminals."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from arena.plan.model import Listen, Plan
+from arena.supervisor import active_runs, open_run
+
+from .conftest import CHILDREN, eventually, is_running, plan_of, program, spec
+
+
+class Terminal:
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, str(CHILDREN / "arena_up.py"), *arguments]
+        return subprocess.run(
+            command, capture_output=True, text=True, timeout=120, cwd=self.folder, check=False
+        )
+
+    def up(self, plan: Plan, name: str = "a.json", *options: str) -> subprocess.CompletedProcess[str]:
+        (self.folder / name).write_text(plan.to_json())
+        return self.run("up", name, "--detach", *options)
+
+
+@pytest.fixture
+def terminal(tmp_path, runtime_dir):
+    yield Terminal(tmp_path)
+    for state in active_runs():
+        assert Path(state.run).is_relative_to(tmp_path), f"not ours, not touched: {state.run}"
+        os.kill(state.supervisor.pid, 15)
+        eventually(lambda state=state: not state.live)
+        raise AssertionError(f"still up: {state}")
+
+
+def test_a_detached_arena_is_seen_read_restarted_and_ended_from_other_terminals(terminal):
+    up = terminal.up(plan_of(spec("a", "good"), program("p", "sleeps", needs=("a",))))
+    assert up.returncode == 0, up.stderr
+    assert "arena down --run" in up.stdout
+    shown = terminal.run("ps", "--json")
+    assert shown.returncode == 0, shown.stderr
+    status = json.loads(shown.stdout)
+    assert {name: row["state"] for name, row in status["processes"].items()} == {"a": "READY", "p": "READY"}
+    assert "READY" in terminal.run("ps").stdout
+    assert f"pid {status['processes']['a']['pid']}" in terminal.run("logs", "a").stdout
+    assert "there are: a, p" in terminal.run("logs", "b").stderr
+    assert terminal.run("restart", "a").returncode == 0
+    eventually(lambda: json.loads(terminal.run("ps", "--json").stdout)["processes"]["a"]["starts"] == 2)
+    assert "no process 'nobody'" in terminal.run("restart", "nobody").stderr
+    down = terminal.run("down")
+    assert down.returncode == 0 and "a: EXITED" in down.stdout
+    assert not is_running(status["processes"]["p"]["pid"]) and not is_running(status["pid"])
+    assert "no arena is up" in terminal.run("ps").stderr
+
+
+def test_an_arena_that_cannot_start_fails_in_the_terminal_that_started_it(terminal):
+    up = terminal.up(plan_of(spec("a", "", argv=("/no/such",)), program("p", "sleeps", needs=("a",))))
+    assert up.returncode == 1
+    assert "could not start: /no/such" in up.stderr
+
+
+def test_a_second_arena_on_the_same_address_is_refused_by_name_and_one_beside_it_is_not(terminal):
+    listens = (Listen(protocol="udp", address="127.53.0.1", port=5, what="x"),)
+    assert terminal.up(plan_of(program("p", "sleeps", listens=listens))).returncode == 0
+    second = terminal.up(plan_of(program("p", "sleeps", listens=listens), address="127.53.0.2"), "b.json")
+    assert second.returncode == 1 and "the arena 'test' is up on 127.53.0.1" in second.stderr
+    assert (
+        terminal.up(plan_of(program("p", "sleeps"), address="127.53.0.2", name="other"), "b.json").returncode
+        == 0
+    )
+    both = terminal.run("ps")
+    assert both.returncode == 2 and both.stderr.count("--run") == 2
+    for state in active_runs():
+        assert terminal.run("down", "--run", state.run).returncode == 0
+
+
+def test_up_sweeps_what_a_killed_supervisor_left(terminal):
+    left = spec("left", "ignores_sigterm", outlives=True)
+    terminal.up(plan_of(left))
+    (state,) = active_runs()
+    os.kill(state.supervisor.pid, 9)
+    eventually(lambda: not state.live)
+    assert "has died" in terminal.run("ps", "--run", state.run).stderr
+    up = terminal.up(plan_of(program("p", "exits", "0")), "b.json", "--until-done")
+    assert up.returncode == 0 and "has died; still running: left" in up.stdout
+    assert not is_running(state.processes["left"].pid)
+    eventually(lambda: not active_runs())
+
+
+def test_broken_requests_are_answered_and_harm_nothing(terminal):
+    terminal.up(plan_of(spec("a", "good")))
+    (state,) = active_runs()
+    for data in (
+        b"{\n",
+        b"[]\n",
+        b'{"do": 3}\n',
+        b"\xff\xfe\n",
+        b"[" * 50_000 + b"\n",
+        b'{"do": "restart"}\n',
+        b"x" * 100_000,
+    ):
+        client = socket.socket(socket.AF_UNIX)
+        client.settimeout(5)
+        client.connect(f"{state.rt}/control.sock")
+        client.sendall(data)
+        assert b'"error"' in client.recv(4096), data[:20]
+        client.close()
+    deaf = socket.socket(socket.AF_UNIX)
+    deaf.connect(f"{state.rt}/control.sock")
+    deaf.setblocking(False)
+    try:
+        for _ in range(100_000):
+            deaf.send(b'{"do": "ps"}\n')
+    except OSError:
+        pass
+    assert terminal.run("ps").returncode == 0
+    deaf.close()
+    assert terminal.run("down", "--now").returncode == 0
+
+
+def test_the_control_socket_and_its_folder_are_for_this_user_alone(terminal):
+    terminal.up(plan_of(spec("a", "good")))
+    (state,) = active_runs()
+    assert Path(state.rt).stat().st_mode & 0o777 == 0o700
+    assert Path(state.rt, "control.sock").stat().st_mode & 0o777 == 0o600
+    assert terminal.run("down").returncode == 0
+
+
+def test_arenas_kept_in_another_runtime_folder_are_not_seen_let_alone_ended(
+    terminal, tmp_path, runtime_dir, monkeypatch
+):
+    assert terminal.up(plan_of(spec("a", "good"))).returncode == 0
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "elsewhere"))
+    assert active_runs() == [] and terminal.run("down").returncode == 1
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(runtime_dir))
+    assert len(active_runs()) == 1 and terminal.run("down").returncode == 0
+
+
+def test_following_a_log_ends_with_the_run(terminal):
+    terminal.up(plan_of(program("p", "exits", "0")), "a.json", "--until-done")
+    (run,) = terminal.folder.glob("runs/*")
+    eventually(lambda: open_run(run) is None)
+    assert terminal.run("logs", "p", "-f", "--run", str(run)).stdout.startswith("pid ")

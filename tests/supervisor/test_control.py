@@ -1,0 +1,91 @@
+"""Who may command a running arena: its owner and root, by the kernel's word."""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import socket
+from pathlib import Path
+
+import pytest
+
+from arena import run_dirs
+from arena.emergency import targets
+from arena.supervisor import active_runs
+from arena.supervisor.control_socket import ControlServer
+
+
+class Served:
+    """A control server on a path, turned by hand."""
+
+    def __init__(self, path: Path, **more) -> None:
+        self.path, self.selector, self.told = path, selectors.DefaultSelector(), []
+        self.asked: list[dict] = []
+        self.server = ControlServer(path, self.selector, self.answer, refused=self.told.append, **more)
+
+    def answer(self, request):
+        self.asked.append(request)
+        return {"ok": True}
+
+    def ask(self) -> bytes:
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(30)
+            client.connect(str(self.path))
+            client.sendall(b'{"do": "down"}\n')
+            for _ in range(2):  # accepted, then read
+                for key, _ in self.selector.select(0.2):
+                    key.data()
+            return client.recv(4096)
+
+
+@pytest.fixture
+def serve(runtime_dir):
+    made = []
+
+    def start(**more):
+        made.append(Served(runtime_dir / "control.sock", **more))
+        return made[-1]
+
+    yield start
+    for one in made:
+        one.server.close()
+
+
+def test_the_owner_is_answered(serve):
+    served = serve()
+    assert json.loads(served.ask()) == {"ok": True}
+    assert served.asked == [{"do": "down"}] and not served.told
+
+
+def test_another_user_is_refused_counted_and_told_once(serve):
+    """The server believes this process's own user to be another."""
+    served = serve(users=[os.getuid() + 1])
+    for _ in range(3):
+        assert json.loads(served.ask()) == {"error": f"user {os.getuid()} may not command this arena"}
+    assert not served.asked and served.server.refused == {os.getuid(): 3}
+    assert served.told == [f"user {os.getuid()} wanted to command this arena and was refused"]
+
+
+def test_who_sees_the_socket_can_connect_and_it_is_the_owners_alone(serve, runtime_dir):
+    served = serve()
+    assert served.path.stat().st_mode & 0o777 == 0o600
+    assert [p.name for p in runtime_dir.iterdir()] == ["control.sock"]
+
+
+@pytest.mark.parametrize("spoil", ["everybody may write", "a link"])
+def test_a_runtime_folder_that_others_may_have_filled_names_no_arena(tmp_path, monkeypatch, spoil):
+    base, real = tmp_path / "base", tmp_path / "real"
+    run = tmp_path / "runs" / "a"
+    for folder in (real / "a", run):
+        folder.mkdir(parents=True)
+    (real / "a" / "run").write_text(str(run))
+    (run / "state.json").write_text("{")
+    monkeypatch.setenv("ARENA_RUNTIME_DIR", str(real))
+    assert targets.active_runs() == [run], "as long as it is ours alone"
+    if spoil == "a link":
+        base.symlink_to(real)
+        monkeypatch.setenv("ARENA_RUNTIME_DIR", str(base))
+    else:
+        real.chmod(0o777)
+    assert run_dirs.pointers() == [] and targets.active_runs() == [] and active_runs() == []

@@ -1,0 +1,264 @@
+"""The supervisor with real processes: order, restarts, misfits, the end of a run."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import sys
+
+from arena.plan.model import Restart
+
+from .conftest import Run, eventually, is_running, plan_of, program, spec, world
+
+
+def test_a_run_of_good_programs_ends_by_itself_with_0(start):
+    run: Run = start(plan_of(world(), program("p", "exits", "0", needs=("world",))), "until_done")
+    assert run.wait() == 0
+    assert [e["to"] for e in run.events("world")] == ["STARTING", "READY", "STOPPING", "EXITED"]
+    assert run.outcome["processes"]["p"]["exit_code"] == 0
+    assert not (run.folder / "state.json").exists()
+
+
+def test_what_needs_another_starts_only_after_that_one_has_proven_to_be_ready(start):
+    run = start(plan_of(spec("a", "good"), program("p", "exits", "0", needs=("a",))), "until_done")
+    assert run.wait() == 0
+    order = [(e["process"], e["to"]) for e in run.events() if e.get("to")]
+    assert order.index(("a", "READY")) < order.index(("p", "STARTING"))
+
+
+def test_every_transition_has_a_reason_and_two_times(start):
+    run = start(plan_of(program("p", "exits", "3")), "until_done")
+    assert run.wait() == 1
+    assert all(e["reason"] and e["t"] and e["mono"] for e in run.events() if "to" in e)
+    assert run.outcome["failed"] == ["p: exit 3"]
+
+
+def test_a_program_killed_by_a_signal_is_named_so_and_fails_the_run(start):
+    run = start(plan_of(program("p", "kills_itself"), program("q", "exits", "0")), "until_done")
+    assert run.wait() == 1
+    assert run.outcome["failed"] == ["p: killed by SIGKILL"]
+
+
+def test_the_last_words_of_what_fails_reach_the_terminal(start):
+    run = start(plan_of(program("p", "throws")), "until_done")
+    assert run.wait() == 1
+    assert "p: its last words: ValueError: no such setpoint" in run.said()
+
+
+def test_a_program_that_cannot_be_started_says_why(start):
+    run = start(
+        plan_of(spec("p", "x", kind="program", ready="started", argv=("/no/such/program",))), "until_done"
+    )
+    assert run.wait() == 1
+    assert run.until("p", "FATAL")["reason"] == "could not start: /no/such/program: No such file or directory"
+
+
+def test_never_ready_is_terminated_then_retried_then_given_up(start):
+    child = spec(
+        "n", "never_ready", start_timeout_s=0.3, restart=Restart(mode="on_failure", limit=2, backoff_s=0.05)
+    )
+    run = start(plan_of(child, program("p", "exits", "0", needs=("n",))), "until_done")
+    assert run.wait() == 1
+    assert [e["to"] for e in run.events("n")] == [
+        "STARTING",
+        "STOPPING",
+        "BACKOFF",
+        "STARTING",
+        "STOPPING",
+        "FATAL",
+    ]
+    assert "not ready within 0.3 s" in run.until("n", "FATAL")["reason"]
+
+
+def test_what_dies_after_it_was_ready_is_started_again_up_to_its_limit(start):
+    child = spec("d", "dies_after_ready", restart=Restart(mode="on_failure", limit=3, backoff_s=0.02))
+    run = start(plan_of(child, program("p", "sleeps", needs=("d",))), "until_done")
+    assert run.wait() == 1
+    assert run.until("d", "READY", times=3)
+    assert "gave up after 3 starts" in run.until("d", "FATAL")["reason"]
+
+
+def test_a_death_in_one_vehicles_chain_leaves_the_other_flying(start):
+    forward = spec(
+        "forward.uav1", "dies_at_once", kind="forward", vehicle="uav1", restart=Restart(mode="never")
+    )
+    run = start(
+        plan_of(
+            world(),
+            forward,
+            program("program.uav1", "exits", "0", vehicle="uav1", needs=("world", "forward.uav1")),
+            program("program.uav2", "exits", "0", vehicle="uav2", needs=("world",)),
+        ),
+        "until_done",
+    )
+    assert run.wait() == 1
+    assert "needs forward.uav1" in run.until("program.uav1", "FATAL")["reason"]
+    assert run.outcome["processes"]["program.uav2"]["exit_code"] == 0
+    assert run.outcome["cause"] == "done"
+
+
+def test_a_port_is_proof_only_when_the_process_itself_serves_it(start):
+    taken = socket.create_server(("127.53.0.9", 0))
+    port = taken.getsockname()[1]
+    wrong = spec(
+        "wrong", "sleeps", ready="port", ready_port=port, start_timeout_s=0.3, restart=Restart(mode="never")
+    )
+    right = spec("right", "serves", "127.53.0.10", str(port), ready="port", ready_port=port)
+    run = start(plan_of(wrong, right))
+    assert run.until("wrong", "FATAL") and run.until("right", "READY")["reason"] == f"serves port {port}"
+    taken.close()
+    run.signal(signal.SIGTERM)
+    run.wait()
+
+
+def test_what_ignores_sigterm_is_killed_and_said_so(start):
+    run = start(plan_of(spec("i", "ignores_sigterm", stop_timeout_s=0.3)))
+    run.until("i", "READY")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert run.outcome["processes"]["i"]["exit"] == "killed by SIGKILL"
+    assert any("did not end within 0.3 s" in e.get("event", "") for e in run.events("i"))
+
+
+def test_what_is_stopped_for_too_long_is_killed_and_started_again_and_said_so(start):
+    run = start(plan_of(spec("s", "good", restart=Restart(mode="on_failure"), stopped_for_s=0.2)))
+    run.until("s", "READY")
+    os.kill(run.pid("s"), signal.SIGSTOP)
+    run.until("s", "READY", times=2)
+    assert "stopped by SIGSTOP; it is killed if it stays so for 0.2 s" in run.said()
+    assert run.until("s", "BACKOFF")["reason"].startswith("stopped for ")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_what_falls_silent_is_killed_and_started_again_where_that_is_minded(start):
+    run = start(
+        plan_of(spec("s", "good", restart=Restart(mode="on_failure"), silent_for_s=0.3), spec("t", "good"))
+    )
+    assert run.until("s", "BACKOFF")["reason"].startswith("told nothing for 0.")
+    run.until("s", "READY", times=2)
+    assert not [e for e in run.events("t") if e.get("to") == "STOPPING"]
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_what_is_stopped_and_left_alone_is_told_of_once_goes_on_and_hears_of_the_end(start):
+    run = start(plan_of(spec("s", "good", stopped_for_s=None, stop_timeout_s=60.0)))
+    run.until("s", "READY")
+    os.kill(run.pid("s"), signal.SIGSTOP)
+    run.until_said("s: stopped by SIGSTOP; it is left alone")
+    os.kill(run.pid("s"), signal.SIGCONT)
+    run.until_said("s: goes on after ")
+    os.kill(run.pid("s"), signal.SIGSTOP)
+    eventually(lambda: run.said().count("s: stopped by SIGSTOP") == 2)
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert run.outcome["processes"]["s"]["exit"] == "exit 0" and "SIGKILL" not in run.said()
+
+
+def test_grandchildren_end_with_their_program_even_from_a_session_of_their_own(start):
+    run = start(plan_of(spec("g", "grandchild", restart=Restart(mode="never")), spec("other", "good")))
+    run.until("g", "EXITED")
+    eventually(lambda: len(run.sessions() & {run.pid("g")}) == 1)
+    grand = [int(w.split()[1]) for w in run.log("g").splitlines() if w.startswith("grandchild")]
+    assert len(grand) == 2
+    eventually(lambda: not any(map(is_running, grand)), what="end of the grandchildren")
+    assert run.process.poll() is None
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_the_group_of_a_program_that_ended_is_killed_without_any_adoption(start):
+    run = start(
+        plan_of(spec("g", "grandchild_in_group", restart=Restart(mode="never")), spec("other", "good")),
+        "no_adopt",
+    )
+    run.until("g", "EXITED")
+    (grand,) = [int(w.split()[1]) for w in run.log("g").splitlines() if w.startswith("grandchild")]
+    eventually(lambda: not is_running(grand), what="end of the grandchild")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_a_flood_of_output_is_cut_and_said_so_once(start):
+    run = start(plan_of(spec("f", "floods", ready="started")))
+    eventually(lambda: any("MiB" in e.get("event", "") for e in run.events("f")), limit_s=20)
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert (run.folder / "logs" / "f.log").stat().st_size < 1 << 30
+    assert len([e for e in run.events("f") if "MiB" in e.get("event", "")]) == 1
+    (run.folder / "logs" / "f.log").unlink()
+
+
+def test_garbage_on_the_line_is_ignored_and_the_next_packet_heard(start):
+    run = start(plan_of(spec("g", "garbage")))
+    run.until("g", "READY")
+    assert run.control().ask(do="ps")["processes"]["g"]["stats"] == {"after": 1}
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert len([e for e in run.events("g") if "not a JSON object" in e.get("event", "")]) == 1
+
+
+def test_a_child_that_closes_its_line_stays_ready(start):
+    run = start(plan_of(spec("c", "closes_its_line")))
+    run.until("c", "READY")
+    assert run.control().ask(do="ps")["processes"]["c"]["state"] == "READY"
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_a_chatterbox_neither_stops_the_loop_nor_fills_the_disk(start):
+    run = start(plan_of(spec("c", "chatters", nice=10), spec("quiet", "good")))
+    eventually(
+        lambda: any("further events are dropped" in e.get("event", "") for e in run.events("c")), limit_s=20
+    )
+    assert run.control().ask(do="ps")["processes"]["quiet"]["state"] == "READY"
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_the_time_limit_ends_a_run_and_fails_one_that_waits_for_programs(start, tmp_path):
+    run = start(plan_of(program("p", "sleeps")), "until_done", "limit=0.5")
+    assert run.wait() == 1
+    assert run.outcome["cause"] == "time limit"
+
+
+def test_a_time_limit_without_until_done_is_a_good_end(start):
+    assert start(plan_of(program("p", "sleeps")), "limit=0.5").wait() == 0
+
+
+def test_layers_stop_in_reverse_of_their_needs(start):
+    run = start(plan_of(spec("a", "good"), spec("b", "good", needs=("a",)), spec("c", "good", needs=("b",))))
+    run.until("c", "READY")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    ends = [e["process"] for e in run.events() if e.get("to") == "EXITED"]
+    stops = [(e["process"], e["to"]) for e in run.events() if e.get("to") in ("STOPPING", "EXITED")]
+    assert ends == ["c", "b", "a"]
+    assert stops.index(("c", "EXITED")) < stops.index(("b", "STOPPING"))
+
+
+def test_cpu_and_memory_are_measured_and_budgets_reported(start):
+    run = start(
+        plan_of(spec("f", "burns", ready="started", cpu_budget=0.01, memory_budget_mb=1.0)), "limit=1.6"
+    )
+    assert run.wait() == 0
+    row = run.outcome["processes"]["f"]
+    assert row["cpu_s"] > 0.2 and row["rss_peak_mb"] > 2 and len(row["over_budget"]) == 2
+
+
+def test_a_crash_told_by_the_world_fails_the_run(start):
+    crashed = json.dumps({"vehicles": {"uav1": {"crashed": "touched a wall"}, "uav2": {"crashed": ""}}})
+    run = start(plan_of(world("{}", crashed), program("p", "exits", "0", needs=("world",))), "until_done")
+    assert run.wait() == 1
+    assert run.outcome["failed"] == ["uav1 crashed: touched a wall"]
+
+
+def test_the_report_runs_after_the_outcome_is_written(start):
+    code = "import json; print('verdict', json.load(open('outcome.json'))['exit_code'])"
+    report = spec("report", "", argv=(sys.executable, "-c", code), kind="task")
+    run = start(plan_of(program("p", "exits", "0"), report=report), "until_done")
+    assert run.wait() == 0
+    assert run.log("report") == "verdict 0\n"

@@ -1,0 +1,297 @@
+"""How a run ends: landing first, signals at the worst moments, a supervisor that is killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from arena.supervisor import open_run
+
+from .conftest import CHILDREN, Run, eventually, is_running, plan_of, program, spec, vehicle, world
+
+ARMED = json.dumps({"uav1.armed": True})
+
+
+def flying(tmp_path: Path, *more, simulated=True, landing="lands", waits=True, program_kind="sleeps"):
+    """A plan with an armed vehicle. It lands when the test touches `go`; the fact follows the land task's `landed`."""
+    go = (str(tmp_path / "go"),) if waits else ()
+    land = spec("land", landing, *go, kind="task")
+    return plan_of(
+        world(ARMED, "{}", "landed"),
+        program("p", program_kind, needs=("world",)),
+        *more,
+        vehicles=(vehicle(simulated=simulated),),
+        land=land,
+    )
+
+
+def begin(start, plan, *options) -> Run:
+    run = start(plan, *options)
+    eventually(lambda: (run.control().ask(do="ps")["facts"] or {}).get("uav1.armed") is True)
+    run.until("p", "READY")
+    return run
+
+
+@pytest.fixture
+def bystander():
+    """A process that is none of ours, whatever a state.json says."""
+    command = [sys.executable, str(CHILDREN / "misfit.py"), "sleeps"]
+    with subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL) as process:
+        yield process
+        process.kill()
+
+
+def test_ctrl_c_lands_while_everything_runs_then_stops_and_exits_130(start, tmp_path):
+    run = begin(start, flying(tmp_path))
+    run.signal(signal.SIGINT)
+    run.until_said("landing all")
+    assert is_running(run.pid("p")) and is_running(run.pid("world"))
+    (tmp_path / "go").touch()
+    assert run.wait() == 130
+    assert "landed all" in run.log("land")
+    events = run.events()
+    landed = next(i for i, e in enumerate(events) if "landed all" in e.get("event", ""))
+    assert all(i > landed for i, e in enumerate(events) if e.get("to") == "STOPPING")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_sigterm_and_sighup_land_too_and_are_a_good_end(start, tmp_path, number):
+    run = begin(start, flying(tmp_path, waits=False))
+    run.signal(number)
+    assert run.wait() == 0
+    assert "landed all" in run.log("land")
+    assert run.outcome["landing"] == "landed and disarmed"
+
+
+def test_a_second_ctrl_c_kills_programs_but_nothing_that_serves_the_flight(start, tmp_path):
+    run = begin(start, flying(tmp_path, program_kind="ignores_sigterm"))
+    run.signal(signal.SIGINT)
+    run.until_said("landing all")
+    run.signal(signal.SIGINT)
+    run.until("p", "EXITED")
+    for _ in range(5):
+        run.signal(signal.SIGINT)
+    run.until_said("landing: waiting for uav1 to land")
+    assert is_running(run.pid("world")) and is_running(run.pid("land"))
+    (tmp_path / "go").touch()
+    assert run.wait() == 130
+
+
+def test_ctrl_c_twice_at_once_before_anything_is_ready_leaves_nothing(start, tmp_path):
+    run = start(
+        plan_of(world(), spec("n", "never_ready", needs=("world",)), program("p", "sleeps", needs=("n",)))
+    )
+    run.until("n", "STARTING")
+    run.signal(signal.SIGINT)
+    run.signal(signal.SIGINT)
+    assert run.wait() == 130
+    assert run.outcome["processes"]["p"]["starts"] == 0
+
+
+def test_a_landing_that_is_never_confirmed_is_tried_again_then_fails_the_run(start, tmp_path):
+    run = begin(start, flying(tmp_path, landing="dies_at_once"))
+    run.signal(signal.SIGINT)
+    assert run.wait() == 1
+    assert run.outcome["failed"][0] == "the landing was not confirmed"
+    assert "pid" in run.log("land") and run.log("land").count("pid") == 3
+
+
+def test_a_landing_that_a_signal_has_stopped_is_killed_and_the_next_one_lands(start, tmp_path):
+    run = begin(start, flying(tmp_path))
+    run.signal(signal.SIGINT)
+    os.kill(run.pid("land"), signal.SIGSTOP)
+    run.until_said("the landing of uav1 is not confirmed (stopped by SIGSTOP: killed by SIGKILL)")
+    (tmp_path / "go").touch()
+    assert run.wait() == 130
+    assert run.outcome["landing"] == "landed and disarmed" and run.log("land").count("pid") == 2
+
+
+def test_a_real_vehicle_is_served_until_its_landing_is_confirmed(start, tmp_path):
+    run = begin(start, flying(tmp_path, simulated=False, landing="dies_at_once"))
+    run.signal(signal.SIGINT)
+    eventually(lambda: run.log("land").count("pid") >= 4, limit_s=15)
+    assert is_running(run.pid("world"))
+    os.kill(run.pid("world"), signal.SIGKILL)  # not a simulated vehicle: it may still fly
+    run.until("world", "EXITED")
+    assert run.process.poll() is None
+    run.end()
+
+
+def test_until_done_waits_until_the_vehicle_is_disarmed_for_good(start, tmp_path):
+    plan = plan_of(
+        world(ARMED, "{}", str(tmp_path / "disarmed")),
+        program("p", "exits", "0", needs=("world",)),
+        vehicles=(vehicle(),),
+        land=spec("land", "lands", kind="task"),
+    )
+    run = start(plan, "until_done")
+    run.until("p", "EXITED")
+    assert run.control().ask(do="ps")["phase"] == "running"
+    (tmp_path / "disarmed").touch()
+    assert run.wait() == 0
+    assert run.outcome["cause"] == "done" and run.log("land") == ""
+
+
+def test_a_moment_of_disarmed_does_not_end_a_run(start):
+    plan = plan_of(
+        world(), spec("router", "flickers", kind="router"), program("p", "exits", "0"), vehicles=(vehicle(),)
+    )
+    run = start(plan, "until_done")
+    assert run.wait() == 0
+    assert run.outcome["processes"]["router"]["stats"] == {"disarmed": True}
+
+
+def test_the_loss_of_the_world_ends_and_fails_the_run_without_a_landing(start, tmp_path):
+    run = begin(start, flying(tmp_path))
+    os.kill(run.pid("world"), signal.SIGKILL)
+    assert run.wait() == 1
+    assert run.outcome["failed"] == ["world: killed by SIGKILL"]
+    assert run.log("land") == ""
+
+
+def test_when_the_teller_of_armed_has_died_the_landing_is_run_all_the_same(start, tmp_path):
+    """Its last word was `disarmed`, but a program has run since: what it knew proves nothing any more."""
+    router = spec("router", "world", json.dumps({"uav1.armed": False}), kind="router")
+    plan = plan_of(
+        world(),
+        router,
+        program("p", "sleeps", needs=("router",)),
+        vehicles=(vehicle(),),
+        land=spec("land", "lands", kind="task"),
+    )
+    run = start(plan)
+    run.until("p", "READY")
+    os.kill(run.pid("router"), signal.SIGKILL)
+    assert run.wait() == 1
+    assert "landed all" in run.log("land")
+
+
+def test_a_program_cannot_say_that_a_vehicle_is_disarmed(start, tmp_path):
+    liar = program("liar", "world", json.dumps({"uav1.armed": False}))
+    run = begin(start, flying(tmp_path, liar, waits=False))
+    run.until("liar", "READY")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+    assert "landed all" in run.log("land")
+
+
+def test_a_dead_terminal_does_not_keep_the_vehicle_in_the_air(start, tmp_path):
+    ours, theirs = os.openpty()
+    run = start(flying(tmp_path, waits=False), stdout=theirs, stderr=theirs)
+    os.close(theirs)
+    run.until("p", "READY")
+    os.close(ours)
+    run.signal(signal.SIGHUP)
+    assert run.wait() == 0
+    assert "landed all" in run.log("land")
+
+
+def test_a_closed_pipe_does_not_end_the_run(start, tmp_path):
+    reading, writing = os.pipe()
+    run = start(flying(tmp_path, waits=False), stdout=writing, stderr=writing)
+    os.close(writing)
+    os.close(reading)
+    run.until("p", "READY")
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_when_the_supervisor_is_killed_programs_die_and_what_serves_sees_the_end_of_its_line(start, tmp_path):
+    run = begin(start, flying(tmp_path, program_kind="ignores_sigterm"))
+    program_pid, world_pid = run.pid("p"), run.pid("world")
+    run.signal(signal.SIGKILL)
+    run.wait()
+    eventually(lambda: not is_running(program_pid), limit_s=2, what="end of the program")
+    eventually(lambda: "saw the end of the line" in run.log("world"), what="end of file")
+    eventually(lambda: not is_running(world_pid), what="end of the world")
+
+
+def test_down_now_stops_simulated_vehicles_in_the_air_at_once(start, tmp_path):
+    """Also a program that would take its time, and a landing that has begun."""
+    run = begin(start, flying(tmp_path, program_kind="ignores_sigterm"))
+    run.signal(signal.SIGTERM)
+    run.until_said("landing all")
+    run.control().ask(do="down", now=True)
+    assert run.wait() == 0, "the landing would have waited for ever"
+    assert "landed all" not in run.log("land")
+    assert run.outcome["landing"] == "uav1 not landed: arena down --now"
+
+
+def test_down_now_lands_a_real_vehicle_first_and_says_so(start, tmp_path):
+    run = begin(start, flying(tmp_path, simulated=False))
+    run.control().ask(do="down", now=True)
+    run.until_said("landing all")
+    run.until_said("whatever serves a real vehicle goes on until it has landed")
+    run.until("p", "EXITED")
+    assert is_running(run.pid("world"))
+    (tmp_path / "go").touch()
+    assert run.wait() == 0
+    assert run.outcome["landing"] == "landed and disarmed"
+
+
+def test_down_now_of_a_mixed_arena_lands_the_real_ones_alone(start, tmp_path):
+    both, go = json.dumps({"uav1.armed": True, "uav2.armed": True}), tmp_path / "go"
+    go.touch()
+    plan = plan_of(
+        world(both, "{}", "landed"),
+        program("p", "sleeps", needs=("world",)),
+        vehicles=(vehicle(simulated=True), vehicle("uav2", simulated=False)),
+        land=spec("land", "lands", str(go), kind="task"),
+    )
+    run = begin(start, plan)
+    run.control().ask(do="down", now=True)
+    run.until_said("uav1 is not waited for: arena down --now lands real vehicles alone")
+    run.wait()
+    (told,) = [e["event"] for e in run.events("arena") if e.get("event", "").startswith("landing uav2: ")]
+    assert told.endswith("--except uav1")
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_of_a_stale_run_too_now_lands_real_vehicles_alone(start, tmp_path, simulated):
+    go = tmp_path / "go"
+    go.touch()
+    run = begin(
+        start,
+        flying(
+            tmp_path, spec("stubborn", "ignores_sigterm", outlives=True, kind="world"), simulated=simulated
+        ),
+    )
+    run.until("stubborn", "READY")
+    eventually(lambda: (s := open_run(run.folder)) and len(s.processes) == 3)
+    run.signal(signal.SIGKILL)
+    run.wait()
+    code = "from arena.supervisor import active_runs, sweep; [sweep(state, print, now=True) for state in active_runs()]"
+    said = run_python(code)
+    assert ("landed all" in said) is not simulated
+    assert ("uav1 may be flying, and a real vehicle is always landed" in said) is not simulated
+    assert not is_running(run.pid("stubborn")) and open_run(run.folder) is None
+
+
+def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_identity(
+    start, tmp_path, bystander
+):
+    plan = flying(tmp_path, spec("stubborn", "ignores_sigterm", outlives=True, kind="world"), waits=False)
+    run = begin(start, plan)
+    run.until("stubborn", "READY")
+    state = eventually(lambda: (s := open_run(run.folder)) and len(s.processes) == 3 and s)
+    forged = json.loads((run.folder / "state.json").read_text())
+    forged["processes"]["reused"] = {"pid": bystander.pid, "pgid": bystander.pid, "start_s": 1.0}
+    run.signal(signal.SIGKILL)
+    run.wait()
+    (run.folder / "state.json").write_text(json.dumps(forged))
+    sweep = run_python("from arena.supervisor import sweep_all; sweep_all(print, '127.53.0.1')")
+    assert "stubborn" in sweep and "killing" in sweep and "landed all" in sweep
+    assert not is_running(run.pid("stubborn")) and bystander.poll() is None
+    assert not Path(state.rt).exists() and open_run(run.folder) is None
+
+
+def run_python(code: str) -> str:
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
+    ).stdout
