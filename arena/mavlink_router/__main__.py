@@ -60,6 +60,8 @@ class Shell:
             self._take(fd)
         if news := self._router.news():
             self._room.facts(news)
+        for warning in self._router.warnings():
+            self._room.event(warning)
         now = time.monotonic()
         if self._time is not None and self._time.now() >= self._next_beat:
             self._beat(now)
@@ -137,7 +139,8 @@ class Shell:
 
     def _stats(self) -> dict[str, Any]:
         counts = self._router.counts
-        return {**vars(counts), "dropped": {why: n for why, n in counts.dropped.items() if n}}
+        dropped = {why: n for why, n in counts.dropped.items() if n}
+        return {**vars(counts), "dropped": dropped, "telemetry": self._router.telemetry()}
 
 
 def _world_time(path: str | None) -> SimTime | None:

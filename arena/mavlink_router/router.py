@@ -18,6 +18,12 @@ from functools import partial
 
 from arena.mavlink_router.routing_table import Address, Table, Vehicle
 from arena.mavlink_router.vehicle_status import AUTOPILOT, EXTENDED_SYS_STATE, HEARTBEAT, Fact, Seen
+from arena.mavlink_router.vehicle_telemetry import (
+    LOCAL_POSITION_NED,
+    STATUSTEXT,
+    SYS_STATUS,
+    VehicleTelemetry,
+)
 from arena.wire.mavlink_frame import Buffer, Frame, cut
 
 TOOL_LIFE_S = 10.0  # a tool is forgotten this long after its last frame
@@ -30,6 +36,7 @@ RUN_BYTES = 1472  # consecutive frames leave as one datagram up to what an Ether
 _TIMESYNC = 111
 _ANYWHERE = ("0.0.0.0", 0)
 _PEEKED = (HEARTBEAT, EXTENDED_SYS_STATE)
+_TELEMETRY = (LOCAL_POSITION_NED, SYS_STATUS, STATUSTEXT)
 _EVERYBODY = 0
 _NOBODY = -1
 
@@ -64,6 +71,7 @@ class Line:
 
     vehicle: Vehicle
     seen: Seen
+    telemetry: VehicleTelemetry = field(default_factory=VehicleTelemetry)
     serve: int = 0
     tools: int = 0
     up: Destinations = ()
@@ -132,6 +140,23 @@ class Router:
         self._news.clear()
         return found
 
+    def warnings(self) -> list[str]:
+        """Return the autopilots' warnings since the last call, as `uav1: Failsafe activated: ...`."""
+        found = [f"{line.vehicle.name}: {text}" for line in self._lines for text in line.telemetry.texts]
+        for line in self._lines if found else ():
+            line.telemetry.texts.clear()
+        return found
+
+    def telemetry(self) -> dict[str, dict[str, float | None]]:
+        """Return vehicle -> its height above the floor [m] and its battery [%], None where unknown."""
+        return {
+            line.vehicle.name: {
+                "height_m": None if line.telemetry.height_m is None else round(line.telemetry.height_m, 2),
+                "battery": line.telemetry.battery,
+            }
+            for line in self._lines
+        }
+
     def any_armed(self, *, simulated: bool) -> bool:
         """Of the simulated vehicles, or of the real ones."""
         return any(line.seen.armed for line in self._lines if line.vehicle.simulated == simulated)
@@ -198,6 +223,8 @@ class Router:
             return _NOBODY
         if msgid in _PEEKED and compid == AUTOPILOT:
             line.seen.hear(data, frame, now)
+        elif msgid in _TELEMETRY and compid == AUTOPILOT:
+            line.telemetry.on_frame(data, frame, now)
         return target_sys << 8 | target_comp if target_sys else _EVERYBODY
 
     def _listen(self, line: Line, target: int) -> Destinations:

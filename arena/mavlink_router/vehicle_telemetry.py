@@ -1,0 +1,65 @@
+"""Height, battery and warnings of one vehicle, read from the messages that pass through the router.
+
+For the terminal of `arena up` and for events.jsonl. Nothing here decides how a frame is routed.
+"""
+
+from __future__ import annotations
+
+import struct
+
+from arena.wire.mavlink_frame import Buffer, Frame, byte_at, uint_at
+
+SYS_STATUS, LOCAL_POSITION_NED, STATUSTEXT = 1, 32, 253
+WARNING = 4
+"""MAV_SEVERITY: a smaller number is more severe."""
+REPEAT_AFTER_S = 10.0
+"""The same text is reported again only after this time [s]."""
+_BATTERY, _Z, _TEXT, _TEXT_BYTES, _ID, _CHUNK = 30, 12, 1, 50, 51, 53  # payload offsets
+_MOST_CHUNKS = 8
+_FLOAT = struct.Struct("<f")
+
+
+class VehicleTelemetry:
+    """height_m: above the arena's floor [m], None before the first message.  battery: charge left [%], None when unknown.
+
+    texts: warnings of the autopilot that nobody has taken yet.
+    """
+
+    def __init__(self) -> None:
+        self.height_m: float | None = None
+        self.battery: int | None = None
+        self.texts: list[str] = []
+        self._chunks: dict[int, bytes] = {}
+        self._reported: dict[str, float] = {}
+
+    def on_frame(self, data: Buffer, frame: Frame, now: float) -> None:
+        """Read one frame of the vehicle's autopilot. now: monotonic [s]."""
+        if frame.msgid == LOCAL_POSITION_NED:
+            (z,) = _FLOAT.unpack(_bytes_at(data, frame, _Z, 4))
+            self.height_m = -z if abs(z) < 1e6 else None
+        elif frame.msgid == SYS_STATUS:
+            battery = byte_at(data, frame, _BATTERY)
+            self.battery = battery if battery <= 100 else None  # -1: the autopilot does not measure it
+        elif frame.msgid == STATUSTEXT and byte_at(data, frame, 0) <= WARNING:
+            self._on_text(data, frame, now)
+
+    def _on_text(self, data: Buffer, frame: Frame, now: float) -> None:
+        """Join the chunks of a long text; a chunk with a zero byte in it is the last one."""
+        raw, number = _bytes_at(data, frame, _TEXT, _TEXT_BYTES), uint_at(data, frame, _ID, 2)
+        if number and byte_at(data, frame, _CHUNK):
+            raw = self._chunks.pop(number, b"") + raw
+        if number and b"\0" not in raw and len(raw) < _MOST_CHUNKS * _TEXT_BYTES:
+            self._chunks = {number: raw}
+            return
+        # PX4 ends a text with a tab where it also sends the text as an event
+        text = raw.partition(b"\0")[0].decode(errors="replace").strip()
+        if text and now - self._reported.get(text, -REPEAT_AFTER_S) >= REPEAT_AFTER_S:
+            self._reported = {t: at for t, at in self._reported.items() if now - at < REPEAT_AFTER_S}
+            self._reported[text] = now
+            self.texts.append(text)
+
+
+def _bytes_at(data: Buffer, frame: Frame, offset: int, width: int) -> bytes:
+    """Return `width` bytes of the payload; zeros beyond its end, which MAVLink 2 cuts off."""
+    end = frame.payload + min(offset + width, frame.size)
+    return bytes(data[frame.payload + offset : end]).ljust(width, b"\0")
