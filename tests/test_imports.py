@@ -35,7 +35,7 @@ MAY: dict[str, set[str]] = {
     "mocap.client": {"errors", "geometry", "wire", "clock"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
     "params": {"errors", "wire", "clock", "run_dirs"},
-    "schema": {"errors", "geometry", "wire", "clock", "thrust_curve", "params"},
+    "schema": {"errors", "geometry", "wire", "clock", "thrust_curve"},
     "plan": {"errors", "geometry", "wire", "clock", "thrust_curve", "params", "schema"},
     "supervisor": GROUND | {"schema", "plan"},
     **{

@@ -31,7 +31,11 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
 
 def not_possible(arena: Arena) -> list[str]:
     """What the YAML asks of the vehicles' parameters and their PX4 has none for: never dropped in silence."""
-    return [f"{v.name}: not possible: {words}" for v in arena.vehicles for words in v.cannot]
+    from arena.plan.firmware import all_firmware
+
+    return [
+        f"{name}: not possible: {x}" for name, each in all_firmware(arena).items() for x in each.not_possible
+    ]
 
 
 def copilot_notes(arena: Arena) -> list[str]:

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from arena.params.checks.check import Finding, Room
     from arena.params.checks.diff import Row
     from arena.params.facts.parameter_table import Parameter
-    from arena.params.generation.generate import Generated
     from arena.params.param_files import Source
     from arena.params.transfer.push_record import Record
     from arena.params.transfer.session import Report, Target
+    from arena.plan.firmware import Firmware
     from arena.schema import Arena, Vehicle
     from arena.supervisor import RunState
 
@@ -52,7 +52,7 @@ def begun(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, asked: str
         raise InputError(
             f"{path}: a push was cut short. Go on with it by --resume, or remove the file and the old values in it"
         )
-    wanted = {v.name: _wanted(v, file, asked) for v in chosen}
+    wanted = {v.name: _wanted(arena, v, file, asked) for v in chosen}
     return Record.begin(path, wanted, {v.name: _place(arena, v) for v in chosen})
 
 
@@ -101,28 +101,26 @@ def writable(path: Path) -> Iterator[None]:
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:
     """Whose names: what is asked for, else the vehicle's, else what simulated vehicles keep."""
-    from arena.params.facts.parameter_table import Version
-    from arena.schema.resolve import SIMULATED_VERSION
+    from arena.plan.firmware import px4_version
 
-    if asked:
-        return str(Version.parse(asked))
-    return SIMULATED_VERSION if vehicle is None else vehicle.px4_version
+    return px4_version(vehicle, asked)
 
 
-def made_for(vehicle: Vehicle, asked: str) -> Generated:
-    """What the YAML asks it to hold. A file for it (`file_of`) has its simulated body's rotors as well."""
-    from arena.params.generation.generate import generate as make
+def made_for(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
+    """Return what the YAML asks a vehicle to hold. `file_of` adds the rotor geometry of its profile."""
+    from arena.plan.firmware import firmware
 
-    return make(vehicle.held, version_for(vehicle, asked))
+    return firmware(arena, vehicle, asked)
 
 
 def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
     from arena.params.facts.parameter_table import assumed, parameters
     from arena.params.generation.generate import generate as make
+    from arena.plan.firmware import requirements
     from arena.wire.qgc_params import INT32, REAL32, format_params
 
     version = version_for(vehicle, asked)
-    made, known = make(vehicle.needs, version), parameters(version)
+    made, known = make(requirements(arena, vehicle), version), parameters(version)
     header = [
         f"{vehicle.name} of {arena.name} ({arena.file}), made by arena params generate",
         f"Version: {version}",
@@ -131,19 +129,19 @@ def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
         header.append(
             f"no release of PX4 {version} was there to read: these are the names of its development"
         )
-    header += [f"NOT POSSIBLE: {words}" for words in made.cannot]
-    comments = {line.name: f"{line.what}; {line.asked}" for line in made.lines}
+    header += [f"NOT POSSIBLE: {words}" for words in made.not_possible]
+    comments = {line.name: f"{line.meaning}; {line.reason}" for line in made.lines}
     types = {name: INT32 if known[name].type == "INT32" else REAL32 for name in made.values if name in known}
     return format_params(made.values, vehicle.id, header=header, types=types, comments=comments)
 
 
-def _wanted(vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:
+def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> dict[str, float]:
     if file is not None:
         from arena.params.param_files import read_values
 
         return {name: value for name, value in read_values(file).values.items() if name != "MAV_SYS_ID"}
-    made = made_for(vehicle, asked)
-    for words in made.cannot:
+    made = made_for(arena, vehicle, asked)
+    for words in made.not_possible:
         print(f"{vehicle.name}: not possible: {words}")
     return made.values
 
@@ -232,7 +230,7 @@ class Sides:
             )
         if name.startswith(YAML):
             vehicle = chosen_of(self.arena, [name.removeprefix(YAML)])[0]
-            made = made_for(vehicle, self._version)
+            made = made_for(self.arena, vehicle, self._version)
             return Source(
                 values=made.values, types={}, version=version_for(vehicle, self._version), origin=name
             )
@@ -251,13 +249,14 @@ class Sides:
 
     def room(self, name: str) -> Room:
         from arena.params.checks.check import Room
+        from arena.plan.firmware import requirements
 
         if not (self._file.is_file() or (self._file / "arena.yaml").is_file()):
             return Room()
         vehicle = next(
             (v for v in self.arena.vehicles if v.name == name.removeprefix(YAML)), self.arena.vehicles[0]
         )
-        needs = vehicle.needs
+        needs = requirements(self.arena, vehicle)
         return Room(
             vision=needs.vision_delay_ms is not None,
             gps=needs.gps,

@@ -45,11 +45,13 @@ def register(app: typer.Typer) -> None:
 
 def explained(arena: Arena, key: str) -> list[str]:
     """A line per value at or below the dotted key. Raises InputError, with the near key."""
+    from arena.plan.firmware import origins as firmware_origins
     from arena.schema.source import near
 
-    found = {k: o for k, o in arena.origins.items() if k == key or k.startswith((f"{key}.", f"{key}["))}
+    origins = {**arena.origins, **firmware_origins(arena)}
+    found = {k: o for k, o in origins.items() if k == key or k.startswith((f"{key}.", f"{key}["))}
     if not found:
-        raise InputError(f"--explain {key}: no such value in {arena.file}. {near(key, list(arena.origins))}")
+        raise InputError(f"--explain {key}: no such value in {arena.file}. {near(key, list(origins))}")
     return [f"{k} = {_text(o.value)} {_from(o.source)}" for k, o in found.items()]
 
 

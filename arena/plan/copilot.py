@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from arena.plan import rooms
+from arena.plan.firmware import Fleet
 from arena.schema import Arena, Vehicle
 from arena.schema.copilot import RULES
 
@@ -19,7 +20,7 @@ _BRAKING = {
 }
 
 
-def copilot(arena: Arena) -> Json:
+def copilot(arena: Arena, fleet: Fleet) -> Json:
     c = arena.copilot
     if c is None:
         raise ValueError("this arena has no copilot")
@@ -32,13 +33,13 @@ def copilot(arena: Arena) -> Json:
         "latency_s": arena.mocap.latency_ms / 1000.0,
         "clock": None if arena.hardware else rooms.CLOCK,
         "captures": _captures(arena),
-        "vehicles": [_vehicle(arena, v) for v in arena.vehicles],
+        "vehicles": [_vehicle(arena, v, fleet) for v in arena.vehicles],
     }
 
 
-def _vehicle(arena: Arena, v: Vehicle) -> Json:
+def _vehicle(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
     panic = rooms.link_of(arena, v, "panic")
-    braking = {key: v.params.get(name, default) for key, (name, default) in _BRAKING.items()}
+    braking = {key: fleet[v.name].values.get(name, default) for key, (name, default) in _BRAKING.items()}
     return {
         "name": v.name,
         "id": v.id,

@@ -10,6 +10,7 @@ from typing import Any
 
 from arena.plan import rooms
 from arena.plan.copilot import copilot
+from arena.plan.firmware import Fleet, all_firmware
 from arena.plan.model import Kind, Listen, Plan, ProcessSpec, Restart, VehiclePlan
 from arena.plan.text import arena_yaml
 from arena.schema import Arena, Vehicle
@@ -45,7 +46,8 @@ _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
 
 def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
     """python: the interpreter that runs the rooms and the `.py` programs."""
-    slices = dict(_slices(arena))
+    fleet = all_firmware(arena)
+    slices = dict(_slices(arena, fleet))
     return Plan(
         name=arena.name,
         address=arena.address,
@@ -60,16 +62,16 @@ def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
             cpu_budget=1.0,
             memory_budget_mb=500.0,
         ),
-        yaml=arena_yaml(arena),
+        yaml=arena_yaml(arena, fleet),
     )
 
 
-def _slices(arena: Arena) -> Iterator[tuple[str, dict[str, Any]]]:
-    made = [rooms.world(arena), rooms.mocap(arena)] if arena.simulated else []
+def _slices(arena: Arena, fleet: Fleet) -> Iterator[tuple[str, dict[str, Any]]]:
+    made = [rooms.world(arena, fleet), rooms.mocap(arena)] if arena.simulated else []
     made += [rooms.router(arena)]
-    made += [copilot(arena)] if arena.copilot is not None else []
-    made += [rooms.link(arena, v) for v in arena.vehicles if v.wire is not None]
-    made += [rooms.px4(arena, v) for v in arena.vehicles if v.autopilot == "px4"]
+    made += [copilot(arena, fleet)] if arena.copilot is not None else []
+    made += [rooms.link(arena, v, fleet) for v in arena.vehicles if v.wire is not None]
+    made += [rooms.px4(arena, v, fleet) for v in arena.vehicles if v.autopilot == "px4"]
     for v in arena.vehicles:
         made += [rooms.forward(arena, v)] if v.forward else []
         made += [rooms.logger(arena, v), rooms.program(arena, v)]

@@ -28,14 +28,14 @@ def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
     return {name: templates.get_template(f"{name}.j2").render(given) for name in SCRIPTS}
 
 
-def px4_params(v: Vehicle) -> dict[str, float | int]:
+def px4_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int]:
     """Every parameter that differs from PX4's airframe: the arena's, the profile's, the YAML's."""
     battery = v.profile.battery
     lasts = {"SIM_BAT_DRAIN": round(3.6 * battery.capacity_mah / battery.hover_a)}
     compass = (
         {} if v.forward or not v.gps else {"SYS_HAS_MAG": 1}
     )  # on satellites alone heading comes from it
-    found: dict[str, float] = {**SIMULATED, **lasts, **compass, **v.params}
+    found: dict[str, float] = {**SIMULATED, **lasts, **compass, **values}
     found.pop("MAV_SYS_ID", None)  # the startup sets it after PX4 has set its own
     # Whole numbers without a point: `param set` refuses one in an integer, and minds none that is missing in a float.
     return {
@@ -55,10 +55,10 @@ def forgotten(params: Mapping[str, float | int], version: str) -> dict[str, floa
     return {name: value for name, value in params.items() if name in known and value == known[name].default}
 
 
-def hitl_params(v: Vehicle) -> dict[str, float | int]:
+def hitl_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int]:
     """What a flight controller must hold to fly the simulated body. Source: PX4's airframe 1001 and its HIL outputs."""
     outputs = {f"HIL_ACT_FUNC{i + 1}": 101 + i for i in range(len(v.profile.rotors))}
     held = {
-        name: value for name, value in px4_params(v).items() if not name.startswith("SIM_")
+        name: value for name, value in px4_params(v, values).items() if not name.startswith("SIM_")
     }  # a board need not know those
     return {**held, "MAV_SYS_ID": v.id, "SYS_HITL": 1, "CBRK_SUPPLY_CHK": 894281, **outputs}

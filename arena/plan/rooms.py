@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from arena.plan.firmware import Fleet
 from arena.plan.model import Link
 from arena.plan.px4 import forgotten, hitl_params, px4_params, px4_scripts
 from arena.schema import Arena, Vehicle
@@ -52,7 +53,7 @@ def partner_end(link: Link) -> Json:
     }
 
 
-def world(arena: Arena) -> Json:
+def world(arena: Arena, fleet: Fleet) -> Json:
     w, s = arena.world, arena.sim
     return {
         "name": "world",
@@ -69,7 +70,7 @@ def world(arena: Arena) -> Json:
         "truth": TRUTH,
         "faults": _faults(arena, "world"),
         "wind_m_s": list(w.wind_m_s),
-        "vehicles": [_body(arena, v) for v in arena.simulated],
+        "vehicles": [_body(arena, v, fleet) for v in arena.simulated],
     }
 
 
@@ -77,7 +78,7 @@ def _links(arena: Arena, v: Vehicle) -> Json:
     return {name: autopilot_end(link_of(arena, v, name)) for name in ("router", "vision", "panic")}
 
 
-def _body(arena: Arena, v: Vehicle) -> Json:
+def _body(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
     if v.autopilot != "builtin":  # it opens its links itself
         flown: Json = {
             "autopilot": "px4",
@@ -88,7 +89,7 @@ def _body(arena: Arena, v: Vehicle) -> Json:
     else:
         flown = {
             "autopilot": "builtin",
-            "params": dict(v.params),
+            "params": fleet[v.name].values,
             "links": _links(arena, v),
             "sticks": v.sticks,
         }
@@ -106,11 +107,11 @@ def _origin(arena: Arena) -> Json:
     return arena.world.origin.model_dump()
 
 
-def px4(arena: Arena, v: Vehicle) -> Json:
+def px4(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
     """What `python -m arena.px4` needs to run this vehicle's PX4."""
     if arena.px4 is None:
         raise ValueError(f"{v.name} flies PX4, and none was found")
-    params = px4_params(v)
+    params = px4_params(v, fleet[v.name].values)
     given: Json = {
         "vehicle": v.name,
         "id": v.id,
@@ -167,7 +168,7 @@ def _noise(arena: Arena) -> Json:
     return {"position_m": n.position_mm / 1000.0, "rotation_deg": n.rotation_deg}
 
 
-def link(arena: Arena, v: Vehicle) -> Json:
+def link(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
     """What `python -m arena.fcu_link` needs to stand in the place of this vehicle's autopilot."""
     if v.wire is None:
         raise ValueError(f"{v.name} has no wire")
@@ -194,7 +195,7 @@ def link(arena: Arena, v: Vehicle) -> Json:
             # where a real body's origin is, the lab decides: at the height of its lowest point is the most that it can be
             "height_m": v.profile.height_m / 2.0 if v.simulated else 0.0,
         },
-        "params": hitl_params(v) if v.simulated else dict(v.params),
+        "params": hitl_params(v, fleet[v.name].values) if v.simulated else fleet[v.name].values,
         "params_file": f"{{run}}/params/{v.name}.params",
         "wire_file": f"{{run}}/wire/{v.name}.json",
         "simulated": v.simulated,

@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from arena.plan.firmware import Firmware, Fleet, all_firmware
 from arena.schema import Arena, Vehicle
 from arena.schema.loader import dump_yaml
 from arena.schema.models import Tool
 
 
-def arena_yaml(arena: Arena) -> str:
+def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
     """The resolved arena as a YAML that loads to the same plan, with nothing left to a default."""
+    fleet = all_firmware(arena) if fleet is None else fleet
     return f"# resolved from {Path(arena.folder) / Path(arena.file).name}\n" + dump_yaml(
         {
             "name": arena.name,
@@ -24,12 +26,12 @@ def arena_yaml(arena: Arena) -> str:
             **({"copilot": _plain(arena.copilot.model_dump())} if arena.copilot else {}),
             **({"geofence": arena.geofence.slice()} if arena.geofence else {}),
             "tools": {name: _tool(tool) for name, tool in arena.tools.items()},
-            "vehicles": {v.name: _vehicle(v) for v in arena.vehicles},
+            "vehicles": {v.name: _vehicle(v, fleet[v.name]) for v in arena.vehicles},
         }
     )
 
 
-def _vehicle(v: Vehicle) -> dict[str, Any]:
+def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
     program = (
         {"path": v.program.path, "args": list(v.program.args), "restart": v.program.restart}
         if v.program
@@ -51,7 +53,8 @@ def _vehicle(v: Vehicle) -> dict[str, Any]:
         "program": program,
         "neighbours": v.neighbours,
         "tools": {name: _tool(tool) for name, tool in v.tools.items()},
-        "params": dict(v.params),
+        "px4_version": v.px4_version or None,
+        "params": firmware.values,
     }
     return {key: _plain(value) for key, value in made.items() if value is not None}
 

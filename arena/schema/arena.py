@@ -5,15 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from arena.params.generation.requirements import Needs
 from arena.schema.connection_url import Wire
 from arena.schema.copilot import Copilot
-from arena.schema.models import Mocap, Preflight, RestartMode, Sim, Tool, World
+from arena.schema.models import Failsafe, Mocap, Preflight, RestartMode, Sim, Tool, World
 from arena.schema.ports import VehiclePorts
 from arena.schema.profile import Profile
+from arena.schema.source import Source
 
 Value = object
 Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
@@ -100,7 +100,7 @@ class Vehicle:
     rpy_deg: tuple[float, float, float]
     ports: VehiclePorts
     gcs: tuple[str, ...]
-    params: Mapping[str, float]
+    own_params: Mapping[str, float]
     mocap_body: str
     forward: bool
     pose_rate_hz: float
@@ -110,26 +110,12 @@ class Vehicle:
     wire: Wire | None = None
     gps: bool = False
     sticks: bool = False
-    needs: Needs
-    px4_version: str = "1.16"
-    cannot: tuple[str, ...] = ()
+    px4_version: str = ""
 
     @property
     def simulated(self) -> bool:
         """Its body is in the world here, whatever flies it."""
         return self.autopilot != "hardware"
-
-    @property
-    def held(self) -> Needs:
-        """Its needs as far as its autopilot is told of them, see `needs_held`."""
-        return needs_held(self.needs, self.autopilot)
-
-
-def needs_held(needs: Needs, autopilot: Autopilot) -> Needs:
-    """What an autopilot is to hold. The built-in and hardware know where their rotors are, and which channel of a radio is which:
-    a profile's are those of a simulated body, and neither written to them, nor compared, nor wanted before they arm.
-    """
-    return replace(needs, rotors=(), channels=0) if autopilot in ("builtin", "hardware") else needs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,6 +142,9 @@ class Arena:
     px4: Px4 | None = None
     copilot: Copilot | None = None
     geofence: Fence | None = None
+    failsafe: Failsafe
+    landing_speed_m_s: float | None = None
+    source: Source = field(compare=False, repr=False)
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
 
     def vehicle(self, name: str) -> Vehicle:

@@ -335,15 +335,15 @@ def _capture(c: Check) -> Iterator[Problem]:
 
 def _params(c: Check) -> Iterator[Problem]:
     for v in c.arena.vehicles:
-        for name in v.params:
+        for name in v.own_params:
             if not _PARAM.fullmatch(name):
                 said = f"got {name!r}, expected a PX4 name: capitals, digits and _, 16 at most"
                 yield c.problem(v.name, ("params", name), f"{said}. Try {name.upper()[:16]}.")
-        if v.params.get("MAV_SYS_ID", v.id) != v.id:
+        if v.own_params.get("MAV_SYS_ID", v.id) != v.id:
             yield c.problem(
                 v.name,
                 ("params", "MAV_SYS_ID"),
-                f"got {v.params['MAV_SYS_ID']:g}, but the vehicle's id is {v.id}. Write `id` instead.",
+                f"got {v.own_params['MAV_SYS_ID']:g}, but the vehicle's id is {v.id}. Write `id` instead.",
             )
 
 

@@ -7,21 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
-from arena.errors import InputError
-from arena.params.facts.parameter_table import Version
-from arena.params.generation.generate import generate
-from arena.params.generation.requirements import Failsafe, FenceAround, Needs, Rotor
-from arena.schema.arena import Arena, Autopilot, Fence, Origin, Program, Px4, Vehicle, needs_held
+from arena.schema.arena import Arena, Autopilot, Fence, Origin, Program, Px4, Vehicle
 from arena.schema.connection_url import Wire, read_url, serial_wire
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
-from arena.schema.models import Failsafe as FailsafeKeys
 from arena.schema.ports import MOST_ID, capture_group, vehicle_ports
 from arena.schema.profile import Profile
 from arena.schema.px4 import STAND_IN
@@ -30,10 +24,6 @@ from arena.schema.source import Source
 DEFAULT_BAUD = 921_600
 DEFAULT_PROFILE = "iris"
 MOST_POSE_RATE_HZ = 60.0
-_FORWARD_MS = 1.0
-
-SIMULATED_VERSION = "1.16"
-"""Whose names a simulated vehicle's parameters have: the built-in autopilot keeps this one's contract."""
 
 
 def resolve(
@@ -100,16 +90,11 @@ def resolve(
         vehicles=vehicles,
         px4=px4 if any(v.autopilot == "px4" for v in vehicles) else None,
         geofence=fence,
+        failsafe=model.failsafe,
+        landing_speed_m_s=model.landing_speed_m_s,
+        source=source,
         origins=origins,
     )
-
-
-def params_version(px4: Px4 | None) -> str:
-    """Whose names its parameters have; one that does not say, or that no table has, is taken for the one that is kept here."""
-    try:
-        return str(Version.parse(px4.version)) if px4 else SIMULATED_VERSION
-    except InputError:
-        return SIMULATED_VERSION
 
 
 def fence_of(model: ArenaFile) -> Fence | None:
@@ -176,10 +161,6 @@ class _Merge:
         start = self._start()
         forward = bool(self._take("forward", True))
         gps, sticks = bool(self._take("gps", False)), bool(self._take("sticks", False))
-        needs = self._needs(profile, vehicle_id, {"forward": forward, "gps": gps, "sticks": sticks})
-        needs = replace(needs, fence=self._fence(autopilot, start, profile))
-        version = self._px4_version(autopilot)
-        params, cannot = self._params(needs, autopilot, version)
         rate = self._take(
             "pose_rate_hz",
             pose_rate_hz(self.model.mocap.rate_hz),
@@ -199,10 +180,8 @@ class _Merge:
             rpy_deg=start.rpy_deg,
             ports=ports,
             gcs=self._take("gcs", ()),
-            needs=needs,
-            params=params,
-            cannot=cannot,
-            px4_version=version,
+            own_params=self._own_params(),
+            px4_version=self._px4_version(autopilot),
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"),
             forward=forward,
             pose_rate_hz=float(rate),
@@ -261,85 +240,22 @@ class _Merge:
     def _px4_version(self, autopilot: Autopilot) -> str:
         """A PX4 on this machine says it itself; the YAML's word is for the others."""
         if autopilot == "px4" and self.px4 is not None:
-            return str(self._note("px4_version", params_version(self.px4), f"rule: {self.px4.words}"))
-        return str(self._take("px4_version", SIMULATED_VERSION))
+            return str(self._note("px4_version", self.px4.version, f"rule: {self.px4.words}"))
+        return str(self._take("px4_version", ""))
 
-    def _params(
-        self, needs: Needs, autopilot: Autopilot, version: str
-    ) -> tuple[dict[str, float], tuple[str, ...]]:
-        """Of hardware they must hold before it arms. -> values, what its PX4 has none for."""
-        made = generate(needs_held(needs, autopilot), version)
-        lines = [(line.name, line.value, line.asked) for line in made.lines]
-        if autopilot == "hardware" and not self.model.preflight.params:
-            lines = [(name, value, needs.asked[f"own.{name}"]) for name, value in needs.own.items()]
-        for key, value, words in lines:
-            self._note(f"params.{key}", value, words)
-        return {key: float(value) for key, value, _ in lines}, made.cannot
-
-    def _needs(self, profile: Profile, vehicle_id: int, has: Mapping[str, bool]) -> Needs:
-        """What an arena needs of this vehicle's autopilot, each with who asked for it."""
-        own = self._own_params()
-        asked = {f"own.{name}": words for name, (_, words) in own.items()}
-        asked |= {
-            "gains": f"profile {profile.name}",
-            "rotors": f"profile {profile.name}",
-            "system_id": "rule: id",
-            "hover": f"thrust curve of profile {profile.name}",
-            "ceiling_m": "under the ceiling: 0.6 of the room's height",
-            "vision": "arena's default with motion capture",
-            "vision_delay_ms": "mocap.latency_ms + 1 ms of forwarding",
-        }
-        for key in ("gps", "sticks"):
-            asked[key] = f"{key}: true" if has[key] else "arena's default"
-        for key in (
-            *(f"failsafe.{k}" for k in type(self.model.failsafe).model_fields),
-            "landing_speed_m_s",
-            "geofence",
-        ):
-            if self.source.given(tuple(key.split("."))):
-                asked[key] = self.source.origin(tuple(key.split(".")))
-        if self.model.geofence is not None:
-            asked["ceiling_m"] = "under the ceiling, the room's or the fence's: 0.6 of the lower one"
-        rotors = [
-            Rotor(x_m=r.position_m[0], y_m=r.position_m[1], spin=1 if r.direction == "ccw" else -1)
-            for r in profile.rotors
-        ]
-        return Needs(
-            system_id=vehicle_id,
-            hover=profile.hover_command,
-            gps=has["gps"],
-            sticks=has["sticks"],
-            vision_delay_ms=self.model.mocap.latency_ms + _FORWARD_MS if has["forward"] else None,
-            failsafe=_failsafe(self.model.failsafe, has["sticks"]),
-            landing_speed_m_s=self.model.landing_speed_m_s,
-            ceiling_m=self.model.world.size[2],
-            rotors=tuple(rotors),
-            moment_ratio_m=profile.moment_ratio_m,
-            gains=dict(profile.params),
-            own={name: float(value) for name, (value, _) in own.items()},
-            asked=asked,
-        )
-
-    def _fence(self, autopilot: str, start: Start, profile: Profile) -> FenceAround | None:
-        """As a circle round its home and a height above it. Where hardware will stand nobody knows: as from a corner."""
-        fence = fence_of(self.model)
-        if fence is None:
-            return None
-        n, e, d = start.position if autopilot != "hardware" else (fence.north[0], fence.east[0], 0.0)
-        return FenceAround(across_m=fence.farthest(n, e), up_m=fence.up + d - profile.ground_clearance_m)
-
-    def _own_params(self) -> dict[str, tuple[float, str]]:
-        """What the user names: his file's, then those of `defaults`, then the vehicle's; name -> value and where it stands."""
-        found: dict[str, tuple[float, str]] = {}
+    def _own_params(self) -> dict[str, float]:
+        """Return the PX4 parameters that the user names: `params_file`, then `defaults`, then the vehicle."""
+        found: dict[str, float] = {}
         if name := self._take("params_file", None):
-            found |= {
-                k: (v, str(name)) for k, v in self.params_files.get(name, {}).items() if k != "MAV_SYS_ID"
-            }
+            for key, value in self.params_files.get(name, {}).items():
+                if key != "MAV_SYS_ID":
+                    found[key] = self._note(f"params.{key}", value, str(name))
         for given, path in (
             (self.common.params, ("defaults", "params")),
             (self.own.params, ("vehicles", self.name, "params")),
         ):
-            found |= {k: (v, self.source.origin((*path, k))) for k, v in (given or {}).items()}
+            for key, value in (given or {}).items():
+                found[key] = self._note(f"params.{key}", float(value), self.source.origin((*path, key)))
         return found
 
     def _program(self) -> Program | None:
@@ -360,23 +276,6 @@ class _Merge:
     def _note(self, key: str, value: Any, words: str) -> Any:
         _note(self.origins, f"vehicles.{self.name}.{key}", value, words)
         return value
-
-
-def _failsafe(given: FailsafeKeys, has_sticks: bool) -> Failsafe:
-    return Failsafe(
-        offboard_loss=given.offboard_loss.action,
-        offboard_loss_after_s=given.offboard_loss.after_s,
-        position_loss=given.position_loss.action,
-        position_loss_after_s=given.position_loss.after_s,
-        low_battery_warn=given.low_battery.warn,
-        low_battery_land=given.low_battery.land,
-        rc_loss=given.rc_loss.action or ("land" if has_sticks else "none"),
-        data_link_loss=given.data_link_loss.action,
-        data_link_loss_after_s=given.data_link_loss.after_s,
-        geofence=given.geofence.action,
-        attitude=given.attitude.action if "attitude" in given.model_fields_set else None,
-        attitude_above_deg=given.attitude.above_deg,
-    )
 
 
 def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: Any) -> None:

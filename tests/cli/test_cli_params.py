@@ -10,6 +10,7 @@ import typer
 import arena.cli as cli
 from arena.cli._params import Sides, begun, file_of
 from arena.params.transfer.push_record import Record
+from arena.plan.firmware import firmware
 from arena.schema import load_arena
 from arena.wire.qgc_params import parse_params
 
@@ -58,8 +59,11 @@ def test_what_is_made_is_what_the_simulated_vehicles_get(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, out, _ = run(capsys, "generate", "--px4-version", "1.16")
-    made, flown = parse_params(out.split("# uav2 of")[0]), load_arena("arena.yaml").vehicles[0].params
-    assert {k: v for k, v in made.items() if not k.startswith("CA_")} == pytest.approx(dict(flown))
+    made, flown = (
+        parse_params(out.split("# uav2 of")[0]),
+        firmware(arena := load_arena("arena.yaml"), arena.vehicles[0]).values,
+    )
+    assert {k: v for k, v in made.items() if not k.startswith("CA_")} == pytest.approx(flown)
 
 
 KINDS = """px4: {home: stand-in}
@@ -89,7 +93,7 @@ def test_rotors_are_pushed_and_compared_only_where_px4_flies_a_simulated_body(
             "the file has them for each"
         )
     if name != "px4":  # whose version is unknown here
-        assert dict(vehicle.params) == pytest.approx(pushed), (
+        assert firmware(arena, vehicle).values == pytest.approx(pushed), (
             "what it starts from, or must hold before it arms"
         )
 

@@ -17,6 +17,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.param_table import Params
+from arena.plan.firmware import firmware
 from arena.schema import load_arena
 
 pytest.importorskip("pybullet", reason="the simulation room needs pybullet")
@@ -130,7 +131,8 @@ def generated(folder: Path, case: Case) -> dict[str, float]:
     """The parameters that a built-in vehicle of such an arena starts from."""
     path = folder / "arena.yaml"
     path.write_text(f"failsafe: {{{case.section}}}\n{case.more}vehicles:\n  uav1: {{autopilot: builtin}}\n")
-    return dict(load_arena(path).vehicles[0].params)
+    arena = load_arena(path)
+    return firmware(arena, arena.vehicles[0]).values
 
 
 class Fleet:

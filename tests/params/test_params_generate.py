@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import pytest
 
 from arena.params.facts.parameter_table import parameters, versions
 from arena.params.generation.generate import Generated, generate
-from arena.params.generation.requirements import Failsafe, Needs, Rotor
+from arena.params.generation.requirements import Failsafe, Requirements, Rotor
+from arena.plan.firmware import requirements_failsafe
+from arena.schema.models import Failsafe as FailsafeKeys
 
 VERSIONS = [str(v) for v in versions()]
 ROTORS = tuple(
@@ -17,17 +20,24 @@ ROTORS = tuple(
 )
 
 
+def failsafe(**changes: object) -> Failsafe:
+    """Return the failsafe of an arena that configures none, with these changes."""
+    defaults = requirements_failsafe(FailsafeKeys(), has_sticks=False)
+    return dataclasses.replace(defaults, **changes)  # type: ignore[arg-type]
+
+
 def made(version: str, **changes: object) -> Generated:
     given = {
         "system_id": 3,
         "hover": 0.5,
         "vision_delay_ms": 11.0,
         "ceiling_m": 3.0,
+        "failsafe": failsafe(),
         "rotors": ROTORS,
         "moment_ratio_m": 0.05,
         "gains": {"MC_ROLL_P": 6.0, "MPC_XY_VEL_P_ACC": 1.8},
     }
-    return generate(Needs(**{**given, **changes}), version)  # type: ignore[arg-type]
+    return generate(Requirements(**{**given, **changes}), version)  # type: ignore[arg-type]
 
 
 def test_then_and_now_the_same_words_have_other_names() -> None:
@@ -66,10 +76,12 @@ def test_every_line_is_of_that_version_and_within_its_limits_whatever_is_asked(v
     known = parameters(version)
     for chosen in itertools.product(*ACTIONS.values()):
         for gps, sticky in ((False, False), (True, True)):
-            failsafe = Failsafe(
+            chosen_failsafe = failsafe(
                 **dict(zip(ACTIONS, chosen, strict=True)), low_battery_land=None if gps else 0.1
             )
-            for line in made(version, failsafe=failsafe, gps=gps, sticks=sticky, landing_speed_m_s=0.7).lines:
+            for line in made(
+                version, failsafe=chosen_failsafe, gps=gps, sticks=sticky, landing_speed_m_s=0.7
+            ).lines:
                 fact = known[line.name]
                 assert fact.type == "FLOAT" or float(line.value).is_integer(), line
                 over = line.name in (
@@ -78,69 +90,72 @@ def test_every_line_is_of_that_version_and_within_its_limits_whatever_is_asked(v
                 )  # enumerations whose stated limits PX4 forgot to widen
                 assert over or (fact.min is None or line.value >= fact.min - 1e-9), line
                 assert over or (fact.max is None or line.value <= fact.max + 1e-9), line
-                assert line.what and line.asked
+                assert line.meaning and line.reason
 
 
 def test_what_a_version_cannot_do_is_said() -> None:
-    assert any("geofence" in words and "came with 1.11" in words for words in made("1.9").cannot)
+    assert any("geofence" in words and "came with 1.11" in words for words in made("1.9").not_possible)
     assert (
-        any("mixer file" in words for words in made("1.12").cannot)
-        and made("1.13", ceiling_m=10.0).cannot == ()
+        any("mixer file" in words for words in made("1.12").not_possible)
+        and made("1.13", ceiling_m=10.0).not_possible == ()
     )
-    terminate = made("1.16", failsafe=Failsafe(position_loss="terminate"))
-    assert [words.split(":")[0] for words in terminate.cannot] == ["failsafe.position_loss"]
-    assert made("1.16", failsafe=Failsafe(offboard_loss="terminate", position_loss="terminate")).cannot == ()
+    terminate = made("1.16", failsafe=failsafe(position_loss="terminate"))
+    assert [words.split(":")[0] for words in terminate.not_possible] == ["failsafe.position_loss"]
+    assert (
+        made("1.16", failsafe=failsafe(offboard_loss="terminate", position_loss="terminate")).not_possible
+        == ()
+    )
     assert [
-        w for w in made("1.9", gains={"MPC_JERK_NEW": 1.0, "MPC_JERK_MAX": 2.0}).cannot if "JERK" in w
+        w for w in made("1.9", gains={"MPC_JERK_NEW": 1.0, "MPC_JERK_MAX": 2.0}).not_possible if "JERK" in w
     ] == ["gains: PX4 1.9 has no MPC_JERK_NEW (1)"]
-    assert made("1.16", failsafe=Failsafe(rc_loss="land")).cannot == (
+    assert made("1.16", failsafe=failsafe(rc_loss="land")).not_possible == (
         "failsafe.rc_loss: the vehicle has no sticks that could be lost; land is not set",
     )
-    unheard = Failsafe(data_link_loss="terminate")
+    unheard = failsafe(data_link_loss="terminate")
     assert made("1.13", failsafe=unheard).values["NAV_DLL_ACT"] == 5, "1.14 began to remember a termination"
     assert made("1.16", failsafe=unheard).values["NAV_DLL_ACT"] == 0
-    assert [words.split(":")[0] for words in made("1.16", failsafe=unheard).cannot] == [
+    assert [words.split(":")[0] for words in made("1.16", failsafe=unheard).not_possible] == [
         "failsafe.data_link_loss"
     ]
-    soon = Failsafe(data_link_loss="land", data_link_loss_after_s=2)
+    soon = failsafe(data_link_loss="land", data_link_loss_after_s=2)
     assert any(
         "COM_DL_LOSS_T -0.5, which PX4 1.16 does not take; 5 is" in words
-        for words in made("1.16", failsafe=soon).cannot
+        for words in made("1.16", failsafe=soon).not_possible
     )
-    assert any("RTL_DESCEND_ALT" in words for words in made("1.9").cannot), (
+    assert any("RTL_DESCEND_ALT" in words for words in made("1.9").not_possible), (
         "a room lower than PX4 comes down from"
     )
 
 
 def test_who_asked_is_told_and_what_a_user_names_himself_wins() -> None:
     own = made(
-        "1.16", own={"COM_OF_LOSS_T": 0.4, "NO_SUCH": 1.0}, asked={"own.COM_OF_LOSS_T": "arena.yaml:7"}
+        "1.16", own={"COM_OF_LOSS_T": 0.4, "NO_SUCH": 1.0}, reasons={"own.COM_OF_LOSS_T": "arena.yaml:7"}
     )
     line = {each.name: each for each in own.lines}["COM_OF_LOSS_T"]
-    assert (line.value, line.asked) == (0.4, "arena.yaml:7")
-    assert any("NO_SUCH" in words for words in own.cannot) and own.values["NO_SUCH"] == 1.0
+    assert (line.value, line.reason) == (0.4, "arena.yaml:7")
+    assert any("NO_SUCH" in words for words in own.not_possible) and own.values["NO_SUCH"] == 1.0
 
 
 def test_an_attitude_failure_is_armed_where_it_is_asked_for_and_left_as_it_is_where_nothing_is_said() -> None:
     names = {"CBRK_FLIGHTTERM", "FD_FAIL_R", "FD_FAIL_P"}
     for version in VERSIONS:
         assert names.isdisjoint(made(version).values)
-        assert made(version, failsafe=Failsafe(attitude="none")).values["CBRK_FLIGHTTERM"] == 121212
-    armed = made("1.16", failsafe=Failsafe(attitude="terminate", attitude_above_deg=75)).values
+        assert made(version, failsafe=failsafe(attitude="none")).values["CBRK_FLIGHTTERM"] == 121212
+    armed = made("1.16", failsafe=failsafe(attitude="terminate", attitude_above_deg=75)).values
     assert {name: armed[name] for name in names} == {"CBRK_FLIGHTTERM": 0, "FD_FAIL_R": 75, "FD_FAIL_P": 75}
-    then = made("1.9", failsafe=Failsafe(attitude="terminate"))
+    then = made("1.9", failsafe=failsafe(attitude="terminate"))
     assert "CBRK_FLIGHTTERM" not in then.values and any(
-        "v1.9 says that it enforces" in words for words in then.cannot
+        "v1.9 says that it enforces" in words for words in then.not_possible
     )
-    narrow = made("1.12", failsafe=Failsafe(attitude="terminate", attitude_above_deg=50))
+    narrow = made("1.12", failsafe=failsafe(attitude="terminate", attitude_above_deg=50))
     assert narrow.values["FD_FAIL_R"] == 60 and any(
-        "FD_FAIL_R 50, which PX4 1.12 does not take" in w for w in narrow.cannot
+        "FD_FAIL_R 50, which PX4 1.12 does not take" in w for w in narrow.not_possible
     )
 
 
 def test_where_lost_sticks_are_answered_with_nothing_no_mode_answers() -> None:
     for version in VERSIONS:
-        values = made(version, sticks=True, failsafe=Failsafe(rc_loss="none")).values
+        values = made(version, sticks=True, failsafe=failsafe(rc_loss="none")).values
         assert values.get("COM_RCL_EXCEPT") == 7 or values.get("NAV_RCL_ACT") == 0, version
 
 

@@ -111,7 +111,7 @@ def test_a_simulated_vehicle_takes_its_file_of_parameters_over_the_rules_and_und
 ) -> None:
     (tmp_path / "lab.params").write_text("# saved\nCOM_OBL_RC_ACT 3\nMPC_XY_VEL_MAX 2.5\n")
     text = "vehicles:\n  a: {autopilot: builtin, params_file: lab.params, params: {MPC_XY_VEL_MAX: 4}}\n"
-    params = arena_of(text, tmp_path).vehicles[0].params
+    params = make_plan(arena_of(text, tmp_path)).slices["world.json"]["vehicles"][0]["params"]
     assert (params["COM_OBL_RC_ACT"], params["MPC_XY_VEL_MAX"]) == (3.0, 4.0)
 
 

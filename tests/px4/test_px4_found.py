@@ -8,6 +8,7 @@ import pytest
 
 from arena.errors import InputError, NotInstalledError
 from arena.plan import make_plan
+from arena.plan.firmware import firmware, origins
 from arena.schema import load_arena
 from arena.schema.px4 import WAYS, find_px4, need_px4, version_of
 
@@ -118,8 +119,9 @@ def test_the_parameters_of_a_vehicle_have_the_names_of_the_px4_that_flies_it(
 ) -> None:
     build(tmp_path / "PX4", binary)
     arena = load_arena(arena_file(tmp_path, "px4: {home: ./PX4}\ndefaults: {px4_version: '1.13'}\n"))
-    assert arena.vehicles[0].px4_version == names
-    assert arena.origins["vehicles.uav1.px4_version"].source == f"rule: PX4 {binary}"
+    assert firmware(arena, arena.vehicles[0]).version == names
+    origin = origins(arena)["vehicles.uav1.px4_version"]
+    assert (origin.value, origin.source) == (names, f"rule: PX4 {binary}")
 
 
 def test_a_home_without_px4_is_a_problem_of_that_line_and_names_the_doctor(tmp_path: Path) -> None:

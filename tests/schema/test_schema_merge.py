@@ -84,35 +84,20 @@ def test_layers_lie_in_order_and_each_tells_its_place(folder: Path) -> None:
         source(arena, "vehicles.uav1.pose_rate_hz") == "arena.yaml:2"
         and source(arena, "vehicles.uav2.pose_rate_hz") == "arena.yaml:9"
     )
-    assert (one.params["MC_ROLL_P"], one.params["MC_PITCH_P"], one.params["MC_YAW_P"]) == (8.0, 7.0, 3.0)
-    assert (two.params["MC_ROLL_P"], two.params["MC_PITCH_P"]) == (7.0, 9.0)
+    assert (one.own_params["MC_ROLL_P"], one.own_params["MC_PITCH_P"], one.own_params["MC_YAW_P"]) == (
+        8.0,
+        7.0,
+        3.0,
+    )
+    assert (two.own_params["MC_ROLL_P"], two.own_params["MC_PITCH_P"]) == (7.0, 9.0)
     assert source(arena, "vehicles.uav1.params.MC_ROLL_P") == "arena.yaml:7"
     assert source(arena, "vehicles.uav1.params.MC_PITCH_P") == "arena.yaml:3"
     assert source(arena, "vehicles.uav2.params.MC_PITCH_P") == "--set"
-    assert source(arena, "vehicles.uav1.params.MC_ROLLRATE_P") == "profile iris"
     assert (one.position, one.rpy_deg) == ((1.0, 0.0, 0.0), (0.0, 0.0, 90.0))
     assert source(arena, "vehicles.uav1.start.rpy_deg") == "arena.yaml:4"
     assert source(arena, "vehicles.uav1.start.position") == "arena.yaml:8"
     assert source(arena, "mocap.latency_ms") == "--set" and source(arena, "mocap.rate_hz") == "default"
     assert source(arena, "vehicles.uav1.id").startswith("rule")
-
-
-def test_parameters_follow_from_the_arena(folder: Path) -> None:
-    arena = load(
-        TWO, "mocap.latency_ms=20", "vehicles.uav2.profile=intel_aero", "vehicles.uav2.forward=false"
-    )
-    one, two = (v.params for v in arena.vehicles)
-    assert one["EKF2_EV_DELAY"] == 21.0 and one["EKF2_EV_CTRL"] == 15.0 and "EKF2_EV_DELAY" not in two
-    assert one["MPC_THR_HOVER"] == pytest.approx(0.5652, abs=1e-4)
-    assert two["MPC_THR_HOVER"] == pytest.approx(0.6099, abs=1e-4)
-    assert (one["MAV_SYS_ID"], two["MAV_SYS_ID"]) == (1.0, 2.0)
-    assert one["COM_OBL_RC_ACT"] == 4.0, "offboard loss must land"
-    assert (one["RTL_RETURN_ALT"], one["RTL_DESCEND_ALT"]) == (pytest.approx(1.8), pytest.approx(1.8)), (
-        "under a ceiling of 3 m"
-    )
-    high = load(TWO, "world.size=[30,30,40]").vehicles[0].params
-    assert (high["RTL_RETURN_ALT"], high["RTL_DESCEND_ALT"]) == (24.0, 10.0)
-    assert load(TWO, "defaults.params.MPC_THR_HOVER=0.4").vehicles[0].params["MPC_THR_HOVER"] == 0.4
 
 
 @pytest.mark.parametrize(
@@ -142,7 +127,7 @@ def test_a_profile_may_be_a_file_beside_the_arena(folder: Path) -> None:
     )
     vehicle = load("vehicles: {uav1: {profile: mine.yaml}}").vehicles[0]
     assert (vehicle.profile.name, vehicle.profile.mass_kg) == ("mine", 1.9)
-    assert vehicle.params["MPC_THR_HOVER"] > 0.5652
+    assert vehicle.profile.hover_command > 0.5652
 
 
 def test_the_capture_group_follows_the_address(folder: Path) -> None:

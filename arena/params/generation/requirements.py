@@ -1,4 +1,7 @@
-"""What an arena needs of a vehicle's PX4, in words that no version changes. Values alone."""
+"""The requirements of an arena on a vehicle's PX4, independent of the PX4 version. Data only.
+
+Defaults of the failsafes stand once, in `arena.schema.models`: here every field is given.
+"""
 
 from __future__ import annotations
 
@@ -11,37 +14,50 @@ Reaction = Literal["none", "warn", "hold", "return", "land", "terminate", "disar
 
 @dataclass(frozen=True, kw_only=True)
 class Failsafe:
-    """What happens when something is lost, and after how long [s]. low_battery_*: charge left, 0 to 1; land None: it only warns.
+    """The reaction to each kind of loss, and the time before it.
 
-    position_loss "land" is straight down without a position, as far as inertial sensors carry.
-    attitude None: as the vehicle has it.
+    offboard_loss, offboard_loss_after_s: no setpoints for this time [s].
+    position_loss, position_loss_after_s: no poses for this time [s]; `land` descends without a position estimate.
+    low_battery_warn, low_battery_land: remaining charge, 0 to 1 [-]; land None: the vehicle only warns.
+    rc_loss: no RC input.
+    data_link_loss, data_link_loss_after_s: no heartbeat of a ground station for this time [s].
+    geofence: the geofence is crossed.
+    attitude, attitude_above_deg: roll or pitch above this angle [deg]; None leaves the vehicle's own setting.
     """
 
-    offboard_loss: Reaction = "land"
-    offboard_loss_after_s: float = 1.0
-    position_loss: Reaction = "land"
-    position_loss_after_s: float = 1.0
-    low_battery_warn: float = 0.15
-    low_battery_land: float | None = 0.07
-    rc_loss: Reaction = "none"
-    data_link_loss: Reaction = "none"
-    data_link_loss_after_s: float = 10.0
-    geofence: Reaction = "land"
-    attitude: Reaction | None = None
-    attitude_above_deg: float = 60.0
+    offboard_loss: Reaction
+    offboard_loss_after_s: float
+    position_loss: Reaction
+    position_loss_after_s: float
+    low_battery_warn: float
+    low_battery_land: float | None
+    rc_loss: Reaction
+    data_link_loss: Reaction
+    data_link_loss_after_s: float
+    geofence: Reaction
+    attitude: Reaction | None
+    attitude_above_deg: float
 
 
 @dataclass(frozen=True, kw_only=True)
-class FenceAround:
-    """across_m: from home, along the floor; up_m: above home [m]."""
+class FenceCylinder:
+    """A geofence around the vehicle's home.
 
-    across_m: float
-    up_m: float
+    radius_m: horizontal distance from home [m].
+    height_m: height above home [m].
+    """
+
+    radius_m: float
+    height_m: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rotor:
-    """x: forward, y: right of the centre of mass [m]; spin: +1 counter-clockwise seen from above."""
+    """Place of a rotor.
+
+    x_m, y_m: forward and right of the centre of mass [m] [FRD].
+    spin: +1 for counter-clockwise seen from above, -1 for clockwise.
+    """
 
     x_m: float
     y_m: float
@@ -49,13 +65,22 @@ class Rotor:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Needs:
-    """vision_delay_ms: from exposure to the pose's arrival, None where no poses come.  hover: thrust command, 0 to 1.
-    channels: of the radio, where there are sticks; 0: the vehicle knows them.
+class Requirements:
+    """Everything that an arena requires of one vehicle's PX4.
 
-    ceiling_m: the room's height.  fence: the vehicle's own, None for none.
-    gains: a profile's, by the newest names.  own: what a user names himself, as he writes it.
-    asked: need (a field's name, `failsafe.offboard_loss`, `gains`, `own.NAME`, ...) -> who asked for it, in words.
+    system_id: MAV_SYS_ID.
+    hover: thrust command in hover, 0 to 1 [-].
+    vision_delay_ms: from the exposure to the arrival of a pose [ms]; None without external vision.
+    gps, sticks: a GPS receiver; an RC transmitter.
+    channels: RC channels; 0 leaves the vehicle's own mapping.
+    failsafe: reactions to losses.
+    landing_speed_m_s: None leaves the vehicle's own [m/s].
+    ceiling_m: height of the room [m].
+    fence: None for no geofence.
+    rotors, moment_ratio_m: geometry, and reaction torque per thrust [m]; () leaves the vehicle's own.
+    gains: gains of the profile, under the names of the newest PX4.
+    own: parameters that the user names, as written.
+    reasons: requirement (`hover`, `failsafe.offboard_loss`, `own.NAME`, ...) -> who asked for it, in words.
     """
 
     system_id: int
@@ -64,12 +89,12 @@ class Needs:
     gps: bool = False
     sticks: bool = False
     channels: int = 8
-    failsafe: Failsafe = Failsafe()
+    failsafe: Failsafe
     landing_speed_m_s: float | None = None
     ceiling_m: float
-    fence: FenceAround | None = None
+    fence: FenceCylinder | None = None
     rotors: tuple[Rotor, ...] = ()
     moment_ratio_m: float = 0.05
     gains: Mapping[str, float] = field(default_factory=dict)
     own: Mapping[str, float] = field(default_factory=dict)
-    asked: Mapping[str, str] = field(default_factory=dict)
+    reasons: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,180 @@
+"""The PX4 parameters that an arena asks of each vehicle: the one place where configuration becomes parameters.
+
+`arena params`, the preflight check of hardware, the start of PX4 and the world's slice read them here. Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from arena.errors import InputError
+from arena.params.facts.parameter_table import Version
+from arena.params.generation.generate import Generated, Line, generate
+from arena.params.generation.requirements import Failsafe, FenceCylinder, Requirements, Rotor
+from arena.schema import Arena, Origin, Vehicle
+from arena.schema.models import Failsafe as FailsafeKeys
+
+Fleet = Mapping[str, "Firmware"]
+"""Vehicle name -> its firmware."""
+
+SIMULATED_VERSION = "1.16"
+"""PX4 version whose parameter names the built-in autopilot has, and every vehicle of an unknown version."""
+_FORWARDING_MS = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Firmware:
+    """The parameters that one vehicle's autopilot must hold.
+
+    version: PX4 version of the parameter names.
+    lines: one per parameter, with its reason.
+    not_possible: requirements that this version has no parameter for, a sentence each.
+    """
+
+    version: str
+    lines: tuple[Line, ...]
+    not_possible: tuple[str, ...]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter name -> value."""
+        return {line.name: float(line.value) for line in self.lines}
+
+
+def all_firmware(arena: Arena) -> dict[str, Firmware]:
+    """Return the firmware of every vehicle by its name. Raises InputError for a PX4 version without a table."""
+    return {v.name: firmware(arena, v) for v in arena.vehicles}
+
+
+def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
+    """Return the parameters that a vehicle's autopilot must hold.
+
+    version: PX4 version instead of the vehicle's own.
+    Raises InputError for a PX4 version without a table.
+    """
+    version = px4_version(vehicle, version)
+    made = generate(_held(requirements(arena, vehicle), vehicle.autopilot), version)
+    return Firmware(
+        version=version, lines=_checked_lines(arena, vehicle, made), not_possible=made.not_possible
+    )
+
+
+def origins(arena: Arena) -> dict[str, Origin]:
+    """Return the origins of all parameters (`vehicles.NAME.params.PARAMETER`) and of their PX4 versions."""
+    found: dict[str, Origin] = {}
+    for name, each in all_firmware(arena).items():
+        key = f"vehicles.{name}.px4_version"
+        found[key] = Origin(value=each.version, source=arena.origins[key].source)
+        for line in each.lines:
+            found[f"vehicles.{name}.params.{line.name}"] = Origin(value=line.value, source=line.reason)
+    return found
+
+
+def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
+    """Return the PX4 version whose parameter names a vehicle has: the asked one, the vehicle's, or 1.16.
+
+    Raises InputError when the asked version, or that of the YAML, has no table. A PX4 binary of an unknown
+    version gets the names of 1.16.
+    """
+    if asked:
+        return str(Version.parse(asked))
+    if vehicle is None or not vehicle.px4_version:
+        return SIMULATED_VERSION
+    try:
+        return str(Version.parse(vehicle.px4_version))
+    except InputError:
+        if vehicle.autopilot != "px4":
+            raise
+        return SIMULATED_VERSION
+
+
+def requirements(arena: Arena, v: Vehicle) -> Requirements:
+    """Return what the arena requires of one vehicle's PX4, each with its reason."""
+    rotors = tuple(
+        Rotor(x_m=r.position_m[0], y_m=r.position_m[1], spin=1 if r.direction == "ccw" else -1)
+        for r in v.profile.rotors
+    )
+    return Requirements(
+        system_id=v.id,
+        hover=v.profile.hover_command,
+        gps=v.gps,
+        sticks=v.sticks,
+        vision_delay_ms=arena.mocap.latency_ms + _FORWARDING_MS if v.forward else None,
+        failsafe=requirements_failsafe(arena.failsafe, has_sticks=v.sticks),
+        landing_speed_m_s=arena.landing_speed_m_s,
+        ceiling_m=arena.world.size[2],
+        fence=_fence(arena, v),
+        rotors=rotors,
+        moment_ratio_m=v.profile.moment_ratio_m,
+        gains=dict(v.profile.params),
+        own=dict(v.own_params),
+        reasons=_reasons(arena, v),
+    )
+
+
+def _held(required: Requirements, autopilot: str) -> Requirements:
+    """Leave out rotor geometry and RC mapping where the autopilot has its own: hardware and the built-in one."""
+    return replace(required, rotors=(), channels=0) if autopilot in ("builtin", "hardware") else required
+
+
+def _checked_lines(arena: Arena, v: Vehicle, made: Generated) -> tuple[Line, ...]:
+    """Return all lines, or with `preflight.params: false` those that the user wrote for this hardware."""
+    if v.autopilot == "hardware" and not arena.preflight.params:
+        return tuple(line for line in made.lines if line.name in v.own_params)
+    return made.lines
+
+
+def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
+    profile, source = f"profile {v.profile.name}", arena.source
+    found = {
+        "gains": profile,
+        "rotors": profile,
+        "system_id": "rule: id",
+        "hover": f"thrust curve of {profile}",
+        "ceiling_m": "under the ceiling: 0.6 of the room's height",
+        "vision": "arena's default with motion capture",
+        "vision_delay_ms": "mocap.latency_ms + 1 ms of forwarding",
+    }
+    for key, given in (("gps", v.gps), ("sticks", v.sticks)):
+        found[key] = f"{key}: true" if given else "arena's default"
+    failsafes = [("failsafe", key) for key in type(arena.failsafe).model_fields]
+    for path in (*failsafes, ("landing_speed_m_s",), ("geofence",)):
+        if source.given(path):
+            found[".".join(path)] = source.origin(path)
+    if arena.geofence is not None:
+        found["ceiling_m"] = "under the ceiling, the room's or the fence's: 0.6 of the lower one"
+    return found | {
+        f"own.{name}": arena.origins[f"vehicles.{v.name}.params.{name}"].source for name in v.own_params
+    }
+
+
+def _fence(arena: Arena, v: Vehicle) -> FenceCylinder | None:
+    """Return the cylinder around the vehicle's start that holds the whole geofence.
+
+    The start of hardware is not known: the farthest one is assumed, a corner.
+    """
+    fence = arena.geofence
+    if fence is None:
+        return None
+    n, e, d = v.position if v.autopilot != "hardware" else (fence.north[0], fence.east[0], 0.0)
+    height = fence.up + d - v.profile.ground_clearance_m
+    return FenceCylinder(radius_m=fence.farthest(n, e), height_m=height)
+
+
+def requirements_failsafe(given: FailsafeKeys, *, has_sticks: bool) -> Failsafe:
+    """Return the section `failsafe` of the YAML as requirements. has_sticks: the vehicle has an RC transmitter."""
+    return Failsafe(
+        offboard_loss=given.offboard_loss.action,
+        offboard_loss_after_s=given.offboard_loss.after_s,
+        position_loss=given.position_loss.action,
+        position_loss_after_s=given.position_loss.after_s,
+        low_battery_warn=given.low_battery.warn,
+        low_battery_land=given.low_battery.land,
+        rc_loss=given.rc_loss.action or ("land" if has_sticks else "none"),
+        data_link_loss=given.data_link_loss.action,
+        data_link_loss_after_s=given.data_link_loss.after_s,
+        geofence=given.geofence.action,
+        attitude=given.attitude.action if "attitude" in given.model_fields_set else None,
+        attitude_above_deg=given.attitude.above_deg,
+    )

@@ -1,0 +1,131 @@
+"""The PX4 parameters that the plan asks for, by arena, vehicle and PX4 version."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from arena.params.facts.parameter_table import parameters, versions
+from arena.plan.firmware import firmware, origins, px4_version
+from arena.plan.text import arena_yaml
+from arena.schema import Arena, load_arena
+
+VEHICLES = (
+    "vehicles:\n  uav1: {autopilot: builtin}\n"
+    "  uav2: {autopilot: builtin, profile: intel_aero, start: {position: [-2, 1, -0.5]}}\n"
+)
+NATNET = "mocap: {source: natnet, server: 10.0.0.2}\n"
+HARDWARE = "{autopilot: hardware, url: 'udpin:0.0.0.0:14580'"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def load(text: str, *overrides: str) -> Arena:
+    Path("arena.yaml").write_text(text)
+    return load_arena("arena.yaml", overrides)
+
+
+def values(arena: Arena, name: str = "uav1", version: str = "") -> dict[str, float]:
+    return firmware(arena, arena.vehicle(name), version).values
+
+
+def test_parameters_follow_the_arena_and_the_profile() -> None:
+    arena = load(VEHICLES, "mocap.latency_ms=20", "vehicles.uav2.forward=false")
+    one, two = values(arena), values(arena, "uav2")
+    assert one["EKF2_EV_DELAY"] == 21.0 and one["EKF2_EV_CTRL"] == 15.0 and "EKF2_EV_DELAY" not in two
+    assert one["MPC_THR_HOVER"] == pytest.approx(0.5652, abs=1e-4)
+    assert two["MPC_THR_HOVER"] == pytest.approx(0.6099, abs=1e-4)
+    assert (one["MAV_SYS_ID"], two["MAV_SYS_ID"]) == (1.0, 2.0)
+
+
+def test_offboard_loss_lands_by_default() -> None:
+    assert values(load(VEHICLES))["COM_OBL_RC_ACT"] == 4.0
+
+
+def test_return_height_stays_under_the_ceiling() -> None:
+    low, high = values(load(VEHICLES)), values(load(VEHICLES, "world.size=[30,30,40]"))
+    assert (low["RTL_RETURN_ALT"], low["RTL_DESCEND_ALT"]) == (pytest.approx(1.8), pytest.approx(1.8))
+    assert (high["RTL_RETURN_ALT"], high["RTL_DESCEND_ALT"]) == (24.0, 10.0)
+
+
+def test_parameter_of_the_user_replaces_the_generated_one() -> None:
+    assert values(load(VEHICLES, "defaults.params.MPC_THR_HOVER=0.4"))["MPC_THR_HOVER"] == 0.4
+
+
+def test_every_parameter_has_an_origin() -> None:
+    arena = load("failsafe:\n  offboard_loss: {after_s: 2}\n" + VEHICLES, "vehicles.uav1.params.MPC_XY_P=0.9")
+    found = {key: origin.source for key, origin in origins(arena).items() if ".uav1." in key}
+    assert found["vehicles.uav1.params.COM_OF_LOSS_T"] == "arena.yaml:2"
+    assert found["vehicles.uav1.params.MPC_XY_P"] == "--set"
+    assert found["vehicles.uav1.params.MC_ROLLRATE_P"] == "profile iris"
+    assert found["vehicles.uav1.params.MAV_SYS_ID"] == "rule: id"
+    assert set(values(arena)) == {key.rpartition(".")[2] for key in found} - {"px4_version"}
+
+
+def test_resolved_yaml_gives_the_same_parameters() -> None:
+    arena = load("geofence: {north: [-3, 2], margin_m: 0.25}\n" + VEHICLES)
+    again = load(arena_yaml(arena))
+    assert again.geofence == arena.geofence
+    assert all(values(again, v.name) == values(arena, v.name) for v in arena.vehicles)
+
+
+def test_fence_cylinder_holds_the_whole_box_and_no_more() -> None:
+    arena = load("geofence: {north: [-3, 2], up: 2.5}\n" + VEHICLES)
+    assert arena.geofence is not None
+    for v in arena.vehicles:
+        (n, e, d), made = v.position, values(arena, v.name)
+        corners = [math.dist((n, e), (x, y)) for x in arena.geofence.north for y in arena.geofence.east]
+        assert max(corners) <= made["GF_MAX_HOR_DIST"] < max(corners) + 0.002
+        centre = v.profile.ground_clearance_m - d
+        assert made["GF_MAX_VER_DIST"] == pytest.approx(2.5 - centre, abs=0.001)
+        assert made["GF_ACTION"] == 5
+        assert 0 < made["RTL_RETURN_ALT"] < made["GF_MAX_VER_DIST"]
+        assert 0 < made["MIS_TAKEOFF_ALT"] < made["GF_MAX_VER_DIST"]
+        assert origins(arena)[f"vehicles.{v.name}.params.GF_MAX_VER_DIST"].source == "arena.yaml:1"
+
+
+def test_geofence_adds_parameters_and_changes_only_the_return_heights() -> None:
+    fenced, free = load("geofence: {}\n" + VEHICLES), load(VEHICLES)
+    for v in free.vehicles:
+        with_fence, without = values(fenced, v.name), values(free, v.name)
+        assert {"GF_MAX_HOR_DIST", "GF_MAX_VER_DIST", "MIS_TAKEOFF_ALT"}.isdisjoint(without)
+        assert {k: x for k, x in without.items() if "RTL" not in k}.items() <= with_fence.items()
+
+
+@pytest.mark.parametrize("version", [str(v) for v in versions()])
+def test_fence_is_within_the_limits_of_every_version(version: str) -> None:
+    made, known = values(load("geofence: {up: 2}\n" + VEHICLES), version=version), parameters(version)
+    for name in ("GF_MAX_HOR_DIST", "GF_MAX_VER_DIST", "MIS_TAKEOFF_ALT"):
+        low, high = known[name].min, known[name].max
+        assert known[name].type == "FLOAT"
+        assert (low is None or made[name] >= low) and (high is None or made[name] <= high)
+
+
+def test_hardware_may_start_anywhere_in_the_fence() -> None:
+    made = values(load(f"{NATNET}geofence: {{}}\nvehicles:\n  uav1: {HARDWARE}}}\n"))
+    assert made["GF_MAX_HOR_DIST"] == pytest.approx(math.hypot(7, 4), abs=0.001)
+
+
+def test_vehicle_without_poses_gets_no_fence_and_a_sentence() -> None:
+    arena = load("geofence: {}\nvehicles:\n  uav1: {autopilot: builtin, forward: false}\n")
+    made = firmware(arena, arena.vehicles[0])
+    assert "GF_MAX_HOR_DIST" not in made.values
+    assert any("geofence: " in words and "no home" in words for words in made.not_possible)
+
+
+def test_rotor_geometry_is_left_to_hardware_and_to_the_builtin_autopilot() -> None:
+    text = f"{NATNET}vehicles:\n  uav1: {HARDWARE}, px4_version: '1.14'}}\n  uav2: {{autopilot: builtin}}\n"
+    arena = load(text)
+    assert "CA_ROTOR_COUNT" not in values(arena) | values(arena, "uav2")
+    assert firmware(arena, arena.vehicles[0]).version == "1.14"
+
+
+def test_version_of_the_command_line_replaces_the_vehicles() -> None:
+    v = load(VEHICLES).vehicles[0]
+    assert (px4_version(v), px4_version(v, "1.13"), px4_version(None)) == ("1.16", "1.13", "1.16")
