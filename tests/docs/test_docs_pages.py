@@ -49,7 +49,7 @@ def test_no_page_names_a_place_of_one_machine(page):
         assert not re.search(word, page.read_text()), word
 
 
-def test_the_picture_of_the_readme_is_small():
+def test_picture_of_the_readme_is_small():
     assert 10_000 < (ROOT / "docs/images/flight.png").stat().st_size < 100_000
 
 
@@ -108,3 +108,13 @@ def told_by(node: ast.AST) -> str:
     if isinstance(node, ast.JoinedStr):
         return "".join(str(part.value) if isinstance(part, ast.Constant) else "…" for part in node.values)
     return ""
+
+
+# -- glossary ----------------------------------------------------------------------------------------------------------
+
+
+def test_glossary_is_sorted_and_has_one_line_per_term():
+    lines = (ROOT / "docs/reference/glossary.md").read_text().splitlines()
+    terms = [line.split(" | ")[0].removeprefix("| ") for line in lines if line.startswith("| ")][1:]
+    assert len(terms) > 80
+    assert terms == sorted(set(terms), key=str.lower)
