@@ -1,10 +1,11 @@
 # make demo    installs into .venv, flies the first example, says where the run and its picture are
-# make test    installs into .venv, checks style and types, runs every test
+# make test    installs into .venv, checks style and types, runs every test but the long campaigns
+# make nightly runs the long campaigns
 # make bench   the benchmarks that need nothing else, as tables; px4, contract, tracking and thesis are commands of their own
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint unit flights bench docs clean
+.PHONY: demo test lint unit flights nightly bench docs clean
 
 demo: .venv/ready
 	$(BIN)/arena up examples/01_two_quads/arena.yaml --headless --until-done --time-limit 120
@@ -16,12 +17,18 @@ lint: .venv/ready
 	$(BIN)/mypy
 
 unit: .venv/ready
-	$(BIN)/python -m pytest -m "not flight and not crowd" -n 2 -q
+	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 2 -q
 
-# Whole arenas keep real time: two of two vehicles share two cores, ten vehicles fly alone. A file's tests may share one arena.
+# Arenas at real time need cores: two flights of a few vehicles share two cores, arenas of many vehicles fly alone.
+# Tests of one file may share one arena, so a file stays in one worker.
 flights: .venv/ready
-	$(BIN)/python -m pytest -m flight -n 2 --dist loadfile -q
-	$(BIN)/python -m pytest -m crowd -q
+	$(BIN)/python -m pytest -m "flight and not nightly" -n 2 --dist loadfile -q
+	$(BIN)/python -m pytest -m "crowd and not nightly" -q
+
+# Long campaigns: every cell of the process table, every shipped scenario, twelve vehicles, full fuzz and estimator campaigns.
+nightly: .venv/ready
+	$(BIN)/python -m pytest -m "nightly and not crowd" -n 2 --dist loadfile -q
+	$(BIN)/python -m pytest -m "nightly and crowd" -q
 
 bench: .venv/ready
 	for each in flights world router; do $(BIN)/python benchmarks/$$each.py || exit 1; done

@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 import numpy as np
 import psutil
+import pytest
 from numpy.typing import NDArray
 
 from .flight import PROGRAMS, STANDS_M, Flight, Hangar, eventually
@@ -232,6 +233,18 @@ def _sorties() -> Iterator[Sortie]:
 
 
 SORTIES = tuple(_sorties())
+# Flown at every `make test`; `make nightly` flies them all.
+DAILY = {"programs air", "forwarders air", "router SIGKILL air", "all that is started again, ground"}
+
+
+def cells(where: Where, *, px4_only: bool = False) -> list[Any]:
+    """Return one pytest parameter per cell that ends there; cells of sorties outside DAILY are marked nightly."""
+    return [
+        pytest.param(sortie, hit, id=str(hit.cell), marks=[] if sortie.name in DAILY else pytest.mark.nightly)
+        for sortie in SORTIES
+        if sortie.where == where and (sortie.px4 or not px4_only)
+        for hit in sortie.hits
+    ]
 
 
 @dataclass(kw_only=True)

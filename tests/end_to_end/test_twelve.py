@@ -122,6 +122,7 @@ def assert_logged_at_home(flight: Flight, name: str) -> None:
 
 
 @pytest.mark.crowd
+@pytest.mark.nightly
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
 def test_twelve_stand_each_in_its_own_place_and_nobody_hears_another(hangar: Hangar, px4: list[str]) -> None:
     station = GroundStation(hangar.address)
