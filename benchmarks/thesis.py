@@ -169,7 +169,7 @@ def read_track(file: Path) -> Track:
         rows = [
             row
             for row in csv.DictReader(lines)
-            if row["info.flight_mode"] == "OFFBOARD" and row["pos_ref.north"]
+            if row["info.flight_mode"] == "OFFBOARD" and row["pos_ref.north"] and row["ekf.pos.north"]
         ]
     t = np.array([float(row["time.seconds"]) for row in rows])
     p, goal = (
@@ -225,8 +225,10 @@ def arena_of(data: Path, given: argparse.Namespace) -> dict[str, Any]:
                 "position": [round(float(row["ekf.pos.north"]), 3), round(float(row["ekf.pos.east"]), 3), 0],
                 "rpy_deg": [0, 0, round(math.degrees(float(row["ekf.att_euler.yaw"])), 2)],
             },
-            "params": of_today(ulog_params((data / f"setpoints_{real}.ulg").read_bytes()), hover),
         }
+        if given.params == "log":
+            log = (data / f"setpoints_{real}.ulg").read_bytes()
+            vehicles[name]["params"] = of_today(ulog_params(log), hover)
     return {
         "address": given.address,
         "world": {"seed": given.seed},
@@ -316,6 +318,9 @@ def main() -> int:
     options.add_argument("--repeat", type=int, default=1, help="flights, each with a seed of its own")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--autopilot", choices=["builtin", "px4"], default="builtin")
+    options.add_argument(
+        "--params", choices=["log", "profile"], default="log", help="the vehicles' parameters come from here"
+    )
     options.add_argument("--address", default="127.0.0.1")
     options.add_argument("--keep", type=Path, help="folder for the logs")
     given = options.parse_args()

@@ -55,6 +55,13 @@ def register(app: typer.Typer) -> None:
                 "--speed", metavar="X", help="simulated seconds per second, or max; as --set sim.speed=X"
             ),
         ] = None,
+        realtime: Annotated[
+            bool,
+            typer.Option(
+                "--realtime",
+                help="run the world at a higher priority than other programs (needs root); as --set sim.realtime=true",
+            ),
+        ] = False,
         allow_diff: Annotated[
             bool,
             typer.Option("--allow-diff", help="hardware need not hold what `arena params push` would write"),
@@ -86,6 +93,7 @@ def register(app: typer.Typer) -> None:
         """Start an arena and watch it until it is done or told to stop. Ctrl-C lands the vehicles first."""
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
         overrides += ["preflight.params=false"] if allow_diff else []
+        overrides += ["sim.realtime=true"] if realtime else []
         overrides += [f"sim.speed={speed}"] if speed is not None else []
         plan = _plan(file, overrides)
         for line in open_lines(plan):

@@ -20,9 +20,11 @@ from arena.schema.ports import COPILOT, LINK_BASE
 # numpy's own threads would steal the second core from the arena
 ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
 
-# While thirty processes start at once on two cores, time itself must go on: the world comes first, then what carries poses and
-# messages, then programs, then loggers. A negative value is taken where the system allows it.
+# Nice values, added to that of the caller. While thirty processes start at once on two cores, programs and loggers leave the
+# CPU to what carries simulated time, poses and messages. No process takes a higher priority than the caller's, unless
+# `sim.realtime` asks for it, or hardware flies and a copilot watches it. Where the system refuses, the caller's value stays.
 NICE_PROGRAM, NICE_LOGGER = 2, 6
+NICE_WORLD_REALTIME, NICE_COPILOT_FIRST = -10, -5
 
 # A real vehicle may be switched on long after the arena: what waits for it says so meanwhile.
 REAL_START_TIMEOUT_S = 600.0
@@ -32,14 +34,14 @@ COPILOT_SILENT_S = 5.0
 
 # kind -> (module, cpu budget [cores], memory budget [MB], further fields)
 _ROOMS: dict[str, tuple[str, float, float, dict[str, Any]]] = {
-    "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0, "nice": -10}),
+    "world": ("arena.sim", 0.8, 400.0, {"restart": Restart(), "start_timeout_s": 60.0}),
     # stopped, it is left alone: its PX4 goes on flying, and would fall with it
     "px4": ("arena.px4", 0.3, 150.0, {"restart": Restart(), "start_timeout_s": 60.0, "stopped_for_s": None}),
     "link": ("arena.fcu_link", 0.2, 120.0, {}),
     "mocap": ("arena.mocap.emulator", 0.3, 150.0, {}),
     "forward": ("arena.pose_forwarder", 0.1, 120.0, {}),
     "router": ("arena.mavlink_router", 0.4, 120.0, {}),
-    "copilot": ("arena.copilot", 0.4, 150.0, {"nice": -5}),
+    "copilot": ("arena.copilot", 0.4, 150.0, {}),
     "logger": ("arena.recorder", 0.15, 200.0, {"nice": NICE_LOGGER, "stop_timeout_s": 10.0}),
 }
 
@@ -150,7 +152,7 @@ def _room(
     arena: Arena, python: str, kind: Kind, name: str, v: Vehicle | None = None, needs: tuple[str, ...] = ()
 ) -> ProcessSpec:
     module, cpu, memory, more = _ROOMS[kind]
-    fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), **more}
+    fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), "nice": _first(arena, kind), **more}
     if v is not None and v.wire is not None:
         fields["start_timeout_s"] = REAL_START_TIMEOUT_S
     return ProcessSpec(
@@ -166,6 +168,15 @@ def _room(
         listens=tuple(_listens(arena, kind, v)),
         **fields,
     )
+
+
+def _first(arena: Arena, kind: Kind) -> int:
+    """Return the nice value of a room that must not wait for other programs, 0 where nothing asks for it."""
+    if kind == "world":
+        return NICE_WORLD_REALTIME if arena.sim.realtime else 0
+    if kind == "copilot":
+        return NICE_COPILOT_FIRST if arena.sim.realtime or arena.hardware else 0
+    return 0
 
 
 def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[Listen]:

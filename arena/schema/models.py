@@ -94,6 +94,8 @@ class Sim(Strict):
     """Simulated seconds per second, or `max`."""
     gui: bool = False
     """Show pybullet's window."""
+    realtime: bool = False
+    """Run the world at a higher priority than other programs (nice -10; needs root or CAP_SYS_NICE)."""
 
 
 class Px4Keys(Strict):

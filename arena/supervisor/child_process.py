@@ -199,7 +199,7 @@ def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
 
 def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
     """Runs in the child between fork and exec. None lets the faster vfork be used."""
-    if spec.outlives and not spec.nice:
+    if spec.outlives and not spec.nice and not os.getpriority(os.PRIO_PROCESS, 0):
         return None
     supervisor, nice, dies_with_us = os.getpid(), spec.nice, not spec.outlives
 
@@ -208,13 +208,13 @@ def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
             _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
             if os.getppid() != supervisor:  # it died before we asked
                 os._exit(1)
-        if nice:
-            with contextlib.suppress(OSError):
-                os.setpriority(os.PRIO_PROCESS, 0, nice)
+        with contextlib.suppress(OSError):
+            os.nice(nice)  # added to the caller's
+        if found := os.getpriority(os.PRIO_PROCESS, 0):
             # Where the kernel groups by session, every session has an equal share whatever its processes' nice values say: the
             # group has a nice value of its own.
             with contextlib.suppress(OSError):
-                _AUTOGROUP.write_text(str(nice))
+                _AUTOGROUP.write_text(str(found))
 
     return prepare
 

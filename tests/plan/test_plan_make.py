@@ -141,6 +141,12 @@ def test_the_commands(plan: Plan, tmp_path: Path) -> None:
     assert process(plan, "tool.rec").env[-2:] == (("A", "1"), ("B", "2"))
 
 
+def test_world_takes_a_higher_priority_only_when_asked(arena: Arena, plan: Plan) -> None:
+    assert all(spec.nice >= 0 for spec in plan.processes)
+    asked = dataclasses.replace(arena, sim=arena.sim.model_copy(update={"realtime": True}))
+    assert process(make_plan(asked, "py"), "world").nice == -10
+
+
 def test_every_room_that_names_a_slice_has_it(plan: Plan) -> None:
     for spec in plan.processes:
         for arg in spec.argv:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -110,6 +111,17 @@ def test_the_words_of_the_yaml_reach_the_program_as_they_are(start, tmp_path):
         told = json.loads(out.read_text())
         assert told[-len(NASTY) :] == NASTY and told[0] == str(program)
     assert not list(tmp_path.rglob("pwned"))
+
+
+def test_nice_value_of_a_process_is_added_to_the_callers(start, tmp_path):
+    out, mine = tmp_path / "nice", os.getpriority(os.PRIO_PROCESS, 0)
+    code = f"import os; open({str(out)!r}, 'w').write(str(os.getpriority(os.PRIO_PROCESS, 0)))"
+    for added in (0, 3):
+        alone = ProcessSpec(
+            name="x", kind="program", argv=(sys.executable, "-c", code), ready="started", nice=added
+        )
+        assert start(plan_of(alone), "until_done").wait(60) == 0
+        assert int(out.read_text()) == min(mine + added, 19)
 
 
 @pytest.mark.parametrize("name", ["a b", "a;b", "$(a)", "a'b", "../a", "a/b", "-a", ""])
