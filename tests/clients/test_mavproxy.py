@@ -103,7 +103,7 @@ def console(site: Site, tmp_path: Path) -> Iterator[Console]:
     made.close()
 
 
-def test_it_reads_and_sets_parameters(console: Console) -> None:
+def test_mavproxy_reads_and_sets_parameters(console: Console) -> None:
     console.until("Received ", 90)
     console.type("param set MPC_XY_CRUISE 4")
     console.insist("param show MPC_XY_CRUISE", r"MPC_XY_CRUISE\s+4\.0")
@@ -111,7 +111,7 @@ def test_it_reads_and_sets_parameters(console: Console) -> None:
     console.insist("param show SYS_FAILURE_EN", r"SYS_FAILURE_EN\s+1")
 
 
-def test_it_arms_takes_off_holds_and_lands(console: Console, site: Site) -> None:
+def test_mavproxy_arms_takes_off_holds_and_lands(console: Console, site: Site) -> None:
     console.type("param set MIS_TAKEOFF_ALT 1.5")
     console.ask("long DO_SET_MODE 1 4 2", "Mode TAKEOFF")
     console.ask("arm throttle", "ARMED")
@@ -122,7 +122,7 @@ def test_it_arms_takes_off_holds_and_lands(console: Console, site: Site) -> None
     site.down()
 
 
-def test_it_loads_lists_and_flies_a_mission(console: Console, site: Site, tmp_path: Path) -> None:
+def test_mavproxy_uploads_and_flies_a_mission(console: Console, site: Site, tmp_path: Path) -> None:
     lat, lon = 47.397742, 8.545594
     north = lat + math.degrees(2.0 / 6_371_000.0)
     rows = [(22, 0.0, lat, 3.0), (16, 0.4, north, 3.0), (21, 0.0, lat, 0.0)]

@@ -133,7 +133,7 @@ async def up_in_offboard(drone: Drone, site: Site, height: float = 2.0) -> None:
     await eventually(near(site, 0, 0, -height), 20, site.position)
 
 
-def test_telemetry_knows_where_it_is_and_that_it_may_fly(site: Site) -> None:
+def test_mavsdk_telemetry_reports_position_and_health(site: Site) -> None:
     async def look(drone: Drone) -> None:
         t = drone.telemetry
         health = await until(t.subscribe_health(), lambda h: h.is_armable)
@@ -161,7 +161,7 @@ def test_telemetry_knows_where_it_is_and_that_it_may_fly(site: Site) -> None:
     fly(site, look)
 
 
-def test_parameters_of_both_types_are_read_and_written_and_an_unknown_one_fails(site: Site) -> None:
+def test_mavsdk_parameters_are_read_and_written(site: Site) -> None:
     async def tune(drone: Drone) -> None:
         p = drone.param
         await p.set_param_float("MPC_XY_CRUISE", 4.0)
@@ -178,7 +178,7 @@ def test_parameters_of_both_types_are_read_and_written_and_an_unknown_one_fails(
     fly(site, tune)
 
 
-def test_actions_take_off_go_somewhere_hold_and_return(site: Site) -> None:
+def test_mavsdk_actions_take_off_goto_hold_and_return(site: Site) -> None:
     async def act(drone: Drone) -> None:
         a, t = drone.action, drone.telemetry
         await a.set_takeoff_altitude(2.0)
@@ -199,7 +199,7 @@ def test_actions_take_off_go_somewhere_hold_and_return(site: Site) -> None:
     fly(site, act)
 
 
-def test_a_take_off_that_is_not_armed_and_an_offboard_without_setpoint_are_refused(site: Site) -> None:
+def test_mavsdk_invalid_requests_are_refused(site: Site) -> None:
     async def try_it(drone: Drone) -> None:
         with pytest.raises(MavsdkError):
             await drone.offboard.start()
@@ -207,7 +207,7 @@ def test_a_take_off_that_is_not_armed_and_an_offboard_without_setpoint_are_refus
     fly(site, try_it)
 
 
-def test_offboard_flies_every_kind_of_setpoint(site: Site) -> None:
+def test_mavsdk_offboard_flies_every_setpoint_type(site: Site) -> None:
     async def offboard(drone: Drone) -> None:
         o, t = drone.offboard, drone.telemetry
         await up_in_offboard(drone, site)
@@ -259,7 +259,7 @@ def at(north: float, east: float, up: float, **more: Any) -> MissionItem:
     return MissionItem(lat, lon, up, **given)
 
 
-def test_a_mission_is_uploaded_read_back_flown_paused_and_cleared(site: Site) -> None:
+def test_mavsdk_mission_is_uploaded_flown_paused_and_cleared(site: Site) -> None:
     async def mission(drone: Drone) -> None:
         m, t = drone.mission, drone.telemetry
         plan = [at(0, 0, 2), at(3, 0, 2), at(3, 3, 2)]
@@ -282,7 +282,7 @@ def test_a_mission_is_uploaded_read_back_flown_paused_and_cleared(site: Site) ->
     fly(site, mission)
 
 
-def test_failures_are_injected_where_they_are_known_and_refused_where_not(site: Site) -> None:
+def test_mavsdk_failure_injection(site: Site) -> None:
     async def fail(drone: Drone) -> None:
         f, p = drone.failure, drone.param
         if site.kind == "builtin":  # PX4 v1.16 looks at it for its own console alone, not for MAVLink

@@ -23,7 +23,7 @@ PX4_VEHICLE = ", gps: true, forward: false"
 PROGRAM = Path(__file__).parent / "take_off_and_land.py"
 
 
-def test_it_takes_off_and_lands(site: Site) -> None:
+def test_mavsdk_grpc_takes_off_and_lands(site: Site) -> None:
     site.ready()
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

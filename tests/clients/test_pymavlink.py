@@ -76,7 +76,7 @@ def ready(link: Any, limit_s: float = 60.0) -> None:
     assert wait_for(link, "SYS_STATUS", lambda m: bool(m.onboard_control_sensors_health & bit), limit_s)
 
 
-def test_mavparm_sets_both_types_and_a_file_of_all_parameters_can_be_saved(link: Any, tmp_path: Path) -> None:
+def test_mavparm_sets_and_saves_parameters(link: Any, tmp_path: Path) -> None:
     params = mavparm.MAVParmDict()
     link.param_fetch_all()
     count = 1
@@ -96,7 +96,7 @@ def test_mavparm_sets_both_types_and_a_file_of_all_parameters_can_be_saved(link:
     assert len((tmp_path / "all.parm").read_text().splitlines()) >= 0.9 * count
 
 
-def test_it_arms_takes_off_by_mode_and_lands(link: Any, site: Site) -> None:
+def test_pymavlink_arms_takes_off_by_mode_and_lands(link: Any, site: Site) -> None:
     ready(link)
     link.set_mode("TAKEOFF")
     link.arducopter_arm()
@@ -107,7 +107,7 @@ def test_it_arms_takes_off_by_mode_and_lands(link: Any, site: Site) -> None:
     site.down()
 
 
-def test_mavwp_s_list_is_uploaded_item_by_item_flown_and_its_end_told(link: Any, site: Site) -> None:
+def test_mavwp_mission_is_uploaded_and_flown(link: Any, site: Site) -> None:
     ready(link)
     loader = mavwp.MAVWPLoader(site.vehicle, 1)
     relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT

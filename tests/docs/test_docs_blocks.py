@@ -32,7 +32,7 @@ def lines(block: Block) -> list[list[str]]:
 ARENA_LINES = [(block, words[1:]) for block in SHELL for words in lines(block) if words[0] == "arena"]
 
 
-def test_the_pages_hold_blocks_of_each_kind():
+def test_pages_contain_blocks_of_each_kind():
     assert len(SHELL) > 10 and len(YAML) > 8 and len(PYTHON) > 6 and len(ARENA_LINES) > 20
 
 
@@ -40,7 +40,7 @@ def test_the_pages_hold_blocks_of_each_kind():
 
 
 @pytest.mark.parametrize("block", SHELL, ids=str)
-def test_every_command_is_one_that_the_pages_may_name(block):
+def test_shell_blocks_use_known_commands(block):
     for words in lines(block):
         assert words[0] in ("arena", "make", "pip", "python"), words
         if words[0] == "make":
@@ -49,7 +49,7 @@ def test_every_command_is_one_that_the_pages_may_name(block):
 
 
 @pytest.mark.parametrize("words", [w for _, w in ARENA_LINES], ids=" ".join)
-def test_every_arena_line_is_one_that_the_command_takes(words):
+def test_arena_lines_are_accepted_by_the_command(words):
     assert parsed(words).command.name == words[0]
 
 
@@ -71,7 +71,7 @@ def parsed(words: list[str]) -> Any:
 @pytest.mark.parametrize(
     "line", ["upp", "up --headles", "logs", "plan a.yaml b.yaml", "up --time-limit soon", "land-all --only"]
 )
-def test_a_line_that_the_command_does_not_take_would_be_found(line):
+def test_invalid_arena_line_is_detected(line):
     with pytest.raises(NotTakenError):
         parsed(line.split())
 
@@ -105,7 +105,7 @@ def lab(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("block", YAML, ids=str)
-def test_every_yaml_block_is_an_arena_a_part_of_one_a_scenario_or_a_workflow_of_such_lines(block, tmp_path):
+def test_yaml_blocks_are_valid(block, tmp_path):
     found = yaml.safe_load(block.text)
     if "steps" in found:
         assert scenarios_of(block.text, found, tmp_path)
@@ -146,7 +146,7 @@ def stub(found: object, folder: Path) -> None:
             (px4 / name).touch(0o755)
 
 
-def test_the_arena_of_the_readme_is_the_first_example():
+def test_readme_arena_is_the_first_example():
     first = next(b for b in YAML if b.page.name == "README.md")
     assert yaml.safe_load(first.text) == yaml.safe_load(
         (ROOT / "examples/01_two_quads/arena.yaml").read_text()
@@ -165,7 +165,7 @@ GROUPS = {
 
 
 @pytest.mark.parametrize("block", PYTHON, ids=str)
-def test_every_python_block_compiles_and_names_what_uav_has(block):
+def test_python_blocks_compile_and_use_existing_names(block):
     tree = ast.parse(block.text)
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute):
@@ -189,14 +189,14 @@ def check(node: ast.Attribute) -> None:
 NAMES = {*dir(UAV), "ekf", "sen", "act", "info", "clock", "args"}
 
 
-def test_the_hello_world_of_the_readme_has_ten_lines_or_fewer():
+def test_readme_hello_world_is_short():
     hello = next(b for b in PYTHON if b.page.name == "README.md")
     assert len(hello.text.splitlines()) <= 10
 
 
 @pytest.mark.parametrize("text", ["uav.set_pos(1)", "uav.ekf.position", "from arena import Drone"])
-def test_a_name_that_is_not_there_would_be_found(text):
+def test_unknown_name_in_a_python_block_is_detected(text):
     with pytest.raises(AssertionError):
-        test_every_python_block_compiles_and_names_what_uav_has(
+        test_python_blocks_compile_and_use_existing_names(
             Block(page=ROOT, line=0, language="python", text=text)
         )

@@ -20,7 +20,7 @@ IDS = [str(page.relative_to(ROOT)) for page in PAGES]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=IDS)
-def test_every_link_inside_the_repository_leads_to_a_page_and_its_heading(page):
+def test_internal_links_resolve(page):
     for link in _LINK.findall(_CODE.sub("", page.read_text())):
         if not link.startswith("https://"):
             path, _, anchor = link.partition("#")
@@ -35,14 +35,14 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
-def test_every_page_is_listed_in_the_index():
+def test_every_page_is_in_the_index():
     index = ROOT / "docs" / "index.md"
     listed = {(index.parent / link).resolve() for link in _LINK.findall(index.read_text())}
     assert {page for page in PAGES if page.parent != ROOT} - listed == {index}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=IDS)
-def test_no_page_names_a_place_of_one_machine(page):
+def test_no_page_contains_a_path_of_one_machine(page):
     # Of this machine as it is, for no machine's own paths belong into the test either.
     here = {str(Path.home()), str(ROOT), str(ROOT.parent), tempfile.gettempdir()} - {"/"}
     for word in (*(re.escape(f"{folder}/") for folder in here), r"/home/\w+", r"index-url"):
@@ -54,7 +54,7 @@ def test_picture_of_the_readme_is_small():
 
 
 @pytest.mark.parametrize("word", sorted({value or key.rpartition(".")[2] for key, value in NOT_YET}))
-def test_the_readme_tells_what_the_yaml_refuses(word):
+def test_readme_names_unavailable_yaml_values(word):
     text = (ROOT / "README.md").read_text().partition("## What it can do")[2].partition("\n## Install")[0]
     assert word in text or word in DETAILS
 
@@ -70,7 +70,7 @@ MESSAGES = re.findall(r"^### `(.+)`$", TROUBLE, re.M)
 
 
 @pytest.mark.parametrize("message", MESSAGES)
-def test_every_message_is_one_of_the_code(message):
+def test_troubleshooting_messages_exist_in_the_code(message):
     wanted = [part for part in message.split("…") if part.strip(" ;:()")]
     assert any(in_order(wanted, text) for text in texts()), message
 
@@ -78,9 +78,9 @@ def test_every_message_is_one_of_the_code(message):
 @pytest.mark.parametrize(
     "message", ["the vehicle has left OFFBOARD", "the vehicle left OFFBOARD … and was in …"]
 )
-def test_a_message_that_is_not_there_would_be_found(message):
+def test_missing_troubleshooting_message_is_detected(message):
     with pytest.raises(AssertionError):
-        test_every_message_is_one_of_the_code(message)
+        test_troubleshooting_messages_exist_in_the_code(message)
 
 
 def in_order(parts: list[str], text: str) -> bool:

@@ -103,7 +103,7 @@ def resident_mb(flight: Flight) -> dict[str, float]:
     return {name: psutil.Process(m.pid).memory_info().rss / 1e6 for name, m in flight.state.processes.items()}
 
 
-def test_no_bytes_at_any_port_disturb_a_flight(hangar: Hangar) -> None:
+def test_garbage_on_any_port_does_not_disturb_a_flight(hangar: Hangar) -> None:
     flight = hangar.fly(VEHICLES, "--until-done", "--time-limit", "90")
     flight.until_up(0.9)
     where, before = ports(flight), resident_mb(flight)

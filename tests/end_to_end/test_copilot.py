@@ -30,7 +30,7 @@ def hung(hangar: Hangar, more: str, *options: str) -> Flight:
     return hangar.up(file, *options)
 
 
-def test_a_program_hung_behind_an_sdk_is_landed_by_its_heartbeat(hangar: Hangar) -> None:
+def test_hung_sdk_program_is_landed_when_its_heartbeat_stops(hangar: Hangar) -> None:
     flight = hung(hangar, "copilot: {}")
     flight.until_up()
     flight.until_disarmed(["uav1"], 60)
@@ -38,7 +38,7 @@ def test_a_program_hung_behind_an_sdk_is_landed_by_its_heartbeat(hangar: Hangar)
     assert "its program has not beaten for" in said
 
 
-def test_without_a_copilot_it_hovers_for_ever(hangar: Hangar) -> None:
+def test_hung_sdk_program_hovers_without_a_copilot(hangar: Hangar) -> None:
     flight = hung(hangar, "", "--speed", "max", "--no-report")
     flight.until_up()
     eventually(lambda: "hangs" in flight.log("program.uav1"), 60, "the program hangs", flight.said)
@@ -74,7 +74,7 @@ def bereft(hangar: Hangar, copilot: str, number: int = signal.SIGKILL) -> Flight
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_copilot_that_is_killed_or_hangs_has_everybody_landed_and_the_arena_says_why(
+def test_all_vehicles_land_when_the_copilot_is_lost(
     hangar: Hangar, number: int
 ) -> None:
     flight = bereft(hangar, "copilot: {}", number)
@@ -86,7 +86,7 @@ def test_a_copilot_that_is_killed_or_hangs_has_everybody_landed_and_the_arena_sa
 
 
 @pytest.mark.parametrize(("on_loss", "starts"), [("restart", 2), ("warn", 1)])
-def test_a_copilot_that_need_not_be_there_is_missed_and_the_flight_goes_on(
+def test_flight_continues_without_an_optional_copilot(
     hangar: Hangar, on_loss: str, starts: int
 ) -> None:
     flight = bereft(hangar, f"copilot: {{on_loss: {on_loss}}}")
@@ -96,7 +96,7 @@ def test_a_copilot_that_need_not_be_there_is_missed_and_the_flight_goes_on(
     assert code == (0 if on_loss == "restart" else 1)
 
 
-def test_a_flight_that_does_nothing_wrong_is_left_alone(hangar: Hangar) -> None:
+def test_copilot_does_not_interfere_with_a_correct_flight(hangar: Hangar) -> None:
     flight = touring(hangar, "copilot: {}", "--until-done", "--speed", "max")
     assert flight.wait(240) == 0, flight.said()
     assert [e["event"] for e in flight.events("copilot") if "event" in e] == []

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.flight
 BAD = {"thrower": "throws", "spinner": "spins", "frozen": "freezes", "killed": "is_killed"}
 
 
-def test_a_bad_program_lands_its_vehicle_by_the_offboard_failsafe_and_no_other(hangar: Hangar) -> None:
+def test_failing_program_lands_only_its_own_vehicle(hangar: Hangar) -> None:
     flight = hangar.fly({**BAD, "good": "tours"}, "--until-done")
     flight.until_up()
     flight.until_disarmed(BAD, 25)

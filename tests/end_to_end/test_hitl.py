@@ -51,7 +51,7 @@ def switch_on(params: dict[str, float], device: str, folder: Path) -> subprocess
     return subprocess.Popen([sys.executable, str(BOARD), device, "6", str(file)])
 
 
-def test_it_flies_the_first_example_and_lands(
+def test_hitl_flies_the_first_example_and_lands(
     hangar: Hangar, yaml: Path, serial_cable: tuple[str, str], running: list[subprocess.Popen[bytes]]
 ) -> None:
     running.append(switch_on(params_of(yaml), serial_cable[1], hangar.folder))
@@ -65,7 +65,7 @@ def test_it_flies_the_first_example_and_lands(
     flight.assert_nothing_left()
 
 
-def test_a_board_without_its_parameters_does_not_arm_and_the_file_for_it_is_there(
+def test_hitl_board_without_parameters_does_not_arm(
     hangar: Hangar, yaml: Path, serial_cable: tuple[str, str], running: list[subprocess.Popen[bytes]]
 ) -> None:
     wrong = {**params_of(yaml), "SYS_HITL": 0}

@@ -55,7 +55,7 @@ def assert_down(flight: Flight) -> None:
     "names", [*((name,) for name in HELPERS), HELPERS], ids=lambda x: "+".join(x) if len(x) < 4 else "all"
 )
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
-def test_it_lands_all_without(hangar: Hangar, names: tuple[str, ...], number: signal.Signals) -> None:
+def test_land_all_works_without_other_processes(hangar: Hangar, names: tuple[str, ...], number: signal.Signals) -> None:
     flight = hangar.fly(VEHICLES, *IDS, more="copilot: {}\n")
     flight.until_up(0.9)
     hit(flight, names, number)
@@ -72,7 +72,7 @@ def test_it_lands_all_without(hangar: Hangar, names: tuple[str, ...], number: si
     flight.assert_nothing_left()
 
 
-def test_two_at_once_without_a_router_both_confirm(hangar: Hangar) -> None:
+def test_two_simultaneous_land_alls_both_confirm(hangar: Hangar) -> None:
     flight = hangar.fly(VEHICLES, *IDS)
     flight.until_up(0.9)
     hit(flight, ("supervisor", "router"), signal.SIGSTOP)
@@ -90,7 +90,7 @@ def test_two_at_once_without_a_router_both_confirm(hangar: Hangar) -> None:
     assert flight.wait() == 1
 
 
-def test_by_a_yaml_that_was_edited_since_the_start_it_lands_the_running_plan(hangar: Hangar) -> None:
+def test_land_all_follows_the_running_plan_not_an_edited_yaml(hangar: Hangar) -> None:
     flight = hangar.fly(VEHICLES, *IDS)
     flight.until_up(0.9)
     file = hangar.folder / "arena.yaml"
@@ -100,7 +100,7 @@ def test_by_a_yaml_that_was_edited_since_the_start_it_lands_the_running_plan(han
     assert flight.wait() == 1
 
 
-def test_the_landing_is_soft_and_the_programs_are_told(hangar: Hangar) -> None:
+def test_landing_is_soft_and_programs_see_the_mode_change(hangar: Hangar) -> None:
     flight = hangar.fly(VEHICLES, *IDS)
     flight.until_up(0.9)
     assert_all_landed(flight, "--run", str(flight.folder))
@@ -120,7 +120,7 @@ def test_the_landing_is_soft_and_the_programs_are_told(hangar: Hangar) -> None:
     flight.assert_nothing_left()
 
 
-def test_a_hung_router_keeps_the_end_from_landing_no_more_than_the_panic_path(hangar: Hangar) -> None:
+def test_ctrl_c_lands_with_a_hung_router(hangar: Hangar) -> None:
     flight = hangar.fly(VEHICLES, *IDS)
     flight.until_up(0.9)
     os.kill(flight.pid("router"), signal.SIGSTOP)

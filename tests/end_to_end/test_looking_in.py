@@ -76,7 +76,7 @@ def client(flying: Flight) -> Iterator[Any]:
         each.close()
 
 
-def test_an_sdk_hears_its_own_vehicle_only_and_reads_a_parameter(flying: Flight, client: Any) -> None:
+def test_sdk_port_carries_one_vehicle_only(flying: Flight, client: Any) -> None:
     for number, vehicle in enumerate(VEHICLES, start=1):
         serve = flying.json("slices/router.json")["vehicles"][number - 1]["serve"][1]
         sdk = client(SDK_PORT + number, serve, 190)
@@ -91,7 +91,7 @@ def test_an_sdk_hears_its_own_vehicle_only_and_reads_a_parameter(flying: Flight,
         assert [m.param_id for m in sdk.heard if m.get_type() == "PARAM_VALUE"] == ["MAV_SYS_ID"]
 
 
-def test_a_ground_station_sees_every_vehicle_and_asks_one(flying: Flight, client: Any) -> None:
+def test_ground_station_receives_every_vehicle(flying: Flight, client: Any) -> None:
     station = client(GROUND_STATION_PORT, ROUTER_TO_STATIONS, 190)
     station.until_heard("HEARTBEAT", {1, 2})
     station.send(mavlink.MAVLink_param_request_read_message(2, 1, b"MPC_LAND_SPEED", -1))
@@ -108,7 +108,7 @@ def test_mavsdk_connects_and_reads_a_parameter(flying: Flight) -> None:
     assert told == {"heard": [2], "descent_m_s": pytest.approx(0.7), "armed": True}
 
 
-def test_ps_tells_every_process_and_vehicle(flying: Flight) -> None:
+def test_ps_lists_every_process_and_vehicle(flying: Flight) -> None:
     told = flying.cli("ps", "--json")
     assert told.returncode == 0, told.stderr
     status = json.loads(told.stdout)
@@ -132,18 +132,18 @@ def test_ps_tells_every_process_and_vehicle(flying: Flight) -> None:
     assert all(name in table for name in status["processes"])
 
 
-def test_a_log_can_be_read_and_one_of_nobody_is_refused(flying: Flight) -> None:
+def test_logs_prints_a_log_and_refuses_an_unknown_process(flying: Flight) -> None:
     assert flying.cli("logs", "program.uav1").stdout == "above\n"
     nobody = flying.cli("logs", "program.uav9")
     assert nobody.returncode == 2 and "program.uav1" in nobody.stderr
 
 
-def test_a_second_arena_on_its_address_is_refused_and_named(flying: Flight) -> None:
+def test_second_arena_on_the_same_address_is_refused(flying: Flight) -> None:
     again = flying.cli("up", str(flying.folder / "arena.yaml"), "--headless")
     assert again.returncode == 1 and str(flying.folder) in again.stderr and "is up on" in again.stderr
 
 
-def test_a_forwarder_restarts_in_flight_without_the_vehicle_noticing(flying: Flight) -> None:
+def test_forwarder_restart_in_flight_keeps_the_vehicle_flying(flying: Flight) -> None:
     first = flying.pid("forward.uav1")
     poses = flying.status()["processes"]["world"]["stats"]["autopilot"]["uav1"]["vision"]
     assert flying.cli("restart", "forward.uav1").returncode == 0
@@ -167,7 +167,7 @@ def test_a_forwarder_restarts_in_flight_without_the_vehicle_noticing(flying: Fli
     )
 
 
-def test_at_the_end_a_followed_log_ends_too_and_all_have_landed(flying: Flight) -> None:
+def test_followed_log_ends_with_the_arena(flying: Flight) -> None:
     with flying.popen("logs", "program.uav1", "-f", "--run", str(flying.folder)) as follower:
         assert follower.stdout is not None and follower.stdout.readline() == "above\n"
         down = flying.cli("down")

@@ -54,7 +54,7 @@ def up(
     )
 
 
-def test_a_real_and_a_simulated_vehicle_fly_one_program_unchanged(hangar: Hangar, room: PosingRoom) -> None:
+def test_real_and_simulated_vehicle_fly_the_same_program(hangar: Hangar, room: PosingRoom) -> None:
     flight = up(hangar, room, EXAMPLE, "--until-done")
     highest = 0.0
 
@@ -80,7 +80,7 @@ def test_a_real_and_a_simulated_vehicle_fly_one_program_unchanged(hangar: Hangar
     flight.assert_nothing_left()
 
 
-def test_a_gate_that_does_not_hold_refuses_arming_with_its_reason(hangar: Hangar, room: PosingRoom) -> None:
+def test_failed_preflight_check_refuses_arming_with_its_reason(hangar: Hangar, room: PosingRoom) -> None:
     flight = up(hangar, room, EXAMPLE, "--until-done", more=", params: {COM_OF_LOSS_T: 7}")
     assert flight.wait(120) == 1
     assert "COM_OF_LOSS_T" in flight.log("program.uav2") and "Preflight" in flight.log("program.uav2")
@@ -89,7 +89,7 @@ def test_a_gate_that_does_not_hold_refuses_arming_with_its_reason(hangar: Hangar
     assert flight.summary["vehicles"]["uav1"]["landing"]["landed"]  # the other has flown
 
 
-def test_land_all_lands_both_with_the_supervisor_and_the_router_gone(
+def test_land_all_lands_a_mixed_fleet_without_supervisor_and_router(
     hangar: Hangar, room: PosingRoom
 ) -> None:
     flight = up(hangar, room, PROGRAMS / "fly.py", args="hovers")

@@ -60,7 +60,7 @@ def yaml(folder: Path, autopilot: str) -> Path:
 
 
 @pytest.mark.parametrize("autopilot", ["builtin", "stand-in", pytest.param("real", marks=pytest.mark.px4)])
-def test_the_list_is_whole_sixty_are_written_and_an_unknown_name_is_told_apart(
+def test_parameters_are_listed_written_and_unknown_names_reported(
     hangar: Hangar, autopilot: str
 ) -> None:
     options = ["--set", "px4.home=stand-in"] if autopilot == "stand-in" else []
@@ -94,7 +94,7 @@ def test_the_list_is_whole_sixty_are_written_and_an_unknown_name_is_told_apart(
 
 
 @pytest.mark.parametrize("autopilot", ["builtin", pytest.param("real", marks=pytest.mark.px4)])
-def test_by_the_command_line_what_is_pushed_is_what_the_yaml_asks_for(hangar: Hangar, autopilot: str) -> None:
+def test_params_push_writes_what_the_yaml_asks_for(hangar: Hangar, autopilot: str) -> None:
     if autopilot == "real" and ((found := find_px4()) is None or found.stand_in):
         pytest.skip("no PX4 is found: set PX4_HOME")
     file = yaml(hangar.folder, "builtin" if autopilot == "builtin" else "px4")

@@ -62,7 +62,7 @@ def px4_process(flight: Flight, vehicle: str) -> psutil.Process:
 
 
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
-def test_px4_and_the_built_in_autopilot_fly_side_by_side_in_one_arena(hangar: Hangar, px4: list[str]) -> None:
+def test_px4_and_builtin_autopilot_fly_in_one_arena(hangar: Hangar, px4: list[str]) -> None:
     flight = hangar.fly(
         {"uav1": "lands", "uav2": "lands"}, "--until-done", "--time-limit", "90", *px4, *flown_by_px4("uav1")
     )
@@ -87,7 +87,7 @@ def test_px4_and_the_built_in_autopilot_fly_side_by_side_in_one_arena(hangar: Ha
 
 
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
-def test_one_killed_and_one_stopped_for_a_second_are_told_apart_and_the_others_fly_on(
+def test_killed_px4_falls_and_stopped_px4_recovers(
     hangar: Hangar, px4: list[str]
 ) -> None:
     flight = hangar.fly(
@@ -134,7 +134,7 @@ def landed_all(said: str) -> bool:
 @pytest.mark.parametrize(
     "script", ["echo libfoo.so.1: no such file >&2; exit 127", "exec sleep 1000"], ids=["exits", "hangs"]
 )
-def test_one_that_never_connects_is_explained_and_the_other_flies_lands_and_ends_at_once(
+def test_px4_that_never_connects_is_reported_and_others_fly(
     hangar: Hangar, script: str
 ) -> None:
     """Of a PX4 that is installed, and does not run."""
@@ -231,7 +231,7 @@ def example(shared_hangar: Hangar) -> Iterator[Example]:
 
 @pytest.mark.px4
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_the_first_example_reaches_every_setpoint_with_the_real_px4(example: Example, vehicle: str) -> None:
+def test_real_px4_reaches_every_setpoint_of_the_first_example(example: Example, vehicle: str) -> None:
     told = example[0].summary["vehicles"][vehicle]
     assert told["judged_by"] == "truth" and len(told["setpoints"]["each"]) == 5
     assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"])
@@ -240,7 +240,7 @@ def test_the_first_example_reaches_every_setpoint_with_the_real_px4(example: Exa
 
 @pytest.mark.px4
 @pytest.mark.parametrize("system", [FIRST_ID, FIRST_ID + 1], ids=VEHICLES)
-def test_its_estimator_fused_vision_and_nothing_hindered_another_start(example: Example, system: int) -> None:
+def test_real_px4_estimator_fuses_external_vision(example: Example, system: int) -> None:
     station = example[1]
     held = mavlink.ESTIMATOR_ATTITUDE | mavlink.ESTIMATOR_VELOCITY_HORIZ | mavlink.ESTIMATOR_VELOCITY_VERT
     held |= mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_VERT_ABS
@@ -261,7 +261,7 @@ def test_its_estimator_fused_vision_and_nothing_hindered_another_start(example: 
 
 @pytest.mark.px4
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_its_own_log_lies_in_the_run_and_the_summary_says_where(example: Example, vehicle: str) -> None:
+def test_run_folder_contains_the_ulog_of_px4(example: Example, vehicle: str) -> None:
     flight, _ = example
     told = flight.summary["px4"][vehicle]
     assert told["version"].startswith("1.") and not told["stand_in"] and len(told["ulogs"]) == 1
@@ -272,7 +272,7 @@ def test_its_own_log_lies_in_the_run_and_the_summary_says_where(example: Example
 
 @pytest.mark.px4
 @pytest.mark.crowd
-def test_the_ten_vehicle_example_flies_unchanged_on_ten_real_px4(hangar: Hangar) -> None:
+def test_ten_real_px4_fly_the_ten_vehicle_example(hangar: Hangar) -> None:
     real_px4()
     yaml = ROOT / "examples" / "10_ten_quads" / "arena.yaml"
     names = [v.name for v in load_arena(yaml, ["defaults.autopilot=builtin"]).vehicles]
@@ -292,7 +292,7 @@ def test_the_ten_vehicle_example_flies_unchanged_on_ten_real_px4(hangar: Hangar)
 
 
 @pytest.mark.px4
-def test_both_are_armed_in_time_and_nothing_of_the_real_px4_is_left(example: Example) -> None:
+def test_real_px4_arms_in_time_and_leaves_no_process(example: Example) -> None:
     flight, _ = example
     first_up = max(flight.summary["vehicles"][v]["airborne_after_s"] for v in VEHICLES)
     print(f"all airborne after {first_up} s")

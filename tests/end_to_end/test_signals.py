@@ -33,7 +33,7 @@ def assert_landed_softly(flight: Flight, vehicle: str) -> None:
         (signal.SIGHUP, 0, "SIGHUP"),
     ],
 )
-def test_a_signal_in_flight_lands_then_stops(hangar: Hangar, number: int, code: int, cause: str) -> None:
+def test_signal_in_flight_lands_then_stops(hangar: Hangar, number: int, code: int, cause: str) -> None:
     flight = hangar.fly({"uav1": "hovers"})
     flight.until_up(0.9)
     flight.signal(number)
@@ -44,7 +44,7 @@ def test_a_signal_in_flight_lands_then_stops(hangar: Hangar, number: int, code: 
     flight.assert_nothing_left()
 
 
-def test_ctrl_c_again_and_again_disarms_nothing_in_the_air(hangar: Hangar) -> None:
+def test_repeated_ctrl_c_never_disarms_in_flight(hangar: Hangar) -> None:
     flight = hangar.fly({"uav1": "spins", "uav2": "hovers"})
     flight.until_up(0.9)
     flight.signal(signal.SIGINT)

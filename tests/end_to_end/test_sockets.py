@@ -63,7 +63,7 @@ def compare(planned: list[Door], found: set[Open]) -> tuple[set[Open], list[Door
     return unplanned, missing
 
 
-def test_every_open_socket_is_in_the_plan_and_every_planned_one_is_open(flight: Flight) -> None:
+def test_open_sockets_match_the_plan(flight: Flight) -> None:
     text = (flight.folder / "plan.json").read_text().replace("{rt}", flight.state.rt)
     plan = Plan.from_json(text)
     state = flight.state
@@ -93,7 +93,7 @@ def test_every_open_socket_is_in_the_plan_and_every_planned_one_is_open(flight: 
     assert Path(state.rt).stat().st_mode & 0o777 == 0o700, "what is in it is for the owner alone"
 
 
-def test_the_comparison_tells_both_ways() -> None:
+def test_socket_comparison_finds_missing_and_extra_sockets() -> None:
     one = Door(process="x", protocol="udp", address="127.0.0.1", port=5, what="", who="")
     some = Door(process="x", protocol="udp", address="127.0.0.1", port=0, what="", who="")
     assert compare([one, some], {("udp", "127.0.0.1", 5), ("udp", "127.0.0.1", 40000)}) == (set(), [])

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.flight
 VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
 
 
-def test_without_its_supervisor_an_arena_lands_and_ends_by_itself(hangar: Hangar) -> None:
+def test_arena_without_supervisor_lands_and_ends(hangar: Hangar) -> None:
     flight = hangar.fly(VEHICLES)
     flight.until_up(0.9)
     programs = [flight.pid(f"program.{v}") for v in VEHICLES]
@@ -39,7 +39,7 @@ def test_without_its_supervisor_an_arena_lands_and_ends_by_itself(hangar: Hangar
     again.assert_nothing_left()
 
 
-def test_the_next_start_lands_and_sweeps_what_a_killed_supervisor_left_flying(hangar: Hangar) -> None:
+def test_next_start_lands_and_cleans_up_an_orphaned_arena(hangar: Hangar) -> None:
     flight = hangar.fly({"uav1": "hovers"})
     flight.until_up(0.9)
     world = psutil.Process(flight.pid("world"))

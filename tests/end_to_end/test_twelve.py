@@ -47,7 +47,7 @@ def plan(tmp_path: Path) -> Plan:
     return make_plan(load_arena(twelve(tmp_path), ["px4.home=stand-in"]))
 
 
-def test_every_port_and_every_number_is_given_once(plan: Plan) -> None:
+def test_ports_and_ids_are_unique(plan: Plan) -> None:
     owners = Counter((x.protocol, x.port) for spec in plan.processes for x in spec.listens)
     assert len(owners) > 12 * 9 and set(owners.values()) == {1}
     slices = [plan.slices[f"px4.{name}.json"] for name in NAMES]
@@ -59,7 +59,7 @@ def test_every_port_and_every_number_is_given_once(plan: Plan) -> None:
         assert f"param set MAV_SYS_ID {v.id}\n" in s["scripts"]["px4-rc.mavlinksim"]
 
 
-def test_both_ends_of_every_link_name_each_other_and_nobody_else(plan: Plan) -> None:
+def test_both_ends_of_every_link_match(plan: Plan) -> None:
     """What an autopilot sends to is what its partner has bound, and the other way round."""
     routed = {v["name"]: v["link"] for v in plan.slices["router.json"]["vehicles"]}
     ends = []
@@ -124,7 +124,7 @@ def assert_logged_at_home(flight: Flight, name: str) -> None:
 @pytest.mark.crowd
 @pytest.mark.nightly
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
-def test_twelve_stand_each_in_its_own_place_and_nobody_hears_another(hangar: Hangar, px4: list[str]) -> None:
+def test_twelve_vehicles_do_not_receive_each_others_messages(hangar: Hangar, px4: list[str]) -> None:
     station = GroundStation(hangar.address)
     flight = hangar.up(twelve(hangar.folder, hangar.address), "--time-limit", "150", *px4)
     try:

@@ -28,7 +28,7 @@ def flown(shared_hangar: Hangar) -> Iterator[Flight]:
     yield flight
 
 
-def test_it_ends_by_itself_with_0_and_says_where_the_run_is(flown: Flight) -> None:
+def test_run_ends_with_exit_code_0_and_prints_its_folder(flown: Flight) -> None:
     summary = flown.summary
     assert summary["cause"] == "done" and summary["failed"] == [] and summary["missing"] == []
     assert (
@@ -38,7 +38,7 @@ def test_it_ends_by_itself_with_0_and_says_where_the_run_is(flown: Flight) -> No
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_every_setpoint_is_reached_and_the_landing_is_where_it_was_told(flown: Flight, vehicle: str) -> None:
+def test_every_setpoint_is_reached_and_landing_is_on_target(flown: Flight, vehicle: str) -> None:
     told = flown.summary["vehicles"][vehicle]
     assert told["judged_by"] == "truth"
     assert len(told["setpoints"]["each"]) == 5 and all(
@@ -51,14 +51,14 @@ def test_every_setpoint_is_reached_and_the_landing_is_where_it_was_told(flown: F
     assert 0 < told["estimator"]["pos_rms_m"] < 0.02 and 0 < told["estimator"]["yaw_rms_deg"] < 1.0
 
 
-def test_both_are_in_the_air_together(flown: Flight) -> None:
+def test_both_vehicles_fly_at_the_same_time(flown: Flight) -> None:
     first, second = sorted(flown.summary["vehicles"][v]["airborne_after_s"] for v in VEHICLES)
     print(f"airborne after {first} s and {second} s")
     assert flown.summary["first_airborne_s"] == first > 2.0  # 10 s is promised on a machine of one's own
     assert second - first < 5.0
 
 
-def test_the_summary_tells_lateness_rates_cpu_and_memory(flown: Flight) -> None:
+def test_summary_contains_lateness_rates_cpu_and_memory(flown: Flight) -> None:
     summary = flown.summary
     world = summary["world"]
     assert 0 < world["lateness_p99_ms"] <= world["lateness_worst_ms"] and world["sim_time_s"] > 25
@@ -84,7 +84,7 @@ def test_the_summary_tells_lateness_rates_cpu_and_memory(flown: Flight) -> None:
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_the_log_has_its_columns_and_most_rows_are_full(flown: Flight, vehicle: str) -> None:
+def test_csv_has_its_columns_and_few_empty_cells(flown: Flight, vehicle: str) -> None:
     rows = flown.rows(vehicle)
     assert tuple(rows[0]) == columns(simulated=True)
     flying = [r for r in rows if r["info.flight_mode"] == "OFFBOARD" and r["info.is_armed"] == "True"]
@@ -103,7 +103,7 @@ def test_the_log_has_its_columns_and_most_rows_are_full(flown: Flight, vehicle: 
     assert float(last["truth.pos.down"]) == pytest.approx(float(last["ekf.pos.down"]), abs=0.05)
 
 
-def test_every_picture_shows_something(flown: Flight) -> None:
+def test_plots_are_not_empty(flown: Flight) -> None:
     from PIL import Image
 
     groups = ("position", "velocity", "attitude", "rates", "estimator_error")
@@ -117,7 +117,7 @@ def test_every_picture_shows_something(flown: Flight) -> None:
             assert len(image.convert("RGB").getcolors(1 << 24) or []) > 50, picture
 
 
-def test_the_run_folder_holds_what_was_resolved_planned_and_logged(flown: Flight) -> None:
+def test_run_folder_contains_yaml_plan_and_logs(flown: Flight) -> None:
     files = {"arena.yaml", "plan.json", "events.jsonl", "outcome.json", "summary.json", "summary.txt"}
     assert {p.name for p in flown.folder.iterdir()} == files | {"slices", "logs", "csv", "plots"}
     plan = flown.json("plan.json")
@@ -133,6 +133,6 @@ def test_the_run_folder_holds_what_was_resolved_planned_and_logged(flown: Flight
     assert check.returncode == 0, check.stderr
 
 
-def test_nothing_is_left(flown: Flight) -> None:
+def test_no_process_or_socket_remains(flown: Flight) -> None:
     flown.assert_nothing_left()
     assert not any(Path("/dev/shm").glob("*arena*"))

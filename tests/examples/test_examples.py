@@ -20,7 +20,7 @@ def name_of(yaml: Path) -> str:
 
 
 @pytest.mark.parametrize("yaml", EXAMPLES, ids=name_of)
-def test_it_checks(yaml: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_example_passes_check(yaml: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code = main(["check", str(yaml), "--no-machine"])  # whose ports somebody else may be flying on
     said = capsys.readouterr()
     assert code == 0 and said.out.startswith(f"ok: {name_of(yaml)}"), said.err
@@ -44,11 +44,11 @@ def fly(hangar: Hangar, yaml: Path) -> None:
 
 @pytest.mark.flight
 @pytest.mark.parametrize("yaml", SHORT, ids=name_of)
-def test_it_flies_lands_and_exits_with_0(hangar: Hangar, yaml: Path) -> None:
+def test_example_flies_lands_and_exits_with_0(hangar: Hangar, yaml: Path) -> None:
     fly(hangar, yaml)
 
 
 @pytest.mark.crowd
 @pytest.mark.parametrize("yaml", [e for e in EXAMPLES if name_of(e) in CROWDED], ids=name_of)
-def test_a_crowd_flies_lands_and_exits_with_0(hangar: Hangar, yaml: Path) -> None:
+def test_large_example_flies_lands_and_exits_with_0(hangar: Hangar, yaml: Path) -> None:
     fly(hangar, yaml)
