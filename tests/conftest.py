@@ -1,4 +1,4 @@
-"""What the whole suite shares."""
+"""Fixtures and hooks of the whole test suite."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# The same examples in every run: a failure is of the change that is tested. HYPOTHESIS_PROFILE=hunt looks for new ones.
+# Every run draws the same examples, so that a failure comes from the change under test. HYPOTHESIS_PROFILE=hunt draws new ones.
 settings.register_profile("same", derandomize=True)
 settings.register_profile("hunt", derandomize=False)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
@@ -23,13 +23,13 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 @pytest.fixture(autouse=True)
 def no_px4_by_chance(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    """`autopilot: auto` means the built-in one in tests, whatever this machine has; tests marked px4 look for the real one."""
+    """Hide an installed PX4 from tests that are not marked px4, so that `autopilot: auto` is the built-in one."""
     if request.node.get_closest_marker("px4") is None:
         monkeypatch.delenv("PX4_HOME", raising=False)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """By the mark and not by a keyword: folders' names are keywords too."""
+    """Record which tests are marked px4; keywords would also match folder names."""
     for item in items:
         if item.get_closest_marker("px4") is not None:
             item.user_properties.append(("marked", "px4"))
@@ -37,7 +37,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture
 def runtime_dir(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A runtime folder of this test's own, with a path short enough for sockets: no test meets another's arena, or a user's."""
+    """Give a private runtime folder with a path short enough for sockets."""
     folder = Path(tempfile.mkdtemp(prefix="arena-test-"))
     monkeypatch.setenv("ARENA_RUNTIME_DIR", str(folder))
     yield folder
@@ -46,7 +46,7 @@ def runtime_dir(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.fixture
 def serial_cable() -> Iterator[tuple[str, str]]:
-    """The devices at the two ends of a cable."""
+    """Give the two devices of a simulated serial cable."""
     ends = [pty.openpty(), pty.openpty()]
     for fd in (fd for end in ends for fd in end):
         tty.setraw(fd)
@@ -62,7 +62,7 @@ def serial_cable() -> Iterator[tuple[str, str]]:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Tests that need a real PX4 are counted, never skipped in silence."""
+    """Print how many tests ran on a real PX4 and how many did not."""
 
     def count(*kinds: str) -> int:
         reports = (r for kind in kinds for r in terminalreporter.stats.get(kind, []))

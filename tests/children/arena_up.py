@@ -1,4 +1,4 @@
-"""The `arena` command, but `up` takes a plan.json in place of an arena.yaml."""
+"""The `arena` command with an `up` that takes a plan.json instead of an arena.yaml."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A serial cable between two pseudo-terminals, whose file descriptors are the arguments: what one end says the other hears.
+"""A simulated serial cable between two pseudo-terminals, given by their file descriptors.
 
-Neither end can hold the other up: what an end does not read in time is lost, as on a wire.
+Bytes that an end does not read in time are lost, as on a real line; no end can block the other.
 """
 
 import os

@@ -1,9 +1,8 @@
 """A flight controller on a serial line, for tests of hardware in the loop: `hitl_board.py DEVICE ID [PARAMS]`.
 
-The built-in autopilot behind one wire that carries HIL and ordinary MAVLink together, as PX4 with SYS_HITL 1 does: its sensor
-samples are its only clock, it answers each with HIL_ACTUATOR_CONTROLS whose flags ask for no lockstep, and its heartbeat comes
-before the first sample. PARAMS: a file as QGroundControl loads it; names in it that the autopilot does not have are held all
-the same.
+The built-in autopilot behind one serial line that carries HIL and ordinary MAVLink, as PX4 with SYS_HITL 1 does. The sensor
+samples are its only clock; it replies to each with HIL_ACTUATOR_CONTROLS without the lockstep flag, and sends heartbeats
+before the first sample. PARAMS: a .params file; names that the autopilot does not have are stored, too.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ _READ = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ
 
 
 class Board(StandIn):
-    """serial bytes in, serial bytes out."""
+    """The board: serial bytes in, serial bytes out."""
 
     def __init__(self, system: int, params: dict[str, float]) -> None:
         own = {k: v for k, v in params.items() if k in SPECS or k.startswith("CA_ROTOR")}
@@ -46,7 +45,7 @@ class Board(StandIn):
         self._line, self._voice, self._beat = Stream(), Codec(system, 1), 0.0
 
     def take(self, data: bytes) -> bytes:
-        """A piece of the line -> what to answer."""
+        """Return the reply to received bytes."""
         buffer, found = self._line.feed(data)
         answers = b""
         for f in found.frames:
@@ -60,7 +59,7 @@ class Board(StandIn):
         return answers
 
     def idle(self, now: float) -> bytes:
-        """Until the first sample there is nobody to say the heartbeat."""
+        """Send heartbeats before the first sensor sample arrives."""
         if self.samples > 1 or now - self._beat < 0.5:
             return b""
         self._beat = now
@@ -69,7 +68,7 @@ class Board(StandIn):
         )
 
     def _controls(self, time_usec: int, motors: Any) -> bytes:
-        """Without the flag that asks for lockstep."""
+        """Return actuator controls without the lockstep flag."""
         (m,) = self._voice.parse(super()._controls(time_usec, motors))
         m = mavlink.MAVLink_hil_actuator_controls_message(m.time_usec, m.controls, m.mode, 0)
         return self._voice.pack(m)

@@ -1,4 +1,4 @@
-"""Programs that do not behave. `misfit.py KIND [argument]`; each says its pid on stdout so that a test can look for it."""
+"""Programs that misbehave: `misfit.py KIND [argument]`. Each prints its pid, so that a test can find it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def forever() -> None:
 
 
 def good() -> None:
-    """Ready at once, ends on SIGTERM."""
+    """Report ready at once and end on SIGTERM."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     tell(ready=True)
     forever()
@@ -75,7 +75,7 @@ def kills_itself() -> None:
 
 
 def grandchild() -> None:
-    """Leaves a grandchild in its group, and one in a session of its own, then ends."""
+    """Start a grandchild in the same group and one in a new session, then end."""
     code = "import os, signal, sys; print('grandchild', os.getpid(), flush=True); signal.signal(15, signal.SIG_IGN); signal.pause()"
     subprocess.Popen([sys.executable, "-c", code])
     subprocess.Popen([sys.executable, "-c", code], start_new_session=True)
@@ -98,7 +98,7 @@ def ignores_sigterm_alone() -> None:
 
 
 def flickers() -> None:
-    """Disarmed for a moment, armed again, and disarmed for good after a second."""
+    """Report disarmed, armed again, and disarmed after 1 s."""
     tell(ready=True, facts={"uav1.armed": False})
     time.sleep(0.15)
     tell(facts={"uav1.armed": True})
@@ -108,7 +108,7 @@ def flickers() -> None:
 
 
 def floods() -> None:
-    """As much output as it can."""
+    """Print without end."""
     block = b"flood " * 10_000 + b"\n"
     while True:
         os.write(1, block)
@@ -136,7 +136,7 @@ def garbage() -> None:
 
 
 def chatters() -> None:
-    """Packets as fast as they go."""
+    """Send packets to the supervisor without end."""
     tell(ready=True)
     tell.line.setblocking(True)
     while True:
@@ -144,14 +144,14 @@ def chatters() -> None:
 
 
 def serves() -> None:
-    """Listens on the TCP address HOST PORT and tells nobody."""
+    """Listen on the TCP address HOST PORT without reporting it."""
     server = socket.create_server((sys.argv[2], int(sys.argv[3])))
     server.listen()
     forever()
 
 
 def world() -> None:
-    """Ready; tells facts as its argument says (JSON); goes on without a supervisor until its line ends, then says so and ends."""
+    """Report ready and the facts in the argument (JSON); run until the supervisor's socket closes, then report and end."""
     mine = line()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     facts = json.loads(sys.argv[2]) if len(sys.argv) > 2 else {}
@@ -175,7 +175,7 @@ def world() -> None:
 
 
 def lands() -> None:
-    """A land task: waits for the file of its argument if any, touches `landed`, ends."""
+    """Act as a landing task: wait for the file in the argument if given, create `landed`, end."""
     print("landing all", flush=True)
     deadline = time.monotonic() + 20
     while len(sys.argv) > 2 and not Path(sys.argv[2]).exists():

@@ -1,4 +1,4 @@
-"""Runs a plan from a file under the real supervisor: `supervised.py PLAN RUNS [until_done] [limit=S]`."""
+"""Run a plan file with the real supervisor: `supervised.py PLAN RUNS [until_done] [limit=S]`."""
 
 from __future__ import annotations
 

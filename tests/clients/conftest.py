@@ -1,4 +1,4 @@
-"""One arena a file, flown by the built-in autopilot and, where it is found, the real PX4; nobody but the clients flies in it."""
+"""Fixtures for client tests: one arena per file, with the built-in autopilot and the real PX4 where it is found."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SEEN: dict[str, int] = {}
 
 @pytest.fixture(scope="module", params=["builtin", pytest.param("px4", marks=pytest.mark.px4)])
 def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    """An arena at speed 1, as SDKs need it."""
+    """Give an arena at real time, as SDKs need it."""
     kind = request.param
     if kind == "px4" and ((found := find_px4()) is None or found.stand_in):
         pytest.skip("no PX4 is found: set PX4_HOME")
@@ -31,7 +31,7 @@ def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 def _open(hangar: Hangar, kind: str, more: str) -> Site:
-    """more: of the vehicle's YAML."""
+    """Start the arena. more: further keys of the vehicle in the YAML."""
     vehicle = 150 + os.getpid() % 40 if kind == "px4" else 1
     yaml = hangar.folder / "arena.yaml"
     yaml.write_text(
@@ -43,7 +43,7 @@ def _open(hangar: Hangar, kind: str, more: str) -> Site:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Clients that are not installed are counted, never skipped in silence."""
+    """Print how many tests did not run because a client is not installed."""
     missing = [
         r for r in terminalreporter.stats.get("skipped", []) if "client is not installed" in str(r.longrepr)
     ]

@@ -1,4 +1,4 @@
-"""Where the clients fly: the arena's ports, and its truth."""
+"""The arena that client tests connect to: its ports and its truth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from arena.errors import RunError
 
 @dataclass(kw_only=True)
 class Site:
-    """kind: "builtin" or "px4"; vehicle: its MAVLink system."""
+    """A running arena with one vehicle. kind: "builtin" or "px4"; vehicle: MAVLink system id."""
 
     flight: Flight
     kind: str
@@ -29,20 +29,20 @@ class Site:
 
     @property
     def tools(self) -> str:
-        """Any local client may speak here."""
+        """Return the tools port: any local client may connect to it."""
         return f"{self.address}:{24000 + 10 * self.vehicle + 6}"
 
     def position(self) -> Any:
-        """By the world's truth [m] [NED] (3,)."""
+        """Return the true position [m] [NED] (3,)."""
         return self.flight.truth().p_n[0]
 
     def down(self, limit_s: float = 40.0) -> None:
-        """On the floor, by the truth, and disarmed."""
+        """Wait until the vehicle is on the floor and disarmed."""
         self.flight.until_down(limit_s)
         self.flight.until_disarmed(["uav1"], limit_s)
 
     def ready(self) -> None:
-        """The router hears it: clients may come."""
+        """Wait until the router receives the vehicle."""
 
         def heard() -> Any:
             assert self.flight.process.poll() is None, self.flight.said()

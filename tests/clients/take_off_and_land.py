@@ -1,4 +1,4 @@
-"""`take_off_and_land.py URL PORT`: the example that every MAVSDK-Python user began with. PORT: of its own server."""
+"""Take off and land with MAVSDK-Python: `take_off_and_land.py URL PORT`. PORT: of the MAVSDK server it starts."""
 
 import asyncio
 import json

@@ -1,6 +1,6 @@
-"""MAVProxy as a person uses it: commands typed in, its words read. Parameters, modes, arming, take-off, mission, landing.
+"""Tests with MAVProxy as a person uses it: commands typed in, output read.
 
-MAVProxy 1.8 hands PX4's modes to pymavlink as tuples, which fails before anything is sent; its `long` sends what was meant.
+MAVProxy 1.8 passes PX4 modes to pymavlink as tuples, which fails before anything is sent; so its `long` command is used.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if importlib.util.find_spec("MAVProxy") is None:
 
 
 class Console:
-    """One MAVProxy at the vehicle's tools port."""
+    """A MAVProxy process connected to the vehicle's tools port."""
 
     def __init__(self, site: Site, folder: Path) -> None:
         beside = Path(sys.executable).parent / "mavproxy.py"
@@ -68,7 +68,7 @@ class Console:
         eventually(lambda: words in self.said, limit_s, f"MAVProxy says {words!r}", lambda: self.said[-3000:])
 
     def ask(self, command: str, words: str, limit_s: float = 30.0) -> None:
-        """Type, and wait for what is said after it."""
+        """Type a command and wait for matching output."""
         before = len(self.said)
         self.type(command)
         eventually(
@@ -76,7 +76,7 @@ class Console:
         )
 
     def insist(self, command: str, pattern: str, limit_s: float = 30.0) -> None:
-        """Type it every other second until what is said after it matches."""
+        """Repeat a command every 2 s until the output matches."""
         before, typed = len(self.said), -math.inf
 
         def told() -> bool:

@@ -1,4 +1,4 @@
-"""MAVSDK 4: telemetry, action, offboard in all its kinds of setpoint, mission, geofence, parameters, injected failures."""
+"""Tests with MAVSDK 4: telemetry, actions, offboard, missions, geofence, parameters, failure injection."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ LAT, LON = 47.397742, 8.545594
 
 @dataclass
 class Drone:
-    """A connected vehicle and its plugins."""
+    """A connected MAVSDK vehicle and its plugins."""
 
     action: ActionAsync
     failure: FailureAsync
@@ -76,7 +76,7 @@ async def connected(site: Site) -> AsyncIterator[Drone]:
 
 
 def has_a_place(health: Any) -> bool:
-    """MAVSDK takes a global position for good when satellites give it: not of a PX4 that flies by cameras."""
+    """Return whether MAVSDK reports a valid global position; a PX4 without GPS has none."""
     return health.is_local_position_ok and health.is_home_position_ok
 
 
@@ -85,7 +85,7 @@ def may_fly(health: Any) -> bool:
 
 
 async def until(stream: Any, good: Callable[[Any], bool], limit_s: float = 40.0) -> Any:
-    """The first value of a subscription that is good."""
+    """Return the first value of a subscription that satisfies the condition."""
     seen: Any = None
     try:
         async with asyncio.timeout(PATIENCE * limit_s):
@@ -105,7 +105,7 @@ async def eventually(check: Callable[[], bool], limit_s: float, tell: Callable[[
 
 
 def fly(site: Site, what: Callable[[Drone], Awaitable[None]], limit_s: float = 120.0) -> None:
-    """Run a program against a vehicle on the floor, and leave it on the floor."""
+    """Run a program on a landed vehicle and leave the vehicle landed."""
 
     async def run() -> None:
         async with asyncio.timeout(PATIENCE * limit_s), connected(site) as drone:

@@ -1,4 +1,4 @@
-"""A program in the manner of MAVSDK-Python 3, which lives on as mavsdk-grpc: it waits for a global position and a home."""
+"""Test of a MAVSDK-Python 3 program (package mavsdk-grpc) that waits for a global position and a home."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .site import Site
 pytestmark = pytest.mark.flight
 pytest.importorskip("mavsdk_grpc", reason="client is not installed: mavsdk-grpc")
 PX4_VEHICLE = ", gps: true, forward: false"
-"""MAVSDK believes in the global position that PX4 makes of satellites; the built-in autopilot tells it of cameras too."""
+"""MAVSDK needs a global position: PX4 gives one with GPS only, the built-in autopilot with external vision too."""
 PROGRAM = Path(__file__).parent / "take_off_and_land.py"
 
 

@@ -1,4 +1,4 @@
-"""pymavlink's own tools: mavutil's connection, its modes and arming, mavparm and mavwp."""
+"""Tests with pymavlink's tools: mavutil, mavparm and mavwp."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pymavlink.dialects.v20 import common as mavlink  # noqa: E402
 
 
 class _Beat:
-    """A ground station's heartbeat beside what the test does."""
+    """Send a ground station's heartbeat while the test runs."""
 
     def __init__(self, connection: Any) -> None:
         self._over = threading.Event()
@@ -39,7 +39,7 @@ class _Beat:
 
 
 def mission_starts(link: Any) -> bool:
-    """A mission is checked after its upload is acknowledged, in PX4 too: until then its start is refused."""
+    """Start a mission; retry while the autopilot still checks the uploaded items, as PX4 does."""
     link.mav.command_long_send(link.target_system, 1, mavlink.MAV_CMD_MISSION_START, 0, 0, 0, 0, 0, 0, 0, 0)
     answer = wait_for(link, "COMMAND_ACK", lambda m: m.command == mavlink.MAV_CMD_MISSION_START, 2)
     return answer is not None and bool(answer.result == mavlink.MAV_RESULT_ACCEPTED)
@@ -60,7 +60,7 @@ def link(site: Site) -> Iterator[Any]:
 
 
 def wait_for(link: Any, kind: str | list[str], good: Callable[[Any], bool], limit_s: float = 30.0) -> Any:
-    """The first message of these kinds that is good, or None."""
+    """Return the first message of these types that satisfies the condition, or None."""
     deadline = time.monotonic() + PATIENCE * limit_s
     while time.monotonic() < deadline:
         m = link.recv_match(type=kind, blocking=True, timeout=1)
@@ -70,7 +70,7 @@ def wait_for(link: Any, kind: str | list[str], good: Callable[[Any], bool], limi
 
 
 def ready(link: Any, limit_s: float = 60.0) -> None:
-    """May be armed, by SYS_STATUS; in a mode that only comes down nothing may."""
+    """Return whether SYS_STATUS reports that the vehicle may arm."""
     link.set_mode("LOITER")
     bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
     assert wait_for(link, "SYS_STATUS", lambda m: bool(m.onboard_control_sensors_health & bit), limit_s)

@@ -1,4 +1,4 @@
-"""The pages of the repository, and the blocks in them."""
+"""Reader of the documentation pages and their code blocks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.M | re.S)
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """language: what stands behind the fence, `sh` where nothing does and a line begins with `arena`."""
+    """A code block of a page. language: as given; `sh` if none is given and a line begins with `arena`."""
 
     page: Path
     line: int

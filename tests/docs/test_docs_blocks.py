@@ -1,4 +1,4 @@
-"""Every shell, YAML and Python block of the pages is what this version takes."""
+"""Tests that every shell, YAML and Python block of the pages is valid in this version."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SHELL, YAML, PYTHON = blocks("sh", "bash", "shell"), blocks("yaml"), blocks("pyt
 
 
 def lines(block: Block) -> list[list[str]]:
-    """The command lines as words, comments off."""
+    """Return the command lines of a shell block as lists of words, without comments."""
     return [words for line in block.text.splitlines() if (words := shlex.split(line, comments=True))]
 
 
@@ -54,11 +54,11 @@ def test_arena_lines_are_accepted_by_the_command(words):
 
 
 class NotTakenError(Exception):
-    """No such verb, option or argument."""
+    """Raised for a verb, option or argument that does not exist."""
 
 
 def parsed(words: list[str]) -> Any:
-    """The command line taken apart by the app itself, and not run."""
+    """Parse a command line with the real command without running it."""
     command: Any = typer.main.get_command(build(words))
     context = command.make_context("arena", list(words))
     verb = command.get_command(context, words[0])
@@ -90,7 +90,7 @@ def test_harmless_lines_run(words, tmp_path, monkeypatch, capsys):
 
 
 def lab(folder: Path) -> None:
-    """What the pages' harmless lines find: the examples, and an arena of three."""
+    """Make a folder with the examples and an arena of three vehicles, for lines that can be run."""
     (folder / "examples").symlink_to(ROOT / "examples")
     (folder / "hover.py").write_text("")
     (folder / "arena.yaml").write_text(
@@ -123,7 +123,7 @@ def test_yaml_blocks_are_valid(block, tmp_path):
 
 
 def scenarios_of(text: str, found: dict, folder: Path) -> list[Scenario]:
-    """The block as a scenario, in arenas of two vehicles with programs under the names that it gives them."""
+    """Parse a block as a scenario, in an arena with the vehicle names that it uses."""
     for name in [found["arena"]] if isinstance(found["arena"], str) else found["arena"]:
         (folder / name).write_text(
             "vehicles:\n  uav1: {program: fly.py}\n  uav2: {program: fly.py, start: {position: [2, 0, 0]}}\n"
@@ -134,7 +134,7 @@ def scenarios_of(text: str, found: dict, folder: Path) -> list[Scenario]:
 
 
 def stub(found: object, folder: Path) -> None:
-    """Empty programs, a profile, and what looks like a PX4, under the names that the block gives them."""
+    """Make the files that a block names: empty programs, a profile, a folder that looks like a PX4."""
     for name in re.findall(r"[\w./]+\.(?:py|yaml)\b", str(found)):
         path = folder / "lab1" / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -155,7 +155,7 @@ def test_readme_arena_is_the_first_example():
 
 # -- Python ------------------------------------------------------------------------------------------------------------
 
-# Group of `uav` -> the class that a program reads it as.
+# Data group of `uav` -> its class.
 GROUPS = {
     "ekf": data_groups.Ekf,
     "sen": data_groups.Sensors,
@@ -185,7 +185,7 @@ def check(node: ast.Attribute) -> None:
         assert node.attr in known, f"uav.{group} has no {node.attr}"
 
 
-# Methods and properties, and what the constructor sets.
+# Methods, properties and attributes set by the constructor.
 NAMES = {*dir(UAV), "ekf", "sen", "act", "info", "clock", "args"}
 
 

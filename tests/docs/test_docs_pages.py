@@ -1,4 +1,4 @@
-"""Links lead somewhere, messages are the code's own, and nothing of the machine that wrote a page is left in it."""
+"""Tests of the pages: links resolve, messages exist in the code, no path of one machine is in them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_internal_links_resolve(page):
 
 
 def anchors(page: Path) -> set[str]:
-    """The names that a forge gives to the headings."""
+    """Return the anchors of the headings of a page."""
     heads = re.findall(r"^#+ (.+)$", page.read_text(), re.M)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
@@ -43,7 +43,7 @@ def test_every_page_is_in_the_index():
 
 @pytest.mark.parametrize("page", PAGES, ids=IDS)
 def test_no_page_contains_a_path_of_one_machine(page):
-    # Of this machine as it is, for no machine's own paths belong into the test either.
+    # Paths of this machine are computed, because the test must not contain them either.
     here = {str(Path.home()), str(ROOT), str(ROOT.parent), tempfile.gettempdir()} - {"/"}
     for word in (*(re.escape(f"{folder}/") for folder in here), r"/home/\w+", r"index-url"):
         assert not re.search(word, page.read_text()), word
@@ -59,7 +59,7 @@ def test_readme_names_unavailable_yaml_values(word):
     assert word in text or word in DETAILS
 
 
-# Keys that only come with one of those that the README names.
+# Keys that are used only together with one that the README names.
 DETAILS: set[str] = set()
 
 
@@ -95,7 +95,7 @@ def in_order(parts: list[str], text: str) -> bool:
 
 @cache
 def texts() -> tuple[str, ...]:
-    """Every string of the package, `…` where a value is put in, and the Makefile."""
+    """Return every string of the package, with `…` for inserted values, and the Makefile."""
     found = [(ROOT / "Makefile").read_text()]
     for path in sorted((ROOT / "arena").rglob("*.py")):
         found += [told for node in ast.walk(ast.parse(path.read_text())) if (told := told_by(node))]

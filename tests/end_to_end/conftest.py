@@ -1,4 +1,4 @@
-"""Whole arenas: each test has an address and a runtime folder of its own, so that two can fly side by side."""
+"""Fixtures for tests of whole arenas: each has its own address and runtime folder, so that two can fly side by side."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _count = itertools.count(1)
 
 
 def own_address() -> str:
-    """127.58.x.y: no other test of this process, and hardly one of another, has it."""
+    """Return an address 127.58.x.y that no other test of this process uses."""
     return f"127.58.{os.getpid() % 250 + 1}.{next(_count)}"
 
 
@@ -31,7 +31,7 @@ def hangar(tmp_path: Path) -> Iterator[Hangar]:
 
 @pytest.fixture(scope="module")
 def shared_hangar(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Hangar]:
-    """For one arena that several tests look at."""
+    """Give a hangar for an arena that all tests of a module share."""
     made = Hangar(tmp_path_factory.mktemp("flight"), own_address())
     yield made
     made.close()
@@ -44,7 +44,7 @@ def flown_sorties(tmp_path_factory: pytest.TempPathFactory) -> Sorties:
 
 @pytest.fixture
 def sorties(request: pytest.FixtureRequest, flown_sorties: Sorties) -> Sorties:
-    """Of this module: what flies for one cell is asked by all that share it."""
+    """Give the sorties of this module; cells of one sortie share one flight."""
     if request.node.get_closest_marker("px4") is not None:
         found = find_px4()
         if found is None or found.stand_in:

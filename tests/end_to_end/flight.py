@@ -1,4 +1,4 @@
-"""One arena, started as a user starts it: by the command line, in a process of its own. Its truth, its records, its remains."""
+"""A running arena for tests, started by the command line as a user starts it, with access to its truth and records."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from arena.wire.truth_page import Truth, TruthReader
 ROOT = Path(__file__).parents[2]
 PROGRAMS = Path(__file__).parent / "programs"
 STANDS_M = 0.03
-"""A body's origin may be this much above where it stood and still stand."""
+"""Height above its start position below which a body counts as standing [m]."""
 
 
 PATIENCE = 3.0
-"""Limits are those of a machine of one's own; a shared one gets this many times as long."""
+"""Factor on all time limits, for a machine that is shared and slow."""
 
 
 def eventually(check: Callable[[], Any], limit_s: float, what: str, tell: Callable[[], object] = str) -> Any:
-    """The first true value of `check`; at the deadline it fails with `what`, and what `tell` says then."""
+    """Poll `check` and return its first true value; fail at the deadline with `what` and the result of `tell`."""
     deadline = time.monotonic() + PATIENCE * limit_s
     while time.monotonic() < deadline:
         if value := check():
@@ -49,7 +49,7 @@ _libc = ctypes.CDLL(None)
 
 
 def end_with_us() -> None:
-    """In the child: a test run that is ended, even by SIGKILL, ends its arena as a SIGTERM would."""
+    """Send SIGTERM to this child process when the test process dies, even by SIGKILL."""
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
 
@@ -59,7 +59,7 @@ def started_by(run: Path) -> set[int]:
 
 
 def arena_yaml(folder: Path, address: str, vehicles: dict[str, str], more: str = "") -> Path:
-    """An arena of vehicles two metres apart, name -> argument of `programs/fly.py`."""
+    """Write an arena of vehicles 2 m apart. vehicles: name -> argument of `programs/fly.py`."""
     lines = [
         "name: flight",
         f"address: {address}",
@@ -77,7 +77,7 @@ def arena_yaml(folder: Path, address: str, vehicles: dict[str, str], more: str =
 
 
 class Flight:
-    """`arena up` of one YAML on one address. `end` leaves nothing, whatever the test did to it."""
+    """One `arena up` on one address. `end` kills whatever is left of it."""
 
     def __init__(self, yaml: Path, address: str, *options: str, folder: Path, runtime: Path) -> None:
         self.address, self.runs, self._runtime = address, folder / "runs", runtime
@@ -107,11 +107,11 @@ class Flight:
         self._truth: TruthReader | None = None
         self._stood: NDArray[np.float64] | None = None
 
-    # -- what it left on disk
+    # -- records on disk
 
     @cached_property
     def folder(self) -> Path:
-        """Once the run has begun, or ended."""
+        """Return the run folder; wait until the run has begun or ended."""
 
         def made() -> Path | None:
             over, new = self.process.poll() is not None, set(self.runs.glob("*")) - self._before
@@ -150,7 +150,7 @@ class Flight:
         return file.read_text(errors="replace") if file.exists() else ""
 
     def rows(self, vehicle: str) -> list[dict[str, str]]:
-        """The vehicle's CSV."""
+        """Return the rows of the vehicle's CSV."""
         with (self.folder / "csv" / f"{vehicle}.csv").open() as file:
             return list(csv.DictReader(file))
 
@@ -173,7 +173,7 @@ class Flight:
         return self.status()["facts"].get(name)
 
     def truth(self) -> Truth:
-        """The newest, also of a world that has ended, once it was asked for."""
+        """Return the newest truth. After a first call it can be read when the world has ended, too."""
         if self._truth is None:
             page = Path(self.json("slices/world.json")["truth"])
             eventually(page.exists, 20, "a truth page", self.said)
@@ -184,23 +184,23 @@ class Flight:
         return found
 
     def heights(self) -> NDArray[np.float64]:
-        """Of each vehicle above where it stood at the start [m]."""
+        """Return the height of each vehicle above its start position [m] (V,)."""
         now = self.truth()
         assert self._stood is not None
         return self._stood[:, 2] - now.p_n[:, 2]
 
     def until_up(self, height_m: float = 0.5, limit_s: float = 30.0) -> None:
-        """Every vehicle is as high as this."""
+        """Wait until every vehicle is above this height."""
         eventually(
             lambda: self.heights().min() > height_m or self._ended(), limit_s, "all in the air", self.said
         )
 
     def until_down(self, limit_s: float) -> None:
-        """Every vehicle stands on the floor, by the truth."""
+        """Wait until the truth shows every vehicle on the floor."""
         eventually(lambda: self.heights().max() < STANDS_M, limit_s, "all on the floor", self.heights)
 
     def until_disarmed(self, vehicles: Iterable[str], limit_s: float) -> None:
-        """By the router's facts."""
+        """Wait until the router reports these vehicles disarmed."""
         wanted = [f"{v}.armed" for v in vehicles]
         eventually(
             lambda: not any(self.status()["facts"][w] for w in wanted),
@@ -213,7 +213,7 @@ class Flight:
         eventually(lambda: words in self.said(), limit_s, f"{words!r} said", self.said)
 
     def until_event(self, process: str, to: str, limit_s: float, times: int = 1) -> dict[str, Any]:
-        """The transition of a process into a state for the so-many-th time."""
+        """Wait for the n-th transition of a process into a state and return its event; `times` is n."""
 
         def found() -> list[dict[str, Any]]:
             return [e for e in self.events(process) if e.get("to") == to]
@@ -232,7 +232,7 @@ class Flight:
             raise AssertionError(f"still running after {limit_s:g} s: {self.said()}") from None
 
     def cli(self, *arguments: str, limit_s: float = 60.0) -> subprocess.CompletedProcess[str]:
-        """Another `arena` command, as from another terminal."""
+        """Run another `arena` command, as from another terminal."""
         return subprocess.run(
             self._command(*arguments),
             capture_output=True,
@@ -245,14 +245,14 @@ class Flight:
     def popen(self, *arguments: str) -> subprocess.Popen[str]:
         return subprocess.Popen(self._command(*arguments), stdout=subprocess.PIPE, text=True, env=self._env())
 
-    # -- what is left of it
+    # -- leftovers
 
     def processes(self) -> set[int]:
-        """Every running process that was started by this run, by the environment it was started with."""
+        """Return the pids of all running processes of this run, found by their environment."""
         return started_by(self.folder)
 
     def sockets(self) -> list[Any]:
-        """Every socket on this arena's address or its capture group."""
+        """Return all sockets on this arena's address or motion-capture group."""
         own = {self.address, self.json("slices/mocap.json")["group"]}
         return [c for c in psutil.net_connections("inet") if c.laddr and c.laddr.ip in own]
 
@@ -281,7 +281,7 @@ class Flight:
 
 
 class Hangar:
-    """Makes flights for one test, or one module of tests, on an address of their own, and ends them all."""
+    """Starts flights on one address and ends them all on `close`."""
 
     def __init__(self, folder: Path, address: str) -> None:
         self.folder, self.address = folder, address
@@ -293,7 +293,7 @@ class Hangar:
         return self._flights[-1]
 
     def fly(self, vehicles: dict[str, str], *options: str, more: str = "") -> Flight:
-        """vehicles: name -> what it does after the take-off, see `programs/fly.py`."""
+        """Start an arena. vehicles: name -> action after take-off, see `programs/fly.py`."""
         return self.up(arena_yaml(self.folder, self.address, vehicles, more), *options)
 
     def close(self) -> None:

@@ -1,6 +1,6 @@
-"""A room that poses as reality: a world with built-in autopilots and its cameras on another loopback address, run by nobody.
+"""A stand-in for real vehicles and a vendor's motion capture: a simulated world on another loopback address.
 
-What an arena's link hears of it on UDP, and its capture over NatNet, is what a real vehicle and a vendor's server send.
+Its MAVLink on UDP and its NatNet stream are what a real vehicle and a real server send.
 """
 
 from __future__ import annotations
@@ -23,7 +23,13 @@ from arena.wire.truth_page import Truth, TruthReader
 
 
 class PosingRoom:
-    """vehicle: its name; number: its system id; position: where it stands.  It sends its MAVLink to `partner`."""
+    """A world with one posing vehicle.
+
+    vehicle: name.
+    number: system id.
+    position: start position [m] [NED].
+    partner: address that its MAVLink is sent to.
+    """
 
     def __init__(
         self,

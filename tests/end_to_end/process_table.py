@@ -1,9 +1,9 @@
-"""Process x {SIGKILL, SIGSTOP} x {ground, air} -> how it ends: the table, and the flights that prove it.
+"""The process table: what happens when a process is killed (SIGKILL) or stopped (SIGSTOP), on the ground and in the air.
 
-A sortie is one arena in which every hit is a cell. Several share one only where they cannot influence each other: each hits a
-process of another vehicle, or something that no vehicle needs. In the air the signals come together, 3 s after the take-off; on
-the ground one after another, before anything is armed, and then whoever still can takes off. `benchmarks/processes.py` prints
-what was measured; `test_process_*.py` judges it.
+A sortie is one flight of one arena; it tests one or more cells. Cells share a sortie only if they cannot influence each
+other: they hit processes of different vehicles, or processes that no vehicle needs. In the air all signals are sent 3 s
+after take-off. On the ground they are sent one after another before arming; then the vehicles take off.
+`benchmarks/processes.py` prints the measured table; `test_process_*.py` checks it.
 """
 
 from __future__ import annotations
@@ -28,44 +28,46 @@ Signal = Literal["SIGKILL", "SIGSTOP"]
 Where = Literal["air", "ground"]
 
 TOUCHDOWN_M_S, DRIFT_M = 1.0, 0.3
-"""Bounds of every landing; a crash is 1.5 m/s."""
+"""Limits of every landing; above 1.5 m/s the world reports a crash."""
 STAY_S, _LONG_S = 6.0, 600.0
 _AFTER_S = 3.0
 _SINKING_M_S = 0.2
 
 
 class End(StrEnum):
-    """Of a vehicle."""
+    """How the flight of a vehicle ends."""
 
     FLIES = "flies on, and lands as its program says"
     LANDS = "lands: no setpoints (`offboard_loss`)"
     BLIND = "lands blind: no poses (`position_loss`)"
-    COMMANDED = "lands: told to"
+    COMMANDED = "lands: commanded"
     FALLS = "falls: its motors stop"
     STAYS = "stays on the ground"
     GONE = "gone with its world"
 
 
 class Fate(StrEnum):
-    """Of the process."""
+    """What happens to the killed or stopped process."""
 
     AGAIN = "started again"
     ENDED = "not started again"
-    ALONE = "told of, left alone"
+    ALONE = "reported, left alone"
     KILLED = "killed after 1 s, started again"
     LOST = "the arena ends"
-    ORPHANS = "programs end with it; all else after the landing"
-    UNSEEN = "nobody notices: `arena down` ends the arena"
+    ORPHANS = "programs end with it; other processes end after the landing"
+    UNSEEN = "not detected: `arena down` ends the arena"
     TWICE = "a second `arena land-all` confirms"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """own, others: of the vehicle that the process belongs to, and of the rest; an arena's processes belong to every vehicle.
+    """One cell of the table.
 
-    else_: what follows instead where the machine is too slow to start the process again before the failsafe, or where its
-    simulated time is so much slower than the wall's that it is in time.
-    code: of `arena up`; None when it was killed.
+    fate: what happens to the process.
+    own: end of the vehicle that the process belongs to; processes of the whole arena belong to every vehicle.
+    others: end of the other vehicles.
+    else_: second allowed end of `own`, where the speed of the machine decides whether a restart beats the failsafe.
+    code: exit code of `arena up`; None when it was killed.
     """
 
     process: str
@@ -82,7 +84,11 @@ class Cell:
 
 
 def _cells() -> Iterator[Cell]:
-    """Each row: process; in the air: fate, own, others, exit code for SIGKILL, then SIGSTOP; the same on the ground."""
+    """Yield the cells.
+
+    A row: process; (fate, own, others, exit code) for SIGKILL in the air, SIGSTOP in the air, SIGKILL on the
+    ground, SIGSTOP on the ground.
+    """
     F, L, B, C, X, S, G = End
     A, E, O, K, W, R, U, T = Fate  # noqa: E741
     rows = (
@@ -124,7 +130,7 @@ CELLS = tuple(_cells())
 
 @dataclass(frozen=True)
 class Hit:
-    """target: the process of the plan, `PX4 of uav1`, or `land-all`."""
+    """A cell applied to one process. target: name in the plan, `PX4 of uav1`, or `land-all`."""
 
     cell: Cell
     target: str
@@ -136,9 +142,12 @@ class Hit:
 
 @dataclass(frozen=True, kw_only=True)
 class Sortie:
-    """speed: real time where what is measured is a new start, which takes wall time. px4: which vehicles fly it.
+    """One flight of one arena.
 
-    stay_s: longer where it is a command that lands them.  more: lines of the YAML.
+    speed: "1" (real time) where a restart is measured, because starting a process takes wall time.
+    px4: vehicles that fly PX4 or its stand-in.
+    stay_s: time that programs hover [s]; long where a command lands the vehicles.
+    more: further lines of the YAML.
     """
 
     name: str
@@ -151,7 +160,7 @@ class Sortie:
     more: str = ""
 
     def expected(self) -> dict[str, set[End]]:
-        """What may become of each vehicle."""
+        """Return the allowed ends of each vehicle."""
         found: dict[str, set[End]] = {}
         for name in self.names:
             own = [h.cell for h in self.hits if h.vehicle == name] or [
@@ -168,7 +177,7 @@ class Sortie:
 
     @property
     def codes(self) -> int | None:
-        """Of the run, where no vehicle meets `else_`."""
+        """Return the expected exit code of the run if no vehicle meets `else_`."""
         codes = [h.cell.code for h in self.hits]
         return None if None in codes else max(code for code in codes if code is not None)
 
@@ -249,7 +258,11 @@ def cells(where: Where, *, px4_only: bool = False) -> list[Any]:
 
 @dataclass(kw_only=True)
 class Track:
-    """What became of one vehicle. sank_s: from the signal to the descent [s].  touchdown_m_s, drift_m: None without a landing."""
+    """The observed flight of one vehicle.
+
+    sank_s: time from the signal to the descent [s].
+    touchdown_m_s, drift_m: None without a landing.
+    """
 
     end: End
     sank_s: float | None = None
@@ -260,7 +273,7 @@ class Track:
 
 @dataclass(kw_only=True)
 class Flown:
-    """One sortie. fates: hit target and signal -> what was seen of the process.  left: what ran on afterwards."""
+    """The observed result of one sortie. fates: hit -> what happened to the process."""
 
     sortie: Sortie
     tracks: dict[str, Track]
@@ -273,7 +286,10 @@ class Flown:
 
 
 def fly(sortie: Sortie, hangar: Hangar, *options: str, first_id: int = 1) -> Flown:
-    """Raises AssertionError when something that was waited for did not come, or something is left running."""
+    """Fly a sortie and return what was observed.
+
+    Raises AssertionError when an expected change does not come or a process is left running.
+    """
     return _Flying(sortie, hangar, options, first_id).run()
 
 
@@ -333,7 +349,7 @@ class _Flying:
         return px4.pid
 
     def _fate(self, hit: Hit, seen: int) -> Fate | None:
-        """On the ground the next hit waits for what this one's process comes to."""
+        """Return what happened to the process; on the ground, wait for it before the next hit."""
         if self.sortie.where == "air" or hit.target in ("world", "copilot"):
             return None  # told at the end: the others shall be hit at the same time
         flight, name = self.flight, hit.target.replace("PX4 of ", "px4.")
@@ -366,11 +382,11 @@ class _Flying:
         assert second.returncode == 0, second.stdout + second.stderr
 
     def _until_over(self, at: float) -> None:
-        """Everybody is where they are expected to end."""
+        """Wait until every vehicle has reached an allowed end."""
         if self._is_hit("world"):
             return
         if self._is_hit("supervisor", "SIGSTOP") and self.sortie.where == "air":
-            # two seconds more than the failsafes take: it is flown on
+            # 2 s more than the failsafes take: the vehicle still flies
             eventually(lambda: self.flight.truth().time_s >= at + 3.0, 30, "3 s without a supervisor")
             assert self.flight.heights().min() > 0.5, self.flight.heights()
             return
@@ -394,7 +410,7 @@ class _Flying:
         return f"heights {heights}\n{self.flight.said()}"
 
     def _end(self) -> int | None:
-        """The exit code of `arena up`, None when it was killed. Nothing is left."""
+        """End the flight and return the exit code of `arena up`, None when it was killed; check that nothing is left."""
         flight = self.flight
         if self._is_hit("supervisor", "SIGKILL"):
             flight.wait()
@@ -419,7 +435,7 @@ class _Flying:
     def _is_hit(self, target: str, number: Signal | None = None) -> bool:
         return any(h.target == target and number in (None, h.cell.signal) for h in self.sortie.hits)
 
-    # -- what its records say
+    # -- reading the records
 
     def _track(self, name: str, at: float) -> Track:
         flight, log = self.flight, self.flight.log(f"program.{name}")
@@ -432,7 +448,7 @@ class _Flying:
             return Track(end=End.STAYS)
         verdict = self._verdict(name)
         crashed = str(verdict.get("crashed", ""))
-        # a program that has not been told otherwise lands by itself: its own landing is not the signal's
+        # a program that runs to its end lands by itself: this landing does not count as an effect of the signal
         landed = int(np.flatnonzero(height > STANDS_M)[-1])
         hit = int(np.searchsorted(time_s, at)) if self.sortie.where == "air" else int(np.argmax(height > 0.5))
         sank = np.flatnonzero(v_d[hit:] > _SINKING_M_S)
@@ -446,7 +462,7 @@ class _Flying:
         )
 
     def _verdict(self, name: str) -> dict[str, Any]:
-        """The world's own, where somebody was left to write it down."""
+        """Return the world's crash report of a vehicle, if a supervisor was left to record it."""
         return self.flight.verdict(name) if (self.flight.folder / "outcome.json").exists() else {}
 
 
@@ -458,7 +474,7 @@ def _runs(pid: int) -> bool:
 
 
 def _end_of(log: str, crashed: bool) -> End:
-    """By the last words of the vehicle's program."""
+    """Return the end of a vehicle by the last line of its program's log."""
     if crashed:
         return End.FALLS
     if "landed as planned" in log:
@@ -470,7 +486,7 @@ def _end_of(log: str, crashed: bool) -> End:
 
 
 def _fate_of(events: list[dict[str, str]]) -> Fate | None:
-    """By what the supervisor wrote down of a process since it was ready."""
+    """Return what happened to a process, by its events since it was ready."""
     reasons = [e.get("reason", "") for e in events]
     told = [e.get("to", "") for e in events]
     if "BACKOFF" in told and "READY" in told[told.index("BACKOFF") :]:
@@ -483,7 +499,7 @@ def _fate_of(events: list[dict[str, str]]) -> Fate | None:
 
 
 def _rows(flight: Flight, name: str) -> NDArray[np.float64]:
-    """The truth in the vehicle's log: time, position [NED], speed down; shape (n, 5). A killed logger may leave half a row."""
+    """Return the truth in the vehicle's log: time, position [NED], speed down, (n, 5). Incomplete rows are skipped."""
     names = ("time.seconds", "truth.pos.north", "truth.pos.east", "truth.pos.down", "truth.vel.down")
     found = []
     for row in flight.rows(name):
@@ -522,7 +538,7 @@ def _yaml(sortie: Sortie, hangar: Hangar, go: Path, first_id: int) -> Path:
 
 
 def problems(flown: Flown, hit: Hit) -> list[str]:
-    """How what was flown differs from the cell. Empty when it is as the table says."""
+    """Return the differences between an observed result and its cell; empty if there are none."""
     sortie, cell = flown.sortie, hit.cell
     found = (
         []
@@ -555,14 +571,14 @@ def problems(flown: Flown, hit: Hit) -> list[str]:
 
 
 class Sorties:
-    """Flies each sortie once, however many of its cells are asked for."""
+    """Flies each sortie once and caches the result for all its cells."""
 
     def __init__(self, hangar_of: Callable[[], Hangar]) -> None:
         self._hangar_of = hangar_of
         self._flown: dict[tuple[str, bool], Flown | Exception] = {}
 
     def flown(self, sortie: Sortie, *, real: bool = False) -> Flown:
-        """real: PX4 itself; elsewhere vehicles with PX4 fly its stand-in. Raises AssertionError when it did not work."""
+        """Return the result of a sortie. real: fly the real PX4 instead of its stand-in. Raises AssertionError."""
         key = sortie.name, real
         if key not in self._flown:
             self._flown[key] = self._fly(sortie, real)
@@ -574,7 +590,7 @@ class Sorties:
     def _fly(self, sortie: Sortie, real: bool) -> Flown | Exception:
         hangar = self._hangar_of()
         try:
-            # PX4 binds its links on every address: ids that hardly another arena has
+            # PX4 binds its ports on every address, so use ids that other arenas rarely have
             return fly(
                 sortie,
                 hangar,
@@ -587,5 +603,5 @@ class Sorties:
             hangar.close()
 
     def problems(self, sortie: Sortie, hit: Hit, *, real: bool = False) -> list[str]:
-        """How the cell ended otherwise than the table says."""
+        """Return how the cell differs from the table."""
         return problems(self.flown(sortie, real=real), hit)

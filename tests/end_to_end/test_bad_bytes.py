@@ -1,6 +1,6 @@
-"""Random bytes, half frames, too long ones and a flood, at every port of a flying arena: it flies on, and counts them.
+"""Test that random bytes, incomplete frames and a flood at every port are counted and do not disturb a flight.
 
-Valid frames that command something are obeyed by design, as PX4 obeys them; none is sent here.
+Valid commands are executed, as PX4 does; none is sent here.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ GROWTH_MB = 6.0
 
 
 def bad_datagrams(rng: random.Random) -> Iterator[bytes]:
-    """Never a whole valid frame that anybody acts on."""
+    """Return bytes that are never a complete valid frame with an effect."""
     voice = mavlink.MAVLink(None, srcSystem=77, srcComponent=77)
     whole = mavlink.MAVLink_command_long_message(
         1, 1, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, *[0.0] * 7
@@ -39,7 +39,7 @@ def bad_datagrams(rng: random.Random) -> Iterator[bytes]:
 
 
 def bad_questions(rng: random.Random) -> Iterator[bytes]:
-    """At the motion capture's command port: lengths that lie, unknown questions, nothing."""
+    """Return NatNet requests with wrong lengths, unknown numbers, or no content."""
     while True:
         yield rng.randbytes(rng.randrange(0, 200))
         yield struct.pack("<HH", rng.choice([0, 2, 4, 5, 0xFFFF]), 0xFFFF) + rng.randbytes(8)
@@ -49,7 +49,7 @@ def bad_questions(rng: random.Random) -> Iterator[bytes]:
 
 
 def ports(flight: Flight) -> dict[str, list[int]]:
-    """Who hears -> every UDP port it has."""
+    """Return process name -> its UDP ports."""
     found: dict[str, list[int]] = {}
     for name, slice_ in ((name, flight.json(f"slices/{name}.json")) for name in ("world", "router", "mocap")):
         match name:
@@ -75,7 +75,7 @@ def ports(flight: Flight) -> dict[str, list[int]]:
 
 
 def throw(flight: Flight, where: dict[str, list[int]], rng: random.Random) -> int:
-    """One of each kind at every port, then a flood over all of them. Returns how many datagrams left."""
+    """Send one of each kind to every port, then a flood to all; return the number of datagrams."""
     bad, questions, sent = bad_datagrams(rng), bad_questions(rng), 0
     targets = [(name, port) for name, some in where.items() for port in some]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:

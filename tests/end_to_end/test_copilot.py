@@ -1,5 +1,6 @@
-"""A program that hangs behind an SDK, the copilot's own end, and a flight that it has nothing to say to. What must crash
-without it and must not with it are scenarios (`examples/08_copilot`).
+"""Tests of the copilot in whole arenas: a hung SDK program, loss of the copilot, and a correct flight.
+
+Flights that crash without the copilot and not with it are scenarios (`examples/08_copilot`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from .flight import PROGRAMS, Flight, Hangar, eventually
 pytestmark = pytest.mark.flight
 
 FIRST_ID = 65
-"""A real PX4 binds its ports on every address: other arenas of this computer may fly theirs with the low ids."""
+"""PX4 binds its ports on every address; other arenas of this computer may use the low ids."""
 
 
 def hung(hangar: Hangar, more: str, *options: str) -> Flight:
@@ -48,7 +49,7 @@ def test_hung_sdk_program_hovers_without_a_copilot(hangar: Hangar) -> None:
 
 
 def touring(hangar: Hangar, copilot: str, *options: str) -> Flight:
-    """Two vehicles that go round and land."""
+    """Start two vehicles that fly a circle and land."""
     program = f"{{path: '{PROGRAMS / 'fly.py'}', args: [tours]}}"
     rows = [
         f"uav{k + 1}: {{id: {FIRST_ID + k}, start: {{position: [{2 * k}, 0, 0]}}, program: {program}}}"
@@ -66,7 +67,7 @@ def touring(hangar: Hangar, copilot: str, *options: str) -> Flight:
 
 
 def bereft(hangar: Hangar, copilot: str, number: int = signal.SIGKILL) -> Flight:
-    """In the air, and its copilot killed or stopped."""
+    """Return a flight in the air whose copilot was killed or stopped."""
     flight = touring(hangar, copilot, "--until-done")
     flight.until_up()
     os.kill(flight.pid("copilot"), number)
@@ -74,9 +75,7 @@ def bereft(hangar: Hangar, copilot: str, number: int = signal.SIGKILL) -> Flight
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_all_vehicles_land_when_the_copilot_is_lost(
-    hangar: Hangar, number: int
-) -> None:
+def test_all_vehicles_land_when_the_copilot_is_lost(hangar: Hangar, number: int) -> None:
     flight = bereft(hangar, "copilot: {}", number)
     assert flight.wait(120) == 1
     assert "copilot: killed by SIGKILL" in flight.said() or "copilot: stopped" in flight.said()
@@ -86,9 +85,7 @@ def test_all_vehicles_land_when_the_copilot_is_lost(
 
 
 @pytest.mark.parametrize(("on_loss", "starts"), [("restart", 2), ("warn", 1)])
-def test_flight_continues_without_an_optional_copilot(
-    hangar: Hangar, on_loss: str, starts: int
-) -> None:
+def test_flight_continues_without_an_optional_copilot(hangar: Hangar, on_loss: str, starts: int) -> None:
     flight = bereft(hangar, f"copilot: {{on_loss: {on_loss}}}")
     code = flight.wait(120)
     assert [e["to"] for e in flight.events("copilot") if "to" in e].count("READY") == starts

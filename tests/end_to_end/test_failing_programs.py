@@ -1,4 +1,4 @@
-"""Programs that throw, hang, freeze or are killed in the air: each costs its own vehicle's flight, and no other's."""
+"""Tests of programs that raise, hang, freeze or are killed in flight: only their own vehicle lands early."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A flight controller in the loop, in a whole arena: HIL and ordinary MAVLink on one serial wire."""
+"""Tests of a flight controller in the loop (HITL): HIL and MAVLink on one serial line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The panic path, with its helpers stopped or killed: singly, all together, and twice at once."""
+"""Tests of `land-all` with other processes stopped or killed, one by one and all together."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .flight import Flight, Hangar, eventually
 pytestmark = pytest.mark.flight
 VEHICLES = {"uav1": "hovers", "uav2": "hovers"}
 HELPERS = ("supervisor", "router", "mocap", "copilot")
-# A real PX4 of somebody else binds its ports on every address: these are not the first that come to mind.
+# PX4 binds its ports on every address, so these ids are ones that other arenas rarely have.
 IDS = ("--set", "vehicles.uav1.id=61", "--set", "vehicles.uav2.id=62")
 
 
 def hit(flight: Flight, names: Sequence[str], number: int) -> None:
-    """The supervisor first: it would start the others anew. One that is not there by now, because it did so, is let be."""
+    """Signal the named processes, the supervisor first because it would restart the others; skip missing ones."""
     state = flight.state
     for name in names:
         member = state.supervisor if name == "supervisor" else state.processes.get(name)
@@ -33,7 +33,7 @@ def assert_told(said: str) -> None:
 
 
 def assert_all_landed(flight: Flight, *arguments: str) -> None:
-    """`arena land-all` exits 0 with a line for each vehicle, and the truth agrees."""
+    """Check that `arena land-all` exits 0 with a line per vehicle, and that the truth agrees."""
     told = flight.cli("land-all", *arguments, limit_s=90.0)
     print(told.stdout)
     assert told.returncode == 0, told.stdout + told.stderr
@@ -50,12 +50,14 @@ def assert_down(flight: Flight) -> None:
     eventually(rotors_stand, 2, "the rotors run down")
 
 
-# One arena each: the dead do not fly again. Stopped ones are let go afterwards, so that the run tells how the flight ended.
+# One arena per case. Stopped processes are continued afterwards, so that the run records how the flight ended.
 @pytest.mark.parametrize(
     "names", [*((name,) for name in HELPERS), HELPERS], ids=lambda x: "+".join(x) if len(x) < 4 else "all"
 )
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
-def test_land_all_works_without_other_processes(hangar: Hangar, names: tuple[str, ...], number: signal.Signals) -> None:
+def test_land_all_works_without_other_processes(
+    hangar: Hangar, names: tuple[str, ...], number: signal.Signals
+) -> None:
     flight = hangar.fly(VEHICLES, *IDS, more="copilot: {}\n")
     flight.until_up(0.9)
     hit(flight, names, number)

@@ -1,4 +1,4 @@
-"""What people do to a flying arena from outside: look, follow a log, connect an SDK or a ground station, restart a part."""
+"""Tests of what people do to a flying arena: ps, logs, an SDK, a ground station, restart."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ GROUND_STATION_PORT, ROUTER_TO_STATIONS = 14550, 24000
 
 @pytest.fixture(scope="module")
 def flying(shared_hangar: Hangar) -> Iterator[Flight]:
-    """Hovers until the module is done; every test leaves it as it was."""
+    """Give an arena that hovers until all tests of the module are done."""
     flight = shared_hangar.fly(VEHICLES)
     flight.until_up(0.9)
     yield flight
 
 
 class Client:
-    """An outside MAVLink client: an SDK or a ground station, of pymavlink alone."""
+    """An external MAVLink client made of pymavlink: an SDK or a ground station."""
 
     def __init__(self, address: tuple[str, int], peer: tuple[str, int], component: int) -> None:
         self._codec, self._peer = Codec(245, component), peer
@@ -45,7 +45,7 @@ class Client:
         self._socket.sendto(self._codec.pack(message), self._peer)
 
     def listen(self) -> None:
-        """All that has come."""
+        """Return all messages received so far."""
         with contextlib.suppress(BlockingIOError):
             while True:
                 self.heard += self._codec.parse(self._socket.recv(65535))

@@ -1,5 +1,6 @@
-"""Real vehicles beside simulated ones in one arena. A room on another loopback address poses as reality: its vehicle's MAVLink
-comes in on UDP, its cameras serve NatNet, and nothing of this arena can tell it from a flying lab.
+"""Tests of an arena with a hardware vehicle beside a simulated one.
+
+A simulated world on another loopback address stands in for the real vehicle (MAVLink on UDP) and the cameras (NatNet).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ WIRE_PORT = 14540
 
 
 def arena(hangar: Hangar, server: str, program: Path | str, args: str = "", more: str = "") -> Path:
-    """uav1 simulated, uav2 real; both fly the same program."""
+    """Write an arena with a simulated uav1 and a hardware uav2 that fly the same program."""
     file = hangar.folder / "arena.yaml"
     file.write_text(f"""\
 name: mixed
@@ -89,9 +90,7 @@ def test_failed_preflight_check_refuses_arming_with_its_reason(hangar: Hangar, r
     assert flight.summary["vehicles"]["uav1"]["landing"]["landed"]  # the other has flown
 
 
-def test_land_all_lands_a_mixed_fleet_without_supervisor_and_router(
-    hangar: Hangar, room: PosingRoom
-) -> None:
+def test_land_all_lands_a_mixed_fleet_without_supervisor_and_router(hangar: Hangar, room: PosingRoom) -> None:
     flight = up(hangar, room, PROGRAMS / "fly.py", args="hovers")
     flight.until_up(0.7)
     eventually(lambda: -room.truth().p_n[0, 2] > 0.7, 30, "the real one in the air", flight.said)

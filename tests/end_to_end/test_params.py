@@ -1,4 +1,4 @@
-"""Parameters read and written through the router of a running arena: of the built-in autopilot, the stand-in and the real PX4."""
+"""Tests of parameters read and written through the router: built-in autopilot, stand-in and real PX4."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from .flight import Flight, Hangar
 pytestmark = pytest.mark.flight
 
 NUMBER = 200 + os.getpid() % 40
-"""PX4 binds its links on every address: an id that no other test's arena has."""
+"""PX4 binds its ports on every address, so this id is used by no other test."""
 INT32 = 6
 A_SIGNALLING_NAN = -5_000_001
-"""What its bytes are as a float."""
+"""Return the float with the same bytes."""
 
 
 def targets_of(flight: Flight) -> dict[str, Target]:
@@ -35,7 +35,7 @@ def targets_of(flight: Flight) -> dict[str, Target]:
 
 
 def another(value: Value) -> float:
-    """That PX4 has no reason to object to."""
+    """Return a new value that PX4 accepts."""
     return (
         (1 - value.value if value.value in (0, 1) else value.value + 1)
         if value.kind == INT32
@@ -44,7 +44,7 @@ def another(value: Value) -> float:
 
 
 def sixty(values: Mapping[str, Value]) -> dict[str, float]:
-    """Thirty integers and thirty floats, to other values; what identifies the vehicle or moves its wires is left alone."""
+    """Return new values for 30 integers and 30 floats; ids and link settings are not changed."""
     calm_names = ("MPC_", "MC_", "MIS_", "RTL_", "NAV_", "GF_", "LNDMC_", "EKF2_", "COM_")
     calm = [v for n, v in values.items() if n.startswith(calm_names)]
     chosen = [v for v in calm if v.kind == INT32][:30] + [v for v in calm if v.kind != INT32][:30]
@@ -60,9 +60,7 @@ def yaml(folder: Path, autopilot: str) -> Path:
 
 
 @pytest.mark.parametrize("autopilot", ["builtin", "stand-in", pytest.param("real", marks=pytest.mark.px4)])
-def test_parameters_are_listed_written_and_unknown_names_reported(
-    hangar: Hangar, autopilot: str
-) -> None:
+def test_parameters_are_listed_written_and_unknown_names_reported(hangar: Hangar, autopilot: str) -> None:
     options = ["--set", "px4.home=stand-in"] if autopilot == "stand-in" else []
     if autopilot == "real" and ((found := find_px4()) is None or found.stand_in):
         pytest.skip("no PX4 is found: set PX4_HOME")

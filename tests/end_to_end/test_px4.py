@@ -1,4 +1,4 @@
-"""Arenas that fly PX4: by the stand-in on every machine, and by the real one where PX4_HOME or PATH has it."""
+"""Tests of arenas that fly PX4: its stand-in on every machine, the real one where it is found."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from .flight import ROOT, Flight, Hangar, eventually
 pytestmark = pytest.mark.flight
 
 FIRST_ID = 200 + os.getpid() % 40
-"""PX4 binds its links on every address: ids that no other test's arena has."""
+"""PX4 binds its ports on every address, so these ids are used by no other test."""
 VEHICLES = ("uav1", "uav2")
 BOTH = ("stand-in", pytest.param("real", marks=pytest.mark.px4))
 
 
 @pytest.fixture
 def px4(request: pytest.FixtureRequest) -> list[str]:
-    """The options that make `arena up` fly this one."""
+    """Return the options with which `arena up` flies this PX4."""
     if request.param == "stand-in":
         return ["--set", "px4.home=stand-in"]
     return real_px4()
@@ -54,7 +54,7 @@ def flown_by_px4(*vehicles: str) -> list[str]:
 
 
 def px4_process(flight: Flight, vehicle: str) -> psutil.Process:
-    """The PX4 itself, below the process that looks after it."""
+    """Return the PX4 process, a child of `px4.<vehicle>`."""
     run = open_run(flight.folder)
     assert run is not None
     (child,) = psutil.Process(run.processes[f"px4.{vehicle}"].pid).children()
@@ -87,9 +87,7 @@ def test_px4_and_builtin_autopilot_fly_in_one_arena(hangar: Hangar, px4: list[st
 
 
 @pytest.mark.parametrize("px4", BOTH, indirect=True)
-def test_killed_px4_falls_and_stopped_px4_recovers(
-    hangar: Hangar, px4: list[str]
-) -> None:
+def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str]) -> None:
     flight = hangar.fly(
         {"uav1": "hovers", "uav2": "hovers", "uav3": "tours"},
         "--until-done",
@@ -134,10 +132,8 @@ def landed_all(said: str) -> bool:
 @pytest.mark.parametrize(
     "script", ["echo libfoo.so.1: no such file >&2; exit 127", "exec sleep 1000"], ids=["exits", "hangs"]
 )
-def test_px4_that_never_connects_is_reported_and_others_fly(
-    hangar: Hangar, script: str
-) -> None:
-    """Of a PX4 that is installed, and does not run."""
+def test_px4_that_never_connects_is_reported_and_others_fly(hangar: Hangar, script: str) -> None:
+    """Make the folder of a PX4 that is installed and does not run."""
     home = hangar.folder / "home"
     for folder in ("bin", "etc/init.d-posix"):
         (home / folder).mkdir(parents=True)
@@ -163,7 +159,7 @@ def test_px4_that_never_connects_is_reported_and_others_fly(
 
 
 class GroundStation:
-    """Listens at an arena's port for ground stations. newest: (system, message type) -> message."""
+    """A receiver at the port for ground stations. newest: (system id, message type) -> message."""
 
     def __init__(self, address: str) -> None:
         self.newest: dict[tuple[int, str], Any] = {}
@@ -212,7 +208,7 @@ Example = tuple[Flight, GroundStation]
 
 @pytest.fixture(scope="module")
 def example(shared_hangar: Hangar) -> Iterator[Example]:
-    """The first example, as it is, flown by the real PX4."""
+    """The first example flown by the real PX4."""
     real_px4()
     station = GroundStation(shared_hangar.address)
     yaml = ROOT / "examples" / "01_two_quads" / "arena.yaml"
@@ -253,7 +249,7 @@ def test_real_px4_estimator_fuses_external_vision(example: Example, system: int)
     said = example[0].log(f"px4.{VEHICLES[system - FIRST_ID]}")
     assert "Ready for takeoff!" in said and "Preflight Fail" not in said and "ailsafe" not in said
     last = station.newest[system, "SYS_STATUS"]
-    # landed and in OFFBOARD without a program it rightly would not arm, and there are no sticks; all the rest is well
+    # landed in OFFBOARD without a program it must not arm, and no RC is configured; all other checks pass
     expected = mavlink.MAV_SYS_STATUS_PREARM_CHECK | mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
     ill = last.onboard_control_sensors_enabled & ~last.onboard_control_sensors_health & ~expected
     assert ill == 0, hex(ill)

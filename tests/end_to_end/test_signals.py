@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP in flight: land, then stop."""
+"""Tests of Ctrl-C, SIGTERM and SIGHUP in flight: land, then stop."""
 
 from __future__ import annotations
 

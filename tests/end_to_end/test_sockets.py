@@ -1,4 +1,4 @@
-"""What a running arena has open is what its plan says, both ways: nothing unplanned, nothing missing."""
+"""Tests that the open sockets of a running arena are exactly those of its plan."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def flight(hangar: Hangar) -> Iterator[Flight]:
 
 
 def bound(pid: int, *, alone: bool) -> set[Open]:
-    """UDP sockets, and TCP ones that listen, of a process and, unless `alone`, its children."""
+    """Return the UDP and listening TCP sockets of a process and, unless `alone`, of its children."""
     leader = psutil.Process(pid)
     found = set()
     for process in (leader, *(() if alone else leader.children(recursive=True))):
@@ -49,7 +49,7 @@ def local_sockets(folder: Path) -> set[Open]:
 
 
 def answers(door: Door, found: Open) -> bool:
-    """Is this socket that door? One of port 0 has whichever the kernel gave, beyond what anybody plans."""
+    """Return whether a socket is a planned port. Port 0 in the plan stands for any port chosen by the kernel."""
     protocol, address, port = found
     if door.port or door.protocol == "unix":
         return found == (door.protocol, door.address, door.port)
@@ -57,7 +57,7 @@ def answers(door: Door, found: Open) -> bool:
 
 
 def compare(planned: list[Door], found: set[Open]) -> tuple[set[Open], list[Door]]:
-    """(unplanned, missing)"""
+    """Return (unplanned, missing) sockets."""
     unplanned = {one for one in found if not any(answers(door, one) for door in planned)}
     missing = [door for door in planned if door.always and not any(answers(door, one) for one in found)]
     return unplanned, missing

@@ -1,4 +1,4 @@
-"""kill -9 of the supervisor in flight: programs die, vehicles land by themselves, nothing stays."""
+"""Tests of a supervisor killed in flight: programs end, vehicles land by themselves, no process remains."""
 
 from __future__ import annotations
 

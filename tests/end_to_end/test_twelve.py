@@ -1,4 +1,4 @@
-"""Twelve vehicles that fly PX4 keep apart: every port once, every number once, and each knows its own place and no other's."""
+"""Tests that twelve PX4 vehicles share no port or id and receive no data of each other."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NEAR_M, NEAR_RAD = 0.1, math.radians(5.0)
 
 
 def places() -> dict[str, tuple[float, float, float]]:
-    """Name -> north, east [m] and yaw [deg], no two alike."""
+    """Return name -> north, east [m] and yaw [deg], all different."""
     return {
         name: (1.5 * (i % 4) - 2.25, 1.5 * (i // 4) - 1.5, 15.0 * i - 80.0) for i, name in enumerate(NAMES)
     }
@@ -60,7 +60,7 @@ def test_ports_and_ids_are_unique(plan: Plan) -> None:
 
 
 def test_both_ends_of_every_link_match(plan: Plan) -> None:
-    """What an autopilot sends to is what its partner has bound, and the other way round."""
+    """Each end of a link sends to the address that the other end binds."""
     routed = {v["name"]: v["link"] for v in plan.slices["router.json"]["vehicles"]}
     ends = []
     for name in NAMES:
@@ -85,7 +85,7 @@ def position_and_yaw(station: GroundStation, system: int) -> tuple[Any, float] |
 
 
 def assert_at_home(flight: Flight, station: GroundStation) -> None:
-    """By each autopilot's own estimate, which has nothing but its vision link to learn the place from."""
+    """Check that each autopilot estimates its own start position; it learns the position from its vision link only."""
     for k, (name, (n, e, yaw)) in enumerate(places().items()):
         found = eventually(
             lambda k=k: position_and_yaw(station, FIRST + k), 10, f"the estimate of {name}", flight.said
@@ -95,7 +95,7 @@ def assert_at_home(flight: Flight, station: GroundStation) -> None:
 
 
 def assert_loopback_only(flight: Flight) -> None:
-    """A real PX4's own sockets: the three links of the plan and the simulator's, which are all that its scripts start."""
+    """Check that PX4 opens only the three planned links and the simulator connection."""
     for k, name in enumerate(NAMES):
         sockets = px4_process(flight, name).net_connections("inet")
         links = flight.json(f"slices/px4.{name}.json")["links"]
@@ -112,7 +112,7 @@ def logged_lines(flight: Flight, name: str) -> int:
 
 
 def assert_logged_at_home(flight: Flight, name: str) -> None:
-    """Its logger has heard its own autopilot alone, and has seen its own body alone."""
+    """Check that the logger recorded its own autopilot and its own body only."""
     rows, (north, east, _) = flight.rows(name), places()[name]
     assert len(rows) > 20, name
     for group, some in (("mocap.pos", rows), ("ekf.pos", rows[-15:])):  # an estimate begins anywhere

@@ -1,4 +1,4 @@
-"""The first example, unchanged, by the command line: what a user sees first must hold."""
+"""Tests of the first example, unchanged and started by the command line."""
 
 from __future__ import annotations
 

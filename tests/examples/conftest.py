@@ -1,4 +1,4 @@
-"""Examples fly as a user flies them, each on an address of its own."""
+"""Fixtures for tests of the examples."""
 
 from __future__ import annotations
 

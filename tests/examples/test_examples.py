@@ -1,4 +1,4 @@
-"""Every example is an arena that checks and flies. The first one is looked at closely in `tests/end_to_end/test_two_quads.py`."""
+"""Tests that every example passes `arena check` and flies. `tests/end_to_end/test_two_quads.py` has more on the first."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_example_passes_check(yaml: Path, capsys: pytest.CaptureFixture[str]) ->
 
 
 def fly(hangar: Hangar, yaml: Path) -> None:
-    """In lockstep, as fast as the machine goes: a starved one is slow, and flies the same."""
+    """Fly an example in lockstep at full speed, so that the result does not depend on the machine."""
     flight = hangar.up(
         yaml, "--until-done", "--time-limit", "300", "--speed", "max", "--set", "defaults.autopilot=builtin"
     )

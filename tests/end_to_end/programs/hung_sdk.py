@@ -1,5 +1,6 @@
-"""As with an SDK: a thread goes on sending the last setpoint, whatever becomes of the program's own loop, which beats for the
-copilot for three seconds and then hangs.
+"""Behave like a hung SDK program: a thread repeats the last setpoint while the main loop hangs.
+
+The main loop sends heartbeats to the copilot for 3 s before it hangs.
 """
 
 import json
@@ -19,7 +20,7 @@ uav.set_pos_yaw(place, 0.0, 4.0)
 
 
 def resend() -> None:
-    """Past the pilot of `arena.uav`, which would beat and would notice."""
+    """Send a setpoint without `arena.uav`, which would send heartbeats and detect the mode change."""
     clock = SimClock(
         json.loads(Path(sys.argv[sys.argv.index("--uav") + 1]).read_text())["clock"], "the thread of an SDK"
     )

@@ -1,4 +1,4 @@
-"""A MAVSDK program on its own: `sdk.py URL`. Prints what it learned as JSON: whom it heard, a parameter, whether it is armed."""
+"""A MAVSDK program: `sdk.py URL`. Prints as JSON which vehicle it received, a parameter and whether it is armed."""
 
 import asyncio
 import json

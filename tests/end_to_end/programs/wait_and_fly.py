@@ -1,4 +1,4 @@
-"""Wait for the file of the first argument, take off, stay 1 m above the start for the seconds of the second, land."""
+"""Wait for a file, take off, hover 1 m above the start, land: `wait_and_fly.py FILE SECONDS`."""
 
 from pathlib import Path
 
