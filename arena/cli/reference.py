@@ -1,6 +1,7 @@
 """`python -m arena.cli.reference [FOLDER]`: writes the generated pages of docs/reference. A test writes them again and compares.
 
-Pages: keys of the YAML, ports, processes, exit codes, the command line, words of scenarios. Nothing in them is written by hand.
+Pages: keys of the YAML, ports, processes, exit codes, the command line, words of scenarios, columns of the log.
+Nothing in them is written by hand.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import typer.main
 from arena import errors
 from arena.cli import VERBS, build
 from arena.plan import ProcessSpec, make_plan
+from arena.recorder import columns
 from arena.schema import load_arena
 from arena.schema.json_schema import json_schema
 from arena.schema.models import NOT_YET
@@ -29,7 +31,7 @@ _EXAMPLE = "vehicles: {uav1: {program: hover.py}}\n"
 
 
 def pages() -> dict[str, str]:
-    """File name -> text, all six."""
+    """File name -> text, all seven."""
     made = {
         "yaml.md": yaml_page(),
         "ports.md": ports_page(),
@@ -37,6 +39,7 @@ def pages() -> dict[str, str]:
         "exit-codes.md": exit_codes_page(),
         "cli.md": cli_page(),
         "scenarios.md": scenarios_page(),
+        "log-columns.md": log_columns_page(),
     }
     return {name: _HEAD + text.rstrip() + "\n" for name, text in made.items()}
 
@@ -213,6 +216,28 @@ def _process(spec: ProcessSpec) -> list[str]:
         budget,
         f"`{' '.join(spec.argv)}`",
     ]
+
+
+def log_columns_page() -> str:
+    """Every column of a vehicle's log, with the example that reads it."""
+
+    def rows(groups: Iterable[columns.Group]) -> Iterator[tuple[str, ...]]:
+        for group in groups:
+            name = f"`{group.name}`" + (f" `.{'`, `.'.join(group.parts)}`" if group.parts else "")
+            yield name, group.unit, group.frame, group.source, group.instant, group.meaning
+
+    head = ("columns", "unit", "frame", "source", "instant", "meaning")
+    return "\n".join(
+        (
+            "# Columns of the log\n",
+            columns.PAGE_HEAD,
+            table(head, rows((*columns.THESIS, *columns.FURTHER))),
+            "## Simulated vehicles\n",
+            "The log of a simulated vehicle has the truth of the simulated world too.\n",
+            table(head, rows(columns.TRUTH)),
+            columns.PAGE_EXAMPLE,
+        )
+    )
 
 
 def scenarios_page() -> str:

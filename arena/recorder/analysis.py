@@ -77,7 +77,9 @@ def setpoints(flight: Flight) -> dict[str, Any]:
 
 
 def landing(flight: Flight) -> dict[str, Any]:
-    """Where it came down, against where it was told to land: its last position reference, else where it was then."""
+    """Where it came down, against where it was told to land: its last position reference, else where it was
+    then.
+    """
     flown = np.flatnonzero(flight.offboard)
     down = bool(flight.landed[-1] and not flight.armed[-1])
     if not flown.size:
@@ -98,8 +100,8 @@ def _last_place(flight: Flight) -> Array:
 
 
 def estimator(flight: Flight) -> dict[str, float | None]:
-    """Estimate minus truth at the instant of the estimate, while armed. Without truth, minus what the cameras last said: that
-    counts the delay of both, some centimetres in fast flight.
+    """Estimate minus truth at the instant of the estimate, while armed. Without truth, minus what the cameras
+    last said: that counts the delay of both, some centimetres in fast flight.
     """
     if flight.judge == "estimate":
         return {"pos_rms_m": None, "pos_max_m": None, "yaw_rms_deg": None, "yaw_max_deg": None}

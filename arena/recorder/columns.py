@@ -1,62 +1,177 @@
-"""The columns of a log. The first ones have the names and the order of the thesis's files, so that its tools read ours.
+"""The columns of a log, as one table: `csv/<vehicle>.csv` has one column per part of each group, in this
+order.
 
-Metres, metres per second, radians, seconds, pascals, teslas; frames NED and (imu, ang_vel) FRD; quaternions wxyz.
-An empty cell: the value was never heard, is older than its limit, or is not controlled.
+The groups of THESIS have the names and the order of the log files of the thesis that `arena` grew out of, so
+that scripts written for those files read ours. An empty cell: the value was not received, is too old, or is
+not controlled.
 """
 
 from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Literal
 
 NED = ("north", "east", "down")
 RPY = ("roll", "pitch", "yaw")
 WXYZ = ("w", "x", "y", "z")
 
-
-def _of(group: str, parts: tuple[str, ...]) -> list[str]:
-    return [f"{group}.{part}" for part in parts]
+Instant = Literal["row", "interpolated", "held"]
 
 
-THESIS: tuple[str, ...] = (
-    "time.seconds",
-    *_of("ekf.pos", NED),
-    *_of("ekf.vel", NED),
-    *_of("ekf.vel_body", NED),
-    *_of("ekf.att_q", WXYZ),
-    *_of("ekf.att_euler", RPY),
-    *_of("ekf.ang_vel", RPY),
-    *_of("imu.acc_body", NED),
-    *_of("imu.ang_vel", RPY),
-    *_of("imu.mag", NED),
-    *_of("mocap.pos", NED),
-    *_of("mocap.att_q", WXYZ),
-    *_of("mocap.att_euler", RPY),
-    *_of("info", ("flight_mode", "is_armed", "is_landed", "battery")),
-    *_of("pos_ref", NED),
-    *_of("att_euler_ref", RPY),
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Columns that belong together: `name.part`, or `name` alone without parts.
+
+    instant: "interpolated" between samples to the row's time, "held" since the last message, or "row": exact
+    at the row's time.
+    """
+
+    name: str
+    parts: tuple[str, ...] = ()
+    unit: str
+    frame: str = "-"
+    source: str
+    instant: Instant
+    meaning: str
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The names of the group's columns."""
+        return tuple(f"{self.name}.{part}" for part in self.parts) or (self.name,)
+
+
+_POSITION, _ATTITUDE, _IMU = "LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "HIGHRES_IMU"
+_TARGET, _ATTITUDE_TARGET = "POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET"
+_MOCAP, _TRUTH = "motion capture", "simulated world"
+
+
+def _group(
+    instant: Instant, name: str, parts: tuple[str, ...], unit: str, frame: str, source: str, meaning: str
+) -> Group:
+    return Group(
+        name=name, parts=parts, unit=unit, frame=frame, source=source, instant=instant, meaning=meaning
+    )
+
+
+_interpolated = functools.partial(_group, "interpolated")
+_held = functools.partial(_group, "held")
+_exact = functools.partial(_group, "row")
+
+
+THESIS: tuple[Group, ...] = (
+    _exact(
+        "time.seconds", (), "s", "-", "clock", "the row's time: simulation time; unix time of a real vehicle"
+    ),
+    _interpolated("ekf.pos", NED, "m", "NED", _POSITION, "estimated position of the body origin"),
+    _interpolated("ekf.vel", NED, "m/s", "NED", _POSITION, "estimated velocity"),
+    _interpolated("ekf.vel_body", NED, "m/s", "FRD", "computed", "`ekf.vel` in body axes, by `ekf.att_q`"),
+    _interpolated("ekf.att_q", WXYZ, "-", "NED from FRD", _ATTITUDE, "estimated attitude, Hamilton"),
+    _interpolated("ekf.att_euler", RPY, "rad", "NED from FRD", "computed", "`ekf.att_q` as Euler angles"),
+    _interpolated("ekf.ang_vel", RPY, "rad/s", "FRD", _ATTITUDE, "estimated body rates"),
+    _interpolated("imu.acc_body", NED, "m/s2", "FRD", _IMU, "specific force"),
+    _interpolated("imu.ang_vel", RPY, "rad/s", "FRD", _IMU, "body rates of the gyroscope"),
+    _interpolated("imu.mag", NED, "T", "FRD", _IMU, "magnetic field"),
+    _interpolated("mocap.pos", NED, "m", "NED", _MOCAP, "position of the body origin, as the cameras saw it"),
+    _interpolated("mocap.att_q", WXYZ, "-", "NED from FRD", _MOCAP, "attitude, as the cameras saw it"),
+    _interpolated("mocap.att_euler", RPY, "rad", "NED from FRD", "computed", "`mocap.att_q` as Euler angles"),
+    _held("info.flight_mode", (), "-", "-", "HEARTBEAT", "PX4's name of the flight mode: `OFFBOARD`, `AUTO.LAND`"),
+    _held("info.is_armed", (), "-", "-", "HEARTBEAT", "`True` or `False`"),
+    _held("info.is_landed", (), "-", "-", "EXTENDED_SYS_STATE", "`True` or `False`, by the land detector"),
+    _held("info.battery", (), "%", "-", "SYS_STATUS", "remaining charge"),
+    _held(
+        "pos_ref",
+        NED,
+        "m",
+        "NED",
+        f"program, else {_TARGET}",
+        "position reference: what the program publishes with `uav.reference`, else the autopilot's setpoint",
+    ),
+    _held("att_euler_ref", RPY, "rad", "NED from FRD", "computed", "`att_q_ref` as Euler angles"),
+)  # fmt: skip
+
+FURTHER: tuple[Group, ...] = (
+    _held("pos_ref.yaw", (), "rad", "NED", f"program, else {_TARGET}", "yaw reference"),
+    _held("vel_ref", NED, "m/s", "NED", f"program, else {_TARGET}", "velocity reference"),
+    _held("att_q_ref", WXYZ, "-", "NED from FRD", _ATTITUDE_TARGET, "attitude setpoint"),
+    _held("ang_vel_ref", RPY, "rad/s", "FRD", _ATTITUDE_TARGET, "body rate setpoint"),
+    _held("thrust_ref", (), "-", "FRD", _ATTITUDE_TARGET, "collective thrust setpoint, 0..1"),
+    _interpolated("baro.pressure", (), "Pa", "-", _IMU, "absolute pressure"),
+    _interpolated("baro.temperature", (), "deg C", "-", _IMU, "temperature of the barometer"),
+    _interpolated("baro.alt", (), "m", "-", _IMU, "pressure altitude"),
+    _held(
+        "act.output",
+        ("1", "2", "3", "4"),
+        "-",
+        "-",
+        "SERVO_OUTPUT_RAW or ACTUATOR_CONTROL_TARGET",
+        "actuator outputs 1 to 4, 0..1",
+    ),
 )
 
-FURTHER: tuple[str, ...] = (
-    "pos_ref.yaw",
-    *_of("vel_ref", NED),
-    *_of("att_q_ref", WXYZ),
-    *_of("ang_vel_ref", RPY),
-    "thrust_ref",
-    *_of("baro", ("pressure", "temperature", "alt")),
-    *_of("act.output", ("1", "2", "3", "4")),
-)
-
-# What the simulated world knows. err: the estimate minus the truth at the instant of the estimate.
-TRUTH: tuple[str, ...] = (
-    *_of("truth.pos", NED),
-    *_of("truth.vel", NED),
-    *_of("truth.att_q", WXYZ),
-    *_of("truth.att_euler", RPY),
-    *_of("truth.ang_vel", RPY),
-    *_of("err.pos", NED),
-    *_of("err.vel", NED),
-    *_of("err.att_euler", RPY),
-)
+TRUTH: tuple[Group, ...] = (
+    _exact("truth.pos", NED, "m", "NED", _TRUTH, "position of the body origin"),
+    _exact("truth.vel", NED, "m/s", "NED", _TRUTH, "velocity"),
+    _exact("truth.att_q", WXYZ, "-", "NED from FRD", _TRUTH, "attitude, Hamilton"),
+    _exact("truth.att_euler", RPY, "rad", "NED from FRD", "computed", "`truth.att_q` as Euler angles"),
+    _exact("truth.ang_vel", RPY, "rad/s", "FRD", _TRUTH, "body rates"),
+    _interpolated("err.pos", NED, "m", "NED", "computed", "`ekf.pos` minus `truth.pos`"),
+    _interpolated("err.vel", NED, "m/s", "NED", "computed", "`ekf.vel` minus `truth.vel`"),
+    _interpolated("err.att_euler", RPY, "rad", "FRD", "computed", "rotation vector from the true attitude to the estimated one"),
+)  # fmt: skip
+"""What the simulated world knows: only in logs of simulated vehicles."""
 
 
 def columns(simulated: bool) -> tuple[str, ...]:
-    """Every column of a log, in order."""
-    return THESIS + FURTHER + (TRUTH if simulated else ())
+    """Return the names of all columns of a log, in order."""
+    groups = THESIS + FURTHER + (TRUTH if simulated else ())
+    return tuple(column for group in groups for column in group.columns)
+
+
+PAGE_HEAD = """\
+Each vehicle's log is `csv/<vehicle>.csv` in the run folder: one header line, then 30 rows per second. An
+empty cell means: not received, too old, or not controlled. Units are SI; angles are in radians; quaternions
+are Hamilton, `w x y z`, and rotate FRD body vectors into NED.
+
+**A row is one instant**, `time.seconds`. Groups arrive at different rates and with different delays, so the
+logger keeps the last samples of each group and writes a row when every group has a sample on both sides of
+it. The column `instant` says how a value gets to the time of its row:
+
+- `row`: it is exact at that time.
+- `interpolated`: between the two samples around that time, by the sender's time stamps (`time_boot_ms` or
+  `time_usec` of the autopilot, the exposure time of a motion-capture frame). Positions use the velocities
+  at both ends, attitudes the shortest rotation. Samples more than 0.5 s apart are not interpolated.
+- `held`: the last value before that time; empty when it is older than 0.5 s (setpoints), 3 s (mode, armed,
+  landed) or 10 s (battery).
+
+The clock of a real autopilot or camera server is not this computer's. The logger converts its time stamps
+with the smallest delay that it has received, so all values of a real vehicle are later than they were by
+that smallest delay: about 1 ms on Ethernet, several ms on a radio. In simulation time stamps are simulation
+time.
+"""
+PAGE_EXAMPLE = """\
+## Read it with pandas
+
+```python
+import numpy as np
+import pandas as pd
+
+log = pd.read_csv("uav1.csv")
+flown = log[log["info.flight_mode"] == "OFFBOARD"]
+
+
+def ned(group: str) -> np.ndarray:
+    return flown[[f"{group}.north", f"{group}.east", f"{group}.down"]].to_numpy()
+
+
+def rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean((error**2).sum(axis=1))))
+
+
+tracking = rms(ned("truth.pos") - ned("pos_ref"))
+estimate = rms(ned("ekf.pos") - ned("truth.pos"))
+print(f"tracking error: {tracking:.3f} m rms, estimate: {estimate:.3f} m rms")
+```
+
+Use `mocap.pos` in place of `truth.pos` for a real vehicle.
+"""

@@ -1,4 +1,6 @@
-"""A log file -> arrays. A log that ends in the middle of a line, because its writer was killed, is read up to there."""
+"""A log file -> arrays. A log that ends in the middle of a line, because its writer was killed, is read up to
+there.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ _WORDS = ("info.flight_mode", "info.is_armed", "info.is_landed")
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """One vehicle's log. t: since its first row [s] (n,); numbers: by column, nan where the cell was empty, each (n,)."""
+    """One vehicle's log. t: since its first row [s] (n,); numbers: by column, nan where the cell was empty,
+    each (n,).
+    """
 
     name: str
     t: Array
@@ -41,8 +45,8 @@ class Flight:
 
     @property
     def judge(self) -> Judge:
-        """Whose word on where it was is taken: the truth's where there is one, else the cameras' where they saw at least half of
-        the flight, for they do not depend on the autopilot, else the autopilot's own.
+        """Whose word on where it was is taken: the truth's where there is one, else the cameras' where they
+        saw at least half of the flight, for they do not depend on the autopilot, else the autopilot's own.
         """
         if self.simulated:
             return "truth"

@@ -1,4 +1,6 @@
-"""The shell of a logger: sockets, pages and a file around a Recorder. It only listens: no client of its own reaches a vehicle."""
+"""Sockets, shared-memory pages and a file around a `Recorder`. A logger only receives: it must never send to
+a vehicle.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +17,15 @@ from arena.process_context import ProcessContext, ShutdownPolicy
 from arena.recorder.recorder import Recorder, rates
 from arena.wire.truth_page import Truth, TruthReader
 
-_LOOK_S = 1.0
-_MOST = 2000
-_OFF_THE_FLOOR_M = 0.05
+REPORT_PERIOD_S = 1.0
+MAX_DATAGRAMS = 2000  # per row, so that a flood of datagrams does not stop the log
+AIRBORNE_HEIGHT_M = 0.05
 
 
 class Logger:
-    """Writes `<folder>/<vehicle>.csv`, one row every 1/rate_hz [s] from the moment the vehicle is heard."""
+    """The process that writes `<folder>/<vehicle>.csv`: one row every 1/rate_hz [s], from the first message
+    of the vehicle on.
+    """
 
     def __init__(self, room: ProcessContext) -> None:
         settings = room.settings
@@ -32,20 +36,22 @@ class Logger:
         self._wall_offset = 0.0 if settings.get("clock") else time.time() - time.monotonic()
         self._truth = TruthReader(settings["truth"]) if settings.get("truth") else None
         self._capture = _capture(settings)
-        self._socket = _listen(tuple(settings["listen"]))
+        self._socket = _open_socket(tuple(settings["listen"]))
         folder = Path(settings["folder"])
         folder.mkdir(parents=True, exist_ok=True)
-        self._file = _go_on(folder / f"{self._vehicle}.csv", self._recorder.header)
+        self._file = _open_csv(folder / f"{self._vehicle}.csv", self._recorder.header)
         self._rate_hz = float(settings["rate_hz"])
-        self._afterlife = ShutdownPolicy(limit_s=60.0 if settings.get("simulated", True) else None)
-        self._looked = 0.0
+        self._shutdown = ShutdownPolicy(limit_s=60.0 if settings.get("simulated", True) else None)
+        self._reported = 0.0
         self._fault = ""
         self._complaint = Complaint()
         self._floor: float | None = None
         self._airborne_unix_s: float | None = None
 
     def run(self) -> None:
-        """Until told to stop, the world ends, or the supervisor is dead and the vehicle disarmed."""
+        """Log until told to stop, until the world ends, or until the supervisor is dead and the vehicle
+        disarmed.
+        """
         rate = self._clock.rate(self._rate_hz)
         while not self._room.stopping:
             try:
@@ -53,60 +59,59 @@ class Logger:
             except RunError:
                 self._room.event(f"{self._room.name}: the world has ended, and the log with it")
                 return
-            self._listen(now)
+            self._receive(now)
             if self._recorder.first_heard is not None:
-                self._write(now)
-            if self._look():
+                self._sample(self._clock.now())  # not `now`: a state received meanwhile belongs to this row
+            self._file.writelines(self._recorder.take_rows(now))
+            if self._once_a_second():
                 return
 
     def close(self) -> None:
+        """Write the rows that are left, report the figures, and close everything."""
+        self._file.writelines(self._recorder.take_rows())
         self._room.stats(self._stats())
         self._file.close()
         self._socket.close()
         if self._capture is not None:
             self._capture.close()
 
-    def _listen(self, now: float) -> None:
-        for _ in range(_MOST):
+    def _receive(self, now: float) -> None:
+        for _ in range(MAX_DATAGRAMS):
             try:
                 datagram = self._socket.recv(65535)
             except OSError:
                 break
-            # The time of waking may be long past on a busy computer, and an estimate must not seem to come from the future.
-            self._recorder.hear(datagram, self._clock.now())
+            # On a busy computer the logger wakes late: with the wake-up time an estimate would seem to come from the future.
+            self._recorder.receive(datagram, self._clock.now())
         if self._capture is not None:
             try:
-                self._hear_capture(self._capture, now)
+                self._receive_poses(self._capture, now)
             except (ArenaError, OSError) as error:
-                self._blame(f"motion capture: {error}")
+                self._report_fault(f"motion capture: {error}")
 
-    def _hear_capture(self, capture: NatNetCapture, now: float) -> None:
+    def _receive_poses(self, capture: NatNetCapture, now: float) -> None:
         for frame in capture.poll(now):
             for pose in frame.poses:
                 if pose.body == self._body:
-                    self._recorder.hear_pose(pose.p_n, pose.q_nb, now)
+                    self._recorder.receive_pose(pose.p_n, pose.q_nb, frame.time_s, self._clock.now())
 
-    def _write(self, now: float) -> None:
-        truth, then = self._look_at_truth()
+    def _sample(self, now: float) -> None:
+        truth = None
+        if self._truth is not None:
+            truth = self._truth.at(now) or self._truth.newest()
         if self._airborne_unix_s is None and self._is_airborne(truth):
             self._airborne_unix_s = time.time()
             self._room.event(f"{self._vehicle}: airborne")
-        self._file.write(self._recorder.row(now, now + self._wall_offset, truth, then))
-
-    def _look_at_truth(self) -> tuple[Truth | None, Truth | None]:
-        if self._truth is None:
-            return None, None
-        at = self._recorder.estimated_at()
-        return self._truth.newest(), None if at is None else self._truth.at(at)
+        self._recorder.sample(now, now + self._wall_offset, truth)
 
     def _is_airborne(self, truth: Truth | None) -> bool:
-        """By the truth where there is one, else by the autopilot's land detector."""
-        if truth is None or self._truth is None:
+        """Judge by the truth if there is one, else by the autopilot's land detector."""
+        if truth is None:
             ground = self._recorder.telemetry.ground
             return self._recorder.armed and ground is not None and not ground.landed
         down = float(truth.p_n[self._room.settings["index"], 2])
         self._floor = down if self._floor is None else self._floor
-        return down < self._floor - _OFF_THE_FLOOR_M
+        return down < self._floor - AIRBORNE_HEIGHT_M
 
     def _stats(self) -> dict[str, Any]:
         found: dict[str, Any] = dict(rates(self._recorder, self._clock.now()))
@@ -116,19 +121,21 @@ class Logger:
             else {**found, "airborne_unix_s": round(self._airborne_unix_s, 3)}
         )
 
-    def _look(self) -> bool:
-        """Once a second of wall time: flush, tell, and ask whether there is anything left to do."""
+    def _once_a_second(self) -> bool:
+        """Flush the file and report the figures, once a second of wall time. Return whether the logger is to
+        end.
+        """
         wall = time.monotonic()
-        if wall - self._looked < _LOOK_S:
+        if wall - self._reported < REPORT_PERIOD_S:
             return False
-        self._looked = wall
+        self._reported = wall
         self._file.flush()
         self._room.stats(self._stats())
-        self._complain()
-        return self._afterlife.over(orphaned=self._room.orphaned, any_armed=self._recorder.armed, now=wall)
+        self._report_capture()
+        return self._shutdown.over(orphaned=self._room.orphaned, any_armed=self._recorder.armed, now=wall)
 
-    def _complain(self) -> None:
-        """Why no captured pose comes, once."""
+    def _report_capture(self) -> None:
+        """Log why no poses arrive, only when the reason changes."""
         if self._capture is None:
             return
         news = self._complaint.news(self._capture.trouble())
@@ -136,15 +143,17 @@ class Logger:
             self._room.event(news)
             print(f"logger: {news}", file=sys.stderr, flush=True)
 
-    def _blame(self, fault: str) -> None:
-        """Told when it changes, not thirty times a second."""
+    def _report_fault(self, fault: str) -> None:
+        """Log a fault only when it changes."""
         if fault != self._fault:
             self._fault = fault
             self._room.event(f"{self._room.name}: {fault}")
 
 
-def _go_on(path: Path, header: str) -> TextIO:
-    """What a killed logger of this run has begun goes on after its last whole row: there is a gap, and no flight is lost."""
+def _open_csv(path: Path, header: str) -> TextIO:
+    """Open the log to append. A log that a killed logger of this run began is continued after its last
+    complete row.
+    """
     written = path.read_bytes() if path.exists() else b""
     whole = written[: written.rfind(b"\n") + 1] if written.startswith(header.encode()) else b""
     file = path.open("r+" if whole else "w")
@@ -156,7 +165,7 @@ def _go_on(path: Path, header: str) -> TextIO:
     return file
 
 
-def _listen(address: tuple[str, int]) -> socket.socket:
+def _open_socket(address: tuple[str, int]) -> socket.socket:
     found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     found.setblocking(False)
     found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)

@@ -1,4 +1,6 @@
-"""Pictures of flights: one per group, actual against desired, and the whole flight seen from above and from the side."""
+"""Pictures of flights: one per group, actual against desired, and the whole flight seen from above and from
+the side.
+"""
 
 from __future__ import annotations
 
@@ -107,7 +109,9 @@ def _finish(
 
 
 def plot_all(flights: Sequence[Flight], size_m: Sequence[float] | None, folder: Path) -> Path:
-    """All vehicles from above (north up, east right) and from the east. size_m: the room, north, east, height [m]."""
+    """All vehicles from above (north up, east right) and from the east. size_m: the room, north, east, height
+    [m].
+    """
     figure = Figure(figsize=(11, 6.5), layout="constrained")
     above, side = figure.subplots(1, 2)
     for i, flight in enumerate(flights):

@@ -1,161 +1,237 @@
-"""What was heard of one vehicle -> rows of its log. Pure: datagrams, poses, truth and time in, text out."""
+"""Received telemetry, poses and truth of one vehicle -> rows of its log. Pure: bytes, values and times in,
+text out.
+
+A row is one instant. It is written some time later, when each measured group has a sample on both sides of
+it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from pymavlink.dialects.v20 import common as mavlink
 
 from arena.geometry import Array, euler_from_quat, quat_conj, quat_log, quat_multiply, quat_rotate
 from arena.recorder.columns import columns
-from arena.wire.telemetry import Telemetry
+from arena.recorder.samples import MAX_GAP_S, Held, Series, leading_quaternion, position_velocity
+from arena.wire.telemetry import Actuators, AttitudeReference, Ground, Heart, Reference, Status, Telemetry
 from arena.wire.truth_page import Truth
 
-_FAST_S, _SLOW_S, _BATTERY_S = 0.5, 3.0, 10.0
-_SAME_CLOCK_S = 0.05
-_NAN3, _NAN4 = np.full(3, np.nan), np.full(4, np.nan)
+SETPOINT_MAX_AGE_S, STATE_MAX_AGE_S, BATTERY_MAX_AGE_S = 0.5, 3.0, 10.0
+_PROGRAM = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+_PROGRAM_BYTES = bytes([_PROGRAM])
+_NAN3, _NAN4, _NAN6, _NAN7 = (np.full(n, np.nan) for n in (3, 4, 6, 7))
 
 Cell = float | str | bool
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Pending:
+    """An instant whose row is not written yet. time_s: of the logger's clock; stamp: in the first column."""
+
+    time_s: float
+    stamp: float
+    truth: Truth | None
+
+
 class Recorder:
-    """One vehicle. system_id: its MAV_SYS_ID; index: its row in the truth, None when it is real."""
+    """Build the log of one vehicle.
+
+    system_id: its MAV_SYS_ID. index: its row in the truth page, None for a real vehicle.
+    """
 
     def __init__(self, system_id: int, index: int | None) -> None:
         self.telemetry = Telemetry(system_id)
         self.datagrams = self.poses = self.rows = 0
         self.first_heard: float | None = None
         self._index = index
-        self._pose: tuple[float, Sequence[float] | Array, Sequence[float] | Array] | None = None
-        self._boot: float | None = None
+        self._program = Telemetry(system_id, {mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED}, _PROGRAM)
+        self._local = Series(position_velocity)
+        self._attitude, self._pose = Series(leading_quaternion), Series(leading_quaternion)
+        self._imu, self._mag, self._baro = Series(), Series(), Series()
+        self._heart, self._ground = Held[Heart](STATE_MAX_AGE_S), Held[Ground](STATE_MAX_AGE_S)
+        self._status = Held[Status](BATTERY_MAX_AGE_S)
+        self._setpoint = Held[Reference](SETPOINT_MAX_AGE_S)
+        self._program_reference = Held[Reference](SETPOINT_MAX_AGE_S)
+        self._attitude_setpoint = Held[AttitudeReference](SETPOINT_MAX_AGE_S)
+        self._actuators = Held[Actuators](SETPOINT_MAX_AGE_S)
+        self._pending: deque[_Pending] = deque()
 
     @property
     def header(self) -> str:
+        """The first line of the log."""
         return ",".join(columns(self._index is not None)) + "\n"
 
     @property
     def armed(self) -> bool:
+        """The armed flag of the last heartbeat."""
         heart = self.telemetry.heart
         return heart is not None and heart.armed
 
-    def hear(self, datagram: bytes, now: float) -> None:
-        """A datagram of the vehicle's stream. now [s]."""
+    # -- what is received
+
+    def receive(self, datagram: bytes, now: float) -> None:
+        """Take one datagram from the vehicle, or from its program. now: local time of reception [s]."""
+        if datagram[6:7] == _PROGRAM_BYTES and self._program.hear(datagram, now):
+            self._take_program_reference(now)
+            return
         self.datagrams += 1
         if not self.telemetry.hear(datagram, now):
             return
         if self.first_heard is None:
             self.first_heard = now
-        if (local := self.telemetry.local) is not None and local.heard == now:
-            lag = now - local.boot_s
-            self._boot = lag if self._boot is None else min(self._boot, lag)
+        self._take_measurements(now)
+        self._take_states(now)
 
-    def hear_pose(self, p_n: Sequence[float] | Array, q_nb: Sequence[float] | Array, now: float) -> None:
-        """A tracked motion-capture pose [m] [NED] (3,), wxyz (4,)."""
+    def receive_pose(
+        self, p_n: Sequence[float] | Array, q_nb: Sequence[float] | Array, exposed: float, now: float
+    ) -> None:
+        """Take a tracked motion-capture pose.
+
+        p_n: position of the body origin [m] [NED] (3,). q_nb: attitude [-] wxyz (4,).
+        exposed: time of exposure, by the server's clock [s]. now: local time of reception [s].
+        """
         self.poses += 1
-        self._pose = now, p_n, q_nb
+        self._pose.receive(exposed, now, np.concatenate([q_nb, p_n]))
 
-    def estimated_at(self) -> float | None:
-        """When the newest estimate was made, in our time [s]: its own stamp, moved by the least delay seen.
+    def _take_measurements(self, now: float) -> None:
+        telemetry = self.telemetry
+        if (local := telemetry.local) is not None and local.heard == now:
+            self._local.receive(local.boot_s, now, np.concatenate([local.pos, local.vel]))
+        if (attitude := telemetry.attitude) is not None and attitude.heard == now:
+            self._attitude.receive(attitude.boot_s, now, np.concatenate([attitude.q_nb, attitude.ang_vel]))
+        if (imu := telemetry.imu) is None or imu.heard != now:
+            return
+        self._imu.receive(imu.boot_s, now, np.concatenate([imu.acc_body, imu.ang_vel]))
+        if (mag := telemetry.mag) is not None and mag.heard == now:
+            self._mag.receive(imu.boot_s, now, mag.mag)
+        if (baro := telemetry.baro) is not None and baro.heard == now:
+            air = np.array([baro.pressure, baro.temperature, baro.alt])
+            self._baro.receive(imu.boot_s, now, air)
 
-        A simulated autopilot's stamps are simulation time already, and a few milliseconds of delay are then no offset.
+    def _take_states(self, now: float) -> None:
+        telemetry = self.telemetry
+        if (heart := telemetry.heart) is not None and heart.heard == now:
+            self._heart.add(now, heart)
+        if (ground := telemetry.ground) is not None and ground.heard == now:
+            self._ground.add(now, ground)
+        if (status := telemetry.status) is not None and status.heard == now:
+            self._status.add(now, status)
+        if (setpoint := telemetry.reference) is not None and setpoint.heard == now:
+            self._setpoint.receive(setpoint.boot_s, now, setpoint)
+        if (wanted := telemetry.attitude_reference) is not None and wanted.heard == now:
+            self._attitude_setpoint.receive(wanted.boot_s, now, wanted)
+        if (actuators := telemetry.actuators) is not None and actuators.heard == now:
+            self._actuators.add(now, actuators)
+
+    def _take_program_reference(self, now: float) -> None:
+        if (reference := self._program.reference) is not None:
+            self._program_reference.receive(reference.boot_s, now, reference)
+
+    # -- rows
+
+    def sample(self, now: float, stamp: float, truth: Truth | None = None) -> None:
+        """Ask for a row of this instant; `take_rows` returns it when it is complete.
+
+        now: local time of the row [s]. stamp: value of its first column [s]. truth: the simulated world at
+        `now`.
         """
-        local = self.telemetry.local
-        if local is None or self._boot is None:
-            return None
-        return local.boot_s + (0.0 if abs(self._boot) < _SAME_CLOCK_S else self._boot)
+        self._pending.append(_Pending(time_s=now, stamp=stamp, truth=truth))
 
-    def row(self, now: float, stamp: float, truth: Truth | None = None, then: Truth | None = None) -> str:
-        """One line. now: time that ages are counted to [s]; stamp: what the first column says [s];
-        truth: the world now; then: the world at `estimated_at()`.
+    def take_rows(self, now: float = math.inf) -> Iterator[str]:
+        """Yield the lines of all rows that are complete or MAX_GAP_S old, oldest first. Without `now`: all
+        that are left.
         """
+        while self._pending:
+            oldest = self._pending[0]
+            if now - oldest.time_s <= MAX_GAP_S and self._is_incomplete(oldest.time_s):
+                return
+            self._pending.popleft()
+            yield self.row(oldest.time_s, oldest.stamp, oldest.truth)
+
+    def _is_incomplete(self, time_s: float) -> bool:
+        measured = (self._local, self._attitude, self._imu, self._pose)
+        return any(series.waits_for(time_s) for series in measured)
+
+    def row(self, time_s: float, stamp: float, truth: Truth | None = None) -> str:
+        """Return the line of one instant. Arguments as `sample` has them."""
         self.rows += 1
-        cells: list[Cell] = [f"{stamp:.4f}"]
-        for part in (
-            self._ekf(now),
-            self._imu(now),
-            self._mocap(now),
-            self._info(now),
-            self._references(now),
-        ):
-            cells += part
+        local, attitude = self._local.at(time_s), self._attitude.at(time_s)
+        cells: list[Cell] = [f"{stamp:.4f}", *_estimate(local, attitude), *self._imu_cells(time_s)]
+        cells += self._pose_cells(time_s)
+        cells += self._info(time_s)
+        cells += self._references(time_s)
         if self._index is not None:
-            cells += self._truth(truth, then, now)
+            cells += self._truth(truth, local, attitude)
         return ",".join(map(_text, cells)) + "\n"
 
-    def _ekf(self, now: float) -> list[Cell]:
-        local, attitude = self.telemetry.local, self.telemetry.attitude
-        has_local = local is not None and now - local.heard <= _FAST_S
-        has_attitude = attitude is not None and now - attitude.heard <= _FAST_S
-        pos, vel = (local.pos, local.vel) if local is not None and has_local else (_NAN3, _NAN3)
-        q_nb, rates = (
-            (attitude.q_nb, attitude.ang_vel) if attitude is not None and has_attitude else (_NAN4, _NAN3)
-        )
-        return _flat(pos, vel, quat_rotate(quat_conj(q_nb), vel), q_nb, euler_from_quat(q_nb), rates)
+    def _imu_cells(self, time_s: float) -> list[Cell]:
+        return _flat(_or(self._imu.at(time_s), _NAN6), _or(self._mag.at(time_s), _NAN3))
 
-    def _imu(self, now: float) -> list[Cell]:
-        imu, mag = self.telemetry.imu, self.telemetry.mag
-        fresh = imu is not None and now - imu.heard <= _FAST_S
-        acc, gyro = (imu.acc_body, imu.ang_vel) if imu is not None and fresh else (_NAN3, _NAN3)
-        return _flat(acc, gyro, mag.mag if mag is not None and now - mag.heard <= _FAST_S else _NAN3)
-
-    def _mocap(self, now: float) -> list[Cell]:
-        heard, p_n, q_nb = self._pose or (-math.inf, _NAN3, _NAN4)
-        if now - heard > _FAST_S:
-            p_n, q_nb = _NAN3, _NAN4
+    def _pose_cells(self, time_s: float) -> list[Cell]:
+        pose = _or(self._pose.at(time_s), _NAN7)
+        q_nb, p_n = pose[:4], pose[4:]
         return _flat(p_n, q_nb, euler_from_quat(q_nb))
 
-    def _info(self, now: float) -> list[Cell]:
-        heart, ground, status = self.telemetry.heart, self.telemetry.ground, self.telemetry.status
-        beats = heart is not None and now - heart.heard <= _SLOW_S
+    def _info(self, time_s: float) -> list[Cell]:
+        heart, ground, status = (
+            self._heart.at(time_s),
+            self._ground.at(time_s),
+            self._status.at(time_s),
+        )
         return [
-            heart.mode if heart is not None and beats else "",
-            heart.armed if heart is not None and beats else "",
-            ground.landed if ground is not None and now - ground.heard <= _SLOW_S else "",
-            status.battery if status is not None and now - status.heard <= _BATTERY_S else "",
+            heart.mode if heart is not None else "",
+            heart.armed if heart is not None else "",
+            ground.landed if ground is not None else "",
+            status.battery if status is not None else "",
         ]
 
-    def _references(self, now: float) -> list[Cell]:
-        """pos_ref to act.output: see columns.py."""
-        t = self.telemetry
-        ref, att, baro, act = t.reference, t.attitude_reference, t.baro, t.actuators
-        pos, vel, yaw = _NAN3, _NAN3, math.nan
-        if ref is not None and now - ref.heard <= _FAST_S:
-            pos, vel, yaw = ref.pos, ref.vel, ref.yaw
+    def _references(self, time_s: float) -> list[Cell]:
+        """Return the cells from pos_ref to act.output, in the order of columns.py."""
+        pos, vel, yaw = self._position_reference(time_s)
         q_nb, rates, thrust = _NAN4, _NAN3, math.nan
-        if att is not None and now - att.heard <= _FAST_S:
-            q_nb, rates, thrust = att.q_nb, att.ang_vel, att.thrust
-        air = (
-            [baro.pressure, baro.temperature, baro.alt]
-            if baro is not None and now - baro.heard <= _FAST_S
-            else _NAN3
-        )
-        motors = act.output[:4] if act is not None and now - act.heard <= _FAST_S else _NAN4
-        return _flat(pos, euler_from_quat(q_nb), [yaw], vel, q_nb, rates, [thrust], air, motors)
+        if (wanted := self._attitude_setpoint.at(time_s)) is not None:
+            q_nb, rates, thrust = wanted.q_nb, wanted.ang_vel, wanted.thrust
+        actuators = self._actuators.at(time_s)
+        outputs = actuators.output[:4] if actuators is not None else _NAN4
+        air = _or(self._baro.at(time_s), _NAN3)
+        return _flat(pos, euler_from_quat(q_nb), [yaw], vel, q_nb, rates, [thrust], air, outputs)
 
-    def _truth(self, truth: Truth | None, then: Truth | None, now: float) -> list[Cell]:
+    def _position_reference(self, time_s: float) -> tuple[Array, Array, float]:
+        """Return position, velocity and yaw: the program's where it publishes them, else the autopilot's
+        setpoint.
+        """
+        pos, vel, yaw = _NAN3, _NAN3, math.nan
+        for reference in (self._setpoint.at(time_s), self._program_reference.at(time_s)):
+            if reference is not None:
+                pos = np.where(np.isfinite(reference.pos), reference.pos, pos)
+                vel = np.where(np.isfinite(reference.vel), reference.vel, vel)
+                yaw = reference.yaw if math.isfinite(reference.yaw) else yaw
+        return pos, vel, yaw
+
+    def _truth(self, truth: Truth | None, local: Array | None, attitude: Array | None) -> list[Cell]:
         if truth is None:
             return [math.nan] * 25
         i = self._index or 0
         q_nb = truth.q_nb[i]
-        known = _flat(truth.p_n[i], truth.v_n[i], q_nb, euler_from_quat(q_nb), truth.omega_b[i])
-        return known + self._error(then, i, now)
-
-    def _error(self, then: Truth | None, i: int, now: float) -> list[Cell]:
-        local, attitude = self.telemetry.local, self.telemetry.attitude
-        if then is None or local is None or now - local.heard > _FAST_S:
-            return [math.nan] * 9
-        turned = _NAN3
-        if attitude is not None and abs(attitude.boot_s - local.boot_s) < 0.03:
-            # the estimate's attitude is some milliseconds off its position: brought there by the body rates
-            q_nb = quat_multiply(attitude.q_nb, _turn(attitude.ang_vel, local.boot_s - attitude.boot_s))
-            turned = quat_log(quat_multiply(quat_conj(then.q_nb[i]), q_nb))
-        return _flat(local.pos - then.p_n[i], local.vel - then.v_n[i], turned)
+        error = _NAN6 if local is None else local - np.concatenate([truth.p_n[i], truth.v_n[i]])
+        turned = _NAN3 if attitude is None else quat_log(quat_multiply(quat_conj(q_nb), attitude[:4]))
+        return _flat(truth.p_n[i], truth.v_n[i], q_nb, euler_from_quat(q_nb), truth.omega_b[i], error, turned)
 
 
-def _turn(omega_b: Array, seconds: float) -> Array:
-    """The rotation by these body rates, small: wxyz (4,)."""
-    return np.concatenate([[1.0], 0.5 * seconds * omega_b])
+def _estimate(local: Array | None, attitude: Array | None) -> list[Cell]:
+    pos_vel, attitude = _or(local, _NAN6), _or(attitude, _NAN7)
+    q_nb = attitude[:4]
+    body = quat_rotate(quat_conj(q_nb), pos_vel[3:])
+    return _flat(pos_vel, body, q_nb, euler_from_quat(q_nb), attitude[4:])
+
+
+def _or(value: Array | None, missing: Array) -> Array:
+    return missing if value is None else value
 
 
 def _flat(*parts: Sequence[float] | Array) -> list[Cell]:
@@ -172,7 +248,7 @@ def _text(cell: Cell) -> str:
 
 
 def rates(recorder: Recorder, now: float) -> dict[str, float | int]:
-    """Figures for the summary: means since the vehicle was first heard."""
+    """Return figures for the summary: mean rates [Hz] since the vehicle was first received, and counts."""
     since = now - (now if recorder.first_heard is None else recorder.first_heard)
     each: Iterable[tuple[str, int]] = (
         ("log_hz", recorder.rows),

@@ -1,4 +1,5 @@
-"""After a run: `python -m arena.recorder.report RUN` makes plots, summary.json and summary.txt of what there is.
+"""After a run: `python -m arena.recorder.report RUN` makes plots, summary.json and summary.txt of what there
+is.
 
 A run that was killed leaves files out or half written: what is missing is said, and the rest is reported.
 """

@@ -1,4 +1,6 @@
-"""The picture of a smoke flight: height, distance and mode of every vehicle over time, with the instants of the steps."""
+"""The picture of a smoke flight: height, distance and mode of every vehicle over time, with the instants of
+the steps.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,9 @@ _GOOD, _BAD = "tab:green", "tab:red"
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """One vehicle. t: simulation time [s] (n,); height: of its lowest point [m] (n,); distance: to the nearest other vehicle, or
-    of one alone from where it began [m] (n,), NaN where unknown; modes: by its own word, "" unknown.
+    """One vehicle. t: simulation time [s] (n,); height: of its lowest point [m] (n,); distance: to the
+    nearest other vehicle, or of one alone from where it began [m] (n,), NaN where unknown; modes: by its own
+    word, "" unknown.
     """
 
     t: Array

@@ -49,9 +49,10 @@ class Attitude:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Imu:
-    """HIGHRES_IMU. acc_body: specific force [m/s2] [FRD] (3,); ang_vel [rad/s] [FRD] (3,)."""
+    """HIGHRES_IMU. boot_s: the autopilot's time [s]; acc_body: specific force [m/s2] [FRD] (3,); ang_vel [rad/s] [FRD] (3,)."""
 
     heard: float
+    boot_s: float
     acc_body: Array
     ang_vel: Array
 
@@ -122,6 +123,7 @@ class Reference:
     """POSITION_TARGET_LOCAL_NED: pos [m] (3,), vel [m/s] (3,) [NED], yaw [rad]; nan where it is not controlled."""
 
     heard: float
+    boot_s: float
     pos: Array
     vel: Array
     yaw: float
@@ -132,6 +134,7 @@ class AttitudeReference:
     """ATTITUDE_TARGET: q_nb [-] wxyz (4,), ang_vel [rad/s] [FRD] (3,), thrust: normalised 0..1 [-]."""
 
     heard: float
+    boot_s: float
     q_nb: Array
     ang_vel: Array
     thrust: float
@@ -159,9 +162,11 @@ class Ack:
 class Telemetry:
     """The newest of each group, None before the first. Feed it with `hear`; each value is replaced as a whole."""
 
-    def __init__(self, system_id: int, only: Collection[int] | None = None) -> None:
-        """only: the messages that are wanted, all that it knows when None."""
-        self._system = system_id
+    def __init__(
+        self, system_id: int, only: Collection[int] | None = None, component_id: int = _AUTOPILOT
+    ) -> None:
+        """only: the messages that are wanted, all that it knows when None. component_id: the sender, the autopilot by default."""
+        self._system, self._component = system_id, component_id
         self._handlers = {
             number: handler for number, handler in _HEARD.items() if only is None or number in only
         }
@@ -192,7 +197,7 @@ class Telemetry:
         self.refused += found.bad_crc
         for frame in found.frames:
             handler = self._handlers.get(frame.msgid)
-            if handler is None or frame.sysid != self._system or frame.compid != _AUTOPILOT:
+            if handler is None or frame.sysid != self._system or frame.compid != self._component:
                 continue
             try:
                 handler(self, self._codec.decode(bytearray(datagram[frame.start : frame.end])), now)
@@ -239,6 +244,7 @@ class Telemetry:
     def _highres(self, m: mavlink.MAVLink_highres_imu_message, now: float) -> None:
         self.imu = Imu(
             heard=now,
+            boot_s=m.time_usec * 1e-6,
             acc_body=np.array((m.xacc, m.yacc, m.zacc)),
             ang_vel=np.array((m.xgyro, m.ygyro, m.zgyro)),
         )
@@ -264,12 +270,13 @@ class Telemetry:
         ignored = [bool(m.type_mask & 1 << bit) for bit in range(12)]
         pos = np.where(ignored[0:3], np.nan, (m.x, m.y, m.z))
         vel = np.where(ignored[3:6], np.nan, (m.vx, m.vy, m.vz))
-        self.reference = Reference(heard=now, pos=pos, vel=vel, yaw=np.nan if ignored[10] else m.yaw)
+        yaw = np.nan if ignored[10] else m.yaw
+        self.reference = Reference(heard=now, boot_s=m.time_boot_ms * 1e-3, pos=pos, vel=vel, yaw=yaw)
 
     def _attitude_reference(self, m: mavlink.MAVLink_attitude_target_message, now: float) -> None:
         rates = np.array((m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate))
         self.attitude_reference = AttitudeReference(
-            heard=now, q_nb=np.array(m.q), ang_vel=rates, thrust=m.thrust
+            heard=now, boot_s=m.time_boot_ms * 1e-3, q_nb=np.array(m.q), ang_vel=rates, thrust=m.thrust
         )
 
     def _text(self, m: mavlink.MAVLink_statustext_message, now: float) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from arena.cli.reference import FOLDER, pages
 
-PAGES = ("yaml.md", "ports.md", "processes.md", "exit-codes.md", "cli.md", "scenarios.md")
+PAGES = ("yaml.md", "ports.md", "processes.md", "exit-codes.md", "cli.md", "scenarios.md", "log-columns.md")
 
 
 @pytest.mark.parametrize("name", PAGES)

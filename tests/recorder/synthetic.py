@@ -1,4 +1,4 @@
-"""Run folders as a run leaves them, made without one."""
+"""Synthetic telemetry, logs and run folders, made without a flight."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def truth_at(pos: np.ndarray, vel: np.ndarray, rpy: tuple[float, float, float] =
 
 
 def stream(t: float, pos: np.ndarray, ref: tuple[float, ...], mode: int, armed: bool, landed: bool) -> bytes:
-    """What an autopilot says at t [s], with an estimate 10 mm north of pos."""
+    """Return one datagram of an autopilot at t [s], with an estimate 10 mm north of pos [m] [NED] (3,)."""
     out, ms = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), round(t * 1e3)
     nan = float("nan")
     return b"".join(
@@ -36,7 +36,9 @@ def stream(t: float, pos: np.ndarray, ref: tuple[float, ...], mode: int, armed: 
             mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 12000, 0, 87, 0, 0, 0, 0, 0, 0),
             mavlink.MAVLink_local_position_ned_message(ms, pos[0] + 0.01, pos[1], pos[2], 0.0, 0.0, 0.0),
             mavlink.MAVLink_attitude_quaternion_message(ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            mavlink.MAVLink_highres_imu_message(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1013.0, 0, 12.0, 21.0, 0x1FFF),
+            mavlink.MAVLink_highres_imu_message(
+                ms * 1000, 1, 2, 3, 4, 5, 6, 7, 8, 9, 1013.0, 0, 12.0, 21.0, 0x1FFF
+            ),
             mavlink.MAVLink_position_target_local_ned_message(
                 ms, 1, 0, *ref, nan, nan, nan, 0, 0, 0, 0.0, nan
             ),
@@ -46,8 +48,11 @@ def stream(t: float, pos: np.ndarray, ref: tuple[float, ...], mode: int, armed: 
 
 
 def flight_csv(*, real: bool = False, captured: bool = True) -> str:
-    """Two steps of 3 s, each reached with 0.05 m left to the east; landed 0.12 m north of the last; 30 rows a second.
-    real: nobody knows the truth; captured: by cameras, whose last second on the ground is missing.
+    """Return a log of two steps of 3 s, each reached with an error of 0.05 m to the east, and a landing 0.12
+    m north of the last.
+
+    real: without truth. captured: with motion capture; of a real vehicle its last second on the ground is
+    missing.
     """
     recorder = Recorder(1, None if real else 0)
     lines = [recorder.header]
@@ -57,16 +62,16 @@ def flight_csv(*, real: bool = False, captured: bool = True) -> str:
         flown = i < 180
         pos = np.add(STEPS[step], (0.0, 0.05, 0.0)) if flown else np.array([1.12, 0.0, -0.05])
         mode, armed = (OFFBOARD, True) if flown else (LAND, i < 240)
-        recorder.hear(stream(t, pos, STEPS[step], mode, armed, not flown), t)
+        recorder.receive(stream(t, pos, STEPS[step], mode, armed, not flown), t)
         if captured and not (real and i > 270):
-            recorder.hear_pose(pos, np.array([1.0, 0.0, 0.0, 0.0]), t)
-        now = None if real else truth_at(pos, np.zeros(3))
-        lines.append(recorder.row(t, t, now, now))
-    return "".join(lines)
+            recorder.receive_pose(pos, np.array([1.0, 0.0, 0.0, 0.0]), t, t)
+        recorder.sample(t, t, None if real else truth_at(pos, np.zeros(3)))
+        lines += recorder.take_rows(t)
+    return "".join([*lines, *recorder.take_rows()])
 
 
 def make_run(folder: Path, *, vehicles: int = 1) -> Path:
-    """A complete one."""
+    """Write a complete run folder and return its path."""
     names = [f"uav{k + 1}" for k in range(vehicles)]
     (folder / "csv").mkdir(parents=True)
     text = flight_csv()

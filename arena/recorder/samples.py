@@ -1,0 +1,163 @@
+"""Short histories of received values, and their value at a given instant. Pure: times are arguments.
+
+A log row is one instant. Measurements are interpolated to it; commands and states, which change in steps,
+hold their last value.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from arena.geometry import Array, quat_slerp
+
+T = TypeVar("T")
+Interpolate = Callable[[Array, Array, float, float], Array]
+
+MAX_GAP_S = 0.5
+"""Longest time between two samples that are interpolated; longer gaps give empty cells."""
+_HISTORY = 256  # samples: more than 1 s of motion capture at 180 Hz
+_SAME_CLOCK_S = 0.05
+_MAX_OFFSET_JUMP_S = 1.0
+_MAX_DRIFT = 5e-5  # of the sender's clock against ours [s/s]
+
+
+class SenderClock:
+    """Convert a sender's time stamps to local time, with the smallest delay received so far as the clock
+    offset.
+
+    A simulated sender stamps with simulation time: an offset below 50 ms counts as zero.
+    """
+
+    def __init__(self) -> None:
+        self._least: float | None = None
+        self._received = 0.0
+
+    def local(self, stamp: float, received: float) -> float:
+        """Return the local time [s] of a sender's time stamp.
+
+        stamp: sender's time [s]. received: local time of reception [s].
+        """
+        delay = received - stamp
+        relaxed = (
+            self._least if self._least is None else self._least + _MAX_DRIFT * (received - self._received)
+        )
+        # A sender that restarted counts its time from zero again.
+        restarted = relaxed is not None and abs(delay - relaxed) > _MAX_OFFSET_JUMP_S
+        self._least = delay if relaxed is None or restarted else min(delay, relaxed)
+        self._received = received
+        return stamp + (0.0 if abs(self._least) < _SAME_CLOCK_S else self._least)
+
+
+class Series:
+    """The last samples of one measured group, oldest first.
+
+    interpolate: (before, after, fraction 0..1, seconds between them) -> value; linear by default.
+    """
+
+    def __init__(self, interpolate: Interpolate | None = None) -> None:
+        self._samples: deque[tuple[float, Array]] = deque(maxlen=_HISTORY)
+        self._interpolate = interpolate or _linear
+        self._clock = SenderClock()
+
+    def receive(self, stamp: float, received: float, value: Array) -> None:
+        """Append a sample that bears its sender's time stamp. stamp: sender's time [s]; received: local time
+        [s].
+        """
+        self.add(self._clock.local(stamp, received), value)
+
+    def add(self, time_s: float, value: Array) -> None:
+        """Append a sample of local time time_s [s]. A sample that is not newer than the last one is dropped."""
+        if not self._samples or time_s > self._samples[-1][0]:
+            self._samples.append((time_s, value))
+
+    def waits_for(self, time_s: float) -> bool:
+        """Return whether a sample at or after time_s is still expected: the stream is alive and has not
+        reached it.
+        """
+        return bool(self._samples) and 0.0 < time_s - self._samples[-1][0] <= MAX_GAP_S
+
+    def at(self, time_s: float) -> Array | None:
+        """Return the value at time_s [s]; None unless samples not more than MAX_GAP_S apart lie on both
+        sides.
+        """
+        after: tuple[float, Array] | None = None
+        for sample in reversed(self._samples):
+            if sample[0] <= time_s:
+                return _between(sample, after, time_s, self._interpolate)
+            after = sample
+        return None
+
+
+def _between(
+    before: tuple[float, Array], after: tuple[float, Array] | None, time_s: float, interpolate: Interpolate
+) -> Array | None:
+    if before[0] == time_s:
+        return before[1]
+    if after is None or after[0] - before[0] > MAX_GAP_S:
+        return None
+    span = after[0] - before[0]
+    return interpolate(before[1], after[1], (time_s - before[0]) / span, span)
+
+
+class Held(Generic[T]):
+    """The last values of one group that changes in steps: a mode, a setpoint."""
+
+    def __init__(self, max_age_s: float) -> None:
+        self._values: deque[tuple[float, T]] = deque(maxlen=_HISTORY)
+        self._max_age_s = max_age_s
+        self._clock = SenderClock()
+
+    def receive(self, stamp: float, received: float, value: T) -> None:
+        """Append a value that bears its sender's time stamp. stamp: sender's time [s]; received: local time
+        [s].
+        """
+        if not self._is_newest(value):
+            self.add(self._clock.local(stamp, received), value)
+
+    def add(self, time_s: float, value: T) -> None:
+        """Append a value that is valid from local time time_s [s] on, unless it is the same object as the
+        last one.
+        """
+        if not self._is_newest(value):
+            self._values.append((time_s, value))
+
+    def _is_newest(self, value: T) -> bool:
+        return bool(self._values) and self._values[-1][1] is value
+
+    def at(self, time_s: float) -> T | None:
+        """Return the value that was valid at time_s [s]; None when it was older than max_age_s, or there was
+        none yet.
+        """
+        for received, value in reversed(self._values):
+            if received <= time_s:
+                return value if time_s - received <= self._max_age_s else None
+        return None
+
+
+def _linear(before: Array, after: Array, fraction: float, _: float) -> Array:
+    return before + fraction * (after - before)
+
+
+def position_velocity(before: Array, after: Array, u: float, span: float) -> Array:
+    """Interpolate positions by a cubic with the right velocity at both ends, and velocities linearly.
+
+    before, after: position [m] and velocity [m/s] (6,). u: fraction 0..1. span: time between the samples [s].
+    """
+    p0, v0, p1, v1 = before[:3], before[3:], after[:3], after[3:]
+    # Cubic Hermite basis: https://en.wikipedia.org/wiki/Cubic_Hermite_spline
+    h00, h10 = (1 + 2 * u) * (1 - u) ** 2, u * (1 - u) ** 2
+    h01, h11 = u * u * (3 - 2 * u), u * u * (u - 1)
+    p = h00 * p0 + h10 * span * v0 + h01 * p1 + h11 * span * v1
+    return np.concatenate([p, v0 + u * (v1 - v0)])
+
+
+def leading_quaternion(before: Array, after: Array, fraction: float, _: float) -> Array:
+    """Interpolate a quaternion on the sphere, and what follows it linearly. before, after: wxyz and others (4
+    + n,).
+    """
+    q_nb = quat_slerp(before[None, :4], after[None, :4], np.array([fraction]))[0]
+    return np.concatenate([q_nb, before[4:] + fraction * (after[4:] - before[4:])])
