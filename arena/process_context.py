@@ -23,7 +23,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from arena.errors import ArenaError, InputError, RunError
+from arena.errors import ArenaError, InputError
 
 LIFELINE = "ARENA_FD"
 
@@ -120,19 +120,6 @@ def run_room(
     except ArenaError as error:
         print(f"{word}: {error}", file=sys.stderr)
         return error.exit_code
-
-
-def bound(address: tuple[str, int], who: str, buffer_bytes: int = 1 << 20) -> socket.socket:
-    """A UDP socket there that never blocks, with room for what comes while one looks away. Raises RunError that names `who`."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    made.setblocking(False)
-    try:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
-        made.bind(address)
-    except OSError as error:
-        made.close()
-        raise RunError(f"{who} cannot listen on UDP {address[0]}:{address[1]}: {error.strerror}") from error
-    return made
 
 
 def lifeline() -> socket.socket | None:

@@ -15,13 +15,13 @@ sys.path.insert(0, str(FOLDER))
 
 from fuzzing import KINDS, Fuzz, read  # noqa: E402
 
-from arena.emergency.landing_sequence import Landing  # noqa: E402
-from arena.fcu_link.core import Link  # noqa: E402
+from arena.emergency.landing_sequence import LandingSequence  # noqa: E402
+from arena.fcu_link.core import FcuLink  # noqa: E402
 from arena.fcu_link.settings import Settings  # noqa: E402
 from arena.mavlink_router.router import Router  # noqa: E402
 from arena.mavlink_router.routing_table import Table  # noqa: E402
 from arena.pose_forwarder.forwarder import Forwarder  # noqa: E402
-from arena.wire.mavlink_frame import cut  # noqa: E402
+from arena.wire.mavlink_frame import parse_frames  # noqa: E402
 from arena.wire.telemetry import Telemetry  # noqa: E402
 
 MESSAGES, STEP_S = 3000, 0.004
@@ -85,11 +85,11 @@ def test_the_router_passes_whole_frames_and_to_no_vehicle_that_was_not_named(who
     router = Router(table)
     at, sender = {"autopilot": (1001, 2001), "program": (3001, 4001), "gcs": (7000, 7001)}[who]
     for data, now in heard(1, own=0.8 if who == "autopilot" else 0.0):
-        frame = cut(data).frames[0]
+        frame = parse_frames(data).frames[0]
         for piece, destinations in router.on_datagram(
             router.sockets.index((host, at)), (host, sender), data, now
         ):
-            assert cut(bytes(piece)).garbage == 0
+            assert parse_frames(bytes(piece)).garbage == 0
             to = {address[1] for _, address in destinations} & {2001, 2002}
             assert who == "gcs" or 2002 not in to
             assert not to or frame.target_sys in (0, *(port - 2000 for port in to))
@@ -118,7 +118,7 @@ def test_the_link_arms_on_nothing_that_fuzz_makes_it_believe():
         "height_m": 0.1,
         "poses": True,
     }
-    link = Link(
+    link = FcuLink(
         Settings.from_slice(
             {
                 "name": "link.uav7",
@@ -137,24 +137,24 @@ def test_the_link_arms_on_nothing_that_fuzz_makes_it_believe():
     )
     rng, arming = Random(3), Fuzz(Random(1), 7).command(400, 1.0)
     for data, now in heard(7):
-        link.from_wire(data, cut(data), now)
+        link.from_wire(data, parse_frames(data), now)
         for end in ("router", "vision", "panic"):
             link.from_partner(end, data if rng.random() < 0.9 else arming, now)
         link.tick(now)
         while (frame := link.next_out(now)) is not None:
-            assert len(cut(frame).frames) == 1
+            assert len(parse_frames(frame).frames) == 1
             assert link.gates.armed or frame != arming
         assert all(isinstance(words, str) for words in link.reasons(now))
 
 
 @pytest.mark.parametrize("action", ["land", "kill"])
 def test_a_landing_goes_on_asking_and_tells_what_it_knows(action):
-    landing = Landing(name="uav1", system=1, component=200, action=action, now=10.0)
+    landing = LandingSequence(name="uav1", system=1, component=200, action=action, now=10.0)
     for data, now in heard(1):
-        landing.hear(data, now)
+        landing.on_datagram(data, now)
         for said in landing.due(now):
             m = read(said)
             assert m.get_type() != "COMMAND_LONG" or all(
                 math.isfinite(getattr(m, f"param{k}")) for k in (1, 2)
             )
-        assert landing.line(now)
+        assert landing.result_line(now)

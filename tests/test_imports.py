@@ -20,6 +20,7 @@ GROUND = {
     "run_dirs",
     "thrust_curve",
     "atmosphere",
+    "transport",
 }
 MAY: dict[str, set[str]] = {
     "errors": set(),
@@ -30,12 +31,13 @@ MAY: dict[str, set[str]] = {
     "process_context": {"errors"},
     "run_dirs": set(),
     "atmosphere": set(),
+    "transport": {"errors"},
     "wire": {"errors", "geometry"},
     "mocap": set(),
     "mocap.client": {"errors", "geometry", "wire", "clock"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
-    "params": {"errors", "wire", "clock", "run_dirs"},
-    "schema": {"errors", "geometry", "wire", "clock", "thrust_curve"},
+    "params": {"errors", "wire", "clock", "run_dirs", "transport"},
+    "schema": {"errors", "geometry", "wire", "clock", "thrust_curve", "transport"},
     "plan": {"errors", "geometry", "wire", "clock", "thrust_curve", "params", "schema"},
     "supervisor": GROUND | {"schema", "plan"},
     **{
@@ -68,7 +70,7 @@ HEAVY = {
     "pybullet": {"sim"},
     "mavsdk": {"uav"},
     "matplotlib": {"recorder"},
-    "serial": {"fcu_link", "params", "emergency"},
+    "serial": {"transport"},
 }
 
 

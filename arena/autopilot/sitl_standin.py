@@ -27,6 +27,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.autopilot.autopilots import Autopilots
 from arena.autopilot.px4_startup import Startup, read_startup, rotors
 from arena.errors import ArenaError, InputError, RunError
+from arena.transport import listen_udp
 
 Array = NDArray[np.float64]
 
@@ -247,14 +248,7 @@ class Shell:
 def _bind(port: int, partner: str) -> socket.socket:
     """On the partner's address where that is this computer's, so that arenas on several loopback addresses do not meet."""
     host = partner if partner.startswith("127.") else "0.0.0.0"
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    made.setblocking(False)
-    try:
-        made.bind((host, port))
-    except OSError as error:
-        made.close()
-        raise RunError(f"cannot bind UDP {host}:{port}: {error.strerror}") from error
-    return made
+    return listen_udp((host, port), "the PX4 stand-in")
 
 
 def take_lock(instance: int, host: str) -> IO[bytes]:

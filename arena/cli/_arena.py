@@ -58,9 +58,9 @@ def _vehicle_line(arena: Arena, name: str) -> str:
     asked = f" ({auto}{found})" if auto or v.autopilot == "px4" else ""
     flies = Path(v.program.path).name if v.program else "no program"
     if v.wire is not None and not v.simulated:
-        return f"{v.name}: id {v.id}, {v.profile.name}, HARDWARE on {v.wire.words}, port {v.ports.program}, {flies}"
+        return f"{v.name}: id {v.id}, {v.profile.name}, HARDWARE on {v.wire}, port {v.ports.program}, {flies}"
     if v.wire is not None:
-        asked = f" on {v.wire.words}"
+        asked = f" on {v.wire}"
     n, e, d = v.position
     what = f"id {v.id}, {v.profile.name}, autopilot {v.autopilot}{asked}"
     return f"{v.name}: {what}, at N {n:g} E {e:g} D {d:g}, port {v.ports.program}, {flies}"

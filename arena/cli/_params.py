@@ -74,7 +74,7 @@ def resumed(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> Recor
 
 
 def _place(arena: Arena, v: Vehicle) -> str:
-    return f"id {v.id}, {v.wire.words if v.wire and not v.simulated else f'simulated on {arena.address}'}"
+    return f"id {v.id}, {v.wire if v.wire and not v.simulated else f'simulated on {arena.address}'}"
 
 
 def rebooted(targets: Mapping[str, Target], *, asked: bool) -> bool:

@@ -17,7 +17,8 @@ from arena.copilot.copilot import STEP_HZ, Copilot, Output
 from arena.copilot.settings import Rules, Vehicle
 from arena.errors import ArenaError
 from arena.mocap.client import Complaint, NatNetCapture, open_capture
-from arena.process_context import ProcessContext, ShutdownPolicy, bound, run_room
+from arena.process_context import ProcessContext, ShutdownPolicy, run_room
+from arena.transport import listen_udp
 
 _BUFFER_BYTES = 1 << 22
 _MOST = 20_000  # datagrams at a look: a flood must not keep us from judging
@@ -58,7 +59,9 @@ class Shell:
         vehicles = [Vehicle.of(row) for row in s["vehicles"]]
         self._pace = _Pace(self._clock)
         self._core = Copilot(Rules.of(s), vehicles, self._clock.now())
-        self._socket = bound((s["listen"][0], int(s["listen"][1])), "the copilot", _BUFFER_BYTES)
+        self._socket = listen_udp(
+            (s["listen"][0], int(s["listen"][1])), "the copilot", receive_buffer_bytes=_BUFFER_BYTES
+        )
         self._rows = {v.tools: i for i, v in enumerate(vehicles)}
         self._captures: list[NatNetCapture] = [open_capture(c) for c in s["captures"]]
         self._complaints = [Complaint() for _ in self._captures]

@@ -21,6 +21,7 @@ from arena.copilot.vehicle_state import COMPONENT, SYSTEM, Known
 from arena.mocap.client import CapturedFrame
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Buffer
+from arena.wire.mavlink_minimal import result_words
 from arena.wire.px4_mode import mode_numbers
 
 STEP_HZ = 50.0
@@ -31,7 +32,6 @@ _ESTIMATE_S = 0.5
 _BATTERY_S = 5.0
 _GRACE_S = 2.0  # the capture system's handshake, after a start
 _FORCE = 21196.0
-_RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 6: "cancelled"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,16 +77,7 @@ class Copilot:
 
     def heartbeat(self) -> bytes:
         """Once a second to every tools port: the router forgets who is silent."""
-        return self._codec.pack(
-            mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                mavlink.MAV_AUTOPILOT_INVALID,
-                0,
-                0,
-                mavlink.MAV_STATE_ACTIVE,
-                3,
-            )
-        )
+        return self._codec.onboard_heartbeat()
 
     def step(self, now: float) -> Output:
         """Look, judge, order."""
@@ -197,7 +188,7 @@ class Copilot:
             if refusal not in self._refused:
                 self._refused.add(refusal)
                 row, _, result = refusal
-                yield f"{self.vehicles[row].name}: an order was refused: {_RESULTS.get(result, result)}; trying on"
+                yield f"{self.vehicles[row].name}: an order was refused: {result_words(result)}; trying on"
         self.known.refusals.clear()
 
     def _meetings(self, m: Moment) -> Iterator[str]:

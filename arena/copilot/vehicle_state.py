@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.wire.mavlink_frame import Buffer, Frame, byte_at, cut, uint_at
+from arena.wire.mavlink_frame import Buffer, Frame, byte_at, parse_frames, uint_at
 from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ class Known:
 
     def hear(self, row: int | None, data: Buffer, now: float) -> None:
         """A datagram. row: whose tools port it came from; None: from anybody, and then only a program's heartbeat counts."""
-        found = cut(data)
+        found = parse_frames(data)
         if found.garbage or found.bad_crc:
             self.counts["garbled"] += 1
         for frame in found.frames:

@@ -1,189 +1,165 @@
-"""DirectLink to a real vehicle: beside its `link.<v>`, which goes on; in its place once that is dead, or reads no more.
+"""A direct MAVLink connection from `land-all` to a real vehicle.
 
-A link that reads is never ended: then it is the vehicle that is silent, and the link is what will hear it first.
+It is opened beside the vehicle's link process `link.<v>` while that process works, and in its place when the process has ended or
+no longer reads its socket. A link process that reads is never killed: then the vehicle is silent, and the link process receives
+its first telemetry.
 """
 
 from __future__ import annotations
 
 import contextlib
-import os
 import socket
 from collections.abc import Callable, Iterator
-from typing import Any
 
-from arena.emergency.direct_address import Address, Wire
-from arena.emergency.link_process import end, waiting_bytes
-from arena.wire.mavlink_frame import Stream, cut
+from arena.emergency.link_process import kill, unread_bytes
+from arena.emergency.run_record import DirectAddress
+from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, open_udp, receive_datagrams
+from arena.wire.mavlink_frame import Stream, parse_frames
 
-BESIDE_S = 0.5
-SILENT_S = 1.0
-_LOOK_S, _AGAIN_S = 0.1, 0.5
-_DATAGRAM_BYTES = 1 << 16
-_AT_A_TIME = 64
+BESIDE_AFTER_S = 0.5  # without telemetry: send directly too
+REPLACE_AFTER_S = 1.0  # without telemetry, and with unread datagrams at the link process: replace it
+_CHECK_S, _RETRY_S = 0.1, 0.5
 _AUTOPILOT = 1
 
 
 class DirectLink:
-    """Ask `step` and `send` as often as the other ways are used; read when one of `files` is ready."""
+    """Call `step` and `send` at every turn of the loop, and `read` when one of `files` is readable.
+
+    address: of the vehicle
+    system: MAVLink id of the vehicle
+    link_address: UDP address where the link process receives the commands of land-all
+    say: prints a line for the user
+    """
 
     def __init__(
-        self, wire: Wire, *, name: str, system: int, door: Address, say: Callable[[str], None]
+        self,
+        address: DirectAddress,
+        *,
+        name: str,
+        system: int,
+        link_address: Address,
+        say: Callable[[str], None],
     ) -> None:
-        """door: where its link hears land-all.  system: the vehicle's id."""
-        self._wire, self._name, self._system, self._door, self._say = wire, name, system, door, say
-        self._to = wire.vehicle
-        self._beside: socket.socket | None = None
-        self._place: socket.socket | None = None
-        self._device: Any = None
+        self._address, self._name, self._system = address, name, system
+        self._link_address, self._say = link_address, say
+        self._vehicle = address.vehicle
+        self._beside: socket.socket | None = None  # another port than the link's
+        self._replacement: socket.socket | SerialPort | None = None  # the link's own port or device
         self._stream = Stream()
         self._unread_since: float | None = None
-        self._next_look = self._next_try = 0.0
-        self._told: set[str] = set()
+        self._next_check = self._next_try = 0.0
+        self._printed: set[str] = set()
 
     def step(self, silent_s: float, now: float) -> None:
-        """silent_s: since the vehicle was last heard, or since we began [s]."""
-        if self._in_place or now < self._next_look:
+        """Open what is needed now. silent_s: time since the vehicle's last telemetry, or since the start [s]."""
+        if self._replacement is not None or now < self._next_check:
             return
-        self._next_look = now + _LOOK_S
-        waiting = waiting_bytes(self._door)
-        if waiting is None:
-            self._take(now, f"{self._holder} is gone")
+        self._next_check = now + _CHECK_S
+        unread = unread_bytes(self._link_address)
+        if unread is None:
+            self._replace_link(now, f"{self._process_name} is not running")
             return
-        self._unread_since = (
-            None if not waiting else now if self._unread_since is None else self._unread_since
-        )
-        if silent_s >= BESIDE_S and self._beside is None and self._to is not None:
-            self._beside = _udp()
-            self._tell(f"not heard; speaking straight to {self._to[0]}:{self._to[1]} too")
-        if silent_s >= SILENT_S and self._unread_since is not None and now - self._unread_since >= SILENT_S:
-            self._end_holder(now)
+        if not unread:
+            self._unread_since = None
+        elif self._unread_since is None:
+            self._unread_since = now
+        if silent_s >= BESIDE_AFTER_S and self._beside is None and self._vehicle is not None:
+            self._beside = open_udp(("0.0.0.0", 0))
+            self._print(f"no telemetry; sending directly to {self._vehicle[0]}:{self._vehicle[1]} too")
+        hangs = self._unread_since is not None and now - self._unread_since >= REPLACE_AFTER_S
+        if hangs and silent_s >= REPLACE_AFTER_S:
+            self._kill_link(now)
 
     def send(self, frame: bytes) -> None:
-        """A frame on the way that is open, if one is."""
-        with contextlib.suppress(OSError):  # tried again
-            if self._device is not None:
-                os.write(self._device.fileno(), frame)
-            elif (sock := self._place or self._beside) is not None and self._to is not None:
-                sock.sendto(frame, self._to)
+        """Send a frame on what is open, if anything is. A failure is ignored: every command is sent again."""
+        with contextlib.suppress(OSError):
+            if isinstance(self._replacement, SerialPort):
+                self._replacement.write(frame)
+            elif (sock := self._replacement or self._beside) is not None and self._vehicle is not None:
+                sock.sendto(frame, self._vehicle)
 
     def files(self) -> list[int]:
-        held = (self._place, self._beside, self._device)
-        return [file.fileno() for file in held if file is not None]
+        """Return the file descriptors to poll."""
+        return [file.fileno() for file in (self._replacement, self._beside) if file is not None]
 
     def read(self, fd: int) -> Iterator[bytes]:
-        """What the vehicle has said there, as whole frames."""
-        if self._device is not None and fd == self._device.fileno():
-            yield from self._read_device()
-        for sock in (self._place, self._beside):
-            if sock is not None and sock.fileno() == fd:
-                yield from self._read_socket(sock)
+        """Yield what the vehicle has sent to this file descriptor, as whole frames."""
+        for file in (self._replacement, self._beside):
+            if file is None or file.fileno() != fd:
+                continue
+            if isinstance(file, SerialPort):
+                yield from self._read_device(file)
+            else:
+                yield from self._read_socket(file)
+            return
 
     def close(self) -> None:
-        for file in (self._place, self._beside, self._device):
+        for file in (self._replacement, self._beside):
             if file is not None:
                 file.close()
 
     @property
-    def _in_place(self) -> bool:
-        return self._place is not None or self._device is not None
-
-    @property
-    def _holder(self) -> str:
+    def _process_name(self) -> str:
         return f"link.{self._name}"
 
-    def _end_holder(self, now: float) -> None:
-        owner = self._wire.owner
-        if owner is None:
-            self._tell(
-                f"{self._holder} does not read, and no run folder tells which process it is: give --run"
-            )
-        elif end(owner):
-            self._take(
-                now, f"{self._holder} (process {owner.pid}) did not read for {SILENT_S:g} s and was ended"
-            )
+    def _kill_link(self, now: float) -> None:
+        process = self._address.link_process
+        if process is None:
+            self._print(f"{self._process_name} does not respond and its process id is unknown: give --run")
+        elif kill(process):
+            what = f"{self._process_name} (process {process.pid})"
+            self._replace_link(now, f"{what} did not read for {REPLACE_AFTER_S:g} s and was killed")
         else:
-            self._tell(f"{self._holder} (process {owner.pid}) does not read, and may not be ended")
+            self._print(f"{self._process_name} (process {process.pid}) does not respond and cannot be killed")
 
-    def _take(self, now: float, why: str) -> None:
-        """Its place: the UDP port that it listened on, or the device. Tried again while another holds it."""
+    def _replace_link(self, now: float, why: str) -> None:
+        """Open the link's own port or device; retried while another process holds it."""
         if now < self._next_try:
             return
-        self._next_try = now + _AGAIN_S
+        self._next_try = now + _RETRY_S
+        connection = self._address.connection
         try:
-            if self._wire.kind == "serial":
-                self._device = _serial(self._wire)
+            if connection.kind == "serial":
+                self._replacement = SerialPort(connection.device, connection.baud)
             else:
-                self._place = _udp(self._wire.local)
+                self._replacement = open_udp(self._address.local or ("0.0.0.0", 0))
         except OSError as error:
-            self._tell(f"{why}, and {self._wire.words} cannot be had: {error.strerror or error}")
-            if self._beside is None and self._to is not None:
-                self._beside = _udp()
+            self._print(f"{why}, but {connection} cannot be opened: {error.strerror or error}")
+            if self._beside is None and self._vehicle is not None:
+                self._beside = open_udp(("0.0.0.0", 0))
             return
-        self._tell(f"{why}: speaking in its place on {self._wire.words}")
+        self._print(f"{why}; sending on {connection} instead")
 
     def _read_socket(self, sock: socket.socket) -> Iterator[bytes]:
-        for _ in range(_AT_A_TIME):
-            try:
-                data, sender = sock.recvfrom(_DATAGRAM_BYTES)
-            except OSError:
-                return
-            if sender == self._to or self._is_vehicle(data, sender):
+        for data, sender in receive_datagrams(sock):
+            if sender == self._vehicle or self._is_vehicle(data, sender):
                 yield data
 
     def _is_vehicle(self, data: bytes, sender: Address) -> bool:
-        """One that was never heard may speak from anywhere; one that was, from another port of its own computer."""
-        if self._to is not None and sender[0] != self._to[0]:
+        """Accept any address of a vehicle whose address is unknown, else another port of the same host."""
+        if self._vehicle is not None and sender[0] != self._vehicle[0]:
             return False
-        speaks = any(f.sysid == self._system and f.compid == _AUTOPILOT for f in cut(data).frames)
-        if speaks and self._wire.kind == "udpin":
-            self._to = sender
-        return speaks
+        matches = any(f.sysid == self._system and f.compid == _AUTOPILOT for f in parse_frames(data).frames)
+        if matches and self._address.connection.kind == "udpin":
+            self._vehicle = sender
+        return matches
 
-    def _read_device(self) -> Iterator[bytes]:
-        try:
-            data = os.read(self._device.fileno(), 1 << 14)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data:  # unplugged: open it again when it is back
-            self._device.close()
-            self._device = None
-            return
-        buffer, found = self._stream.feed(data)
-        for frame in found.frames:
-            yield buffer[frame.start : frame.end]
+    def _read_device(self, port: SerialPort) -> Iterator[bytes]:
+        for _ in range(MAX_DATAGRAMS_PER_READ):
+            try:
+                data = port.read()
+            except OSError:  # unplugged: opened again when it is back
+                port.close()
+                self._replacement = None
+                return
+            if data is None:
+                return
+            buffer, found = self._stream.feed(data)
+            for frame in found.frames:
+                yield buffer[frame.start : frame.end]
 
-    def _tell(self, text: str) -> None:
-        if text not in self._told:
-            self._told.add(text)
+    def _print(self, text: str) -> None:
+        """Print a line once."""
+        if text not in self._printed:
+            self._printed.add(text)
             self._say(f"{self._name}: {text}")
-
-
-def _udp(address: Address | None = None) -> socket.socket:
-    """Raises OSError when another holds the address."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        made.setblocking(False)
-        made.bind(address or ("0.0.0.0", 0))
-    except OSError:
-        made.close()
-        raise
-    return made
-
-
-def _serial(wire: Wire) -> Any:
-    """The device, raw. Raises OSError."""
-    import termios
-
-    import serial
-
-    try:
-        device = serial.Serial(wire.device, wire.baud, timeout=0, write_timeout=0, exclusive=True)
-        os.set_blocking(device.fileno(), False)
-        attributes = termios.tcgetattr(device.fileno())
-        attributes[6][termios.VMIN] = 1  # a read of nothing then means that it has hung up
-        termios.tcsetattr(device.fileno(), termios.TCSANOW, attributes)
-    except (serial.SerialException, termios.error, ValueError) as error:
-        raise OSError(str(error)) from error
-    return device

@@ -1,11 +1,11 @@
-"""The panic path's sockets: every vehicle at once, on its panic link and through its router, until all are confirmed; a real one
-also straight on its wire, when nothing is heard of it.
+"""The sockets and the loop of `land-all` and `kill-all`: all vehicles at once, until each is confirmed or the time is over.
+
+Each vehicle is commanded on its panic link and through its router. A real vehicle without telemetry is commanded directly too.
 """
 
 from __future__ import annotations
 
 import contextlib
-import os
 import resource
 import select
 import socket
@@ -14,220 +14,210 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from arena.emergency.direct_link import DirectLink
-from arena.emergency.landing_sequence import Action, Landing
-from arena.emergency.run_record import told_down
+from arena.emergency.landing_sequence import Action, LandingSequence
+from arena.emergency.run_record import recorded_down
 from arena.emergency.targets import Target
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from arena.transport import open_udp, receive_datagrams
+from arena.wire.mavlink_minimal import own_component
 
 _TURN_S = 0.05
-_DATAGRAM_BYTES = 1 << 16
-_AT_A_TIME = 64  # datagrams of one socket in one turn
-# A simulated vehicle that its run has written down as crashed, or as without its PX4, is tried for so long: it may fly on after a
-# touch, and lands in that time; silent, it will not speak.
-_TRY_DOWN_S, _TRY_SILENT_S, _LOOK_S = 15.0, 3.0, 1.0
+# A simulated vehicle whose run records a crash, or the end of its PX4, is tried for this time: it may fly on after a collision.
+_TRY_DOWN_S, _TRY_SILENT_S = 15.0, 3.0
+_READ_RECORD_S = 1.0
 _REBIND_S = 0.5
 
 Say = Callable[[str], None]
 
 
-def own_component() -> int:
-    """190 to 249, so that two at a time are told apart by the acknowledgements' target."""
-    return 190 + os.getpid() % 60
+class TargetConnections:
+    """One vehicle: its landing sequence and every connection to it.
 
+    down: why the run records the vehicle as crashed or ended; "" when it does not
+    """
 
-class Link:
-    """One vehicle, its state machine and the ways to it."""
-
-    def __init__(self, target: Target, landing: Landing, say: Say, now: float) -> None:
+    def __init__(self, target: Target, landing: LandingSequence, say: Say, now: float) -> None:
         self.target, self.landing = target, landing
         self.down = ""
-        self.router = _open()
-        self.panic = _bound(target.partner)
+        self.router = open_udp()
+        self.panic = _open_panic_link(target)
         self._began, self._next_bind = now, now + _REBIND_S
-        self._straight = (
-            DirectLink(
-                target.wire,
+        self._direct: DirectLink | None = None
+        if target.direct is not None:
+            self._direct = DirectLink(
+                target.direct,
                 name=target.name,
                 system=target.id,
-                door=target.autopilot,
+                link_address=target.autopilot,
                 say=say,
             )
-            if target.wire is not None
-            else None
-        )
 
     def send(self, now: float) -> None:
+        """Send what is due on every connection."""
         frames = self.landing.due(now)
         for frame in frames:
-            for sock, dest in (
-                (self.panic or self.router, self.target.autopilot),
-                (self.router, self.target.tools),
-            ):
-                with contextlib.suppress(OSError):  # a network that is away now may be back at the next try
-                    sock.sendto(frame, dest)
-        if self._straight is not None:
-            heard = self.landing.known.heard_at
+            with contextlib.suppress(OSError):  # a network that is away may be back at the next turn
+                (self.panic or self.router).sendto(frame, self.target.autopilot)
+            with contextlib.suppress(OSError):
+                self.router.sendto(frame, self.target.tools)
+        if self._direct is not None:
+            received_at = self.landing.reported.received_at
             if not self.landing.confirmed:
-                self._straight.step(now - (self._began if heard is None else heard), now)
+                self._direct.step(now - (self._began if received_at is None else received_at), now)
             for frame in frames:
-                self._straight.send(frame)
+                self._direct.send(frame)
         if self.panic is None and now >= self._next_bind:
             self._next_bind = now + _REBIND_S
-            self.panic = _bound(self.target.partner)
+            self.panic = _open_panic_link(self.target)
 
-    def ears(self) -> dict[int, Callable[[], None]]:
-        """File descriptor -> what reads it."""
+    def readers(self) -> dict[int, Callable[[], None]]:
+        """Return file descriptor -> the function that reads it."""
         found: dict[int, Callable[[], None]] = {
             sock.fileno(): partial(self._read, sock) for sock in (self.router, self.panic) if sock is not None
         }
-        if self._straight is not None:
-            found |= {fd: partial(self._read_straight, fd) for fd in self._straight.files()}
+        if self._direct is not None:
+            found |= {fd: partial(self._read_direct, fd) for fd in self._direct.files()}
         return found
 
-    def _read(self, sock: socket.socket) -> None:
-        for _ in range(_AT_A_TIME):
-            try:
-                data, sender = sock.recvfrom(_DATAGRAM_BYTES)
-            except OSError:
-                return
-            if sender in (self.target.autopilot, self.target.tools):
-                self.landing.hear(data, time.monotonic())
-
-    def _read_straight(self, fd: int) -> None:
-        assert self._straight is not None
-        for data in self._straight.read(fd):
-            self.landing.hear(data, time.monotonic())
-
-    def over(self, began: float, now: float) -> bool:
-        """Settled; or the run tells why it will not be, and it was tried long enough."""
-        silent = self.landing.known.heard_at is None
+    def is_over(self, began: float, now: float) -> bool:
+        """Return whether the vehicle is confirmed, or is recorded as down and has been tried long enough."""
         if self.landing.confirmed:
             return self.landing.settled(now)
-        return bool(self.down) and now - began > (_TRY_SILENT_S if silent else _TRY_DOWN_S)
+        limit_s = _TRY_SILENT_S if self.landing.reported.received_at is None else _TRY_DOWN_S
+        return bool(self.down) and now - began > limit_s
 
-    def line(self, now: float) -> str:
-        told = f"; its run says: {self.down}" if self.down and not self.landing.confirmed else ""
-        return self.landing.line(now) + told
+    def result_line(self, now: float) -> str:
+        recorded = f"; the run records: {self.down}" if self.down and not self.landing.confirmed else ""
+        return self.landing.result_line(now) + recorded
 
     def close(self) -> None:
-        for held in (self.panic, self.router, self._straight):
+        for held in (self.panic, self.router, self._direct):
             if held is not None:
                 held.close()
 
+    def _read(self, sock: socket.socket) -> None:
+        for data, sender in receive_datagrams(sock):
+            if sender in (self.target.autopilot, self.target.tools):
+                self.landing.on_datagram(data, time.monotonic())
+
+    def _read_direct(self, fd: int) -> None:
+        assert self._direct is not None
+        for data in self._direct.read(fd):
+            self.landing.on_datagram(data, time.monotonic())
+
 
 def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, say: Say = print) -> int:
-    """Command all vehicles until each is confirmed or the time is over; says a line for each. Returns the exit code."""
-    _allow_files()
+    """Command all vehicles until each is confirmed or the time is over; print a line for each. Returns the exit code.
+
+    timeout_s: [s]
+    say: prints a line for the user
+    """
+    _raise_file_limit()
     began = time.monotonic()
     component = own_component()
-    links: list[Link] = []
-    alone = _Alone(say)
+    all_connections: list[TargetConnections] = []
+    isolated = _Isolation(say)
     for t in targets:
-        with alone(t.name):
-            links.append(
-                Link(
-                    t,
-                    Landing(name=t.name, system=t.id, component=component, action=action, now=began),
-                    say,
-                    began,
-                )
-            )
+        with isolated(t.name):
+            landing = LandingSequence(name=t.name, system=t.id, component=component, action=action, now=began)
+            all_connections.append(TargetConnections(t, landing, say, began))
     code = EXIT_OK
     try:
-        _work(links, began, began + timeout_s, say, alone)
+        _work(all_connections, began, began + timeout_s, say, isolated)
     except KeyboardInterrupt:
         code = EXIT_INTERRUPTED
-    for link in links:
-        say(link.line(time.monotonic()))
-        link.close()
-    for name in (names := [t.name for t in targets if t.name not in {link.target.name for link in links}]):
-        say(f"{name}: NOT CONFIRMED: it could not be spoken to")
-    return code or (EXIT_OK if not names and all(link.landing.confirmed for link in links) else EXIT_FAILED)
+    for connections in all_connections:
+        say(connections.result_line(time.monotonic()))
+        connections.close()
+    opened = {connections.target.name for connections in all_connections}
+    failed = [t.name for t in targets if t.name not in opened]
+    for name in failed:
+        say(f"{name}: NOT CONFIRMED: no connection could be opened")
+    confirmed = not failed and all(connections.landing.confirmed for connections in all_connections)
+    return code or (EXIT_OK if confirmed else EXIT_FAILED)
 
 
-class _Alone:
-    """Whatever goes wrong with one vehicle is told once, and keeps no other in the air."""
+class _Isolation:
+    """Keeps an error of one vehicle from stopping the landing of the others: it is printed once."""
 
     def __init__(self, say: Say) -> None:
-        self._say, self._told = say, set[str]()
+        self._say, self._printed = say, set[str]()
 
     @contextlib.contextmanager
     def __call__(self, name: str) -> Iterator[None]:
         try:
             yield
         except Exception as error:
-            words = f"{name}: {type(error).__name__}: {error}; trying on"
-            if words not in self._told:
-                self._told.add(words)
-                self._say(words)
+            line = f"{name}: {type(error).__name__}: {error}; retrying"
+            if line not in self._printed:
+                self._printed.add(line)
+                self._say(line)
 
 
-def _work(links: list[Link], began: float, end: float, say: Say, alone: _Alone) -> None:
+def _work(
+    all_connections: list[TargetConnections], began: float, end: float, say: Say, isolated: _Isolation
+) -> None:
     refusals: dict[str, str] = {}
-    next_look = began + _LOOK_S
+    next_record = began + _READ_RECORD_S
     while (now := time.monotonic()) < end:
-        if now >= next_look:
-            next_look = now + _LOOK_S
-            with alone("the record of the run"):
-                _look_into_records(links)
-        for link in links:
-            with alone(link.target.name):
-                link.send(now)
-                _say_refusal(link.landing, refusals, say)
-        if all(link.over(began, now) for link in links):
+        if now >= next_record:
+            next_record = now + _READ_RECORD_S
+            with isolated("the record of the run"):
+                _read_records(all_connections)
+        for connections in all_connections:
+            with isolated(connections.target.name):
+                connections.send(now)
+                _say_refusal(connections.landing, refusals, say)
+        if all(connections.is_over(began, now) for connections in all_connections):
             return
-        _listen(links, alone)
+        _receive(all_connections, isolated)
 
 
-def _listen(links: list[Link], alone: _Alone) -> None:
-    """For one turn, or until somebody speaks."""
+def _receive(all_connections: list[TargetConnections], isolated: _Isolation) -> None:
+    """Read what arrives within one turn."""
     poll = select.poll()
-    readers = {fd: (link.target.name, read) for link in links for fd, read in link.ears().items()}
+    readers = {
+        fd: (connections.target.name, read)
+        for connections in all_connections
+        for fd, read in connections.readers().items()
+    }
     for fd in readers:
         poll.register(fd, select.POLLIN)
     for fd, _ in poll.poll(_TURN_S * 1e3):
         name, read = readers[fd]
-        with alone(name):
+        with isolated(name):
             read()
 
 
-def _look_into_records(links: list[Link]) -> None:
-    waiting = [link for link in links if not link.landing.confirmed and link.target.run is not None]
-    for run in {link.target.run for link in waiting if link.target.run is not None}:
-        down = told_down(run, [link.target.name for link in waiting if link.target.run == run])
-        for link in waiting:
-            if link.target.run == run:
-                link.down = down.get(link.target.name, "")
+def _read_records(all_connections: list[TargetConnections]) -> None:
+    waiting = [c for c in all_connections if not c.landing.confirmed and c.target.run is not None]
+    for run in {c.target.run for c in waiting if c.target.run is not None}:
+        down = recorded_down(run, [c.target.name for c in waiting if c.target.run == run])
+        for connections in waiting:
+            if connections.target.run == run:
+                connections.down = down.get(connections.target.name, "")
 
 
-def _say_refusal(landing: Landing, said: dict[str, str], say: Say) -> None:
-    if landing.refusal and said.get(landing.name) != landing.refusal:
-        said[landing.name] = landing.refusal
-        say(f"{landing.name}: {landing.refusal}; trying on")
+def _say_refusal(landing: LandingSequence, printed: dict[str, str], say: Say) -> None:
+    if landing.refusal and printed.get(landing.name) != landing.refusal:
+        printed[landing.name] = landing.refusal
+        say(f"{landing.name}: {landing.refusal}; retrying")
 
 
-def _bound(address: tuple[str, int]) -> socket.socket | None:
-    """The panic link's own end, or None while another land-all holds it: PX4 obeys every sender, but answers that one.
+def _open_panic_link(target: Target) -> socket.socket | None:
+    """Open our own end of the panic link; None while another `land-all` holds it.
 
-    Until it has ended we send from elsewhere, and hear through the router.
+    The autopilot obeys every sender on its panic link but answers only this address. Until it is free, commands leave from another
+    port and telemetry comes through the router.
     """
-    sock = _open()
     try:
-        sock.bind(address)
+        return open_udp(target.partner)
     except OSError:
-        sock.close()
         return None
-    return sock
 
 
-def _open() -> socket.socket:
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    sock.setblocking(False)
-    return sock
-
-
-def _allow_files() -> None:
-    """Three sockets a vehicle: two hundred are more than some shells allow."""
+def _raise_file_limit() -> None:
+    """Allow as many open files as the system permits: three sockets a vehicle exceed some shells' limit."""
     with contextlib.suppress(OSError, ValueError):
         _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

@@ -24,12 +24,12 @@ def land_all(
     spared: Sequence[str] = (),
     timeout_s: float = LAND_TIMEOUT_S,
 ) -> int:
-    """Land everybody found, say a line for each; returns the exit code. Raises InputError when nobody is found."""
+    """Land all vehicles found and print a line for each. Returns the exit code. Raises InputError when none is found."""
     found, targets = _chosen(arena, run, only, spared)
     if not targets:
-        _say("no vehicle is left to land")
+        _say("no vehicle to land")
         return EXIT_OK
-    _say(f"landing {', '.join(t.name for t in targets)} ({found.source})")
+    _say(f"landing {', '.join(t.name for t in targets)} (addresses from {found.source})")
     return _worst(found, bring_down(targets, action="land", timeout_s=timeout_s, say=_say))
 
 
@@ -42,37 +42,35 @@ def kill_all(
     yes: bool = False,
     timeout_s: float = KILL_TIMEOUT_S,
 ) -> int:
-    """Stop every motor, flying or not. Raises InputError without `yes`."""
+    """Stop all motors, in the air too. Raises InputError without `yes`."""
     if not yes:
         raise InputError(
-            "kill-all stops every motor, also in the air: vehicles fall. To mean it, give --yes; to land, land-all"
+            "kill-all stops all motors, also in the air: vehicles fall. Confirm with --yes, or land with land-all"
         )
     found, targets = _chosen(arena, run, only, spared)
     if not targets:
-        _say("no vehicle is left to stop")
+        _say("no vehicle to stop")
         return EXIT_OK
-    _say(f"STOPPING THE MOTORS of {', '.join(t.name for t in targets)} ({found.source})")
+    _say(f"STOPPING THE MOTORS of {', '.join(t.name for t in targets)} (addresses from {found.source})")
     return _worst(found, bring_down(targets, action="kill", timeout_s=timeout_s, say=_say))
 
 
 def _worst(found: Found, code: int) -> int:
-    """Who is in a run that cannot be read was not commanded: said last, where it is seen."""
+    """Report the vehicles that were not commanded, as the last lines. Returns the exit code."""
     for why in found.unread:
-        _say(f"NOT COMMANDED, a run that is active but cannot be read: {why}")
+        _say(f"NOT COMMANDED: vehicles of an active run that cannot be read: {why}")
     return code or (EXIT_FAILED if found.unread else EXIT_OK)
 
 
 def names(text: str) -> tuple[str, ...]:
-    """`a,b` -> ("a", "b")."""
+    """Return the names in a comma-separated list."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def command(verb: str, arguments: Sequence[str], prog: str = "arena") -> int:
-    """One of the two command lines, without the packages of other verbs. Raises ArenaError, and SystemExit as argparse does."""
+    """Run one of the two command lines without importing typer. Raises ArenaError, and SystemExit as argparse does."""
     parser = argparse.ArgumentParser(prog=f"{prog} {verb}".strip(), allow_abbrev=False)
-    parser.add_argument(
-        "arena", nargs="?", type=Path, help="arena.yaml; only its addresses are read, where no run is active"
-    )
+    parser.add_argument("arena", nargs="?", type=Path, help="arena.yaml, read only when no run is active")
     parser.add_argument("--run", type=Path, metavar="DIR", help="the run folder")
     parser.add_argument("--only", type=names, default=(), metavar="A,B")
     parser.add_argument("--except", dest="spared", type=names, default=(), metavar="A,B")
@@ -80,11 +78,11 @@ def command(verb: str, arguments: Sequence[str], prog: str = "arena") -> int:
         "--timeout", type=float, default=KILL_TIMEOUT_S if verb == "kill-all" else LAND_TIMEOUT_S, metavar="S"
     )
     if verb == "kill-all":
-        parser.add_argument("--yes", action="store_true", help="needed: what flies will fall")
+        parser.add_argument("--yes", action="store_true", help="required: flying vehicles fall")
     a = parser.parse_args(arguments)
-    whom = {"arena": a.arena, "run": a.run, "only": a.only, "spared": a.spared, "timeout_s": a.timeout}
-    with _outliving_the_terminal():
-        return kill_all(**whom, yes=a.yes) if verb == "kill-all" else land_all(**whom)
+    selection = {"arena": a.arena, "run": a.run, "only": a.only, "spared": a.spared, "timeout_s": a.timeout}
+    with _ignoring_hangup():
+        return kill_all(**selection, yes=a.yes) if verb == "kill-all" else land_all(**selection)
 
 
 def _chosen(
@@ -95,13 +93,13 @@ def _chosen(
 
 
 def _say(line: str) -> None:
-    with contextlib.suppress(OSError, ValueError):  # nobody reads any more: the landing goes on
+    with contextlib.suppress(OSError, ValueError):  # the terminal is gone: continue the landing
         print(line, flush=True)
 
 
 @contextlib.contextmanager
-def _outliving_the_terminal() -> Iterator[None]:
-    """A dropped ssh does not end a landing; Ctrl-C does."""
+def _ignoring_hangup() -> Iterator[None]:
+    """Ignore SIGHUP: a dropped ssh session does not end a landing; Ctrl-C does."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         yield

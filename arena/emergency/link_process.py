@@ -1,5 +1,6 @@
-"""Who holds a real vehicle's wire: does it still take in what it is sent, and its end when it does not. Reads /proc, signals by
-recorded identity and never by name.
+"""The process `link.<v>` that holds a real vehicle's connection: whether it still reads, and how to kill it when it does not.
+
+Reads /proc. A process is signalled by its recorded identity, never by its name.
 """
 
 from __future__ import annotations
@@ -12,49 +13,51 @@ import socket
 import struct
 from pathlib import Path
 
-from arena.emergency.direct_address import Address, Owner
+from arena.emergency.run_record import ProcessIdentity
+from arena.transport import Address
 
 _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
-_GONE_MS = 1000
+_EXIT_TIMEOUT_MS = 1000
+_START_TOLERANCE_S = 0.005
 
 
-def waiting_bytes(address: Address) -> int | None:
-    """What a UDP socket bound there has not read yet [bytes]; None when nobody is bound there, on this computer."""
+def unread_bytes(address: Address) -> int | None:
+    """Return what the UDP socket bound to this address has not read yet [bytes]; None when no socket is bound to it here."""
     host, port = struct.unpack("=I", socket.inet_aton(address[0]))[0], address[1]
     wanted = {f"{host:08X}:{port:04X}".encode(), f"{0:08X}:{port:04X}".encode()}
     try:
         lines = Path("/proc/net/udp").read_bytes().splitlines()[1:]
     except OSError:
-        return 0  # cannot be told: nobody is ended for it
+        return 0  # unknown: then no process is killed
     found = [
         int(fields[4].partition(b":")[2], 16) for fields in map(bytes.split, lines) if fields[1] in wanted
     ]
     return max(found, default=None)
 
 
-def end(owner: Owner) -> bool:
-    """Kill the very process that was recorded, and wait until it has gone. False when it cannot be done."""
+def kill(process: ProcessIdentity) -> bool:
+    """Kill exactly the recorded process and wait for its end; return False when it cannot be killed."""
     try:
-        handle = os.pidfd_open(owner.pid)
+        handle = os.pidfd_open(process.pid)
     except ProcessLookupError:
         return True
     except OSError:
         return False
     try:
-        if not _is_same(owner):  # asked while the handle keeps the number from being given to another
+        if not _is_same(process):  # checked while the open handle keeps the pid from being reused
             return True
         with contextlib.suppress(ProcessLookupError):
             signal.pidfd_send_signal(handle, signal.SIGKILL)
-        return bool(select.select([handle], [], [], _GONE_MS / 1e3)[0])
+        return bool(select.select([handle], [], [], _EXIT_TIMEOUT_MS / 1e3)[0])
     except OSError:
         return False
     finally:
         os.close(handle)
 
 
-def _is_same(owner: Owner) -> bool:
+def _is_same(process: ProcessIdentity) -> bool:
     try:
-        fields = Path(f"/proc/{owner.pid}/stat").read_bytes().rpartition(b")")[2].split()
+        fields = Path(f"/proc/{process.pid}/stat").read_bytes().rpartition(b")")[2].split()
     except OSError:
         return False
-    return len(fields) >= 20 and abs(int(fields[19]) * _TICK_S - owner.start_s) < 0.005
+    return len(fields) >= 20 and abs(int(fields[19]) * _TICK_S - process.start_s) < _START_TOLERANCE_S

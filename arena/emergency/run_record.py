@@ -1,17 +1,73 @@
-"""What a run has written down of simulated vehicles that may never confirm a landing. Reads files: it needs nobody's health."""
+"""What a run folder records about a vehicle: a crash, its last address, the process of its link. Reads files only.
+
+<run>/events.jsonl    crashes of simulated vehicles and the end of PX4 processes
+<run>/wire/<v>.json   written by link.<v>: {"kind": "udpin", "local": [host, port], "vehicle": [host, port]}
+                      or {"kind": "serial", "device": "/dev/...", "baud": 57600}
+<run>/state.json      process ids and start times, written by the supervisor
+"""
 
 from __future__ import annotations
 
+import contextlib
+import ipaddress
 import json
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from arena.transport import Address, ConnectionUrl
+
 _ENDED = ("EXITED", "FATAL")
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
-def told_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
-    """Vehicle -> why it lies on the floor, of those named: it crashed, by the world's word, or its PX4 has ended."""
+@dataclass(frozen=True, kw_only=True)
+class ProcessIdentity:
+    """A process as state.json records it. start_s [s since boot] tells it from a later process with the same pid."""
+
+    name: str
+    pid: int
+    start_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DirectAddress:
+    """How a real vehicle is reached without its router and its link process.
+
+    connection: as the plan or the YAML gives it
+    local: UDP address that the link bound; None for any
+    vehicle: UDP address of the vehicle; None when unknown
+    link_process: the process that holds the connection; None when unknown
+    """
+
+    connection: ConnectionUrl
+    local: Address | None = None
+    vehicle: Address | None = None
+    link_process: ProcessIdentity | None = None
+
+    @classmethod
+    def of(cls, connection: ConnectionUrl) -> DirectAddress:
+        """Return the address that the connection URL alone gives."""
+        if connection.kind == "udpin":
+            return cls(connection=connection, local=connection.address)
+        if connection.kind == "udpout":
+            return cls(connection=connection, vehicle=connection.address)
+        return cls(connection=connection)
+
+
+def with_run_record(direct: DirectAddress, vehicle: str, run: Path) -> DirectAddress:
+    """Add what the run folder records: the vehicle's last address and the link process."""
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        seen = json.loads((run / "wire" / f"{vehicle}.json").read_text())
+        if seen["kind"] == direct.connection.kind and seen["kind"] != "serial":
+            local, last = (_address(seen[key]) if seen.get(key) else None for key in ("local", "vehicle"))
+            direct = replace(direct, local=local or direct.local, vehicle=last or direct.vehicle)
+    return replace(direct, link_process=_process(f"link.{vehicle}", run))
+
+
+def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
+    """Return vehicle -> why it is on the floor, for those that crashed in the world or whose PX4 has ended."""
     found: dict[str, str] = {}
     names = set(vehicles)
     for event in _events(run / "events.jsonl"):
@@ -21,12 +77,12 @@ def told_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
             found[name] = f"crashed: {reason}"
         vehicle = process.removeprefix("px4.")
         if vehicle != process and vehicle in names and "to" in event:
-            _follow(found, vehicle, str(event["to"]), str(event.get("reason", "")))
+            _apply_state(found, vehicle, str(event["to"]), str(event.get("reason", "")))
     return found
 
 
-def _follow(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:
-    """A state of its PX4's process. Started again, it is no longer down."""
+def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:
+    """Apply a state change of a PX4 process. A PX4 that was started again is no longer down."""
     if state in _ENDED:
         found.setdefault(vehicle, f"its PX4 has ended: {reason}")
     elif state == "READY":
@@ -41,7 +97,24 @@ def _events(file: Path) -> Iterator[dict[str, Any]]:
     for line in lines:
         try:
             event = json.loads(line)
-        except ValueError:  # the newest may be half written
+        except ValueError:  # the last line may be half written
             continue
         if isinstance(event, dict):
             yield event
+
+
+def _process(name: str, run: Path) -> ProcessIdentity | None:
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        state = json.loads((run / "state.json").read_text())
+        if state["boot"] == _BOOT_ID.read_text().strip():
+            member = state["processes"][name]
+            return ProcessIdentity(name=name, pid=int(member["pid"]), start_s=float(member["start_s"]))
+    return None
+
+
+def _address(raw: Any) -> Address:
+    """Raises ValueError for a host name, which would need a working network, and for a port out of range."""
+    host, port = raw
+    if not 0 <= int(port) <= 65535:
+        raise ValueError(f"port: got {port}, expected 0 to 65535")
+    return str(ipaddress.IPv4Address(host)), int(port)

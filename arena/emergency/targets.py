@@ -1,4 +1,4 @@
-"""Whom to land: from the running plan, or else from the YAML. Reads files itself, so that nothing else need be healthy."""
+"""The vehicles to land: read from the plan of the active runs, else from the YAML. Reads files only; needs no running process."""
 
 from __future__ import annotations
 
@@ -9,20 +9,24 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from arena.emergency.direct_address import Wire, as_last_seen, from_slice
-from arena.emergency.yaml_fallback import Named, read_yaml, vehicles_of
+from arena.emergency.run_record import DirectAddress, with_run_record
+from arena.emergency.yaml_fallback import VehicleEntry, read_yaml, vehicles_of
 from arena.errors import InputError
 from arena.run_dirs import pointers
+from arena.transport import Address, url_from_json
 
-Address = tuple[str, int]
 _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """One vehicle. autopilot, partner: the two ends of its panic link.  tools: where its router listens.
+    """The addresses of one vehicle.
 
-    run: the folder of a simulated one's run, whose record tells of a crash.  wire: of a real one.
+    id: MAVLink system id
+    autopilot, partner: the two ends of its panic link, the autopilot's and ours
+    tools: where the router receives frames for this vehicle
+    run: run folder of a simulated vehicle, which records crashes; None for a real vehicle
+    direct: connection to a real vehicle without router and link process; None when simulated or unknown
     """
 
     name: str
@@ -31,12 +35,16 @@ class Target:
     partner: Address
     tools: Address
     run: Path | None = field(default=None, compare=False)
-    wire: Wire | None = field(default=None, compare=False)
+    direct: DirectAddress | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """source: where the addresses come from, in words.  unread: why whole runs are left out, a sentence each."""
+    """The vehicles that were found.
+
+    source: the run folders or the YAML that the addresses come from
+    unread: for each active run whose plan cannot be read, why
+    """
 
     source: str
     targets: tuple[Target, ...]
@@ -44,9 +52,10 @@ class Found:
 
 
 def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
-    """--run, else the active runs, else the YAML. Raises InputError.
+    """Find the vehicles of `run`, else of the active runs, else of the YAML. Raises InputError when there is none.
 
-    Of a YAML that is given, the runs that were started from it, whatever it says by now; else one on its address.
+    arena: a YAML; selects the active runs that were started from it, else an active run on its address
+    run: a run folder
     """
     if run is not None:
         return _of_run(run)
@@ -73,7 +82,7 @@ def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
 
 
 def _of_runs(folders: Iterable[Path]) -> Found | None:
-    """Everybody in them; one that cannot be read keeps nobody from landing, and is told."""
+    """Return the vehicles of all runs that can be read; the others are listed in `unread`."""
     plans, unread = [], []
     for folder in folders:
         try:
@@ -87,7 +96,7 @@ def _of_runs(folders: Iterable[Path]) -> Found | None:
 
 
 def _began_from(folder: Path) -> str:
-    """The YAML that a run was started from: the first line of its resolved one tells."""
+    """Return the path of the YAML that a run was started from, as the first line of its arena.yaml gives it."""
     try:
         with (folder / "arena.yaml").open(errors="replace") as file:
             return str(Path(file.readline().partition("# resolved from ")[2].strip()).resolve())
@@ -98,7 +107,7 @@ def _began_from(folder: Path) -> str:
 def choose(
     targets: Sequence[Target], only: Sequence[str] = (), spared: Sequence[str] = ()
 ) -> tuple[Target, ...]:
-    """Those named by `only` (all when empty) without `spared`. Raises InputError for a name that is no vehicle."""
+    """Return the vehicles in `only` (all when empty) that are not in `spared`. Raises InputError for an unknown name."""
     names = [target.name for target in targets]
     for name in (*only, *spared):
         if name not in names:
@@ -107,18 +116,23 @@ def choose(
 
 
 def active_runs() -> list[Path]:
-    """Run folders of this user that did not end cleanly and of which a process still runs, oldest first."""
+    """Return this user's run folders that still have a running process, oldest first."""
     found = []
     for pointer in pointers():
         with contextlib.suppress(OSError):
             folder = Path(pointer.read_text().strip())
-            if (state := folder / "state.json").is_file() and _anyone_runs(state):
+            if (state := folder / "state.json").is_file() and _has_running_process(state):
                 found.append((state.stat().st_mtime, folder))
     return [folder for _, folder in sorted(found)]
 
 
 def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
-    """The vehicles of a plan.json, which lies in this run. Raises ValueError, KeyError or TypeError when it is none."""
+    """Return the vehicles of a plan.json.
+
+    text: the JSON
+    run: the run folder that it lies in
+    Raises ValueError, KeyError or TypeError when it is not a plan.
+    """
     plan = json.loads(text)
     return tuple(
         Target(
@@ -128,40 +142,46 @@ def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
             partner=(v["panic"]["partner_host"], int(v["panic"]["partner_port"])),
             tools=(v["router"]["partner_host"], int(v["tools_port"])),
             run=run if v["simulated"] is True else None,
-            wire=None if v["simulated"] is True else _planned_wire(plan, str(v["name"]), run),
+            direct=None if v["simulated"] is True else _planned_direct(plan, str(v["name"]), run),
         )
         for v in plan["vehicles"]
     )
 
 
-def _planned_wire(plan: Any, vehicle: str, run: Path | None) -> Wire | None:
+def _planned_direct(plan: Any, vehicle: str, run: Path | None) -> DirectAddress | None:
     try:
-        wire = from_slice(plan["slices"][f"link.{vehicle}.json"]["wire"])
+        direct = DirectAddress.of(url_from_json(plan["slices"][f"link.{vehicle}.json"]["wire"]))
     except (KeyError, TypeError, ValueError):
         return None
-    return as_last_seen(wire, vehicle, run) if run is not None else wire
+    return with_run_record(direct, vehicle, run) if run is not None else direct
 
 
 def from_yaml(path: Path) -> Found:
-    """By the rule of ports. Raises InputError when there is no such file or it names no vehicle at all."""
+    """Return the vehicles of a YAML, with the ports that the schema assigns. Raises InputError when it names no vehicle."""
     try:
         text = path.read_text(errors="replace")
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from error
     host, vehicles = vehicles_of(read_yaml(text))
     if not vehicles:
-        raise InputError(f"{path}: no vehicle can be found in it. Expected `vehicles:` with one name a line")
-    return Found(source=str(path), targets=tuple(_by_rule(one, host) for one in vehicles))
+        raise InputError(f"{path}: it names no vehicle. Expected `vehicles:` with one name per line")
+    return Found(source=str(path), targets=tuple(_by_port_rule(one, host) for one in vehicles))
 
 
-def _by_rule(one: Named, host: str) -> Target:
-    base = _LINK_BASE + 10 * one.id
-    autopilot, partner, tools = ((host, base + k) for k in (_PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS))
-    return Target(name=one.name, id=one.id, autopilot=autopilot, partner=partner, tools=tools, wire=one.wire)
+def _by_port_rule(vehicle: VehicleEntry, host: str) -> Target:
+    base = _LINK_BASE + 10 * vehicle.id
+    return Target(
+        name=vehicle.name,
+        id=vehicle.id,
+        autopilot=(host, base + _PANIC_AUTOPILOT),
+        partner=(host, base + _PANIC_PARTNER),
+        tools=(host, base + _TOOLS),
+        direct=DirectAddress.of(vehicle.connection) if vehicle.connection is not None else None,
+    )
 
 
 def _of_run(folder: Path) -> Found:
-    """Its plan, or, if that cannot be read, the YAML beside it."""
+    """Return the vehicles of a run's plan.json, or of its arena.yaml when the plan cannot be read."""
     try:
         return Found(source=str(folder), targets=from_plan((folder / "plan.json").read_text(), folder))
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -170,7 +190,7 @@ def _of_run(folder: Path) -> Found:
         why = (
             "no such folder"
             if not folder.is_dir()
-            else f"no plan.json and no arena.yaml that can be read: {error}"
+            else f"neither plan.json nor arena.yaml can be read: {error}"
         )
         raise InputError(f"{folder}: {why}") from error
 
@@ -179,8 +199,8 @@ def _distinct(targets: Iterable[Target]) -> tuple[Target, ...]:
     return tuple({target.autopilot: target for target in targets}.values())
 
 
-def _anyone_runs(state: Path) -> bool:
-    """Whether a recorded process exists. When in doubt, yes: a ghost is reported as not confirmed, a vehicle is landed."""
+def _has_running_process(state: Path) -> bool:
+    """Return whether a recorded process exists; True in doubt, because landing a run that has ended does no harm."""
     try:
         raw = json.loads(state.read_text())
         members: list[Any] = [raw["supervisor"], *raw["processes"].values()]

@@ -1,4 +1,4 @@
-"""Reads of an arena.yaml only what landing needs, and refuses nothing: addresses of vehicles, whatever else is wrong."""
+"""Vehicle names, ids and addresses from an arena.yaml that may be broken: anything else in it is ignored, no error stops the reading."""
 
 from __future__ import annotations
 
@@ -6,23 +6,26 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from arena.emergency.direct_address import Wire, from_url
+from arena.transport import DEFAULT_BAUD, ConnectionUrl, parse_url
 
 _MOST_DEPTH = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Named:
-    """A vehicle of the file. wire: of a real one, by its `url`."""
+class VehicleEntry:
+    """A vehicle of the file. connection: of a real vehicle, by its `url`; None for a simulated one."""
 
     name: str
     id: int
-    wire: Wire | None = None
+    connection: ConnectionUrl | None = None
 
 
 def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
-    """The document; where it is broken, each block that can be read by itself, and None for one that cannot."""
-    import yaml  # not where a run's plan is read
+    """Return the document; where it is broken, each block that can be read alone, and None for the others.
+
+    depth: levels of nested blocks that are tried one by one
+    """
+    import yaml  # imported late: not needed when a run's plan can be read
 
     try:
         return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
@@ -30,25 +33,34 @@ def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
         return _blocks(text, depth) if depth else None
 
 
-def vehicles_of(document: Any) -> tuple[str, list[Named]]:
-    """(the arena's address, its vehicles): ids as written, the others the lowest free in order."""
+def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
+    """Return the arena's address and its vehicles. A vehicle without an id gets the lowest free one, in order."""
     root = document if isinstance(document, dict) else {}
     vehicles = root.get("vehicles")
     vehicles = vehicles if isinstance(vehicles, dict) else {}
     given = {str(name): _id(keys) for name, keys in vehicles.items()}
     free = iter(i for i in range(1, 1000) if i not in given.values())
-    wires = {str(name): _wire(root, keys) for name, keys in vehicles.items()}
-    named = [Named(name=name, id=number or next(free), wire=wires[name]) for name, number in given.items()]
+    connections = {str(name): _connection(root, keys) for name, keys in vehicles.items()}
+    named = [
+        VehicleEntry(name=name, id=number or next(free), connection=connections[name])
+        for name, number in given.items()
+    ]
     return _address(root.get("address")), named
 
 
-def _wire(root: dict[str, Any], keys: Any) -> Wire | None:
-    """By its own keys, else by the defaults'."""
+def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
+    """The vehicle's own keys win over the file's `defaults`."""
     defaults = root.get("defaults")
     own = {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
-    return (
-        from_url(own.get("url"), own.get("baud")) if own.get("autopilot", "hardware") == "hardware" else None
-    )
+    if own.get("autopilot", "hardware") != "hardware":
+        return None
+    baud = own.get("baud")
+    try:
+        return parse_url(
+            str(own.get("url")), baud=baud if isinstance(baud, int) and baud > 0 else DEFAULT_BAUD
+        )
+    except ValueError:
+        return None
 
 
 def _id(keys: Any) -> int | None:
@@ -62,7 +74,7 @@ def _address(raw: Any) -> str:
 
 
 def _blocks(text: str, depth: int) -> dict[str, Any]:
-    """The `key: ...` blocks at the outermost indentation, each read on its own."""
+    """Return the `key: ...` blocks at the outermost indentation, each parsed alone."""
     every = text.lstrip("\ufeff").expandtabs().splitlines()
     lines = [line for line in every if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
@@ -82,7 +94,7 @@ def _blocks(text: str, depth: int) -> dict[str, Any]:
 
 
 def _value(rest: str, inner: list[str], depth: int) -> Any:
-    """What stands behind `key:`: the lines below it, or else the rest of its own."""
+    """Return the value of a key: the lines below it, or the rest of its own line."""
     if rest.partition("#")[0].strip() or not inner:
         text = "\n".join([rest, *inner])
         return read_yaml(text, 0) if inner else _flow(rest)
@@ -90,7 +102,7 @@ def _value(rest: str, inner: list[str], depth: int) -> Any:
 
 
 def _flow(rest: str) -> Any:
-    """A value on one line. A broken flow mapping still gives its id and url."""
+    """Return a value that is written on one line. A broken flow mapping still gives its id and url."""
     value = read_yaml(rest, 0)
     if value is not None:
         return value

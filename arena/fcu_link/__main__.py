@@ -5,25 +5,23 @@ from __future__ import annotations
 import contextlib
 import json
 import select
-import socket
 import sys
 import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from arena.errors import ArenaError, RunError
-from arena.fcu_link.core import SIMULATOR, Link, Out
-from arena.fcu_link.settings import Ends, Settings
+from arena.errors import ArenaError
+from arena.fcu_link.core import SIMULATOR, FcuLink, Out
+from arena.fcu_link.settings import Settings
 from arena.fcu_link.simulator_client import World
-from arena.fcu_link.transports import Wire, open_wire
+from arena.fcu_link.transports import FcuTransport, open_transport
 from arena.process_context import ProcessContext, ShutdownPolicy
+from arena.transport import listen_udp, receive_datagrams
 from arena.wire.qgc_params import format_params
 
 _TICK_S = 0.05
 _SECOND_S = 1.0
-_DATAGRAM_BYTES = 65535
-_MOST = 64
 _HEADER = (
     "What {vehicle} must hold. In QGroundControl: Vehicle Setup > Parameters > Tools > Load from file, then reboot the vehicle.",
     "Load it twice: some parameters appear only after others are set.",
@@ -37,11 +35,13 @@ class Shell:
     def __init__(self, room: ProcessContext, settings: Settings) -> None:
         now = time.monotonic()
         self._room, self._s = room, settings
-        self._core = Link(settings, now)
-        self._sockets = {name: _bind(name, ends) for name, ends in settings.links.items()}
+        self._core = FcuLink(settings, now)
+        self._sockets = {
+            name: listen_udp(ends.local, f"the {name} link") for name, ends in settings.links.items()
+        }
         self._remotes = {name: ends.remote for name, ends in settings.links.items()}
         self._by_fd = {s.fileno(): name for name, s in self._sockets.items()}
-        self._wire: Wire = open_wire(settings.wire, self._core, now)
+        self._transport: FcuTransport = open_transport(settings.connection, self._core, now)
         core, simulator = self._core, settings.simulator
         self._world = World(simulator, core.counts, core.greeting()) if simulator is not None else None
         self._afterlife = ShutdownPolicy(limit_s=60.0 if settings.simulated else None)
@@ -56,7 +56,7 @@ class Shell:
         while not (self._room.stopping or self._over):
             self._wait()
             now = time.monotonic()
-            for data, found in self._wire.read(now):
+            for data, found in self._transport.read(now):
                 self._send(self._core.from_wire(data, found, now))
             if self._world is not None:
                 for data, found in self._world.read():
@@ -67,7 +67,7 @@ class Shell:
         self._report(time.monotonic())
 
     def close(self) -> None:
-        self._wire.close()
+        self._transport.close()
         if self._world is not None:
             self._world.close()
         for s in self._sockets.values():
@@ -79,8 +79,8 @@ class Shell:
         poll = select.poll()
         for link in self._sockets.values():
             poll.register(link, select.POLLIN)
-        if (wire := self._wire.fileno()) is not None:
-            poll.register(wire, select.POLLIN | (select.POLLOUT if self._wire.wants_write() else 0))
+        if (wire := self._transport.fileno()) is not None:
+            poll.register(wire, select.POLLIN | (select.POLLOUT if self._transport.wants_write() else 0))
         if self._world is not None and self._world.connected and (world := self._world.fileno()) is not None:
             poll.register(world, select.POLLIN)
         until = min(self._next_tick, now + 0.002) if len(self._core.outbox) else self._next_tick
@@ -90,13 +90,7 @@ class Shell:
 
     def _hear_partner(self, name: str) -> None:
         link, remote = self._sockets[name], self._remotes[name]
-        for _ in range(_MOST):
-            try:
-                data, sender = link.recvfrom(_DATAGRAM_BYTES)
-            except BlockingIOError:
-                return
-            except OSError:  # the network's answer to something sent before
-                continue
+        for data, sender in receive_datagrams(link):
             if sender == remote or (
                 name == "panic" and sender[0] == remote[0]
             ):  # a second land-all, as PX4 would hear it
@@ -114,12 +108,12 @@ class Shell:
                 self._sockets[end].sendto(data, self._remotes[end])
 
     def _flush(self, now: float) -> None:
-        if not self._wire.write(lambda: self._core.next_out(now), now):
+        if not self._transport.write(lambda: self._core.next_out(now), now):
             self._core.outbox.clear()
 
     def _tick(self, now: float) -> None:
         self._next_tick = max(self._next_tick + _TICK_S, now)
-        self._wire.tick(now)
+        self._transport.tick(now)
         self._core.tick(now)
         if self._world is not None:
             self._world.tick(self._core.alive(now), now)
@@ -137,7 +131,7 @@ class Shell:
         if not self._ready and self._core.ever_heard and self._core.params.complete:
             self._ready = True
             self._room.ready()
-        for events in (self._wire.events, self._world.events if self._world is not None else []):
+        for events in (self._transport.events, self._world.events if self._world is not None else []):
             for text in events:
                 self._say(f"{self._s.vehicle}: {text}")
             events.clear()
@@ -156,7 +150,7 @@ class Shell:
                 "from_vehicle_hz": flow["from_vehicle"],
                 "to_vehicle_hz": flow["to_vehicle"],
                 "poses_hz": flow["poses"],
-                "partner": self._wire.partner(),
+                "partner": self._transport.peer(),
                 "armed": self._core.armed(now),
                 "may_not_arm": self._core.reasons(now),
                 "dropped": dict(self._core.counts),
@@ -165,7 +159,7 @@ class Shell:
 
     def _keep_place(self) -> None:
         """For land-all, should this process end or hang: written whole, and only when it changes."""
-        place = self._wire.place()
+        place = self._transport.last_address()
         if not self._s.wire_file or place == self._placed:
             return
         self._placed, path = place, Path(self._s.wire_file)
@@ -190,21 +184,6 @@ class Shell:
             path.write_text(format_params(self._s.params, self._s.id, header=header, types=types))
         except OSError as error:
             self._say(f"{self._s.vehicle}: cannot write {path}: {error.strerror}")
-
-
-def _bind(name: str, ends: Ends) -> socket.socket:
-    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    s.setblocking(False)
-    with contextlib.suppress(OSError):
-        s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-    try:
-        s.bind(ends.local)
-    except OSError as error:
-        s.close()
-        raise RunError(
-            f"cannot open the {name} link on UDP {ends.local[0]}:{ends.local[1]}: {error.strerror}"
-        ) from error
-    return s
 
 
 def main(argv: list[str] | None = None) -> int:

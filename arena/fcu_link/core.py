@@ -24,7 +24,7 @@ from arena.fcu_link.send_queue import Kind, Outbox
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.stream_requests import WIDE_BAUD, Streams
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import Buffer, Cut, Frame, cut
+from arena.wire.mavlink_frame import Buffer, Frame, ParsedFrames, parse_frames
 from arena.wire.mavlink_params import parse_error, parse_value
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
@@ -68,7 +68,7 @@ _KINDS = {"panic": Kind.PANIC, "router": Kind.ROUTER, "vision": Kind.VISION}
 Out = list[tuple[str, bytes]]
 
 
-class Link:
+class FcuLink:
     """Feed it with `from_wire`, `from_partner`, `from_simulator` and `tick`; write out what `next_out` gives."""
 
     def __init__(self, settings: Settings, now: float) -> None:
@@ -80,7 +80,7 @@ class Link:
         self.gates = Gates(s.preflight)
         shown = "/".join(s.params_file.split("/")[-2:])
         self.params = ParamCheck(s.params, shown)
-        self._streams = Streams(wide=s.wire.kind != "serial" or s.wire.baud >= WIDE_BAUD)
+        self._streams = Streams(wide=s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD)
         self._own, self._stead = Codec(s.id, COMPONENT), Codec(s.id, AUTOPILOT)
         self._events: list[str] = []
         self._panic_heard = -math.inf
@@ -104,11 +104,11 @@ class Link:
         """A real vehicle that fell silent while armed may be flying behind a lost radio; a simulated one has ended."""
         return self.gates.armed and (not self._s.simulated or now - self.gates.heard < 5.0)
 
-    def speaks_here(self, frames: Sequence[Frame]) -> bool:
+    def has_autopilot_frame(self, frames: Sequence[Frame]) -> bool:
         """Is one of them the vehicle's autopilot's own?"""
         return any(f.sysid == self.system and f.compid == AUTOPILOT for f in frames)
 
-    def from_wire(self, data: Buffer, found: Cut, now: float) -> Out:
+    def from_wire(self, data: Buffer, found: ParsedFrames, now: float) -> Out:
         """What came in one piece. -> (router | vision | panic | simulator, datagram) for each that gets some of it."""
         self._count_noise(data, found)
         parts: dict[str, list[Buffer]] = {}
@@ -126,14 +126,14 @@ class Link:
                 parts.setdefault(end, []).append(data[frame.start : frame.end])
         return [(end, b"".join(frames)) for end, frames in parts.items()]
 
-    def overheard(self, data: Buffer, found: Cut) -> None:
+    def on_foreign_datagram(self, data: Buffer, found: ParsedFrames) -> None:
         """What came from another address than the partner's: nothing of it is used."""
         self.counts["from the wire: stranger"] += 1
         self._count_noise(data, found)
         for frame in found.frames:
             self._foreign = frame.sysid << 8 | frame.compid
 
-    def _count_noise(self, data: Buffer, found: Cut) -> None:
+    def _count_noise(self, data: Buffer, found: ParsedFrames) -> None:
         self._bytes += len(data)
         if found.garbage:
             self.counts["from the wire: garbage bytes"] += found.garbage
@@ -201,7 +201,7 @@ class Link:
 
     def from_partner(self, link: str, data: Buffer, now: float) -> Out:
         """A datagram of a link's fixed partner. -> answers of ours."""
-        found = cut(data)
+        found = parse_frames(data)
         if found.garbage:
             self.counts[f"from {link}: garbage bytes"] += found.garbage
         if link == "panic" and found.frames:
@@ -218,7 +218,7 @@ class Link:
                 self._pass(link, data, frame, now)
         return out
 
-    def from_simulator(self, data: Buffer, found: Cut, now: float) -> None:
+    def from_simulator(self, data: Buffer, found: ParsedFrames, now: float) -> None:
         """A piece of the world's stream, cut."""
         for frame in found.frames:
             if frame.msgid in _SENSORS:
@@ -278,17 +278,8 @@ class Link:
         """Some twenty times a second: heartbeat, requests, complaints."""
         if now - self._beat >= 1.0:
             self._beat = now
-            self._speak(
-                mavlink.MAVLink_heartbeat_message(
-                    mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                    mavlink.MAV_AUTOPILOT_INVALID,
-                    0,
-                    0,
-                    mavlink.MAV_STATE_ACTIVE,
-                    3,
-                ),
-                now,
-            )
+            heartbeat = self._own.onboard_heartbeat()
+            self.outbox.put(Kind.ROUTER, heartbeat, mavlink.MAVLINK_MSG_ID_HEARTBEAT, now)
         if self.alive(now):
             self._complained, self._bytes, self._foreign = now, 0, 0
             self._ask(now)
@@ -314,7 +305,7 @@ class Link:
 
     def _complain(self, now: float) -> None:
         """What the wire has been like since it was last told."""
-        wire, since = self._s.wire, now - self._complained
+        wire, since = self._s.connection, now - self._complained
         if self._foreign:
             k, others = self.system, f"system {self._foreign >> 8} component {self._foreign & 0xFF}"
             self._say(

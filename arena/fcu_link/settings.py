@@ -9,23 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from arena.errors import InputError
-
-Address = tuple[str, int]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wire:
-    """kind: udpin | udpout with `address`, or serial with `device` and `baud`."""
-
-    kind: str
-    address: Address = ("", 0)
-    device: str = ""
-    baud: int = 0
-
-    def __str__(self) -> str:
-        if self.kind == "serial":
-            return f"{self.device} at {self.baud} baud"
-        return f"{self.kind} {self.address[0]}:{self.address[1]}"
+from arena.transport import Address, ConnectionUrl, url_from_json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +48,7 @@ class Settings:
 
     vehicle: str
     id: int
-    wire: Wire
+    connection: ConnectionUrl
     links: Mapping[str, Ends]
     simulator: Address | None
     preflight: Preflight
@@ -80,7 +64,7 @@ class Settings:
             return cls(
                 vehicle=str(raw["vehicle"]),
                 id=int(raw["id"]),
-                wire=_wire(raw["wire"]),
+                connection=_connection(raw["wire"]),
                 links={
                     n: Ends(
                         local=_address(raw["links"][n]["local"]), remote=_address(raw["links"][n]["remote"])
@@ -101,13 +85,11 @@ class Settings:
             ) from error
 
 
-def _wire(raw: Mapping[str, Any]) -> Wire:
-    kind = raw["kind"]
-    if kind == "serial":
-        return Wire(kind=kind, device=str(raw["device"]), baud=int(raw["baud"]))
-    if kind not in ("udpin", "udpout"):
-        raise InputError(f"the link's slice: wire.kind: got {kind!r}, expected udpin, udpout or serial")
-    return Wire(kind=kind, address=_address(raw["address"]))
+def _connection(raw: Any) -> ConnectionUrl:
+    try:
+        return url_from_json(raw)
+    except ValueError as error:
+        raise InputError(f"the link's slice: wire: {error}") from error
 
 
 def _preflight(raw: Mapping[str, Any]) -> Preflight:

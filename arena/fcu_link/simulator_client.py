@@ -9,8 +9,8 @@ import socket
 from collections import Counter
 from collections.abc import Iterator
 
-from arena.fcu_link.settings import Address
-from arena.wire.mavlink_frame import Buffer, Cut, Stream
+from arena.transport import Address
+from arena.wire.mavlink_frame import Buffer, ParsedFrames, Stream
 
 _AGAIN_S = 0.5
 _PATIENCE = 10
@@ -49,7 +49,7 @@ class World:
         elif self._socket is not None and not self._connected:
             self._finish()
 
-    def read(self) -> Iterator[tuple[Buffer, Cut]]:
+    def read(self) -> Iterator[tuple[Buffer, ParsedFrames]]:
         for _ in range(_MOST):
             if self._socket is None or not self._connected:
                 return

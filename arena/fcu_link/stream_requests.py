@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.wire.mavlink_minimal import result_words
+
 _NEEDED = {
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 30.0,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 50.0,
@@ -96,7 +98,7 @@ class Streams:
                 self._tell(stream, f"{came}: is the wire too slow?")
             stream.next, stream.since, stream.count, stream.slow = now + _AGAIN_S, now, 0, False
             return
-        self._tell(stream, f"it does not give {_name(msgid)} at {stream.hz:g} Hz (result {result})")
+        self._tell(stream, f"it does not give {_name(msgid)} at {stream.hz:g} Hz ({result_words(result)})")
         stream.next = now + _GIVEN_UP_S
 
     def _watch(self, stream: _Stream, now: float) -> None:

@@ -1,106 +1,144 @@
-"""The shells of the wire: a UDP socket or a serial device, each with what it takes to begin again when it is gone."""
+"""The transports to the flight controller: a UDP socket or a serial device, reopened when it comes back."""
 
 from __future__ import annotations
 
-import contextlib
 import errno
-import fcntl
-import os
-import socket
-import struct
-import termios
+import math
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from arena.errors import RunError
-from arena.fcu_link.core import Link
-from arena.fcu_link.peer import Partner
-from arena.fcu_link.settings import Wire as WireSettings
-from arena.wire.mavlink_frame import Buffer, Cut, Frame, Stream, cut
+from arena.fcu_link.core import FcuLink
+from arena.transport import (
+    MAX_DATAGRAMS_PER_READ,
+    Address,
+    ConnectionUrl,
+    SerialPort,
+    is_unplugged,
+    open_udp,
+    receive_datagrams,
+)
+from arena.wire.mavlink_frame import Buffer, Frame, ParsedFrames, Stream, parse_frames
 
-_BUFFER_BYTES = 1 << 20
-_READ_BYTES = 65535
-_MOST = 64  # datagrams or pieces at a look, so that a flood starves nobody
-_AGAIN_S = 1.0
-_AHEAD_S = 0.01  # of bytes in the driver's queue: what waits there cannot be overtaken
-_AHEAD_BYTES = 300
-_TO_UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF)
+PEER_SILENT_S = 3.0  # after this time without the vehicle, another address may become the peer
+_REOPEN_S = 1.0
+_QUEUE_S = 0.01  # data that the serial driver may hold: a more urgent frame cannot overtake it
+_MIN_QUEUE_BYTES = 300
 
-Next = Callable[[], bytes | None]
+NextFrame = Callable[[], bytes | None]
 
 
-class Wire(Protocol):
-    """Read with `read`, when `fileno` is ready or a tick has come; write with `write`, which takes frames while they fit."""
+class FcuTransport(Protocol):
+    """Call `read` when `fileno` is readable and at every tick, `write` when frames wait, `tick` a few times a second.
+
+    events: sentences for the user, to be taken and cleared by the caller
+    """
 
     events: list[str]
 
     def fileno(self) -> int | None:
-        """None while there is nothing to wait on."""
+        """Return the file descriptor to poll; None while the device is away."""
 
-    def read(self, now: float) -> Iterator[tuple[Buffer, Cut]]:
-        """What has come from the vehicle."""
+    def read(self, now: float) -> Iterator[tuple[Buffer, ParsedFrames]]:
+        """Yield what has arrived from the vehicle, without waiting."""
 
-    def write(self, take: Next, now: float) -> bool:
-        """False while the wire is away, or nobody is there to send to. take: the next frame, None when none waits."""
+    def write(self, next_frame: NextFrame, now: float) -> bool:
+        """Send frames while they fit; return False when the device is away or the vehicle's address is unknown.
+
+        next_frame: returns the next frame to send; None when there is none
+        """
 
     def wants_write(self) -> bool:
-        """Is something half written?"""
+        """Return whether a frame is half written."""
 
     def tick(self, now: float) -> None: ...
 
-    def partner(self) -> str: ...
+    def peer(self) -> str:
+        """Return the vehicle's address or device for people; "" while unknown."""
 
-    def place(self) -> dict[str, Any]:
-        """Where the vehicle is to be found by who must speak to it without us, as JSON."""
+    def last_address(self) -> dict[str, Any]:
+        """Return where the vehicle was reached last, as JSON, for `land-all`."""
 
     def close(self) -> None: ...
 
 
-def open_wire(wire: WireSettings, core: Link, now: float) -> Wire:
-    """core: knows the vehicle's voice, and keeps the counts."""
-    return SerialWire(wire, now) if wire.kind == "serial" else UdpWire(wire, core)
+def open_transport(connection: ConnectionUrl, core: FcuLink, now: float) -> FcuTransport:
+    """Open the connection to the flight controller.
+
+    core: recognises the vehicle's frames and counts the foreign ones
+    Raises RunError when a UDP port cannot be bound. A serial device may be absent: it is opened when it appears.
+    """
+    return SerialTransport(connection, now) if connection.kind == "serial" else UdpTransport(connection, core)
 
 
-class UdpWire:
-    """udpin: bound, and learns who its partner is. udpout: speaks first, and hears that address alone."""
+class LearnedPeer:
+    """The vehicle's address on a listening socket: the first one that its autopilot sends from. Pure.
 
-    def __init__(self, wire: WireSettings, core: Link) -> None:
+    Another address may follow after `PEER_SILENT_S` without the first.
+    """
+
+    def __init__(self) -> None:
+        self.address: Address | None = None
         self.events: list[str] = []
-        self._kind, self._fixed = wire.kind, wire.address if wire.kind == "udpout" else None
-        self._core = core
-        self._learned = Partner()
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        with contextlib.suppress(OSError):
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-        if self._fixed is None:
-            self._bind(wire.address)
+        self._received_at = -math.inf
+
+    def accepts(self, sender: Address, from_autopilot: bool, now: float) -> bool:
+        """Return whether a datagram of this sender is the vehicle's.
+
+        from_autopilot: the datagram holds a frame of the vehicle's autopilot
+        """
+        silent_s = now - self._received_at
+        if sender != self.address and from_autopilot and silent_s > PEER_SILENT_S:
+            before = (
+                ""
+                if self.address is None
+                else f" (before: {_text(self.address)}, silent for {silent_s:.0f} s)"
+            )
+            self.events.append(f"sends from {_text(sender)}{before}")
+            self.address = sender
+        if sender != self.address:
+            return False
+        if from_autopilot:
+            self._received_at = now
+        return True
+
+
+class UdpTransport:
+    """udpin: a bound socket that learns the vehicle's address. udpout: sends to one address and accepts only that one."""
+
+    def __init__(self, connection: ConnectionUrl, core: FcuLink) -> None:
+        self.events: list[str] = []
+        self._kind, self._core, self._learned = connection.kind, core, LearnedPeer()
+        self._fixed = connection.address if connection.kind == "udpout" else None
+        try:
+            self._socket = open_udp(None if self._fixed else connection.address)
+        except OSError as error:
+            in_use = error.errno == errno.EADDRINUSE
+            hint = " Does a ground station or another arena listen there?" if in_use else ""
+            where = f"{connection.host}:{connection.port}"
+            raise RunError(
+                f"cannot listen for the vehicle on UDP {where}: {error.strerror}.{hint}"
+            ) from error
 
     def fileno(self) -> int | None:
         return self._socket.fileno()
 
-    def read(self, now: float) -> Iterator[tuple[Buffer, Cut]]:
-        for _ in range(_MOST):
-            try:
-                data, sender = self._socket.recvfrom(_READ_BYTES)
-            except BlockingIOError:
-                return
-            except OSError:  # the network's answer to something sent before
-                continue
-            found = cut(data)
-            if self._is_from_partner(sender, found.frames, now):
+    def read(self, now: float) -> Iterator[tuple[Buffer, ParsedFrames]]:
+        for data, sender in receive_datagrams(self._socket):
+            found = parse_frames(data)
+            if self._is_peer(sender, found.frames, now):
                 yield data, found
             else:
-                self._core.overheard(data, found)
+                self._core.on_foreign_datagram(data, found)
 
-    def write(self, take: Next, now: float) -> bool:
+    def write(self, next_frame: NextFrame, now: float) -> bool:
         to = self._fixed or self._learned.address
         if to is None:
             return False
-        while (frame := take()) is not None:
+        while (frame := next_frame()) is not None:
             try:
                 self._socket.sendto(frame, to)
-            except OSError:  # a full queue, or a network that is away: the next will be newer
+            except OSError:  # full queue or no network: drop it, the next frame is newer
                 self._core.counts["to the vehicle: not sent"] += 1
         return True
 
@@ -111,11 +149,11 @@ class UdpWire:
         self.events += self._learned.events
         self._learned.events.clear()
 
-    def partner(self) -> str:
+    def peer(self) -> str:
         to = self._fixed or self._learned.address
-        return f"{to[0]}:{to[1]}" if to else ""
+        return _text(to) if to else ""
 
-    def place(self) -> dict[str, Any]:
+    def last_address(self) -> dict[str, Any]:
         to = self._fixed or self._learned.address
         local = list(self._socket.getsockname())
         return {"kind": self._kind, "local": local if local[1] else None, "vehicle": list(to) if to else None}
@@ -123,144 +161,94 @@ class UdpWire:
     def close(self) -> None:
         self._socket.close()
 
-    def _is_from_partner(self, sender: tuple[str, int], frames: list[Frame], now: float) -> bool:
+    def _is_peer(self, sender: Address, frames: list[Frame], now: float) -> bool:
         if self._fixed is not None:
             return sender == self._fixed
-        return self._learned.accepts(sender, self._core.speaks_here(frames), now)
-
-    def _bind(self, address: tuple[str, int]) -> None:
-        try:
-            self._socket.bind(address)
-        except OSError as error:
-            self._socket.close()
-            hint = (
-                " Does a ground station or another arena listen there?"
-                if error.errno == errno.EADDRINUSE
-                else ""
-            )
-            raise RunError(
-                f"cannot listen for the vehicle on UDP {address[0]}:{address[1]}: {error.strerror}.{hint}"
-            ) from error
+        return self._learned.accepts(sender, self._core.has_autopilot_frame(frames), now)
 
 
-class SerialWire:
-    """A device that may be absent, refused, unplugged in flight and back: told once each time, tried again every second."""
+class SerialTransport:
+    """A serial device that may be absent, refused or unplugged: each change is reported once, opening is retried every second."""
 
-    def __init__(self, wire: WireSettings, now: float) -> None:
+    def __init__(self, connection: ConnectionUrl, now: float) -> None:
         self.events: list[str] = []
-        self._wire, self._device = wire, wire.device
-        self._ahead = max(_AHEAD_BYTES, int(wire.baud / 10 * _AHEAD_S))
-        self._port: Any = None
+        self._connection, self._device = connection, connection.device
+        self._queue_bytes = max(_MIN_QUEUE_BYTES, int(connection.baud / 10 * _QUEUE_S))
+        self._port: SerialPort | None = None
         self._stream = Stream()
-        self._half = b""
-        self._told = ""
+        self._half_written = b""
+        self._last_event = ""
         self._next_open = now
         self.tick(now)
 
     def fileno(self) -> int | None:
-        return None if self._port is None else int(self._port.fileno())
+        return None if self._port is None else self._port.fileno()
 
-    def read(self, now: float) -> Iterator[tuple[Buffer, Cut]]:
-        for _ in range(_MOST):
+    def read(self, now: float) -> Iterator[tuple[Buffer, ParsedFrames]]:
+        for _ in range(MAX_DATAGRAMS_PER_READ):
             if self._port is None:
                 return
             try:
-                data = os.read(self._port.fileno(), 4096)
-            except BlockingIOError:
-                return
+                data = self._port.read(4096)
             except OSError as error:
-                return self._gone(error, now)
-            if not data:
-                return self._gone(None, now)
+                return self._on_lost(error, now)
+            if data is None:
+                return
             yield self._stream.feed(data)
 
-    def write(self, take: Next, now: float) -> bool:
-        if self._port is None:
+    def write(self, next_frame: NextFrame, now: float) -> bool:
+        port = self._port
+        if port is None:
             return False
         try:
-            while self._ahead_bytes() < self._ahead and (frame := self._half or take()):
-                self._half = frame[self._put(frame) :]
-                if self._half:
+            while port.unsent_bytes() < self._queue_bytes and (frame := self._half_written or next_frame()):
+                self._half_written = frame[port.write(frame) :]
+                if self._half_written:
                     break
         except OSError as error:
-            self._gone(error, now)
+            self._on_lost(error, now)
         return True
 
     def wants_write(self) -> bool:
-        return bool(self._half)
+        return bool(self._half_written)
 
     def tick(self, now: float) -> None:
         if self._port is None and now >= self._next_open:
-            self._next_open = now + _AGAIN_S
+            self._next_open = now + _REOPEN_S
             self._open()
 
-    def partner(self) -> str:
+    def peer(self) -> str:
         return self._device if self._port is not None else ""
 
-    def place(self) -> dict[str, Any]:
-        return {"kind": "serial", "device": self._device, "baud": self._wire.baud}
+    def last_address(self) -> dict[str, Any]:
+        return {"kind": "serial", "device": self._device, "baud": self._connection.baud}
 
     def close(self) -> None:
         if self._port is not None:
-            with contextlib.suppress(OSError):
-                self._port.close()
+            self._port.close()
             self._port = None
-
-    def _put(self, data: bytes) -> int:
-        try:
-            return os.write(self._port.fileno(), data)
-        except BlockingIOError:
-            return 0
-
-    def _ahead_bytes(self) -> int:
-        """In the driver, not yet on the wire; 0 where it does not tell."""
-        try:
-            return int(struct.unpack("i", fcntl.ioctl(self._port.fileno(), termios.TIOCOUTQ, b"\0\0\0\0"))[0])
-        except OSError:
-            return 0
 
     def _open(self) -> None:
-        import serial
-
         try:
-            self._port = serial.Serial(
-                self._device, self._wire.baud, timeout=0, write_timeout=0, exclusive=True
-            )
-            _without_waiting(self._port.fileno())
-        except (serial.SerialException, OSError, ValueError, termios.error) as error:
-            self._port = None
-            return self._tell(_why_closed(self._device, self._wire.baud, error))
-        self._stream, self._half = Stream(), b""
-        self._tell(f"{self._device} is open at {self._wire.baud} baud")
+            self._port = SerialPort(self._device, self._connection.baud)
+        except OSError as error:
+            return self._report(str(error))
+        self._stream, self._half_written = Stream(), b""
+        self._report(f"{self._device} is open at {self._connection.baud} baud")
 
-    def _gone(self, error: OSError | None, now: float) -> None:
+    def _on_lost(self, error: OSError, now: float) -> None:
         self.close()
-        self._next_open = now + _AGAIN_S
-        what = "has gone" if error is None or error.errno in _TO_UNPLUGGED else f"failed ({error.strerror})"
-        ask = "is the cable still in, and the vehicle powered? It is opened again as soon as it is back"
-        self._tell(f"{self._device} {what}: {ask}")
+        self._next_open = now + _REOPEN_S
+        what = "is gone" if is_unplugged(error) else f"failed ({error.strerror})"
+        ask = "is the cable in, and the vehicle powered? It is opened again when it is back"
+        self._report(f"{self._device} {what}: {ask}")
 
-    def _tell(self, text: str) -> None:
-        """When it changes."""
-        if text != self._told:
-            self._told = text
+    def _report(self, text: str) -> None:
+        """Add an event, unless it repeats the last one."""
+        if text != self._last_event:
+            self._last_event = text
             self.events.append(text)
 
 
-def _without_waiting(fd: int) -> None:
-    """Reads that find nothing say so, so that one of no bytes means that the device has hung up."""
-    os.set_blocking(fd, False)
-    attributes = termios.tcgetattr(fd)
-    attributes[6][termios.VMIN] = 1
-    termios.tcsetattr(fd, termios.TCSANOW, attributes)
-
-
-def _why_closed(device: str, baud: int, error: Exception) -> str:
-    number = getattr(error, "errno", None)
-    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        return f"there is no {device}: is the cable in, and the vehicle powered? `ls /dev/serial/by-id` shows what is there"
-    if number in (errno.EACCES, errno.EPERM):
-        return f"{device} may not be opened by this user: `sudo usermod -aG dialout $USER`, then log in again"
-    if number in (errno.EBUSY, errno.EAGAIN) or "lock" in str(error):
-        return f"{device} is held by another program: close the ground station (or ModemManager) that has it open"
-    return f"{device} cannot be opened at {baud} baud: {error}"
+def _text(address: Address) -> str:
+    return f"{address[0]}:{address[1]}"

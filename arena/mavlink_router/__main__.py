@@ -16,7 +16,8 @@ from arena.errors import RunError
 from arena.mavlink_router.fault_injection import RouterFaults
 from arena.mavlink_router.router import Out, Router
 from arena.mavlink_router.routing_table import Table
-from arena.process_context import ProcessContext, ShutdownPolicy, bound, run_room
+from arena.process_context import ProcessContext, ShutdownPolicy, run_room
+from arena.transport import listen_udp
 
 SYSTEM, COMPONENT = 254, 190
 _DATAGRAM_BYTES = 1 << 16
@@ -29,7 +30,7 @@ class Shell:
 
     def __init__(self, room: ProcessContext, table: Table) -> None:
         self._room, self._router = room, Router(table)
-        self._sockets = [bound(address, "the router") for address in self._router.sockets]
+        self._sockets = [listen_udp(address, "the router") for address in self._router.sockets]
         self._sendto = [s.sendto for s in self._sockets]
         self._receive = {s.fileno(): s.recvfrom_into for s in self._sockets}
         self._key = {s.fileno(): key for key, s in enumerate(self._sockets)}

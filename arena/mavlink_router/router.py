@@ -24,7 +24,7 @@ from arena.mavlink_router.vehicle_telemetry import (
     SYS_STATUS,
     VehicleTelemetry,
 )
-from arena.wire.mavlink_frame import Buffer, Frame, cut
+from arena.wire.mavlink_frame import Buffer, Frame, parse_frames
 
 TOOL_LIFE_S = 10.0  # a tool is forgotten this long after its last frame
 MAX_TOOLS = 16  # per vehicle: when one more speaks, the one silent for longest makes room
@@ -314,7 +314,7 @@ class Router:
     # both
 
     def _cut(self, data: Buffer) -> list[Frame]:
-        frames, garbage, bad_crc, unknown = cut(data)
+        frames, garbage, bad_crc, unknown = parse_frames(data)
         if garbage or unknown:
             self.counts.unknown += unknown
             self.counts.dropped["garbage bytes"] += garbage

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from arena.plan.model import Link, Listen, Plan, ProcessSpec, Restart, VehiclePlan
+from arena.plan.model import LinkPlan, Listen, Plan, ProcessSpec, Restart, VehiclePlan
 
 if TYPE_CHECKING:
     from arena.plan.make import make_plan
 
-__all__ = ["Link", "Listen", "Plan", "ProcessSpec", "Restart", "VehiclePlan", "make_plan"]
+__all__ = ["LinkPlan", "Listen", "Plan", "ProcessSpec", "Restart", "VehiclePlan", "make_plan"]
 
 
 def __getattr__(name: str) -> Any:

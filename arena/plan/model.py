@@ -74,7 +74,7 @@ class ProcessSpec:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Link:
+class LinkPlan:
     """One MAVLink connection between an autopilot and its fixed partner, UDP. Hosts are numeric addresses."""
 
     autopilot_host: str
@@ -92,9 +92,9 @@ class VehiclePlan:
     autopilot: str
     profile: str
     simulated: bool
-    router: Link
-    vision: Link
-    panic: Link
+    router: LinkPlan
+    vision: LinkPlan
+    panic: LinkPlan
     port: int
     sdk_port: int
     tools_port: int
@@ -128,7 +128,7 @@ class Plan:
     def from_json(cls, text: str) -> Plan:
         raw = json.loads(text)
         vehicles = tuple(
-            VehiclePlan(**{**v, **{link: Link(**v[link]) for link in ("router", "vision", "panic")}})
+            VehiclePlan(**{**v, **{link: LinkPlan(**v[link]) for link in ("router", "vision", "panic")}})
             for v in raw.pop("vehicles")
         )
         processes = tuple(_process(p) for p in raw.pop("processes"))

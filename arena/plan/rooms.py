@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from arena.plan.firmware import Fleet
-from arena.plan.model import Link
+from arena.plan.model import LinkPlan
 from arena.plan.px4 import forgotten, hitl_params, px4_params, px4_scripts
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE
@@ -20,10 +20,10 @@ Json = dict[str, Any]
 Address = list[Any]
 
 
-def link_of(arena: Arena, vehicle: Vehicle, name: str) -> Link:
+def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:
     """name: router, vision or panic."""
     ports, ends = vehicle.ports, {"router": "router", "vision": "forwarder", "panic": "land_all"}
-    return Link(
+    return LinkPlan(
         autopilot_host=_speaks_from(arena, vehicle),
         autopilot_port=getattr(ports, f"{name}_autopilot"),
         partner_host=arena.address,
@@ -37,7 +37,7 @@ def _speaks_from(arena: Arena, vehicle: Vehicle) -> str:
     return "127.0.0.1" if real_px4 and arena.address.startswith("127.") else arena.address
 
 
-def autopilot_end(link: Link) -> Json:
+def autopilot_end(link: LinkPlan) -> Json:
     """The link as the autopilot sees it."""
     return {
         "local": [link.autopilot_host, link.autopilot_port],
@@ -45,7 +45,7 @@ def autopilot_end(link: Link) -> Json:
     }
 
 
-def partner_end(link: Link) -> Json:
+def partner_end(link: LinkPlan) -> Json:
     """The link as its fixed partner sees it."""
     return {
         "local": [link.partner_host, link.partner_port],

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import selectors
-import socket
 import sys
 import time
-from typing import Any
 
 from arena.clock import Clock, SimClock, WallClock
-from arena.errors import RunError
 from arena.mocap.client import Complaint, NatNetCapture, open_capture
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.process_context import ProcessContext, ShutdownPolicy, run_room
+from arena.transport import listen_udp
 
 _TICK_S = 0.2
 _LISTEN_S = 0.3  # an autopilot that is there says five times a second how it stands
@@ -56,7 +54,10 @@ class _Shell:
         self.capture: NatNetCapture = open_capture(s["capture"])
         self.complaint = Complaint()
         self.clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
-        self.link, self.remote = _link_socket(s["link"]), tuple(s["link"]["remote"])
+        self.link, self.remote = (
+            listen_udp(tuple(s["link"]["local"]), "the vision link"),
+            tuple(s["link"]["remote"]),
+        )
         self.simulated = bool(s["simulated"])
         self.after = ShutdownPolicy(limit_s=60.0 if self.simulated else None)
         self.told, self.poses_then, self.ready = time.monotonic(), 0, False
@@ -132,18 +133,6 @@ class _Shell:
         if data is not None:
             with contextlib.suppress(OSError):
                 self.link.sendto(data, self.remote)
-
-
-def _link_socket(link: dict[str, Any]) -> socket.socket:
-    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    s.setblocking(False)
-    try:
-        s.bind(tuple(link["local"]))
-    except OSError as error:
-        raise RunError(
-            f"cannot open the vision link on {link['local'][0]}:{link['local'][1]}: {error.strerror}"
-        ) from error
-    return s
 
 
 if __name__ == "__main__":

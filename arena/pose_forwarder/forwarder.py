@@ -246,10 +246,7 @@ class Forwarder:
         due = []
         if now - self._beat >= 1.0:
             self._beat = now
-            m = mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3
-            )
-            due.append(self._codec.pack(m))
+            due.append(self._codec.onboard_heartbeat())
         a = self.autopilot
         asks = (
             self._origin is not None

@@ -12,7 +12,6 @@ import fcntl
 import os
 import selectors
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -23,6 +22,7 @@ from typing import Any
 from arena.clock import SimClock
 from arena.errors import RunError
 from arena.process_context import ProcessContext, run_room
+from arena.transport import open_udp
 
 LOCK = "/tmp/px4_lock-{instance}"
 """PX4's own lock file, whatever TMPDIR says."""
@@ -203,12 +203,11 @@ def check_free(s: dict[str, Any]) -> None:
     for name, link in s["links"].items():
         host, port = link["local"]
         where = "" if stand_in else "; PX4 binds it on every address"
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind((host if stand_in else "0.0.0.0", port))
-            except OSError as error:
-                why = f"the {name} link's UDP port {port} is taken{_holder(port)} ({error.strerror}){where}"
-                raise RunError(why) from error
+        try:
+            open_udp((host if stand_in else "0.0.0.0", port)).close()
+        except OSError as error:
+            why = f"the {name} link's UDP port {port} is taken{_holder(port)} ({error.strerror}){where}"
+            raise RunError(why) from error
 
 
 def _is_locked(lock: Path) -> bool:

@@ -38,7 +38,7 @@ class SimulatorLink:
     """
 
     def __init__(self, rotors: int, *, sticks: bool = False) -> None:
-        self._voice = hil.Voice(1, 200)
+        self._sender = hil.HilSender(1, 200)
         self._rotors, self.sticks = rotors, sticks
         self.counts: Counter[str] = Counter()
         self.reset()
@@ -63,11 +63,11 @@ class SimulatorLink:
         if self.in_step:
             self.owed += 1
         inertial = (x for key in ("accel_b", "gyro_b", "mag_b") for x in sensors[key][row].tolist())
-        data = self._voice.sensor(
+        data = self._sender.sensor(
             self._sent_us, (*inertial, pressure_hpa(height), 0.0, height, _CELSIUS), fields
         )
         if self.sticks and self._samples % _STICKS_EVERY == 0:
-            data += self._voice.sticks(round(now * 1e3), _STICKS_US)
+            data += self._sender.sticks(round(now * 1e3), _STICKS_US)
         return data
 
     def gps(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
@@ -75,7 +75,7 @@ class SimulatorLink:
         lat, lon, alt = (float(sensors[key][row]) for key in ("lat_deg", "lon_deg", "alt_m"))
         v_cm_s = [_int16(100.0 * x) for x in sensors["v_true_n"][row].tolist()]
         place = (round(lat * 1e7), round(lon * 1e7), round(alt * 1e3))
-        return self._voice.gps(round(now * 1e6), place, _GPS_ACCURACY_CM, v_cm_s, _SATELLITES)
+        return self._sender.gps(round(now * 1e6), place, _GPS_ACCURACY_CM, v_cm_s, _SATELLITES)
 
     def truth(self, now: float, truth: Truth, row: int, origin: tuple[float, float, float] | None) -> bytes:
         """HIL_STATE_QUATERNION, at a fifth of the sensor rate: what PX4 logs as ground truth. b"" in between."""
@@ -83,7 +83,7 @@ class SimulatorLink:
             return b""
         lat, lon, alt = _global(truth.p_n[row], origin or (0.0, 0.0, 0.0))
         v, a = truth.v_n[row].tolist(), truth.accel_b[row].tolist()
-        return self._voice.state(
+        return self._sender.state(
             round(now * 1e6),
             truth.q_nb[row].tolist(),
             truth.omega_b[row].tolist(),

@@ -4,7 +4,6 @@ a vehicle.
 
 from __future__ import annotations
 
-import socket
 import sys
 import time
 from pathlib import Path
@@ -15,6 +14,7 @@ from arena.errors import ArenaError, RunError
 from arena.mocap.client import Complaint, NatNetCapture, open_capture
 from arena.process_context import ProcessContext, ShutdownPolicy
 from arena.recorder.recorder import Recorder, rates
+from arena.transport import listen_udp
 from arena.wire.truth_page import Truth, TruthReader
 
 REPORT_PERIOD_S = 1.0
@@ -36,7 +36,7 @@ class Logger:
         self._wall_offset = 0.0 if settings.get("clock") else time.time() - time.monotonic()
         self._truth = TruthReader(settings["truth"]) if settings.get("truth") else None
         self._capture = _capture(settings)
-        self._socket = _open_socket(tuple(settings["listen"]))
+        self._socket = listen_udp(tuple(settings["listen"]))
         folder = Path(settings["folder"])
         folder.mkdir(parents=True, exist_ok=True)
         self._file = _open_csv(folder / f"{self._vehicle}.csv", self._recorder.header)
@@ -163,18 +163,6 @@ def _open_csv(path: Path, header: str) -> TextIO:
         file.write(header)
         file.flush()
     return file
-
-
-def _open_socket(address: tuple[str, int]) -> socket.socket:
-    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    found.setblocking(False)
-    found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-    try:
-        found.bind(address)
-    except OSError as error:
-        found.close()
-        raise RunError(f"cannot listen on UDP {address[0]}:{address[1]}: {error.strerror}") from error
-    return found
 
 
 def _capture(settings: dict[str, Any]) -> NatNetCapture | None:

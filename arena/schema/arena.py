@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from arena.schema.connection_url import Wire
 from arena.schema.copilot import Copilot
 from arena.schema.models import Failsafe, Mocap, Preflight, RestartMode, Sim, Tool, World
 from arena.schema.ports import VehiclePorts
 from arena.schema.profile import Profile
 from arena.schema.source import Source
+from arena.transport import ConnectionUrl
 
 Value = object
 Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
@@ -107,7 +107,7 @@ class Vehicle:
     program: Program | None
     neighbours: tuple[str, ...]
     tools: Mapping[str, Tool]
-    wire: Wire | None = None
+    wire: ConnectionUrl | None = None
     gps: bool = False
     sticks: bool = False
     px4_version: str = ""

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from arena.errors import Problem
 from arena.schema.arena import Vehicle
 from arena.schema.checking import Check
-from arena.schema.connection_url import EXPECTED, read_url
 from arena.schema.loader import YamlPath
+from arena.transport import EXPECTED_URL, parse_url
 
 # Bytes a second on a serial wire: an ODOMETRY with its covariances is some 245 long; HIL_SENSOR 250 times a second beside it.
 _POSE_BYTES, _HIL_BYTES_S, _BITS = 245, 250 * 76, 10
@@ -40,13 +40,13 @@ def _wires(c: Check) -> Iterator[Problem]:
 
 def _no_wire(c: Check, v: Vehicle, key: str) -> Iterator[Problem]:
     path: YamlPath = ("vehicles", v.name, key)
-    expected = EXPECTED if key == "url" else "the device of the flight controller, as in /dev/ttyACM0"
+    expected = EXPECTED_URL if key == "url" else "the device of the flight controller, as in /dev/ttyACM0"
     if not c.source.given(path):
         yield c.problem(v.name, ("autopilot",), f"got {v.asked}, which needs `{key}`: {expected}.")
         return
     got = c.source.value(path)
     try:
-        read_url(str(got), 1)
+        parse_url(str(got))
     except ValueError as error:
         expected = str(error)
     yield c.source.problem(path, f"got {got!r}, expected {expected}.")
@@ -82,7 +82,7 @@ def _shared_wires(c: Check) -> Iterator[Problem]:
         )
         if same_device or same_port or same_vehicle:
             key = "serial" if b.autopilot == "hitl" else "url"
-            said = f"got {b.wire.words}, which {a.name} has too. Give each vehicle a wire of its own."
+            said = f"got {b.wire}, which {a.name} has too. Give each vehicle a wire of its own."
             yield c.problem(b.name, (key,), said)
 
 

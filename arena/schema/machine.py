@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import importlib.util
 import shutil
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
@@ -14,6 +13,7 @@ from arena.errors import InputError, NotInstalledError
 from arena.schema.arena import Arena
 from arena.schema.models import Tool
 from arena.schema.ports import COPILOT, LINK_BASE, WHAT
+from arena.transport import open_udp
 
 # ports of the rule table that no process of a running arena binds: another program may hold them rightly
 _FOREIGN = ("sdk", "panic_land_all", "simulator")
@@ -50,13 +50,10 @@ class Machine:
         return Path(path).exists()
 
     def refusal(self, address: str, port: int) -> str:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind((address, port))
-            except OSError as error:
-                return (
-                    "is in use" if error.errno == errno.EADDRINUSE else f"cannot be bound ({error.strerror})"
-                )
+        try:
+            open_udp((address, port)).close()
+        except OSError as error:
+            return "is in use" if error.errno == errno.EADDRINUSE else f"cannot be bound ({error.strerror})"
         return ""
 
     def holder(self, address: str, port: int) -> str:

@@ -13,15 +13,14 @@ from typing import Any
 from pydantic import BaseModel
 
 from arena.schema.arena import Arena, Autopilot, Fence, Origin, Program, Px4, Vehicle
-from arena.schema.connection_url import Wire, read_url, serial_wire
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
 from arena.schema.ports import MOST_ID, capture_group, vehicle_ports
 from arena.schema.profile import Profile
 from arena.schema.px4 import STAND_IN
 from arena.schema.source import Source
+from arena.transport import DEFAULT_BAUD, ConnectionUrl, parse_url
 
-DEFAULT_BAUD = 921_600
 DEFAULT_PROFILE = "iris"
 MOST_POSE_RATE_HZ = 60.0
 
@@ -197,7 +196,7 @@ class _Merge:
             return "hitl"
         return "px4" if self.px4 and asked in ("auto", "px4") else "builtin"
 
-    def _wire(self, autopilot: str) -> Wire | None:
+    def _wire(self, autopilot: str) -> ConnectionUrl | None:
         """None too when what the YAML says of it is missing or wrong: `checks` tells."""
         if autopilot not in ("hardware", "hitl"):
             return None
@@ -207,7 +206,8 @@ class _Merge:
         if given is None:
             return None
         try:
-            return read_url(given, baud) if autopilot == "hardware" else serial_wire(given, baud)
+            serial = ConnectionUrl(kind="serial", device=given, baud=baud)
+            return parse_url(given, baud=baud) if autopilot == "hardware" else serial
         except ValueError:
             return None
 

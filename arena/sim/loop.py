@@ -26,7 +26,7 @@ from arena.process_context import ProcessContext, ShutdownPolicy
 from arena.sim.autopilot_interface import MakePilots, Outside
 from arena.sim.fault_injection import spoil
 from arena.sim.pacing import Pacer, own_core, speed_of
-from arena.sim.vehicle_links import Links
+from arena.sim.vehicle_links import VehicleLinks
 from arena.sim.world import World
 from arena.wire.truth_page import Truth, TruthWriter
 
@@ -55,7 +55,7 @@ class Loop:
             else self._world.period_s
         )
         self._keep_to_a_core(settings["vehicles"])
-        self._links = Links(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
+        self._links = VehicleLinks(settings["vehicles"], budget_s=_DRAIN_SHARE * period_s)
         self._truth_path = Path(settings["truth"])
         self._truth, self._clock = self._pages(settings["clock"])
         self._faults = self._listen(settings.get("faults"))

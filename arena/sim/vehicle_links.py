@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from arena.errors import InputError, RunError
+from arena.transport import open_udp
 
 LINKS = ("panic", "vision", "router")
 _PER_TURN = 4
@@ -25,7 +26,7 @@ Receive = Callable[[int, str, bytes], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Link:
+class _VehicleLink:
     vehicle: int
     link: str
     socket: socket.socket
@@ -33,7 +34,7 @@ class _Link:
     hosts: frozenset[str]  # who may speak; none named: everybody
 
 
-class Links:
+class VehicleLinks:
     """All links of all vehicles. budget_s: wall time that one drain may take before it stops after the
     current turn [s].
     """
@@ -41,8 +42,8 @@ class Links:
     def __init__(self, vehicles: Sequence[Mapping[str, Any]], *, budget_s: float) -> None:
         self._budget_s = budget_s
         self._epoll = select.epoll()
-        self._by_fd: dict[int, _Link] = {}
-        self._by_name: dict[tuple[int, str], _Link] = {}
+        self._by_fd: dict[int, _VehicleLink] = {}
+        self._by_name: dict[tuple[int, str], _VehicleLink] = {}
         self._page = memoryview(bytearray(_MOST_BYTES))
         self.received = self.sent = self.not_sent = self.cut_short = self.strangers = 0
         for i, vehicle in enumerate(vehicles):
@@ -95,7 +96,7 @@ class Links:
             link.socket.close()
         self._epoll.close()
 
-    def _turn(self, link: _Link, receive: Receive) -> bool:
+    def _turn(self, link: _VehicleLink, receive: Receive) -> bool:
         """A few datagrams of one link; True when there may be more."""
         for _ in range(_PER_TURN):
             try:
@@ -116,16 +117,15 @@ class Links:
             _address(settings, "local", f"{vehicle}.{name}"),
             _address(settings, "remote", f"{vehicle}.{name}"),
         )
-        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        made.setblocking(False)
         try:
-            made.bind(local)
+            made = open_udp(local, receive_buffer_bytes=None)
         except OSError as error:
-            made.close()
             raise RunError(
                 f"{vehicle}: {name} link: cannot bind {local[0]}:{local[1]} ({error.strerror}): does another arena run here?"
             ) from error
-        link = _Link(vehicle=i, link=name, socket=made, remote=remote, hosts=hosts_heard(local[0], remote[0]))
+        link = _VehicleLink(
+            vehicle=i, link=name, socket=made, remote=remote, hosts=hosts_heard(local[0], remote[0])
+        )
         self._by_fd[made.fileno()] = self._by_name[i, name] = link
         self._epoll.register(made.fileno(), select.EPOLLIN)
 

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import Clock
 from arena.errors import ArenaError, InputError, NotConfirmedError
+from arena.transport import Address, open_udp, parse_url, receive_datagrams
 from arena.uav.poses import Poses
 from arena.wire.mavlink_codec import Codec
 from arena.wire.telemetry import Telemetry
@@ -33,7 +34,7 @@ _MOST = 2000  # datagrams at a look: a flood must not keep the caller
 Capture = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
-class Link:
+class Connection:
     """url: "udpin:HOST:PORT" (wait to be spoken to) or "udpout:HOST:PORT". capture: settings of `arena.mocap.client`, one or several
     where different servers see different bodies, or None.
     """
@@ -69,8 +70,11 @@ class Link:
             )
         with self._sending:
             data = self._codec.pack(message)
+        self._send_frame(data, self._partner)
+
+    def _send_frame(self, data: bytes, to: Address) -> None:
         try:
-            self._socket.sendto(data, self._partner)
+            self._socket.sendto(data, to)
         except (
             OSError
         ):  # a full buffer or a network that is away: the silence that follows is what gets reported
@@ -92,7 +96,9 @@ class Link:
             now = self._clock.now()
             if self._partner is not None and not 0.0 <= self._heartbeat_due - now <= _HEARTBEAT_S:
                 self._heartbeat_due = now + _HEARTBEAT_S
-                self.send(_HEARTBEAT)
+                with self._sending:
+                    data = self._codec.onboard_heartbeat()
+                self._send_frame(data, self._partner)
 
     def _look(self) -> None:
         with self._receiving:
@@ -105,11 +111,7 @@ class Link:
                 self._hear_capture(receiver, now)
 
     def _hear_autopilot(self, now: float) -> None:
-        for _ in range(_MOST):
-            try:
-                datagram, sender = self._socket.recvfrom(65535)
-            except OSError:
-                return
+        for datagram, sender in receive_datagrams(self._socket, _MOST):
             if self.telemetry.hear(datagram, now):
                 self._partner = sender
 
@@ -122,34 +124,25 @@ class Link:
             self.fault = str(error)
 
 
-_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
-    mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
-)
-
-
-def _open(url: str) -> tuple[socket.socket, tuple[str, int] | None]:
-    kind, _, rest = url.partition(":")
-    host, _, port = rest.rpartition(":")
-    if kind not in ("udpin", "udpout") or not host or not port.isdecimal():
+def _open(url: str) -> tuple[socket.socket, Address | None]:
+    """Return the program's socket, and the vehicle's address when the URL names it. Raises InputError."""
+    try:
+        connection = parse_url(url)
+    except ValueError:
+        connection = None
+    if connection is None or connection.kind == "serial":
         raise InputError(
             f"link: got {url!r}, expected udpin:HOST:PORT or udpout:HOST:PORT, as in udpin:127.0.0.1:16001"
         )
-    address = host, int(port)
-    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    found.setblocking(False)
-    found.setsockopt(
-        socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20
-    )  # a busy computer may look away for a second
-    if kind == "udpout":
-        return found, address
+    if connection.kind == "udpout":
+        return open_udp(), connection.address
     try:
-        found.bind(address)
+        return open_udp(connection.address), None
     except OSError as error:
-        found.close()
+        where = f"{connection.host}:{connection.port}"
         raise InputError(
-            f"link: cannot listen on {host}:{port}: {error.strerror}. Does another program hold it?"
+            f"link: cannot listen on {where}: {error.strerror}. Does another program hold it?"
         ) from error
-    return found, None
 
 
 def _captures(settings: Capture | None, bodies: Sequence[str]) -> list[NatNetCapture]:

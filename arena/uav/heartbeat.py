@@ -5,12 +5,12 @@ a thread of its SDK goes on to send.
 from __future__ import annotations
 
 import contextlib
-import socket
 from collections.abc import Sequence
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import Clock, WallClock
+from arena.transport import open_udp
 from arena.wire.mavlink_codec import Codec
 
 _PERIOD_S = 0.1
@@ -29,8 +29,7 @@ class Heart:
     def __init__(self, address: tuple[str, int] | None, system_id: int, clock: Clock | None = None) -> None:
         self._address, self._clock = address, WallClock() if clock is None else clock
         self._codec = Codec(system_id, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
+        self._socket = open_udp()
         self._due = -1e18
 
     @classmethod
@@ -50,12 +49,7 @@ class Heart:
             return
         self._due = now + _PERIOD_S
         with contextlib.suppress(OSError):  # no copilot there now: it watches nobody
-            self._socket.sendto(self._codec.pack(_ALIVE), self._address)
+            self._socket.sendto(self._codec.onboard_heartbeat(), self._address)
 
     def close(self) -> None:
         self._socket.close()
-
-
-_ALIVE = mavlink.MAVLink_heartbeat_message(
-    mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
-)

@@ -1,4 +1,4 @@
-"""The class a program flies with. Its data are groups (`groups.py`), its commands a `Pilot`, its wire a `Link`."""
+"""The class a program flies with. Its data are groups (`groups.py`), its commands a `Pilot`, its wire a `Connection`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.clock import Clock, WallClock
 from arena.errors import CommandRefusedError, StaleDataError
 from arena.thrust_curve import thrust_curve as curve_of
-from arena.uav.connection import Capture, Link
+from arena.uav.connection import Capture, Connection
 from arena.uav.data_groups import Actuation, Body, Ekf, Info, Sensors, Snapshot, Source
 from arena.uav.heartbeat import Heart
 from arena.uav.poses import Poses
@@ -61,7 +61,7 @@ class UAV:
         self._curve = curve_of(thrust_curve)
         pairs = [(n, n) if isinstance(n, str) else n for n in neighbours]
         poses = Poses((body or ns) if capture else None, pairs if capture else ())
-        self._link = Link(link, system_id, self.clock, poses, capture)
+        self._link = Connection(link, system_id, self.clock, poses, capture)
         self._source = Source(
             ns=ns,
             stale_s=stale_s,

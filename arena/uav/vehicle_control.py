@@ -17,10 +17,11 @@ from arena.errors import (
     VehicleError,
 )
 from arena.geometry import Array, yaw_from_quat
-from arena.uav.connection import COMPONENT, Link
+from arena.uav.connection import COMPONENT, Connection
 from arena.uav.data_groups import Source
 from arena.uav.heartbeat import Heart
 from arena.uav.setpoints import Encoder
+from arena.wire.mavlink_minimal import result_words
 from arena.wire.px4_mode import mode_numbers
 
 T = TypeVar("T")
@@ -41,7 +42,7 @@ _SILENCE = (
 class Pilot:
     """One vehicle's commands. Everything here runs in the caller's own call."""
 
-    def __init__(self, source: Source, link: Link, clock: Clock, system_id: int, heart: Heart) -> None:
+    def __init__(self, source: Source, link: Connection, clock: Clock, system_id: int, heart: Heart) -> None:
         self.encoder = Encoder(system_id)
         self._source, self._link, self._clock, self._me = source, link, clock, (system_id, COMPONENT)
         self._heart = heart
@@ -195,12 +196,7 @@ class Pilot:
         if result == mavlink.MAV_RESULT_ACCEPTED:
             return
         self._wait(lambda: False, 0.3)  # the reason may come after the answer
-        known = mavlink.enums["MAV_RESULT"]
-        words = (
-            known[result].name.removeprefix("MAV_RESULT_").lower().replace("_", " ")
-            if result in known
-            else result
-        )
+        words = result_words(result)
         raise CommandRefusedError(f"{self._source.ns}: the autopilot refused {what} ({words}){self._texts()}")
 
     def _confirm(self, done: Callable[[], bool], what: str) -> None:

@@ -18,7 +18,7 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, frame
+from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, pack_frame
 
 HIL_ACTUATOR_CONTROLS, HIL_SENSOR, HIL_STATE_QUATERNION, HIL_GPS, RC_CHANNELS = 93, 107, 115, 113, 65
 LOCKSTEP, ARMED = 1, 128
@@ -49,7 +49,7 @@ class Controls(NamedTuple):
         return bool(self.flags & LOCKSTEP)
 
 
-class Voice:
+class HilSender:
     """Frames as one system and component, numbered."""
 
     def __init__(self, system: int, component: int) -> None:
@@ -96,7 +96,7 @@ class Voice:
         return self._frame(RC_CHANNELS, _RC.pack(time_ms, *pulses, len(channels), _RSSI))
 
     def _frame(self, number: int, payload: bytes) -> bytes:
-        made = frame(number, payload, self, SEEDS[number])
+        made = pack_frame(number, payload, self, SEEDS[number])
         self.seq = (self.seq + 1) & 0xFF
         return made
 

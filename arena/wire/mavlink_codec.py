@@ -1,7 +1,7 @@
-"""MAVLink messages in and out of datagrams, by pymavlink's dialect.
+"""MAVLink messages <-> datagrams, by pymavlink's dialect.
 
-Each datagram stands alone: half a frame, or a stray magic byte, never swallows the beginning of the next one, as it would in a
-parser made for a serial stream.
+Each datagram is parsed alone: an incomplete frame or a stray magic byte never swallows the beginning of the next datagram, as it
+would in a parser for a serial stream.
 """
 
 from __future__ import annotations
@@ -12,31 +12,39 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, cut, frame
+from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, pack_frame, parse_frames
+from arena.wire.mavlink_minimal import pack_onboard_heartbeat
 
 
 class Codec:
-    """Speaks as one system and component. counts: what was heard and not understood."""
+    """Packs messages of one system and component, and decodes received ones.
+
+    counts: bytes and messages that could not be decoded, by reason
+    """
 
     def __init__(self, system: int, component: int) -> None:
-        self._voice = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._sender = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self.counts: Counter[str] = Counter()
 
     def pack(self, message: Any) -> bytes:
-        """The message's frame, with the next sequence number."""
-        data: bytes = message.pack(self._voice)
-        self._voice.seq = (self._voice.seq + 1) % 256
+        """Return the frame of a pymavlink message, with the next sequence number."""
+        data: bytes = message.pack(self._sender)
+        self._sender.seq = (self._sender.seq + 1) % 256
         return data
 
     def frame(self, msgid: int, payload: bytes) -> bytes:
-        """The frame of a payload that is ready, with the next sequence number."""
-        data = frame(msgid, payload, self._voice, SEEDS[msgid])
-        self._voice.seq = (self._voice.seq + 1) % 256
+        """Return the frame of a packed payload, with the next sequence number."""
+        data = pack_frame(msgid, payload, self._sender, SEEDS[msgid])
+        self._sender.seq = (self._sender.seq + 1) % 256
         return data
 
+    def onboard_heartbeat(self) -> bytes:
+        """Return the frame of an onboard controller's HEARTBEAT, with the next sequence number."""
+        return pack_onboard_heartbeat(self._sender)
+
     def frames(self, datagram: Buffer) -> list[Frame]:
-        """Every frame of a datagram, for `decode` or a reader of one's own. Never raises."""
-        found = cut(datagram)
+        """Return every frame of a datagram, undecoded. Never raises."""
+        found = parse_frames(datagram)
         if found.garbage:
             self.counts["garbage bytes"] += found.garbage
         if found.bad_crc:
@@ -44,14 +52,17 @@ class Codec:
         return found.frames
 
     def decode(self, datagram: Buffer, at: Frame) -> Any | None:
-        """The message of a frame; None for one that this dialect does not know. Never raises."""
+        """Return the message of a frame; None when the dialect does not have it. Never raises."""
         try:
-            return self._voice.decode(bytearray(datagram[at.start : at.end]))
-        except (mavlink.MAVError, ValueError, IndexError):  # unknown here, or a text that is no text
+            return self._sender.decode(bytearray(datagram[at.start : at.end]))
+        except (mavlink.MAVError, ValueError, IndexError):  # unknown message, or a string that is not UTF-8
             self.counts["not understood"] += 1
             return None
 
     def parse(self, datagram: Buffer, wanted: Container[int] | None = None) -> list[Any]:
-        """Every message of a datagram that this dialect knows. wanted: decode only these ids. Never raises."""
+        """Return every message of a datagram that the dialect has. Never raises.
+
+        wanted: message ids to decode; None decodes all
+        """
         frames = [at for at in self.frames(datagram) if wanted is None or at.msgid in wanted]
         return [m for m in (self.decode(datagram, at) for at in frames) if m is not None]

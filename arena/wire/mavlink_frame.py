@@ -33,21 +33,21 @@ _new = tuple.__new__  # a NamedTuple's own constructor costs twice as much, and 
 Buffer = bytes | bytearray | memoryview
 
 
-class Voice(Protocol):
-    """What a pymavlink.MAVLink tells of who speaks."""
+class MavlinkSender(Protocol):
+    """The sender's system id, component id and next sequence number, as attributes of `pymavlink.MAVLink`."""
 
     seq: int
     srcSystem: int
     srcComponent: int
 
 
-def frame(msgid: int, payload: bytes, voice: Voice, crc_extra: bytes) -> bytes:
+def pack_frame(msgid: int, payload: bytes, sender: MavlinkSender, crc_extra: bytes) -> bytes:
     """The MAVLink 2 frame of a payload, which loses the zeros at its end."""
     if not payload[-1]:
         payload = payload.rstrip(b"\0") or b"\0"
     body = (
         _HEAD.pack(
-            len(payload), 0, 0, voice.seq, voice.srcSystem, voice.srcComponent, msgid & 0xFFFF, msgid >> 16
+            len(payload), 0, 0, sender.seq, sender.srcSystem, sender.srcComponent, msgid & 0xFFFF, msgid >> 16
         )
         + payload
     )
@@ -73,7 +73,7 @@ class Frame(NamedTuple):
     target_comp: int
 
 
-class Cut(NamedTuple):
+class ParsedFrames(NamedTuple):
     """All frames of one datagram.
 
     garbage: bytes that belong to no frame.
@@ -87,7 +87,7 @@ class Cut(NamedTuple):
     unknown: int
 
 
-def cut(data: Buffer) -> Cut:
+def parse_frames(data: Buffer) -> ParsedFrames:
     """Every frame of a datagram, in order. Never raises, whatever the bytes."""
     frames: list[Frame] = []
     size, at, used, bad_crc, unknown, tries = len(data), 0, 0, 0, 0, 0
@@ -107,7 +107,7 @@ def cut(data: Buffer) -> Cut:
         if found is None:
             break
         at = found.start()
-    return _new(Cut, (frames, size - used, bad_crc, unknown))
+    return _new(ParsedFrames, (frames, size - used, bad_crc, unknown))
 
 
 class Stream:
@@ -121,7 +121,7 @@ class Stream:
         self._kept = b""
         self._clean = True  # does what is kept begin where a frame ended?
 
-    def feed(self, data: Buffer) -> tuple[bytes, Cut]:
+    def feed(self, data: Buffer) -> tuple[bytes, ParsedFrames]:
         """The next piece -> a buffer, and the frames that stand in it. Never raises."""
         buffer = self._kept + bytes(data)
         frames: list[Frame] = []
@@ -148,7 +148,7 @@ class Stream:
             found = _MAGIC.search(buffer, at + 1)
             at, garbage, self._clean = self._skip(at, found.start() if found else size, garbage)
         self._kept = buffer[at:]
-        return buffer, _new(Cut, (frames, garbage, bad_crc, unknown))
+        return buffer, _new(ParsedFrames, (frames, garbage, bad_crc, unknown))
 
     @staticmethod
     def _skip(at: int, to: int, garbage: int) -> tuple[int, int, bool]:

@@ -1,79 +1,113 @@
-"""The few messages of the panic path as bytes, without pymavlink.
+"""The few MAVLink messages that `land-all` sends and reads, packed by their layout, without pymavlink.
 
-Its dialect alone costs more to load than all the rest, and much more where no bytecode of it lies on the disk. Tests hold each
-message to pymavlink's bytes.
+Importing pymavlink's dialect takes longer than all the rest of `land-all` together. Tests compare each message with pymavlink's
+bytes. The onboard heartbeat and the words for MAV_RESULT stand here too, for every process that needs them.
 """
 
 from __future__ import annotations
 
+import os
 import struct
 from typing import NamedTuple
 
-from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, frame
+from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_frame
 
 HEARTBEAT, COMMAND_LONG, COMMAND_ACK, EXTENDED_SYS_STATE = 0, 76, 77, 245
 NAV_LAND, DO_SET_MODE, ARM_DISARM, SET_MESSAGE_INTERVAL = 21, 176, 400, 511
 TYPE_ONBOARD, AUTOPILOT_INVALID, STATE_ACTIVE = 18, 8, 4
 ARMED, CUSTOM_MODE = 128, 1  # bits of base_mode
-LANDED_UNKNOWN, LANDED_ON_GROUND = 0, 1
-ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, CANCELLED = 0, 1, 2, 3, 4, 6
+LANDED_UNKNOWN, LANDED_ON_GROUND = 0, 1  # MAV_LANDED_STATE
+ACCEPTED, IN_PROGRESS = 0, 5  # MAV_RESULT
+RESULT_WORDS = {
+    0: "accepted",
+    1: "temporarily rejected",
+    2: "denied",
+    3: "unsupported",
+    4: "failed",
+    5: "in progress",
+    6: "cancelled",
+    7: "only as COMMAND_LONG",
+    8: "only as COMMAND_INT",
+    9: "unsupported frame",
+}
+"""MAV_RESULT -> words for people."""
 
 _HEARTBEAT, _COMMAND = struct.Struct("<IBBBBB"), struct.Struct("<7fHBBB")
 _ACK, _EXTENDED = struct.Struct("<HB"), struct.Struct("BB")
+_ACK_BYTES = 10  # command, result, progress, result_param2 (4 bytes), target system, target component
+_ONBOARD_HEARTBEAT = _HEARTBEAT.pack(0, TYPE_ONBOARD, AUTOPILOT_INVALID, 0, STATE_ACTIVE, 3)
 
 
-class Voice:
-    """Speaks as one system and component."""
+class HeartbeatFields(NamedTuple):
+    """The two fields of a HEARTBEAT that tell the flight mode and whether the vehicle is armed."""
 
-    def __init__(self, system: int, component: int) -> None:
-        self.seq, self.srcSystem, self.srcComponent = 0, system, component
-
-    def heartbeat(self) -> bytes:
-        """Of an onboard controller."""
-        return self._frame(HEARTBEAT, _HEARTBEAT.pack(0, TYPE_ONBOARD, AUTOPILOT_INVALID, 0, STATE_ACTIVE, 3))
-
-    def command(self, system: int, component: int, number: int, *params: float) -> bytes:
-        """COMMAND_LONG. params: up to seven; the others are 0."""
-        filled = (*params, *(0.0,) * (7 - len(params)))
-        return self._frame(COMMAND_LONG, _COMMAND.pack(*filled, number, system, component, 0))
-
-    def _frame(self, msgid: int, payload: bytes) -> bytes:
-        data = frame(msgid, payload, self, SEEDS[msgid])
-        self.seq = (self.seq + 1) % 256
-        return data
-
-
-class Beat(NamedTuple):
     custom_mode: int
     base_mode: int
 
 
-class Ack(NamedTuple):
-    """target: system and component that it is for; 0 for one that does not say."""
+class AckFields(NamedTuple):
+    """A COMMAND_ACK. target: (system, component) that sent the command; zeros when the autopilot does not name it."""
 
     command: int
     result: int
     target: tuple[int, int]
 
 
-def heartbeat_of(data: Buffer, at: Frame) -> Beat:
+class MinimalSender:
+    """Packs messages of one system and component, with increasing sequence numbers."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self.seq, self.srcSystem, self.srcComponent = 0, system, component
+
+    def heartbeat(self) -> bytes:
+        return pack_onboard_heartbeat(self)
+
+    def command(self, system: int, component: int, number: int, *params: float) -> bytes:
+        """Pack a COMMAND_LONG to `system` and `component`. params: up to seven; missing ones are 0."""
+        filled = (*params, *(0.0,) * (7 - len(params)))
+        return _pack(self, COMMAND_LONG, _COMMAND.pack(*filled, number, system, component, 0))
+
+
+def own_component() -> int:
+    """Return a MAVLink component id, 190 to 249, that differs between two processes that run at the same time."""
+    return 190 + os.getpid() % 60
+
+
+def pack_onboard_heartbeat(sender: MavlinkSender) -> bytes:
+    """Pack the HEARTBEAT of an onboard controller: every process of the arena sends this one, except the router's ground station.
+
+    sender: its sequence number is advanced
+    """
+    return _pack(sender, HEARTBEAT, _ONBOARD_HEARTBEAT)
+
+
+def result_words(result: int) -> str:
+    """Return a MAV_RESULT in words: "denied"; "result 42" for an unknown number."""
+    return RESULT_WORDS.get(result, f"result {result}")
+
+
+def parse_heartbeat(data: Buffer, at: Frame) -> HeartbeatFields:
     custom, _, _, base, _, _ = _HEARTBEAT.unpack(_payload(data, at, _HEARTBEAT.size))
-    return Beat(custom, base)
+    return HeartbeatFields(custom, base)
 
 
-def landed_of(data: Buffer, at: Frame) -> int:
-    """EXTENDED_SYS_STATE.landed_state"""
+def parse_landed_state(data: Buffer, at: Frame) -> int:
+    """Return `landed_state` of an EXTENDED_SYS_STATE: a MAV_LANDED_STATE."""
     return int(_EXTENDED.unpack(_payload(data, at, _EXTENDED.size))[1])
 
 
-def ack_of(data: Buffer, at: Frame) -> Ack:
-    payload = _payload(
-        data, at, 10
-    )  # command, result, progress, a number of four bytes, target system and component
+def parse_ack(data: Buffer, at: Frame) -> AckFields:
+    payload = _payload(data, at, _ACK_BYTES)
     command, result = _ACK.unpack_from(payload)
-    return Ack(command, result, (payload[8], payload[9]))
+    return AckFields(command, result, (payload[8], payload[9]))
+
+
+def _pack(sender: MavlinkSender, msgid: int, payload: bytes) -> bytes:
+    data = pack_frame(msgid, payload, sender, SEEDS[msgid])
+    sender.seq = (sender.seq + 1) % 256
+    return data
 
 
 def _payload(data: Buffer, at: Frame, size: int) -> bytes:
-    """With the zeros that MAVLink 2 cuts off."""
+    """The first `size` bytes of a payload; MAVLink 2 cuts zeros off its end, they are put back."""
     return bytes(data[at.payload : at.payload + min(at.size, size)]).ljust(size, b"\0")

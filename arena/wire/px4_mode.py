@@ -1,6 +1,19 @@
-"""PX4's flight modes: its custom_mode number <-> the words of its ground stations. Light: the panic path imports it."""
+"""PX4's flight modes: custom_mode numbers <-> the names of its ground stations, and the two MAVLink messages about modes.
+
+pymavlink's `common` dialect does not have these messages yet, so they are packed by their layout:
+
+    CURRENT_MODE (436)     <I I B          custom_mode, intended_custom_mode, standard_mode
+    AVAILABLE_MODES (435)  <I I B B B 35s  custom_mode, properties, number_modes, mode_index (from 1), standard_mode, mode_name
+
+`land-all` imports this module: it must not import pymavlink.
+"""
 
 from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from arena.wire.mavlink_frame import MavlinkSender, pack_frame
 
 MAIN = {
     1: "MANUAL",
@@ -13,6 +26,7 @@ MAIN = {
     8: "RATTITUDE",
     10: "TERMINATION",
 }
+"""PX4 main modes."""
 AUTO = {
     1: "READY",
     2: "TAKEOFF",
@@ -24,18 +38,73 @@ AUTO = {
     9: "PRECLAND",
     10: "VTOL_TAKEOFF",
 }
+"""PX4 sub modes of AUTO."""
 AUTO_LAND = (4, 6)
+"""Main and sub mode of AUTO.LAND."""
+
+AVAILABLE_MODES, CURRENT_MODE = 435, 436
+SEEDS = {AVAILABLE_MODES: bytes([134]), CURRENT_MODE: bytes([193])}
+"""Message id -> CRC_EXTRA."""
+ADVANCED, NOT_SELECTABLE = 1, 2
+"""MAV_MODE_PROPERTY: bits of `properties`."""
+_CURRENT, _AVAILABLE = struct.Struct("<IIB"), struct.Struct("<IIBBB35s")
+_MAX_NAME_BYTES = 34
+
+
+def split_mode(custom_mode: int) -> tuple[int, int]:
+    """Return PX4's main mode (bits 16 to 23 of custom_mode) and sub mode (bits 24 to 31)."""
+    return custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
 
 
 def mode_words(custom_mode: int) -> str:
-    """custom_mode: main mode in bits 16 to 23, sub mode in 24 to 31 -> "OFFBOARD", "AUTO.LAND", "AUTO.11", ..."""
-    main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
+    """Return the name of a custom_mode: "OFFBOARD", "AUTO.LAND"; "AUTO.11" or "mode 9" for an unknown one."""
+    main, sub = split_mode(custom_mode)
     if main == 4:
         return f"AUTO.{AUTO.get(sub, sub)}"
     return MAIN.get(main, f"mode {main}")
 
 
 def mode_numbers(words: str) -> tuple[int, int]:
-    """The inverse: PX4's main and sub mode. Raises KeyError for words that are no mode."""
+    """Return main and sub mode of a name as `mode_words` gives it. Raises KeyError for an unknown name."""
     main, _, sub = words.partition(".")
     return {v: k for k, v in MAIN.items()}[main], {v: k for k, v in AUTO.items()}[sub] if sub else 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurrentMode:
+    """CURRENT_MODE. intended: the mode requested last; differs from `custom_mode` while a failsafe flies."""
+
+    custom_mode: int
+    intended: int
+    standard: int = 0
+
+    def pack(self, sender: MavlinkSender) -> bytes:
+        payload = _CURRENT.pack(self.custom_mode, self.intended, self.standard)
+        return pack_frame(CURRENT_MODE, payload, sender, SEEDS[CURRENT_MODE])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AvailableMode:
+    """AVAILABLE_MODES, for one mode.
+
+    index: 1 to `count`
+    name: empty for a standard mode
+    """
+
+    custom_mode: int
+    index: int
+    count: int
+    properties: int = 0
+    standard: int = 0
+    name: str = ""
+
+    def pack(self, sender: MavlinkSender) -> bytes:
+        fields = (
+            self.custom_mode,
+            self.properties,
+            self.count,
+            self.index,
+            self.standard,
+            self.name.encode()[:_MAX_NAME_BYTES],
+        )
+        return pack_frame(AVAILABLE_MODES, _AVAILABLE.pack(*fields), sender, SEEDS[AVAILABLE_MODES])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_frame import parse_frames
 from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
@@ -193,7 +193,7 @@ class Telemetry:
     def hear(self, datagram: bytes, now: float) -> bool:
         """now: [s], of any clock. True when the vehicle's autopilot spoke in it."""
         spoke = False
-        found = cut(datagram)
+        found = parse_frames(datagram)
         self.refused += found.bad_crc
         for frame in found.frames:
             handler = self._handlers.get(frame.msgid)

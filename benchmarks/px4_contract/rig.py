@@ -32,7 +32,7 @@ from arena.mocap.client.pose import CapturedFrame, Pose
 from arena.plan import make_plan
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.schema import load_arena
-from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_frame import parse_frames
 from arena.wire.px4_mode import mode_words
 from arena.wire.truth_page import Truth, TruthReader
 
@@ -294,7 +294,7 @@ class Rig:
                 self._take(name, data, now)
 
     def _take(self, link: str, data: bytes, now: float) -> None:
-        for frame in cut(data).frames:
+        for frame in parse_frames(data).frames:
             known = mavlink.mavlink_map.get(frame.msgid)
             name = known.msgname if known else f"id {frame.msgid}"
             self.counted[link][name] += 1

@@ -25,7 +25,7 @@ from arena.autopilot.mavlink.external_vision import Vision, from_odometry
 from arena.autopilot.mavlink.mavlink_interface import Face
 from arena.autopilot.param_table import Params
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_frame import parse_frames
 from arena.wire.mavlink_records import Odometry
 
 MISLED = [Stress(name=name, matched=False) for name in FAULTS]
@@ -160,7 +160,7 @@ def test_the_age_of_a_pose_is_its_parameter_whatever_stamp_it_bears():
             stamp, 1, 12, 1, 2, 3, [1, 0, 0, 0], *none[:6], none, none, 0, 2, 0
         )
         data = Codec(1, 197).pack(said)
-        poses.append(from_odometry(Odometry.read(data, cut(data).frames[0])))
+        poses.append(from_odometry(Odometry.read(data, parse_frames(data).frames[0])))
     assert poses[0] is not None
     assert poses[0] == poses[1] == poses[2]
 

@@ -14,8 +14,8 @@ import time
 import pytest
 from fakes import LAND, OFFBOARD, Fake, Fleet, target
 
-from arena.emergency.dispatch import Link, bring_down, own_component
-from arena.emergency.run_record import told_down
+from arena.emergency.dispatch import TargetConnections, bring_down, own_component
+from arena.emergency.run_record import recorded_down
 from arena.emergency.targets import Target
 
 
@@ -60,7 +60,7 @@ def test_with_the_panic_port_taken_and_no_router_it_lands_unheard_and_says_so():
         other.bind(fleet.targets[0].partner)
         code, lines = land(fleet.targets, timeout_s=1.0)
     assert fleet.fakes[1].mode == LAND
-    assert (code, lines) == (1, ["uav1: NOT CONFIRMED: not heard at all"])
+    assert (code, lines) == (1, ["uav1: NOT CONFIRMED: no telemetry received"])
 
 
 def test_one_that_refuses_is_not_confirmed_with_its_reason_and_the_others_land():
@@ -68,10 +68,10 @@ def test_one_that_refuses_is_not_confirmed_with_its_reason_and_the_others_land()
         code, lines = land(fleet.targets, timeout_s=2.0)
     assert code == 1
     assert any(
-        line.startswith("uav2: ") and line.endswith("refused: denied; trying on") for line in lines[:-2]
+        line.startswith("uav2: ") and line.endswith("refused: denied; retrying") for line in lines[:-2]
     )
     assert lines[-2].startswith("uav1: landed and disarmed")
-    assert lines[-1].startswith("uav2: NOT CONFIRMED: last heard 0 s ago, armed, in the air, mode OFFBOARD")
+    assert lines[-1].startswith("uav2: NOT CONFIRMED: armed, in the air, mode OFFBOARD")
     assert len([c for c in fleet.fakes[2].told if c[0] == 176]) >= 6  # two paths, each half second
     assert all(c[0] != 400 for c in fleet.fakes[2].told)
     assert fleet.fakes[2].armed
@@ -79,18 +79,18 @@ def test_one_that_refuses_is_not_confirmed_with_its_reason_and_the_others_land()
 
 @pytest.mark.parametrize("broken", ["__init__", "send", "_read"])
 def test_what_goes_wrong_with_one_keeps_no_other_in_the_air(monkeypatch, broken):
-    right = getattr(Link, broken)
+    right = getattr(TargetConnections, broken)
 
     def wrong(link, *args):
         if "uav1" in (getattr(link, "target", None) or args[0]).name:
             raise OverflowError("no such port")
         return right(link, *args)
 
-    monkeypatch.setattr(Link, broken, wrong)
+    monkeypatch.setattr(TargetConnections, broken, wrong)
     with Fleet([Fake(system=1), Fake(system=2)], "127.54.47.1") as fleet:
         code, lines = land(fleet.targets, timeout_s=5.0)
     assert code == 1 and fleet.fakes[2].mode == LAND
-    assert lines.count("uav1: OverflowError: no such port; trying on") == 1
+    assert lines.count("uav1: OverflowError: no such port; retrying") == 1
     assert any(line.startswith("uav2: landed and disarmed") for line in lines)
     assert any(line.startswith("uav1: NOT CONFIRMED") for line in lines)
 
@@ -99,7 +99,7 @@ def test_a_deaf_one_is_not_confirmed():
     with Fleet([Fake(system=1)], "127.54.35.1") as fleet:
         code, lines = land([*fleet.targets, target(2, "127.54.35.1")], timeout_s=1.0)
     assert code == 1
-    assert lines[-1] == "uav2: NOT CONFIRMED: not heard at all"
+    assert lines[-1] == "uav2: NOT CONFIRMED: no telemetry received"
 
 
 def record(folder, *events):
@@ -120,7 +120,9 @@ def test_a_simulated_one_whose_px4_has_ended_is_not_waited_for_and_not_called_la
         silent = dataclasses.replace(target(2, "127.74.30.1"), run=run)
         code, lines = land([*fleet.targets, silent], timeout_s=60.0)
     assert code == 1 and 3.0 < time.monotonic() - began < 60.0
-    assert lines[-1] == "uav2: NOT CONFIRMED: not heard at all; its run says: its PX4 has ended: exit 1"
+    assert (
+        lines[-1] == "uav2: NOT CONFIRMED: no telemetry received; the run records: its PX4 has ended: exit 1"
+    )
     assert lines[-2].startswith("uav1: landed and disarmed"), (
         "one that crashed by the record, and lands all the same, has landed"
     )
@@ -130,7 +132,10 @@ def test_a_real_one_is_waited_for_whatever_stands_in_a_record(tmp_path):
     record(tmp_path / "run", PX4_DIED)
     began = time.monotonic()
     code, lines = land([target(2, "127.74.31.1")], timeout_s=5.0)
-    assert (code, lines) == (1, ["uav2: NOT CONFIRMED: not heard at all"]) and time.monotonic() - began >= 5.0
+    assert (code, lines) == (
+        1,
+        ["uav2: NOT CONFIRMED: no telemetry received"],
+    ) and time.monotonic() - began >= 5.0
 
 
 def test_the_record_tells_the_first_crash_and_forgets_a_px4_that_was_started_again(tmp_path):
@@ -138,10 +143,10 @@ def test_the_record_tells_the_first_crash_and_forgets_a_px4_that_was_started_aga
     program = {"process": "program.uav3", "event": "uav3 crashed: nowhere"}
     both = {"uav1": "crashed: tilted 61 degrees at 3.20 s", "uav2": "its PX4 has ended: exit 1"}
     names = ["uav1", "uav2", "uav3"]
-    assert told_down(record(tmp_path / "a", CRASHED, PX4_DIED, program, {"process": None}), names) == both
-    assert told_down(record(tmp_path / "b", PX4_DIED, again), names) == {}
-    assert told_down(record(tmp_path / "a", CRASHED), ["uav2"]) == {}
-    assert told_down(tmp_path / "none", names) == {}
+    assert recorded_down(record(tmp_path / "a", CRASHED, PX4_DIED, program, {"process": None}), names) == both
+    assert recorded_down(record(tmp_path / "b", PX4_DIED, again), names) == {}
+    assert recorded_down(record(tmp_path / "a", CRASHED), ["uav2"]) == {}
+    assert recorded_down(tmp_path / "none", names) == {}
 
 
 def test_with_a_third_of_all_datagrams_lost_everybody_lands():
@@ -196,7 +201,7 @@ def test_a_strangers_good_news_is_not_believed():
     )
     with Fleet([lie], host, paths=("panic",)):
         code, lines = land([moved], timeout_s=0.5)
-    assert (code, lines) == (1, ["uav1: NOT CONFIRMED: not heard at all"])
+    assert (code, lines) == (1, ["uav1: NOT CONFIRMED: no telemetry received"])
 
 
 def router_slice(host, ids):
@@ -266,7 +271,7 @@ def test_the_command_lands_from_a_broken_yaml_and_ends_with_0(tmp_path):
         done = arena("land-all", file, "--timeout", "20", env=empty_runtime(tmp_path))
     assert done.returncode == 0, done.stderr
     first, *rest = done.stdout.splitlines()
-    assert first == f"landing one, two ({file})"
+    assert first == f"landing one, two (addresses from {file})"
     assert [line.split(" after")[0] for line in rest] == [
         "one: landed and disarmed",
         "two: landed and disarmed",
@@ -289,7 +294,7 @@ def test_one_not_confirmed_ends_with_1(tmp_path, module):
     file.write_text("address: 127.54.43.1\nvehicles:\n  one:\n")
     verb = ("land-all",) if module == "arena.cli" else ()
     done = arena(*verb, file, "--timeout", "0.3", module=module, env=empty_runtime(tmp_path))
-    assert (done.returncode, done.stdout.splitlines()[-1]) == (1, "one: NOT CONFIRMED: not heard at all")
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (1, "one: NOT CONFIRMED: no telemetry received")
 
 
 def test_kill_all_wants_a_yes(tmp_path):
@@ -381,7 +386,7 @@ def test_kill_all_spares_those_it_is_told_to(tmp_path):
         done = arena(
             "kill-all", file, "--yes", "--only", "one,two", "--except", "two", env=empty_runtime(tmp_path)
         )
-    assert done.returncode == 0 and "of one (" in done.stdout
+    assert done.returncode == 0 and "of one (addresses" in done.stdout
     assert [fake.armed for fake in fleet.fakes.values()] == [False, True, True]
     assert not fleet.fakes[2].told and not fleet.fakes[3].told
 

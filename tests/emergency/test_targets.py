@@ -10,14 +10,14 @@ from fakes import target
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.emergency.direct_address import BAUD, Owner, Wire
 from arena.emergency.land_all import land_all
+from arena.emergency.run_record import DirectAddress, ProcessIdentity
 from arena.emergency.targets import active_runs, choose, find, from_plan, from_yaml
 from arena.emergency.yaml_fallback import read_yaml, vehicles_of
 from arena.errors import InputError
-from arena.plan.model import Link, Plan, VehiclePlan
+from arena.plan.model import LinkPlan, Plan, VehiclePlan
 from arena.schema.ports import vehicle_ports
-from arena.schema.resolve import DEFAULT_BAUD
+from arena.transport import DEFAULT_BAUD, ConnectionUrl
 
 HOST = "127.54.20.1"
 
@@ -29,7 +29,7 @@ def named(text):
 
 def link(k, at, host=HOST):
     base = 24000 + 10 * k + at
-    return Link(autopilot_host=host, autopilot_port=base, partner_host=host, partner_port=base + 1)
+    return LinkPlan(autopilot_host=host, autopilot_port=base, partner_host=host, partner_port=base + 1)
 
 
 def plan(ids=(1, 2), host=HOST):
@@ -148,33 +148,41 @@ def test_a_run_that_was_not_read_is_told_and_is_no_success(runtime, monkeypatch,
     assert "NOT COMMANDED" in capsys.readouterr().out.splitlines()[-1]
 
 
+UDPIN_URL = ConnectionUrl(kind="udpin", host="0.0.0.0", port=14540)
+UDPIN = DirectAddress(connection=UDPIN_URL, local=("0.0.0.0", 14540))
+
+
+def serial(device, baud=DEFAULT_BAUD):
+    return ConnectionUrl(kind="serial", device=device, baud=baud)
+
+
 URLS = [
-    ('"udpin:0.0.0.0:14540"', Wire(kind="udpin", local=("0.0.0.0", 14540))),
-    ('"udpout:10.0.0.7:14550"', Wire(kind="udpout", vehicle=("10.0.0.7", 14550))),
-    ('"serial:/dev/ttyUSB0"', Wire(kind="serial", device="/dev/ttyUSB0", baud=BAUD)),
-    ('"serial:/dev/ttyUSB0", baud: 57600', Wire(kind="serial", device="/dev/ttyUSB0", baud=57600)),
+    ('"udpin:0.0.0.0:14540"', UDPIN_URL),
+    ('"udpout:10.0.0.7:14550"', ConnectionUrl(kind="udpout", host="10.0.0.7", port=14550)),
+    ('"serial:/dev/ttyUSB0"', serial("/dev/ttyUSB0")),
+    ('"serial:/dev/ttyUSB0", baud: 57600', serial("/dev/ttyUSB0", 57600)),
+    ('"serial:/dev/ttyUSB0:115200"', serial("/dev/ttyUSB0", 115200)),
     ('"nonsense"', None),
     ("7", None),
     ('"udpin:host:port"', None),
 ]
 
 
-@pytest.mark.parametrize(("url", "wire"), URLS)
-def test_a_yaml_tells_how_a_real_vehicle_is_reached(url, wire):
+@pytest.mark.parametrize(("url", "connection"), URLS)
+def test_a_yaml_gives_the_connection_of_a_real_vehicle(url, connection):
     _, (a, b) = vehicles_of(
         read_yaml(f"vehicles:\n  a: {{autopilot: hardware, url: {url}}}\n  b: {{autopilot: builtin}}\n")
     )
-    assert (a.wire, b.wire) == (wire, None)
+    assert (a.connection, b.connection) == (connection, None)
 
 
 def test_also_where_it_is_broken_or_in_the_defaults():
     _, (a,) = vehicles_of(read_yaml('vehicles:\n  a: {id: 4, url: "udpin:0.0.0.0:14540", start: [}\n'))
-    assert (a.id, a.wire) == (4, Wire(kind="udpin", local=("0.0.0.0", 14540)))
+    assert (a.id, a.connection) == (4, UDPIN_URL)
     _, (a, b) = vehicles_of(
         read_yaml('defaults: {url: "serial:/dev/x"}\nvehicles:\n  a:\n  b: {autopilot: builtin}\n')
     )
-    assert (a.wire, b.wire) == (Wire(kind="serial", device="/dev/x", baud=BAUD), None)
-    assert BAUD == DEFAULT_BAUD
+    assert (a.connection, b.connection) == (serial("/dev/x"), None)
 
 
 def real(host=HOST):
@@ -186,7 +194,7 @@ def real(host=HOST):
 
 def test_a_run_tells_a_real_vehicles_last_address_and_who_holds_its_wire(runtime):
     folder = runtime("a", real())
-    assert find().targets[0].wire == Wire(kind="udpin", local=("0.0.0.0", 14540))
+    assert find().targets[0].direct == UDPIN
     (folder / "wire").mkdir()
     seen = folder / "wire" / "uav1.json"
     seen.write_text(json.dumps({"kind": "udpin", "local": ["0.0.0.0", 14540], "vehicle": ["10.0.0.7", 9]}))
@@ -197,14 +205,14 @@ def test_a_run_tells_a_real_vehicles_last_address_and_who_holds_its_wire(runtime
         "processes": {"link.uav1": {"pid": 77, "start_s": 1.5}},
     }
     (folder / "state.json").write_text(json.dumps(state))
-    owner = Owner(name="link.uav1", pid=77, start_s=1.5)
-    wire = Wire(kind="udpin", local=("0.0.0.0", 14540), vehicle=("10.0.0.7", 9), owner=owner)
-    assert find(run=folder).targets[0].wire == wire
+    process = ProcessIdentity(name="link.uav1", pid=77, start_s=1.5)
+    direct = dataclasses.replace(UDPIN, vehicle=("10.0.0.7", 9), link_process=process)
+    assert find(run=folder).targets[0].direct == direct
     (folder / "state.json").write_text(json.dumps({**state, "boot": "another"}))
-    assert find(run=folder).targets[0].wire.owner is None
+    assert find(run=folder).targets[0].direct.link_process is None
     for broken in ("{", "[]", '{"kind": "serial"}', '{"kind": "udpin", "vehicle": 3}'):
         seen.write_text(broken)
-        assert find(run=folder).targets[0].wire == Wire(kind="udpin", local=("0.0.0.0", 14540))
+        assert find(run=folder).targets[0].direct == UDPIN
 
 
 def test_a_run_of_which_nothing_runs_is_no_active_run(runtime):
@@ -276,7 +284,7 @@ def test_a_broken_yaml_keeps_its_address():
 def test_a_file_without_vehicles_is_told_so(tmp_path, text):
     file = tmp_path / "arena.yaml"
     file.write_text(text)
-    with pytest.raises(InputError, match="no vehicle can be found"):
+    with pytest.raises(InputError, match="it names no vehicle"):
         from_yaml(file)
 
 
@@ -307,7 +315,7 @@ def test_a_url_that_no_socket_takes_is_no_wire_and_its_vehicle_is_landed_all_the
     file = tmp_path / "arena.yaml"
     file.write_text(f'address: {HOST}\nvehicles:\n  uav1: {{autopilot: hardware, url: "{url}"}}\n  uav2:\n')
     assert from_yaml(file).targets == (target(1, HOST), target(2, HOST))
-    assert from_yaml(file).targets[0].wire is None
+    assert from_yaml(file).targets[0].direct is None
 
 
 def test_an_address_that_is_none_is_not_asked_for_by_name():

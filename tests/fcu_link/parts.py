@@ -9,10 +9,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.fcu_link.core import Link
+from arena.fcu_link.core import FcuLink
 from arena.fcu_link.settings import Settings
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_frame import parse_frames
 
 ID = 7
 ENDS = ("router", "vision", "panic")
@@ -99,7 +99,7 @@ class Rig:
     def __init__(self, **changes: Any) -> None:
         self.now = 100.0
         self.settings = Settings.from_slice(slice_of(**changes))
-        self.core = Link(self.settings, self.now)
+        self.core = FcuLink(self.settings, self.now)
         self.vehicle, self.forwarder = Codec(ID, 1), Codec(ID, 197)
         self.program = Codec(ID, 191)
         self.got: dict[str, list[Any]] = {n: [] for n in (*ENDS, "simulator")}
@@ -109,7 +109,7 @@ class Rig:
     def say(self, *messages: Any, codec: Codec | None = None) -> None:
         """The vehicle speaks."""
         data = b"".join((codec or self.vehicle).pack(m) for m in messages)
-        self._share(self.core.from_wire(data, cut(data), self.now))
+        self._share(self.core.from_wire(data, parse_frames(data), self.now))
 
     def ask(self, link: str, *messages: Any, codec: Codec | None = None) -> None:
         """A partner speaks."""

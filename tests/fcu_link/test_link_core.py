@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.fcu_link.peer import Partner
 from arena.fcu_link.send_queue import LIMIT_BYTES
+from arena.fcu_link.transports import LearnedPeer
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import Stream, cut
+from arena.wire.mavlink_frame import Stream, parse_frames
 
 from .parts import ENDS, ID, Rig, arm, attitude, heartbeat, local, odometry, sys_status
 
@@ -101,7 +101,7 @@ def test_sensors_of_the_world_go_to_the_controller_and_its_truth_does_not():
     world = Codec(1, 200)
     truth = mavlink.MAVLink_hil_state_quaternion_message(1, [1, 0, 0, 0], *[0] * 14)
     data = world.pack(sensor(1)) + world.pack(truth)
-    rig.core.from_simulator(data, cut(data), rig.now)
+    rig.core.from_simulator(data, parse_frames(data), rig.now)
     assert [m.get_type() for m in rig.flush()] == ["HIL_SENSOR"]
 
 
@@ -113,7 +113,7 @@ def fill(rig: Rig, *what: tuple[str, mavlink.MAVLink_message]) -> None:
     for link, message in what:
         if link == "simulator":
             data = rig.program.pack(message)
-            rig.core.from_simulator(data, cut(data), rig.now)
+            rig.core.from_simulator(data, parse_frames(data), rig.now)
         else:
             rig.core.from_partner(link, rig.program.pack(message), rig.now)
 
@@ -170,23 +170,23 @@ def test_nothing_is_kept_for_a_wire_that_is_away():
     assert rig.core.counts["to the vehicle: wire away (panic)"] == 1
 
 
-# -- who speaks on a listening wire ---------------------------------------------------------------------------------------
+# -- the vehicle's address on a listening socket ---------------------------------------------------------------------------------------
 
 
-def test_the_partner_is_the_first_that_speaks_as_the_vehicle_and_another_follows_only_after_silence():
-    partner = Partner()
-    assert not partner.accepts(B, False, 0.0)
-    assert partner.address is None
-    assert partner.accepts(A, True, 1.0)
-    assert not partner.accepts(B, True, 3.9)
-    assert partner.accepts(
+def test_the_peer_changes_only_after_silence():
+    peer = LearnedPeer()
+    assert not peer.accepts(B, False, 0.0)
+    assert peer.address is None
+    assert peer.accepts(A, True, 1.0)
+    assert not peer.accepts(B, True, 3.9)
+    assert peer.accepts(
         A, False, 3.9
     )  # as a companion of the vehicle does: the same address, yet not its autopilot
-    assert partner.accepts(B, True, 4.1)
-    assert not partner.accepts(A, True, 4.2)
-    assert partner.events == [
-        "speaks from 10.0.0.21:14550",
-        "speaks from 10.0.0.66:14550, and not from 10.0.0.21:14550 any more, silent for 3 s",
+    assert peer.accepts(B, True, 4.1)
+    assert not peer.accepts(A, True, 4.2)
+    assert peer.events == [
+        "sends from 10.0.0.21:14550",
+        "sends from 10.0.0.66:14550 (before: 10.0.0.21:14550, silent for 3 s)",
     ]
 
 
@@ -197,7 +197,7 @@ def told_after(rig: Rig, seconds: float, *data: bytes) -> list[str]:
     for _ in range(round(seconds * 20)):
         rig.now += 0.05
         for piece in data:
-            rig.core.from_wire(piece, cut(piece), rig.now)
+            rig.core.from_wire(piece, parse_frames(piece), rig.now)
         rig.core.tick(rig.now)
         rig.flush()
     return rig.core.events()
@@ -320,7 +320,7 @@ def feed(rig: Rig, stream: Stream, pieces: list[tuple[str, bytes]]) -> None:
     for end, data in pieces:
         rig.now += 0.05
         if end == "wire":
-            rig.core.from_wire(data, cut(data), rig.now)
+            rig.core.from_wire(data, parse_frames(data), rig.now)
         elif end == "stream":
             rig.core.from_wire(*stream.feed(data), rig.now)
         elif end == "simulator":

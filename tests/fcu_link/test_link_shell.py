@@ -222,12 +222,12 @@ def test_a_serial_device_that_is_absent_is_told_and_waited_for_and_one_unplugged
                 os.write(master, beat[9:])
 
         room.until(lambda before=before: len(room.heard("router", "HEARTBEAT")) > before, speak)
-        gone = sum("has gone" in e for e in room.events)
+        gone = sum("is gone" in e for e in room.events)
         assert gone == plugged
         device.unlink()
         os.close(slave)
         os.close(master)
-        room.until(lambda gone=gone: sum("has gone" in e for e in room.events) > gone)
+        room.until(lambda gone=gone: sum("is gone" in e for e in room.events) > gone)
 
 
 def test_it_outlives_its_supervisor_while_the_vehicle_is_armed_and_ends_after(start):

@@ -16,7 +16,7 @@ from arena.params.transfer.reader import Reader
 from arena.params.transfer.transfer import Transfer
 from arena.params.transfer.writer import Writer
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_frame import parse_frames
 
 INT32, REAL32 = 6, 9
 ME = 200  # our component
@@ -83,7 +83,7 @@ class Vehicle:
         if not self.alive:
             return []
         out = []
-        for frame in cut(data).frames:
+        for frame in parse_frames(data).frames:
             m = self.ear.decode(bytearray(data[frame.start : frame.end]))
             if getattr(m, "target_system", None) == self.system and m.target_component == 1:
                 self.requests += 1
@@ -191,7 +191,7 @@ def run(
                 for answer in vehicle.hear(data):
                     air.send("down", answer, now)
             else:
-                for frame in cut(data).frames:
+                for frame in parse_frames(data).frames:
                     core.hear(data, frame, now)
         for data in vehicle.step(now):
             air.send("down", data, now)

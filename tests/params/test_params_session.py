@@ -20,9 +20,9 @@ import pytest
 from arena.autopilot.param_table import SPECS
 from arena.errors import InputError
 from arena.params.transfer.push_record import Record
-from arena.params.transfer.session import Report, SerialWire, Target, pull, push, reboot
+from arena.params.transfer.session import Report, SerialParamTransport, Target, pull, push, reboot
 from arena.params.transfer.transfer import Progress
-from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_frame import parse_frames
 
 from .fleet import BuiltIn, Simulated, own_address, serve
 from .simulated import INT32, Air, Vehicle, sixty
@@ -160,8 +160,8 @@ def test_a_device_that_is_unplugged_is_a_vehicle_that_vanishes_and_nobody_spins(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("arena.params.transfer.transfer.SILENT_S", 1.0)
-    reads, read = [], SerialWire.read
-    monkeypatch.setattr(SerialWire, "read", lambda wire: reads.append(1) or read(wire))
+    reads, read = [], SerialParamTransport.read
+    monkeypatch.setattr(SerialParamTransport, "read", lambda wire: reads.append(1) or read(wire))
     board, device = pty.openpty()
     tty.setraw(device)
     name = os.ttyname(device)
@@ -171,7 +171,7 @@ def test_a_device_that_is_unplugged_is_a_vehicle_that_vanishes_and_nobody_spins(
         while not asked:
             os.write(board, beat)
             if select.select([board], [], [], 0.05)[0]:
-                asked = any(frame.msgid == 20 for frame in cut(os.read(board, 65536)).frames)
+                asked = any(frame.msgid == 20 for frame in parse_frames(os.read(board, 65536)).frames)
         os.close(board)
 
     thread = threading.Thread(target=speak_and_go, daemon=True)

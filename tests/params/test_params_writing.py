@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_frame import parse_frames
 
 from .simulated import INT32, Air, Vehicle, holds, others, outcomes, reader, rough, run, sixty, writer
 
@@ -217,7 +217,7 @@ def test_values_of_another_vehicle_and_of_another_component_are_not_taken_for_an
             camera.value("P_03"),
             stranger.step(now)[0] if int(now * 100) % 100 == 0 else b"",
         ):
-            for frame in cut(data).frames:
+            for frame in parse_frames(data).frames:
                 core.hear(data, frame, now)
 
     run(core, vehicle, Air(delay_s=0.02), each=chatter)

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from arena.errors import InputError, RunError
-from arena.sim.vehicle_links import Links, hosts_heard
+from arena.sim.vehicle_links import VehicleLinks, hosts_heard
 
 HOST = "127.55.2.1"
 
@@ -26,7 +26,7 @@ def opened(budget_s=1.0, count=1, **changes):
             partner.settimeout(5.0)
             links[name] = {"local": [HOST, free_port()], "remote": list(partner.getsockname())}
         vehicles.append({"name": f"uav{i + 1}", "links": links})
-    made = Links(vehicles, budget_s=budget_s, **changes)
+    made = VehicleLinks(vehicles, budget_s=budget_s, **changes)
     try:
         yield made, partners, vehicles
     finally:
@@ -124,7 +124,7 @@ def test_where_other_computers_reach_it_a_link_hears_this_one_and_its_partners_a
         partner.bind((HOST, 0))
         stranger.bind(("127.55.2.9", 0))
         ends = {"panic": {"local": ["0.0.0.0", port], "remote": list(partner.getsockname())}}
-        links = Links([{"name": "uav1", "links": ends}], budget_s=1.0)
+        links = VehicleLinks([{"name": "uav1", "links": ends}], budget_s=1.0)
         try:
             for who in (stranger, partner, stranger):
                 who.sendto(who.getsockname()[0].encode(), (HOST, port))
@@ -152,9 +152,11 @@ def test_a_port_in_use_is_a_sentence_that_names_it():
         opened() as (_, _, vehicles),
         pytest.raises(RunError, match=f"uav1: vision link: cannot bind {HOST}:"),
     ):
-        Links([{"name": "uav1", "links": {"vision": vehicles[0]["links"]["vision"]}}], budget_s=1.0)
+        VehicleLinks([{"name": "uav1", "links": {"vision": vehicles[0]["links"]["vision"]}}], budget_s=1.0)
 
 
 def test_an_address_that_is_none_is_a_sentence():
     with pytest.raises(InputError, match=r"links of uav1.router: local: got 'x', expected \[host, port\]"):
-        Links([{"name": "uav1", "links": {"router": {"local": "x", "remote": [HOST, 1]}}}], budget_s=1.0)
+        VehicleLinks(
+            [{"name": "uav1", "links": {"router": {"local": "x", "remote": [HOST, 1]}}}], budget_s=1.0
+        )

@@ -6,7 +6,7 @@ import pytest
 
 from arena.clock import WallClock
 from arena.mocap.client import CapturedFrame, Pose
-from arena.uav.connection import Link
+from arena.uav.connection import Connection
 from arena.uav.poses import Poses
 
 from .fake import free_address
@@ -42,7 +42,7 @@ def receivers(monkeypatch):
 def places(capture) -> tuple:
     poses = Poses("b1", [("uav2", "b2"), ("uav3", "b3")])
     host, port = free_address()
-    link = Link(f"udpin:{host}:{port}", 1, WallClock(), poses, capture)
+    link = Connection(f"udpin:{host}:{port}", 1, WallClock(), poses, capture)
     link._look()
     link.close()
     return tuple(p and p.place[0] for p in (poses.own, *poses.neighbours))

@@ -34,6 +34,7 @@ from arena.autopilot.param_table import Params
 from arena.wire import mavlink_records
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Frame
+from arena.wire.px4_mode import split_mode
 
 _QUEUE_LIMIT = 256
 _TEXT_BYTES = 50
@@ -248,7 +249,7 @@ class Face:
 
     def _on_set_mode(self, link: Link, m: Any) -> None:
         """The message of old, which does what MAV_CMD_DO_SET_MODE does."""
-        main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
+        main, sub = split_mode(m.custom_mode)
         command = mavlink.MAV_CMD_DO_SET_MODE
         result = self._obey(link, command, (float(m.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0))
         self.send(

@@ -18,8 +18,8 @@ from arena.atmosphere import pressure_hpa
 from arena.autopilot.commander import Mode
 from arena.autopilot.mavlink.telemetry_batch import OFTEN, globe
 from arena.autopilot.mavlink.telemetry_state import Snapshot
-from arena.wire.mavlink_frame import Voice
-from arena.wire.mavlink_modes import ADVANCED, AVAILABLE_MODES, CURRENT_MODE, AvailableMode, CurrentMode
+from arena.wire.mavlink_frame import MavlinkSender
+from arena.wire.px4_mode import ADVANCED, AVAILABLE_MODES, CURRENT_MODE, AvailableMode, CurrentMode
 
 if TYPE_CHECKING:
     from arena.autopilot.mavlink.mavlink_interface import Face
@@ -42,8 +42,8 @@ _NAN = math.nan
 class AllModes:
     """AVAILABLE_MODES, one after the other, in place of a message."""
 
-    def pack(self, voice: Voice) -> bytes:
-        """The frames of all modes that can be chosen, in PX4's order; `voice` counts on."""
+    def pack(self, sender: MavlinkSender) -> bytes:
+        """The frames of all modes that can be chosen, in PX4's order; the sequence number of `sender` advances."""
         frames = []
         for k, (mode, name) in enumerate(_SELECTABLE.items()):
             given = AvailableMode(
@@ -54,8 +54,8 @@ class AllModes:
                 standard=STANDARD.get(mode, 0),
                 name=name,
             )
-            voice.seq = (voice.seq + (k > 0)) % 256
-            frames.append(given.pack(voice))
+            sender.seq = (sender.seq + (k > 0)) % 256
+            frames.append(given.pack(sender))
         return b"".join(frames)
 
 

@@ -10,29 +10,25 @@ A vehicle that cannot be reached ends its own part; the others' go on. Ctrl-C en
 from __future__ import annotations
 
 import contextlib
-import os
 import select
-import socket
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from arena.errors import RunError
 from arena.params.transfer.push_record import Record
 from arena.params.transfer.reader import Reader
 from arena.params.transfer.transfer import Ending, Outcome, Progress, Rebooter, Result, Transfer
 from arena.params.transfer.writer import Writer
-from arena.wire.mavlink_frame import Buffer, Frame, Stream, cut
+from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, open_udp, receive_datagrams
+from arena.wire.mavlink_frame import Buffer, Frame, Stream, parse_frames
+from arena.wire.mavlink_minimal import own_component
 from arena.wire.mavlink_params import VALUE, Value
 
-Address = tuple[str, int]
 _TURN_S = 0.02
 _TOLD_S = 0.1  # between two calls of on_progress
 _SAVED_S = 0.5  # between two states of the record, where nothing depends on it
-_AT_A_TIME = 64  # datagrams of one socket in one turn
-_READ_BYTES = 1 << 16
-_BUFFER_BYTES = 1 << 20
 
 OnProgress = Callable[[Mapping[str, Progress]], None]
 """Called a few times a second, and once more at the end, with how far each vehicle is."""
@@ -157,11 +153,6 @@ def reboot(targets: Mapping[str, Target]) -> dict[str, str]:
     }
 
 
-def own_component() -> int:
-    """190 to 249, so that two at a time are told apart."""
-    return 190 + os.getpid() % 60
-
-
 def _report(line: _Line[Writer], reboot_names: frozenset[str]) -> Report:
     results = line.core.result
     needs = tuple(
@@ -179,54 +170,45 @@ def _pulled(line: _Line[Reader]) -> Pulled:
     )
 
 
-# -- wires ---------------------------------------------------------------------------------------------------------------------
+# -- connections ---------------------------------------------------------------------------------------------------------------
 
 
-class Wire(Protocol):
-    """The one way to a vehicle."""
+class ParamTransport(Protocol):
+    """The connection to one vehicle."""
 
     def fileno(self) -> int: ...
 
     def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        """What has come, without waiting."""
+        """Yield what has arrived from the vehicle, without waiting."""
 
     def send(self, frame: bytes) -> None:
-        """Or not, where the wire is full or away: it is asked again."""
+        """Send a frame, or drop it when the connection is full or away: every request is repeated."""
 
     def close(self) -> None: ...
 
 
-class UdpWire:
-    """Raises RunError when our own end is taken."""
+class UdpParamTransport:
+    """A UDP socket. Without a fixed remote address, the vehicle is the first sender with its system id.
+
+    Raises RunError when our own address cannot be bound.
+    """
 
     def __init__(self, target: Target) -> None:
         self._remote, self._system = target.remote, target.system
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        with contextlib.suppress(OSError):
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
-        if target.local is not None:
-            try:
-                self._socket.bind(target.local)
-            except OSError as error:
-                self._socket.close()
-                host, port = target.local
-                raise RunError(
-                    f"cannot listen on UDP {host}:{port}: {error.strerror}. Does another program hold it?"
-                ) from error
+        try:
+            self._socket = open_udp(target.local)
+        except OSError as error:
+            host, port = target.local or ("", 0)
+            raise RunError(
+                f"cannot listen on UDP {host}:{port}: {error.strerror}. Does another program hold it?"
+            ) from error
 
     def fileno(self) -> int:
         return self._socket.fileno()
 
     def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        for _ in range(_AT_A_TIME):
-            try:
-                data, sender = self._socket.recvfrom(_READ_BYTES)
-            except BlockingIOError:
-                return
-            except OSError:  # the network's answer to something sent before
-                continue
-            frames = cut(data).frames
+        for data, sender in receive_datagrams(self._socket):
+            frames = parse_frames(data).frames
             if self._remote is None and any(frame.sysid == self._system for frame in frames):
                 self._remote = sender
             if sender == self._remote:
@@ -241,41 +223,36 @@ class UdpWire:
         self._socket.close()
 
 
-class SerialWire:
-    """Raises RunError when the device cannot be opened."""
+class SerialParamTransport:
+    """A serial device. Raises RunError when it cannot be opened."""
 
     def __init__(self, target: Target) -> None:
-        import serial
-
         try:
-            self._port: Any = serial.Serial(
-                target.device, target.baud, timeout=0, write_timeout=0, exclusive=True
-            )
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise RunError(f"{target.device} cannot be opened at {target.baud} baud: {error}") from error
+            self._port = SerialPort(target.device, target.baud)
+        except OSError as error:
+            raise RunError(str(error)) from error
         self._stream = Stream()
 
     def fileno(self) -> int:
-        return int(self._port.fileno())
+        return self._port.fileno()
 
     def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        for _ in range(_AT_A_TIME):
+        for _ in range(MAX_DATAGRAMS_PER_READ):
             try:
-                data = os.read(self._port.fileno(), _READ_BYTES)
-            except OSError:  # nothing there, or the device has gone: then the vehicle falls silent
+                data = self._port.read()
+            except OSError:  # unplugged: the vehicle's silence ends the transfer
                 return
-            if not data:
+            if data is None:
                 return
             buffer, found = self._stream.feed(data)
             yield buffer, found.frames
 
     def send(self, frame: bytes) -> None:
         with contextlib.suppress(OSError):
-            os.write(self._port.fileno(), frame)
+            self._port.write(frame)
 
     def close(self) -> None:
-        with contextlib.suppress(OSError):
-            self._port.close()
+        self._port.close()
 
 
 # -- the loop ------------------------------------------------------------------------------------------------------------------
@@ -290,9 +267,9 @@ class _Line(Generic[Core]):
         self.core, self.why = core, ""
         self.sent = self.heard = 0
         self.began = self.ended = time.monotonic()
-        self.wire: Wire | None = None
+        self.transport: ParamTransport | None = None
         try:
-            self.wire = SerialWire(target) if target.device else UdpWire(target)
+            self.transport = SerialParamTransport(target) if target.device else UdpParamTransport(target)
         except RunError as error:
             self.why = str(error)
             core.ending = "not heard"
@@ -302,22 +279,22 @@ class _Line(Generic[Core]):
         return Traffic(seconds=self.ended - self.began, sent=self.sent, heard=self.heard)
 
     def read(self) -> None:
-        for data, frames in self.wire.read() if self.wire else ():
+        for data, frames in self.transport.read() if self.transport else ():
             for frame in frames:
                 self.heard += frame.msgid == VALUE
                 self.core.hear(data, frame, time.monotonic())
 
     def send(self, frames: Sequence[bytes]) -> None:
-        if self.wire is not None:
+        if self.transport is not None:
             self.sent += len(frames)
             for frame in frames:
-                self.wire.send(frame)
+                self.transport.send(frame)
         if not self.core.done:
             self.ended = time.monotonic()
 
     def close(self) -> None:
-        if self.wire is not None:
-            self.wire.close()
+        if self.transport is not None:
+            self.transport.close()
 
 
 class _Diary:
@@ -364,7 +341,7 @@ def _run(
 
 def _work(lines: Mapping[str, _Line[Core]], on_progress: OnProgress, keep: Keep[Core]) -> None:
     poll = select.poll()
-    owners = {line.wire.fileno(): line for line in lines.values() if line.wire is not None}
+    owners = {line.transport.fileno(): line for line in lines.values() if line.transport is not None}
     for fd in owners:
         poll.register(fd, select.POLLIN)
     next_word = 0.0

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Buffer, Frame, byte_at, uint_at
+from arena.wire.mavlink_minimal import result_words
 from arena.wire.mavlink_params import (
     AUTOPILOT,
     ERROR,
@@ -33,7 +34,6 @@ _HEARTBEAT_S = 1.0
 _KNOCK_S = 0.4
 _ARMED, _BASE_MODE = 128, 6
 _REBOOTING_S = 2.5
-_RESULTS = {1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed"}
 PROBE = 0  # the index of a parameter that is always there
 
 Ending = Literal["", "done", "armed", "vanished", "not heard", "interrupted"]
@@ -103,18 +103,7 @@ class Transfer:
         frames = []
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + _HEARTBEAT_S
-            frames.append(
-                self._codec.pack(
-                    mavlink.MAVLink_heartbeat_message(
-                        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                        mavlink.MAV_AUTOPILOT_INVALID,
-                        0,
-                        0,
-                        mavlink.MAV_STATE_ACTIVE,
-                        3,
-                    )
-                )
-            )
+            frames.append(self._codec.onboard_heartbeat())
         if self._heard_at is not None:
             frames += [self._codec.frame(*message) for message in (*self._ask(now), *self._knock(now))]
         return frames
@@ -200,7 +189,5 @@ class Rebooter(Transfer):
             return
         if frame.target_sys in (0, SYSTEM) and frame.target_comp in (0, self._component):
             result = byte_at(data, frame, 2)
-            self.refusal = (
-                "" if result == mavlink.MAV_RESULT_ACCEPTED else f"refused: {_RESULTS.get(result, result)}"
-            )
+            self.refusal = "" if result == mavlink.MAV_RESULT_ACCEPTED else f"refused: {result_words(result)}"
             self.ending = "done"

@@ -8,7 +8,6 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -25,6 +24,7 @@ from arena.schema.ports import LINK_BASE
 from arena.smoke.flying.observer import LOOK_S, Observer, slice_of
 from arena.supervisor import open_run, plan_of, proc_fs
 from arena.supervisor.child_process import RUN
+from arena.transport import open_udp
 
 T = TypeVar("T")
 _UP_S, _DOWN_S, _LEFT_S, _KILLED_S = 120.0, 120.0, 10.0, 20.0  # wall time: machines may be slow
@@ -263,11 +263,8 @@ def free_address() -> str:
     first = os.getpid()
     for number in range(first, first + 1000):
         address = f"127.99.{number // 250 % 250}.{number % 250 + 1}"
-        with (
-            contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe,
-            contextlib.suppress(OSError),
-        ):
-            probe.bind((address, LINK_BASE))
+        with contextlib.suppress(OSError):
+            open_udp((address, LINK_BASE)).close()
             return address
     raise RunError("no loopback address of 127.99.0.0/16 is free: are a thousand arenas up?")
 

@@ -17,6 +17,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.plan.model import VehiclePlan
+from arena.transport import open_udp
 from arena.wire.mavlink_codec import Codec
 from arena.wire.telemetry import Telemetry
 
@@ -113,8 +114,6 @@ class TelemetryListener:
 
 def _open(vehicle: VehiclePlan) -> socket.socket:
     """Connected to the router's tools port, so that nobody else is heard."""
-    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    sock.setblocking(False)
-    sock.bind((vehicle.router.partner_host, 0))
+    sock = open_udp((vehicle.router.partner_host, 0))
     sock.connect((vehicle.router.partner_host, vehicle.tools_port))
     return sock

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire import mavlink_params
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_frame import parse_frames
 
 INT32, REAL32 = 6, 9
 
@@ -25,13 +25,19 @@ def test_every_integer_survives_the_float_it_travels_in(value: int) -> None:
     assert number == 23 and payload[:4] == struct.pack("<i", value)
     raw = struct.pack("<i", value) + struct.pack("<HH16sB", 10, 3, b"P", INT32)
     data = Codec(1, 1).frame(22, raw)
-    assert mavlink_params.parse_value(data, cut(data).frames[0]) == ("P", value, INT32, 3, 10)
+    assert mavlink_params.parse_value(data, parse_frames(data).frames[0]) == ("P", value, INT32, 3, 10)
 
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))
 def test_every_float_survives(value: float) -> None:
     data = Codec(1, 1).pack(mavlink.MAVLink_param_value_message(b"SIXTEEN_LETTERS_", value, REAL32, 10, 3))
-    assert mavlink_params.parse_value(data, cut(data).frames[0]) == ("SIXTEEN_LETTERS_", value, REAL32, 3, 10)
+    assert mavlink_params.parse_value(data, parse_frames(data).frames[0]) == (
+        "SIXTEEN_LETTERS_",
+        value,
+        REAL32,
+        3,
+        10,
+    )
     assert mavlink_params.fitted(value, REAL32) == value
 
 
@@ -68,6 +74,6 @@ def test_an_error_is_read_with_its_words_and_the_zeros_that_mavlink_leaves_away(
     codec = Codec(1, 1)
     for error, words in ((1, "it does not exist"), (5, "it is read-only"), (0, "error 0"), (99, "error 99")):
         data = codec.pack(mavlink.MAVLink_param_error_message(252, 200, b"ABC", -1, error))
-        assert mavlink_params.parse_error(data, cut(data).frames[0]) == ("ABC", error, words)
+        assert mavlink_params.parse_error(data, parse_frames(data).frames[0]) == ("ABC", error, words)
     data = codec.pack(mavlink.MAVLink_param_value_message(b"ZERO", 0.0, 0, 0, 0))
-    assert mavlink_params.parse_value(data, cut(data).frames[0]) == ("ZERO", 0.0, 0, 0, 0)
+    assert mavlink_params.parse_value(data, parse_frames(data).frames[0]) == ("ZERO", 0.0, 0, 0, 0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire import hil
-from arena.wire.mavlink_frame import Stream, cut
+from arena.wire.mavlink_frame import Stream, parse_frames
 
 floats = st.floats(width=32, allow_nan=False)
 int16s, int32s = st.integers(-(2**15), 2**15 - 1), st.integers(-(2**31), 2**31 - 1)
@@ -23,9 +23,9 @@ def many(what: st.SearchStrategy[Any], count: int) -> st.SearchStrategy[list[Any
 
 
 def oracle(message: Any, number: int = 0) -> bytes:
-    voice = mavlink.MAVLink(None, srcSystem=1, srcComponent=200)
-    voice.seq = number
-    return bytes(message.pack(voice))
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=200)
+    sender.seq = number
+    return bytes(message.pack(sender))
 
 
 def read(data: bytes) -> hil.Controls:
@@ -35,7 +35,7 @@ def read(data: bytes) -> hil.Controls:
 
 
 def test_a_sensor_message_has_these_bytes() -> None:
-    data = hil.Voice(1, 200).sensor(
+    data = hil.HilSender(1, 200).sensor(
         1_500_000, [1.0, 0, -2.0, 0, 0, 0, 0, 0, 0, 956.0, 0, 488.0, 25.0], 0x1AFF
     )
     assert (
@@ -73,7 +73,7 @@ def test_sensors_are_packed_as_the_other_codec_packs_them(
     time_usec: int, readings: list[float], fields: int
 ) -> None:
     expected = mavlink.MAVLink_hil_sensor_message(time_usec, *readings, fields, 0)
-    assert hil.Voice(1, 200).sensor(time_usec, readings, fields) == oracle(expected)
+    assert hil.HilSender(1, 200).sensor(time_usec, readings, fields) == oracle(expected)
 
 
 @given(
@@ -97,7 +97,7 @@ def test_the_truth_is_packed_as_the_other_codec_packs_it(
     expected = mavlink.MAVLink_hil_state_quaternion_message(
         time_usec, q, *rates, *place, *v, speed, speed, *accel
     )
-    found = hil.Voice(1, 200).state(time_usec, q, rates, (place[0], place[1], place[2]), v, speed, accel)
+    found = hil.HilSender(1, 200).state(time_usec, q, rates, (place[0], place[1], place[2]), v, speed, accel)
     assert found == oracle(expected)
 
 
@@ -120,22 +120,22 @@ def test_controls_of_nothing_but_zeros_are_cut_to_a_byte_on_the_wire_and_whole_a
 
 
 def test_messages_are_numbered_so_that_a_lost_one_is_seen() -> None:
-    voice = hil.Voice(1, 200)
-    assert [voice.sensor(0, [0.0] * 13, 1)[4] for _ in range(257)] == [*range(256), 0]
+    sender = hil.HilSender(1, 200)
+    assert [sender.sensor(0, [0.0] * 13, 1)[4] for _ in range(257)] == [*range(256), 0]
 
 
 @pytest.mark.parametrize("at", range(10, 70))
 def test_a_bit_that_flips_on_the_way_is_noticed(at: int) -> None:
-    data = bytearray(hil.Voice(1, 200).sensor(1, [1.0] * 13, 0x1FFF))
-    assert len(cut(data).frames) == 1
+    data = bytearray(hil.HilSender(1, 200).sensor(1, [1.0] * 13, 0x1FFF))
+    assert len(parse_frames(data).frames) == 1
     data[at] ^= 0x10
-    assert cut(data).frames == []
+    assert parse_frames(data).frames == []
 
 
 def test_satellites_and_sticks_are_read_by_the_reference_codec_as_they_were_meant() -> None:
-    codec, voice = mavlink.MAVLink(None), hil.Voice(1, 200)
+    codec, sender = mavlink.MAVLink(None), hil.HilSender(1, 200)
     (gps,) = codec.parse_buffer(
-        voice.gps(5_000_000, (387_000_001, -91_000_002, 103_456), (80, 120), [30, -40, 5], 14)
+        sender.gps(5_000_000, (387_000_001, -91_000_002, 103_456), (80, 120), [30, -40, 5], 14)
     )
     assert (gps.time_usec, gps.lat, gps.lon, gps.alt) == (5_000_000, 387_000_001, -91_000_002, 103_456)
     assert (gps.eph, gps.epv, gps.vn, gps.ve, gps.vd, gps.fix_type, gps.satellites_visible) == (
@@ -148,6 +148,6 @@ def test_satellites_and_sticks_are_read_by_the_reference_codec_as_they_were_mean
         14,
     )
     assert gps.vel == 50 and gps.cog == 65535
-    (rc,) = codec.parse_buffer(voice.sticks(5_000, (1500,) * 7 + (1900,)))
+    (rc,) = codec.parse_buffer(sender.sticks(5_000, (1500,) * 7 + (1900,)))
     assert (rc.time_boot_ms, rc.chancount, rc.rssi) == (5_000, 8, 100)
     assert (rc.chan1_raw, rc.chan8_raw, rc.chan9_raw) == (1500, 1900, 65535)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavlink_frame import Stream, cut
+from arena.wire.mavlink_frame import Stream, parse_frames
 
 
 def frames_of(n: int, version: int = 2) -> list[bytes]:
@@ -92,4 +92,4 @@ def test_random_bytes_never_raise_and_little_is_kept_back(pieces):
 def test_a_stream_of_whole_frames_is_cut_as_datagrams_are():
     rng = random.Random(5)
     data = b"".join(rng.choices(frames_of(10), k=200))
-    assert len(fed([data])[0]) == len(cut(data).frames) == 200
+    assert len(fed([data])[0]) == len(parse_frames(data).frames) == 200

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import common, development
 
-from arena.wire import mavlink_modes
+from arena.wire import px4_mode
 from arena.wire.mavlink_codec import Codec
 
 
@@ -13,14 +13,14 @@ def decoded(message):
 
 
 def test_current_mode_is_read_by_the_development_dialect():
-    m = decoded(mavlink_modes.CurrentMode(custom_mode=6 << 16, intended=4 << 16 | 3 << 24, standard=0))
+    m = decoded(px4_mode.CurrentMode(custom_mode=6 << 16, intended=4 << 16 | 3 << 24, standard=0))
     assert (m.get_type(), m.get_srcSystem()) == ("CURRENT_MODE", 7)
     assert (m.custom_mode, m.intended_custom_mode, m.standard_mode) == (6 << 16, 4 << 16 | 3 << 24, 0)
 
 
 def test_available_modes_is_read_by_the_development_dialect():
-    given = mavlink_modes.AvailableMode(
-        custom_mode=6 << 16, index=3, count=9, properties=mavlink_modes.ADVANCED, standard=0, name="Offboard"
+    given = px4_mode.AvailableMode(
+        custom_mode=6 << 16, index=3, count=9, properties=px4_mode.ADVANCED, standard=0, name="Offboard"
     )
     m = decoded(given)
     assert m.get_type() == "AVAILABLE_MODES"
@@ -29,11 +29,11 @@ def test_available_modes_is_read_by_the_development_dialect():
 
 def test_sequence_numbers_go_on_between_these_and_pymavlinks_messages():
     codec = Codec(7, 1)
-    one = codec.pack(mavlink_modes.CurrentMode(custom_mode=0, intended=0))
+    one = codec.pack(px4_mode.CurrentMode(custom_mode=0, intended=0))
     two = codec.pack(common.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
     assert (one[4], two[4]) == (0, 1)
 
 
 def test_the_common_dialect_still_lacks_them():
     """When it does not any more, this module has done its work."""
-    assert not {mavlink_modes.AVAILABLE_MODES, mavlink_modes.CURRENT_MODE} & set(common.mavlink_map)
+    assert not {px4_mode.AVAILABLE_MODES, px4_mode.CURRENT_MODE} & set(common.mavlink_map)

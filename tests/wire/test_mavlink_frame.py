@@ -11,7 +11,7 @@ from pymavlink.dialects.v10 import common as mavlink1
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire import mavlink_targets
-from arena.wire.mavlink_frame import TRIES, byte_at, cut, uint_at
+from arena.wire.mavlink_frame import TRIES, byte_at, parse_frames, uint_at
 from arena.wire.px4_mode import mode_words
 
 
@@ -63,7 +63,7 @@ KNOWN = [m for number, m in mavlink.mavlink_map.items() if number in mavlink_tar
 def test_every_message_is_found_with_its_sender_and_target(message):
     sent = filled(message)
     data = bytes(sent.pack(speaker()))
-    frames, garbage, bad_crc, unknown = cut(data)
+    frames, garbage, bad_crc, unknown = parse_frames(data)
     assert (len(frames), garbage, bad_crc, unknown) == (1, 0, 0, 0)
     frame = frames[0]
     assert (frame.start, frame.end, frame.sysid, frame.compid, frame.msgid) == (
@@ -82,7 +82,7 @@ def test_every_message_is_found_with_its_sender_and_target(message):
 def test_mavlink_1_is_understood_beside_mavlink_2():
     voice = mavlink1.MAVLink(None, srcSystem=3, srcComponent=4)
     old = bytes(mavlink1.MAVLink_command_long_message(5, 6, 400, 0, 0, 0, 0, 0, 0, 0, 0).pack(voice))
-    frames = cut(old + command()).frames
+    frames = parse_frames(old + command()).frames
     assert [(f.sysid, f.compid, f.target_sys, f.target_comp) for f in frames] == [
         (3, 4, 5, 6),
         (7, 191, 9, 1),
@@ -92,7 +92,7 @@ def test_mavlink_1_is_understood_beside_mavlink_2():
 
 def test_trailing_zeros_that_mavlink_2_left_out_read_as_zero():
     data = bytes(mavlink.MAVLink_command_long_message(9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0).pack(speaker()))
-    frame = cut(data).frames[0]
+    frame = parse_frames(data).frames[0]
     assert frame.size == 31
     assert (frame.target_sys, frame.target_comp) == (9, 0)
     assert byte_at(data, frame, 31) == 0
@@ -103,7 +103,7 @@ def test_a_signed_frame_ends_after_its_signature():
     voice = speaker()
     voice.signing.secret_key, voice.signing.sign_outgoing = b"k" * 32, True
     data = bytes(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3).pack(voice))
-    frames = cut(data + attitude()).frames
+    frames = parse_frames(data + attitude()).frames
     assert [f.msgid for f in frames] == [0, 30]
     assert frames[0].end == len(data) == 12 + 9 + 13
 
@@ -114,20 +114,20 @@ def test_one_wrong_bit_keeps_a_frame_out(byte):
     for bit in range(8):
         data = bytearray(attitude())
         data[byte] ^= 1 << bit
-        frames = cut(data).frames
+        frames = parse_frames(data).frames
         assert not frames or (byte in (7, 8, 9) and frames[0].msgid not in mavlink_targets.CRC_EXTRA)
 
 
 def test_a_frame_with_an_incompatibility_it_does_not_know_is_dropped():
     data = bytearray(attitude())
     data[2] = 0x02
-    assert cut(data).frames == []
+    assert parse_frames(data).frames == []
 
 
 def test_frames_are_found_again_after_garbage_and_a_torn_tail_is_dropped():
     noise = b"\x00\xfd\x01\xfe\xff"
     data = noise + attitude() + noise + command() + attitude()[:20]
-    found = cut(data)
+    found = parse_frames(data)
     assert [f.msgid for f in found.frames] == [30, 76]
     assert found.garbage == 2 * len(noise) + 20
     assert sum(f.end - f.start for f in found.frames) + found.garbage == len(data)
@@ -138,15 +138,19 @@ def unknown_frame(msgid=54321):
 
 
 def test_an_unknown_message_passes_only_where_it_leaves_no_byte_over():
-    assert cut(unknown_frame()).unknown == 1
-    assert [f.msgid for f in cut(attitude() + unknown_frame() + attitude()).frames] == [30, 54321, 30]
-    assert cut(unknown_frame() + b"\x00").frames == []
-    assert cut(b"\x00" + unknown_frame()).frames == []
+    assert parse_frames(unknown_frame()).unknown == 1
+    assert [f.msgid for f in parse_frames(attitude() + unknown_frame() + attitude()).frames] == [
+        30,
+        54321,
+        30,
+    ]
+    assert parse_frames(unknown_frame() + b"\x00").frames == []
+    assert parse_frames(b"\x00" + unknown_frame()).frames == []
 
 
 @given(st.binary(max_size=600))
 def test_any_bytes_are_cut_without_an_error_into_parts_that_add_up(data):
-    frames, garbage, _, _ = cut(data)
+    frames, garbage, _, _ = parse_frames(data)
     assert sum(f.end - f.start for f in frames) + garbage == len(data)
     assert all(a.end <= b.start for a, b in itertools.pairwise(frames))
     assert all(f.end <= len(data) for f in frames)
@@ -162,7 +166,7 @@ def test_a_cut_off_datagram_yields_just_the_whole_frames_of_it(parts, data):
             break
         kept.append(part)
         at += len(part)
-    found = cut(memoryview(whole)[:length])
+    found = parse_frames(memoryview(whole)[:length])
     assert [whole[f.start : f.end] for f in found.frames][: len(kept)] == kept
     assert len(found.frames) == len(kept)
 
@@ -174,13 +178,13 @@ def test_a_datagram_made_to_be_slow_is_given_up_early(filler):
     data = (filler * 65507)[:65507]
     began = time.perf_counter()
     for _ in range(20):
-        assert cut(data).bad_crc <= TRIES
+        assert parse_frames(data).bad_crc <= TRIES
     assert (time.perf_counter() - began) / 20 < 0.005
 
 
 def test_random_bytes_almost_never_pass_for_a_frame():
     rng = random.Random(4)
-    passed = sum(len(cut(rng.randbytes(rng.randrange(1, 300))).frames) for _ in range(20000))
+    passed = sum(len(parse_frames(rng.randbytes(rng.randrange(1, 300))).frames) for _ in range(20000))
     assert passed <= 2
 
 

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire import mavlink_records
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import cut
+from arena.wire.mavlink_frame import parse_frames
 
 # What a record's field is in the dialect, where the name differs.
 _P, _V, _A = "x y z", "vx vy vz", "afx afy afz"
@@ -141,7 +141,7 @@ def test_odometry_is_read_as_pymavlink_reads_it():
             rng.choice((0, 50)),
         )
         data = Codec(9, 197).pack(sent)
-        heard = mavlink_records.Odometry.read(data, cut(data).frames[0])
+        heard = mavlink_records.Odometry.read(data, parse_frames(data).frames[0])
         assert heard.p_n == (sent.x, sent.y, sent.z)
         assert heard.q == tuple(sent.q)
         assert heard.variances == tuple(sent.pose_covariance[k] for k in (0, 6, 11, 15, 18, 20))
@@ -152,7 +152,7 @@ def test_an_odometry_that_is_mostly_cut_off_is_zero_there():
     data = Codec(9, 197).pack(
         mavlink.MAVLink_odometry_message(1, 0, 0, 2.0, 0, 0, [0] * 4, *[0] * 6, [0] * 21, [0] * 21)
     )
-    assert mavlink_records.Odometry.read(data, cut(data).frames[0]) == (
+    assert mavlink_records.Odometry.read(data, parse_frames(data).frames[0]) == (
         (2.0, 0.0, 0.0),
         (0.0,) * 4,
         (0.0,) * 6,
@@ -174,5 +174,5 @@ def test_a_position_target_is_read_as_pymavlink_reads_it(version):
             *(real(rng) for _ in range(11)),
         )
         data = sent.pack(mavlink.MAVLink(None), force_mavlink1=version == 1)
-        heard = mavlink_records.PositionTarget.read(data, cut(data).frames[0])
+        heard = mavlink_records.PositionTarget.read(data, parse_frames(data).frames[0])
         assert heard._asdict() == {name: getattr(sent, name) for name in heard._fields}

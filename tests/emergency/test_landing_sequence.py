@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.emergency.landing_sequence import Landing
+from arena.emergency.landing_sequence import LandingSequence
 
 COMPONENT = 200
 MODE, NAV_LAND, ARM, INTERVAL = 176, 21, 400, 511
@@ -16,7 +16,7 @@ class Scene:
     """A landing and its vehicle's words at chosen times."""
 
     def __init__(self, action="land"):
-        self.landing = Landing(name="uav1", system=1, component=COMPONENT, action=action, now=0.0)
+        self.landing = LandingSequence(name="uav1", system=1, component=COMPONENT, action=action, now=0.0)
         self.voice = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 
     def due(self, now):
@@ -28,10 +28,10 @@ class Scene:
 
     def says(self, now, *messages, system=1, component=1):
         voice = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-        self.landing.hear(b"".join(bytes(m.pack(voice)) for m in messages), now)
+        self.landing.on_datagram(b"".join(bytes(m.pack(voice)) for m in messages), now)
 
     def line(self, now):
-        return self.landing.line(now)
+        return self.landing.result_line(now)
 
 
 def beat(armed, mode=OFFBOARD):
@@ -117,7 +117,7 @@ def test_half_a_proof_is_none(scene, words):
 def test_another_speakers_words_prove_nothing(scene, system, component):
     scene.says(0.2, beat(armed=False), place(GROUND), system=system, component=component)
     assert not scene.landing.confirmed
-    assert scene.line(1.0) == "uav1: NOT CONFIRMED: not heard at all"
+    assert scene.line(1.0) == "uav1: NOT CONFIRMED: no telemetry received"
 
 
 def test_standing_armed_for_three_seconds_it_is_disarmed_without_force(scene):
@@ -151,7 +151,7 @@ def test_a_refusal_is_told_and_it_tries_on(scene):
     scene.says(0.2, beat(armed=True), place(AIR), ack(MODE, mavlink.MAV_RESULT_TEMPORARILY_REJECTED))
     assert MODE in scene.commands(0.5)
     assert scene.line(12.2) == (
-        "uav1: NOT CONFIRMED: last heard 12 s ago, armed, in the air, mode OFFBOARD, land mode refused: temporarily rejected"
+        "uav1: NOT CONFIRMED: no telemetry for 12 s, last state: armed, in the air, mode OFFBOARD, LAND mode refused: temporarily rejected"
     )
     scene.says(13.0, ack(MODE, mavlink.MAV_RESULT_ACCEPTED))
     assert "refused" not in scene.line(13.0)
@@ -177,7 +177,7 @@ def test_what_is_not_known_is_called_unknown(scene):
     scene.says(1.0, place(AIR))
     assert (
         scene.line(3.0)
-        == "uav1: NOT CONFIRMED: last heard 2 s ago, armed or not is unknown, in the air, mode unknown"
+        == "uav1: NOT CONFIRMED: no telemetry for 2 s, last state: arming state unknown, in the air, mode unknown"
     )
 
 
@@ -196,6 +196,6 @@ def test_killing_forces_the_motors_off_until_they_are():
 def test_any_bytes_are_survived_and_prove_nothing(datagrams):
     scene = Scene()
     for i, data in enumerate(datagrams):
-        scene.landing.hear(data, float(i))
+        scene.landing.on_datagram(data, float(i))
         scene.landing.due(float(i))
     assert not scene.landing.confirmed

@@ -19,8 +19,8 @@ import pytest
 from fakes import LAND, Fake, Fleet
 
 from arena.emergency import link_process
-from arena.emergency.direct_address import Owner
 from arena.emergency.land_all import command, land_all
+from arena.emergency.run_record import ProcessIdentity
 
 K = 1
 DEADLINE_S = 60.0
@@ -196,8 +196,8 @@ def test_a_stopped_or_dead_link_is_replaced(lab, capsys, number, verb):
         assert command(verb, ["--run", str(room.folder), *(["--yes"] if verb == "kill-all" else [])]) == 0
         assert not fleet.fakes[K].armed
     said = lines(capsys)
-    assert any(f"speaking in its place on udpin {host}:14541" in line for line in said)
-    assert any(f"process {room.link.pid}" in line and "ended" in line for line in said) is (
+    assert any(f"sending on udpin {host}:14541 instead" in line for line in said)
+    assert any(f"process {room.link.pid}" in line and "was killed" in line for line in said) is (
         number == signal.SIGSTOP
     )
     assert room.link.wait(10) == -signal.SIGKILL
@@ -231,14 +231,14 @@ def test_a_link_that_reads_is_never_ended_however_silent_its_vehicle(lab, capsys
     assert room.link.poll() is None
     said = lines(capsys)
     assert said[-1].startswith("uav1: NOT CONFIRMED")
-    assert any(f"speaking straight to {host}:25001 too" in line for line in said)
-    assert not any("in its place" in line for line in said)
+    assert any(f"sending directly to {host}:25001 too" in line for line in said)
+    assert not any(" instead" in line for line in said)
 
 
 def test_another_process_with_the_recorded_number_is_not_ended():
     bystander = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     try:
-        assert link_process.end(Owner(name="link.uav1", pid=bystander.pid, start_s=1.0))
+        assert link_process.kill(ProcessIdentity(name="link.uav1", pid=bystander.pid, start_s=1.0))
         assert bystander.poll() is None
     finally:
         bystander.kill()
@@ -255,7 +255,7 @@ def test_on_a_serial_line_the_device_is_taken_over(lab, serial_cable, capsys, nu
         room.signal(number)
         assert land_all(run=room.folder) == 0
     assert fake.mode == LAND and not fake.armed
-    assert any(f"speaking in its place on {near} at 115200" in line for line in lines(capsys))
+    assert any(f"sending on {near} at 115200 baud instead" in line for line in lines(capsys))
 
 
 def test_from_the_yaml_alone(tmp_path, monkeypatch, serial_cable):

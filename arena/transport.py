@@ -1,0 +1,261 @@
+"""UDP sockets, serial devices and the connection URLs that name them: the only place where they are opened and parsed.
+
+    udpin:HOST:PORT        listen on HOST:PORT; the vehicle sends to it
+    udpout:HOST:PORT       send to HOST:PORT
+    serial:DEVICE[:BAUD]   a serial device
+
+Only the standard library is imported here, because `land-all` must start without any other package; pyserial is imported when a
+serial device is opened. Nothing here reads or writes MAVLink.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import ipaddress
+import os
+import socket
+import struct
+import termios
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from arena.errors import RunError
+
+Address = tuple[str, int]
+"""IPv4 host and UDP port."""
+
+DEFAULT_BAUD = 921_600
+RECEIVE_BUFFER_BYTES = 1 << 20
+MAX_DATAGRAM_BYTES = 1 << 16
+MAX_DATAGRAMS_PER_READ = 64
+EXPECTED_URL = (
+    "udpin:HOST:PORT (the vehicle sends to us), udpout:HOST:PORT (we send to the vehicle) or serial:DEVICE[:BAUD], "
+    "as in udpin:0.0.0.0:14540"
+)
+
+_UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF)
+_MIN_BAUD = 300  # a shorter number after a device's name belongs to the name
+
+
+# -- connection URLs -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConnectionUrl:
+    """A parsed connection URL.
+
+    kind: udpin and udpout have `host` and `port`; serial has `device` and `baud`.
+    host: numeric IPv4 address
+    baud: [bit/s]
+    """
+
+    kind: Literal["udpin", "udpout", "serial"]
+    host: str = ""
+    port: int = 0
+    device: str = ""
+    baud: int = 0
+
+    def __str__(self) -> str:
+        if self.kind == "serial":
+            return f"{self.device} at {self.baud} baud"
+        return f"{self.kind} {self.host}:{self.port}"
+
+    @property
+    def url(self) -> str:
+        """The URL as the YAML writes it; there the baud rate has a key of its own."""
+        return f"serial:{self.device}" if self.kind == "serial" else f"{self.kind}:{self.host}:{self.port}"
+
+    @property
+    def address(self) -> Address:
+        return self.host, self.port
+
+
+def parse_url(url: str, *, baud: int = DEFAULT_BAUD) -> ConnectionUrl:
+    """Parse a connection URL.
+
+    baud: baud rate of a serial URL that names none [bit/s]
+    Raises ValueError, with the expected forms, for anything else.
+    """
+    kind, _, rest = url.partition(":")
+    if kind == "serial" and rest.startswith("/"):
+        return _parse_serial(rest, baud)
+    host, _, port = rest.rpartition(":")
+    if not (port.isascii() and port.isdecimal()):
+        raise ValueError(EXPECTED_URL)
+    if kind == "udpin":
+        return _udp_url("udpin", host, int(port))
+    if kind == "udpout":
+        return _udp_url("udpout", host, int(port))
+    raise ValueError(EXPECTED_URL)
+
+
+def url_from_json(raw: Mapping[str, Any]) -> ConnectionUrl:
+    """Return the connection that a slice describes: {kind, address} or {kind, device, baud}.
+
+    Raises KeyError, TypeError or ValueError when it describes none.
+    """
+    kind = raw["kind"]
+    if kind == "serial":
+        return ConnectionUrl(kind="serial", device=str(raw["device"]), baud=int(raw["baud"]))
+    if kind not in ("udpin", "udpout"):
+        raise ValueError(f"kind: got {kind!r}, expected udpin, udpout or serial")
+    host, port = raw["address"]
+    return _udp_url(kind, str(host), int(port))
+
+
+def _parse_serial(rest: str, baud: int) -> ConnectionUrl:
+    device, _, number = rest.rpartition(":")
+    if device and number.isascii() and number.isdecimal() and int(number) >= _MIN_BAUD:
+        return ConnectionUrl(kind="serial", device=device, baud=int(number))
+    return ConnectionUrl(kind="serial", device=rest, baud=baud)
+
+
+def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> ConnectionUrl:
+    """A name is refused: looking it up would block, and fails when the network is down."""
+    try:
+        address = ipaddress.IPv4Address("127.0.0.1" if host == "localhost" else host)
+    except ValueError as error:
+        raise ValueError(f"{EXPECTED_URL}; HOST is a numeric address") from error
+    if not 1 <= port <= 65535:
+        raise ValueError(f"{EXPECTED_URL}; PORT is 1 to 65535")
+    if kind == "udpout" and (address.is_unspecified or address.is_multicast or host == "255.255.255.255"):
+        raise ValueError(f"{EXPECTED_URL}; udpout names one vehicle's own address")
+    return ConnectionUrl(kind=kind, host=str(address), port=port)
+
+
+# -- UDP -------------------------------------------------------------------------------------------------------------------
+
+
+def open_udp(
+    local: Address | None = None, *, receive_buffer_bytes: int | None = RECEIVE_BUFFER_BYTES
+) -> socket.socket:
+    """Open a non-blocking IPv4 UDP socket.
+
+    local: address to bind; None leaves the choice to the kernel
+    receive_buffer_bytes: large, so that a process that is busy for a moment loses nothing; None for the kernel's default
+    Raises OSError when the address cannot be bound.
+    """
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    if receive_buffer_bytes is not None:
+        with contextlib.suppress(OSError):
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer_bytes)
+    if local is not None:
+        try:
+            opened.bind(local)
+        except OSError:
+            opened.close()
+            raise
+    return opened
+
+
+def listen_udp(
+    local: Address, owner: str = "", *, receive_buffer_bytes: int = RECEIVE_BUFFER_BYTES
+) -> socket.socket:
+    """Open a UDP socket as `open_udp` does; raises RunError when the address cannot be bound.
+
+    owner: what the socket is for, as the error's first words: "the router"
+    """
+    try:
+        return open_udp(local, receive_buffer_bytes=receive_buffer_bytes)
+    except OSError as error:
+        what = f"{owner} cannot listen" if owner else "cannot listen"
+        raise RunError(f"{what} on UDP {local[0]}:{local[1]}: {error.strerror}") from error
+
+
+def receive_datagrams(
+    source: socket.socket, limit: int = MAX_DATAGRAMS_PER_READ
+) -> Iterator[tuple[bytes, Address]]:
+    """Yield (datagram, sender) for what has arrived, without waiting.
+
+    limit: most datagrams of one call, so that a flood on one socket does not starve the others
+    Errors that the network returns for something sent before (ICMP) are skipped.
+    """
+    for _ in range(limit):
+        try:
+            yield source.recvfrom(MAX_DATAGRAM_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            if source.fileno() < 0:  # closed between two datagrams
+                return
+
+
+# -- serial devices --------------------------------------------------------------------------------------------------------
+
+
+class SerialPort:
+    """An open serial device, raw and non-blocking.
+
+    Raises OSError, whose text says what to do, when the device cannot be opened.
+    """
+
+    def __init__(self, device: str, baud: int) -> None:
+        try:
+            import serial
+        except ImportError as error:
+            raise OSError(
+                f"{device} cannot be opened: pyserial is not installed: pip install pyserial"
+            ) from error
+        try:
+            self._port = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
+            self._fd = int(self._port.fileno())
+            os.set_blocking(self._fd, False)
+            attributes = termios.tcgetattr(self._fd)
+            attributes[6][termios.VMIN] = 1  # a read of no bytes then means that the device has hung up
+            termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
+        except (serial.SerialException, OSError, ValueError, termios.error) as error:
+            raise OSError(_open_failure(device, baud, error)) from error
+
+    def fileno(self) -> int:
+        return self._fd
+
+    def read(self, limit: int = 1 << 14) -> bytes | None:
+        """Return what has arrived; None when nothing has.
+
+        Raises OSError when the device is gone; `is_unplugged` tells that from other failures.
+        """
+        try:
+            data = os.read(self._fd, limit)
+        except BlockingIOError:
+            return None
+        if not data:
+            raise OSError(errno.ENXIO, os.strerror(errno.ENXIO))
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Write as much as fits; return the number of bytes. Raises OSError when the device is gone."""
+        try:
+            return os.write(self._fd, data)
+        except BlockingIOError:
+            return 0
+
+    def unsent_bytes(self) -> int:
+        """Return the number of bytes in the driver's send queue; 0 where the driver does not report it."""
+        try:
+            return int(struct.unpack("i", fcntl.ioctl(self._fd, termios.TIOCOUTQ, b"\0\0\0\0"))[0])
+        except OSError:
+            return 0
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._port.close()
+
+
+def is_unplugged(error: OSError) -> bool:
+    """Return whether a serial device's error means that the device is no longer there."""
+    return error.errno in _UNPLUGGED
+
+
+def _open_failure(device: str, baud: int, error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        return f"there is no {device}: is the cable in, and the vehicle powered? `ls /dev/serial/by-id` lists the devices"
+    if number in (errno.EACCES, errno.EPERM):
+        return f"no permission to open {device}: `sudo usermod -aG dialout $USER`, then log in again"
+    if number in (errno.EBUSY, errno.EAGAIN) or "lock" in str(error):
+        return f"{device} is in use by another program: close the ground station (or ModemManager) that has it open"
+    return f"{device} cannot be opened at {baud} baud: {error}"
