@@ -186,7 +186,7 @@ def test_a_device_that_is_unplugged_is_a_vehicle_that_vanishes_and_nobody_spins(
 def test_a_device_that_is_not_there_is_told() -> None:
     report = push({"uav1": Target(system=1, device="/dev/none")}, {"uav1": {"P_03": 9}})["uav1"]
     assert report.ending == "not heard" and report.why.startswith(
-        "/dev/none cannot be opened at 57600 baud: "
+        "there is no /dev/none: is the cable in"
     )
 
 
@@ -303,8 +303,8 @@ def test_what_is_no_record_is_told(tmp_path: Path, vehicles: str) -> None:
 PUSHER = """
 import sys
 from pathlib import Path
-from arena.params.record import Record
-from arena.params.session import Target, push
+from arena.params.transfer.push_record import Record
+from arena.params.transfer.session import Target, push
 wanted = {"uav1": eval(sys.argv[3])}
 push({"uav1": Target(system=1, remote=eval(sys.argv[2]))}, wanted, record=Record.begin(Path(sys.argv[1]), wanted))
 """

@@ -201,7 +201,7 @@ def test_a_stranger_on_the_vision_link_is_not_heard_and_a_flood_stops_no_pose(ar
         while time.monotonic() < end:
             for _ in range(30):
                 arena.say(mavlink.MAVLink_sys_status_message(bit, bit, bit, *[0] * 10), stranger)
-                stranger.sendto(os.urandom(200), arena.fcu_link)
+                stranger.sendto(os.urandom(200), arena.link)
             arena.step()
     assert not arena.ready, "only the autopilot says that it may arm"
     assert len(arena.of("ODOMETRY")) - before > 90
