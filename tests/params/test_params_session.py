@@ -185,9 +185,7 @@ def test_a_device_that_is_unplugged_is_a_vehicle_that_vanishes_and_nobody_spins(
 
 def test_a_device_that_is_not_there_is_told() -> None:
     report = push({"uav1": Target(system=1, device="/dev/none")}, {"uav1": {"P_03": 9}})["uav1"]
-    assert report.ending == "not heard" and report.why.startswith(
-        "there is no /dev/none: is the cable in"
-    )
+    assert report.ending == "not heard" and report.why.startswith("there is no /dev/none: is the cable in")
 
 
 # -- the record ----------------------------------------------------------------------------------------------------------------
