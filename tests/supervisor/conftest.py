@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from arena.plan.model import Link, Plan, ProcessSpec, Restart, VehiclePlan
+from arena.plan.model import LinkPlan, Plan, ProcessSpec, Restart, VehiclePlan
 from arena.supervisor import Control, RunState, open_run, proc_fs
 
 CHILDREN = Path(__file__).parents[1] / "children"
@@ -50,7 +50,7 @@ def world(*arguments: str, **changes: Any) -> ProcessSpec:
 
 
 def vehicle(name: str = "uav1", simulated: bool = True) -> VehiclePlan:
-    link = Link(autopilot_host="127.53.0.1", autopilot_port=1, partner_host="127.53.0.1", partner_port=2)
+    link = LinkPlan(autopilot_host="127.53.0.1", autopilot_port=1, partner_host="127.53.0.1", partner_port=2)
     return VehiclePlan(
         name=name,
         id=1,
