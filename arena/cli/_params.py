@@ -53,7 +53,7 @@ def begun(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, asked: str
             f"{path}: a push was cut short. Go on with it by --resume, or remove the file and the old values in it"
         )
     wanted = {v.name: _wanted(arena, v, file, asked) for v in chosen}
-    return Record.begin(path, wanted, {v.name: _place(arena, v) for v in chosen})
+    return Record.begin(path, wanted, {v.name: place_of(arena, v) for v in chosen})
 
 
 def resumed(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> Record:
@@ -66,15 +66,20 @@ def resumed(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> Recor
     if not any(v.name in record.wanted for v in chosen):
         raise InputError(f"{record.path}: the push that was cut short was of {', '.join(record.wanted)}")
     for v in chosen:
-        if v.name in record.wanted and record.entries[v.name].at != _place(arena, v):
+        if v.name in record.wanted and record.entries[v.name].at != place_of(arena, v):
             raise InputError(
-                f"{record.path}: is of {v.name} at {record.entries[v.name].at}; here it is at {_place(arena, v)}"
+                f"{record.path}: is of {v.name} at {record.entries[v.name].at}; here it is at {place_of(arena, v)}"
             )
     return record
 
 
-def _place(arena: Arena, v: Vehicle) -> str:
-    return f"id {v.id}, {v.wire if v.wire and not v.simulated else f'simulated on {arena.address}'}"
+def place_of(arena: Arena, v: Vehicle) -> str:
+    """Return where a vehicle is reached, in the words that the record of a push keeps: files of earlier versions hold them."""
+    if v.wire is None or v.simulated:
+        return f"id {v.id}, simulated on {arena.address}"
+    if v.wire.kind == "serial":
+        return f"id {v.id}, serial {v.wire.device} at {v.wire.baud}"
+    return f"id {v.id}, {v.wire}"
 
 
 def rebooted(targets: Mapping[str, Target], *, asked: bool) -> bool:
