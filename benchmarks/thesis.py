@@ -31,9 +31,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from arena.constants import GRAVITY_M_S2
+
 HERE = Path(__file__).parent
 DATA = HERE.parents[1] / "shared" / "data" / "thesis"
-GRAVITY = 9.80665
 NED = ("north", "east", "down")
 PAIRS = (  # and what the data's README says of each
     ("gazebo_uav1", "real_uav2", (0.075, 0.187, 0.100)),
@@ -109,7 +110,8 @@ def of_today(old: Mapping[str, float], hover: float) -> dict[str, float]:
     now = {name: old[name] for name in SAME_NAME}
     for axis, thrust in (("XY", hover), ("Z", old["MPC_THR_HOVER"])):
         now |= {
-            f"MPC_{axis}_VEL_{gain}_ACC": old[f"MPC_{axis}_VEL_{gain}"] * GRAVITY / thrust for gain in "PID"
+            f"MPC_{axis}_VEL_{gain}_ACC": old[f"MPC_{axis}_VEL_{gain}"] * GRAVITY_M_S2 / thrust
+            for gain in "PID"
         }
     # v1.9 weighs yaw by the ratio of the attitude gains, and had no hover thrust estimator.
     now["MC_YAW_WEIGHT"] = old["MC_YAW_P"] / (0.5 * (old["MC_ROLL_P"] + old["MC_PITCH_P"]))

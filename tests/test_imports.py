@@ -11,6 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1] / "arena"
 
 GROUND = {
+    "constants",
     "errors",
     "fault_injection",
     "geometry",
@@ -23,6 +24,7 @@ GROUND = {
     "transport",
 }
 MAY: dict[str, set[str]] = {
+    "constants": set(),
     "errors": set(),
     "thrust_curve": {"errors"},
     "fault_injection": {"errors"},
@@ -36,9 +38,9 @@ MAY: dict[str, set[str]] = {
     "mocap": set(),
     "mocap.client": {"errors", "geometry", "wire", "clock"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
-    "params": {"errors", "wire", "clock", "run_dirs", "transport"},
-    "schema": {"errors", "geometry", "wire", "clock", "thrust_curve", "transport"},
-    "plan": {"errors", "geometry", "wire", "clock", "thrust_curve", "params", "schema"},
+    "params": {"constants", "errors", "wire", "clock", "run_dirs", "transport"},
+    "schema": {"constants", "errors", "geometry", "wire", "clock", "thrust_curve", "transport"},
+    "plan": {"constants", "errors", "geometry", "wire", "clock", "thrust_curve", "params", "schema"},
     "supervisor": GROUND | {"schema", "plan"},
     **{
         room: GROUND | {"mocap.client"}

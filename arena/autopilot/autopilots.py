@@ -1,46 +1,54 @@
-"""The built-in autopilot of every simulated vehicle of an arena, stepped together. No sockets, no clock.
+"""The built-in autopilots of all simulated vehicles, stepped together. No sockets, no clock.
 
-It keeps PX4's contract as seen from outside and is not PX4: docs/builtin-autopilot.md says where they differ.
-One step: vision heard -> estimator -> (every few steps) land detector, commanders, modes -> cascade -> mixer -> telemetry.
+They keep PX4's contract as seen from outside; docs/builtin-autopilot.md lists the differences. One step: external vision ->
+estimator -> (every fifth step) land detector, commanders, modes -> controllers -> control allocation -> telemetry.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.autopilot.commander import Commander, Limits, Mode, Sensed
-from arena.autopilot.control.control_allocator import Mixer, mixing_rows
+from arena.autopilot.commander import Commander, Mode
+from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
+from arena.autopilot.control.control_allocator import ControlAllocator, allocation_rows
 from arena.autopilot.control.controllers import Cascade
-from arena.autopilot.control.flight_tasks import Task, termination
+from arena.autopilot.control.flight_tasks import FlightTask, stop_motors
 from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.estimation.land_detector import LandDetector, TakeoffRamp, wants_up
 from arena.autopilot.mavlink import telemetry_batch
-from arena.autopilot.mavlink.mavlink_interface import Face
-from arena.autopilot.mavlink.telemetry_state import Snapshot
-from arena.autopilot.navigation.auto_modes import Auto
+from arena.autopilot.mavlink.mavlink_interface import MavlinkInterface
+from arena.autopilot.mavlink.telemetry_state import TelemetryState
+from arena.autopilot.navigation.auto_modes import AutoModes
 from arena.autopilot.param_table import Params
-from arena.geometry import yaw_from_quat
+from arena.autopilot.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
 _DECIDE_EVERY = 5  # steps between decisions: 50 Hz at 250 Hz
-_IDLE = 0.1  # motor command of an armed vehicle that stands
+_REALIGN_EVERY = 250  # steps between attempts
+_IDLE = 0.1  # motor command of an armed vehicle on the ground
 
 
 class Autopilots:
-    """settings: the `world` slice; dt: its sensor period [s]."""
+    """Autopilots of V vehicles.
+
+    settings: the world's settings, with `vehicles`
+    dt: sensor period [s]
+    armed: (V,)
+    motors: motor commands 0..1 (V, R)
+    thrust: collective thrust 0..1 (V,)
+    """
 
     def __init__(self, settings: Mapping[str, Any], dt: float) -> None:
         vehicles = settings["vehicles"]
-        v = len(vehicles)
+        n = len(vehicles)
         self.dt, self.names = dt, [x["name"] for x in vehicles]
-        self.params = Params(v)
+        self.params = Params(n)
         self._events: list[str] = []
         for i, vehicle in enumerate(vehicles):
             values = {
@@ -48,43 +56,47 @@ class Autopilots:
                 **vehicle.get("params", {}),
                 "MAV_SYS_ID": vehicle["id"],
             }
-            self._events += [f"{vehicle['name']}: {words}" for words in self.params.load(i, values)]
-        self.est = Estimator(self.params, v, dt)
-        self.cascade = Cascade(self.params, v, dt)
-        self.sp = Setpoints(v)
-        self.mixer = _mixer(vehicles)
-        self.land = LandDetector(self.params, v)
-        self.takeoff = TakeoffRamp(self.params, v)
+            self._events += [f"{vehicle['name']}: {problem}" for problem in self.params.load(i, values)]
+        self.est = Estimator(self.params, n, dt)
+        self.cascade = Cascade(self.params, n, dt)
+        self.sp = Setpoints(n)
+        self.allocator = _allocator(vehicles)
+        self.land = LandDetector(self.params, n)
+        self.takeoff = TakeoffRamp(self.params, n)
         self._radio_on = [bool(x.get("sticks", False)) for x in vehicles]
-        self.faces = [Face(i, x["name"], x["id"], self.params) for i, x in enumerate(vehicles)]
-        self.tasks = [Task(i) for i in range(v)]
-        self.auto = Auto(self.params, self.est, self.faces, dt * _DECIDE_EVERY)
-        self.armed = np.zeros(v, bool)
-        self.motors = np.zeros((v, self.mixer.rows.shape[1]))
-        self.thrust = np.zeros(v)
-        self._armed_since = np.full(v, np.inf)
-        self._up_from = np.full(v, np.inf)  # [s] when the motors follow the cascade
-        self._standing_motors = np.zeros_like(self.motors)
+        self.vehicles = [
+            Vehicle(i, x["name"], x["id"], self.params, self.est) for i, x in enumerate(vehicles)
+        ]
+        self.interfaces = [MavlinkInterface(v, lambda: self._telemetry) for v in self.vehicles]
+        self._telemetry: TelemetryState | None = None
+        self.tasks = [FlightTask(i) for i in range(n)]
+        self.auto = AutoModes(self.params, self.est, n, dt * _DECIDE_EVERY)
+        self.armed = np.zeros(n, bool)
+        self.motors = np.zeros((n, self.allocator.rows.shape[1]))
+        self.thrust = np.zeros(n)
+        self._armed_since = np.full(n, np.inf)
+        self._up_from = np.full(n, np.inf)  # time from which the motors follow the controllers [s]
+        self._idle_motors = np.zeros_like(self.motors)
         self._steps, self._now = 0, 0.0
-        self._consumed_mah = np.zeros(v)
+        self._consumed_mah = np.zeros(n)
         self._dead_motors: list[tuple[int, int]] = []
-        self._limits = [self._limits_of(i) for i in range(v)]
-        self._limits_version = self.params.version
+        self._params_version = self.params.version
 
-    # -- the world's side ----------------------------------------------------------------------------------------------
+    # -- interface to the world ----------------------------------------------------------------------------------------
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """A datagram that arrived on a link (router, vision, panic) of a vehicle."""
-        self.faces[vehicle].receive(link, data, self._now, self.est.q_nb[vehicle].tolist())
+        """Process a datagram that arrived on a link (router, vision, panic) of a vehicle."""
+        self.interfaces[vehicle].receive(link, data, self._now)
 
     def sticks(self, vehicle: int, on: bool) -> None:
-        """A pilot's radio goes on or off, its sticks in the middle. The slice says how it begins."""
+        """Switch the simulated radio of a vehicle on or off. Its sticks are centred."""
         self._radio_on[vehicle] = on
 
     def step(self, now: float, sensors: Mapping[str, Array]) -> Array:
-        """One sensor period ends at now [s]. sensors: accel_b, gyro_b, mag_b (V, 3), baro_alt_m, battery_* (V,).
+        """Advance by one sensor period, which ends at now [s]; return the motor commands 0..1 (V, R).
 
-        -> motor commands 0..1 (V, R).
+        sensors: accel_b [m/s2], gyro_b [rad/s], mag_b [gauss] [FRD] (V, 3); baro_alt_m [m], battery_v [V], battery_current_a [A],
+            battery_remaining 0..1 (V,)
         """
         self._now = now
         self._sensors = sensors
@@ -97,66 +109,57 @@ class Autopilots:
         return self.motors
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Everything to send after this step: (vehicle, link, datagram)."""
-        now, s = (
-            self._now,
-            Snapshot(
-                self._now,
-                self.est,
-                self.sp,
-                self.cascade,
-                self._sensors,
-                thrust=self.thrust,
-                motors=self.motors,
-                consumed_mah=self._consumed_mah,
-            ),
+        """Return the datagrams to send after this step, as (vehicle, link, datagram)."""
+        now = self._now
+        self._telemetry = state = TelemetryState(
+            now,
+            self.est,
+            self.sp,
+            self.cascade,
+            self._sensors,
+            thrust=self.thrust,
+            motors=self.motors,
+            consumed_mah=self._consumed_mah,
         )
-        for face in self.faces:
-            face.newest = s
-        speaking = [face for face in self.faces if face.has_to_speak(now)]
-        due = [(face, link, msgid) for face in speaking for link, msgid in face.speak(now)]
-        payloads = telemetry_batch.payloads(((face, msgid) for face, _, msgid in due), s)
-        for face, link, msgid in due:
-            face.tell(link, msgid, s, payloads)
-        return [(face.i, link, data) for face in speaking for link, data in face.take_out()]
+        active = [x for x in self.interfaces if x.has_output(now)]
+        due = [(x, link, msgid) for x in active for link, msgid in x.prepare(now)]
+        payloads = telemetry_batch.payloads(((x.vehicle, msgid) for x, _, msgid in due), state)
+        for x, link, msgid in due:
+            x.send_telemetry(link, msgid, state, payloads)
+        return [(x.vehicle.row, link, data) for x in active for link, data in x.take_datagrams()]
 
     def events(self) -> list[str]:
-        """Sentences since the last call."""
+        """Return the events since the last call."""
         found, self._events = self._events, []
         return found
 
     def stats(self) -> dict[str, Any]:
-        """Per vehicle: mode, arming, what was heard and refused."""
+        """Return mode, arming and counts of received and refused messages, by vehicle name."""
         return {
             name: {
-                "mode": f.commander.mode.words,
-                "armed": f.commander.armed,
-                "failsafe": f.commander.failsafe,
-                "vision_rejected": int(self.est.rejected[f.i]),
-                **f.counts,
-                **f.garbled(),
+                "mode": v.commander.mode.label,
+                "armed": v.commander.armed,
+                "failsafe": v.commander.failsafe,
+                "vision_rejected": int(self.est.rejected[v.row]),
+                **x.received_counts(),
             }
-            for name, f in zip(self.names, self.faces, strict=True)
+            for name, v, x in zip(self.names, self.vehicles, self.interfaces, strict=True)
         }
 
     # -- estimator -----------------------------------------------------------------------------------------------------
 
     def _fuse(self, now: float, sensors: Mapping[str, Array]) -> None:
-        heard = [f for f in self.faces if f.vision is not None and not f.failures.vision]
-        if heard:
-            samples = [f.vision for f in heard]
-            idx = np.array([f.i for f in heard])
-            p, q = np.array([s.p_n for s in samples if s]), np.array([s.q_nb for s in samples if s])
-            var_p, var_yaw = (
-                np.array([s.var_p for s in samples if s]),
-                np.array([s.var_yaw for s in samples if s]),
-            )
-            for f in heard:
-                f.vision = None
-            self.est.fuse_vision(idx, p, q, var_p, var_yaw, now)
+        fresh = [v for v in self.vehicles if v.vision is not None and not v.failures.vision]
+        if fresh:
+            samples = [v.vision for v in fresh if v.vision]
+            p, q = np.array([s.p_n for s in samples]), np.array([s.q_nb for s in samples])
+            var_p, var_yaw = np.array([s.var_p for s in samples]), np.array([s.var_yaw for s in samples])
+            for v in fresh:
+                v.vision = None
+            self.est.fuse_vision(np.array([v.row for v in fresh]), p, q, var_p, var_yaw, now)
         if self._steps % _DECIDE_EVERY == 1:
-            broken = np.array([f.failures.baro for f in self.faces])
-            self.est.fuse_baro(np.where(broken, np.nan, sensors["baro_alt_m"]), now)
+            failed = np.array([v.failures.baro for v in self.vehicles])
+            self.est.fuse_baro(np.where(failed, np.nan, sensors["baro_alt_m"]), now)
 
     # -- decisions, 50 Hz ----------------------------------------------------------------------------------------------
 
@@ -168,21 +171,21 @@ class Autopilots:
         self.land.update(now, est, self.thrust, up, sink)
         self.takeoff.update(now, self._armed_since, self.land.landed, up)
         self._sense(now)
-        offboard = np.array([f.commander.mode is Mode.OFFBOARD for f in self.faces])
+        offboard = np.array([v.commander.mode is Mode.OFFBOARD for v in self.vehicles])
         full = np.where(offboard, self.params["MPC_Z_VEL_MAX_UP"], self.params["MPC_TKO_SPEED"])
-        for face in self.faces:
-            self._decide_one(face)
+        for v in self.vehicles:
+            self._decide_one(v)
         flying, begun = self.takeoff.flying, np.isfinite(self.takeoff.begun)
         self.cascade.position.speed_up = self.takeoff.speed_up(now, full)
         self.cascade.position.tilt_max = np.where(flying, np.inf, np.radians(self.params["MPC_TILTMAX_LND"]))
         self.cascade.reset(~(flying | begun))
-        self.armed = np.array([f.commander.armed for f in self.faces])
-        self._armed_since = np.array([f.commander.armed_since for f in self.faces])
+        self.armed = np.array([v.commander.armed for v in self.vehicles])
+        self._armed_since = np.array([v.commander.armed_since for v in self.vehicles])
         on = self.armed & ~sp.at(Level.NONE)
-        # Armed on the ground with nothing to climb for: idle, whatever the cascade says.
-        climbs = on & (flying | begun)
-        self._up_from = np.where(climbs, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf)
-        self._standing_motors = np.where(on, _IDLE, 0.0)[:, None] * self.mixer.present
+        # Armed on the ground without a setpoint to climb: the motors idle, whatever the controllers command.
+        climbing = on & (flying | begun)
+        self._up_from = np.where(climbing, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf)
+        self._idle_motors = np.where(on, _IDLE, 0.0)[:, None] * self.allocator.present
 
     def _sense(self, now: float) -> None:
         est = self.est
@@ -191,16 +194,17 @@ class Autopilots:
         landed, flying = self.land.landed.tolist(), self.takeoff.flying.tolist()
         battery, aligned = self._sensors["battery_remaining"].tolist(), est.aligned.tolist()
         rejected: list[bool] = np.any(est.test_ratio > 1.0, axis=1).tolist()
-        if self._limits_version != self.params.version:
-            self._limits = [self._limits_of(i) for i in range(len(self.faces))]
-            self._limits_version = self.params.version
-        for f in self.faces:
-            i = f.i
-            f.aligned = aligned[i]
-            f.limits = limits = self._limits[i]
+        if self._params_version != self.params.version:
+            for v in self.vehicles:
+                v.commander_params = CommanderParams.read(self.params, v.row)
+            self._params_version = self.params.version
+        for v in self.vehicles:
+            i = v.row
+            params = v.commander_params
+            v.aligned = aligned[i]
             if self._radio_on[i]:
-                f.sticks.hear("radio", now)
-            f.sensed = Sensed(
+                v.manual_control.receive("radio", now)
+            v.inputs = inputs = CommanderInputs(
                 now=now,
                 xy_valid=xy[i],
                 z_valid=z[i],
@@ -208,112 +212,87 @@ class Autopilots:
                 landed=landed[i],
                 flying=flying[i],
                 tilt_rad=tilt[i],
-                battery=battery[i],
-                offboard_age=now - f.setpoint_at,
-                gcs_age=f.gcs_age(now),
+                battery=0.0 if v.failures.battery else battery[i],
+                offboard_age=now - v.offboard_setpoint_at,
+                gcs_age=now - v.gcs_heartbeat_at,
                 aligned=aligned[i],
-                offboard_needs_position=f.setpoint is not None and f.setpoint.needs_position,
+                offboard_needs_position=v.offboard_needs_position,
                 poses_rejected=rejected[i],
-                sticks=f.sticks.there(now, limits.com_rc_in_mode, limits.com_rc_loss_t),
+                manual_control=v.manual_control.is_available(
+                    now, params.com_rc_in_mode, params.com_rc_loss_t
+                ),
             )
-            if f.failures.battery:
-                f.sensed.battery = 0.0
-            self.auto.sense(f, f.sensed)
-        self._dead_motors = [(f.i, k) for f in self.faces for k in f.failures.motors]
+            v.booted = True
+            self.auto.check(v, inputs)
+        self._dead_motors = [(v.row, k) for v in self.vehicles for k in v.failures.motors]
 
-    def _decide_one(self, f: Face) -> None:
-        c, s, limits = f.commander, f.sensed, f.limits
-        assert s is not None and limits is not None
+    def _decide_one(self, v: Vehicle) -> None:
+        c, s, params = v.commander, v.inputs, v.commander_params
         was_armed = c.armed
-        c.update(s, limits)
+        c.update(s, params)
         if was_armed and not c.armed:
             self._events.append(f"{c.name}: disarmed")
-        f.ready_to_arm = c.armed or not c.arm_checks(s, limits)
+        v.ready_to_arm = c.armed or not c.arm_checks(s, params)
         if c.armed:
-            self._fly(f, s)
+            self._fly(v, s)
         else:
-            self._stand(f)
-        f.landed_state = _landed_state(c, s)
+            self._stay_disarmed(v, s)
+        v.landed_state = _landed_state(c, s)
 
-    def _stand(self, f: Face) -> None:
-        """Disarmed: nothing to fly; a wrong estimate may start anew."""
-        self.sp.clear(f.i)
-        self.tasks[f.i].mode = None
-        self.auto.rest(f, armed=False)
-        if f.home_n is None and f.sensed and f.sensed.xy_valid and f.origin:
-            f.home_n, f.home_yaw = self.est.p_n[f.i].tolist(), self._yaw(f.i)
-        lost = self.est.aligned[f.i] and f.sensed and not (f.sensed.xy_valid and f.sensed.yaw_valid)
-        if f.reboot_asked or (lost and self._steps % 250 == 0 and self.est.test_ratio[f.i].max() > 1.0):
-            self.est.realign(np.array([f.i]))
-            f.reboot_asked = False
+    def _stay_disarmed(self, v: Vehicle, s: CommanderInputs) -> None:
+        """Clear the setpoint, set the first home position, and align the estimator again if it is wrong."""
+        i = v.row
+        self.sp.clear(i)
+        self.tasks[i].mode = None
+        self.auto.leave(v, armed=False)
+        if v.home_n is None and s.xy_valid and v.origin:
+            v.set_home_to_current_position()
+        lost = self.est.aligned[i] and not (s.xy_valid and s.yaw_valid)
+        if v.reboot_requested or (
+            lost and self._steps % _REALIGN_EVERY == 0 and self.est.test_ratio[i].max() > 1.0
+        ):
+            self.est.realign(np.array([i]))
+            v.reboot_requested = False
 
-    def _fly(self, f: Face, s: Sensed) -> None:
-        """Write this vehicle's setpoint for its mode."""
-        c, i, task = f.commander, f.i, self.tasks[f.i]
+    def _fly(self, v: Vehicle, s: CommanderInputs) -> None:
+        """Write the setpoint of the present mode of an armed vehicle."""
+        c, i, task = v.commander, v.row, self.tasks[v.row]
         if not self.armed[i]:
-            f.home_n, f.home_yaw = self.est.p_n[i].tolist(), self._yaw(i)
+            v.set_home_to_current_position()
             task.mode = None
-        if self.auto.flies(f):
+        if self.auto.is_flying(v):
             task.mode = None
-            asked = self.auto.fly(f, s, self.sp)
-            if asked is not None:
-                c.request_mode(asked, s, f.limits or self._limits[i])
+            requested = self.auto.fly(v, s, self.sp)
+            if requested is not None:
+                c.request_mode(requested, s, v.commander_params)
             return
-        self.auto.rest(f, armed=True)
+        self.auto.leave(v, armed=True)
         if c.mode is Mode.OFFBOARD:
             task.mode = None
-            self._offboard(f)
+            self._copy_offboard_setpoint(v)
         elif c.mode is Mode.TERMINATE:
-            termination(self.sp, i)
+            stop_motors(self.sp, i)
         else:
             if task.mode is not c.mode:
-                yaw = float(self._yaw(i))
-                task.enter(c.mode, self.est, yaw, self.params, landed=s.landed, takeoff_d=f.takeoff_d)
+                task.enter(
+                    c.mode,
+                    self.est,
+                    v.yaw(),
+                    self.params,
+                    landed=s.landed,
+                    takeoff_d=v.takeoff_target_d,
+                )
             task.fly(self.sp, self.est, self.params, landed=not s.flying)
             if c.mode is Mode.TAKEOFF and task.reached:
-                c.request_mode(Mode.HOLD, s, f.limits or self._limits[i])
+                c.request_mode(Mode.HOLD, s, v.commander_params)
 
-    def _yaw(self, i: int) -> float:
-        return float(yaw_from_quat(self.est.q_nb[i]))
-
-    def _offboard(self, f: Face) -> None:
-        o, i, sp = f.setpoint, f.i, self.sp
+    def _copy_offboard_setpoint(self, v: Vehicle) -> None:
+        o, i, sp = v.offboard_setpoint, v.row, self.sp
         if o is None:
             return
-        sp.fly(i, p_n=o.p_n, v_n=o.v_n, a_n=o.a_n, yaw=o.yaw, yaw_rate=o.yaw_rate)
+        sp.set_position(i, p_n=o.p_n, v_n=o.v_n, a_n=o.a_n, yaw=o.yaw, yaw_rate=o.yaw_rate)
         sp.level[i], sp.q_nb[i], sp.omega_b[i], sp.thrust[i] = o.level, o.q_nb, o.omega_b, o.thrust
         sp.yaw_rate_ff[i] = o.yaw_rate if o.level is Level.ATTITUDE else 0.0
-
-    def _limits_of(self, i: int) -> Limits:
-        p = self.params
-
-        def get(name: str) -> float:
-            return float(p[name][i])
-
-        return Limits(
-            com_of_loss_t=get("COM_OF_LOSS_T"),
-            com_obl_rc_act=int(get("COM_OBL_RC_ACT")),
-            com_fail_act_t=get("COM_FAIL_ACT_T"),
-            com_disarm_land=get("COM_DISARM_LAND"),
-            com_disarm_prflt=get("COM_DISARM_PRFLT"),
-            com_low_bat_act=int(get("COM_LOW_BAT_ACT")),
-            bat_low_thr=get("BAT_LOW_THR"),
-            bat_crit_thr=get("BAT_CRIT_THR"),
-            bat_emergen_thr=get("BAT_EMERGEN_THR"),
-            nav_dll_act=int(get("NAV_DLL_ACT")),
-            com_dl_loss_t=get("COM_DL_LOSS_T"),
-            cbrk_flightterm=int(get("CBRK_FLIGHTTERM")),
-            fd_fail_s=get("FD_FAIL_R_TTRI"),
-            fd_fail_rad=min(
-                [math.radians(get(n)) for n in ("FD_FAIL_R", "FD_FAIL_P") if get(n) > 0], default=math.inf
-            ),
-            gf_action=int(get("GF_ACTION")),
-            com_dll_except=int(get("COM_DLL_EXCEPT")),
-            nav_rcl_act=int(get("NAV_RCL_ACT")),
-            com_rcl_except=int(get("COM_RCL_EXCEPT")),
-            com_rc_in_mode=int(get("COM_RC_IN_MODE")),
-            com_rc_loss_t=get("COM_RC_LOSS_T"),
-        )
 
     # -- control, every step -------------------------------------------------------------------------------------------
 
@@ -322,14 +301,14 @@ class Autopilots:
         up = now >= self._up_from
         self.thrust = np.where(up, thrust, 0.0)
         up = up[:, None]
-        u, self.cascade.saturated = self.mixer.mix(torque * up, self.thrust)
-        self.motors = np.where(up, u, self._standing_motors)
+        u, self.cascade.saturated = self.allocator.allocate(torque * up, self.thrust)
+        self.motors = np.where(up, u, self._idle_motors)
         for i, k in self._dead_motors:
             self.motors[i, k : k + 1] = 0.0
 
 
-def _landed_state(c: Commander, s: Sensed) -> int:
-    """MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
+def _landed_state(c: Commander, s: CommanderInputs) -> int:
+    """Return the MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
     if s.landed or not c.armed:
         return 1
     if not s.flying:
@@ -337,10 +316,10 @@ def _landed_state(c: Commander, s: Sensed) -> int:
     return 4 if c.mode in (Mode.LAND, Mode.DESCEND) else 2
 
 
-def _mixer(vehicles: Any) -> Mixer:
+def _allocator(vehicles: Any) -> ControlAllocator:
     rotors = [v["profile"]["rotors"] for v in vehicles]
     most = max((len(r) for r in rotors), default=4)
     rows, present = np.zeros((len(rotors), most, 3)), np.zeros((len(rotors), most), bool)
     for i, r in enumerate(rotors):
-        rows[i, : len(r)], present[i, : len(r)] = mixing_rows(r), True
-    return Mixer(rows, present)
+        rows[i, : len(r)], present[i, : len(r)] = allocation_rows(r), True
+    return ControlAllocator(rows, present)

@@ -1,7 +1,7 @@
-"""One vehicle's mode, arming and failsafes: plain decisions on plain values, no arrays, no messages.
+"""Flight mode, arming and failsafes of one vehicle: decisions on plain values. No arrays, no messages, no clock.
 
-The fleet asks `update` some fifty times a second with what is sensed; the MAVLink face calls `request_mode`, `arm`, `disarm`.
-Words that a person should read are left in `texts` as (severity, text), in PX4's manner.
+`Autopilots` calls `update` 50 times a second; requests from outside call `request_mode`, `arm` and `disarm`. Messages for
+people are appended to `texts` as (MAV_SEVERITY, text), as PX4 sends them in STATUSTEXT.
 """
 
 from __future__ import annotations
@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-from arena.autopilot.manual_control import NONE as NO_STICKS
+from arena.autopilot.commander_inputs import NO_MANUAL_CONTROL, CommanderInputs, CommanderParams
 
 EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
 
 
 class Mode(Enum):
-    """PX4's flight modes: (main, sub) of its custom_mode, and the words of its ground stations."""
+    """PX4's flight modes: main and sub mode of its custom_mode, and the name that MAVROS shows."""
 
     MANUAL = (1, 0, "MANUAL")
     ALTCTL = (2, 0, "ALTCTL")
@@ -28,105 +28,56 @@ class Mode(Enum):
     ACRO = (5, 0, "ACRO")
     OFFBOARD = (6, 0, "OFFBOARD")
     STABILIZED = (7, 0, "STABILIZED")
-    DESCEND = (4, 106, "DESCEND")  # inside only: told to the world as AUTO.LAND
-    TERMINATE = (10, 0, "TERMINATION")  # nobody can ask for it
+    DESCEND = (4, 106, "DESCEND")  # internal: HEARTBEAT reports AUTO.LAND
+    TERMINATE = (10, 0, "TERMINATION")  # cannot be requested
 
     @property
     def custom_mode(self) -> int:
-        """The number in HEARTBEAT."""
+        """HEARTBEAT.custom_mode."""
         main, sub, _ = self.value
         return main << 16 | (sub % 100) << 24
 
     @property
-    def words(self) -> str:
+    def label(self) -> str:
+        """Name of the mode, for example `AUTO.LAND`."""
         return self.value[2]
 
 
 def mode_of(main: int, sub: int) -> Mode | None:
-    """None: no such mode."""
+    """Return the flight mode of a custom main and sub mode, or None if PX4 has no such mode."""
     return next((m for m in Mode if m.value[:2] == (main, sub if main == 4 else 0) and sub < 100), None)
 
 
-_FLOWN = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND, Mode.OFFBOARD}
+_REQUESTABLE = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND, Mode.OFFBOARD}
 _NEEDS_POSITION = {Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RTL, Mode.LAND}
-_EXCEPT = {
+_EXCEPTION_BIT = {
     Mode.MISSION: 1,
     Mode.HOLD: 2,
     Mode.TAKEOFF: 2,
     Mode.OFFBOARD: 4,
 }  # bits of COM_DLL_EXCEPT and COM_RCL_EXCEPT
-_WORSE = (
+_BY_SEVERITY = (
     Mode.HOLD,
     Mode.RTL,
     Mode.LAND,
     Mode.DESCEND,
     Mode.TERMINATE,
-)  # the later, the worse: of two failsafes the worse acts
-_BY_HAND = (0, 1, 2)  # COM_OBL_RC_ACT: position, altitude, stabilized
-_GCS_QUIET_S = 2.5  # after its last heartbeat a ground station counts as gone, and COM_DL_LOSS_T begins
-_NO_ARMING = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
-
-
-@dataclass(slots=True, kw_only=True)
-class Sensed:
-    """What the commander decides on. now [s]; battery remaining 0..1; offboard_age: since the last setpoint [s].
-
-    global_ok: position and the origin are known; mission_ok: one is there that may be flown; fence: what is violated, in words;
-    poses_rejected: the newest pose contradicts the estimate; sticks: a pilot's are there.
-    """
-
-    now: float
-    xy_valid: bool
-    z_valid: bool
-    yaw_valid: bool
-    landed: bool
-    flying: bool
-    tilt_rad: float
-    battery: float
-    offboard_age: float
-    offboard_needs_position: bool
-    gcs_age: float
-    aligned: bool
-    global_ok: bool = True
-    home_ok: bool = True
-    mission_ok: bool = False
-    fence: str = ""
-    poses_rejected: bool = False
-    sticks: bool = False
-
-
-@dataclass(slots=True, kw_only=True)
-class Limits:
-    """The parameters that decide, by PX4's names in lower case."""
-
-    com_of_loss_t: float
-    com_obl_rc_act: int
-    com_fail_act_t: float
-    com_disarm_land: float
-    com_disarm_prflt: float
-    com_low_bat_act: int
-    bat_low_thr: float
-    bat_crit_thr: float
-    bat_emergen_thr: float
-    nav_dll_act: int
-    com_dl_loss_t: float
-    cbrk_flightterm: int
-    fd_fail_rad: float
-    fd_fail_s: float = 0.3
-    gf_action: int = 2
-    com_dll_except: int = 0
-    nav_rcl_act: int = 2
-    com_rcl_except: int = 0
-    com_rc_in_mode: int = 3
-    com_rc_loss_t: float = 0.5
+)  # of two failsafes the one later in this list acts
+_MANUAL_ACTIONS = (0, 1, 2)  # COM_OBL_RC_ACT: position, altitude, stabilized mode
+_GCS_HEARTBEAT_TIMEOUT_S = 2.5  # COM_DL_LOSS_T begins this long after the last heartbeat
+_NOT_ARMABLE = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
 
 
 @dataclass(slots=True)
 class Commander:
-    """State of one vehicle.
+    """Mode, arming and failsafe state of one vehicle.
 
-    mode: what it flies; intended: what was asked for last; `armed_since`, `took_off` and what was lost belong to the present
-    arming.
+    mode: the flight mode that is flown
+    intended: the flight mode that was requested last
+    armed_since: time of arming [s], infinite while disarmed
+    took_off: a take-off was detected since arming
+    failsafe: reason of the active failsafe, "" if none
+    texts: messages for people, (MAV_SEVERITY, text), removed by the sender
     """
 
     name: str
@@ -137,50 +88,52 @@ class Commander:
     took_off: bool = False
     failsafe: str = ""
     texts: list[tuple[int, str]] = field(default_factory=list)
-    mode_since: float = 0.0
     _landed_since: float | None = None
     _pending: tuple[float, Mode] | None = None
     _battery_level: int = 0
     _fence: str = ""
     _tilted_since: float | None = None
-    _had_sticks: bool = False
-    _sticks_lost: bool = False
+    _had_manual_control: bool = False
+    _manual_control_lost: bool = False
 
-    # -- asked for from outside ----------------------------------------------------------------------------------------
+    # -- requests ------------------------------------------------------------------------------------------------------
 
-    def request_mode(self, mode: Mode | None, s: Sensed, limits: Limits) -> str:
-        """Change mode, or return why not. Disarmed, every mode may be chosen and arming is what is checked; LAND always may."""
-        if mode is None or mode not in _FLOWN:
-            why = f"mode {mode.words} is not there in the built-in autopilot" if mode else "no such mode"
+    def request_mode(self, mode: Mode | None, s: CommanderInputs, params: CommanderParams) -> str:
+        """Change the flight mode and return "", or return the reason of the refusal.
+
+        A disarmed vehicle may select every mode: its conditions are checked at arming. LAND is always accepted.
+        """
+        if mode is None or mode not in _REQUESTABLE:
+            why = f"mode {mode.label} is not supported by the built-in autopilot" if mode else "no such mode"
         elif self.mode is Mode.TERMINATE and self.armed:
             why = "flight is terminated"
         else:
-            why = self._lacks(mode, s, limits) if self.armed and mode is not Mode.LAND else ""
+            why = self._missing_for(mode, s, params) if self.armed and mode is not Mode.LAND else ""
         if why:
-            self.say(CRITICAL, f"Mode change denied: {why}")
+            self.report(CRITICAL, f"Mode change denied: {why}")
         else:
             self.intended = mode or Mode.HOLD
-            self._enter(self.intended, s.now, "")
+            self._enter(self.intended, "")
         return why
 
-    def _lacks(self, mode: Mode, s: Sensed, limits: Limits) -> str:
-        if mode is Mode.OFFBOARD and s.offboard_age > limits.com_of_loss_t:
+    def _missing_for(self, mode: Mode, s: CommanderInputs, params: CommanderParams) -> str:
+        if mode is Mode.OFFBOARD and s.offboard_age > params.com_of_loss_t:
             return "no offboard setpoints: stream them at 2 Hz or more first"
         if (
             mode in _NEEDS_POSITION or (mode is Mode.OFFBOARD and s.offboard_needs_position)
-        ) and not _position_ok(s):
+        ) and not s.position_ok:
             return "no valid local position"
-        return self._auto_lacks(mode, s)
+        return self._missing_for_auto(mode, s)
 
-    def _auto_lacks(self, mode: Mode, s: Sensed) -> str:
+    def _missing_for_auto(self, mode: Mode, s: CommanderInputs) -> str:
         if mode in (Mode.MISSION, Mode.RTL) and not s.global_ok:
             return "no valid global position"
         if mode is Mode.RTL and not s.home_ok:
             return "no home position"
         return "no valid mission available" if mode is Mode.MISSION and not s.mission_ok else ""
 
-    def arm_checks(self, s: Sensed, limits: Limits) -> list[str]:
-        """Every reason not to arm, in words; empty when it may."""
+    def arm_checks(self, s: CommanderInputs, params: CommanderParams) -> list[str]:
+        """Return every reason to refuse arming; an empty list if arming is allowed."""
         offboard = self.mode is Mode.OFFBOARD
         position = self.mode in _NEEDS_POSITION or (offboard and s.offboard_needs_position)
         checks = [
@@ -189,62 +142,62 @@ class Commander:
             (s.aligned and s.poses_rejected, "Position not stable: the poses contradict the estimate"),
             (position and not s.z_valid, "Height not valid: no external vision"),
             (s.aligned and not s.yaw_valid, "Heading not valid: vision yaw rejected"),
-            (offboard and s.offboard_age > limits.com_of_loss_t, "No offboard signal"),
-            (self.mode in _NO_ARMING, f"Mode {self.mode.words} does not allow arming"),
-            (s.battery <= limits.bat_crit_thr, f"Battery too low: {100 * s.battery:.0f} %"),
-            (s.tilt_rad > limits.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
-            (limits.nav_dll_act > 0 and _gcs_lost(s, limits), "No connection to the ground control station"),
+            (offboard and s.offboard_age > params.com_of_loss_t, "No offboard signal"),
+            (self.mode in _NOT_ARMABLE, f"Mode {self.mode.label} does not allow arming"),
+            (s.battery <= params.bat_crit_thr, f"Battery too low: {100 * s.battery:.0f} %"),
+            (s.tilt_rad > params.fd_fail_rad, f"Attitude: tilted by {57.3 * s.tilt_rad:.0f} degrees"),
+            (params.nav_dll_act > 0 and _gcs_lost(s, params), "No connection to the ground control station"),
             (self.mode is Mode.MISSION and not s.mission_ok, "No valid mission available"),
-            (s.fence != "" and limits.gf_action > 0, s.fence),
+            (s.fence != "" and params.gf_action > 0, s.fence),
         ]
-        return [words for failed, words in checks if failed]
+        return [reason for failed, reason in checks if failed]
 
-    def arm(self, s: Sensed, limits: Limits, *, why: str = "by external command") -> str:
-        """Arm, or return why not."""
-        reasons = self.arm_checks(s, limits)
+    def arm(self, s: CommanderInputs, params: CommanderParams, *, why: str = "by external command") -> str:
+        """Arm and return "", or return the reasons of the refusal."""
+        reasons = self.arm_checks(s, params)
         if self.armed:
             return ""
         if reasons:
-            self.say(CRITICAL, f"Arming denied: {reasons[0]}")
+            self.report(CRITICAL, f"Arming denied: {reasons[0]}")
             return "; ".join(reasons)
         self.armed, self.armed_since, self.took_off, self._landed_since = True, s.now, False, None
         self._pending, self._battery_level, self._fence = None, 0, ""
-        self._tilted_since, self._had_sticks, self._sticks_lost = None, False, False
+        self._tilted_since, self._had_manual_control, self._manual_control_lost = None, False, False
         self.failsafe = ""
-        self.say(INFO, f"Armed {why}")
+        self.report(INFO, f"Armed {why}")
         return ""
 
-    def disarm(self, s: Sensed, *, force: bool = False, why: str = "by external command") -> str:
-        """Disarm, or return why not: never in the air but by force."""
+    def disarm(self, s: CommanderInputs, *, force: bool = False, why: str = "by external command") -> str:
+        """Disarm and return "", or return the reason of the refusal. Only `force` disarms in the air."""
         if not self.armed:
             return ""
         if not force and not s.landed:
-            self.say(CRITICAL, "Disarming denied: not landed")
+            self.report(CRITICAL, "Disarming denied: not landed")
             return "not landed"
         self.armed, self.armed_since, self.took_off, self._pending = False, float("inf"), False, None
-        self.say(INFO, f"Disarmed {why}")
-        if self.mode in _NO_ARMING:
-            self._enter(Mode.HOLD, s.now, "")
+        self.report(INFO, f"Disarmed {why}")
+        if self.mode in _NOT_ARMABLE:
+            self._enter(Mode.HOLD, "")
         return ""
 
-    def terminate(self, now: float, why: str) -> None:
-        """Motors off, whatever it is doing."""
+    def terminate(self, why: str) -> None:
+        """Stop the motors, in flight too."""
         if self.mode is not Mode.TERMINATE:
-            self._enter(Mode.TERMINATE, now, why)
-            self.say(EMERGENCY, f"Flight termination: {why}")
+            self._enter(Mode.TERMINATE, why)
+            self.report(EMERGENCY, f"Flight termination: {why}")
 
-    def say(self, severity: int, text: str) -> None:
+    def report(self, severity: int, text: str) -> None:
         self.texts.append((severity, text))
 
-    # -- by itself -----------------------------------------------------------------------------------------------------
+    # -- 50 times a second ---------------------------------------------------------------------------------------------
 
-    def update(self, s: Sensed, limits: Limits) -> None:
-        """Failsafes, take-off bookkeeping, automatic disarming."""
+    def update(self, s: CommanderInputs, params: CommanderParams) -> None:
+        """Detect the take-off, run the failsafe checks, disarm after the landing."""
         if not self.armed:
             return
         if s.flying and not (s.landed or self.took_off):
             self.took_off = True
-            self.say(INFO, "Takeoff detected")
+            self.report(INFO, "Takeoff detected")
         for check in (
             self._check_attitude,
             self._check_position,
@@ -252,157 +205,161 @@ class Commander:
             self._check_battery,
             self._check_offboard,
             self._check_data_link,
-            self._check_sticks,
+            self._check_manual_control,
         ):
-            check(s, limits)
+            check(s, params)
             if not self.armed:
                 return
         self._run_pending(s)
-        self._auto_disarm(s, limits)
+        self._auto_disarm(s, params)
 
-    def _check_attitude(self, s: Sensed, limits: Limits) -> None:
-        """Beyond the limit for so long: what tumbles turns through it, what has fallen over stays there."""
-        beyond = s.tilt_rad > limits.fd_fail_rad and self.took_off
+    def _check_attitude(self, s: CommanderInputs, params: CommanderParams) -> None:
+        """Terminate after FD_FAIL_R_TTRI beyond the tilt limit; a tumbling vehicle only passes through it."""
+        beyond = s.tilt_rad > params.fd_fail_rad and self.took_off
         self._tilted_since = (self._tilted_since or s.now) if beyond else None
         if (
-            limits.cbrk_flightterm == 0
+            params.cbrk_flightterm == 0
             and self._tilted_since is not None
-            and s.now - self._tilted_since >= limits.fd_fail_s
+            and s.now - self._tilted_since >= params.fd_fail_s
         ):
-            self.terminate(s.now, "attitude failure")
+            self.terminate("attitude failure")
 
-    def _check_position(self, s: Sensed, limits: Limits) -> None:
-        """In OFFBOARD it counts as its loss, as in PX4: who stops the motors then stops them now, all others want a position."""
+    def _check_position(self, s: CommanderInputs, params: CommanderParams) -> None:
+        """React to a lost position. In OFFBOARD it counts as lost offboard control, as in PX4.
+
+        COM_OBL_RC_ACT 6 (terminate) and 7 (disarm) act now; its other actions need a position, so the vehicle descends.
+        """
         needs = self.mode in _NEEDS_POSITION or (self.mode is Mode.OFFBOARD and s.offboard_needs_position)
-        if needs and not _position_ok(s):
+        if needs and not s.position_ok:
             what = "position" if not s.xy_valid else "heading" if not s.yaw_valid else "height"
             why = f"external vision lost, no valid {what}"
-            if self.mode is Mode.OFFBOARD and limits.com_obl_rc_act == 7:
-                self._drop(s, why)
-            elif self.mode is Mode.OFFBOARD and limits.com_obl_rc_act == 6:
-                self._act(Mode.TERMINATE, s.now, why)
+            if self.mode is Mode.OFFBOARD and params.com_obl_rc_act == 7:
+                self._disarm_by_failsafe(s, why)
+            elif self.mode is Mode.OFFBOARD and params.com_obl_rc_act == 6:
+                self._act(Mode.TERMINATE, why)
             else:
-                self._act(Mode.DESCEND, s.now, f"{why}: blind land")
+                self._act(Mode.DESCEND, f"{why}: blind land")
 
-    def _check_battery(self, s: Sensed, limits: Limits) -> None:
-        below = [s.battery <= t for t in (limits.bat_low_thr, limits.bat_crit_thr, limits.bat_emergen_thr)]
+    def _check_battery(self, s: CommanderInputs, params: CommanderParams) -> None:
+        below = [s.battery <= t for t in (params.bat_low_thr, params.bat_crit_thr, params.bat_emergen_thr)]
         level = sum(below)
         if level <= self._battery_level:
             return
         self._battery_level = level
         severity, word = ((WARNING, "Low"), (CRITICAL, "Critical"), (EMERGENCY, "Emergency"))[level - 1]
-        self.say(severity, f"{word} battery: {100 * s.battery:.0f} %")
-        returns = level == 2 and limits.com_low_bat_act == 3
-        done = _NO_ARMING if returns else _NO_ARMING - {Mode.RTL}
-        if (level >= 2 and limits.com_low_bat_act in (2, 3)) and self.mode not in done:
-            self._act_soon(_home_or_land(s) if returns else Mode.LAND, s, limits, "battery")
+        self.report(severity, f"{word} battery: {100 * s.battery:.0f} %")
+        returns = level == 2 and params.com_low_bat_act == 3
+        done = _NOT_ARMABLE if returns else _NOT_ARMABLE - {Mode.RTL}
+        if (level >= 2 and params.com_low_bat_act in (2, 3)) and self.mode not in done:
+            self._act_after_hold(_home_or_land(s) if returns else Mode.LAND, s, params, "battery")
 
-    def _check_fence(self, s: Sensed, limits: Limits) -> None:
-        """Answered once, when it is crossed: who then chooses another mode flies."""
+    def _check_fence(self, s: CommanderInputs, params: CommanderParams) -> None:
+        """React once, when the fence is crossed. The pilot may then select another mode."""
         crossed, self._fence = s.fence and not self._fence, s.fence
-        action = limits.gf_action
+        action = params.gf_action
         if not crossed or action == 0:
             return
-        self.say(CRITICAL, s.fence)
+        self.report(CRITICAL, s.fence)
         reaction = {2: Mode.HOLD, 3: _home_or_land(s), 4: Mode.TERMINATE, 5: Mode.LAND}.get(action)
         down = self.mode in (Mode.LAND, Mode.DESCEND, Mode.TERMINATE) or (
             self.mode is Mode.RTL and action == 2
         )
         if reaction is Mode.TERMINATE or (reaction and not down):
-            self._act_soon(reaction, s, limits, "geofence")
+            self._act_after_hold(reaction, s, params, "geofence")
 
-    def _check_offboard(self, s: Sensed, limits: Limits) -> None:
-        if self.mode is not Mode.OFFBOARD or s.offboard_age <= limits.com_of_loss_t:
+    def _check_offboard(self, s: CommanderInputs, params: CommanderParams) -> None:
+        if self.mode is not Mode.OFFBOARD or s.offboard_age <= params.com_of_loss_t:
             return
-        action = {3: _home_or_land(s), 5: Mode.HOLD, 6: Mode.TERMINATE}.get(limits.com_obl_rc_act, Mode.LAND)
-        if limits.com_obl_rc_act in _BY_HAND and s.sticks:
-            action = Mode.HOLD  # what sticks in the middle ask for
-        if limits.com_obl_rc_act == 7:
-            self._drop(s, "offboard control lost")
+        action = {3: _home_or_land(s), 5: Mode.HOLD, 6: Mode.TERMINATE}.get(params.com_obl_rc_act, Mode.LAND)
+        if params.com_obl_rc_act in _MANUAL_ACTIONS and s.manual_control:
+            action = Mode.HOLD  # centred sticks hold the position
+        if params.com_obl_rc_act == 7:
+            self._disarm_by_failsafe(s, "offboard control lost")
         else:
-            self._act(action, s.now, "offboard control lost")
+            self._act(action, "offboard control lost")
 
-    def _check_data_link(self, s: Sensed, limits: Limits) -> None:
-        coming_down = self.mode in (*_NO_ARMING, Mode.LAND)
-        excepted = _EXCEPT.get(self.mode, 0) & limits.com_dll_except
-        if limits.nav_dll_act and not (excepted or coming_down or self.failsafe) and _gcs_lost(s, limits):
-            self._answer_link(limits.nav_dll_act, s, limits, "data link lost")
+    def _check_data_link(self, s: CommanderInputs, params: CommanderParams) -> None:
+        coming_down = self.mode in (*_NOT_ARMABLE, Mode.LAND)
+        excepted = _EXCEPTION_BIT.get(self.mode, 0) & params.com_dll_except
+        if params.nav_dll_act and not (excepted or coming_down or self.failsafe) and _gcs_lost(s, params):
+            self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
-    def _check_sticks(self, s: Sensed, limits: Limits) -> None:
-        """Answered once, when they are lost: who then chooses another mode flies. Those that never came are not missed."""
-        self._had_sticks = self._had_sticks or s.sticks
-        excepted = _EXCEPT.get(self.intended, 0) & limits.com_rcl_except
-        lost = self._had_sticks and not s.sticks and limits.com_rc_in_mode != NO_STICKS and not excepted
-        crossed, self._sticks_lost = lost and not self._sticks_lost, lost
+    def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
+        """React once, when manual control is lost. Manual control that was never received is not missed."""
+        self._had_manual_control = self._had_manual_control or s.manual_control
+        excepted = _EXCEPTION_BIT.get(self.intended, 0) & params.com_rcl_except
+        lost = (
+            self._had_manual_control
+            and not s.manual_control
+            and params.com_rc_in_mode != NO_MANUAL_CONTROL
+            and not excepted
+        )
+        crossed, self._manual_control_lost = lost and not self._manual_control_lost, lost
         if crossed:
-            self._answer_link(limits.nav_rcl_act, s, limits, "manual control lost")
+            self._act_on_link_loss(params.nav_rcl_act, s, params, "manual control lost")
 
-    def _answer_link(self, action: int, s: Sensed, limits: Limits, why: str) -> None:
-        """action: of NAV_DLL_ACT or NAV_RCL_ACT. What comes down goes on coming down."""
+    def _act_on_link_loss(self, action: int, s: CommanderInputs, params: CommanderParams, why: str) -> None:
+        """Run the action of NAV_DLL_ACT or NAV_RCL_ACT, unless a more severe mode is flown already."""
         reaction = {1: Mode.HOLD, 2: _home_or_land(s), 3: Mode.LAND, 5: Mode.TERMINATE}.get(action)
         if action == 6:
-            self._drop(s, why)
-        elif reaction and not (self.mode in _WORSE[1:] and _WORSE.index(self.mode) >= _WORSE.index(reaction)):
-            self._act_soon(reaction, s, limits, why)
+            self._disarm_by_failsafe(s, why)
+        elif reaction and not (
+            self.mode in _BY_SEVERITY[1:] and _BY_SEVERITY.index(self.mode) >= _BY_SEVERITY.index(reaction)
+        ):
+            self._act_after_hold(reaction, s, params, why)
 
-    def _drop(self, s: Sensed, why: str) -> None:
-        self.say(EMERGENCY, f"Failsafe activated: {why}: disarming")
+    def _disarm_by_failsafe(self, s: CommanderInputs, why: str) -> None:
+        self.report(EMERGENCY, f"Failsafe activated: {why}: disarming")
         self.disarm(s, force=True, why="by failsafe")
 
-    def _act_soon(self, mode: Mode, s: Sensed, limits: Limits, why: str) -> None:
-        """After a hold of COM_FAIL_ACT_T in which a pilot may take over; at once where another failsafe acts already."""
-        waits = limits.com_fail_act_t > 0 and mode not in (Mode.HOLD, Mode.TERMINATE) and _position_ok(s)
+    def _act_after_hold(self, mode: Mode, s: CommanderInputs, params: CommanderParams, why: str) -> None:
+        """Hold for COM_FAIL_ACT_T so that the pilot may take over, then enter the mode; at once if a failsafe is active."""
+        waits = params.com_fail_act_t > 0 and mode not in (Mode.HOLD, Mode.TERMINATE) and s.position_ok
         if not waits or (self.failsafe and self.mode is not Mode.HOLD):
-            self._act(mode, s.now, why)
+            self._act(mode, why)
             return
-        until = self._pending[0] if self._pending else s.now + limits.com_fail_act_t
-        self._act(Mode.HOLD, s.now, why)
+        until = self._pending[0] if self._pending else s.now + params.com_fail_act_t
+        self._act(Mode.HOLD, why)
         self._pending = (until, mode)
 
-    def _run_pending(self, s: Sensed) -> None:
+    def _run_pending(self, s: CommanderInputs) -> None:
         if self._pending and self.mode is Mode.HOLD and s.now >= self._pending[0]:
             _, mode = self._pending
             self._pending = None
-            self._act(mode, s.now, self.failsafe)
+            self._act(mode, self.failsafe)
         elif self._pending and self.mode is not Mode.HOLD:
             self._pending = None
 
-    def _auto_disarm(self, s: Sensed, limits: Limits) -> None:
+    def _auto_disarm(self, s: CommanderInputs, params: CommanderParams) -> None:
         if not s.landed:
             self._landed_since = None
             return
         if self._landed_since is None:
             self._landed_since = s.now
             if self.took_off:
-                self.say(INFO, "Landing detected")
-        wait = limits.com_disarm_land if self.took_off else limits.com_disarm_prflt
+                self.report(INFO, "Landing detected")
+        wait = params.com_disarm_land if self.took_off else params.com_disarm_prflt
         if wait > 0 and s.now - self._landed_since >= wait and s.now - self.armed_since >= wait:
             self.disarm(s, why="by landing" if self.took_off else "by auto preflight disarming")
 
-    def _act(self, mode: Mode, now: float, why: str) -> None:
+    def _act(self, mode: Mode, why: str) -> None:
         if mode in (Mode.LAND, Mode.RTL, Mode.HOLD) and self.mode is Mode.DESCEND:
             return
         self.failsafe = why
         if mode is Mode.TERMINATE:
-            self.terminate(now, why)
+            self.terminate(why)
         else:
-            self._enter(mode, now, why)
-            self.say(EMERGENCY, f"Failsafe activated: {why}: {mode.words}")
+            self._enter(mode, why)
+            self.report(EMERGENCY, f"Failsafe activated: {why}: {mode.label}")
 
-    def _enter(self, mode: Mode, now: float, failsafe: str) -> None:
-        if mode is not self.mode:
-            self.mode, self.mode_since = mode, now
-        self.failsafe = failsafe
+    def _enter(self, mode: Mode, failsafe: str) -> None:
+        self.mode, self.failsafe = mode, failsafe
 
 
-def _home_or_land(s: Sensed) -> Mode:
-    """What a failsafe that asks for a return can have."""
-    return Mode.RTL if s.global_ok and s.home_ok and _position_ok(s) else Mode.LAND
+def _home_or_land(s: CommanderInputs) -> Mode:
+    """Return RTL if its conditions hold, else LAND."""
+    return Mode.RTL if s.global_ok and s.home_ok and s.position_ok else Mode.LAND
 
 
-def _gcs_lost(s: Sensed, limits: Limits) -> bool:
-    return s.gcs_age > _GCS_QUIET_S + limits.com_dl_loss_t
-
-
-def _position_ok(s: Sensed) -> bool:
-    return s.xy_valid and s.z_valid and s.yaw_valid
+def _gcs_lost(s: CommanderInputs, params: CommanderParams) -> bool:
+    return s.gcs_age > _GCS_HEARTBEAT_TIMEOUT_S + params.com_dl_loss_t

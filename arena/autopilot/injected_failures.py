@@ -1,7 +1,6 @@
-"""MAV_CMD_INJECT_FAILURE: what a client may break in the built-in autopilot, and mend again.
+"""Failures injected into one vehicle by MAV_CMD_INJECT_FAILURE.
 
-PX4 v1.16 SITL knows of units and types; what it does not know it leaves unanswered. Here every command is answered: what is not
-there to be broken is unsupported.
+PX4 v1.16 SITL does not acknowledge a unit or type that it does not support. Here every command is acknowledged.
 """
 
 from __future__ import annotations
@@ -14,28 +13,25 @@ from pymavlink.dialects.v20 import common as mavlink
 
 ACCEPTED, DENIED, UNSUPPORTED = 0, 2, 3
 _OK, _OFF = mavlink.FAILURE_TYPE_OK, mavlink.FAILURE_TYPE_OFF
-_HARMLESS = (
-    mavlink.FAILURE_UNIT_SENSOR_GPS,
-    mavlink.FAILURE_UNIT_SENSOR_MAG,
-)  # nothing here is made of these
-_MOTORS = 12
+_UNUSED_SENSORS = (mavlink.FAILURE_UNIT_SENSOR_GPS, mavlink.FAILURE_UNIT_SENSOR_MAG)
+_MAX_MOTORS = 12
 
 
 @dataclass(slots=True)
-class Failures:
-    """What is broken in one vehicle. motors: by their index; any: whether anything is."""
+class InjectedFailures:
+    """Failures of one vehicle: barometer, external vision, battery (reads empty) and motors, by index from 0."""
 
     baro: bool = False
     vision: bool = False
     battery: bool = False
     motors: frozenset[int] = frozenset()
 
-    @property
-    def any(self) -> bool:
-        return self.baro or self.vision or self.battery or bool(self.motors)
-
     def inject(self, p: Sequence[float], *, enabled: bool) -> int:
-        """p: unit, type and instance (0 for all); enabled: SYS_FAILURE_EN. -> MAV_RESULT."""
+        """Inject or clear one failure and return the MAV_RESULT.
+
+        p: FAILURE_UNIT, FAILURE_TYPE (OK or OFF) and instance, 0 for all instances
+        enabled: SYS_FAILURE_EN
+        """
         if not enabled:
             return DENIED
         if not all(math.isfinite(x) and abs(x) < 1000 for x in p[:3]):
@@ -52,9 +48,9 @@ class Failures:
             self.vision = off
         elif unit == mavlink.FAILURE_UNIT_SYSTEM_BATTERY and instance == 0:
             self.battery = off
-        elif unit == mavlink.FAILURE_UNIT_SYSTEM_MOTOR and 0 <= instance <= _MOTORS:
-            which = frozenset(range(_MOTORS)) if instance == 0 else frozenset({instance - 1})
+        elif unit == mavlink.FAILURE_UNIT_SYSTEM_MOTOR and 0 <= instance <= _MAX_MOTORS:
+            which = frozenset(range(_MAX_MOTORS)) if instance == 0 else frozenset({instance - 1})
             self.motors = self.motors | which if off else self.motors - which
-        elif unit not in _HARMLESS:
+        elif unit not in _UNUSED_SENSORS:
             return UNSUPPORTED
         return ACCEPTED

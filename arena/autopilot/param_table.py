@@ -12,6 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.constants import INT32_MAX, INT32_MIN
+
 Array = NDArray[np.float64]
 Type = Literal["int32", "float"]
 
@@ -30,7 +32,7 @@ def _f(default: float, low: float = -np.inf, high: float = np.inf) -> Spec:
     return Spec(type="float", default=default, low=low, high=high)
 
 
-def _i(default: int, low: int = -(2**31), high: int = 2**31 - 1) -> Spec:
+def _i(default: int, low: int = INT32_MIN, high: int = INT32_MAX) -> Spec:
     return Spec(type="int32", default=default, low=low, high=high)
 
 

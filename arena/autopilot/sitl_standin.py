@@ -97,7 +97,7 @@ class StandIn:
             if m.get_type() == "HIL_SENSOR" and m.id == 0:
                 answers += self._sample(m)
             elif m.get_type() == "RC_CHANNELS" and self._pilot is not None:
-                self._pilot.faces[0].sticks.hear("radio", m.time_boot_ms * 1e-3)
+                self._pilot.vehicles[0].manual_control.receive("radio", m.time_boot_ms * 1e-3)
         return answers
 
     def _sample(self, m: Any) -> bytes:

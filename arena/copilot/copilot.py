@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.constants import FORCE_ARM_DISARM
 from arena.copilot.braking import Limits, stops
 from arena.copilot.escalation import Escalation, Present, may_end
 from arena.copilot.fleet_state import Broken, Mask, Moment
@@ -31,7 +32,6 @@ _TARGET_S, _SETTLED_S = 0.5, 0.3
 _ESTIMATE_S = 0.5
 _BATTERY_S = 5.0
 _GRACE_S = 2.0  # the capture system's handshake, after a start
-_FORCE = 21196.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,7 +205,7 @@ class Copilot:
 
     def _frames(self, row: int, step: Step) -> Iterator[bytes]:
         if step == "terminate":
-            yield self._command(row, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, _FORCE)
+            yield self._command(row, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0, FORCE_ARM_DISARM)
         else:
             main, sub = mode_numbers("AUTO.LOITER" if step == "hold" else "AUTO.LAND")
             yield self._command(

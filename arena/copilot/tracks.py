@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.constants import GRAVITY_M_S2
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -21,7 +23,6 @@ _JUMP_M_S = (
     30.0  # faster than anything that flies indoors: the body was lost or swapped, the old slope says nothing
 )
 _MEMORY_S = 0.5
-_GRAVITY = 9.81
 
 
 class Tracks:
@@ -90,7 +91,7 @@ class Tracks:
         w, x, y, z = np.array(turns, dtype=np.float64).reshape(-1, 4).T
         up = 1.0 - 2.0 * (x * x + y * y)
         north, east = -2.0 * (x * z + w * y), -2.0 * (y * z - w * x)
-        scale = _GRAVITY / np.maximum(up, 0.3)
+        scale = GRAVITY_M_S2 / np.maximum(up, 0.3)
         return np.arccos(np.clip(up, -1.0, 1.0)), np.column_stack(
             [north * scale, east * scale, np.zeros_like(north)]
         )

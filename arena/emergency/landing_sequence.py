@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from arena.constants import FORCE_ARM_DISARM
 from arena.wire import mavlink_minimal as mav
 from arena.wire.mavlink_frame import Frame, parse_frames
 from arena.wire.px4_mode import AUTO_LAND, mode_words
@@ -23,7 +24,6 @@ WATCH_S = (
 MODE_STALE_S = 3.0  # an older flight mode may have changed since: the land mode is commanded again
 TELEMETRY_STALE_S = 1.5
 _HEARTBEAT_S = 1.0
-_FORCE = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: disarm in the air too
 _AUTOPILOT = 1
 _NAN = float("nan")
 _REQUESTED_INTERVAL_US = 200_000
@@ -138,7 +138,7 @@ class LandingSequence:
         return frames
 
     def _kill(self) -> list[bytes]:
-        return [self._command(mav.ARM_DISARM, 0, _FORCE)]
+        return [self._command(mav.ARM_DISARM, 0, FORCE_ARM_DISARM)]
 
     def _request(self, message: int) -> bytes:
         return self._command(mav.SET_MESSAGE_INTERVAL, message, _REQUESTED_INTERVAL_US)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from arena.constants import INT32_MAX, INT32_MIN
 from arena.errors import InputError, Problem, WireError
 from arena.params.facts.parameter_table import Type
 from arena.wire.qgc_params import INTEGERS, Entry, parse_entries
@@ -131,8 +132,8 @@ def _type(kind: int) -> Type:
 
 def _out_of_type(entry: Entry) -> str:
     """Why the value is in no type that PX4 has; "" when it is."""
-    if entry.kind is not None and entry.kind in INTEGERS and not -(2**31) <= entry.value < 2**31:
-        return f"got {entry.value:.0f}, expected a whole number from -2147483648 to 2147483647"
+    if entry.kind is not None and entry.kind in INTEGERS and not INT32_MIN <= entry.value <= INT32_MAX:
+        return f"got {entry.value:.0f}, expected a whole number from {INT32_MIN} to {INT32_MAX}"
     try:
         struct.pack("<f", entry.value)
     except OverflowError:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.atmosphere import pressure_hpa
+from arena.constants import GRAVITY_M_S2
 from arena.geometry import globe_from_local
 from arena.wire import hil
 from arena.wire.mavlink_frame import Stream
@@ -90,7 +91,7 @@ class SimulatorLink:
             (lat, lon, round(alt * 1e3)),
             [_int16(100.0 * x) for x in v],
             _int16(100.0 * math.hypot(*v)),
-            [_int16(x / 9.80665e-3) for x in a],
+            [_int16(1e3 * x / GRAVITY_M_S2) for x in a],
         )
 
     def hear(self, data: bytes) -> None:

@@ -7,10 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from arena.constants import GRAVITY_M_S2
 from arena.schema.base import NotNegative, Positive, PositiveVector, Strict, Vector
 from arena.thrust_curve import ThrustCurve, thrust_curve
-
-G_M_S2 = 9.80665
 
 
 class Rotor(Strict):
@@ -141,14 +140,14 @@ class Profile(Strict):
     @property
     def hover_command(self) -> float:
         """The command u at which the static thrust carries the vehicle [-]: PX4's MPC_THR_HOVER."""
-        return round(float(self.curve.command(self.mass_kg * G_M_S2)), 4)
+        return round(float(self.curve.command(self.mass_kg * GRAVITY_M_S2)), 4)
 
     def problems(self) -> list[str]:
         """What no single field can tell."""
         found = []
         if len(self.rotors) != self.num_rotors:
             found.append(f"num_rotors: got {self.num_rotors}, but {len(self.rotors)} rotors are listed")
-        if not math.isfinite(most := self.curve.max_newtons) or most <= self.mass_kg * G_M_S2:
+        if not math.isfinite(most := self.curve.max_newtons) or most <= self.mass_kg * GRAVITY_M_S2:
             found.append(f"thrust_curve: gives {most:.1f} N at most, which does not lift {self.mass_kg} kg")
         return found
 

@@ -19,6 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError, NotInstalledError, RunError
 from arena.geometry import (
     frd_from_flu,
@@ -30,7 +31,7 @@ from arena.geometry import (
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
-from arena.sim.vehicle_arrays import GRAVITY, Fleet
+from arena.sim.vehicle_arrays import Fleet
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -70,7 +71,7 @@ class Bodies:
         self._bullet = _import()
         self._client = _connect(self._bullet, gui)
         self._fleet = fleet
-        self._bullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self._client)
+        self._bullet.setGravity(0.0, 0.0, -GRAVITY_M_S2, physicsClientId=self._client)
         self._bullet.setTimeStep(step_s, physicsClientId=self._client)
         self._bullet.setPhysicsEngineParameter(
             numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client

@@ -10,10 +10,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.constants import GRAVITY_M_S2
 from arena.sim.bodies import Bodies, Matrix, Triple
 from arena.sim.ground import CELLS
 from arena.sim.rotors import LEAST_SHARE, Rotors
-from arena.sim.vehicle_arrays import GRAVITY, GRID, Fleet
+from arena.sim.vehicle_arrays import GRID, Fleet
 
 Array = NDArray[np.float64]
 
@@ -111,7 +112,7 @@ def _b_from_n(r: Matrix, v: Triple) -> Triple:
 
 def _felt(v: Triple, r: Matrix, after: Triple, h: float) -> Triple:
     """The acceleration that is not gravity's, in the axes of the body as it was before the step [m/s2] [FRD]."""
-    return _b_from_n(r, ((after[0] - v[0]) / h, (after[1] - v[1]) / h, (after[2] - v[2]) / h - GRAVITY))
+    return _b_from_n(r, ((after[0] - v[0]) / h, (after[1] - v[1]) / h, (after[2] - v[2]) / h - GRAVITY_M_S2))
 
 
 def _add(total: list[float], x: Triple) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.geometry import quat_from_euler, quat_rotate
 from arena.sim.ground import ground_table
@@ -22,7 +23,6 @@ Array = NDArray[np.float64]
 
 _DIRECTION = {"ccw": 1.0, "cw": -1.0}
 GRID = 1024
-GRAVITY = 9.80665  # standard gravity, the value PX4 uses [m/s2]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ def read_fleet(vehicles: list[dict[str, Any]]) -> Fleet:
         tau_down=_column(profiles, "motor_down_s", lambda _: 0.025)[:, None],
         drag=np.array([p.get("drag_kg_s", (0.2, 0.2, 0.2)) for p in profiles], float),
         body_drag=np.array([p.get("body_drag_kg_m", (0.0, 0.0, 0.0)) for p in profiles], float),
-        per_weight=-1.0 / (_column(profiles, "mass_kg") * GRAVITY),
+        per_weight=-1.0 / (_column(profiles, "mass_kg") * GRAVITY_M_S2),
         per_volt=np.array([_per_volt(p) for p in profiles]),
         ground=np.concatenate([table for table, _, _ in grounds]),
         ground_scale=np.array([scale for _, scale, _ in grounds]),
@@ -162,4 +162,4 @@ def _per_volt(profile: Mapping[str, Any]) -> float:
 
 def _hover(profile: Mapping[str, Any]) -> float:
     """The command that carries the vehicle at rest [-]."""
-    return float(thrust_curve(profile["thrust_curve"]).command(float(profile["mass_kg"]) * GRAVITY))
+    return float(thrust_curve(profile["thrust_curve"]).command(float(profile["mass_kg"]) * GRAVITY_M_S2))

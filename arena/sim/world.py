@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.sim.battery import Battery
 from arena.sim.bodies import Bodies
@@ -21,12 +22,12 @@ from arena.sim.crash_detector import Judge
 from arena.sim.rotors import Rotors
 from arena.sim.scalar_step import MOST, Few
 from arena.sim.sensors import Origin, Sensors
-from arena.sim.vehicle_arrays import GRAVITY, read_fleet
+from arena.sim.vehicle_arrays import read_fleet
 from arena.wire.truth_page import Truth
 
 Array = NDArray[np.float64]
 
-_G_N = np.array([0.0, 0.0, GRAVITY])
+_G_N = np.array([0.0, 0.0, GRAVITY_M_S2])
 
 
 class World:

@@ -26,6 +26,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import SimClock
+from arena.constants import INT32_NOT_GIVEN
 from arena.errors import RunError
 from arena.fault_injection import inject
 from arena.mocap.client.pose import CapturedFrame, Pose
@@ -193,7 +194,7 @@ class Rig:
         if way == "long":
             m = mavlink.MAVLink_command_long_message(system, component, number, 0, *q)
         else:
-            x, y = (int(v) if math.isfinite(v) else 2**31 - 1 for v in q[4:6])
+            x, y = (int(v) if math.isfinite(v) else INT32_NOT_GIVEN for v in q[4:6])
             m = mavlink.MAVLink_command_int_message(
                 system, component, frame, number, 0, 0, *q[:4], x, y, q[6]
             )

@@ -14,7 +14,7 @@ from arena import UAV
 
 FREQ_HZ = 50
 SPRING, DAMPER = 3.0, 2.8  # [1/s2], [1/s]: a little under critical damping
-GRAVITY = np.array([0.0, 0.0, 9.81])  # [m/s2] north, east, down
+GRAVITY = np.array([0.0, 0.0, 9.80665])  # [m/s2] north, east, down
 NORTH_M, EAST_M, HEIGHT_M, LAP_S, LAPS = 1.2, 0.8, 1.2, 6.0, 4
 
 

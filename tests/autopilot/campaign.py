@@ -101,19 +101,22 @@ class Noisy(Flight):
 
     def _say(self, count: int) -> None:
         said, self.batch = self.batch[:count], self.batch[count:]
-        face, tally = self.pilots.faces[0], self.tally
+        vehicle, interface, tally = self.pilots.vehicles[0], self.pilots.interfaces[0], self.tally
         for name, frame in said:
-            link = face._links[self.fuzz.rng.choice(("router", "router", "vision", "panic"))]
-            answers, refusals = len(link.out), face.counts["refused setpoint"] + face.counts["vision refused"]
+            link = interface.links[self.fuzz.rng.choice(("router", "router", "vision", "panic"))]
+            answers, refusals = (
+                len(link.queue),
+                vehicle.counts["refused setpoint"] + vehicle.counts["vision refused"],
+            )
             self.pilots.receive(0, link.name, frame)
             tally.sent[name] += 1
-            tally.answered[name] += len(link.out) > answers
-            refused = face.counts["refused setpoint"] + face.counts["vision refused"] > refusals
-            tally.refused[name] += refused or any(_refuses(data) for data in link.out[answers:])
+            tally.answered[name] += len(link.queue) > answers
+            refused = vehicle.counts["refused setpoint"] + vehicle.counts["vision refused"] > refusals
+            tally.refused[name] += refused or any(_refuses(data) for data in link.queue[answers:])
 
     def prepare(self, mode: str, height: float = 1.5) -> None:
         """Both vehicles ready; in `hover` and `offboard` both in the air, in that mode."""
-        self.until(lambda f: all(face.ready_to_arm and face.home_n for face in f.pilots.faces), 20)
+        self.until(lambda f: all(v.ready_to_arm and v.home_n for v in f.pilots.vehicles), 20)
         if mode == "ground":
             return
 
@@ -227,8 +230,8 @@ def check(flight: Noisy) -> None:
     assert np.abs(cascade.position.integral).max() <= 20.0, "wound up"
     for name, spec in SPECS.items():
         assert np.all((pilots.params[name] >= spec.low) & (pilots.params[name] <= spec.high)), name
-    for face in pilots.faces:
-        assert all(math.isfinite(x) for x in (*(face.home_n or ()), *(face.origin or ()), face.setpoint_at))
+    for v in pilots.vehicles:
+        assert all(math.isfinite(x) for x in (*(v.home_n or ()), *(v.origin or ()), v.offboard_setpoint_at))
     for heard in flight.heard.values():
         for m in heard:
             _check_said(m)
@@ -251,9 +254,10 @@ def _check_said(m: Any) -> None:
 def weight(flight: Noisy) -> int:
     """Bytes that the autopilots' memory of what they heard comes to."""
     kept: list[Any] = []
-    for f in flight.pilots.faces:
-        kept += [f.missions, f.param_server, f.commander, f.counts, f.setpoint, f.vision]
-        kept += [(link.due, link.out, link.interval, link.codec.counts) for link in f._links.values()]
+    for v, x in zip(flight.pilots.vehicles, flight.pilots.interfaces, strict=True):
+        kept += [v.missions, v.commander, v.counts, v.offboard_setpoint, v.vision]
+        kept += [x.mission_protocol, x.param_server, x.counts]
+        kept += [(link.schedule, link.queue, link.intervals, link.codec.counts) for link in x.links.values()]
     return len(pickle.dumps(kept))
 
 
@@ -352,7 +356,9 @@ def _setpoints(flight: Noisy, messages: int, names: tuple[str, ...], hold: Any, 
         for _ in range(rng.choice((1, 5, 25, 150))):
             flight._step()
             hold(flight)
-        flight.pilots.faces[0].setpoint_at = flight.now  # refused ones are no stream: that is another test's
+        flight.pilots.vehicles[
+            0
+        ].offboard_setpoint_at = flight.now  # refused ones are no stream: that is another test's
         check(flight)
     return flight.tally
 

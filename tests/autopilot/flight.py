@@ -205,10 +205,10 @@ class Flight:
         return self.command(i, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
 
     def mode(self, i: int) -> str:
-        return self.pilots.faces[i].commander.mode.words
+        return self.pilots.vehicles[i].commander.mode.label
 
     def armed(self, i: int) -> bool:
-        return bool(self.pilots.faces[i].commander.armed)
+        return bool(self.pilots.vehicles[i].commander.armed)
 
     def position(self, i: int) -> Any:
         return self.world.truth().p_n[i]

@@ -16,13 +16,15 @@ RELATIVE = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 def ready(**settings: Any) -> Flight:
     """A flight that may be armed, with an origin, heard by a ground station."""
     flight = Flight(1, **settings)
-    flight.pilots.faces[0]._links["router"].gcs_heard = 1e9  # a ground station that beats all the time
+    # a ground station whose heartbeat never stops
+    flight.pilots.vehicles[0].gcs_heartbeat_at = 1e9
+    flight.pilots.interfaces[0].links["router"].gcs_heartbeat_at = 1e9
     flight.send(
         0,
         mavlink.MAVLink_set_gps_global_origin_message(1, int(LAT * 1e7), int(LON * 1e7), int(ALT * 1e3), 0),
         "vision",
     )
-    flight.until(lambda f: f.pilots.faces[0].ready_to_arm and f.pilots.faces[0].home_n is not None, 20)
+    flight.until(lambda f: f.pilots.vehicles[0].ready_to_arm and f.pilots.vehicles[0].home_n is not None, 20)
     return flight
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot import Autopilots
-from arena.autopilot.mavlink.external_vision import Vision
+from arena.autopilot.estimation.estimator import VisionSample
 from arena.autopilot.mavlink.offboard_setpoints import from_position_target
 from arena.geometry import quat_conj, quat_exp, quat_from_euler, quat_log, quat_multiply
 from arena.sim.world import World
@@ -233,7 +233,7 @@ class StressFlight:
         self.motors = np.zeros((v, 4))
         self.faults: list[Fault] = [lambda p, q: (p, q)] * v
         self._exposure = self.rng.uniform(0.0, 1.0 / VISION_HZ, v)
-        self._on_the_way: list[deque[tuple[float, Vision]]] = [deque() for _ in stresses]
+        self._on_the_way: list[deque[tuple[float, VisionSample]]] = [deque() for _ in stresses]
         self._gap_phase = self.rng.uniform(0.0, 4.0, v)
         self.v_n = np.zeros((v, 3))
         self._raw = np.zeros((v, 3)), np.zeros((v, 3)), self.world.truth().accel_b.copy()
@@ -265,10 +265,10 @@ class StressFlight:
         return self.world.now
 
     def armed(self, i: int) -> bool:
-        return bool(self.pilots.faces[i].commander.armed)
+        return bool(self.pilots.vehicles[i].commander.armed)
 
     def mode(self, i: int) -> str:
-        return self.pilots.faces[i].commander.mode.words
+        return self.pilots.vehicles[i].commander.mode.label
 
     # -- flying --------------------------------------------------------------------------------------------------------
 
@@ -278,7 +278,7 @@ class StressFlight:
         self._expose()
         for i, queue in enumerate(self._on_the_way):
             while queue and queue[0][0] <= self.now:
-                self.pilots.faces[i]._take_vision(queue.popleft()[1])
+                self.pilots.vehicles[i].set_vision(queue.popleft()[1])
         self.motors = self.pilots.step(self.now, self._sense())
 
     def run(self, seconds: float, each: Callable[[StressFlight], None] | None = None) -> None:
@@ -294,7 +294,9 @@ class StressFlight:
         m = mavlink.MAVLink_set_position_target_local_ned_message(
             0, i + 1, 1, 1, 0b100111111000, *vectors, yaw, 0
         )
-        self.pilots.faces[i]._take_setpoint(from_position_target(m, [1.0, 0.0, 0.0, 0.0]))
+        setpoint = from_position_target(m, [1.0, 0.0, 0.0, 0.0])
+        assert not isinstance(setpoint, str)
+        self.pilots.vehicles[i].set_offboard_setpoint(setpoint, self.now)
 
     def take_off(self, height_m: float = 4.0) -> None:
         """Until all hover in OFFBOARD."""
@@ -302,7 +304,6 @@ class StressFlight:
 
         def hover(f: StressFlight) -> None:
             for i in vehicles:
-                f.pilots.faces[i].now = f.now
                 f.setpoint(i, [0.0, 0.0, -height_m])
 
         self.run(2.0, hover)
@@ -320,7 +321,6 @@ class StressFlight:
 
     def hover(self, height_m: float = 4.0) -> None:
         for i in range(len(self.stresses)):
-            self.pilots.faces[i].now = self.now
             self.setpoint(i, [0.0, 0.0, -height_m])
 
     def hard(self, height_m: float = 4.0) -> None:
@@ -333,7 +333,6 @@ class StressFlight:
                 3.0 * side * math.sin(1.1 * (turn // 2)),
                 -height_m + 0.8 * side,
             ]
-            self.pilots.faces[i].now = self.now
             self.setpoint(i, p, (0.0, 1.5, -1.5, 3.0)[yaw_turn % 4])
 
     # -- vision --------------------------------------------------------------------------------------------------------
@@ -354,7 +353,7 @@ class StressFlight:
             p = p + self.rng.normal(0.0, s.noise_m, 3)
             q = quat_multiply(q / np.linalg.norm(q), quat_exp(self.rng.normal(0.0, sigma, 3)))
             p, q = self.faults[i](p, q)
-            vision = Vision(tuple(p.tolist()), tuple(q.tolist()), (s.noise_m**2,) * 3, sigma**2)
+            vision = VisionSample(tuple(p.tolist()), tuple(q.tolist()), (s.noise_m**2,) * 3, sigma**2)
             self._on_the_way[i].append((t + s.delay_ms * 1e-3, vision))
         self._keep()
 

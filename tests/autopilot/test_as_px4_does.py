@@ -9,8 +9,7 @@ from flight import Flight
 from arena.autopilot.control.controllers import RateControl
 from arena.autopilot.estimation.land_detector import TakeoffRamp
 from arena.autopilot.param_table import Params
-
-G = 9.80665
+from arena.constants import GRAVITY_M_S2
 
 
 def test_the_ramp_begins_without_thrust_and_ends_at_the_climb_rate_it_is_told():
@@ -18,7 +17,7 @@ def test_the_ramp_begins_without_thrust_and_ends_at_the_climb_rate_it_is_told():
     ramp = TakeoffRamp(params, 2)
     armed, up = np.zeros(2), np.ones(2, bool)
     full = np.array([3.0, 1.5])  # in OFFBOARD MPC_Z_VEL_MAX_UP, else MPC_TKO_SPEED
-    start = -G / params["MPC_Z_VEL_P_ACC"][0]
+    start = -GRAVITY_M_S2 / params["MPC_Z_VEL_P_ACC"][0]
     assert ramp.speed_up(0.0, full) == pytest.approx([start, start])
     ramp.update(2.0, armed, up, up)  # spooled up and told to climb
     assert ramp.speed_up(2.0, full) == pytest.approx([start, start])
@@ -60,9 +59,9 @@ def test_the_charge_drawn_is_told():
 
 def test_poses_that_jump_keep_a_vehicle_on_the_ground():
     flight = Flight().run(4.0)
-    assert flight.pilots.faces[0].ready_to_arm
+    assert flight.pilots.vehicles[0].ready_to_arm
     see = flight._see
     flight._see = lambda p, q: see(p + np.array([3.0, 0.0, 0.0]), q)  # type: ignore[method-assign]
     flight.run(0.5)
-    assert not flight.pilots.faces[0].ready_to_arm
+    assert not flight.pilots.vehicles[0].ready_to_arm
     assert flight.arm(0) != 0

@@ -6,10 +6,10 @@ import dataclasses
 
 import pytest
 
-from arena.autopilot.commander import Commander, Limits, Mode, Sensed, mode_of
-from arena.autopilot.manual_control import Sticks
+from arena.autopilot.commander import Commander, Mode, mode_of
+from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams, ManualControl
 
-OK = Sensed(
+OK = CommanderInputs(
     now=100.0,
     xy_valid=True,
     z_valid=True,
@@ -23,7 +23,7 @@ OK = Sensed(
     gcs_age=0.1,
     aligned=True,
 )
-LIMITS = Limits(
+PARAMS = CommanderParams(
     com_of_loss_t=1.0,
     com_obl_rc_act=4,
     com_fail_act_t=0.0,
@@ -40,20 +40,20 @@ LIMITS = Limits(
 )
 
 
-def sensed(**changes) -> Sensed:
+def inputs(**changes) -> CommanderInputs:
     return dataclasses.replace(OK, **changes)
 
 
-def limits(**changes) -> Limits:
-    return dataclasses.replace(LIMITS, **changes)
+def params(**changes) -> CommanderParams:
+    return dataclasses.replace(PARAMS, **changes)
 
 
 def flying() -> tuple[Commander, dict]:
     c = Commander("uav1")
-    assert c.request_mode(Mode.OFFBOARD, OK, LIMITS) == ""
-    assert c.arm(OK, LIMITS) == ""
+    assert c.request_mode(Mode.OFFBOARD, OK, PARAMS) == ""
+    assert c.arm(OK, PARAMS) == ""
     up = {"landed": False, "flying": True}
-    c.update(sensed(now=105.0, **up), LIMITS)
+    c.update(inputs(now=105.0, **up), PARAMS)
     return c, up
 
 
@@ -71,7 +71,7 @@ def flying() -> tuple[Commander, dict]:
 )
 def test_each_reason_alone_refuses_arming_and_is_named(change, word):
     c = Commander("uav1", mode=Mode.OFFBOARD)
-    why = c.arm(sensed(**change), LIMITS)
+    why = c.arm(inputs(**change), PARAMS)
     assert word.lower() in why.lower()
     assert not c.armed
 
@@ -79,7 +79,7 @@ def test_each_reason_alone_refuses_arming_and_is_named(change, word):
 def test_arming_is_refused_in_modes_that_only_come_down():
     for mode in (Mode.LAND, Mode.DESCEND, Mode.TERMINATE):
         c = Commander("uav1", mode=mode)
-        assert c.arm(OK, LIMITS)
+        assert c.arm(OK, PARAMS)
         assert not c.armed
 
 
@@ -88,20 +88,20 @@ def test_arming_is_refused_in_modes_that_only_come_down():
 )
 def test_each_offboard_loss_action(action, mode):
     c, up = flying()
-    c.update(sensed(now=106.0, offboard_age=1.5, **up), limits(com_obl_rc_act=action))
+    c.update(inputs(now=106.0, offboard_age=1.5, **up), params(com_obl_rc_act=action))
     assert c.mode is mode
     assert c.armed
 
 
 def test_offboard_loss_action_disarm_disarms():
     c, up = flying()
-    c.update(sensed(now=106.0, offboard_age=1.5, **up), limits(com_obl_rc_act=7))
+    c.update(inputs(now=106.0, offboard_age=1.5, **up), params(com_obl_rc_act=7))
     assert not c.armed
 
 
 def test_offboard_loss_is_answered_at_once_whatever_the_action_delay():
     c, up = flying()
-    c.update(sensed(now=106.0, offboard_age=1.5, **up), limits(com_fail_act_t=5.0))
+    c.update(inputs(now=106.0, offboard_age=1.5, **up), params(com_fail_act_t=5.0))
     assert c.mode is Mode.LAND
 
 
@@ -114,63 +114,63 @@ def test_offboard_loss_is_answered_at_once_whatever_the_action_delay():
     ],
 )
 def test_the_others_wait_in_hold_for_the_action_delay_in_which_a_pilot_may_take_over(what, settings):
-    slow = limits(com_fail_act_t=5.0, **settings)
+    slow = params(com_fail_act_t=5.0, **settings)
     c, up = flying()
-    c.update(sensed(now=106.0, **what, **up), slow)
+    c.update(inputs(now=106.0, **what, **up), slow)
     assert c.mode is Mode.HOLD
-    c.update(sensed(now=110.9, **what, **up), slow)
+    c.update(inputs(now=110.9, **what, **up), slow)
     assert c.mode is Mode.HOLD
-    c.update(sensed(now=111.1, **what, **up), slow)
+    c.update(inputs(now=111.1, **what, **up), slow)
     assert c.mode is Mode.LAND
 
     c, up = flying()
-    c.update(sensed(now=106.0, **what, **up), slow)
-    c.request_mode(Mode.OFFBOARD, sensed(now=107.0, **up), slow)
-    c.update(sensed(now=112.0, **up), slow)
+    c.update(inputs(now=106.0, **what, **up), slow)
+    c.request_mode(Mode.OFFBOARD, inputs(now=107.0, **up), slow)
+    c.update(inputs(now=112.0, **up), slow)
     assert c.mode is Mode.OFFBOARD, "who takes over flies"
 
 
 def test_position_loss_in_attitude_offboard_is_no_failsafe_but_in_position_offboard_it_is():
     c, up = flying()
-    c.update(sensed(now=106.0, xy_valid=False, offboard_needs_position=False, **up), LIMITS)
+    c.update(inputs(now=106.0, xy_valid=False, offboard_needs_position=False, **up), PARAMS)
     assert c.mode is Mode.OFFBOARD
-    c.update(sensed(now=106.1, xy_valid=False, **up), LIMITS)
+    c.update(inputs(now=106.1, xy_valid=False, **up), PARAMS)
     assert c.mode is Mode.DESCEND
 
 
 def test_data_link_loss_acts_only_when_asked_to():
     c, up = flying()
-    c.update(sensed(now=120.0, gcs_age=20.0, **up), LIMITS)
+    c.update(inputs(now=120.0, gcs_age=20.0, **up), PARAMS)
     assert c.mode is Mode.OFFBOARD
-    c.update(sensed(now=120.1, gcs_age=20.0, **up), limits(nav_dll_act=3))
+    c.update(inputs(now=120.1, gcs_age=20.0, **up), params(nav_dll_act=3))
     assert c.mode is Mode.LAND
 
 
 def test_who_answers_a_lost_data_link_does_not_arm_without_one():
     c = Commander("uav1")
-    assert c.arm_checks(sensed(gcs_age=13.0), limits(nav_dll_act=3)) == [
+    assert c.arm_checks(inputs(gcs_age=13.0), params(nav_dll_act=3)) == [
         "No connection to the ground control station"
     ]
-    assert c.arm_checks(sensed(gcs_age=12.0), limits(nav_dll_act=3)) == [], (
+    assert c.arm_checks(inputs(gcs_age=12.0), params(nav_dll_act=3)) == [], (
         "2.5 s without a heartbeat, then COM_DL_LOSS_T"
     )
-    assert c.arm_checks(sensed(gcs_age=13.0), LIMITS) == []
+    assert c.arm_checks(inputs(gcs_age=13.0), PARAMS) == []
 
 
 def test_attitude_failure_terminates_only_with_the_breaker_open():
     c, up = flying()
-    c.update(sensed(now=106.0, tilt_rad=1.3, **up), LIMITS)
+    c.update(inputs(now=106.0, tilt_rad=1.3, **up), PARAMS)
     assert c.mode is Mode.OFFBOARD
-    c.update(sensed(now=106.1, tilt_rad=1.3, **up), limits(cbrk_flightterm=0, fd_fail_s=0.0))
+    c.update(inputs(now=106.1, tilt_rad=1.3, **up), params(cbrk_flightterm=0, fd_fail_s=0.0))
     assert c.mode is Mode.TERMINATE
 
 
 def test_landing_disarms_after_its_delay_and_goes_back_to_hold():
     c, up = flying()
-    c.request_mode(Mode.LAND, sensed(now=110.0, **up), LIMITS)
-    c.update(sensed(now=112.0), LIMITS)
+    c.request_mode(Mode.LAND, inputs(now=110.0, **up), PARAMS)
+    c.update(inputs(now=112.0), PARAMS)
     assert c.armed
-    c.update(sensed(now=114.1), LIMITS)
+    c.update(inputs(now=114.1), PARAMS)
     assert not c.armed
     assert c.mode is Mode.HOLD
 
@@ -187,9 +187,9 @@ def test_custom_modes_are_px4s_numbers():
 def _radio_lost(mode=Mode.HOLD, had=True, **changes) -> Commander:
     """Armed and flying in a mode with sticks, which then are gone."""
     c, up = flying()
-    c.request_mode(mode, sensed(now=105.0, **up), LIMITS)
-    c.update(sensed(now=105.5, sticks=had, **up), limits(**changes))
-    c.update(sensed(now=106.0, **up), limits(**changes))
+    c.request_mode(mode, inputs(now=105.0, **up), PARAMS)
+    c.update(inputs(now=105.5, manual_control=had, **up), params(**changes))
+    c.update(inputs(now=106.0, **up), params(**changes))
     return c
 
 
@@ -231,20 +231,20 @@ def test_sticks_that_never_came_or_do_not_count_are_not_missed():
 def test_sticks_that_come_back_give_nothing_back_and_may_be_lost_again():
     c = _radio_lost(Mode.OFFBOARD, nav_rcl_act=1)
     up = {"landed": False, "flying": True}
-    c.update(sensed(now=107.0, sticks=True, **up), limits(nav_rcl_act=1))
+    c.update(inputs(now=107.0, manual_control=True, **up), params(nav_rcl_act=1))
     assert c.mode is Mode.HOLD
-    c.request_mode(Mode.OFFBOARD, sensed(now=108.0, sticks=True, **up), LIMITS)
-    c.update(sensed(now=108.1, sticks=True, **up), limits(nav_rcl_act=1))
+    c.request_mode(Mode.OFFBOARD, inputs(now=108.0, manual_control=True, **up), PARAMS)
+    c.update(inputs(now=108.1, manual_control=True, **up), params(nav_rcl_act=1))
     assert c.mode is Mode.OFFBOARD
-    c.update(sensed(now=109.0, **up), limits(nav_rcl_act=1))
+    c.update(inputs(now=109.0, **up), params(nav_rcl_act=1))
     assert c.mode is Mode.HOLD
 
 
 def test_who_chooses_a_mode_without_sticks_flies():
     c = _radio_lost(nav_rcl_act=3)
     up = {"landed": False, "flying": True}
-    assert c.request_mode(Mode.HOLD, sensed(now=107.0, **up), LIMITS) == ""
-    c.update(sensed(now=107.1, **up), limits(nav_rcl_act=3))
+    assert c.request_mode(Mode.HOLD, inputs(now=107.0, **up), PARAMS) == ""
+    c.update(inputs(now=107.1, **up), params(nav_rcl_act=3))
     assert c.mode is Mode.HOLD
 
 
@@ -252,9 +252,9 @@ def test_lost_sticks_wait_com_fail_act_t_in_hold():
     c = _radio_lost(Mode.OFFBOARD, nav_rcl_act=3, com_fail_act_t=5.0)
     up = {"landed": False, "flying": True}
     assert c.mode is Mode.HOLD
-    c.update(sensed(now=110.9, **up), limits(nav_rcl_act=3, com_fail_act_t=5.0))
+    c.update(inputs(now=110.9, **up), params(nav_rcl_act=3, com_fail_act_t=5.0))
     assert c.mode is Mode.HOLD
-    c.update(sensed(now=111.1, **up), limits(nav_rcl_act=3, com_fail_act_t=5.0))
+    c.update(inputs(now=111.1, **up), params(nav_rcl_act=3, com_fail_act_t=5.0))
     assert c.mode is Mode.LAND
 
 
@@ -268,9 +268,9 @@ def test_lost_sticks_do_not_stop_a_landing(action, mode):
 def test_of_two_failsafes_the_worse_acts():
     c, up = flying()
     now = {"offboard_age": 1.5, **up}
-    c.update(sensed(now=106.0, sticks=True, **now), limits(com_obl_rc_act=5))
+    c.update(inputs(now=106.0, manual_control=True, **now), params(com_obl_rc_act=5))
     assert c.mode is Mode.HOLD
-    c.update(sensed(now=107.0, **now), limits(com_obl_rc_act=5, nav_rcl_act=3))
+    c.update(inputs(now=107.0, **now), params(com_obl_rc_act=5, nav_rcl_act=3))
     assert c.mode is Mode.LAND
 
 
@@ -280,7 +280,9 @@ def test_offboard_loss_into_a_mode_flown_by_hand_holds_where_there_are_sticks_an
 ):
     for action in (0, 1, 2):
         c, up = flying()
-        c.update(sensed(now=106.0, offboard_age=1.5, sticks=there, **up), limits(com_obl_rc_act=action))
+        c.update(
+            inputs(now=106.0, offboard_age=1.5, manual_control=there, **up), params(com_obl_rc_act=action)
+        )
         assert c.mode is mode
 
 
@@ -297,19 +299,19 @@ def test_offboard_loss_into_a_mode_flown_by_hand_holds_where_there_are_sticks_an
 )
 def test_com_rc_in_mode_says_whose_sticks_count(in_mode, first, counted):
     for source in ("radio", "joystick"):
-        sticks = Sticks()
-        sticks.hear(first, 1.0)
-        assert not sticks.there(2.0, in_mode, 0.5)
-        sticks.hear(source, 2.0)
-        assert sticks.there(2.4, in_mode, 0.5) is (source in counted)
-        assert not sticks.there(2.6, in_mode, 0.5)
+        pilot = ManualControl()
+        pilot.receive(first, 1.0)
+        assert not pilot.is_available(2.0, in_mode, 0.5)
+        pilot.receive(source, 2.0)
+        assert pilot.is_available(2.4, in_mode, 0.5) is (source in counted)
+        assert not pilot.is_available(2.6, in_mode, 0.5)
 
 
 def test_a_tilt_that_passes_is_no_attitude_failure():
     c, up = flying()
-    opened = limits(cbrk_flightterm=0, fd_fail_s=0.3)
+    opened = params(cbrk_flightterm=0, fd_fail_s=0.3)
     for now, tilt in ((106.0, 1.3), (106.2, 1.3), (106.25, 0.2), (106.3, 1.3), (106.55, 1.3)):
-        c.update(sensed(now=now, tilt_rad=tilt, **up), opened)
+        c.update(inputs(now=now, tilt_rad=tilt, **up), opened)
         assert c.mode is Mode.OFFBOARD
-    c.update(sensed(now=106.65, tilt_rad=1.3, **up), opened)
+    c.update(inputs(now=106.65, tilt_rad=1.3, **up), opened)
     assert c.mode is Mode.TERMINATE and c.armed

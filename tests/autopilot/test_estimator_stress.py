@@ -20,10 +20,11 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from stress import AS_ARENA, FAULTS, STRESSES, Stress, StressFlight, judge, misled, together
 
-from arena.autopilot.estimation.estimator import Estimator
-from arena.autopilot.mavlink.external_vision import Vision, from_odometry
-from arena.autopilot.mavlink.mavlink_interface import Face
+from arena.autopilot.estimation.estimator import Estimator, VisionSample
+from arena.autopilot.mavlink.external_vision import from_odometry
 from arena.autopilot.param_table import Params
+from arena.autopilot.vehicle import Vehicle
+from arena.constants import GRAVITY_M_S2
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import parse_frames
 from arena.wire.mavlink_records import Odometry
@@ -114,7 +115,7 @@ def hovering() -> Estimator:
     """An estimator that has stood still for three seconds."""
     est = Estimator(Params(1), 1, 0.004)
     for k in range(750):
-        est.predict(np.array([[0.0, 0.0, -9.80665]]), np.zeros((1, 3)))
+        est.predict(np.array([[0.0, 0.0, -GRAVITY_M_S2]]), np.zeros((1, 3)))
         if k % 4 == 0:
             see(est, 0.004 * k, 0.0)
     return est
@@ -132,7 +133,7 @@ def test_a_gate_that_rejected_does_not_widen_until_it_lets_the_jump_in_and_lets_
     est = hovering()
     for k in range(2500):
         now = 3.0 + 0.004 * k
-        est.predict(np.array([[0.0, 0.0, -9.80665]]), np.zeros((1, 3)))
+        est.predict(np.array([[0.0, 0.0, -GRAVITY_M_S2]]), np.zeros((1, 3)))
         if k % 4 == 0:
             see(est, now, 0.0 if comes_back and k > 250 else 0.8)
     assert bool(now - est.last_xy[0] < 0.1) is followed
@@ -140,16 +141,16 @@ def test_a_gate_that_rejected_does_not_widen_until_it_lets_the_jump_in_and_lets_
 
 
 def test_a_pose_that_repeats_to_the_last_bit_is_news_on_the_ground_and_none_in_the_air():
-    face = Face(0, "uav1", 1, Params(1))
-    pose = Vision((1.0, 2.0, -3.0), (1.0, 0.0, 0.0, 0.0), (1e-6,) * 3, 1e-6)
+    vehicle = Vehicle(0, "uav1", 1, Params(1), Estimator(Params(1), 1, 0.004))
+    pose = VisionSample((1.0, 2.0, -3.0), (1.0, 0.0, 0.0, 0.0), (1e-6,) * 3, 1e-6)
     for flying, wanted in ((False, pose), (True, None)):
-        face.sensed = type("Sensed", (), {"flying": flying})()
-        face.vision = None
-        face._take_vision(pose)
-        face.vision = None
-        face._take_vision(pose)
-        assert face.vision == wanted
-    assert face.counts["vision repeated"] == 2
+        vehicle.inputs.flying = flying
+        vehicle.vision = None
+        vehicle.set_vision(pose)
+        vehicle.vision = None
+        vehicle.set_vision(pose)
+        assert vehicle.vision == wanted
+    assert vehicle.counts["vision repeated"] == 2
 
 
 def test_the_age_of_a_pose_is_its_parameter_whatever_stamp_it_bears():

@@ -30,7 +30,7 @@ PX4_ONBOARD_HZ = {
 
 def ready() -> Flight:
     flight = Flight(1)
-    flight.until(lambda f: f.pilots.faces[0].ready_to_arm, 20)
+    flight.until(lambda f: f.pilots.vehicles[0].ready_to_arm, 20)
     return flight
 
 

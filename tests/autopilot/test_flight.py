@@ -13,7 +13,7 @@ from arena.geometry import quat_multiply
 def airborne(vehicles: int = 1, height: float = 1.2, **settings) -> tuple[Flight, object]:
     """A flight hovering in OFFBOARD, and the callback that keeps its setpoints coming."""
     flight = Flight(vehicles, **settings)
-    flight.until(lambda f: all(face.ready_to_arm for face in f.pilots.faces), 20)
+    flight.until(lambda f: all(v.ready_to_arm for v in f.pilots.vehicles), 20)
 
     def stream(f: Flight) -> None:
         for i in range(vehicles):
@@ -68,7 +68,7 @@ def test_lost_vision_is_declared_and_ends_on_the_ground_disarmed():
     flight.vision_on[:] = False
     took = flight.until(lambda f: f.mode(0) != "OFFBOARD", 5, stream)
     assert 0.9 < took < 1.2
-    assert "external vision lost" in flight.pilots.faces[0].commander.failsafe
+    assert "external vision lost" in flight.pilots.vehicles[0].commander.failsafe
     flight.until(lambda f: not f.armed(0), 20, stream)
     assert flight.position(0)[2] > -0.1
 
@@ -114,7 +114,7 @@ def test_disarming_in_the_air_is_refused_unless_forced():
 
 def test_take_off_and_hold_by_command_alone():
     flight = Flight(1, params={"MIS_TAKEOFF_ALT": 1.5})
-    flight.until(lambda f: f.pilots.faces[0].ready_to_arm, 20)
+    flight.until(lambda f: f.pilots.vehicles[0].ready_to_arm, 20)
     assert flight.command(0, mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, float("nan")) == 0
     assert flight.arm(0) == 0
     flight.until(lambda f: f.mode(0) == "AUTO.LOITER", 15)
@@ -140,7 +140,7 @@ def _with_battery(sense, remaining):
 
 def test_an_armed_vehicle_that_does_not_take_off_disarms_itself():
     flight = Flight(1)
-    flight.until(lambda f: f.pilots.faces[0].ready_to_arm, 20)
+    flight.until(lambda f: f.pilots.vehicles[0].ready_to_arm, 20)
     assert flight.arm(0) == 0
     took = flight.until(lambda f: not f.armed(0), 12)
     assert 9.5 < took < 10.5

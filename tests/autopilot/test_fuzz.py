@@ -82,9 +82,9 @@ def test_an_origin_on_a_pole_is_flown_on_and_one_in_space_is_not_taken(lat, lon,
 def test_an_interval_beyond_what_can_be_told_is_cut_and_asking_often_takes_no_memory():
     flight = ready()
     for _ in range(500):
-        assert flight.pilots.faces[0]._links["router"].due is not None
+        assert flight.pilots.interfaces[0].links["router"].schedule is not None
         flight.send(0, mavlink.MAVLink_command_long_message(1, 1, 511, 0, 30, 3e38, 0, 0, 0, 0, 0))
-    assert len(flight.pilots.faces[0]._links["router"].due) < 40
+    assert len(flight.pilots.interfaces[0].links["router"].schedule) < 40
     flight.run(0.04)
     assert flight.command(0, mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 30) == 0
     told = [m for m in flight.heard[0] if m.get_type() == "MESSAGE_INTERVAL"]
@@ -131,7 +131,7 @@ def test_a_setpoint_that_no_vehicle_could_follow_is_refused(frame):
         values[k] = 3.4e38
         flight.send(0, mavlink.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, 0, *values))
     refused = 9 if frame == 1 else 6  # of a position in body axes nothing is read
-    assert flight.pilots.faces[0].counts["refused setpoint"] == refused
+    assert flight.pilots.vehicles[0].counts["refused setpoint"] == refused
 
 
 def test_a_variance_that_rounding_made_negative_is_small_and_correlated_with_nothing():

@@ -31,7 +31,7 @@ def reached(flight) -> list[int]:
 
 
 def until_reached(flight, seq, limit_s):
-    return flight.until(lambda f: f.pilots.faces[0].missions.reached == seq, limit_s)
+    return flight.until(lambda f: f.pilots.vehicles[0].missions.reached == seq, limit_s)
 
 
 def test_a_mission_takes_off_flies_its_waypoints_holds_turns_and_lands_where_it_says():
@@ -62,7 +62,7 @@ def test_a_way_is_flown_no_faster_than_told_and_straight():
     )
     fastest, aside = 0.0, 0.0
     until_reached(flight, 0, 10)
-    while flight.pilots.faces[0].missions.reached < 2:
+    while flight.pilots.vehicles[0].missions.reached < 2:
         flight.run(0.1)
         assert flight.now < 60
         fastest = max(fastest, float(np.hypot(*flight.world.truth().v_n[0][:2])))
@@ -128,7 +128,7 @@ def hovering(flight, height=1.5):
 def goto(flight, north, east, up):
     lat = 38.7 + math.degrees(north / 6_371_000.0)
     lon = -9.1 + math.degrees(east / (6_371_000.0 * math.cos(math.radians(38.7))))
-    home_alt = 100.0 - float(flight.pilots.faces[0].home_n[2])
+    home_alt = 100.0 - float(flight.pilots.vehicles[0].home_n[2])
     m = mavlink.MAVLink_command_int_message(
         1, 1, 0, 192, 0, 0, -1.0, 1.0, 0, math.nan, round(lat * 1e7), round(lon * 1e7), home_alt + up
     )

@@ -39,7 +39,7 @@ def test_what_was_uploaded_is_given_back_as_px4_gives_it_back(station):
 
 
 def test_the_list_has_an_id_that_changes_with_it_and_is_told_with_count_current_and_acknowledgement(station):
-    missions = station.pilots.faces[0].missions
+    missions = station.pilots.vehicles[0].missions
     upload(station, SQUARE)
     first = missions.ids[0]
     upload(station, SQUARE[:2])
@@ -47,7 +47,7 @@ def test_the_list_has_an_id_that_changes_with_it_and_is_told_with_count_current_
     assert len({0, first, second}) == 3
     upload(station, SQUARE)
     assert missions.ids[0] == first
-    raw = missions._current().pack(mavlink.MAVLink(None))
+    raw = station.pilots.interfaces[0].mission_protocol._current().pack(mavlink.MAVLink(None))
     assert first.to_bytes(4, "little") in raw
 
 
@@ -97,14 +97,14 @@ def test_a_lost_item_is_asked_for_again_and_a_silent_partner_given_up_after_5_s(
     send_item(station, 0, SQUARE[0])
     station.run(5.5)
     assert "Operation timeout" in texts(station)
-    assert len(station.pilots.faces[0].missions.items[0]) == len(SQUARE)
+    assert len(station.pilots.vehicles[0].missions.items[0]) == len(SQUARE)
     assert upload(station, SQUARE[:2]) == 0
 
 
 def test_items_out_of_turn_are_ignored_and_a_repeated_last_one_acknowledged_again(station):
     station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 1, 0))
     send_item(station, 1, SQUARE[1])
-    assert station.pilots.faces[0].missions.items[0] == ()
+    assert station.pilots.vehicles[0].missions.items[0] == ()
     for _ in range(2):
         send_item(station, 0, SQUARE[0])
     station.run(0.04)

@@ -1,4 +1,4 @@
-"""Mixer, attitude from thrust, setpoints off the wire: the places where a sign or an order goes wrong."""
+"""ControlAllocator, attitude from thrust, setpoints off the wire: the places where a sign or an order goes wrong."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.control.control_allocator import Mixer, mixing_rows
+from arena.autopilot.control.control_allocator import ControlAllocator, allocation_rows
 from arena.autopilot.control.controllers import AttitudeControl, attitude_from_thrust
 from arena.autopilot.control.setpoints import Level
 from arena.autopilot.mavlink.offboard_setpoints import from_attitude_target, from_position_target
@@ -31,30 +31,30 @@ QUAD_X = [
 GENERIC_RPY = np.radians([10.0, -20.0, 35.0])
 
 
-def mixer() -> Mixer:
-    return Mixer(mixing_rows(QUAD_X)[None], np.ones((1, 4), bool))
+def mixer() -> ControlAllocator:
+    return ControlAllocator(allocation_rows(QUAD_X)[None], np.ones((1, 4), bool))
 
 
 def test_the_rows_of_a_symmetric_quad_are_px4s():
-    assert np.allclose(np.abs(mixing_rows(QUAD_X)), [[0.7071, 0.7071, 1.0]] * 4, atol=1e-4)
+    assert np.allclose(np.abs(allocation_rows(QUAD_X)), [[0.7071, 0.7071, 1.0]] * 4, atol=1e-4)
 
 
 def test_roll_lifts_the_left_rotors_pitch_the_front_and_yaw_the_ccw_ones():
-    u, _ = mixer().mix(np.array([[0.1, 0.0, 0.0]]), np.array([0.5]))
+    u, _ = mixer().allocate(np.array([[0.1, 0.0, 0.0]]), np.array([0.5]))
     assert u[0, 1] > 0.5 > u[0, 0]
     assert u[0, 2] > 0.5 > u[0, 3]
-    u, _ = mixer().mix(np.array([[0.0, 0.1, 0.0]]), np.array([0.5]))
+    u, _ = mixer().allocate(np.array([[0.0, 0.1, 0.0]]), np.array([0.5]))
     assert u[0, 0] > 0.5 > u[0, 1]
-    u, _ = mixer().mix(np.array([[0.0, 0.0, 0.1]]), np.array([0.5]))
+    u, _ = mixer().allocate(np.array([[0.0, 0.0, 0.1]]), np.array([0.5]))
     assert u[0, 0] > 0.5 > u[0, 2]
 
 
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3), st.floats(0, 1))
 def test_commands_stay_in_range_and_yaw_gives_way_to_tilt(torque, thrust):
-    u, _ = mixer().mix(np.array([torque]), np.array([thrust]))
+    u, _ = mixer().allocate(np.array([torque]), np.array([thrust]))
     assert np.all((u >= 0) & (u <= 1))
-    no_yaw, _ = mixer().mix(np.array([[*torque[:2], 0.0]]), np.array([thrust]))
-    rows = mixing_rows(QUAD_X)[:, :2]
+    no_yaw, _ = mixer().allocate(np.array([[*torque[:2], 0.0]]), np.array([thrust]))
+    rows = allocation_rows(QUAD_X)[:, :2]
     assert np.allclose(u @ rows, no_yaw @ rows, atol=1e-9)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from flight import Flight
 
+from arena.constants import GRAVITY_M_S2
 from arena.geometry import yaw_from_quat
 from arena.schema import load_profile
 
@@ -70,8 +71,8 @@ def test_old_gains_become_accelerations_by_the_hover_thrust():
     old |= {"MPC_THR_HOVER": 0.5, "MPC_SPOOLUP_TIME": 1.0, "MC_DTERM_CUTOFF": 0.0}
     old |= {"MC_YAW_P": 4.0, "MC_ROLL_P": 8.0, "MC_PITCH_P": 8.0}
     now = THESIS.of_today(old, hover=0.6)
-    assert now["MPC_Z_VEL_P_ACC"] == pytest.approx(0.2 * 9.80665 / 0.5, abs=1e-5)
-    assert now["MPC_XY_VEL_P_ACC"] == pytest.approx(0.2 * 9.80665 / 0.6, abs=1e-5)
+    assert now["MPC_Z_VEL_P_ACC"] == pytest.approx(0.2 * GRAVITY_M_S2 / 0.5, abs=1e-5)
+    assert now["MPC_XY_VEL_P_ACC"] == pytest.approx(0.2 * GRAVITY_M_S2 / 0.6, abs=1e-5)
     assert now["MC_YAW_WEIGHT"] == 0.5
 
 
@@ -126,7 +127,7 @@ def flown(ulog: bytes, monkeypatch: pytest.MonkeyPatch) -> Any:
     params = THESIS.of_today(THESIS.ulog_params(ulog), profile.hover_command)
     monkeypatch.setattr("flight.PROFILE", profile.slice())
     flight = Flight(1, params=params)
-    flight.until(lambda f: f.pilots.faces[0].ready_to_arm, 20)
+    flight.until(lambda f: f.pilots.vehicles[0].ready_to_arm, 20)
     goal, yaw = estimate(flight)
     flight.run(0.5, lambda f: f.setpoint(0, goal, yaw))
     assert flight.offboard(0) == 0 and flight.arm(0) == 0

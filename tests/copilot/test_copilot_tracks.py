@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from arena.constants import GRAVITY_M_S2
 from arena.copilot.tracks import Tracks
 from arena.geometry import quat_from_euler, quat_rotate
 
@@ -66,7 +67,7 @@ def test_the_lean_is_where_the_thrust_points() -> None:
     tilt, lean = tracks.leans()
     thrust_n = quat_rotate(q_nb, np.array([0.0, 0.0, -1.0]))
     assert tilt[0] == pytest.approx(np.arccos(-thrust_n[2]))
-    assert lean[0, :2] == pytest.approx(9.81 * thrust_n[:2] / -thrust_n[2])
+    assert lean[0, :2] == pytest.approx(GRAVITY_M_S2 * thrust_n[:2] / -thrust_n[2])
 
 
 def test_nose_up_is_tilted_by_as_much() -> None:

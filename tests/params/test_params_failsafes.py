@@ -170,7 +170,7 @@ class Fleet:
         flight = self.flight
         for i in range(len(self.cases)):  # a return wants a place on the globe
             flight.send(i, mavlink.MAVLink_set_gps_global_origin_message(i + 1, 503500000, 142500000, 300000))
-        flight.until(lambda f: all(face.ready_to_arm for face in f.pilots.faces), 20, self._speak)
+        flight.until(lambda f: all(v.ready_to_arm for v in f.pilots.vehicles), 20, self._speak)
         flight.run(0.4, self._speak)
         for command, *numbers in (
             (mavlink.MAV_CMD_DO_SET_MODE, 1, 6),

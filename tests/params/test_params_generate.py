@@ -7,6 +7,7 @@ import itertools
 
 import pytest
 
+from arena.constants import GRAVITY_M_S2
 from arena.params.facts.parameter_table import parameters, versions
 from arena.params.generation.generate import Generated, generate
 from arena.params.generation.requirements import Failsafe, Requirements, Rotor
@@ -49,7 +50,7 @@ def test_then_and_now_the_same_words_have_other_names() -> None:
         0,
         4,
     )
-    assert then["MPC_XY_VEL_P"] == pytest.approx(1.8 * 0.5 / 9.81)
+    assert then["MPC_XY_VEL_P"] == pytest.approx(1.8 * 0.5 / GRAVITY_M_S2)
     assert (now["EKF2_EV_CTRL"], now["EKF2_HGT_REF"], now["COM_OBL_RC_ACT"], now["MPC_XY_VEL_P_ACC"]) == (
         15,
         3,

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.schema import load_profile, profile_names
 from arena.schema.library import read_profile
@@ -56,7 +57,7 @@ def test_the_figures_of_the_thesis_hold() -> None:
     assert aero.max_newtons == pytest.approx(19.0, abs=0.01)
     t = np.linspace(5, 18.9, 20)
     assert np.allclose(aero.command(t), (np.tan((t - 10.37) / 8.84) + 1.478) / 2.955)
-    hover = 1.52 * 9.80665
+    hover = 1.52 * GRAVITY_M_S2
     assert iris.command(hover) == pytest.approx((hover - 14.906) / 45.34 + 0.561, abs=0.005), (
         "the tangent near hover"
     )

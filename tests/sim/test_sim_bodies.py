@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from sim_slices import PROFILE, slice_of, vehicle
 
+from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.geometry import matrix_from_quat, quat_from_euler, quat_multiply
 from arena.sim.bodies import Bodies, display_answers
-from arena.sim.vehicle_arrays import GRAVITY, read_fleet
+from arena.sim.vehicle_arrays import read_fleet
 from arena.sim.world import World
 
 GENERIC = quat_from_euler(np.radians([10.0, -20.0, 35.0]))
@@ -40,7 +41,7 @@ def test_a_velocity_moves_the_position_and_a_body_rate_the_attitude_the_same_way
     omega_b = np.array([0.7, -1.1, 0.9])
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC, v_n=np.array([1.0, 2.0, -0.5]), omega_b=omega_b)
     bodies.step()
-    assert (bodies.p_n[0] - ALOFT) / H == pytest.approx([1.0, 2.0, -0.5 + GRAVITY * H])
+    assert (bodies.p_n[0] - ALOFT) / H == pytest.approx([1.0, 2.0, -0.5 + GRAVITY_M_S2 * H])
     half = np.array([1.0, *(0.5 * omega_b * H)])
     expected = quat_multiply(GENERIC, half / np.linalg.norm(half))
     assert bodies.q_nb[0] * np.sign(bodies.q_nb[0, 0]) == pytest.approx(expected, abs=5e-6)
@@ -51,7 +52,7 @@ def test_a_force_acts_in_body_axes_on_the_given_mass(bodies):
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC)
     bodies.push(force_b[None], np.zeros((1, 3)))
     bodies.step()
-    expected = matrix_from_quat(GENERIC) @ force_b / PROFILE["mass_kg"] + [0, 0, GRAVITY]
+    expected = matrix_from_quat(GENERIC) @ force_b / PROFILE["mass_kg"] + [0, 0, GRAVITY_M_S2]
     assert bodies.v_n[0] / H == pytest.approx(expected)
     assert bodies.omega_b[0] == pytest.approx([0, 0, 0], abs=1e-9)
 
@@ -70,7 +71,7 @@ def test_a_wrench_lasts_one_step(bodies):
     bodies.step()
     v_n = bodies.v_n[0].copy()
     bodies.step()
-    assert bodies.v_n[0] - v_n == pytest.approx([0.0, 0.0, GRAVITY * H])
+    assert bodies.v_n[0] - v_n == pytest.approx([0.0, 0.0, GRAVITY_M_S2 * H])
 
 
 def test_nothing_damps_a_fall_or_a_spin(bodies):
@@ -83,7 +84,7 @@ def test_nothing_damps_a_fall_or_a_spin(bodies):
     )
     for _ in range(500):
         bodies.step()
-    assert bodies.v_n[0] == pytest.approx([3.0, 0.0, GRAVITY], rel=1e-9)
+    assert bodies.v_n[0] == pytest.approx([3.0, 0.0, GRAVITY_M_S2], rel=1e-9)
     assert bodies.omega_b[0] == pytest.approx([0, 0, 4.0], abs=1e-6)
 
 

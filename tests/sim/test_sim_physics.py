@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sim_slices import PROFILE, vehicle
 
+from arena.constants import GRAVITY_M_S2
 from arena.geometry import quat_from_euler
 from arena.sim.battery import Battery
 from arena.sim.ground import REACH, ground_share, ground_table
@@ -56,7 +57,7 @@ def test_drag_of_the_rotors_is_the_profiles_at_hover_and_grows_with_the_root_of_
     fleet, air = fleet_of(drag_kg_s=[0.3, 0.4, 0.0]), [1.5, -2.0, 0.0]
     assert push(fleet, air)[:2] == pytest.approx([-0.45, 0.8], rel=1e-3)
     more = 0.9
-    ratio = -push(fleet, air, more)[2] / (PROFILE["mass_kg"] * 9.80665)
+    ratio = -push(fleet, air, more)[2] / (PROFILE["mass_kg"] * GRAVITY_M_S2)
     assert push(fleet, air, more)[:2] == pytest.approx(np.sqrt(ratio) * np.array([-0.45, 0.8]), rel=1e-3)
     assert push(fleet, air, 0.0) == pytest.approx([0.0, 0.0, 0.0]), "rotors at rest drag nothing"
 
@@ -119,7 +120,7 @@ def test_the_floor_lifts_most_where_it_is_near_and_not_at_all_some_diameters_up(
     thrusts = [
         -push(fleet, [0, 0, 0], height=np.array([z]))[2] for z in (0.05, 8 * RADIUS, REACH * RADIUS, 50.0)
     ]
-    weight = PROFILE["mass_kg"] * 9.80665
+    weight = PROFILE["mass_kg"] * GRAVITY_M_S2
     assert thrusts[0] > 1.2 * weight
     assert thrusts[1] == pytest.approx(weight, rel=0.012), "four diameters up a hundredth is left"
     assert thrusts[2:] == pytest.approx([weight, weight], rel=1e-4)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from sim_slices import PROFILE, slice_of, vehicle
 
+from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.geometry import euler_from_quat, matrix_from_quat, quat_from_euler
-from arena.sim.vehicle_arrays import GRAVITY
 from arena.sim.world import World, substeps
 
 ALOFT = [0.0, 0.0, -2.5]
@@ -45,13 +45,13 @@ def test_hover_thrust_carries_the_vehicle(build):
     before = world.bodies.p_n.copy()
     fly(world, hover(world), 2.0)
     assert world.bodies.p_n == pytest.approx(before, abs=2e-3)
-    assert world.truth().accel_b[0] == pytest.approx([0, 0, -GRAVITY], abs=1e-3)
+    assert world.truth().accel_b[0] == pytest.approx([0, 0, -GRAVITY_M_S2], abs=1e-3)
 
 
 def test_motors_off_is_free_fall_at_exactly_g_and_weightless(build):
     world = build(vehicle(position=[0, 0, -4]))
     fly(world, np.zeros((1, 4)), 0.5)
-    assert world.truth().v_n[0] == pytest.approx([0, 0, 0.5 * GRAVITY], rel=1e-9)
+    assert world.truth().v_n[0] == pytest.approx([0, 0, 0.5 * GRAVITY_M_S2], rel=1e-9)
     assert world.truth().accel_b[0] == pytest.approx([0, 0, 0], abs=1e-9)
 
 
@@ -73,8 +73,8 @@ def test_torque_signs(build, more, axis):
 def test_the_imu_feels_thrust_along_its_own_axis_at_a_generic_attitude(build):
     world = settled(build(vehicle(position=ALOFT, rpy=GENERIC_RPY, sensors=QUIET)))
     fly(world, hover(world), 0.02)
-    assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY], abs=1e-4)
-    expected_n = matrix_from_quat(quat_from_euler(GENERIC_RPY)) @ [0, 0, -GRAVITY] + [0, 0, GRAVITY]
+    assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY_M_S2], abs=1e-4)
+    expected_n = matrix_from_quat(quat_from_euler(GENERIC_RPY)) @ [0, 0, -GRAVITY_M_S2] + [0, 0, GRAVITY_M_S2]
     assert world.truth().v_n[0] / 0.02 == pytest.approx(expected_n, abs=1e-4)
 
 
@@ -87,9 +87,9 @@ def test_gyro_is_in_body_axes_at_a_generic_attitude(build):
 
 def test_before_and_after_the_first_steps_a_standing_vehicle_feels_one_g_upwards(build):
     world = build(vehicle(sensors=QUIET))
-    assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY])
+    assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY_M_S2])
     fly(world, np.zeros((1, 4)), 1.0)
-    assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY], abs=1e-3)
+    assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY_M_S2], abs=1e-3)
 
 
 @pytest.mark.parametrize("command", [0.0, 0.15])
@@ -177,7 +177,7 @@ def test_thrust_fades_with_speed(build):
     world = settled(build(vehicle(position=ALOFT, thrust_curve=curve)))
     world.bodies.place(0, p_n=np.array(ALOFT), q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([5.0, 0, 0]))
     world.step(hover(world))
-    assert world.truth().accel_b[0, 2] == pytest.approx(-GRAVITY * (1 - 5 / 25), rel=1e-3)
+    assert world.truth().accel_b[0, 2] == pytest.approx(-GRAVITY_M_S2 * (1 - 5 / 25), rel=1e-3)
 
 
 def test_rotors_follow_the_command_with_their_lag(build):

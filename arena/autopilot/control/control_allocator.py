@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def mixing_rows(rotors: Sequence[dict[str, Any]]) -> Array:
+def allocation_rows(rotors: Sequence[dict[str, Any]]) -> Array:
     """(R, 3) weights of roll, pitch and yaw for rotors given by `position_m` [m] [FRD] and `direction` (cw or ccw from above)."""
     position = np.array([r["position_m"] for r in rotors], float)
     turning = np.array([1.0 if r["direction"] == "ccw" else -1.0 for r in rotors])
@@ -28,14 +28,14 @@ def mixing_rows(rotors: Sequence[dict[str, Any]]) -> Array:
     return np.asarray(inverse / np.maximum(scale, 1e-9))
 
 
-class Mixer:
-    """rows: (V, R, 3) from mixing_rows, one per vehicle; unused rotors of smaller vehicles have zero rows."""
+class ControlAllocator:
+    """rows: (V, R, 3) from allocation_rows, one per vehicle; unused rotors of smaller vehicles have zero rows."""
 
     def __init__(self, rows: Array, present: NDArray[np.bool_]) -> None:
         self.rows, self.present = rows, present
         self._tilt_rows, self._yaw_rows = rows[:, :, :2].copy(), rows[:, :, 2].copy()
 
-    def mix(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
+    def allocate(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
         """torque [-] (V, 3), thrust 0..1 (V,) -> commands 0..1 (V, R), and the signs of torque not delivered (V, 3)."""
         tilt = (self._tilt_rows @ torque[:, :2, None])[:, :, 0]
         high, low = tilt.max(1), tilt.min(1)

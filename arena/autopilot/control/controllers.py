@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.autopilot.control.setpoints import Level, Setpoints
-from arena.autopilot.estimation.estimator import GRAVITY, Estimator
+from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.param_table import Params
+from arena.constants import GRAVITY_M_S2
 from arena.geometry import quat_between, quat_from_euler, yaw_from_quat
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ class PositionControl:
         self._vi = p.columns("MPC_XY_VEL_I_ACC", "MPC_XY_VEL_I_ACC", "MPC_Z_VEL_I_ACC")
         self._vd = p.columns("MPC_XY_VEL_D_ACC", "MPC_XY_VEL_D_ACC", "MPC_Z_VEL_D_ACC")
         self._hover, self._thr_min, self._thr_max = p["MPC_THR_HOVER"], p["MPC_THR_MIN"], p["MPC_THR_MAX"]
-        self._per_thrust, self._short_gain = GRAVITY / self._hover, 2.0 / self._vp[:, 0]
+        self._per_thrust, self._short_gain = GRAVITY_M_S2 / self._hover, 2.0 / self._vp[:, 0]
         self._vi_dt = self._vi * self.dt
         self._margin, self._xy_max = p["MPC_THR_XY_MARG"], p["MPC_XY_VEL_MAX"]
         self._up_max, self._down_max = p["MPC_Z_VEL_MAX_UP"], p["MPC_Z_VEL_MAX_DN"]
@@ -86,7 +87,7 @@ class PositionControl:
     def _to_thrust(self, a_sp: Array) -> None:
         """Acceleration -> thrust vector: tilt limit, then vertical before horizontal but for a margin."""
         body_z = -a_sp
-        body_z[:, 2] = GRAVITY
+        body_z[:, 2] = GRAVITY_M_S2
         body_z /= _length(body_z)[:, None]
         limit = np.minimum(self._tilt_air, self.tilt_max)
         over = body_z[:, 2] < np.cos(limit)
@@ -117,7 +118,7 @@ class PositionControl:
         e[:, :2] -= (short * self._short_gain)[:, None] * (a_sp[:, :2] - produced)
         self.integral += e * self._vi_dt
         # PX4 bounds the vertical one; the horizontal one would follow an absurd acceleration to where no flight unwinds it.
-        self.integral = np.minimum(np.maximum(self.integral, -GRAVITY), GRAVITY)
+        self.integral = np.minimum(np.maximum(self.integral, -GRAVITY_M_S2), GRAVITY_M_S2)
 
 
 def attitude_from_thrust(thrust_n: Array, yaw: Array) -> Array:

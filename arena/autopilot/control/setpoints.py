@@ -1,7 +1,9 @@
-"""What each vehicle of the fleet is asked to do, as arrays. NaN means "not given"."""
+"""Setpoints of the controllers, as arrays over all vehicles, and of OFFBOARD, for one vehicle. NaN means "not given"."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -9,10 +11,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
+Triple = tuple[float, float, float]
+_NAN = math.nan
 
 
 class Level(IntEnum):
-    """Where a setpoint enters the cascade."""
+    """The controller that a setpoint is for."""
 
     NONE = 0  # motors off
     RATE = 1  # omega_b and thrust
@@ -20,11 +24,44 @@ class Level(IntEnum):
     POSITION = 3  # position, velocity and acceleration, each axis where finite
 
 
-class Setpoints:
-    """One row per vehicle.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OffboardSetpoint:
+    """One setpoint of an offboard program.
 
-    p_n [m] [NED] (V, 3), v_n [m/s] (V, 3), a_n [m/s2] (V, 3), yaw [rad] (V,), yaw_rate [rad/s] (V,);
-    q_nb [-] wxyz (V, 4), omega_b [rad/s] [FRD] (V, 3), thrust 0..1 collective, up [-] (V,).
+    level: POSITION uses p_n, v_n, a_n, yaw, yaw_rate; ATTITUDE q_nb, yaw_rate, thrust; RATE omega_b, thrust
+    p_n, v_n, a_n: [m], [m/s], [m/s2] [NED]
+    yaw, yaw_rate: [rad], [rad/s]
+    q_nb: attitude [-] wxyz
+    omega_b: body rates [rad/s] [FRD]
+    thrust: collective 0..1
+    """
+
+    level: Level
+    p_n: Triple = (_NAN, _NAN, _NAN)
+    v_n: Triple = (_NAN, _NAN, _NAN)
+    a_n: Triple = (_NAN, _NAN, _NAN)
+    yaw: float = _NAN
+    yaw_rate: float = _NAN
+    q_nb: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    omega_b: Triple = (0.0, 0.0, 0.0)
+    thrust: float = 0.0
+
+    @property
+    def needs_position(self) -> bool:
+        """Whether a position or velocity is given, which needs a valid estimate of it."""
+        return self.level is Level.POSITION and any(math.isfinite(x) for x in (*self.p_n, *self.v_n))
+
+
+class Setpoints:
+    """Setpoints of V vehicles, one row for each.
+
+    level: `Level` (V,)
+    p_n, v_n, a_n: [m], [m/s], [m/s2] [NED] (V, 3)
+    yaw, yaw_rate: [rad], [rad/s] (V,)
+    q_nb: attitude [-] wxyz (V, 4)
+    omega_b: body rates [rad/s] [FRD] (V, 3)
+    thrust: collective 0..1 (V,)
+    yaw_rate_ff: yaw rate added by the attitude controller [rad/s] (V,)
     """
 
     def __init__(self, vehicles: int) -> None:
@@ -41,17 +78,17 @@ class Setpoints:
         self.yaw_rate_ff = np.zeros(v)
 
     def at(self, level: Level) -> Bool:
-        """Which vehicles have a setpoint of this level (V,). Compared as plain numbers: numpy is slow with enums."""
+        """Return which vehicles have a setpoint of this level (V,)."""  # compared as int: numpy is slow with enums
         return np.asarray(self.level == level.value)
 
     def clear(self, i: int) -> None:
-        """Vehicle i has no setpoint: motors off if it were flown."""
+        """Remove the setpoint of vehicle i; its motors stop."""
         self.level[i] = Level.NONE
         self.p_n[i] = self.v_n[i] = self.a_n[i] = np.nan
         self.yaw[i] = self.yaw_rate[i] = np.nan
         self.thrust[i] = 0.0
 
-    def fly(
+    def set_position(
         self,
         i: int,
         *,
@@ -61,7 +98,7 @@ class Setpoints:
         yaw: float = np.nan,
         yaw_rate: float = np.nan,
     ) -> None:
-        """A setpoint of the position level for vehicle i; what is left out is not controlled."""
+        """Set a setpoint of the position level for vehicle i. Axes and values left out are not controlled."""
         self.level[i] = Level.POSITION
         self.p_n[i], self.v_n[i], self.a_n[i] = p_n, v_n, a_n
         self.yaw[i], self.yaw_rate[i] = yaw, yaw_rate

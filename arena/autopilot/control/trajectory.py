@@ -1,4 +1,4 @@
-"""From where a vehicle is to where it shall be: a point that runs ahead of it, limited in speed, acceleration and jerk."""
+"""Trajectory to a target: a point that moves ahead of the vehicle, limited in speed, acceleration and jerk. Pure."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-_SETTLE = 3.0  # how fast a wanted velocity is turned into acceleration [1/s]
+_VELOCITY_GAIN = 3.0  # acceleration per velocity error [1/s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pace:
-    """cruise, up, down [m/s]; accel, accel_up, accel_down [m/s2]; jerk [m/s3]; turn [rad/s]; lead_m: no further ahead."""
+class TrajectoryLimits:
+    """Limits of a trajectory.
+
+    cruise, up, down: horizontal, climb and sink speed [m/s]
+    accel, accel_up, accel_down: horizontal and vertical acceleration [m/s2]
+    jerk: [m/s3]
+    yaw_rate: [rad/s]
+    lead_m: largest distance of the point from the vehicle [m]
+    """
 
     cruise: float
     up: float
@@ -20,13 +27,13 @@ class Pace:
     accel_up: float
     accel_down: float
     jerk: float
-    turn: float
+    yaw_rate: float
     lead_m: float = 2.0
 
 
 @dataclass(slots=True)
-class Course:
-    """p_n [m], v_n [m/s], a_n [m/s2] [NED] of the running point; yaw [rad] of the heading that turns with it."""
+class Trajectory:
+    """State of the moving point: p_n [m], v_n [m/s], a_n [m/s2] [NED] (3,), and its heading yaw [rad]."""
 
     p_n: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     v_n: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -34,56 +41,60 @@ class Course:
     yaw: float = 0.0
 
     def begin(self, p_n: Sequence[float], v_n: Sequence[float], yaw: float) -> None:
-        """Start from where the vehicle is, as it moves."""
+        """Start at the position [m], velocity [m/s] [NED] and heading [rad] of the vehicle."""
         self.p_n, self.v_n, self.a_n, self.yaw = list(p_n), list(v_n), [0.0, 0.0, 0.0], yaw
 
-    def run(self, to: Sequence[float], here: Sequence[float], pace: Pace, dt: float) -> None:
-        """One step towards `to` [m] [NED]; here: where the vehicle is."""
-        if math.dist(self.p_n, here) > pace.lead_m:
-            self.v_n, self.a_n = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]  # wait for it
+    def advance(
+        self, to: Sequence[float], vehicle_n: Sequence[float], limits: TrajectoryLimits, dt: float
+    ) -> None:
+        """Move the point towards `to` [m] [NED] for dt [s]. vehicle_n: position of the vehicle [m] [NED]."""
+        if math.dist(self.p_n, vehicle_n) > limits.lead_m:
+            self.v_n, self.a_n = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]  # wait for the vehicle
             return
-        self._run_level(to, pace, dt)
-        self._run_down(to[2], pace, dt)
+        self._advance_horizontally(to, limits, dt)
+        self._advance_vertically(to[2], limits, dt)
         for k in range(3):
             self.v_n[k] += self.a_n[k] * dt
             self.p_n[k] += self.v_n[k] * dt
 
-    def turn(self, yaw: float, pace: Pace, dt: float) -> None:
-        """Turn towards yaw [rad]; NaN leaves it."""
+    def turn(self, yaw: float, limits: TrajectoryLimits, dt: float) -> None:
+        """Turn the heading towards yaw [rad] for dt [s]; NaN keeps it."""
         if math.isfinite(yaw):
-            left, most = wrapped(yaw - self.yaw), pace.turn * dt
-            self.yaw = wrapped(self.yaw + min(max(left, -most), most))
+            left, most = wrap_angle(yaw - self.yaw), limits.yaw_rate * dt
+            self.yaw = wrap_angle(self.yaw + min(max(left, -most), most))
 
-    def _run_level(self, to: Sequence[float], pace: Pace, dt: float) -> None:
+    def _advance_horizontally(self, to: Sequence[float], limits: TrajectoryLimits, dt: float) -> None:
         left = (to[0] - self.p_n[0], to[1] - self.p_n[1])
         distance = math.hypot(*left)
-        speed = min(pace.cruise, _approach(distance, pace.accel, pace.jerk))
+        speed = min(limits.cruise, _approach(distance, limits.accel, limits.jerk))
         scale = speed / distance if distance > 1e-6 else 0.0
-        wanted = _short([_SETTLE * (left[k] * scale - self.v_n[k]) for k in (0, 1)], pace.accel)
-        change = _short([wanted[k] - self.a_n[k] for k in (0, 1)], pace.jerk * dt)
+        wanted = _limit_length(
+            [_VELOCITY_GAIN * (left[k] * scale - self.v_n[k]) for k in (0, 1)], limits.accel
+        )
+        change = _limit_length([wanted[k] - self.a_n[k] for k in (0, 1)], limits.jerk * dt)
         self.a_n[0] += change[0]
         self.a_n[1] += change[1]
 
-    def _run_down(self, to: float, pace: Pace, dt: float) -> None:
+    def _advance_vertically(self, to: float, limits: TrajectoryLimits, dt: float) -> None:
         left = to - self.p_n[2]
-        cruise, accel = (pace.down, pace.accel_down) if left > 0 else (pace.up, pace.accel_up)
-        speed = math.copysign(min(cruise, _approach(abs(left), accel, pace.jerk)), left)
-        wanted = min(max(_SETTLE * (speed - self.v_n[2]), -accel), accel)
-        most = pace.jerk * dt
+        cruise, accel = (limits.down, limits.accel_down) if left > 0 else (limits.up, limits.accel_up)
+        speed = math.copysign(min(cruise, _approach(abs(left), accel, limits.jerk)), left)
+        wanted = min(max(_VELOCITY_GAIN * (speed - self.v_n[2]), -accel), accel)
+        most = limits.jerk * dt
         self.a_n[2] += min(max(wanted - self.a_n[2], -most), most)
 
 
 def _approach(distance: float, accel: float, jerk: float) -> float:
-    """The speed from which one can stop at a point this far off: v^2 / 2a, and 2a/j in which the brakes are applied."""
+    """Return the speed [m/s] from which to stop within a distance: v^2 / 2a, and v * 2a/j while the deceleration builds up."""
     b = 4.0 * accel * accel / jerk
     return 0.5 * (math.sqrt(b * b + 8.0 * accel * distance) - b)
 
 
-def _short(v: list[float], most: float) -> list[float]:
+def _limit_length(v: list[float], most: float) -> list[float]:
     length = math.hypot(*v)
     return v if length <= most else [x * most / length for x in v]
 
 
-def wrapped(angle: float) -> float:
-    """[rad] into -pi .. pi."""
+def wrap_angle(angle: float) -> float:
+    """Return the angle [rad] within -pi .. pi."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

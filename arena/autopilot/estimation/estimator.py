@@ -11,10 +11,13 @@ down axis, so tilt is learned from how the vehicle moves and from nothing that a
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from arena.autopilot.param_table import Params
+from arena.constants import GRAVITY_M_S2
 from arena.geometry import (
     matrix_from_quat,
     quat_conj,
@@ -29,8 +32,8 @@ from arena.geometry import (
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 Index = NDArray[np.intp]
+Triple = tuple[float, float, float]
 
-GRAVITY = 9.80665
 _P, _V, _TH, _BG, _BA = (slice(i, i + 3) for i in range(0, 15, 3))
 _COVARIANCE_EVERY = 4
 _RING = 96
@@ -43,6 +46,21 @@ _SURE = np.repeat(
     (0.25, _VELOCITY_VARIANCE, 0.01), 3
 )  # variances of position, velocity and attitude that may be flown on
 _EYE = np.eye(15)
+
+
+class VisionSample(NamedTuple):
+    """One pose of external vision.
+
+    p_n: position [m] [NED]
+    q_nb: attitude [-] wxyz, NaN when not given
+    var_p: variance of the position [m2], 0 where the sender does not know
+    var_yaw: variance of the heading [rad2], 0 where the sender does not know
+    """
+
+    p_n: Triple
+    q_nb: tuple[float, float, float, float]
+    var_p: Triple
+    var_yaw: float
 
 
 class Estimator:
@@ -68,7 +86,7 @@ class Estimator:
             (v, 4)
         )  # what the filter takes the variance of these to be [m2], [rad2]
         self._strict = np.full((v, 4), np.inf)  # since a rejection: the variance that its gate had
-        self._accel_mean = np.tile([0.0, 0.0, -GRAVITY], (v, 1))
+        self._accel_mean = np.tile([0.0, 0.0, -GRAVITY_M_S2], (v, 1))
         self._baro_offset, self._baro_seen = np.zeros(v), np.zeros(v, bool)
         self._ring_p, self._ring_q = np.zeros((_RING, v, 3)), np.zeros((_RING, v, 4))
         self._ring_q[..., 0] = 1.0
@@ -126,7 +144,7 @@ class Estimator:
         self.omega_b, before = omega_b, self.r_nb
         self.r_nb = matrix_from_quat(self.q_nb)
         a_n = ((self.r_nb + before) @ (0.5 * force_b[:, :, None]))[:, :, 0]
-        a_n[:, 2] += GRAVITY
+        a_n[:, 2] += GRAVITY_M_S2
         self.a_n = a_n
         moving = self.aligned[:, None]
         dv = a_n * dt * moving

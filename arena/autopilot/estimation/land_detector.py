@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arena.autopilot.control.setpoints import Level, Setpoints
-from arena.autopilot.estimation.estimator import GRAVITY, Estimator
+from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.param_table import Params
+from arena.constants import GRAVITY_M_S2
 
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -73,7 +74,7 @@ class TakeoffRamp:
         """
         p = self.params
         part = np.clip((now - self.begun) / np.maximum(p["MPC_TKO_RAMP_T"], 1e-3), 0.0, 1.0)
-        start = -GRAVITY / p["MPC_Z_VEL_P_ACC"]
+        start = -GRAVITY_M_S2 / p["MPC_Z_VEL_P_ACC"]
         ramp = start + part * (full - start)
         return np.where(self.flying, np.inf, np.where(np.isfinite(self.begun), ramp, start))
 

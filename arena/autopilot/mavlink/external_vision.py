@@ -1,18 +1,18 @@
-"""External vision off the wire: what PX4 takes for visual odometry, and what it does not."""
+"""Decoding of external vision messages: which poses PX4 would fuse, and which it ignores."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.autopilot.estimation.estimator import VisionSample
 from arena.geometry import quat_from_euler
 from arena.wire.mavlink_records import Odometry, Triple
 
-# MOCAP is accepted on the wire and never fused by PX4's EKF2; so here.
+# PX4 accepts MAV_ESTIMATOR_TYPE_MOCAP, but its EKF2 never fuses it.
 _FUSED = (
     mavlink.MAV_ESTIMATOR_TYPE_UNKNOWN,
     mavlink.MAV_ESTIMATOR_TYPE_VISION,
@@ -20,44 +20,34 @@ _FUSED = (
 )
 _FRAMES = (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_FRD)
 _DIAGONAL = (0, 6, 11, 15, 18, 20)  # of the row-major upper triangle
-_FAR_M = 1e4
-_NONE = (math.nan,) * 4
+_MAX_DISTANCE_M = 1e4
+_NO_ATTITUDE = (math.nan,) * 4
 
 
-@dataclass(frozen=True, slots=True)
-class Vision:
-    """p_n [m] [NED], q_nb wxyz (NaN when not given), variances [m2] (3,) and of yaw [rad2]; 0 where the sender does not know."""
-
-    p_n: Triple
-    q_nb: tuple[float, float, float, float]
-    var_p: Triple
-    var_yaw: float
-
-
-def from_odometry(m: Odometry) -> Vision | None:
-    """ODOMETRY -> a sample, or None for one that PX4 would not fuse or that is no pose."""
+def from_odometry(m: Odometry) -> VisionSample | None:
+    """Return the sample of an ODOMETRY, or None if PX4 would not fuse it or it holds no pose."""
     if m.estimator_type not in _FUSED or m.frame_id not in _FRAMES:
         return None
-    return _vision(m.p_n, m.q, m.variances)
+    return _sample(m.p_n, m.q, m.variances)
 
 
-def from_vision_estimate(m: Any) -> Vision | None:
-    """VISION_POSITION_ESTIMATE -> a sample, or None."""
+def from_vision_estimate(m: Any) -> VisionSample | None:
+    """Return the sample of a VISION_POSITION_ESTIMATE, or None if it holds no pose."""
     rpy = (m.roll, m.pitch, m.yaw)
     if not all(math.isfinite(x) for x in rpy):
-        return _vision((m.x, m.y, m.z), _NONE, [m.covariance[k] for k in _DIAGONAL])
-    return _vision(
+        return _sample((m.x, m.y, m.z), _NO_ATTITUDE, [m.covariance[k] for k in _DIAGONAL])
+    return _sample(
         (m.x, m.y, m.z), tuple(quat_from_euler(rpy).tolist()), [m.covariance[k] for k in _DIAGONAL]
     )
 
 
-def _vision(p: Triple, q: tuple[float, float, float, float], variances: Sequence[float]) -> Vision | None:
-    if not (
-        abs(p[0]) < _FAR_M and abs(p[1]) < _FAR_M and abs(p[2]) < _FAR_M
-    ):  # what is no number is not near
-        return None
+def _sample(
+    p: Triple, q: tuple[float, float, float, float], variances: Sequence[float]
+) -> VisionSample | None:
+    if not (abs(p[0]) < _MAX_DISTANCE_M and abs(p[1]) < _MAX_DISTANCE_M and abs(p[2]) < _MAX_DISTANCE_M):
+        return None  # too far, or NaN
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
-    q = (w / norm, x / norm, y / norm, z / norm) if 0.9 < norm < 1.1 else _NONE
+    q = (w / norm, x / norm, y / norm, z / norm) if 0.9 < norm < 1.1 else _NO_ATTITUDE
     n, e, d, _, _, yaw = (x if 0.0 < x < math.inf else 0.0 for x in variances)
-    return Vision(p, q, (n, e, d), yaw)
+    return VisionSample(p, q, (n, e, d), yaw)

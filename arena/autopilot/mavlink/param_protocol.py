@@ -1,8 +1,7 @@
-"""The parameter protocol of one vehicle, as PX4 speaks it: list, read, write, hash. Messages in, messages out.
+"""MAVLink's parameter protocol for one vehicle, as PX4 implements it: list, read, write, hash. Messages in, messages out.
 
-Only what names this system is answered: PX4 takes no broadcast here. What it meets with silence (unknown names, other types,
-indices beyond the end) is met with silence. One thing is not PX4's: a value that is not finite or out of its documented range
-is refused, by telling the value that stays.
+Like PX4 it does not reply to an unknown name, another type or an index beyond the end. Unlike PX4 it refuses a value that is not
+finite or out of its documented range: the reply holds the value that stays.
 """
 
 from __future__ import annotations
@@ -17,10 +16,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.param_table import SPECS, Params
 
-HASH = "_HASH_CHECK"
-_PER_STEP = 8
+HASH_NAME = "_HASH_CHECK"
+_VALUES_PER_STEP = 8
 _NO_INDEX = 65535
-HEARD = (
+MESSAGE_IDS = (
     mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
     mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
     mavlink.MAVLINK_MSG_ID_PARAM_SET,
@@ -29,20 +28,24 @@ HEARD = (
 
 @dataclass(slots=True)
 class ParamServer:
-    """i: row in the fleet. refused: sentences about writes that were not taken, for whoever tells people."""
+    """The vehicle's side of the protocol.
 
-    i: int
+    row: row of the vehicle in the parameter table
+    refused: reasons of refused writes, removed by the reader
+    """
+
+    row: int
     params: Params
     refused: list[str] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
-    _left: dict[str, deque[str]] = field(default_factory=dict)
+    _to_list: dict[str, deque[str]] = field(default_factory=dict)
 
-    def hear(self, link: str, m: Any) -> list[Any]:
-        """A message that names this vehicle -> answers for the same link."""
+    def receive(self, link: str, m: Any) -> list[Any]:
+        """Process a message addressed to this vehicle and return the replies for its link."""
         kind = m.get_msgId()
         if kind == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
-            again = bool(self._left.get(link))
-            self._left[link] = deque(self.params.names if again else [HASH, *self.params.names])
+            again = bool(self._to_list.get(link))
+            self._to_list[link] = deque(self.params.names if again else [HASH_NAME, *self.params.names])
             return []
         if kind == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
             return self._read(m)
@@ -50,32 +53,32 @@ class ParamServer:
 
     @property
     def busy(self) -> bool:
-        """Is a list being told?"""
-        return any(self._left.values())
+        """Whether a list is being sent."""
+        return any(self._to_list.values())
 
-    def speak(self, link: str) -> list[Any]:
-        """The next few of a list that was asked for on this link."""
-        left = self._left.get(link)
-        return [self.value(left.popleft()) for _ in range(min(_PER_STEP, len(left)))] if left else []
+    def next_values(self, link: str) -> list[Any]:
+        """Return the next messages of the list requested on this link."""
+        left = self._to_list.get(link)
+        return [self.value(left.popleft()) for _ in range(min(_VALUES_PER_STEP, len(left)))] if left else []
 
     def value(self, name: str) -> Any:
-        """PARAM_VALUE of a name that exists."""
+        """Return PARAM_VALUE of a known name."""
         count = len(self.params.names)
-        if name == HASH:
-            carried = _carried("<I", self.hash())
+        if name == HASH_NAME:
+            value = _as_float_bytes("<I", self.hash())
             return mavlink.MAVLink_param_value_message(
-                HASH.encode(), carried, mavlink.MAV_PARAM_TYPE_UINT32, count, _NO_INDEX
+                HASH_NAME.encode(), value, mavlink.MAV_PARAM_TYPE_UINT32, count, _NO_INDEX
             )
-        value, kind = float(self.params[name][self.i]), mavlink.MAV_PARAM_TYPE_REAL32
+        value, kind = float(self.params[name][self.row]), mavlink.MAV_PARAM_TYPE_REAL32
         if SPECS[name].type == "int32":
-            value, kind = _carried("<i", int(value)), mavlink.MAV_PARAM_TYPE_INT32
+            value, kind = _as_float_bytes("<i", int(value)), mavlink.MAV_PARAM_TYPE_INT32
         return mavlink.MAVLink_param_value_message(name.encode(), value, kind, count, self.params.index[name])
 
     def hash(self) -> int:
-        """Changes with any name or value: a ground station that knows it need not list again."""
+        """Return the hash of all names and values. A ground station with the same hash needs no list."""
         found = 0
         for name in self.params.names:
-            value = float(self.params[name][self.i])
+            value = float(self.params[name][self.row])
             raw = struct.pack("<i", int(value)) if SPECS[name].type == "int32" else struct.pack("<f", value)
             found = zlib.crc32(name.encode() + raw, found)
         return found
@@ -84,11 +87,11 @@ class ParamServer:
         names = self.params.names
         if m.param_index >= 0:
             return [self.value(names[m.param_index])] if m.param_index < len(names) else []
-        return [self.value(m.param_id)] if m.param_id in self.params or m.param_id == HASH else []
+        return [self.value(m.param_id)] if m.param_id in self.params or m.param_id == HASH_NAME else []
 
     def _write(self, link: str, m: Any) -> list[Any]:
-        if m.param_id == HASH:  # the ground station has it all already
-            self._left.pop(link, None)
+        if m.param_id == HASH_NAME:  # the ground station has all values already
+            self._to_list.pop(link, None)
             return []
         spec = SPECS.get(m.param_id)
         if spec is None:
@@ -105,12 +108,12 @@ class ParamServer:
             else m.param_value
         )
         try:
-            self.params.set(self.i, m.param_id, value)
+            self.params.set(self.row, m.param_id, value)
         except ValueError as error:
             self.refused.append(str(error))
         return [self.value(m.param_id)]
 
 
-def _carried(layout: str, value: int) -> float:
-    """An integer's bytes in the float's place."""
+def _as_float_bytes(layout: str, value: int) -> float:
+    """Return the float with the same bytes as an integer."""
     return float(struct.unpack("<f", struct.pack(layout, value))[0])

@@ -1,32 +1,29 @@
-"""Which messages an autopilot sends by itself, how often, and how each is filled in.
+"""Telemetry streams: the default rate of each message on each link, and the builders of the rare messages.
 
-Rates are those of PX4's onboard link as measured on v1.16 SITL, in simulation time. What is sent often is filled in for many
-vehicles at once (often.py); the rest is here: a builder takes the vehicle's face and the snapshot of this step and returns a
-message, or None while it has nothing to say.
+The rates are those of PX4's onboard link, measured on v1.16 SITL in simulation time. `telemetry_batch` encodes the frequent
+messages for many vehicles at once. A builder here returns the message of one vehicle, or None without valid content.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.atmosphere import pressure_hpa
 from arena.autopilot.commander import Mode
-from arena.autopilot.mavlink.telemetry_batch import OFTEN, globe
-from arena.autopilot.mavlink.telemetry_state import Snapshot
+from arena.autopilot.mavlink.telemetry_batch import BATCHED, INT16, INT32, global_position
+from arena.autopilot.mavlink.telemetry_state import TelemetryState
+from arena.autopilot.vehicle import Vehicle
 from arena.wire.mavlink_frame import MavlinkSender
 from arena.wire.px4_mode import ADVANCED, AVAILABLE_MODES, CURRENT_MODE, AvailableMode, CurrentMode
 
-if TYPE_CHECKING:
-    from arena.autopilot.mavlink.mavlink_interface import Face
+Builder = Callable[[Vehicle, TelemetryState], Any]
 
-Builder = Callable[["Face", Snapshot], Any]
-
-# MAV_STANDARD_MODE of those that have one
+# MAV_STANDARD_MODE
 STANDARD = {Mode.RTL: 5, Mode.MISSION: 6, Mode.LAND: 7, Mode.DESCEND: 7, Mode.TAKEOFF: 8}
 _SELECTABLE = {
     Mode.MISSION: "",
@@ -40,10 +37,10 @@ _NAN = math.nan
 
 
 class AllModes:
-    """AVAILABLE_MODES, one after the other, in place of a message."""
+    """The AVAILABLE_MODES messages of all selectable modes, packed as one."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
-        """The frames of all modes that can be chosen, in PX4's order; the sequence number of `sender` advances."""
+        """Return one frame for each selectable mode, in PX4's order, and advance the sequence number of `sender`."""
         frames = []
         for k, (mode, name) in enumerate(_SELECTABLE.items()):
             given = AvailableMode(
@@ -59,12 +56,8 @@ class AllModes:
         return b"".join(frames)
 
 
-def _us(s: Snapshot) -> int:
-    return int(s.now_s * 1e6)
-
-
-def battery_status(f: Face, s: Snapshot) -> Any:
-    i = f.i
+def battery_status(v: Vehicle, s: TelemetryState) -> Any:
+    i = v.row
     cells = [min(max(int(1e3 * s.battery_v[i]), 0), 65534)] + [65535] * 9
     return mavlink.MAVLink_battery_status_message(
         0,
@@ -77,69 +70,63 @@ def battery_status(f: Face, s: Snapshot) -> Any:
         -1,
         round(100 * s.battery[i]),
         0,
-        _charge_state(f, s),
+        _charge_state(v, s),
     )
 
 
-def _charge_state(f: Face, s: Snapshot) -> int:
-    """MAV_BATTERY_CHARGE_STATE: 1 well, then by the thresholds that warn."""
-    limits, left = f.limits, s.battery[f.i]
-    if limits is None:
-        return int(mavlink.MAV_BATTERY_CHARGE_STATE_UNDEFINED)
-    return 1 + sum(bool(left <= t) for t in (limits.bat_low_thr, limits.bat_crit_thr, limits.bat_emergen_thr))
+def _charge_state(v: Vehicle, s: TelemetryState) -> int:
+    """Return the MAV_BATTERY_CHARGE_STATE: 1 for OK, plus 1 for each threshold that the charge is below."""
+    p, left = v.commander_params, s.battery[v.row]
+    return 1 + sum(bool(left <= t) for t in (p.bat_low_thr, p.bat_crit_thr, p.bat_emergen_thr))
 
 
-def current_mode(f: Face, s: Snapshot) -> Any:
-    mode, wanted = f.commander.mode, f.commander.intended
+def current_mode(v: Vehicle, s: TelemetryState) -> Any:
+    mode, intended = v.commander.mode, v.commander.intended
     return CurrentMode(
-        custom_mode=mode.custom_mode, intended=wanted.custom_mode, standard=STANDARD.get(mode, 0)
+        custom_mode=mode.custom_mode, intended=intended.custom_mode, standard=STANDARD.get(mode, 0)
     )
 
 
-def available_modes(f: Face, s: Snapshot) -> Any:
+def available_modes(v: Vehicle, s: TelemetryState) -> Any:
     return AllModes()
 
 
-def scaled_pressure(f: Face, s: Snapshot) -> Any:
-    return mavlink.MAVLink_scaled_pressure_message(s.ms, pressure_hpa(s.baro_alt_m[f.i]), 0.0, 2500)
+def scaled_pressure(v: Vehicle, s: TelemetryState) -> Any:
+    return mavlink.MAVLink_scaled_pressure_message(s.ms, pressure_hpa(s.baro_alt_m[v.row]), 0.0, 2500)
 
 
-def ping(f: Face, s: Snapshot) -> Any:
-    f.pings += 1
-    return mavlink.MAVLink_ping_message(_us(s), f.pings, 0, 0)
-
-
-def home_position(f: Face, s: Snapshot) -> Any:
-    if f.origin is None or f.home_n is None:
+def home_position(v: Vehicle, s: TelemetryState) -> Any:
+    if v.origin is None or v.home_n is None:
         return None
-    place = (int(x[0]) for x in globe(np.array([f.origin]), np.array([f.home_n])))
-    return mavlink.MAVLink_home_position_message(
-        *place, *f.home_n, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, _us(s)
+    place = (int(x[0]) for x in global_position(np.array([v.origin]), np.array([v.home_n])))
+    return mavlink.MAVLink_home_position_message(*place, *v.home_n, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, s.us)
+
+
+def gps_global_origin(v: Vehicle, now: float) -> Any:
+    """Return GPS_GLOBAL_ORIGIN at now [s], or None without an origin."""
+    if v.origin is None:
+        return None
+    lat, lon, alt = v.origin
+    return mavlink.MAVLink_gps_global_origin_message(
+        round(lat * 1e7), round(lon * 1e7), _clamped(alt * 1e3, INT32), int(now * 1e6)
     )
 
 
-def gps_global_origin(f: Face, s: Snapshot) -> Any:
-    if f.origin is None:
-        return None
-    lat, lon, alt = f.origin
-    return mavlink.MAVLink_gps_global_origin_message(round(lat * 1e7), round(lon * 1e7), _mm(alt), _us(s))
-
-
-def estimator_status(f: Face, s: Snapshot) -> Any:
-    i = f.i
-    flags = mavlink.ESTIMATOR_ATTITUDE if f.aligned else 0
+def estimator_status(v: Vehicle, s: TelemetryState) -> Any:
+    i = v.row
+    flags = mavlink.ESTIMATOR_ATTITUDE if v.aligned else 0
     if s.xy_valid[i]:
         flags |= (
             mavlink.ESTIMATOR_VELOCITY_HORIZ
             | mavlink.ESTIMATOR_POS_HORIZ_REL
             | mavlink.ESTIMATOR_PRED_POS_HORIZ_REL
         )
-        flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS if f.origin else 0
+        flags |= mavlink.ESTIMATOR_POS_HORIZ_ABS if v.origin else 0
     if s.z_valid[i]:
         flags |= mavlink.ESTIMATOR_VELOCITY_VERT | mavlink.ESTIMATOR_POS_VERT_ABS
     ratio, var = s.est.test_ratio[i], s.variance[i]
     return mavlink.MAVLink_estimator_status_message(
-        _us(s),
+        s.us,
         flags,
         0.0,
         ratio[0],
@@ -152,7 +139,7 @@ def estimator_status(f: Face, s: Snapshot) -> Any:
     )
 
 
-def autopilot_version(f: Face, s: Snapshot) -> Any:
+def autopilot_version(v: Vehicle, s: TelemetryState) -> Any:
     bits = (
         mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
         | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
@@ -166,26 +153,25 @@ def autopilot_version(f: Face, s: Snapshot) -> Any:
         | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
     )
-    # 1.16.0 is the contract that is kept, not what this is: the custom version spells it.
+    # Version 1.16.0 is that of the PX4 contract; the custom version tells the built-in autopilot apart.
     name = list(b"builtin\0")
     return mavlink.MAVLink_autopilot_version_message(
-        bits, 0x011000FF, 0, 0, 0, name, [0] * 8, name, 0, 0, f.i + 1
+        bits, 0x011000FF, 0, 0, 0, name, [0] * 8, name, 0, 0, v.row + 1
     )
 
 
 BUILDERS: dict[int, Builder] = {
-    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: lambda v, s: gps_global_origin(v, s.now_s),
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
     mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: scaled_pressure,
-    mavlink.MAVLINK_MSG_ID_PING: ping,
     CURRENT_MODE: current_mode,
     AVAILABLE_MODES: available_modes,
 }
-TOLD = BUILDERS.keys() | OFTEN.keys()
-"""All that can be told."""
+SUPPORTED = BUILDERS.keys() | BATCHED.keys() | {mavlink.MAVLINK_MSG_ID_PING}
+"""Ids of all messages that can be streamed or requested."""
 
 _SLOW = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
@@ -214,7 +200,7 @@ _ONBOARD = _SLOW | {
     CURRENT_MODE: 0.5,
 }
 
-# Messages per second by link. Vision and panic links carry what their one partner decides on.
+# Messages per second, by link and message id. The vision and panic links carry only what their one partner needs.
 LINK_RATES: dict[str, dict[int, float]] = {
     "router": _ONBOARD,
     "vision": _SLOW
@@ -223,11 +209,9 @@ LINK_RATES: dict[str, dict[int, float]] = {
 }
 
 
-def _mm(metres: float) -> int:
-    """As far as an int32 goes."""
-    return int(min(max(metres * 1e3, -(2.0**31)), 2.0**31 - 1.0))
+def _clamped(value: float, limits: tuple[float, float]) -> int:
+    return int(min(max(value, limits[0]), limits[1]))
 
 
 def _centi(amperes: float) -> int:
-    """As far as an int16 goes."""
-    return int(min(max(100.0 * amperes, -32768.0), 32767.0)) if math.isfinite(amperes) else 0
+    return _clamped(100.0 * amperes, INT16) if math.isfinite(amperes) else 0

@@ -1,6 +1,6 @@
-"""The messages that are sent often, filled in for all vehicles that send one at this step: a record each, in a few numpy calls.
+"""Encoding of the frequent telemetry messages, for all vehicles that send one at this step, in a few numpy calls.
 
-Each filler writes into the records of a message (their fields: wire/onboard.py) the rows of the fleet that are asked for.
+Each `_fill` function writes the fields of one message (names and layout: `arena.wire.mavlink_records`) for the given vehicles.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,62 +17,75 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.atmosphere import pressure_hpa
 from arena.autopilot.commander import Mode
-from arena.autopilot.mavlink.telemetry_state import Snapshot
+from arena.autopilot.mavlink.telemetry_state import TelemetryState
+from arena.autopilot.vehicle import Vehicle
+from arena.constants import INT32_MAX, INT32_MIN
 from arena.geometry import globe_from_local
 from arena.wire import mavlink_records
 from arena.wire.mavlink_records import Records
 
-if TYPE_CHECKING:
-    from arena.autopilot.mavlink.mavlink_interface import Face
-
 Array = NDArray[np.float64]
 
 _NAN = math.nan
-_INT32 = (-(2.0**31), 2.0**31 - 1.0)
-_INT16 = (-32768.0, 32767.0)
+INT32 = (float(INT32_MIN), float(INT32_MAX))
+INT16 = (-32768.0, 32767.0)
 _DIAGONAL = np.array((0, 6, 11, 15, 18, 20))  # of the row-major upper triangle
 
 
 @dataclass(slots=True)
 class Rows:
-    """The vehicles that send a message now: their faces, their rows in the fleet's arrays, and these arrays."""
+    """The vehicles that send a message now.
 
-    faces: list[Face]
+    i: their rows in the arrays over all vehicles
+    s: the arrays
+    """
+
+    vehicles: list[Vehicle]
     i: NDArray[np.intp]
-    s: Snapshot
+    s: TelemetryState
 
 
 @dataclass(frozen=True, slots=True)
-class Often:
-    """blank: a record with what never changes; fill: writes the rest; has: whether a vehicle has it to say, None: always."""
+class BatchedMessage:
+    """How one message is encoded.
 
-    blank: Records
+    template: a record with the constant fields
+    fill: writes the other fields
+    available: whether a vehicle has valid content, None for always
+    """
+
+    template: Records
     fill: Callable[[Records, Rows], None]
-    has: Callable[[Face, Snapshot], bool] | None = None
+    available: Callable[[Vehicle, TelemetryState], bool] | None = None
 
 
-def payloads(asked: Iterable[tuple[Face, int]], s: Snapshot) -> dict[int, dict[int, bytes]]:
-    """(face, message id), of any messages, once or more -> of those that are made here, by message id: row to payload."""
-    senders: defaultdict[int, dict[int, Face]] = defaultdict(dict)
-    for f, msgid in asked:
-        senders[msgid][f.i] = f
-    return {msgid: _filled(OFTEN[msgid], faces, s) for msgid, faces in senders.items() if msgid in OFTEN}
+def payloads(requested: Iterable[tuple[Vehicle, int]], s: TelemetryState) -> dict[int, dict[int, bytes]]:
+    """Encode the requested messages that are batched.
+
+    requested: (vehicle, message id), in any order, repeats allowed
+    Returns the payloads by message id and vehicle row; a vehicle without valid content has none.
+    """
+    senders: defaultdict[int, dict[int, Vehicle]] = defaultdict(dict)
+    for v, msgid in requested:
+        senders[msgid][v.row] = v
+    return {msgid: _encode(BATCHED[msgid], rows, s) for msgid, rows in senders.items() if msgid in BATCHED}
 
 
-def _filled(often: Often, faces: dict[int, Face], s: Snapshot) -> dict[int, bytes]:
-    if often.has is not None:
-        faces = {i: f for i, f in faces.items() if often.has(f, s)}
-        if not faces:
+def _encode(message: BatchedMessage, vehicles: dict[int, Vehicle], s: TelemetryState) -> dict[int, bytes]:
+    if message.available is not None:
+        vehicles = {row: v for row, v in vehicles.items() if message.available(v, s)}
+        if not vehicles:
             return {}
-    records = often.blank.repeat(len(faces))
-    often.fill(records, Rows(list(faces.values()), np.array(list(faces), np.intp), s))
-    return dict(zip(faces, mavlink_records.payloads(records), strict=True))
+    records = message.template.repeat(len(vehicles))
+    message.fill(records, Rows(list(vehicles.values()), np.array(list(vehicles), np.intp), s))
+    return dict(zip(vehicles, mavlink_records.payloads(records), strict=True))
 
 
-def globe(origins: Array, p_n: Array) -> tuple[Array, Array, Array]:
-    """origins: latitude, longitude [deg], altitude [m]; p_n [m] [NED], both (n, 3) -> the same of p_n: [1e-7 deg] twice, [mm].
+def global_position(origins: Array, p_n: Array) -> tuple[Array, Array, Array]:
+    """Return latitude, longitude [1e-7 deg] and altitude [mm] of local positions, clamped to int32.
 
-    As far as the numbers of the wire go.
+    origins: latitude, longitude [deg], altitude AMSL [m] of the local frames (n, 3)
+    p_n: positions [m] [NED] (n, 3)
     """
     lat0, lon0, alt0 = origins.T
     lat, lon = globe_from_local(lat0, lon0, p_n[:, 0], p_n[:, 1])
@@ -80,32 +93,32 @@ def globe(origins: Array, p_n: Array) -> tuple[Array, Array, Array]:
     return (
         np.rint(lat * 1e7),
         np.rint(((lon + 180.0) % 360.0 - 180.0) * 1e7),
-        _within((alt0 - p_n[:, 2]) * 1e3, _INT32),
+        _clamped((alt0 - p_n[:, 2]) * 1e3, INT32),
     )
 
 
-def _within(values: Array, limits: tuple[float, float]) -> Array:
+def _clamped(values: Array, limits: tuple[float, float]) -> Array:
     return np.asarray(np.minimum(np.maximum(values, limits[0]), limits[1]))
 
 
 def _heartbeat(out: Records, rows: Rows) -> None:
-    out["custom_mode"] = [f.commander.mode.custom_mode for f in rows.faces]
-    out["base_mode"] = [_base_mode(f) for f in rows.faces]
-    out["status"] = [_status(f) for f in rows.faces]
+    out["custom_mode"] = [v.commander.mode.custom_mode for v in rows.vehicles]
+    out["base_mode"] = [_base_mode(v) for v in rows.vehicles]
+    out["status"] = [_status(v) for v in rows.vehicles]
 
 
-def _base_mode(f: Face) -> int:
+def _base_mode(v: Vehicle) -> int:
     base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (
-        mavlink.MAV_MODE_FLAG_SAFETY_ARMED if f.commander.armed else 0
+        mavlink.MAV_MODE_FLAG_SAFETY_ARMED if v.commander.armed else 0
     )
     base |= mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
-    if f.commander.mode is not Mode.OFFBOARD:
+    if v.commander.mode is not Mode.OFFBOARD:
         base |= mavlink.MAV_MODE_FLAG_AUTO_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
     return int(base)
 
 
-def _status(f: Face) -> int:
-    c = f.commander
+def _status(v: Vehicle) -> int:
+    c = v.commander
     if c.mode is Mode.TERMINATE:
         return int(mavlink.MAV_STATE_FLIGHT_TERMINATION)
     return int(
@@ -153,11 +166,11 @@ def _highres_imu(out: Records, rows: Rows) -> None:
 def _global_position(out: Records, rows: Rows) -> None:
     i, s = rows.i, rows.s
     p_n = s.p_n[i]
-    home_d = np.array([f.home_n[2] if f.home_n else 0.0 for f in rows.faces])
+    home_d = np.array([v.home_n[2] if v.home_n else 0.0 for v in rows.vehicles])
     out["time_boot_ms"] = s.ms
-    out["lat"], out["lon"], out["alt"] = globe(np.array([f.origin for f in rows.faces]), p_n)
-    out["relative_alt"] = _within((home_d - p_n[:, 2]) * 1e3, _INT32)
-    out["v_n"] = _within(s.v_n[i] * 100.0, _INT16)
+    out["lat"], out["lon"], out["alt"] = global_position(np.array([v.origin for v in rows.vehicles]), p_n)
+    out["relative_alt"] = _clamped((home_d - p_n[:, 2]) * 1e3, INT32)
+    out["v_n"] = _clamped(s.v_n[i] * 100.0, INT16)
     out["heading"] = np.degrees(s.rpy[i, 2]) % 360.0 * 100.0 % 36000.0
 
 
@@ -166,8 +179,8 @@ def _altitude(out: Records, rows: Rows) -> None:
     heights = out["heights"]
     out["time_usec"] = rows.s.us
     heights[:, 0], heights[:, 2] = rows.s.baro_alt_m[rows.i], up
-    heights[:, 1] = up + [f.origin[2] if f.origin else _NAN for f in rows.faces]
-    heights[:, 3] = up + [f.home_n[2] if f.home_n else _NAN for f in rows.faces]
+    heights[:, 1] = up + [v.origin[2] if v.origin else _NAN for v in rows.vehicles]
+    heights[:, 3] = up + [v.home_n[2] if v.home_n else _NAN for v in rows.vehicles]
 
 
 def _attitude_target(out: Records, rows: Rows) -> None:
@@ -178,7 +191,7 @@ def _attitude_target(out: Records, rows: Rows) -> None:
 
 _IGNORE = np.array(
     [1 << k for k in (*range(9), 10, 11)]
-)  # POSITION_TARGET_TYPEMASK, of p, v, a, yaw and its rate
+)  # POSITION_TARGET_TYPEMASK of p, v, a, yaw, yaw rate
 
 
 def _position_target(out: Records, rows: Rows) -> None:
@@ -189,7 +202,7 @@ def _position_target(out: Records, rows: Rows) -> None:
 
 def _servo_output_raw(out: Records, rows: Rows) -> None:
     motors = rows.s.motors[rows.i, :8]
-    armed = np.array([[f.commander.armed] for f in rows.faces])
+    armed = np.array([[v.commander.armed] for v in rows.vehicles])
     out["time_usec"] = rows.s.us & 0xFFFFFFFF
     out["servos"][:, : motors.shape[1]] = np.where(armed, 1000.0 + 1000.0 * motors, 900.0)
 
@@ -202,13 +215,13 @@ def _vfr_hud(out: Records, rows: Rows) -> None:
     i, s = rows.i, rows.s
     v = s.v_n[i]
     out["airspeed"] = out["groundspeed"] = np.hypot(v[:, 0], v[:, 1])
-    out["alt"] = [f.origin[2] if f.origin else 0.0 for f in rows.faces] - s.p_n[i, 2]
+    out["alt"] = [v.origin[2] if v.origin else 0.0 for v in rows.vehicles] - s.p_n[i, 2]
     out["climb"] = -v[:, 2]
     out["heading"], out["throttle"] = np.degrees(s.rpy[i, 2]) % 360.0, 100.0 * s.thrust[i]
 
 
 def _extended_sys_state(out: Records, rows: Rows) -> None:
-    out["landed"] = [f.landed_state for f in rows.faces]
+    out["landed"] = [v.landed_state for v in rows.vehicles]
 
 
 _SENSORS = (
@@ -224,50 +237,50 @@ _SENSORS = (
 
 def _sys_status(out: Records, rows: Rows) -> None:
     i, s = rows.i, rows.s
-    out["present"] = out["enabled"] = [_present(f, s) for f in rows.faces]
-    out["health"] = [_health(f, s) for f in rows.faces]
-    out["voltage"] = _within(s.battery_v[i] * 1e3, (0.0, 65534.0))
-    out["current"] = _within(s.battery_a[i] * 100.0, _INT16)
+    out["present"] = out["enabled"] = [_present(v, s) for v in rows.vehicles]
+    out["health"] = [_health(v, s) for v in rows.vehicles]
+    out["voltage"] = _clamped(s.battery_v[i] * 1e3, (0.0, 65534.0))
+    out["current"] = _clamped(s.battery_a[i] * 100.0, INT16)
     out["remaining"] = np.rint(100.0 * s.battery[i])
 
 
-def _present(f: Face, s: Snapshot) -> int:
-    # SDKs read "the global position is good" from the satellites' bit, whatever gives it.
+def _present(v: Vehicle, s: TelemetryState) -> int:
+    # SDKs take the GPS bit for "the global position is valid", whatever its source.
     present = _SENSORS | (
-        mavlink.MAV_SYS_STATUS_SENSOR_GPS if f.origin is not None and s.xy_valid[f.i] else 0
+        mavlink.MAV_SYS_STATUS_SENSOR_GPS if v.origin is not None and s.xy_valid[v.row] else 0
     )
-    return int(present | (mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if f.sensed and f.sensed.sticks else 0))
+    return int(present | (mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER if v.inputs.manual_control else 0))
 
 
-def _health(f: Face, s: Snapshot) -> int:
-    health = _present(f, s)
-    if not s.xy_valid[f.i]:
+def _health(v: Vehicle, s: TelemetryState) -> int:
+    health = _present(v, s)
+    if not s.xy_valid[v.row]:
         health &= ~mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION
-    return int(health | mavlink.MAV_SYS_STATUS_PREARM_CHECK) if f.ready_to_arm else health
+    return int(health | mavlink.MAV_SYS_STATUS_PREARM_CHECK) if v.ready_to_arm else health
 
 
 def _system_time(out: Records, rows: Rows) -> None:
     out["time_boot_ms"] = rows.s.ms
 
 
-def _knows_position(f: Face, s: Snapshot) -> bool:
-    return s.xy_valid[f.i]
+def _has_horizontal(v: Vehicle, s: TelemetryState) -> bool:
+    return s.xy_valid[v.row]
 
 
-def _knows_some_position(f: Face, s: Snapshot) -> bool:
-    return s.xy_valid[f.i] or s.z_valid[f.i]
+def _has_any_position(v: Vehicle, s: TelemetryState) -> bool:
+    return s.xy_valid[v.row] or s.z_valid[v.row]
 
 
-def _knows_place(f: Face, s: Snapshot) -> bool:
-    return f.origin is not None and s.xy_valid[f.i]
+def _has_global(v: Vehicle, s: TelemetryState) -> bool:
+    return v.origin is not None and s.xy_valid[v.row]
 
 
-def _often(msgid: int, fill: Any, has: Any = None, **constants: Any) -> tuple[int, Often]:
-    return msgid, Often(mavlink_records.record(msgid, **constants), fill, has)
+def _batched(msgid: int, fill: Any, available: Any = None, **constants: Any) -> tuple[int, BatchedMessage]:
+    return msgid, BatchedMessage(mavlink_records.record(msgid, **constants), fill, available)
 
 
 _HEART = {"type": mavlink.MAV_TYPE_QUADROTOR, "autopilot": mavlink.MAV_AUTOPILOT_PX4, "version": 3}
-# PX4 tells the velocity along north, east and down, and says so in child_frame_id.
+# PX4 sends the velocity in NED and declares it in child_frame_id.
 _FRAMES = {"frame": mavlink.MAV_FRAME_LOCAL_NED, "child": mavlink.MAV_FRAME_LOCAL_NED}
 _UNKNOWN = {
     "pose_variance": _NAN,
@@ -275,23 +288,23 @@ _UNKNOWN = {
     "estimator": mavlink.MAV_ESTIMATOR_TYPE_AUTOPILOT,
 }
 
-OFTEN: dict[int, Often] = dict(
+BATCHED: dict[int, BatchedMessage] = dict(
     (
-        _often(mavlink_records.HEARTBEAT, _heartbeat, **_HEART),
-        _often(mavlink_records.SYS_STATUS, _sys_status, load=100),
-        _often(mavlink_records.SYSTEM_TIME, _system_time),
-        _often(mavlink_records.ATTITUDE, _attitude),
-        _often(mavlink_records.ATTITUDE_QUATERNION, _attitude_quaternion),
-        _often(mavlink_records.LOCAL_POSITION_NED, _local_position, _knows_some_position),
-        _often(mavlink_records.GLOBAL_POSITION_INT, _global_position, _knows_place),
-        _often(mavlink_records.SERVO_OUTPUT_RAW, _servo_output_raw, servos=900),
-        _often(mavlink_records.VFR_HUD, _vfr_hud),
-        _often(mavlink_records.ATTITUDE_TARGET, _attitude_target),
-        _often(mavlink_records.POSITION_TARGET, _position_target, frame=mavlink.MAV_FRAME_LOCAL_NED),
-        _often(mavlink_records.HIGHRES_IMU, _highres_imu, temperature=25.0, updated=0x1BFF),
-        _often(mavlink_records.TIMESYNC, _timesync),
-        _often(mavlink_records.ALTITUDE, _altitude, heights=_NAN),
-        _often(mavlink_records.EXTENDED_SYS_STATE, _extended_sys_state),
-        _often(mavlink_records.ODOMETRY, _odometry, _knows_position, **_FRAMES, **_UNKNOWN),
+        _batched(mavlink_records.HEARTBEAT, _heartbeat, **_HEART),
+        _batched(mavlink_records.SYS_STATUS, _sys_status, load=100),
+        _batched(mavlink_records.SYSTEM_TIME, _system_time),
+        _batched(mavlink_records.ATTITUDE, _attitude),
+        _batched(mavlink_records.ATTITUDE_QUATERNION, _attitude_quaternion),
+        _batched(mavlink_records.LOCAL_POSITION_NED, _local_position, _has_any_position),
+        _batched(mavlink_records.GLOBAL_POSITION_INT, _global_position, _has_global),
+        _batched(mavlink_records.SERVO_OUTPUT_RAW, _servo_output_raw, servos=900),
+        _batched(mavlink_records.VFR_HUD, _vfr_hud),
+        _batched(mavlink_records.ATTITUDE_TARGET, _attitude_target),
+        _batched(mavlink_records.POSITION_TARGET, _position_target, frame=mavlink.MAV_FRAME_LOCAL_NED),
+        _batched(mavlink_records.HIGHRES_IMU, _highres_imu, temperature=25.0, updated=0x1BFF),
+        _batched(mavlink_records.TIMESYNC, _timesync),
+        _batched(mavlink_records.ALTITUDE, _altitude, heights=_NAN),
+        _batched(mavlink_records.EXTENDED_SYS_STATE, _extended_sys_state),
+        _batched(mavlink_records.ODOMETRY, _odometry, _has_horizontal, **_FRAMES, **_UNKNOWN),
     )
 )

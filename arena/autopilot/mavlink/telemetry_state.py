@@ -1,4 +1,4 @@
-"""What the telemetry of one step is made of: the fleet's arrays as they stand, and what is derived from them when it is read."""
+"""State of all vehicles at one step, as telemetry reads it: the live arrays, and values derived from them on first use."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 
-class Snapshot:
-    """To be read before the next step. now_s: [s] since boot; est, sp, cascade: what they hold now; thrust 0..1 (V,);
+class TelemetryState:
+    """Arrays over V vehicles with R rotors, valid until the next step.
 
-    motors 0..1 (V, R); gyro_b [rad/s], accel_b [m/s2], mag_b [gauss] [FRD] (V, 3); baro_alt_m [m], battery_v [V],
-    battery_a [A], battery 0..1, consumed_mah (V,).
+    now_s: time since boot [s]
+    est, sp, cascade: estimator, setpoints and controllers, by reference
+    thrust: collective thrust 0..1 (V,)
+    motors: motor commands 0..1 (V, R)
+    gyro_b, accel_b, mag_b: [rad/s], [m/s2], [gauss] [FRD] (V, 3)
+    baro_alt_m, battery_v, battery_a: [m], [V], [A] (V,)
+    battery: remaining charge 0..1 (V,)
+    consumed_mah: consumed charge [mAh] (V,)
     """
 
     def __init__(
@@ -51,53 +57,56 @@ class Snapshot:
 
     @cached_property
     def ms(self) -> int:
-        """Since boot, as far as 32 bits go."""
+        """Time since boot [ms], modulo 2^32."""
         return int(self.now_s * 1e3) & 0xFFFFFFFF
 
     @cached_property
     def us(self) -> int:
+        """Time since boot [us]."""
         return int(self.now_s * 1e6)
 
     @property
     def p_n(self) -> Array:
-        """[m] [NED] (V, 3)."""
+        """Position [m] [NED] (V, 3)."""
         return self.est.p_n
 
     @property
     def v_n(self) -> Array:
-        """[m/s] [NED] (V, 3)."""
+        """Velocity [m/s] [NED] (V, 3)."""
         return self.est.v_n
 
     @cached_property
     def rpy(self) -> Array:
-        """[rad] (V, 3)."""
+        """Roll, pitch, yaw [rad] (V, 3)."""
         return euler_from_matrix(self.est.r_nb)
 
     @cached_property
     def xy_valid(self) -> list[bool]:
+        """Whether the horizontal position may be flown on (V,)."""
         valid: list[bool] = self.est.xy_valid(self.now_s).tolist()
         return valid
 
     @cached_property
     def z_valid(self) -> list[bool]:
+        """Whether the height may be flown on (V,)."""
         valid: list[bool] = self.est.z_valid(self.now_s).tolist()
         return valid
 
     @cached_property
     def variance(self) -> Array:
-        """Of position [m2], velocity [m2/s2] and attitude [rad2] (V, 9)."""
+        """Variance of position [m2], velocity [m2/s2] and attitude [rad2] (V, 9)."""
         return np.asarray(np.diagonal(self.est.cov, axis1=1, axis2=2)[:, :9])
 
     @cached_property
     def setpoint(self) -> Array:
-        """p_n, v_n, a_n [NED], yaw [rad], yaw rate [rad/s], NaN where free (V, 11)."""
+        """Setpoint: p_n, v_n, a_n [NED], yaw [rad], yaw rate [rad/s]; NaN where not controlled (V, 11)."""
         sp, position = self.sp, self.cascade.position
         by_position = sp.at(Level.POSITION)[:, None]
         found = np.empty((len(sp.level), 11))
         found[:, 0:3] = sp.p_n
         found[:, 3:6] = np.where(by_position, position.v_sp_n, np.nan)
         found[:, 6:9] = np.where(by_position, position.a_sp_n, np.nan)
-        turned = by_position[:, 0] & np.isnan(sp.yaw)  # no heading asked for: the one that is held is told
-        found[:, 9] = np.where(turned, yaw_from_quat(self.cascade.q_sp), sp.yaw)
+        keeps_yaw = by_position[:, 0] & np.isnan(sp.yaw)  # report the heading that is held
+        found[:, 9] = np.where(keeps_yaw, yaw_from_quat(self.cascade.q_sp), sp.yaw)
         found[:, 10] = sp.yaw_rate
         return found

@@ -1,6 +1,6 @@
-"""Between the fleet and what each vehicle was given to fly: missions checked, fences watched, navigators fed.
+"""Flight of AUTO.MISSION, AUTO.RTL and reposition targets, for all vehicles: feasibility, geofences and navigators.
 
-State lies with the vehicles that have a mission, a fence or a return; the others cost a comparison.
+A vehicle without mission, geofence or return costs one comparison for each decision.
 """
 
 from __future__ import annotations
@@ -8,149 +8,145 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from arena.autopilot.commander import CRITICAL, Mode, Sensed
+from arena.autopilot.commander import CRITICAL, Mode
+from arena.autopilot.commander_inputs import CommanderInputs
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
-from arena.autopilot.mavlink.mavlink_interface import Face
 from arena.autopilot.navigation import mission_feasibility
 from arena.autopilot.navigation.geofence import Fence, areas, usable
 from arena.autopilot.navigation.mission_items import FENCE, MISSION, local
 from arena.autopilot.navigation.navigator import Navigator, Situation
 from arena.autopilot.param_table import Params
-from arena.geometry import yaw_from_quat
+from arena.autopilot.vehicle import Point, Vehicle
 
 _MODES = (Mode.MISSION, Mode.RTL)
 
 
 @dataclass(slots=True)
-class _Watch:
-    """What was last checked, and what came of it."""
+class _Checked:
+    """Result of the last check of one vehicle. key: what it depended on; fence_id: the fence list of `fence.areas`."""
 
     key: object = None
     fence: Fence = field(default_factory=Fence)
     fence_id: int = 0
 
 
-class Auto:
-    """dt: between two decisions [s]."""
+class AutoModes:
+    """Navigators of all vehicles. dt: time between two decisions [s]."""
 
-    def __init__(self, params: Params, est: Estimator, faces: list[Face], dt: float) -> None:
+    def __init__(self, params: Params, est: Estimator, vehicles: int, dt: float) -> None:
         self.params, self.est, self.dt = params, est, dt
-        self._watch = [_Watch() for _ in faces]
+        self._checked = [_Checked() for _ in range(vehicles)]
         self._navigators: dict[int, Navigator] = {}
 
-    def sense(self, f: Face, s: Sensed) -> None:
-        """Fill in what the commander wants to know of origin, home, mission and fence."""
-        s.global_ok = f.origin is not None and s.xy_valid and s.z_valid
-        s.home_ok = f.origin is not None and f.home_n is not None
-        w = self._watch[f.i]
-        home = tuple(f.home_n) if f.home_n else None
-        key = (f.missions.version, f.origin, home, self.params.version)
-        if key != w.key:
-            self._check(f, s, w, home if home is None else (home[0], home[1], home[2]))
-            w.key = key
-        s.mission_ok = f.missions.valid
-        if w.fence.home_n is not None or w.fence.areas:
-            s.fence = w.fence.breach(self.est.p_n[f.i].tolist()) if s.xy_valid else ""
+    def check(self, v: Vehicle, s: CommanderInputs) -> None:
+        """Write into s whether origin, home, mission and geofence are in order."""
+        s.global_ok = v.origin is not None and s.xy_valid and s.z_valid
+        s.home_ok = v.origin is not None and v.home_n is not None
+        checked = self._checked[v.row]
+        home = tuple(v.home_n) if v.home_n else None
+        key = (v.missions.version, v.origin, home, self.params.version)
+        if key != checked.key:
+            self._check_lists(v, s, checked, home if home is None else (home[0], home[1], home[2]))
+            checked.key = key
+        s.mission_ok = v.missions.valid
+        if checked.fence.home_n is not None or checked.fence.areas:
+            s.fence = checked.fence.breach(self.est.p_n[v.row].tolist()) if s.xy_valid else ""
 
-    def flies(self, f: Face) -> bool:
-        """Is the present mode flown here?"""
-        return f.commander.mode in _MODES or (f.commander.mode is Mode.HOLD and self._holds_elsewhere(f))
+    def is_flying(self, v: Vehicle) -> bool:
+        """Return whether this module flies the present mode of the vehicle."""
+        mode = v.commander.mode
+        return mode in _MODES or (mode is Mode.HOLD and self._is_repositioned(v))
 
-    def fly(self, f: Face, s: Sensed, sp: Setpoints) -> Mode | None:
-        """Write the setpoint; a mode that the mission asks for, or None."""
-        if f.origin is None or f.home_n is None:
+    def fly(self, v: Vehicle, s: CommanderInputs, sp: Setpoints) -> Mode | None:
+        """Write the setpoint; return the flight mode that the mission requests, or None."""
+        if v.origin is None or v.home_n is None:
             return Mode.HOLD
-        n = self._navigator(f)
-        situation = self._situation(f, s, f.origin, f.home_n)
-        if f.commander.mode is Mode.HOLD:
-            self._go(f, n, situation)
-        elif n.mode is not f.commander.mode:
-            n.enter(f.commander.mode, situation)
-        f.goto = None
-        if not math.isnan(f.speed_asked):
-            n.change_speed(f.speed_asked if f.speed_asked > 0 else math.nan)
-            f.speed_asked = math.nan
+        n = self._navigator(v)
+        situation = self._situation(v, s, v.origin, v.home_n)
+        if v.commander.mode is Mode.HOLD:
+            self._start_reposition(v, n, situation)
+        elif n.mode is not v.commander.mode:
+            n.enter(v.commander.mode, situation)
+        v.reposition_target = None
+        if not math.isnan(v.requested_speed):
+            n.change_speed(v.requested_speed if v.requested_speed > 0 else math.nan)
+            v.requested_speed = math.nan
         n.fly(sp, situation, self.dt)
-        return n.asked
+        return n.requested_mode
 
-    def rest(self, f: Face, *, armed: bool) -> None:
-        """Something else flies, or nothing does."""
-        n = self._navigators.get(f.i)
+    def leave(self, v: Vehicle, *, armed: bool) -> None:
+        """Stop navigating the vehicle: another module flies it, or it is disarmed."""
+        n = self._navigators.get(v.row)
         if n is not None:
             n.leave(armed=armed)
-        f.goto = None
+        v.reposition_target = None
 
-    def _holds_elsewhere(self, f: Face) -> bool:
-        n = self._navigators.get(f.i)
-        return f.goto is not None or (n is not None and n.mode is Mode.HOLD)
+    def _is_repositioned(self, v: Vehicle) -> bool:
+        n = self._navigators.get(v.row)
+        return v.reposition_target is not None or (n is not None and n.mode is Mode.HOLD)
 
-    def _go(self, f: Face, n: Navigator, s: Situation) -> None:
-        if f.goto is None:
+    def _start_reposition(self, v: Vehicle, n: Navigator, s: Situation) -> None:
+        target = v.reposition_target
+        if target is None:
             return
-        lat, lon, alt, yaw = f.goto
-        to = local(s.origin, lat, lon) if math.isfinite(lat) and math.isfinite(lon) else s.p_n[:2]
-        d = s.origin[2] - alt if math.isfinite(alt) else s.p_n[2]
-        if self._watch[f.i].fence.breach((to[0], to[1], d)):
-            s.say(CRITICAL, "Reposition is outside geofence")
+        given = math.isfinite(target.lat) and math.isfinite(target.lon)
+        to = local(s.origin, target.lat, target.lon) if given else s.p_n[:2]
+        d = s.origin[2] - target.alt if math.isfinite(target.alt) else s.p_n[2]
+        if self._checked[v.row].fence.breach((to[0], to[1], d)):
+            s.report(CRITICAL, "Reposition is outside geofence")
             to, d = s.p_n[:2], s.p_n[2]
-        n.go((to[0], to[1], d), yaw, s)
+        n.reposition((to[0], to[1], d), target.yaw, s)
 
-    def _navigator(self, f: Face) -> Navigator:
-        if f.i not in self._navigators:
-            self._navigators[f.i] = Navigator(f.i, self.params, f.missions)
-        return self._navigators[f.i]
+    def _navigator(self, v: Vehicle) -> Navigator:
+        if v.row not in self._navigators:
+            self._navigators[v.row] = Navigator(v.row, self.params, v.missions)
+        return self._navigators[v.row]
 
-    def _situation(
-        self, f: Face, s: Sensed, origin: tuple[float, float, float], home: list[float]
-    ) -> Situation:
-        i = f.i
-        p, v = self.est.p_n[i].tolist(), self.est.v_n[i].tolist()
+    def _situation(self, v: Vehicle, s: CommanderInputs, origin: Point, home: list[float]) -> Situation:
+        p, velocity = self.est.p_n[v.row].tolist(), self.est.v_n[v.row].tolist()
         return Situation(
             now=s.now,
             p_n=(p[0], p[1], p[2]),
-            v_n=(v[0], v[1], v[2]),
-            yaw=float(yaw_from_quat(self.est.q_nb[i : i + 1])[0]),
+            v_n=(velocity[0], velocity[1], velocity[2]),
+            yaw=v.yaw(),
             landed=s.landed,
             flying=s.flying,
             origin=origin,
             home_n=(home[0], home[1], home[2]),
-            home_yaw=f.home_yaw,
-            say=f.commander.say,
+            home_yaw=v.home_yaw,
+            report=v.commander.report,
         )
 
-    def _check(self, f: Face, s: Sensed, w: _Watch, home: tuple[float, float, float] | None) -> None:
-        """A list, the home or a parameter has changed: fence and mission anew."""
-        m, p, i = f.missions, self.params, f.i
+    def _check_lists(self, v: Vehicle, s: CommanderInputs, checked: _Checked, home: Point | None) -> None:
+        """Check geofence and mission again after a change of a list, the home position or a parameter."""
+        store, p, i = v.missions, self.params, v.row
         horizontal, vertical = float(p["GF_MAX_HOR_DIST"][i]), float(p["GF_MAX_VER_DIST"][i])
-        kept = w.fence.areas
-        if m.ids[FENCE] != w.fence_id and f.origin is not None and home is not None:
-            here = (
-                self.est.p_n[i].tolist()[:2]
-                if f.commander.armed and not s.landed and p["GF_ACTION"][i] > 0
-                else None
-            )
-            kept, why = usable(areas(m.items[FENCE], f.origin), home[:2], here)
-            w.fence_id = m.ids[FENCE]
-            for words in why:
-                f.commander.say(CRITICAL, words)
-        w.fence = Fence(
+        kept = checked.fence.areas
+        if store.ids[FENCE] != checked.fence_id and v.origin is not None and home is not None:
+            in_flight = v.commander.armed and not s.landed and p["GF_ACTION"][i] > 0
+            here = self.est.p_n[i].tolist()[:2] if in_flight else None
+            kept, reasons = usable(areas(store.items[FENCE], v.origin), home[:2], here)
+            checked.fence_id = store.ids[FENCE]
+            for reason in reasons:
+                v.commander.report(CRITICAL, reason)
+        checked.fence = Fence(
             areas=kept,
             home_n=home if horizontal > 0 or vertical > 0 else None,
             max_horizontal_m=horizontal,
             max_vertical_m=vertical,
         )
-        m.valid = False
-        if m.items[MISSION] and f.origin is not None and home is not None:
-            why_not = mission_feasibility.why_not(
-                m.items[MISSION],
-                f.origin,
+        store.valid = False
+        if store.items[MISSION] and v.origin is not None and home is not None:
+            reason = mission_feasibility.why_infeasible(
+                store.items[MISSION],
+                v.origin,
                 home,
-                w.fence,
+                checked.fence,
                 landed=s.landed,
-                first_within_m=float(p["MIS_DIST_1WP"][i]),
-                wanted=int(p["MIS_TKO_LAND_REQ"][i]),
+                max_first_distance_m=float(p["MIS_DIST_1WP"][i]),
+                required_items=int(p["MIS_TKO_LAND_REQ"][i]),
             )
-            m.valid = not why_not
-            if why_not and (w.key is None or m.ids[MISSION] != 0):
-                f.commander.say(CRITICAL, why_not)
+            store.valid = not reason
+            if reason and (checked.key is None or store.ids[MISSION] != 0):
+                v.commander.report(CRITICAL, reason)

@@ -1,4 +1,4 @@
-"""May an uploaded mission be flown? PX4 v1.16's checks for a multirotor, with its words. Pure."""
+"""Feasibility checks of an uploaded mission: PX4 v1.16's for a multirotor, with its texts. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arena.autopilot.navigation.geofence import Fence
 from arena.autopilot.navigation.mission_items import Item, place
 
 _VTOL = (mavlink.MAV_CMD_NAV_VTOL_TAKEOFF, mavlink.MAV_CMD_NAV_VTOL_LAND, mavlink.MAV_CMD_DO_VTOL_TRANSITION)
-# Taken in an upload, and then never flown.
+# PX4 accepts these in an upload but rejects the mission.
 _UNSUPPORTED = (
     mavlink.MAV_CMD_CONDITION_DELAY,
     mavlink.MAV_CMD_CONDITION_DISTANCE,
@@ -28,25 +28,31 @@ _MOVES = (
 
 
 def moves(item: Item) -> bool:
-    """Is this item somewhere to fly to?"""
+    """Return whether an item has a position to fly to."""
     return item.placed and item.command in _MOVES
 
 
-def why_not(
+def why_infeasible(
     items: Sequence[Item],
     origin: tuple[float, float, float],
     home_n: tuple[float, float, float],
     fence: Fence,
     *,
     landed: bool,
-    first_within_m: float,
-    wanted: int,
+    max_first_distance_m: float,
+    required_items: int,
 ) -> str:
-    """The first reason to reject, "" when the mission may be flown. first_within_m: MIS_DIST_1WP; wanted: MIS_TKO_LAND_REQ."""
+    """Return the first reason to reject the mission, "" if it is feasible.
+
+    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    home_n: home position [m] [NED]
+    max_first_distance_m: MIS_DIST_1WP [m]
+    required_items: MIS_TKO_LAND_REQ
+    """
     return (
         _items(items, origin, home_n, landed=landed)
-        or _distance(items, origin, home_n, first_within_m)
-        or _required(items, wanted)
+        or _distance(items, origin, home_n, max_first_distance_m)
+        or _required(items, required_items)
         or _fenced(items, origin, home_n, fence)
     )
 

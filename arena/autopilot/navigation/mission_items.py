@@ -14,6 +14,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.constants import INT32_MAX, INT32_MIN
 from arena.geometry import local_from_globe
 
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE
@@ -219,4 +220,4 @@ def item_message(item: Item, seq: int, kind: int, to: tuple[int, int], *, curren
 
 
 def _whole(x: float) -> int:
-    return max(-(2**31), min(2**31 - 1, round(x))) if math.isfinite(x) else 0
+    return max(INT32_MIN, min(INT32_MAX, round(x))) if math.isfinite(x) else 0

@@ -1,8 +1,7 @@
-"""AUTO.MISSION and AUTO.RTL of one vehicle: which item is flown, when it is reached, and what the cascade is asked for.
+"""Navigation of one vehicle in AUTO.MISSION, AUTO.RTL and to a reposition target: items, legs and setpoints. Pure.
 
-PX4 v1.16's rules for a multirotor: a climb before the first item where it lies higher, acceptance radii, a wanted heading that
-must be met, hold times, jumps, landing above the landing point, a return within a cone above home. Called some fifty times a
-second, for the vehicles alone that fly these modes.
+The rules are PX4 v1.16's for a multirotor: climb before the first item if it is higher, acceptance radii, required heading,
+hold times, jumps, landing from above the landing point, return height within a cone around home.
 """
 
 from __future__ import annotations
@@ -15,20 +14,28 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.commander import CRITICAL, INFO, Mode
 from arena.autopilot.control.setpoints import Setpoints
-from arena.autopilot.control.trajectory import Course, Pace, wrapped
-from arena.autopilot.mavlink.mission_protocol import Missions
+from arena.autopilot.control.trajectory import Trajectory, TrajectoryLimits, wrap_angle
 from arena.autopilot.navigation.mission_feasibility import moves
 from arena.autopilot.navigation.mission_items import MISSION, RALLY, Item, place
+from arena.autopilot.navigation.mission_store import MissionStore
 from arena.autopilot.param_table import Params
 
 Point = tuple[float, float, float]
-_NEAREST_BY_M = 2.0  # by how much a rally point must be nearer than home
-_JUMPS = 64
+_RALLY_MARGIN_M = 2.0  # a rally point must be nearer than home by this
+_MAX_JUMPS = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """The vehicle at this moment. p_n, v_n [NED]; yaw [rad]; flying: the take-off is through; say: (severity, text)."""
+    """State of the vehicle at one decision.
+
+    now: time since boot [s]
+    p_n, v_n, yaw: estimated position [m] [NED], velocity [m/s] [NED] and heading [rad]
+    landed, flying: the vehicle is on the ground; the take-off is complete
+    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    home_n, home_yaw: home position [m] [NED] and heading [rad]
+    report: sends a message to people, (MAV_SEVERITY, text)
+    """
 
     now: float
     p_n: Point
@@ -39,79 +46,94 @@ class Situation:
     origin: Point
     home_n: Point
     home_yaw: float
-    say: Callable[[int, str], None]
+    report: Callable[[int, str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leg:
-    """One thing to do. to [m] [NED]; yaw [rad], NaN: the nose follows the way; kind: how it is flown and when it is done."""
+    """One part of the flight.
 
-    kind: str  # climb, go, land, stay, at once
+    kind: climb, go, land, stay (until another leg is set), wait (for hold_s) or instant (done at once)
+    to: target position [m] [NED]
+    yaw: heading [rad]; NaN points the nose along the path
+    within_m, within_up_m: acceptance radius and height [m]
+    hold_s: time at the target [s]
+    reports: the mission item is reached at the end of this leg
+    then: stage of the same item that follows, "" for the next item
+    """
+
+    kind: str
     to: Point = (0.0, 0.0, 0.0)
     yaw: float = math.nan
     within_m: float = 2.0
     within_up_m: float = 0.8
     hold_s: float = 0.0
     reports: bool = True
-    then: str = ""  # what follows this leg within the same item
+    then: str = ""
 
 
 @dataclass(slots=True)
 class Navigator:
-    """State of one vehicle's flight by itself. i: its row; running: a mission is being flown, not yet at its end."""
+    """Progress of one vehicle along its mission, return or reposition.
 
-    i: int
+    row: row of the vehicle in the arrays over all vehicles
+    mode: the mode that is navigated, None if another module flies
+    running: a mission is flown and not finished
+    requested_mode: flight mode that the mission requests
+    """
+
+    row: int
     params: Params
-    missions: Missions
-    course: Course = field(default_factory=Course)
+    missions: MissionStore
+    trajectory: Trajectory = field(default_factory=Trajectory)
     leg: Leg = field(default_factory=lambda: Leg(kind="stay"))
     mode: Mode | None = None
     running: bool = False
-    asked: Mode | None = None
-    _moved: int = -1
+    requested_mode: Mode | None = None
+    _seen_changes: int = -1
     _cruise: float = math.nan
     _climb_d: float = math.nan
-    _there: float = math.nan
-    _turned: bool = False
+    _arrived_at: float = math.nan
+    _heading_met: bool = False
     _jumps: dict[int, int] = field(default_factory=dict)
     _activated: bool = False
     _disarmed: bool = False
     _destination: Point = (0.0, 0.0, 0.0)
 
-    # -- from outside --------------------------------------------------------------------------------------------------
+    # -- interface -----------------------------------------------------------------------------------------------------
 
     def enter(self, mode: Mode, s: Situation) -> None:
-        """Begin MISSION or RTL here."""
-        self.mode, self.asked = mode, None
-        self.course.begin(s.p_n, s.v_n, s.yaw)
+        """Begin MISSION or RTL at the present position."""
+        self.mode, self.requested_mode = mode, None
+        self.trajectory.begin(s.p_n, s.v_n, s.yaw)
         if mode is Mode.RTL:
             self._begin_return(s)
         else:
             self._begin_mission(s)
 
-    def go(self, to: Point, yaw: float, s: Situation) -> None:
-        """Hold there instead of here (DO_REPOSITION). yaw [rad], NaN for the nose along the way."""
+    def reposition(self, to: Point, yaw: float, s: Situation) -> None:
+        """Fly to a point [m] [NED] and hold there (DO_REPOSITION). yaw: [rad], NaN points the nose along the path."""
         if self.mode is not Mode.HOLD:
-            self.mode, self.asked = Mode.HOLD, None
-            self.course.begin(s.p_n, s.v_n, s.yaw)
+            self.mode, self.requested_mode = Mode.HOLD, None
+            self.trajectory.begin(s.p_n, s.v_n, s.yaw)
         self._set(Leg(kind="stay", to=to, yaw=yaw), s)
 
     def change_speed(self, speed: float) -> None:
-        """[m/s] from now on; NaN for MPC_XY_CRUISE."""
+        """Set the cruise speed [m/s], NaN for MPC_XY_CRUISE."""
         self._cruise = speed
 
     def leave(self, *, armed: bool) -> None:
-        """Another mode flies, or nothing does."""
+        """Stop navigating: another mode flies, or the vehicle is disarmed."""
         if self.mode is Mode.MISSION:
-            self.missions.tell(reached=-1)
+            self.missions.set_progress(reached=-1)
         self.mode, self.running = None, False
         if not armed:
             self._disarmed, self._cruise = True, math.nan
 
     def fly(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Write the setpoint of this moment; `asked` is a mode that the mission wants."""
-        if self.mode is Mode.MISSION and self.missions.moved != self._moved:
-            self._take_up(s)
+        """Advance by dt [s] and write the setpoint."""
+        if self.mode is Mode.MISSION and self.missions.current_changes != self._seen_changes:
+            self._start_current_item(s)
         if self._done(s):
             self._advance(s)
         self._steer(sp, s, dt)
@@ -123,32 +145,32 @@ class Navigator:
         if self._disarmed and self._activated and m.current + 1 == len(m.items[MISSION]):
             self._jumps.clear()
             self._cruise = math.nan
-            m.tell(current=0)
+            m.set_progress(current=0)
         self._activated, self._disarmed = True, False
-        self._moved = -1
-        self._take_up(s)
+        self._seen_changes = -1
+        self._start_current_item(s)
         self._climb_d = self._first_climb(s)
         if self.running:
             self._load(s)
 
-    def _take_up(self, s: Situation) -> None:
-        """A mission began, or was changed from outside."""
-        begun, self._moved = self._moved < 0, self.missions.moved
+    def _start_current_item(self, s: Situation) -> None:
+        """Check the mission and load its current item, after a start or a change from outside."""
+        begun, self._seen_changes = self._seen_changes < 0, self.missions.current_changes
         if not (self.missions.items[MISSION] and self.missions.valid):
             rest = "refusing takeoff" if s.landed else "loitering"
-            s.say(CRITICAL, f"No valid mission available, {rest}")
+            s.report(CRITICAL, f"No valid mission available, {rest}")
             self.running = False
             self._set(Leg(kind="stay", to=s.p_n), s)
             return
         if not self.running:
-            s.say(INFO, "Executing Mission")
+            s.report(INFO, "Executing Mission")
         self.running = True
-        self.missions.tell(reached=-1)
+        self.missions.set_progress(reached=-1)
         if not begun:
             self._load(s)
 
     def _first_climb(self, s: Situation) -> float:
-        """The height to climb to before anything else [m] [NED down], NaN where none is needed."""
+        """Return the height to climb to before the first item [m] [NED down], NaN if no climb is needed."""
         first = next((x for x in self.missions.items[MISSION][self.missions.current :] if moves(x)), None)
         if first is None:
             return math.nan
@@ -156,18 +178,18 @@ class Navigator:
         return d if s.p_n[2] - d > self._param("NAV_MC_ALT_RAD") else math.nan
 
     def _load(self, s: Situation) -> None:
-        """Take up the item that is current, past its jumps."""
+        """Begin the current item, after its jumps."""
         items = self.missions.items[MISSION]
         k = self._past_jumps(self.missions.current)
         if k is None or k >= len(items):
             self._finish(s)
             return
-        self.missions.tell(current=k)
+        self.missions.set_progress(current=k)
         self._set(self._leg_of(items[k], s, ""), s)
 
     def _past_jumps(self, k: int) -> int | None:
         items = self.missions.items[MISSION]
-        for _ in range(_JUMPS):
+        for _ in range(_MAX_JUMPS):
             if k >= len(items) or items[k].command != mavlink.MAV_CMD_DO_JUMP:
                 return k
             to, repeat = (int(x) if math.isfinite(x) else -1 for x in items[k].params[:2])
@@ -182,13 +204,13 @@ class Navigator:
         return None
 
     def _leg_of(self, item: Item, s: Situation, stage: str) -> Leg:
-        """stage: what has been done of this item already."""
+        """Return the next leg of an item. stage: the part of the item that is done, "" for none."""
         if not moves(item):
-            return self._do(item, s)
+            return self._run_item(item, s)
         to = place(item, s.origin, s.home_n[2])
         if math.isfinite(self._climb_d):
             d, self._climb_d = self._climb_d, math.nan
-            s.say(INFO, f"Climb to {s.home_n[2] - d:.1f} meters above home")
+            s.report(INFO, f"Climb to {s.home_n[2] - d:.1f} meters above home")
             within = self._param("NAV_MC_ALT_RAD")
             height = s.home_n[2] - d
             within = height / 2.0 if s.landed and 0.0 < height < within else within
@@ -223,18 +245,18 @@ class Navigator:
             kind=kind, to=to, yaw=yaw, within_m=within, within_up_m=self._param("NAV_MC_ALT_RAD"), hold_s=hold
         )
 
-    def _do(self, item: Item, s: Situation) -> Leg:
-        """An item without a way: done at once but for the delay; what the built-in autopilot has not got does nothing."""
+    def _run_item(self, item: Item, s: Situation) -> Leg:
+        """Run an item without a position. A command that the built-in autopilot does not support does nothing."""
         command, p = item.command, item.params
         if command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
             self._cruise = p[1] if math.isfinite(p[1]) and p[1] > 0 else math.nan
         elif command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-            self.asked = Mode.RTL
+            self.requested_mode = Mode.RTL
             return Leg(kind="stay", to=self._here(s))
         elif command == mavlink.MAV_CMD_NAV_DELAY:
             hold = p[0] if math.isfinite(p[0]) and p[0] > 0 else 0.0
-            return Leg(kind="wait", to=self._here(s), yaw=self.course.yaw, hold_s=hold)
-        return Leg(kind="at once", to=self._here(s), yaw=self.course.yaw)
+            return Leg(kind="wait", to=self._here(s), yaw=self.trajectory.yaw, hold_s=hold)
+        return Leg(kind="instant", to=self._here(s), yaw=self.trajectory.yaw)
 
     def _here(self, s: Situation) -> Point:
         return self.leg.to if self.leg.kind == "go" else s.p_n
@@ -245,7 +267,7 @@ class Navigator:
             return
         items, m = self.missions.items[MISSION], self.missions
         if self.leg.reports:
-            m.tell(reached=m.current)
+            m.set_progress(reached=m.current)
         if self.leg.then and m.current < len(items):
             self._set(self._leg_of(items[m.current], s, self.leg.then), s)
         elif m.current < len(items) and items[m.current].autocontinue:
@@ -253,28 +275,28 @@ class Navigator:
             if after is None or after >= len(items):
                 self._finish(s)
             else:
-                m.tell(current=after)
+                m.set_progress(current=after)
                 self._set(self._leg_of(items[after], s, ""), s)
         else:
             self._set(Leg(kind="stay", to=self.leg.to, yaw=self.leg.yaw), s)
 
     def _finish(self, s: Situation) -> None:
-        s.say(INFO, f"Mission finished, {'landed' if s.landed else 'loitering'}")
+        s.report(INFO, f"Mission finished, {'landed' if s.landed else 'loitering'}")
         self.running = False
         self._jumps.clear()
-        self._set(Leg(kind="stay", to=s.p_n, yaw=self.course.yaw), s)
+        self._set(Leg(kind="stay", to=s.p_n, yaw=self.trajectory.yaw), s)
 
-    # -- the return ----------------------------------------------------------------------------------------------------
+    # -- return to launch ----------------------------------------------------------------------------------------------
 
     def _begin_return(self, s: Situation) -> None:
         self._cruise = math.nan
-        self._destination = self._where_to(s)
+        self._destination = self._return_destination(s)
         if s.landed:
             self._set(Leg(kind="stay", to=s.p_n), s)
             return
         d = self._return_d(s)
         above = self._destination[2] - d
-        s.say(
+        s.report(
             INFO,
             f"RTL: start return at {math.ceil(s.origin[2] - d)} m ({math.ceil(above)} m above destination)",
         )
@@ -283,17 +305,17 @@ class Navigator:
         else:
             self._move_home(d, s)
 
-    def _where_to(self, s: Situation) -> Point:
-        """Home, or a rally point that is clearly nearer."""
+    def _return_destination(self, s: Situation) -> Point:
+        """Return home [m] [NED], or a rally point that is nearer by _RALLY_MARGIN_M."""
         best, least = s.home_n, math.dist(s.home_n[:2], s.p_n[:2])
         for item in self.missions.items[RALLY]:
             point = place(item, s.origin, s.home_n[2])
-            if math.dist(point[:2], s.p_n[:2]) + _NEAREST_BY_M < least:
+            if math.dist(point[:2], s.p_n[:2]) + _RALLY_MARGIN_M < least:
                 best, least = point, math.dist(point[:2], s.p_n[:2])
         return best
 
     def _return_d(self, s: Situation) -> float:
-        """How high to fly home [m] [NED down]: within a cone around it, never lower than now. (RTL_CONE_ANG, RTL_RETURN_ALT)"""
+        """Return the height of the return [m] [NED down], never below the present one (RTL_CONE_ANG, RTL_RETURN_ALT)."""
         away = math.dist(self._destination[:2], s.p_n[:2])
         most, now = self._param("RTL_RETURN_ALT"), self._destination[2] - s.p_n[2]
         cone, within = self._param("RTL_CONE_ANG"), self._param("NAV_ACC_RAD")
@@ -322,38 +344,38 @@ class Navigator:
         elif done == "above" and abs(delay) > 1e-6:
             self._set(Leg(kind="go", to=above, yaw=s.home_yaw, then="low", hold_s=max(delay, 0.0)), s)
         elif done == "low" and delay < 0:
-            s.say(INFO, "RTL: completed, loitering")
+            s.report(INFO, "RTL: completed, loitering")
             self._set(Leg(kind="stay", to=above, yaw=s.home_yaw), s)
         elif self.leg.kind == "land":
             self._set(Leg(kind="stay", to=s.p_n), s)
         else:
-            s.say(INFO, "RTL: land at destination")
+            s.report(INFO, "RTL: land at destination")
             self._set(Leg(kind="land", to=self._destination, yaw=s.home_yaw), s)
 
-    # -- both ----------------------------------------------------------------------------------------------------------
+    # -- legs ----------------------------------------------------------------------------------------------------------
 
     def _param(self, name: str) -> float:
-        return float(self.params[name][self.i])
+        return float(self.params[name][self.row])
 
     def _set(self, leg: Leg, s: Situation) -> None:
-        self.leg, self._there, self._turned = leg, math.nan, False
+        self.leg, self._arrived_at, self._heading_met = leg, math.nan, False
 
     def _done(self, s: Situation) -> bool:
-        """Is this leg flown, with its heading and its time?"""
+        """Return whether the leg is complete: position, heading and hold time."""
         leg = self.leg
-        if leg.kind in ("stay", "at once"):
-            return leg.kind == "at once"
+        if leg.kind in ("stay", "instant"):
+            return leg.kind == "instant"
         if leg.kind == "land":
             return s.landed
-        if math.isnan(self._there) and self._arrived(s):
-            self._there = s.now
-        if math.isnan(self._there):
+        if math.isnan(self._arrived_at) and self._arrived(s):
+            self._arrived_at = s.now
+        if math.isnan(self._arrived_at):
             return False
-        self._turned |= not math.isfinite(leg.yaw) or abs(wrapped(leg.yaw - s.yaw)) < math.radians(
+        self._heading_met |= not math.isfinite(leg.yaw) or abs(wrap_angle(leg.yaw - s.yaw)) < math.radians(
             self._param("MIS_YAW_ERR")
         )
-        self._turned |= self._param("MIS_YAW_TMT") >= 0 or leg.kind != "go"
-        return self._turned and s.now - self._there >= leg.hold_s
+        self._heading_met |= self._param("MIS_YAW_TMT") >= 0 or leg.kind != "go"
+        return self._heading_met and s.now - self._arrived_at >= leg.hold_s
 
     def _arrived(self, s: Situation) -> bool:
         leg = self.leg
@@ -368,51 +390,62 @@ class Navigator:
         )
 
     def _steer(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        leg, course, pace = self.leg, self.course, self._pace()
+        leg, trajectory, limits = self.leg, self.trajectory, self._limits()
         if leg.kind == "stay" and not s.flying:
-            # On the floor it goes on pressing down as a landing does, or the land detector would think again.
-            sp.fly(self.i, v_n=(0.0, 0.0, self._param("MPC_LAND_SPEED")), yaw=course.yaw)
+            # Keep descending on the ground: the land detector needs it to stay landed.
+            sp.set_position(self.row, v_n=(0.0, 0.0, self._param("MPC_LAND_SPEED")), yaw=trajectory.yaw)
             return
-        course.turn(self._heading(s), pace, dt)
+        trajectory.turn(self._heading(s), limits, dt)
         if leg.kind == "land":
             v = (0.0, 0.0, self._param("MPC_LAND_SPEED"))
-            sp.fly(self.i, p_n=(leg.to[0], leg.to[1], math.nan), v_n=v, yaw=course.yaw)
+            sp.set_position(self.row, p_n=(leg.to[0], leg.to[1], math.nan), v_n=v, yaw=trajectory.yaw)
         elif leg.kind == "climb" and not s.flying:
             self._lift_off(sp, s)
         else:
-            course.run(leg.to, s.p_n, pace, dt)
-            sp.fly(
-                self.i, p_n=tuple(course.p_n), v_n=tuple(course.v_n), a_n=tuple(course.a_n), yaw=course.yaw
+            trajectory.advance(leg.to, s.p_n, limits, dt)
+            sp.set_position(
+                self.row,
+                p_n=tuple(trajectory.p_n),
+                v_n=tuple(trajectory.v_n),
+                a_n=tuple(trajectory.a_n),
+                yaw=trajectory.yaw,
             )
 
     def _lift_off(self, sp: Setpoints, s: Situation) -> None:
-        """By climb rate until the take-off is through, as AUTO.TAKEOFF does."""
+        """Set a climb rate until the take-off is complete, as AUTO.TAKEOFF does."""
         left = s.p_n[2] - self.leg.to[2]
         v = (0.0, 0.0, -min(self._param("MPC_TKO_SPEED"), max(left, 0.0) + 0.15))
-        self.course.begin(
-            (self.course.p_n[0], self.course.p_n[1], s.p_n[2]), (0.0, 0.0, s.v_n[2]), self.course.yaw
+        self.trajectory.begin(
+            (self.trajectory.p_n[0], self.trajectory.p_n[1], s.p_n[2]),
+            (0.0, 0.0, s.v_n[2]),
+            self.trajectory.yaw,
         )
-        sp.fly(self.i, p_n=(self.course.p_n[0], self.course.p_n[1], math.nan), v_n=v, yaw=self.course.yaw)
+        sp.set_position(
+            self.row,
+            p_n=(self.trajectory.p_n[0], self.trajectory.p_n[1], math.nan),
+            v_n=v,
+            yaw=self.trajectory.yaw,
+        )
 
     def _heading(self, s: Situation) -> float:
-        """The wanted yaw, or along the way while it is far."""
+        """Return the heading of the leg [rad]: its own, or along the path while the target is far."""
         leg = self.leg
         if math.isfinite(leg.yaw) or leg.kind in ("climb", "stay", "wait", "land"):
             return leg.yaw
         away = (leg.to[0] - s.p_n[0], leg.to[1] - s.p_n[1])
         return math.atan2(away[1], away[0]) if math.hypot(*away) > leg.within_m else math.nan
 
-    def _pace(self) -> Pace:
+    def _limits(self) -> TrajectoryLimits:
         p = self._param
         fastest = p("MPC_XY_VEL_MAX")
         cruise = min(self._cruise if math.isfinite(self._cruise) else p("MPC_XY_CRUISE"), fastest)
         turn, jerk = math.radians(p("MPC_YAWRAUTO_MAX")), max(p("MPC_JERK_AUTO"), 0.5)
-        return Pace(
+        return TrajectoryLimits(
             cruise=cruise,
             up=p("MPC_Z_V_AUTO_UP"),
             down=p("MPC_Z_V_AUTO_DN"),
             accel=p("MPC_ACC_HOR"),
-            turn=turn,
+            yaw_rate=turn,
             jerk=jerk,
             accel_up=p("MPC_ACC_UP_MAX"),
             accel_down=p("MPC_ACC_DOWN_MAX"),

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, NamedTuple
 
+from arena.constants import INT32_MAX, INT32_MIN
 from arena.params.facts.changes import CHANGES, Change
 from arena.params.facts.parameter_table import Parameter, Type, Version, parameters, versions
 from arena.params.facts.renames import carry, changes
@@ -194,8 +195,8 @@ def _type_fault(value: float, p: Parameter) -> tuple[str, str] | None:
         return "is no finite number", "whatever is computed from it is none either"
     if p.type == "INT32" and value != int(value):
         return "is no whole number", "it is an INT32"
-    if p.type == "INT32" and not -(2**31) <= value < 2**31:
-        return "is too large for its type", "it is an INT32, from -2147483648 to 2147483647"
+    if p.type == "INT32" and not INT32_MIN <= value <= INT32_MAX:
+        return "is too large for its type", f"it is an INT32, from {INT32_MIN} to {INT32_MAX}"
     return None
 
 

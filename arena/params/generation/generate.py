@@ -9,13 +9,13 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.params.facts.failsafe_actions import Action, Event, actions, sticks, ways
 from arena.params.facts.failsafe_delays import delays
 from arena.params.facts.parameter_table import Parameter, Version, parameters
 from arena.params.generation.requirements import Failsafe, Reaction, Requirements
 
-GRAVITY = 9.81
 _EMERGENCY = 0.7  # of the charge at which it lands
 RETURN_SHARE = 0.6
 """Of the room's height, up to which AUTO.RTL climbs."""
@@ -291,7 +291,7 @@ class _Generator:
             elif old in self.known:
                 yield Line(
                     str(old),
-                    value * required.hover / GRAVITY,
+                    value * required.hover / GRAVITY_M_S2,
                     f"a gain of its profile, {name} then",
                     self._reason("gains"),
                 )

@@ -1,0 +1,151 @@
+"""What the commander decides on: the measured state of the vehicle, the parameters, and the pilot's manual control. Pure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from arena.autopilot.param_table import Params
+
+ManualControlSource = Literal["radio", "joystick"]
+
+RADIO, JOYSTICK, EITHER, FIRST, NO_MANUAL_CONTROL = range(5)
+"""Values of COM_RC_IN_MODE. FIRST: the source that was received first."""
+
+
+@dataclass(slots=True, kw_only=True)
+class CommanderInputs:
+    """State of one vehicle at one decision.
+
+    now: time since boot [s]
+    xy_valid, z_valid, yaw_valid: the estimate of horizontal position, height, heading may be flown on
+    landed: the land detector reports the ground
+    flying: the take-off is complete
+    tilt_rad: angle between body z and down [rad]
+    battery: remaining charge 0..1
+    offboard_age: time since the last offboard setpoint [s]
+    offboard_needs_position: the last offboard setpoint asks for a position or velocity
+    gcs_age: time since the last heartbeat of a ground station [s]
+    aligned: the estimator has its initial attitude
+    global_ok: position and origin are valid
+    home_ok: the home position is set
+    mission_ok: a feasible mission is stored
+    fence: the violated geofence rule in PX4's words, "" inside
+    poses_rejected: the newest pose contradicts the estimate
+    manual_control: the pilot's sticks are received
+    """
+
+    now: float = 0.0
+    xy_valid: bool = False
+    z_valid: bool = False
+    yaw_valid: bool = False
+    landed: bool = True
+    flying: bool = False
+    tilt_rad: float = 0.0
+    battery: float = 1.0
+    offboard_age: float = math.inf
+    offboard_needs_position: bool = False
+    gcs_age: float = math.inf
+    aligned: bool = False
+    global_ok: bool = True
+    home_ok: bool = True
+    mission_ok: bool = False
+    fence: str = ""
+    poses_rejected: bool = False
+    manual_control: bool = False
+
+    @property
+    def position_ok(self) -> bool:
+        """Whether horizontal position, height and heading are all valid."""
+        return self.xy_valid and self.z_valid and self.yaw_valid
+
+
+@dataclass(slots=True, kw_only=True)
+class CommanderParams:
+    """Parameters of arming checks and failsafes, by PX4's names in lower case.
+
+    fd_fail_rad: the smaller of FD_FAIL_R and FD_FAIL_P that is not 0 [rad], infinite if both are 0
+    fd_fail_s: FD_FAIL_R_TTRI [s]
+    """
+
+    com_of_loss_t: float
+    com_obl_rc_act: int
+    com_fail_act_t: float
+    com_disarm_land: float
+    com_disarm_prflt: float
+    com_low_bat_act: int
+    bat_low_thr: float
+    bat_crit_thr: float
+    bat_emergen_thr: float
+    nav_dll_act: int
+    com_dl_loss_t: float
+    cbrk_flightterm: int
+    fd_fail_rad: float
+    fd_fail_s: float = 0.3
+    gf_action: int = 2
+    com_dll_except: int = 0
+    nav_rcl_act: int = 2
+    com_rcl_except: int = 0
+    com_rc_in_mode: int = 3
+    com_rc_loss_t: float = 0.5
+
+    @classmethod
+    def read(cls, params: Params, row: int) -> CommanderParams:
+        """Return the values of the vehicle in a row of the parameter table."""
+
+        def get(name: str) -> float:
+            return float(params[name][row])
+
+        tilt_limits = [math.radians(get(name)) for name in ("FD_FAIL_R", "FD_FAIL_P") if get(name) > 0]
+        return cls(
+            com_of_loss_t=get("COM_OF_LOSS_T"),
+            com_obl_rc_act=int(get("COM_OBL_RC_ACT")),
+            com_fail_act_t=get("COM_FAIL_ACT_T"),
+            com_disarm_land=get("COM_DISARM_LAND"),
+            com_disarm_prflt=get("COM_DISARM_PRFLT"),
+            com_low_bat_act=int(get("COM_LOW_BAT_ACT")),
+            bat_low_thr=get("BAT_LOW_THR"),
+            bat_crit_thr=get("BAT_CRIT_THR"),
+            bat_emergen_thr=get("BAT_EMERGEN_THR"),
+            nav_dll_act=int(get("NAV_DLL_ACT")),
+            com_dl_loss_t=get("COM_DL_LOSS_T"),
+            cbrk_flightterm=int(get("CBRK_FLIGHTTERM")),
+            fd_fail_rad=min(tilt_limits, default=math.inf),
+            fd_fail_s=get("FD_FAIL_R_TTRI"),
+            gf_action=int(get("GF_ACTION")),
+            com_dll_except=int(get("COM_DLL_EXCEPT")),
+            nav_rcl_act=int(get("NAV_RCL_ACT")),
+            com_rcl_except=int(get("COM_RCL_EXCEPT")),
+            com_rc_in_mode=int(get("COM_RC_IN_MODE")),
+            com_rc_loss_t=get("COM_RC_LOSS_T"),
+        )
+
+
+@dataclass(slots=True)
+class ManualControl:
+    """The pilot's sticks. The built-in autopilot knows only whether they are received; it never flies by them.
+
+    radio: time of the last RC_CHANNELS_OVERRIDE or sample of the simulated radio [s]
+    joystick: time of the last MANUAL_CONTROL [s]
+    """
+
+    radio: float = -math.inf
+    joystick: float = -math.inf
+    _first: ManualControlSource | None = None
+
+    def receive(self, source: ManualControlSource, now: float) -> None:
+        """Record that a source was received at now [s]."""
+        setattr(self, source, now)
+        self._first = self._first or source
+
+    def is_available(self, now: float, in_mode: int, loss_s: float) -> bool:
+        """Return whether the source selected by COM_RC_IN_MODE was received within COM_RC_LOSS_T.
+
+        in_mode: COM_RC_IN_MODE
+        loss_s: COM_RC_LOSS_T [s]
+        """
+        radio, joystick = now - self.radio <= loss_s, now - self.joystick <= loss_s
+        first = radio if self._first == "radio" else joystick
+        available = {RADIO: radio, JOYSTICK: joystick, EITHER: radio or joystick, FIRST: first}
+        return available.get(in_mode, False)

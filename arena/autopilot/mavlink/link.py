@@ -1,0 +1,69 @@
+"""One MAVLink channel of a vehicle: what waits to be sent, and the schedule of its streams. Bytes only, no sockets, no clock."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from arena.wire.mavlink_codec import Codec
+
+_QUEUE_LIMIT = 256  # frames
+_CATCH_UP_S = 0.1  # a late stream skips what is older
+_ROUNDING_S = 1e-6
+
+
+@dataclass(slots=True)
+class MavlinkLink:
+    """One channel: router, vision or panic.
+
+    queue: frames to send
+    intervals: period of each scheduled message [s], by message id
+    schedule: heap of (time [s], message id), one entry for each scheduled message
+    gcs_heartbeat_at: time of the last heartbeat of a ground station on this link [s]
+    """
+
+    name: str
+    codec: Codec
+    queue: list[bytes] = field(default_factory=list)
+    intervals: dict[int, float] = field(default_factory=dict)
+    schedule: list[tuple[float, int]] = field(default_factory=list)
+    gcs_heartbeat_at: float = -1e9
+
+    def set_interval(self, msgid: int, interval_s: float, first_s: float) -> None:
+        """Send a message every interval_s [s], from first_s on. interval_s: 0 stops the stream."""
+        self.intervals[msgid] = interval_s
+        self.schedule = [entry for entry in self.schedule if entry[1] != msgid]
+        if interval_s > 0:
+            self.schedule.append((first_s, msgid))
+        heapq.heapify(self.schedule)
+
+    def next_due(self) -> float:
+        """Return the time of the next scheduled message [s], infinite if there is none."""
+        return self.schedule[0][0] if self.schedule else math.inf
+
+    def take_due(self, now: float) -> list[int]:
+        """Return the ids of the messages that are due at now [s], and schedule each again."""
+        schedule, until, oldest, due = self.schedule, now + _ROUNDING_S, now - _CATCH_UP_S, []
+        while schedule and schedule[0][0] <= until:
+            when, msgid = schedule[0]
+            due.append(msgid)
+            again = when + self.intervals[msgid]
+            heapq.heapreplace(schedule, (again if again > oldest else oldest, msgid))
+        return due
+
+    def send(self, message: Any) -> None:
+        """Queue a message; drop it if the queue is full. None queues nothing."""
+        if message is not None and len(self.queue) < _QUEUE_LIMIT:
+            self.queue.append(self.codec.pack(message))
+
+    def send_payload(self, msgid: int, payload: bytes) -> None:
+        """Queue a message with an encoded payload; drop it if the queue is full."""
+        if len(self.queue) < _QUEUE_LIMIT:
+            self.queue.append(self.codec.frame(msgid, payload))
+
+    def take_datagram(self) -> bytes:
+        """Return all queued frames as one datagram."""
+        datagram, self.queue = b"".join(self.queue), []
+        return datagram

@@ -1,0 +1,49 @@
+"""The mission, geofence and rally points stored in one vehicle, and the progress of the mission. No messages, no clock."""
+
+from __future__ import annotations
+
+from arena.autopilot.navigation.mission_items import FENCE, MISSION, RALLY, Item
+
+CAPACITY = {MISSION: 10000, FENCE: 64, RALLY: 32}
+"""Items that each list may hold, by MAV_MISSION_TYPE (PX4's limits)."""
+
+
+class MissionStore:
+    """Three lists of items, by MAV_MISSION_TYPE.
+
+    items: the stored items
+    ids: identifier of each list, a checksum of its items, 0 if empty
+    current: index of the mission item that is flown, or will be
+    reached: index of the last item reached, -1 for none
+    valid: the mission is feasible; set by whoever checks it
+    version: increases with each change of a list
+    current_changes: increases when `current` is set from outside the flight
+    progress_changes: increases when the flight reports progress
+    """
+
+    def __init__(self) -> None:
+        self.items: dict[int, tuple[Item, ...]] = {MISSION: (), FENCE: (), RALLY: ()}
+        self.ids: dict[int, int] = {MISSION: 0, FENCE: 0, RALLY: 0}
+        self.current, self.reached = 0, -1
+        self.valid = False
+        self.version, self.current_changes, self.progress_changes = 0, 0, 0
+
+    def replace(self, kind: int, items: tuple[Item, ...], list_id: int) -> None:
+        """Store a list in place of the old one. kind: MAV_MISSION_TYPE."""
+        self.items[kind], self.ids[kind] = items, list_id
+        self.version += 1
+        if kind == MISSION:
+            marked = [k for k, item in enumerate(items) if item.current]
+            self.reached = -1
+            self.set_current(marked[-1] if marked else max(0, min(self.current, len(items) - 1)))
+
+    def set_current(self, index: int) -> None:
+        """Select the mission item to fly next, from outside the flight."""
+        self.current = index
+        self.current_changes += 1
+
+    def set_progress(self, *, current: int | None = None, reached: int | None = None) -> None:
+        """Record that the flight began or reached an item. None keeps the value."""
+        self.current = self.current if current is None else current
+        self.reached = self.reached if reached is None else reached
+        self.progress_changes += 1

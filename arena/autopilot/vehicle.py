@@ -1,0 +1,213 @@
+"""One vehicle of the built-in autopilot: its state, and what happens to it. No MAVLink bytes, no sockets, no clock.
+
+`Autopilots` updates the measured state of each vehicle and flies it; `mavlink` turns messages into calls of the methods here and
+reads the state for telemetry. The dynamic state (estimate, setpoints, motors) is not here: it lies in arrays over all vehicles.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from arena.autopilot.commander import CRITICAL, WARNING, Commander, Mode
+from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams, ManualControl
+from arena.autopilot.control.setpoints import OffboardSetpoint
+from arena.autopilot.estimation.estimator import Estimator, VisionSample
+from arena.autopilot.injected_failures import InjectedFailures
+from arena.autopilot.navigation.mission_items import local
+from arena.autopilot.navigation.mission_store import MissionStore
+from arena.autopilot.param_table import Params
+from arena.geometry import yaw_from_quat
+
+LANDED_STATE_ON_GROUND = 1  # MAV_LANDED_STATE
+_NEVER = -1e9
+_ORIGIN_ALTITUDE_M = (-12_000.0, 100_000.0)  # limits of PX4
+_REPORT_EVERY_REFUSED = 100
+Point = tuple[float, float, float]
+
+
+class RepositionTarget(NamedTuple):
+    """Where MAV_CMD_DO_REPOSITION sends the vehicle. NaN keeps the present value.
+
+    lat, lon: [deg]
+    alt: altitude AMSL [m]
+    yaw: [rad]
+    """
+
+    lat: float
+    lon: float
+    alt: float
+    yaw: float
+
+
+class Vehicle:
+    """State of one vehicle.
+
+    row: its row in the arrays over all vehicles
+    system_id: its MAV_SYS_ID
+    now: time of the last datagram [s]
+    booted: the first decision was made, so commands can be decided
+    inputs, commander_params: what the commander decided on last
+    aligned, ready_to_arm, landed_state: results of the last decision; landed_state is a MAV_LANDED_STATE
+    vision: newest sample of external vision that is not fused yet
+    offboard_setpoint, offboard_setpoint_at: newest setpoint and its time [s]
+    takeoff_target_d: height requested by NAV_TAKEOFF [m] [NED down], NaN for MIS_TAKEOFF_ALT
+    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    home_n, home_yaw: home position [m] [NED] (3,) and heading [rad]
+    reposition_target: not yet flown to
+    requested_speed: [m/s]; NaN for no request, -1 for the default
+    gcs_heartbeat_at: time of the last heartbeat of a ground station, on any link [s]
+    counts: what was received and what was refused, by kind
+    """
+
+    def __init__(self, row: int, name: str, system_id: int, params: Params, estimator: Estimator) -> None:
+        self.row, self.system_id, self.params, self._estimator = row, system_id, params, estimator
+        self.commander = Commander(name)
+        self.inputs = CommanderInputs()
+        self.commander_params = CommanderParams.read(params, row)
+        self.now = 0.0
+        self.booted = False
+        self.aligned = False
+        self.ready_to_arm = False
+        self.landed_state = LANDED_STATE_ON_GROUND
+        self.vision: VisionSample | None = None
+        self._last_vision: VisionSample | None = None
+        self.offboard_setpoint: OffboardSetpoint | None = None
+        self.offboard_setpoint_at = _NEVER
+        self.takeoff_target_d = math.nan
+        self.origin: Point | None = None
+        self.home_n: list[float] | None = None
+        self.home_yaw = 0.0
+        self.missions = MissionStore()
+        self.reposition_target: RepositionTarget | None = None
+        self.requested_speed = math.nan
+        self.failures = InjectedFailures()
+        self.manual_control = ManualControl()
+        self.gcs_heartbeat_at = _NEVER
+        self.reboot_requested = False
+        self.counts: Counter[str] = Counter()
+
+    # -- measured state ------------------------------------------------------------------------------------------------
+
+    def q_nb(self) -> list[float]:
+        """Return the estimated attitude [-] wxyz (4,)."""
+        attitude: list[float] = self._estimator.q_nb[self.row].tolist()
+        return attitude
+
+    def yaw(self) -> float:
+        """Return the estimated heading [rad]."""
+        return float(yaw_from_quat(self._estimator.q_nb[self.row]))
+
+    def gcs_age(self, now: float) -> float:
+        """Return the time since the last heartbeat of a ground station [s]."""
+        return now - self.gcs_heartbeat_at
+
+    def local_from_global(self, lat: float, lon: float, alt: float) -> Point | None:
+        """Return p_n [m] [NED] of a latitude, longitude [deg] and altitude AMSL [m], or None without an origin."""
+        if self.origin is None:
+            return None
+        n, e = local(self.origin, lat, lon)
+        return n, e, self.origin[2] - alt
+
+    # -- commands ------------------------------------------------------------------------------------------------------
+
+    def request_mode(self, mode: Mode | None) -> bool:
+        """Change the flight mode; return whether it was accepted."""
+        self._refresh_offboard()
+        return not self.commander.request_mode(mode, self.inputs, self.commander_params)
+
+    def arm(self, why: str = "by external command") -> bool:
+        """Arm if every arming check passes; return whether the vehicle is armed."""
+        self._refresh_offboard()
+        return not self.commander.arm(self.inputs, self.commander_params, why=why)
+
+    def disarm(self, *, force: bool) -> bool:
+        """Disarm on the ground, or anywhere with `force`; return whether the vehicle is disarmed."""
+        return not self.commander.disarm(self.inputs, force=force)
+
+    def terminate(self, why: str) -> None:
+        """Stop the motors, in flight too."""
+        self.commander.terminate(why)
+
+    def _refresh_offboard(self) -> None:
+        """Count a setpoint received since the last decision: clients request OFFBOARD right after their first setpoint."""
+        self.inputs.offboard_age = self.now - self.offboard_setpoint_at
+        self.inputs.offboard_needs_position = self.offboard_needs_position
+
+    def request_takeoff(self, altitude: float) -> bool:
+        """Enter TAKEOFF; return whether it was accepted. altitude: AMSL [m]; NaN or 0 for MIS_TAKEOFF_ALT."""
+        given = self.origin is not None and math.isfinite(altitude) and altitude != 0.0
+        self.takeoff_target_d = self.origin[2] - altitude if self.origin and given else math.nan
+        return self.request_mode(Mode.TAKEOFF)
+
+    def request_reposition(self, target: RepositionTarget, speed: float) -> bool:
+        """Enter HOLD at the target; return whether it was accepted. speed: [m/s], not positive to keep the present one."""
+        accepted = self.request_mode(Mode.HOLD)
+        if accepted and self.commander.armed:
+            self.reposition_target = target
+            self.requested_speed = speed if speed > 0 else self.requested_speed
+        return accepted
+
+    def set_home_to_current_position(self) -> None:
+        """Set home to the estimated position and heading."""
+        self.home_n, self.home_yaw = self._estimator.p_n[self.row].tolist(), self.yaw()
+
+    def set_home_here(self) -> bool:
+        """Set home to the estimated position; return False without an origin or a valid horizontal position."""
+        known = self.origin is not None and self.inputs.xy_valid
+        if known:
+            self.set_home_to_current_position()
+        return known
+
+    def set_home_at(self, lat: float, lon: float, alt: float) -> bool:
+        """Set home to a latitude, longitude [deg] and altitude AMSL [m]; return False without an origin."""
+        point = self.local_from_global(lat, lon, alt)
+        self.home_n = list(point) if point else self.home_n
+        return point is not None
+
+    def set_origin(self, lat: float, lon: float, alt: float) -> None:
+        """Set the origin of the local frame, unless armed or off the globe. lat, lon: [deg]; alt: AMSL [m]."""
+        low, high = _ORIGIN_ALTITUDE_M
+        if abs(lat) <= 90.0 and abs(lon) <= 180.0 and low < alt < high and not self.commander.armed:
+            self.origin = (lat, lon, alt)
+
+    def inject_failure(self, p: Sequence[float]) -> int:
+        """Run MAV_CMD_INJECT_FAILURE and return its MAV_RESULT. p: unit, type, instance."""
+        result = self.failures.inject(p, enabled=bool(self.params["SYS_FAILURE_EN"][self.row]))
+        if result == 0:
+            self.commander.report(
+                WARNING, f"Failure injected: unit {p[0]:.0f}, type {p[1]:.0f}, instance {p[2]:.0f}"
+            )
+        return result
+
+    # -- streams from outside ------------------------------------------------------------------------------------------
+
+    @property
+    def offboard_needs_position(self) -> bool:
+        """Whether the newest offboard setpoint asks for a position or velocity."""
+        return self.offboard_setpoint is not None and self.offboard_setpoint.needs_position
+
+    def set_offboard_setpoint(self, setpoint: OffboardSetpoint, now: float) -> None:
+        """Store a setpoint received at now [s]."""
+        self.offboard_setpoint, self.offboard_setpoint_at = setpoint, now
+
+    def refuse_offboard_setpoint(self, reason: str) -> None:
+        """Count a refused setpoint and report one in 100. reason: "" counts only."""
+        self.counts["refused setpoint"] += 1
+        if reason and self.counts["refused setpoint"] % _REPORT_EVERY_REFUSED == 1:
+            self.commander.report(CRITICAL, f"Setpoint ignored: {reason}")
+
+    def set_vision(self, sample: VisionSample | None) -> None:
+        """Store a sample of external vision for the next fusion. None counts a refused one.
+
+        In flight a pose that repeats the last one bit by bit is dropped: no measurement repeats, so the source is frozen.
+        """
+        last = self._last_vision
+        if sample and self.inputs.flying and last and (sample.p_n, sample.q_nb) == (last.p_n, last.q_nb):
+            self.counts["vision repeated"] += 1
+            return
+        self.counts["vision" if sample else "vision refused"] += 1
+        if sample:
+            self.vision = self._last_vision = sample

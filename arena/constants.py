@@ -1,0 +1,14 @@
+"""Physical and protocol constants that several rooms use. Each has one value, here."""
+
+from __future__ import annotations
+
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity [m/s2] (ISO 80000-3). PX4's CONSTANTS_ONE_G has the same value."""
+
+INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
+
+INT32_NOT_GIVEN = INT32_MAX
+"""A latitude or longitude field of COMMAND_INT with this value is not given."""
+
+FORCE_ARM_DISARM = 21196.0
+"""param2 of MAV_CMD_COMPONENT_ARM_DISARM that forces it: with param1 = 0 the motors stop, even in flight."""
