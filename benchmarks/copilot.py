@@ -30,10 +30,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.copilot.copilot import Copilot
 from arena.copilot.settings import Rules, Vehicle
-from arena.mocap.client.natnet import NatNetReceiver
+from arena.mocap.natnet import codec as natnet
+from arena.mocap.natnet.receiver import NatNetReceiver
 from arena.schema.copilot import RULES
 from arena.schema.copilot import Copilot as Section
-from arena.wire import natnet
 from arena.wire.mavlink_codec import Codec
 
 PROGRAM = Path(__file__).parents[1] / "examples" / "08_copilot" / "straight.py"
@@ -236,7 +236,7 @@ def cost(count: int, seconds: float = 4.0) -> bool:
         dict.fromkeys(("poses", "telemetry", "looks"), 0.0),
     )
     receiver, version = NatNetReceiver([row["name"] for row in rows]), (3, 1, 0, 0)
-    receiver.hear(
+    receiver.receive(
         natnet.encode_server_info(
             natnet.ServerInfo(
                 name="m",
@@ -248,7 +248,7 @@ def cost(count: int, seconds: float = 4.0) -> bool:
             )
         )
     )
-    receiver.hear(natnet.encode_models([(row["id"], row["name"]) for row in rows], version))
+    receiver.receive(natnet.encode_models([(row["id"], row["name"]) for row in rows], version))
     words = [_words(row["id"]) for row in rows]
     place, speed = np.arange(count) % 10 * 2.0, 0.3
     for k in range(round(50 * seconds)):
@@ -271,7 +271,7 @@ def cost(count: int, seconds: float = 4.0) -> bool:
                 version,
             )
             made = time.thread_time()
-            frame = receiver.hear(data)
+            frame = receiver.receive(data)
             core.see([frame] if frame is not None else [], now)
             spent["poses"] += time.thread_time() - made
         began = time.thread_time()

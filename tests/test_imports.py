@@ -35,12 +35,14 @@ MAY: dict[str, set[str]] = {
     "atmosphere": set(),
     "transport": {"errors"},
     "wire": {"errors", "geometry"},
-    "mocap": set(),
-    "mocap.client": {"errors", "geometry", "wire", "clock"},
+    "mocap": {"errors"},  # the table of vendors; their packages are found by name
+    "mocap.client": {"errors", "geometry", "mocap"},
+    "mocap.natnet": {"errors", "mocap", "mocap.client", "mocap.emulator"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
     "params": {"constants", "errors", "wire", "clock", "run_dirs", "transport"},
-    "schema": {"constants", "errors", "geometry", "wire", "clock", "thrust_curve", "transport"},
-    "plan": {"constants", "errors", "geometry", "wire", "clock", "thrust_curve", "params", "schema"},
+    "mocap.emulator": GROUND | {"mocap"},
+    "schema": {"constants", "errors", "geometry", "wire", "clock", "thrust_curve", "transport", "mocap"},
+    "plan": {"constants", "errors", "geometry", "wire", "clock", "thrust_curve", "params", "schema", "mocap"},
     "supervisor": GROUND | {"schema", "plan"},
     **{
         room: GROUND | {"mocap.client"}
@@ -48,7 +50,6 @@ MAY: dict[str, set[str]] = {
             "sim",
             "autopilot",
             "px4",
-            "mocap.emulator",
             "pose_forwarder",
             "mavlink_router",
             "fcu_link",
@@ -57,7 +58,7 @@ MAY: dict[str, set[str]] = {
     },
     # tool rooms and what a user imports may read the schema and the plan
     "recorder": GROUND | {"mocap.client", "schema", "plan"},
-    "uav": GROUND | {"mocap.client", "schema"},
+    "uav": GROUND | {"mocap", "mocap.client", "schema"},
     "emergency": GROUND | {"schema", "plan"},
     "smoke": GROUND | {"schema", "plan", "supervisor", "recorder"},
     "cli": GROUND | {"schema", "plan", "supervisor", "emergency", "recorder", "params", "smoke"},
@@ -102,7 +103,8 @@ def room_of(path: Path) -> str:
 def room_of_module(module: str) -> str:
     """Return the room of a dotted module of arena."""
     parts = module.split(".")[1:]
-    return ".".join(parts[:2]) if parts[0] == "mocap" else parts[0]
+    in_folder = parts[0] == "mocap" and len(parts) > 1 and (ROOT / "mocap" / parts[1]).is_dir()
+    return ".".join(parts[:2]) if in_folder else parts[0]
 
 
 def test_every_room_has_a_rule() -> None:

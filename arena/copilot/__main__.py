@@ -16,7 +16,7 @@ from arena.clock import Clock, SimClock, WallClock
 from arena.copilot.copilot import STEP_HZ, Copilot, Output
 from arena.copilot.settings import Rules, Vehicle
 from arena.errors import ArenaError
-from arena.mocap.client import Complaint, NatNetCapture, open_capture
+from arena.mocap.client import ChangeReport, MocapClient, open_client
 from arena.process_context import ProcessContext, ShutdownPolicy, run_room
 from arena.transport import listen_udp
 
@@ -63,8 +63,8 @@ class Shell:
             (s["listen"][0], int(s["listen"][1])), "the copilot", receive_buffer_bytes=_BUFFER_BYTES
         )
         self._rows = {v.tools: i for i, v in enumerate(vehicles)}
-        self._captures: list[NatNetCapture] = [open_capture(c) for c in s["captures"]]
-        self._complaints = [Complaint() for _ in self._captures]
+        self._captures: list[MocapClient] = [open_client(c) for c in s["captures"]]
+        self._reports = [ChangeReport() for _ in self._captures]
         self._afterlives = [(kind, ShutdownPolicy(limit_s=60.0 if kind else None)) for kind in (True, False)]
         self._began = self._looked = time.monotonic()
         self._beat = -1e9
@@ -142,8 +142,8 @@ class Shell:
                 )
             self._room.ready()
         self._room.stats(self._stats())
-        for capture, complaint in zip(self._captures, self._complaints, strict=True):
-            if (news := complaint.news(capture.trouble())) is not None:
+        for capture, report in zip(self._captures, self._reports, strict=True):
+            if (news := report.changed(capture.diagnosis())) is not None:
                 self._room.event(news)
         orphaned = self._room.orphaned
         over = [

@@ -1,1 +1,1 @@
-"""Motion capture: the emulator of a vendor's server and the clients that receive its poses."""
+"""Motion capture: the table of vendors, a package for each vendor, what all clients share, and the emulator."""

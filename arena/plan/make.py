@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from arena.mocap.vendors import vendor_settings
 from arena.plan import rooms
 from arena.plan.copilot import copilot
 from arena.plan.firmware import Fleet, all_firmware
@@ -187,7 +188,9 @@ def _listens(arena: Arena, kind: Kind, vehicle: Vehicle | None) -> Iterator[List
         what = f"the wire of {vehicle.name}"
         yield Listen(protocol="udp", address=vehicle.wire.host, port=vehicle.wire.port, what=what)
     if kind == "mocap":
-        found.append((arena.mocap.command_port, "NatNet commands"))
+        settings = vendor_settings(arena.mocap.emulates)
+        used = settings.server_sockets(settings.server_settings(arena.mocap.keys, arena.address))
+        found += [(socket.port, socket.what) for socket in used if socket.port]
     if kind == "router":
         found.append((LINK_BASE, "ground stations"))
     if kind == "copilot":

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from arena.mocap.vendors import SocketUse, vendor_settings
 from arena.plan.model import Plan, ProcessSpec
 
 _HERE = "this computer alone"
@@ -25,7 +26,6 @@ _ANSWERS: dict[str, dict[str, str]] = {
         "panic link": f"commands from {_HERE}",
         "the wire": "the first address that speaks as this vehicle",
     },
-    "mocap": {"": "whoever asks, as NatNet servers do: poses, no commands"},
     "forward": {"": _PARTNER},
     "router": {"": _PARTNER, "tools": _HERE, "programs": _NAMED, "ground stations": _NAMED},
     "logger": {"": "nobody: it listens"},
@@ -99,23 +99,17 @@ def _names(same: list[Door]) -> str:
 
 def _doors_of(plan: Plan, spec: ProcessSpec) -> Iterator[Door]:
     slice_ = plan.slices.get(f"{spec.name}.json", {})
-    for x in spec.listens:
+    for x in spec.listens if spec.kind != "mocap" else ():
         known = _ANSWERS.get(spec.kind, {"": "?"})
         who = next((words for begin, words in known.items() if begin and x.what.startswith(begin)), known[""])
         yield Door(
             process=spec.name, protocol=x.protocol, address=x.address, port=x.port, what=x.what, who=who
         )
     for capture in _captures(slice_):
-        yield from _receiver(plan, spec, capture)
+        yield from _receiver(spec, capture)
     if spec.kind == "mocap":
-        yield Door(
-            process=spec.name,
-            protocol="udp",
-            address=plan.address,
-            port=0,
-            what="NatNet frames leave",
-            who="nobody: it sends",
-        )
+        for used in vendor_settings(slice_["kind"]).server_sockets(slice_):
+            yield _door(spec, used)
     if slice_.get("heart"):
         yield Door(
             process=spec.name,
@@ -137,31 +131,21 @@ def _captures(slice_: dict[str, Any]) -> list[dict[str, Any]]:
     return [found] if isinstance(found, dict) else list(found or ())
 
 
-def _receiver(plan: Plan, spec: ProcessSpec, capture: dict[str, Any]) -> Iterator[Door]:
-    here = capture["local"] or ("127.0.0.1" if capture["server"].startswith("127.") else "0.0.0.0")
-    said, server = f"{capture['server']} alone is believed", "the motion capture is asked"
-    yield Door(process=spec.name, protocol="udp", address=here, port=0, what=server, who=said)
-    if capture["transport"] == "multicast":
-        group, port = capture["group"], int(capture["data_port"])
-        yield Door(
-            process=spec.name,
-            protocol="udp",
-            address=group,
-            port=port,
-            what="NatNet frames, shared",
-            who=said,
-            interface=here,
-        )
-    # a server that streams to one receiver may do so to the data port
-    data = int(capture["data_port"])
-    yield Door(
+def _receiver(spec: ProcessSpec, capture: dict[str, Any]) -> Iterator[Door]:
+    for used in vendor_settings(capture["kind"]).client_sockets(capture):
+        yield _door(spec, used)
+
+
+def _door(spec: ProcessSpec, used: SocketUse) -> Door:
+    return Door(
         process=spec.name,
-        protocol="udp",
-        address=here,
-        port=data,
-        what="NatNet frames",
-        who=said,
-        always=False,
+        protocol=used.protocol,
+        address=used.address,
+        port=used.port,
+        what=used.what,
+        who=used.peer,
+        always=used.always,
+        interface=used.interface,
     )
 
 

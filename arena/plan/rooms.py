@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from arena.mocap.vendors import vendor_settings
 from arena.plan.firmware import Fleet
 from arena.plan.model import LinkPlan
 from arena.plan.px4 import forgotten, hitl_params, px4_params, px4_scripts
@@ -138,15 +139,10 @@ def px4(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
 
 def mocap(arena: Arena) -> Json:
     m = arena.mocap
-    bodies = [{"name": v.mocap_body, "streaming_id": v.id, "index": i} for i, v in enumerate(arena.simulated)]
+    bodies = [{"name": v.mocap_body, "number": v.id, "index": i} for i, v in enumerate(arena.simulated)]
     return {
         "name": "mocap",
-        "address": arena.address,
-        "version": m.version,
-        "transport": m.transport,
-        "group": arena.group,
-        "command_port": m.command_port,
-        "data_port": m.data_port,
+        **vendor_settings(m.emulates).server_settings(m.keys, arena.address),
         "rate_hz": m.rate_hz,
         "noise": _noise(arena),
         "latency_ms": m.latency_ms,
@@ -205,23 +201,13 @@ def link(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
 def capture(arena: Arena, bodies: list[str], *, simulated: bool) -> Json | None:
     """How a receiver reaches the cameras that see such vehicles; None when none do. bodies: names wanted."""
     m = arena.mocap
-    common = {
-        "transport": m.transport,
-        "command_port": m.command_port,
-        "data_port": m.data_port,
-        "bodies": bodies,
-    }
     if simulated:
-        return {
-            "kind": "natnet",
-            "server": arena.address,
-            "local": arena.address,
-            "group": arena.group,
-            **common,
-        }
-    if m.source == "emulator":
+        found = vendor_settings(m.emulates).emulator_client_settings(m.keys, arena.address)
+    elif m.source == "emulator":
         return None
-    return {"kind": m.source, "server": m.server, "local": m.local, "group": arena.server_group, **common}
+    else:
+        found = vendor_settings(m.source).client_settings(m.keys)
+    return {**found, "bodies": bodies}
 
 
 def _clock(v: Vehicle) -> str | None:

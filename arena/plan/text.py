@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from arena.mocap.vendors import vendor_settings
 from arena.plan.firmware import Firmware, Fleet, all_firmware
 from arena.schema import Arena, Vehicle
 from arena.schema.loader import dump_yaml
@@ -20,7 +21,7 @@ def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
             "address": arena.address,
             "world": _plain(arena.world.model_dump()),
             "sim": _plain(arena.sim.model_dump()),
-            "mocap": _plain({**arena.mocap.model_dump(exclude_none=True), "group": _group(arena)}),
+            "mocap": _plain(_mocap(arena)),
             "preflight": _plain(arena.preflight.model_dump()),
             **({"px4": {"home": arena.px4.home}} if arena.px4 else {}),
             **({"copilot": _plain(arena.copilot.model_dump())} if arena.copilot else {}),
@@ -59,8 +60,11 @@ def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
     return {key: _plain(value) for key, value in made.items() if value is not None}
 
 
-def _group(arena: Arena) -> str:
-    return arena.group if arena.mocap.source == "emulator" else arena.server_group
+def _mocap(arena: Arena) -> dict[str, Any]:
+    found = arena.mocap.model_dump(exclude_none=True)
+    for vendor in arena.mocap.vendors:
+        found |= vendor_settings(vendor).derived_keys(arena.mocap.keys, arena.address)
+    return found
 
 
 def _wire(v: Vehicle) -> dict[str, Any]:

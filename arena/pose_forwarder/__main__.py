@@ -8,7 +8,7 @@ import sys
 import time
 
 from arena.clock import Clock, SimClock, WallClock
-from arena.mocap.client import Complaint, NatNetCapture, open_capture
+from arena.mocap.client import ChangeReport, MocapClient, open_client
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.process_context import ProcessContext, ShutdownPolicy, run_room
 from arena.transport import listen_udp
@@ -51,8 +51,8 @@ class _Shell:
     def __init__(self, room: ProcessContext) -> None:
         s = room.settings
         self.room, self.core = room, Forwarder(s, listen_s=_LISTEN_S)
-        self.capture: NatNetCapture = open_capture(s["capture"])
-        self.complaint = Complaint()
+        self.capture: MocapClient = open_client(s["capture"])
+        self.mocap_report = ChangeReport()
         self.clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
         self.link, self.remote = (
             listen_udp(tuple(s["link"]["local"]), "the vision link"),
@@ -113,7 +113,7 @@ class _Shell:
 
     def _complain(self) -> None:
         """Why no poses come, once: to the supervisor and into our own log."""
-        news = self.complaint.news(self.capture.trouble())
+        news = self.mocap_report.changed(self.capture.diagnosis())
         if news is not None:
             self.room.event(news)
             print(f"forward: {news}", file=sys.stderr, flush=True)

@@ -11,7 +11,7 @@ from typing import Any, TextIO
 
 from arena.clock import Clock, SimClock, WallClock
 from arena.errors import ArenaError, RunError
-from arena.mocap.client import Complaint, NatNetCapture, open_capture
+from arena.mocap.client import ChangeReport, MocapClient, open_client
 from arena.process_context import ProcessContext, ShutdownPolicy
 from arena.recorder.recorder import Recorder, rates
 from arena.transport import listen_udp
@@ -44,7 +44,7 @@ class Logger:
         self._shutdown = ShutdownPolicy(limit_s=60.0 if settings.get("simulated", True) else None)
         self._reported = 0.0
         self._fault = ""
-        self._complaint = Complaint()
+        self._mocap_report = ChangeReport()
         self._floor: float | None = None
         self._airborne_unix_s: float | None = None
 
@@ -89,7 +89,7 @@ class Logger:
             except (ArenaError, OSError) as error:
                 self._report_fault(f"motion capture: {error}")
 
-    def _receive_poses(self, capture: NatNetCapture, now: float) -> None:
+    def _receive_poses(self, capture: MocapClient, now: float) -> None:
         for frame in capture.poll(now):
             for pose in frame.poses:
                 if pose.body == self._body:
@@ -138,7 +138,7 @@ class Logger:
         """Log why no poses arrive, only when the reason changes."""
         if self._capture is None:
             return
-        news = self._complaint.news(self._capture.trouble())
+        news = self._mocap_report.changed(self._capture.diagnosis())
         if news is not None:
             self._room.event(news)
             print(f"logger: {news}", file=sys.stderr, flush=True)
@@ -165,5 +165,5 @@ def _open_csv(path: Path, header: str) -> TextIO:
     return file
 
 
-def _capture(settings: dict[str, Any]) -> NatNetCapture | None:
-    return open_capture(settings["capture"]) if settings.get("capture") else None
+def _capture(settings: dict[str, Any]) -> MocapClient | None:
+    return open_client(settings["capture"]) if settings.get("capture") else None

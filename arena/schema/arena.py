@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from arena.schema.copilot import Copilot
-from arena.schema.models import Failsafe, Mocap, Preflight, RestartMode, Sim, Tool, World
+from arena.schema.mocap import Mocap
+from arena.schema.models import Failsafe, Preflight, RestartMode, Sim, Tool, World
 from arena.schema.ports import VehiclePorts
 from arena.schema.profile import Profile
 from arena.schema.source import Source
@@ -121,7 +122,6 @@ class Vehicle:
 @dataclass(frozen=True, kw_only=True)
 class Arena:
     """One arena. file: as the user named it.  folder: absolute, of that file.
-    group: multicast group of the emulator; server_group: of the vendor's server.
     px4: the one that its vehicles fly, None when none does.  geofence: None where the YAML draws none.
 
     origins: dotted key -> its value and where that came from, for `arena plan --explain`.
@@ -134,8 +134,6 @@ class Arena:
     world: World
     sim: Sim
     mocap: Mocap
-    group: str
-    server_group: str
     preflight: Preflight
     tools: Mapping[str, Tool]
     vehicles: tuple[Vehicle, ...]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import ipaddress
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
 class Strict(BaseModel):
@@ -26,3 +27,13 @@ Vector = tuple[float, float, float]
 Span = tuple[float, float]
 PositiveVector = tuple[Positive, Positive, Positive]
 Port = Annotated[int, Field(ge=1024, le=65535)]
+
+
+def _ipv4(text: str) -> str:
+    try:
+        return str(ipaddress.IPv4Address(text))
+    except ValueError as error:
+        raise ValueError("a numeric IPv4 address such as 127.0.0.1") from error
+
+
+Address = Annotated[str, AfterValidator(_ipv4)]

@@ -9,11 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from arena.errors import Problem
+from arena.mocap.vendors import vendor_settings
 from arena.schema.arena import Arena, Vehicle
 from arena.schema.checking import Check
 from arena.schema.checks_fence import fence
 from arena.schema.checks_real import REAL
 from arena.schema.loader import YamlPath
+from arena.schema.mocap import keys_of_other_vendors
 from arena.schema.models import NOT_YET, Tool
 from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, SDK_ABOVE, WHAT
 from arena.schema.source import near
@@ -161,8 +163,10 @@ def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
     if c.arena.copilot is not None:
         yield COPILOT, "the copilot", ("copilot",)
     yield GROUND_STATION, "a ground station's", ()
-    yield c.arena.mocap.command_port, "the motion capture's commands", ("mocap", "command_port")
-    yield c.arena.mocap.data_port, "the motion capture's data", ("mocap", "data_port")
+    mocap = c.arena.mocap
+    for vendor in mocap.vendors:
+        for key, words in vendor_settings(vendor).PORTS.items():
+            yield getattr(mocap, key), words, ("mocap", key)
     seen: set[int] = set()
     for vehicle in c.arena.vehicles:
         if vehicle.id in seen or not c.sound(vehicle, "id", "port"):
@@ -322,15 +326,16 @@ def _gcs(c: Check) -> Iterator[Problem]:
 
 
 def _capture(c: Check) -> Iterator[Problem]:
-    group = c.arena.mocap.group
-    if (
-        group is not None
-        and c.arena.mocap.transport == "multicast"
-        and not 224 <= int(group.split(".")[0]) <= 239
-    ):
-        yield c.source.problem(
-            ("mocap", "group"), f"got {group}, expected a multicast address. Try 239.255.42.99."
-        )
+    mocap = c.arena.mocap
+    for vendor in mocap.vendors:
+        for key, problem in vendor_settings(vendor).problems(mocap.keys):
+            yield c.source.problem(("mocap", key), problem)
+    for key, vendor in keys_of_other_vendors(mocap).items():
+        if c.source.given(("mocap", key)):
+            used = " and ".join(mocap.vendors)
+            yield c.source.problem(
+                ("mocap", key), f"is a key of {vendor}, and this arena uses {used}. Remove it."
+            )
 
 
 def _params(c: Check) -> Iterator[Problem]:

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator
 
 from arena.errors import Problem
+from arena.mocap.vendors import VENDORS
 from arena.schema.arena import Vehicle
 from arena.schema.checking import Check
 from arena.schema.loader import YamlPath
@@ -102,18 +103,25 @@ def _capture(c: Check) -> Iterator[Problem]:
     if mocap.source == "emulator":
         for key in ("server", "local"):
             if getattr(mocap, key) is not None:
-                said = "is for a vendor's server, and the source is the emulator. Add source: natnet."
+                said = (
+                    f"is for a vendor's server, and the source is the emulator. Add source: {mocap.emulates}."
+                )
                 yield c.source.problem(("mocap", key), said)
         for v in (v for v in hardware if v.forward and v.wire is not None):
-            said = "got hardware, which the emulator cannot see. Set mocap.source: natnet and mocap.server, or forward: false"
+            said = f"got hardware, which the emulator cannot see. Set mocap.source: {mocap.emulates} and mocap.server, or forward: false"
             yield c.problem(v.name, ("autopilot",), f"{said} for a vehicle that needs no captured pose.")
-    elif mocap.source == "natnet":
-        if mocap.server is None and ("mocap", "server") not in c.pruned:
-            said = "got natnet, which needs `server`: the numeric address of the motion capture's computer."
-            yield c.source.problem(("mocap", "source"), said)
-        elif not hardware:
-            said = "got natnet, and every vehicle is simulated: the server cannot see them. Use emulator."
-            yield c.source.problem(("mocap", "source"), said)
+    elif mocap.source not in VENDORS:
+        return
+    elif mocap.server is None and ("mocap", "server") not in c.pruned:
+        said = (
+            f"got {mocap.source}, which needs `server`: the numeric address of the motion capture's computer."
+        )
+        yield c.source.problem(("mocap", "source"), said)
+    elif not hardware:
+        said = (
+            f"got {mocap.source}, and every vehicle is simulated: the server cannot see them. Use emulator."
+        )
+        yield c.source.problem(("mocap", "source"), said)
 
 
 REAL = (_wires, _shared_wires, _speed, _capture)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from arena.errors import InputError, NotInstalledError
+from arena.mocap.vendors import vendor_settings
 from arena.schema.arena import Arena
 from arena.schema.models import Tool
 from arena.schema.ports import COPILOT, LINK_BASE, WHAT
@@ -120,7 +121,11 @@ def _wanted(arena: Arena) -> Iterator[tuple[str, int, str]]:
     if arena.copilot is not None:
         yield arena.address, COPILOT, "the copilot"
     if arena.simulated:
-        yield arena.address, arena.mocap.command_port, "the motion capture's commands"
+        settings = vendor_settings(arena.mocap.emulates)
+        server = settings.server_settings(arena.mocap.keys, arena.address)
+        for used in settings.server_sockets(server):
+            if used.port:
+                yield used.address, used.port, f"the motion capture ({used.what})"
     for vehicle in arena.vehicles:
         for key, (who, what) in WHAT.items():
             if key not in _FOREIGN:

@@ -6,22 +6,15 @@ A docstring under a key is its line in the reference page and in the JSON schema
 
 from __future__ import annotations
 
-import ipaddress
 import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, model_validator
 
-from arena.schema.base import NotNegative, Port, Positive, PositiveVector, Span, Strict, Vector
+from arena.schema.base import Address, NotNegative, Port, Positive, PositiveVector, Span, Strict, Vector
 from arena.schema.copilot import Copilot
-
-
-def _numeric(text: str) -> str:
-    try:
-        return str(ipaddress.IPv4Address(text))
-    except ValueError as error:
-        raise ValueError("a numeric IPv4 address such as 127.0.0.1") from error
+from arena.schema.mocap import Mocap
 
 
 def _speed(value: Any) -> float | Literal["max"]:
@@ -46,7 +39,6 @@ def _program(value: Any) -> Any:
     raise ValueError("a path, or a mapping of path, args and restart")
 
 
-Address = Annotated[str, AfterValidator(_numeric)]
 Speed = Annotated[
     float | Literal["max"],
     BeforeValidator(_speed),
@@ -103,44 +95,6 @@ class Px4Keys(Strict):
 
     home: str | None = None
     """Its source, build or installation folder, or `stand-in` for arena's own. Default: $PX4_HOME, else `px4` on PATH."""
-
-
-class MocapNoise(Strict):
-    """Noise of one camera measurement, rms per axis."""
-
-    position_mm: NotNegative = 0.3
-    """[mm]."""
-    rotation_deg: NotNegative = 0.05
-    """[deg]."""
-
-
-class Mocap(Strict):
-    """The motion-capture system."""
-
-    source: Literal["emulator", "natnet", "vrpn"] = "emulator"
-    """Where poses come from."""
-    server: Address | None = None
-    """The vendor's server, when the source is not the emulator. It sees hardware vehicles; the emulator serves simulated ones."""
-    local: Address | None = None
-    """The address of this computer's interface that hears the server. Default: whichever leads to it."""
-    rate_hz: Annotated[float, Field(ge=10, le=1000)] = 180.0
-    """Frames per second."""
-    noise: MocapNoise = MocapNoise()
-    """Noise that the emulator adds."""
-    latency_ms: Annotated[float, Field(ge=0, le=1000)] = 10.0
-    """From exposure to the frame on the network [ms]; at least one sensor step."""
-    version: Literal["3.1", "4.1"] = "3.1"
-    """NatNet version that is served."""
-    transport: Literal["multicast", "unicast"] = "multicast"
-    """How frames travel."""
-    group: Address | None = None
-    """Multicast group; by rule from `address` when not given."""
-    command_port: Port = 1510
-    """NatNet command port."""
-    data_port: Port = 1511
-    """NatNet data port."""
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
-    """Seed of the camera noise."""
 
 
 class Preflight(Strict):

@@ -80,11 +80,3 @@ def vehicle_ports(vehicle_id: int, port: int | None = None) -> VehiclePorts:
         serve=base + 8,
         simulator=base + 9,
     )
-
-
-def capture_group(address: str) -> str:
-    """The multicast group that goes with an arena's address, so that two arenas on one computer do not hear each other."""
-    a, b, c, d = (int(part) for part in address.split("."))
-    if a != 127 or (b, c, d) == (0, 0, 1):
-        return "239.255.42.99"
-    return f"239.{192 + b % 64}.{c}.{d}"

@@ -12,10 +12,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from arena.mocap.vendors import vendor_settings
 from arena.schema.arena import Arena, Autopilot, Fence, Origin, Program, Px4, Vehicle
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
-from arena.schema.ports import MOST_ID, capture_group, vehicle_ports
+from arena.schema.ports import MOST_ID, vehicle_ports
 from arena.schema.profile import Profile
 from arena.schema.px4 import STAND_IN
 from arena.schema.source import Source
@@ -43,16 +44,12 @@ def resolve(
     if model.copilot is not None:
         _trace(origins, source, ("copilot",), model.copilot)
     name = model.name or _name_from(folder.name)
-    served = model.mocap.source != "emulator"
-    group = capture_group(model.address) if served else model.mocap.group or capture_group(model.address)
-    server_group = model.mocap.group or capture_group(model.mocap.server or model.address)
     _note(origins, "name", name, source.origin(("name",)) if model.name else "the folder's name")
-    _note(
-        origins,
-        "mocap.group",
-        server_group if served else group,
-        source.origin(("mocap", "group")) if model.mocap.group else "rule: from address",
-    )
+    for vendor in model.mocap.vendors:
+        for key, value in vendor_settings(vendor).derived_keys(model.mocap.keys, model.address).items():
+            given = source.given(("mocap", key))
+            origin = source.origin(("mocap", key)) if given else "rule: from address"
+            _note(origins, f"mocap.{key}", value, origin)
     drawn, fence = model.geofence, fence_of(model)
     if drawn is not None:
         for key in ("north", "east", "up"):
@@ -81,8 +78,6 @@ def resolve(
         world=model.world,
         sim=model.sim,
         mocap=model.mocap,
-        group=group,
-        server_group=server_group,
         preflight=model.preflight,
         tools=model.tools,
         copilot=model.copilot,

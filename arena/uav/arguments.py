@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import ipaddress
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from arena.clock import SimClock
 from arena.errors import InputError
+from arena.mocap.vendors import VENDORS, vendor_settings
 
 
 def read_arguments(argv: Sequence[str] | None = None) -> dict[str, Any]:
@@ -31,7 +31,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--profile", default="iris", help="vehicle type")
     parser.add_argument("--clock", help="stem of a simulation clock; the wall clock by default")
     parser.add_argument(
-        "--capture", metavar="natnet:ADDRESS[:multicast|unicast]", help="read one's own pose there"
+        "--capture",
+        metavar="VENDOR:ADDRESS",
+        help=f"read the vehicle's pose from this motion capture; vendors: {', '.join(VENDORS)}",
     )
     parser.add_argument("--body", help="one's own name in the motion capture; by default the vehicle's name")
     return parser
@@ -78,31 +80,13 @@ def _by_hand(known: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _capture(words: str, body: str) -> dict[str, Any]:
-    """natnet:ADDRESS[:multicast|unicast] -> the settings of a receiver for one body, at NatNet's usual ports."""
-    from arena.schema.ports import capture_group
-
-    kind, _, rest = words.partition(":")
-    server, _, transport = rest.partition(":")
-    transport = transport or "multicast"
+def _capture(text: str, body: str) -> dict[str, Any]:
+    """Return the settings of a motion-capture client for one body. text: VENDOR:ADDRESS and the vendor's options."""
+    vendor, _, rest = text.partition(":")
     try:
-        ipaddress.IPv4Address(server)
-    except ValueError:
-        server = ""
-    if kind != "natnet" or not server or transport not in ("multicast", "unicast"):
-        raise InputError(
-            f"--capture: got {words!r}, expected natnet:ADDRESS[:multicast|unicast], as in natnet:10.0.0.5"
-        )
-    return {
-        "kind": "natnet",
-        "server": server,
-        "local": None,
-        "transport": transport,
-        "group": capture_group(server),
-        "command_port": 1510,
-        "data_port": 1511,
-        "bodies": [body],
-    }
+        return {**vendor_settings(vendor).parse_client(rest), "bodies": [body]}
+    except InputError as error:
+        raise InputError(f"--capture: {error}") from error
 
 
 def _heart(address: Sequence[Any] | None) -> tuple[str, int] | None:

@@ -22,7 +22,7 @@ from arena.wire.mavlink_codec import Codec
 from arena.wire.telemetry import Telemetry
 
 if TYPE_CHECKING:
-    from arena.mocap.client import NatNetCapture
+    from arena.mocap.client import MocapClient
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _WAKE_S = 0.02  # wall time between looks at the sockets: fifty wake-ups a second instead of six hundred
@@ -115,7 +115,7 @@ class Connection:
             if self.telemetry.hear(datagram, now):
                 self._partner = sender
 
-    def _hear_capture(self, receiver: NatNetCapture, now: float) -> None:
+    def _hear_capture(self, receiver: MocapClient, now: float) -> None:
         try:
             for frame in receiver.poll(now):
                 for pose in frame.poses:
@@ -145,11 +145,11 @@ def _open(url: str) -> tuple[socket.socket, Address | None]:
         ) from error
 
 
-def _captures(settings: Capture | None, bodies: Sequence[str]) -> list[NatNetCapture]:
+def _captures(settings: Capture | None, bodies: Sequence[str]) -> list[MocapClient]:
     """A receiver for each server that is to see one of the bodies. A body is taken from one server only: the first, so that no
     two systems' axes are mixed. A server that stands alone sees them all.
     """
-    from arena.mocap.client import open_capture
+    from arena.mocap.client import open_client
 
     each = [{**settings, "bodies": None}] if isinstance(settings, Mapping) else settings or ()
     made, left = [], list(bodies)
@@ -158,5 +158,5 @@ def _captures(settings: Capture | None, bodies: Sequence[str]) -> list[NatNetCap
         own = [b for b in left if wanted is None or b in wanted]
         left = [b for b in left if b not in own]
         if own:
-            made.append(open_capture({**one, "bodies": own}))
+            made.append(open_client({**one, "bodies": own}))
     return made

@@ -47,7 +47,7 @@ def test_what_other_computers_reach_is_told_with_who_is_answered(tmp_path):
         "open: udp 192.168.77.5:24000 ground stations (router) answers the addresses that the YAML names"
         in lines
     )
-    assert any(":1510 NatNet commands (mocap) answers whoever asks" in line for line in lines)
+    assert any(":1510 NatNet commands (mocap) answers any client that asks" in line for line in lines)
     assert any("239.255.42.99:1511 NatNet frames, shared" in line for line in lines)
 
 

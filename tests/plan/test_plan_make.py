@@ -237,7 +237,7 @@ def test_slices_carry_what_the_rooms_read(plan: Plan) -> None:
     assert world["vehicles"][1]["position"] == [-2.0, 0.0, 0.0]
     assert world["vehicles"][0]["params"]["EKF2_EV_DELAY"] == 11.0 and world["size_m"] == [7.0, 4.0, 3.0]
     assert world["vehicles"][0]["profile"]["thrust_curve"]["kind"] == "quadratic"
-    assert mocap["bodies"][1] == {"name": "aero2", "streaming_id": 2, "index": 1}
+    assert mocap["bodies"][1] == {"name": "aero2", "number": 2, "index": 1}
     assert mocap["noise"]["position_m"] == pytest.approx(3e-4)
     program = plan.slices["program.uav1.json"]
     assert program["neighbours"] == [{"name": "uav2", "body": "aero2"}] and program["capture"]["bodies"] == [

@@ -44,7 +44,7 @@ def test_a_real_vehicle_has_a_link_in_the_place_of_its_autopilot(mixed: Plan) ->
 
 def test_the_world_and_the_emulator_know_simulated_vehicles_alone(mixed: Plan) -> None:
     assert [v["name"] for v in mixed.slices["world.json"]["vehicles"]] == ["sim"]
-    assert mixed.slices["mocap.json"]["bodies"] == [{"name": "sim", "streaming_id": 1, "index": 0}]
+    assert mixed.slices["mocap.json"]["bodies"] == [{"name": "sim", "number": 1, "index": 0}]
     assert (mixed.slices["logger.sim.json"]["index"], mixed.slices["logger.real.json"]["index"]) == (0, None)
 
 

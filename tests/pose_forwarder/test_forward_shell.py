@@ -17,7 +17,8 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.geometry import quat_from_euler
-from arena.mocap.emulator.core import Emulator
+from arena.mocap.emulator.core import EmulatedCameras
+from arena.mocap.natnet.server import NatNetServer
 from arena.process_context import LIFELINE
 from arena.wire.truth_page import Truth
 
@@ -48,19 +49,18 @@ class Arena:
         with bound(self.host) as a, bound(self.host) as b:
             self.link, data_port = a.getsockname(), b.getsockname()[1]
         noise = {"position_m": 0.0003, "rotation_deg": 0.05}
-        self.emulator = Emulator(
-            {
-                "version": "4.1",
-                "rate_hz": 180,
-                "latency_ms": 0,
-                "bodies": [{"name": "b", "streaming_id": 1, "index": 0}],
-                "seed": 1,
-                "noise": noise,
-                "transport": "unicast",
-                "data_port": data_port,
-                "group": "239.243.51.11",
-            }
-        )
+        slice_ = {
+            "version": "4.1",
+            "rate_hz": 180,
+            "latency_ms": 0,
+            "bodies": [{"name": "b", "number": 1, "index": 0}],
+            "seed": 1,
+            "noise": noise,
+            "transport": "unicast",
+            "data_port": data_port,
+            "group": "239.243.51.11",
+        }
+        self.cameras, self.natnet = EmulatedCameras(slice_), NatNetServer(slice_)
         settings = {
             "name": "forward.uav1",
             "vehicle": "uav1",
@@ -137,11 +137,12 @@ class Arena:
 
     def _serve(self, now: float) -> None:
         while (packet := _receive(self.server)) is not None:
-            reply = self.emulator.hear(packet[0], packet[1], now)
+            reply = self.natnet.reply(packet[0], packet[1], now)
             if reply:
                 self.server.sendto(reply, packet[1])
-        data = self.emulator.frame(self.number, truth_at(self.number / 180))
-        for address in self.emulator.destinations(now):
+        frame = self.cameras.measure(self.number, truth_at(self.number / 180))
+        data = self.natnet.encode(frame, frame.exposed_s)
+        for address in self.natnet.destinations(now):
             self.server.sendto(data, address)
 
     def _listen(self) -> None:
@@ -218,7 +219,7 @@ def test_a_body_that_the_server_does_not_have_is_said_once_with_those_it_has(tmp
         while time.monotonic() < end:
             arena.step()
         assert len(events()) == 1
-        assert "has no body 'B'; it has 'b'. Perhaps you meant 'b'?" in events()[0]
+        assert "has no body 'B'; it has 'b'. Did you mean 'b'?" in events()[0]
         assert arena.stats["capture unknown body"] > 0
         assert not arena.of("ODOMETRY")
     finally:

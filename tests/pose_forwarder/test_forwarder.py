@@ -12,8 +12,9 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.geometry import quat_from_euler
 from arena.mocap.client import CapturedFrame, Pose
-from arena.mocap.client.natnet import NatNetReceiver
-from arena.mocap.emulator.core import Emulator
+from arena.mocap.emulator.core import EmulatedCameras
+from arena.mocap.natnet.receiver import NatNetReceiver
+from arena.mocap.natnet.server import NatNetServer
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.wire.truth_page import Truth
 
@@ -278,25 +279,25 @@ def test_the_truth_comes_out_of_the_whole_chain_as_it_went_in(version):
         accel_b=np.zeros((2, 3)),
         motors=np.zeros((2, 4)),
     )
-    emulator = Emulator(
-        {
-            "version": version,
-            "rate_hz": 180,
-            "latency_ms": 10,
-            "bodies": [
-                {"name": "other", "streaming_id": 1, "index": 0},
-                {"name": "aero2", "streaming_id": 2, "index": 1},
-            ],
-            "noise": {"position_m": 0.0, "rotation_deg": 0.0},
-            "seed": 1,
-            "transport": "multicast",
-            "data_port": 1511,
-            "group": "239.255.42.99",
-        }
-    )
+    slice_ = {
+        "version": version,
+        "rate_hz": 180,
+        "latency_ms": 10,
+        "bodies": [
+            {"name": "other", "number": 1, "index": 0},
+            {"name": "aero2", "number": 2, "index": 1},
+        ],
+        "noise": {"position_m": 0.0, "rotation_deg": 0.0},
+        "seed": 1,
+        "transport": "multicast",
+        "data_port": 1511,
+        "group": "239.255.42.99",
+    }
+    cameras, server = EmulatedCameras(slice_), NatNetServer(slice_)
     receiver = NatNetReceiver(["aero2"])
     for _ in range(2):
-        receiver.hear(emulator.hear(receiver.ask(), ("127.0.0.1", 5), 0.0))
-    m = decode(Forwarder(SETTINGS).on_frame(receiver.hear(emulator.frame(180, truth)), 1.01))
+        receiver.receive(server.reply(receiver.next_request(), ("127.0.0.1", 5), 0.0))
+    packet = server.encode(cameras.measure(180, truth), 1.01)
+    m = decode(Forwarder(SETTINGS).on_frame(receiver.receive(packet), 1.01))
     assert np.allclose((m.x, m.y, m.z), truth.p_n[1], atol=1e-6)
     assert np.allclose(m.q, truth.q_nb[1], atol=1e-6)

@@ -176,7 +176,7 @@ def test_silent_capture_server_of_a_real_vehicle_is_reported(start):
     events = (json.loads(p)["event"] for p in iter_packets(logger) if b'"event"' in p)
     assert [next(events), next(events)[:47]] == [
         "uav1: airborne",
-        "motion capture: no answer from 127.73.4.1:9 (as",
+        "motion capture: no answer from 127.73.4.1:9 (re",
     ]
 
 

@@ -93,7 +93,7 @@ def test_by_hand_a_motion_capture_server_is_named_by_its_address():
         (["--ns", "alpha"], "--id"),
         (["--profile", "irsi"], "iris"),
         (["--link", "tcp:1"], "udpin:HOST:PORT"),
-        (["--capture", "vrpn:10.0.0.5"], "natnet:ADDRESS"),
+        (["--capture", "vrpn:10.0.0.5"], "expected one of natnet"),
         (["--capture", "natnet:motive"], "natnet:10.0.0.5"),
         (["--capture", "natnet:10.0.0.5:tcp"], "multicast"),
     ],

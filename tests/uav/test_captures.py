@@ -35,7 +35,7 @@ class FakeReceiver:
 @pytest.fixture
 def receivers(monkeypatch):
     monkeypatch.setattr(FakeReceiver, "made", [], raising=False)
-    monkeypatch.setattr("arena.mocap.client.open_capture", FakeReceiver)
+    monkeypatch.setattr("arena.mocap.client.open_client", FakeReceiver)
     return FakeReceiver.made
 
 

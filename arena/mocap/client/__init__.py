@@ -1,10 +1,10 @@
-"""Receivers of motion capture, shared by forwarders, user programs and loggers.
+"""What every motion-capture client shares, and the way to open one.
 
-The one place where a capture system's z-up axes and FLU bodies become NED and FRD.
+The one place where a capture system's z-up axes and FLU bodies become NED and FRD. Knows no vendor.
 """
 
-from arena.mocap.client.diagnosis import Complaint
-from arena.mocap.client.natnet import NatNetCapture, open_capture
+from arena.mocap.client.diagnosis import ChangeReport
+from arena.mocap.client.interface import MocapClient, open_client
 from arena.mocap.client.pose import CapturedFrame, Pose
 
-__all__ = ["CapturedFrame", "Complaint", "NatNetCapture", "Pose", "open_capture"]
+__all__ = ["CapturedFrame", "ChangeReport", "MocapClient", "Pose", "open_client"]

@@ -1,105 +1,94 @@
-"""When a receiver last heard what, so that it can say what is wrong. Pure: times are arguments, monotonic [s]."""
+"""When a client last received what, so that it can say what is wrong. Pure: times are arguments, monotonic [s]."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
-from arena.mocap.client.diagnosis import Condition
 from arena.mocap.client.pose import CapturedFrame
-from arena.wire.natnet import ServerInfo
 
+STREAMING_S = 3.0  # frames within this time: the server streams
+RECENT_S = 5.0  # longer than the pause between two requests to a silent server
 _GRACE_S = 3.0  # a server that has just been asked may still answer
-_STREAMING_S = 3.0
-_RECENT_S = 5.0  # longer than a silent server is left unasked
 _HIDDEN_S = 2.0
 
 
-class Core(Protocol):
-    """What is read of a NatNetReceiver."""
+@dataclass(frozen=True, kw_only=True)
+class BodyStatus:
+    """Wanted bodies that give no pose.
 
-    answers: int
-    understood: int
-    info: ServerInfo | None
-    counts: Counter[str]
+    names: names of the server's bodies. missing: not among them. duplicate: borne by two bodies.
+    hidden: not tracked for 2 s.
+    """
 
-    @property
-    def refused(self) -> bool: ...
-
-    @property
-    def listed(self) -> bool: ...
-
-    @property
-    def there(self) -> Counter[str]: ...
-
-    @property
-    def wanted(self) -> set[str]: ...
+    names: Collection[str] = ()
+    missing: Sequence[str] = ()
+    duplicate: Sequence[str] = ()
+    hidden: Sequence[str] = ()
 
 
-class Watch:
-    """wall: now."""
+class Reception:
+    """Times of the last events of one client. started: when the client was opened [s]."""
 
-    def __init__(self, wall: float) -> None:
-        self._began = wall
-        self._answers = self._understood = self._malformed = self._early = 0
-        self._answered_at = self._streamed_at = self._garbled_at = self._early_at = (
-            self._stranger_at
-        ) = -math.inf
-        self._streaming_since = wall
-        self._stranger = ""
+    def __init__(self, started: float) -> None:
+        self._started = self._streaming_since = started
+        self._counts: dict[str, int] = {}
+        self._changed_at: dict[str, float] = {}
         self._tracked_at: dict[str, float] = {}
+        self._foreign_address, self._foreign_at = "", -math.inf
 
-    def look(self, core: Core, frames: Sequence[CapturedFrame], wall: float) -> bool:
-        """After each poll. frames: what it found. True when frames came that could be read, whoever was in them."""
-        if core.answers != self._answers:
-            self._answers, self._answered_at = core.answers, wall
-        if (malformed := core.counts["malformed"]) != self._malformed:
-            self._malformed, self._garbled_at = malformed, wall
-        if (early := core.counts["before the handshake"]) != self._early:
-            self._early, self._early_at = early, wall
-        if core.understood == self._understood:
+    def update(self, event: str, count: int, now: float) -> bool:
+        """Record how often an event has happened so far. Return True when that changed."""
+        if count == self._counts.get(event, 0):
             return False
-        if wall - self._streamed_at > _STREAMING_S:
-            self._streaming_since = wall
-        self._understood, self._streamed_at = core.understood, wall
-        if frames:
-            for pose in frames[-1].poses:
-                self._tracked_at[pose.body] = wall
+        self._counts[event], self._changed_at[event] = count, now
         return True
 
-    def stranger(self, address: str, wall: float) -> None:
-        """Something came from an address that is not the server's. Of several the first is remembered, until it falls silent."""
-        if address == self._stranger or wall - self._stranger_at > _RECENT_S:
-            self._stranger, self._stranger_at = address, wall
+    def recent(self, event: str, now: float, within_s: float = RECENT_S) -> bool:
+        """Return whether an event has happened within the last seconds."""
+        return now - self._changed_at.get(event, -math.inf) < within_s
 
-    def too_early(self, wall: float) -> bool:
-        return wall - self._began < _GRACE_S
+    def update_frames(self, readable: int, frames: Sequence[CapturedFrame], now: float) -> bool:
+        """Record the result of one poll. Return True when frames came that could be decoded.
 
-    def condition(self, core: Core, wall: float, base: Condition) -> Condition:
-        """base: what does not change, filled up with what was heard in the last seconds."""
-        there = core.there
-        wanted = sorted(core.wanted) if core.listed else []
-        return Condition(
-            server=base.server,
-            command_port=base.command_port,
-            data_port=base.data_port,
-            transport=base.transport,
-            group=base.group,
-            local=base.local,
-            closed=base.closed,
-            refused=core.refused,
-            answered=core.info if wall - self._answered_at < _RECENT_S else None,
-            streaming=wall - self._streamed_at < _STREAMING_S,
-            garbled=wall - self._garbled_at < _RECENT_S,
-            early=wall - self._early_at < _RECENT_S,
-            stranger=self._stranger if wall - self._stranger_at < _RECENT_S else "",
-            names=tuple(there),
-            missing=[n for n in wanted if not there[n]],
-            twice=[n for n in wanted if there[n] > 1],
-            hidden=[n for n in wanted if there[n] == 1 and self._hidden(n, wall)],
+        readable: frames decoded so far, whichever bodies they hold. frames: the frames of this poll.
+        """
+        was_streaming = self.streaming(now)
+        if not self.update("frames", readable, now):
+            return False
+        if not was_streaming:
+            self._streaming_since = now
+        if frames:
+            for pose in frames[-1].poses:
+                self._tracked_at[pose.body] = now
+        return True
+
+    def streaming(self, now: float) -> bool:
+        return now - self._changed_at.get("frames", -math.inf) <= STREAMING_S
+
+    def on_foreign(self, address: str, now: float) -> None:
+        """Record a datagram from an address that is not the server's. The first of several is kept until it is silent."""
+        if address == self._foreign_address or now - self._foreign_at > RECENT_S:
+            self._foreign_address, self._foreign_at = address, now
+
+    def foreign_address(self, now: float) -> str:
+        """Return the address of recent foreign datagrams, "" without any."""
+        return self._foreign_address if now - self._foreign_at < RECENT_S else ""
+
+    def too_early(self, now: float) -> bool:
+        """Return whether the client is so new that a server may still answer."""
+        return now - self._started < _GRACE_S
+
+    def body_status(self, served: Counter[str], wanted: Collection[str], now: float) -> BodyStatus:
+        """Return which wanted bodies give no pose. served: name -> how many bodies of the server bear it."""
+        return BodyStatus(
+            names=tuple(served),
+            missing=[n for n in wanted if not served[n]],
+            duplicate=[n for n in wanted if served[n] > 1],
+            hidden=[n for n in wanted if served[n] == 1 and self._hidden(n, now)],
         )
 
-    def _hidden(self, name: str, wall: float) -> bool:
-        return wall - max(self._tracked_at.get(name, -math.inf), self._streaming_since) > _HIDDEN_S
+    def _hidden(self, name: str, now: float) -> bool:
+        return now - max(self._tracked_at.get(name, -math.inf), self._streaming_since) > _HIDDEN_S

@@ -1,22 +1,29 @@
-"""The sockets of a receiver: on one interface, and deaf to what other programs of this computer joined on another."""
+"""UDP sockets of a motion-capture client: on one interface, and only for datagrams of one server."""
 
 from __future__ import annotations
 
+import math
+import select
 import socket
 import sys
+from collections import Counter
+
+from arena.mocap.client.reception import Reception
 
 _IP_MULTICAST_ALL = 49  # linux/in.h; the socket module does not name it
+_RETRY_S = 1.0  # between tries to open sockets while there is no network
+_MAX_DATAGRAMS = 256  # per socket and read: more than a default buffer holds, so nothing older stays behind
 
 
-def local_for(server: str, port: int) -> str:
-    """The address of the interface whose route leads to the server. Nothing is sent. Raises OSError when no route does."""
+def local_address_for(server: str, port: int) -> str:
+    """Return the address of the interface whose route leads to the server. Sends nothing. Raises OSError without a route."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.connect((server, port))
         return str(s.getsockname()[0])
 
 
-def udp(address: str, port: int) -> socket.socket:
-    """Raises OSError."""
+def udp_socket(address: str, port: int) -> socket.socket:
+    """Open a non-blocking UDP socket; a fixed port may be shared. Raises OSError."""
     s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         s.setblocking(False)
@@ -28,13 +35,13 @@ def udp(address: str, port: int) -> socket.socket:
     return s
 
 
-def member(group: str, port: int, local: str) -> socket.socket:
-    """A socket in a multicast group on one interface, bound to the group so that others on the port are not heard.
+def multicast_socket(group: str, port: int, local: str) -> socket.socket:
+    """Open a socket in a multicast group on one interface, bound to the group so that other groups on the port stay out.
 
-    Linux gives such a socket every datagram of the group that reaches the computer, whichever interface another program joined
-    it on, unless it is told not to. Raises OSError.
+    By default Linux gives such a socket every datagram of the group that reaches the computer, also when another
+    program joined on another interface; IP_MULTICAST_ALL = 0 switches that off. Raises OSError.
     """
-    s = udp(group, port)
+    s = udp_socket(group, port)
     try:
         if sys.platform == "linux":
             s.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
@@ -45,3 +52,100 @@ def member(group: str, port: int, local: str) -> socket.socket:
         s.close()
         raise
     return s
+
+
+class ServerSockets:
+    """The UDP sockets of one client of one server. They open when the network is there, and drop foreign datagrams.
+
+    server, port: where requests go; the address is numeric.
+    local: address of the interface to use; None takes the one whose route leads to the server.
+    multicast: group and port to join, or None.
+    counts: where dropped datagrams are counted.
+    """
+
+    def __init__(
+        self,
+        server: tuple[str, int],
+        local: str | None,
+        multicast: tuple[str, int] | None,
+        reception: Reception,
+        counts: Counter[str],
+    ) -> None:
+        self.local = local or "this computer"
+        self.error = ""
+        self._server, self._wanted_local, self._multicast = server, local, multicast
+        self._reception, self._counts = reception, counts
+        self._sockets: list[socket.socket] = []
+        self._tried = -math.inf
+        self._epoll = select.epoll()
+
+    def fileno(self) -> int:
+        return self._epoll.fileno()
+
+    @property
+    def is_open(self) -> bool:
+        return bool(self._sockets)
+
+    def open(self, wall: float) -> bool:
+        """Open the sockets, unless the last try is less than a second old. Return True when they were opened now."""
+        if wall - self._tried < _RETRY_S:
+            return False
+        self._tried = wall
+        try:
+            self.local = self._wanted_local or local_address_for(*self._server)
+            self._add(udp_socket(self.local, 0))
+            if self._multicast is not None:
+                self._add(multicast_socket(*self._multicast, self.local))
+        except OSError as error:
+            self.close_sockets()
+            self.error = (
+                f"{self._wanted_local or 'no interface of this computer leads there'}: {error.strerror}"
+            )
+            self._counts["no network"] += 1
+            return False
+        self.error = ""
+        return True
+
+    def listen_on(self, port: int) -> None:
+        """Receive on one more port of the same interface. Raises OSError."""
+        self._add(udp_socket(self.local, port))
+
+    def read(self, wall: float) -> list[bytes]:
+        """Return the datagrams of the server that have arrived, socket by socket."""
+        return [data for s in self._sockets for data in self._read(s, wall)]
+
+    def send(self, data: bytes) -> None:
+        """Send a request to the server, if the network allows it."""
+        if not self._sockets:
+            return
+        try:
+            self._sockets[0].sendto(data, self._server)
+        except OSError:
+            self._counts["not sent"] += 1
+
+    def close_sockets(self) -> None:
+        for s in self._sockets:
+            s.close()
+        self._sockets = []
+
+    def close(self) -> None:
+        self.close_sockets()
+        self._epoll.close()
+
+    def _add(self, s: socket.socket) -> None:
+        self._sockets.append(s)
+        self._epoll.register(s.fileno(), select.EPOLLIN)
+
+    def _read(self, s: socket.socket, wall: float) -> list[bytes]:
+        found = []
+        for _ in range(_MAX_DATAGRAMS):
+            try:
+                data, sender = s.recvfrom(65535)
+            except OSError:
+                break
+            if sender[0] == self._server[0]:
+                found.append(data)
+            else:
+                self._counts["foreign"] += 1
+                self._reception.on_foreign(sender[0], wall)
+        return found

@@ -1,4 +1,4 @@
-"""The receiver's sockets against a server that the test plays: questions, strangers, silence, where unicast frames arrive."""
+"""The NatNet client's sockets against a server in the test: requests, foreign senders, silence, unicast ports."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import psutil
 import pytest
 
 from arena.errors import InputError
-from arena.mocap.client import open_capture
-from arena.mocap.client.sockets import local_for, member, udp
-from arena.wire import natnet
+from arena.mocap.client import open_client
+from arena.mocap.client.sockets import local_address_for, multicast_socket, udp_socket
+from arena.mocap.natnet import codec as natnet
 
 V = (4, 1)
 GROUP = "239.243.51.9"
@@ -21,7 +21,7 @@ _hosts = itertools.count(1)
 
 
 class Server:
-    """Answers when told to; one address a test."""
+    """A NatNet server that the test steps; each test has its own address."""
 
     def __init__(self, net: str = "127.51.2.") -> None:
         self.host = f"{net}{next(_hosts)}"
@@ -46,24 +46,24 @@ class Server:
             **changes,
         }
 
-    def asked(self, message: int) -> tuple[str, int]:
-        """Wait for a request, passing over keepalives; who asked."""
+    def wait_for(self, message: int) -> tuple[str, int]:
+        """Wait for a request other than keepalives and return its sender."""
         while True:
             data, sender = self.socket.recvfrom(2048)
             if natnet.message_of(data) != natnet.KEEPALIVE:
                 assert natnet.message_of(data) == message
                 return sender
 
-    def shake(self, capture, streaming_id: int = 1) -> tuple[str, int]:
-        sender = self.asked(natnet.CONNECT)
+    def handshake(self, capture, streaming_id: int = 1) -> tuple[str, int]:
+        sender = self.wait_for(natnet.CONNECT)
         info = natnet.ServerInfo(
             name="x", app_version=(4, 1, 0, 0), version=V, clock_hz=1, data_port=self.data_port, group=""
         )
         self.socket.sendto(natnet.encode_server_info(info), sender)
         until(capture, lambda: capture.core._version is not None)
-        self.asked(natnet.REQUEST_MODELDEF)
+        self.wait_for(natnet.REQUEST_MODELDEF)
         self.socket.sendto(natnet.encode_models([(streaming_id, "uav1")], V), sender)
-        until(capture, lambda: capture.core.known)
+        until(capture, lambda: capture.core.is_connected)
         return sender
 
 
@@ -75,10 +75,10 @@ def frame(number: int) -> bytes:
 
 
 def until(capture, done, deadline_s: float = 30.0) -> list:
-    """Poll when there is something to read, or a twentieth of a second has passed, until it is done."""
+    """Poll when there is something to read, or after 0.05 s, until done() is true. Return the frames."""
     found, end = [], time.monotonic() + deadline_s
     while not done():
-        assert time.monotonic() < end, f"it did not happen in time: {capture.counts}"
+        assert time.monotonic() < end, f"not done in {deadline_s:g} s: {capture.counts}"
         select.select([capture], [], [], 0.05)
         got = capture.poll(0.0)
         found += got
@@ -98,15 +98,15 @@ def server():
     made.socket.close()
 
 
-def test_the_second_question_follows_the_first_answer_without_a_pause(server):
-    capture = open_capture(server.settings())
-    server.shake(capture)  # it hears the second question without another poll
+def test_second_request_follows_the_first_answer_at_once(server):
+    capture = open_client(server.settings())
+    server.handshake(capture)
     capture.close()
 
 
-def test_an_unanswered_question_is_asked_again_without_blocking(server):
-    capture = open_capture(server.settings())
-    server.asked(natnet.CONNECT)
+def test_unanswered_request_is_repeated_without_blocking(server):
+    capture = open_client(server.settings())
+    server.wait_for(natnet.CONNECT)
     server.socket.settimeout(0.01)
     asked, end = 0, time.monotonic() + 1.8
     while time.monotonic() < end:
@@ -114,7 +114,7 @@ def test_an_unanswered_question_is_asked_again_without_blocking(server):
         capture.poll(0.0)
         assert time.monotonic() - begin < 0.45
         try:
-            server.asked(natnet.CONNECT)
+            server.wait_for(natnet.CONNECT)
             asked += 1
         except TimeoutError:
             pass
@@ -122,9 +122,9 @@ def test_an_unanswered_question_is_asked_again_without_blocking(server):
     assert 2 <= asked <= 4
 
 
-def test_frames_of_a_stranger_are_not_heard_and_are_counted(server):
-    capture = open_capture(server.settings())
-    server.shake(capture)
+def test_foreign_frames_are_dropped_and_counted(server):
+    capture = open_client(server.settings())
+    server.handshake(capture)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.bind(("127.51.3.1", 0))
         stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(server.host))
@@ -135,11 +135,11 @@ def test_frames_of_a_stranger_are_not_heard_and_are_counted(server):
     capture.close()
 
 
-def test_another_group_on_the_same_port_is_not_heard(server):
+def test_other_group_on_the_same_port_is_not_received(server):
     """Two arenas on one computer share the data port; a receiver of each runs beside the other."""
-    ours = open_capture(server.settings())
-    server.shake(ours)
-    theirs = open_capture(server.settings(group="239.243.51.10"))
+    ours = open_client(server.settings())
+    server.handshake(ours)
+    theirs = open_client(server.settings(group="239.243.51.10"))
     server.socket.sendto(frame(1), ("239.243.51.10", server.data_port))
     until(theirs, lambda: theirs.counts["before the handshake"] == 1)
     server.socket.sendto(frame(2), (GROUP, server.data_port))
@@ -148,74 +148,74 @@ def test_another_group_on_the_same_port_is_not_heard(server):
     theirs.close()
 
 
-def test_a_unicast_server_may_stream_to_where_it_was_asked_from(server):
-    capture = open_capture(server.settings(transport="unicast"))
-    client = server.shake(capture)
+def test_unicast_frames_arrive_on_the_request_port(server):
+    capture = open_client(server.settings(transport="unicast"))
+    client = server.handshake(capture)
     server.socket.sendto(frame(1), client)
     assert [f.number for f in until(capture, got_some)] == [1]
     capture.close()
 
 
-def test_a_unicast_server_may_stream_to_the_data_port(server):
-    capture = open_capture(server.settings(transport="unicast"))
-    server.shake(capture)
-    until(capture, lambda: len(capture._sockets) == 2)
+def test_unicast_frames_arrive_on_the_data_port(server):
+    capture = open_client(server.settings(transport="unicast"))
+    server.handshake(capture)
+    until(capture, lambda: len(capture._sockets._sockets) == 2)
     server.socket.sendto(frame(1), (server.host, server.data_port))
     assert [f.number for f in until(capture, got_some)] == [1]
     capture.close()
 
 
-def test_a_server_that_falls_silent_is_asked_from_the_start(server):
-    capture = open_capture(server.settings())
-    server.shake(capture)
-    until(capture, lambda: not capture.core.known)
-    server.asked(natnet.CONNECT)
+def test_silent_server_gets_a_new_handshake(server):
+    capture = open_client(server.settings())
+    server.handshake(capture)
+    until(capture, lambda: not capture.core.is_connected)
+    server.wait_for(natnet.CONNECT)
     capture.close()
 
 
-def test_a_kind_that_is_not_built_yet_is_a_sentence(server):
-    with pytest.raises(InputError, match="not supported yet"):
-        open_capture(server.settings(kind="vrpn"))
+def test_unknown_vendor_is_an_input_error(server):
+    with pytest.raises(InputError, match="expected one of natnet"):
+        open_client(server.settings(kind="vrpn"))
 
 
-def test_an_interface_that_is_not_there_yet_is_waited_for_and_told(server, monkeypatch):
+def test_missing_network_is_reported_and_retried(server, monkeypatch):
     """A lab's Wi-Fi may come after the arena; a forwarder that gave up would leave its vehicle blind."""
-    monkeypatch.setattr("arena.mocap.client.natnet._TRY_S", 0.05)
+    monkeypatch.setattr("arena.mocap.client.sockets._RETRY_S", 0.05)
     there = []
 
     def route(to, port):
         if not there:
             raise OSError(101, "Network is unreachable")
-        return local_for(to, port)
+        return local_address_for(to, port)
 
-    monkeypatch.setattr("arena.mocap.client.natnet.local_for", route)
-    capture = open_capture(server.settings(local=None))
+    monkeypatch.setattr("arena.mocap.client.sockets.local_address_for", route)
+    capture = open_client(server.settings(local=None))
     until(capture, lambda: capture.counts["no network"] > 2)
-    assert "Network is unreachable" in capture.trouble() and server.host in capture.trouble()
+    assert "Network is unreachable" in capture.diagnosis() and server.host in capture.diagnosis()
     there.append(True)
-    until(capture, lambda: not capture._closed)
-    server.shake(capture)
+    until(capture, lambda: not capture._sockets.error)
+    server.handshake(capture)
     server.socket.sendto(frame(1), (GROUP, server.data_port))
     assert [f.number for f in until(capture, got_some)] == [1]
-    assert capture.trouble() == ""
+    assert capture.diagnosis() == ""
     capture.close()
 
 
-def test_an_address_that_this_computer_does_not_have_is_told(server):
-    capture = open_capture(server.settings(local="203.0.113.1"))
-    assert "203.0.113.1" in capture.trouble()
+def test_local_address_of_another_computer_is_reported(server):
+    capture = open_client(server.settings(local="203.0.113.1"))
+    assert "203.0.113.1" in capture.diagnosis()
     assert capture.poll(0.0) == []
     capture.close()
 
 
-def test_two_servers_of_one_group_are_never_mixed(server):
-    """The emulator and a real server, same group, same port, same streaming ids: each receiver takes its own server's alone."""
+def test_two_servers_in_one_group_are_not_mixed(server):
+    """The emulator and a real server, same group, same port, same streaming ids: each client accepts its own server only."""
     other = Server("127.73.2.")
     try:
         other.data_port = server.data_port
-        ours, theirs = open_capture(server.settings()), open_capture(other.settings(local=None))
-        server.shake(ours)
-        other.shake(theirs)
+        ours, theirs = open_client(server.settings()), open_client(other.settings(local=None))
+        server.handshake(ours)
+        other.handshake(theirs)
         for n in range(1, 40):
             server.socket.sendto(frame(n), (GROUP, server.data_port))
             other.socket.sendto(frame(1000 + n), (GROUP, server.data_port))
@@ -228,18 +228,18 @@ def test_two_servers_of_one_group_are_never_mixed(server):
         other.socket.close()
 
 
-def test_a_group_joined_on_one_interface_is_not_heard_on_another():
+def test_group_joined_on_one_interface_is_not_received_on_another():
     """Linux would hand over what any program of the computer has joined anywhere."""
-    with udp("127.73.3.1", 0) as probe:
+    with udp_socket("127.73.3.1", 0) as probe:
         port = probe.getsockname()[1]
-    ours = member(GROUP, port, "127.0.0.1")
+    ours = multicast_socket(GROUP, port, "127.0.0.1")
     assert ours.getsockopt(socket.IPPROTO_IP, 49) == 0
     outside = [
         a.address for each in psutil.net_if_addrs().values() for a in each if a.family == socket.AF_INET
     ]
     outside = [a for a in outside if not a.startswith("127.")]
     if outside:  # the option's value is all that can be looked at on a computer with loopback alone
-        theirs, speaker = member(GROUP, port, outside[0]), udp(outside[0], 0)
+        theirs, speaker = multicast_socket(GROUP, port, outside[0]), udp_socket(outside[0], 0)
         speaker.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(outside[0]))
         speaker.sendto(b"frame", (GROUP, port))
         assert select.select([theirs], [], [], 5.0)[0]
@@ -249,22 +249,22 @@ def test_a_group_joined_on_one_interface_is_not_heard_on_another():
     ours.close()
 
 
-def test_a_body_that_the_server_does_not_have_is_told_with_those_it_has(server, monkeypatch):
+def test_missing_body_is_reported_with_the_names_that_exist(server, monkeypatch):
     monkeypatch.setattr("arena.mocap.client.reception._GRACE_S", 0.0)
-    capture = open_capture(server.settings(bodies=["UAV1"]))
-    assert "no answer" in capture.trouble()
-    sender = server.asked(natnet.CONNECT)
+    capture = open_client(server.settings(bodies=["UAV1"]))
+    assert "no answer" in capture.diagnosis()
+    sender = server.wait_for(natnet.CONNECT)
     info = natnet.ServerInfo(
         name="x", app_version=(4, 1, 0, 0), version=V, clock_hz=1, data_port=9, group="239.1.1.1"
     )
     server.socket.sendto(natnet.encode_server_info(info), sender)
     until(capture, lambda: capture.core.answers)
-    assert "239.1.1.1" in capture.trouble(), "it streams to another group"
-    server.asked(natnet.REQUEST_MODELDEF)
+    assert "239.1.1.1" in capture.diagnosis(), "it streams to another group"
+    server.wait_for(natnet.REQUEST_MODELDEF)
     server.socket.sendto(natnet.encode_models([(1, "uav1"), (2, "wand")], V), sender)
     until(capture, lambda: capture.counts["unknown body"])
     server.socket.sendto(frame(1), (GROUP, server.data_port))
     until(capture, lambda: capture.counts["no wanted body"])
-    for words in ("'UAV1'", "'uav1', 'wand'", "meant 'uav1'"):
-        assert words in capture.trouble()
+    for words in ("'UAV1'", "'uav1', 'wand'", "mean 'uav1'"):
+        assert words in capture.diagnosis()
     capture.close()

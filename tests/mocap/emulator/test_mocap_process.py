@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 import socket
 import subprocess
@@ -18,7 +19,7 @@ from natnet import NatNetClient
 from arena.clock import ClockServer
 from arena.fault_injection import inject
 from arena.geometry import quat_from_euler
-from arena.mocap.client import open_capture
+from arena.mocap.client import open_client
 from arena.process_context import LIFELINE
 from arena.wire.truth_page import Truth, TruthWriter
 
@@ -74,6 +75,7 @@ def emulator(tmp_path, address: str, **changes):
     world = World(tmp_path)
     settings = {
         "name": "mocap",
+        "kind": "natnet",
         "address": address,
         "version": "3.1",
         "transport": "multicast",
@@ -87,15 +89,15 @@ def emulator(tmp_path, address: str, **changes):
         "clock": str(tmp_path / "clock"),
         "truth": str(tmp_path / "truth"),
         "bodies": [
-            {"name": "uav1", "streaming_id": 1, "index": 0},
-            {"name": "aero2", "streaming_id": 7, "index": 1},
+            {"name": "uav1", "number": 1, "index": 0},
+            {"name": "aero2", "number": 7, "index": 1},
         ],
         **changes,
     }
     (tmp_path / "slice.json").write_text(json.dumps(settings))
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.settimeout(10)
-    env = {LIFELINE: str(theirs.fileno()), "PATH": "/usr/bin:/bin"}
+    env = {**os.environ, LIFELINE: str(theirs.fileno())}
     command = [sys.executable, "-m", "arena.mocap.emulator", str(tmp_path / "slice.json")]
     process = subprocess.Popen(command, env=env, pass_fds=[theirs.fileno()])
     theirs.close()
@@ -181,7 +183,7 @@ print(sorted(bodies), *bodies["uav1"].position)
 def test_our_receiver_gets_180_frames_a_second_in_ned(tmp_path, version, transport):
     address = "127.51.1.1" if transport == "unicast" else "127.51.1.2"
     with emulator(tmp_path, address, version=version, transport=transport, group="239.243.51.1") as s:
-        capture = open_capture(
+        capture = open_client(
             {
                 "kind": "natnet",
                 "server": address,
@@ -213,7 +215,7 @@ def test_faults_are_taken_by_the_process_told_and_its_socket_is_gone_at_the_end(
     monkeypatch.chdir(tmp_path)
     address, path = "127.61.1.1", str(tmp_path / "mocap.faults")
     with emulator(tmp_path, address, group="239.253.61.1", faults=path) as s:
-        capture = open_capture(
+        capture = open_client(
             {
                 "kind": "natnet",
                 "server": address,
@@ -245,7 +247,10 @@ def test_faults_are_taken_by_the_process_told_and_its_socket_is_gone_at_the_end(
             told += [packet["event"]] if "event" in packet else []
         see(lambda pose: True)
         capture.close()
-    assert told[:2] == ["fault: uav1 is seen 0.5 -1 0.25 m off", "fault: frames leave 300 ms later"]
+    assert told[:2] == [
+        "fault: the pose of uav1 is shifted by 0.5 -1 0.25 m",
+        "fault: frames are delayed by 300 ms",
+    ]
     assert told[2].startswith("fault refused: ") and told[2].endswith(
         'body: got "uav2", expected one of uav1, aero2'
     )

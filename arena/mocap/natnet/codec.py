@@ -75,7 +75,7 @@ class ServerInfo:
     group: str
 
 
-def is_understood(version: Version) -> bool:
+def is_supported(version: Version) -> bool:
     """Can a server's frames be read? 3.2 and the like never were; what 5.0 will be nobody knows."""
     return version in ((3, 0), (3, 1)) or (4, 0) <= version < _TOO_NEW
 

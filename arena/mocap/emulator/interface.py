@@ -1,0 +1,60 @@
+"""The interface of an emulated motion-capture server: measured frames, and what sends them in a vendor's protocol."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Protocol, cast
+
+from arena.mocap.vendors import Settings, load_vendor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredBody:
+    """One rigid body as the cameras measure it.
+
+    number: the body's number in the stream. position_w: [m] [z-up capture axes]. quat_xyzw_wf: [-] body FLU to capture axes.
+    mean_error_m: mean error of the markers [m]. tracked: False while the cameras do not see the body.
+    """
+
+    number: int
+    position_w: tuple[float, float, float]
+    quat_xyzw_wf: tuple[float, float, float, float]
+    mean_error_m: float
+    tracked: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredFrame:
+    """One exposure of the cameras. number: frame number; exposed_s: time of the exposure [s]."""
+
+    number: int
+    exposed_s: float
+    bodies: tuple[MeasuredBody, ...]
+
+
+class MocapServer(Protocol):
+    """A vendor's server inside the emulator. It owns its sockets and never blocks.
+
+    counts: frames sent, requests answered, datagrams dropped with the reason.
+    """
+
+    @property
+    def counts(self) -> Counter[str]: ...
+
+    def send(self, frame: MeasuredFrame, sent_s: float, wall: float) -> int:
+        """Send one frame to every client and return to how many that failed.
+
+        sent_s: simulation time at which the frame leaves [s]. wall: monotonic wall time [s].
+        """
+
+    def answer(self, wall: float) -> None:
+        """Answer the requests that have arrived. wall: monotonic wall time [s]."""
+
+    def close(self) -> None:
+        """Close the sockets."""
+
+
+def open_server(settings: Settings) -> MocapServer:
+    """Open the server for the `mocap` slice; its key `kind` names the vendor. Raises RunError when a port is taken."""
+    return cast(MocapServer, load_vendor(settings["kind"], "server").open_server(settings))

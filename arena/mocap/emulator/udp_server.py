@@ -1,0 +1,87 @@
+"""A `MocapServer` over UDP around a vendor's protocol core: one socket for requests, one for frames."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections import Counter
+from typing import Protocol
+
+from arena.errors import RunError
+from arena.mocap.emulator.interface import MeasuredFrame
+
+Address = tuple[str, int]
+
+_MAX_REQUESTS = 64  # per call: a flood of requests must not delay the frames
+
+
+class ServerProtocol(Protocol):
+    """A vendor's protocol as bytes, without sockets. wall: monotonic wall time [s]."""
+
+    counts: Counter[str]
+
+    def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
+        """Return the datagram of one frame. sent_s: time at which it leaves [s]."""
+
+    def destinations(self, wall: float) -> list[Address]:
+        """Return where frames go."""
+
+    def reply(self, data: bytes, sender: Address, wall: float) -> bytes | None:
+        """Return the reply to a datagram on the request socket, None without one."""
+
+
+class UdpServer:
+    """The sockets of a server. requests: address and port for requests; frames leave from the same address."""
+
+    def __init__(self, protocol: ServerProtocol, requests: Address, name: str) -> None:
+        self._protocol = protocol
+        self._requests, self._frames = _request_socket(requests, name), _frame_socket(requests[0])
+
+    @property
+    def counts(self) -> Counter[str]:
+        return self._protocol.counts
+
+    def send(self, frame: MeasuredFrame, sent_s: float, wall: float) -> int:
+        data, failed = self._protocol.encode(frame, sent_s), 0
+        for address in self._protocol.destinations(wall):
+            try:
+                self._frames.sendto(data, address)
+            except OSError:  # a full queue, or a network that is away: the next frame will be newer
+                failed += 1
+        return failed
+
+    def answer(self, wall: float) -> None:
+        for _ in range(_MAX_REQUESTS):
+            try:
+                data, sender = self._requests.recvfrom(2048)
+            except OSError:
+                return
+            reply = self._protocol.reply(data, sender, wall)
+            if reply is not None:
+                with contextlib.suppress(OSError):
+                    self._requests.sendto(reply, sender)
+
+    def close(self) -> None:
+        self._requests.close()
+        self._frames.close()
+
+
+def _request_socket(address: Address, name: str) -> socket.socket:
+    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    s.setblocking(False)
+    try:
+        s.bind(address)
+    except OSError as error:
+        s.close()
+        raise RunError(f"cannot serve {name} on {address[0]}:{address[1]}: {error.strerror}") from error
+    return s
+
+
+def _frame_socket(address: str) -> socket.socket:
+    """Open the socket that frames leave from. Its port is never the clients' data port."""
+    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    s.setblocking(False)
+    s.bind((address, 0))
+    s.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(address))
+    s.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
+    return s

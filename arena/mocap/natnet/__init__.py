@@ -1,0 +1,1 @@
+"""NatNet, the protocol of OptiTrack's Motive: codec, client and emulated server."""

@@ -1,0 +1,141 @@
+"""A NatNet client: the sockets and the timing around a `NatNetReceiver`. Never blocks."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import time
+from collections import Counter
+
+from arena.errors import InputError
+from arena.mocap.client.pose import CapturedFrame
+from arena.mocap.client.reception import Reception
+from arena.mocap.client.sockets import ServerSockets
+from arena.mocap.natnet import codec
+from arena.mocap.natnet.diagnosis import Condition, diagnose
+from arena.mocap.natnet.receiver import NatNetReceiver
+from arena.mocap.vendors import Settings
+
+_RETRY_S = 0.5
+_SILENT_S = 2.0  # without frames for so long: start anew, the server or the network may have restarted
+_KEEPALIVE_S = 1.0
+_NO_UNICAST_S = 1.0  # without frames for so long after opening: a unicast server may stream to the data port
+_KEEPALIVE = codec.packet(codec.KEEPALIVE)
+
+
+def open_client(settings: Settings) -> NatNetClient:
+    """Open a client for the `capture` object of a slice. Raises InputError when the server's name has no address."""
+    try:
+        return NatNetClient(settings)
+    except socket.gaierror as error:
+        raise InputError(
+            f"motion capture: the server {settings['server']!r} has no address: {error.strerror}"
+        ) from error
+
+
+class NatNetClient:
+    """A client of one NatNet server, see `MocapClient`."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.core = NatNetReceiver(settings["bodies"])
+        self._server, self._port = socket.gethostbyname(settings["server"]), int(settings["command_port"])
+        self._data_port = int(settings["data_port"])
+        self._unicast, self._group = settings["transport"] == "unicast", settings["group"]
+        now = time.monotonic()
+        self._reception = Reception(now)
+        multicast = None if self._unicast else (self._group, self._data_port)
+        self._sockets = ServerSockets(
+            (self._server, self._port), settings.get("local"), multicast, self._reception, self.counts
+        )
+        self._requested_at = self._kept_alive = -math.inf
+        self._request = b""
+        self._answers_at_request = self._frames_at_open = 0
+        self._last_frame = self._opened = now
+        self._open(now)
+        self._advance_handshake(now)
+
+    def fileno(self) -> int:
+        return self._sockets.fileno()
+
+    @property
+    def counts(self) -> Counter[str]:
+        return self.core.counts
+
+    def poll(self, now: float) -> list[CapturedFrame]:
+        wall = time.monotonic()
+        if not self._sockets.is_open:
+            self._open(wall)
+        received = (self.core.receive(data) for data in self._sockets.read(wall))
+        frames = [frame for frame in received if frame is not None]
+        self._reception.update("answers", self.core.answers, wall)
+        self._reception.update("malformed", self.counts["malformed"], wall)
+        self._reception.update("early", self.counts["before the handshake"], wall)
+        if self._reception.update_frames(self.core.readable_frames, frames, wall):
+            self._last_frame = wall
+        elif wall - self._last_frame > _SILENT_S:
+            self._restart(wall)
+        no_frame = self.counts["frames"] == self._frames_at_open
+        if self._unicast and no_frame and wall - self._opened > _NO_UNICAST_S:
+            self._opened = math.inf
+            # Not from the start: of several clients on one computer only the last to bind the port receives there.
+            with contextlib.suppress(OSError):
+                self._sockets.listen_on(self._data_port)
+        self._advance_handshake(wall)
+        return frames
+
+    def diagnosis(self) -> str:
+        now, seen = time.monotonic(), self._reception
+        if not self._sockets.error and seen.too_early(now):
+            return ""
+        wanted = sorted(self.core.wanted) if self.core.has_models else []
+        return diagnose(
+            Condition(
+                server=self._server,
+                command_port=self._port,
+                data_port=self._data_port,
+                transport="unicast" if self._unicast else "multicast",
+                group=self._group,
+                local=self._sockets.local,
+                no_network=self._sockets.error,
+                answered=self.core.info if seen.recent("answers", now) else None,
+                version_unsupported=self.core.version_unsupported,
+                streaming=seen.streaming(now),
+                malformed=seen.recent("malformed", now),
+                early=seen.recent("early", now),
+                foreign=seen.foreign_address(now),
+                bodies=seen.body_status(self.core.name_counts, wanted, now),
+            )
+        )
+
+    def close(self) -> None:
+        self._sockets.close()
+
+    def _open(self, wall: float) -> None:
+        if self._sockets.open(wall):
+            self._last_frame = self._opened = wall
+            self._requested_at = -math.inf
+            self._frames_at_open = self.counts["frames"]
+
+    def _restart(self, wall: float) -> None:
+        """Reopen everything: the server or the network may have restarted, or another interface may lead there now."""
+        if self._sockets.is_open:
+            self.counts["no frames" if self.core.is_connected else "no handshake"] += 1
+        self.core.reset()
+        self._sockets.close_sockets()
+        self._open(wall)
+        self._last_frame = wall
+
+    def _advance_handshake(self, wall: float) -> None:
+        """Send the next request of the handshake: at once when it is a new one, else every half second."""
+        request = b"" if self.core.is_connected else self.core.next_request()
+        if request and (request != self._request or wall - self._requested_at >= _RETRY_S):
+            repeated = request == self._request and self._answers_at_request == self.core.answers
+            if repeated and self._sockets.is_open:
+                self.counts["no answer"] += 1
+            self._requested_at, self._answers_at_request = wall, self.core.answers
+            self._sockets.send(request)
+        self._request = request
+        if self._unicast and wall - self._kept_alive >= _KEEPALIVE_S:
+            self._kept_alive = wall
+            self._sockets.send(_KEEPALIVE)

@@ -1,0 +1,107 @@
+"""Why no frame comes from a NatNet server, in one sentence that says what to check. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from arena.mocap.client.diagnosis import no_network, no_pose
+from arena.mocap.client.reception import BodyStatus
+from arena.mocap.natnet.codec import ServerInfo
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """What a client has seen of its server in the last seconds.
+
+    no_network: why there are no sockets, "" when they are open.
+    answered: the server's description of itself, None without an answer.
+    version_unsupported: the server uses a NatNet version that cannot be read.
+    streaming: readable frames arrive. malformed: frames arrive that cannot be read.
+    early: frames arrive from a server that does not answer.
+    foreign: an address that is not the server's and sends frames, "" without any.
+    """
+
+    server: str
+    command_port: int
+    data_port: int
+    transport: str
+    group: str
+    local: str
+    no_network: str = ""
+    answered: ServerInfo | None = None
+    version_unsupported: bool = False
+    streaming: bool = False
+    malformed: bool = False
+    early: bool = False
+    foreign: str = ""
+    bodies: BodyStatus = field(default_factory=BodyStatus)
+
+
+def diagnose(c: Condition) -> str:
+    """Return the first reason that keeps poses away; "" without any."""
+    if c.no_network:
+        return no_network(c.server, c.no_network)
+    if c.version_unsupported and c.answered is not None:
+        return (
+            f"motion capture: {c.server} uses NatNet {_version(c.answered)}, supported are 3.0 to 4.2: "
+            "choose one of these in its streaming settings"
+        )
+    if not c.streaming:
+        return _no_frames(c) if c.answered is not None else _no_answer(c)
+    return no_pose(c.server, c.bodies)
+
+
+def _no_answer(c: Condition) -> str:
+    start = f"motion capture: no answer from {c.server}:{c.command_port} (requested from {c.local})"
+    if c.early:
+        return (
+            f"{start}, though its frames arrive: is UDP {c.command_port} open in the firewalls on both sides?"
+        )
+    if c.foreign:
+        return (
+            f"{start}, and {c.foreign} streams to the same group: is that the server? Set mocap.server to it"
+        )
+    return (
+        f"{start}: is mocap.server right, is streaming enabled there and bound to this network's interface, "
+        f"and do the firewalls let UDP {c.command_port} through?"
+    )
+
+
+def _no_frames(c: Condition) -> str:
+    if c.malformed and c.answered is not None:
+        return (
+            f"motion capture: {c.server} answers, but its frames do not have the layout of NatNet {_version(c.answered)} "
+            f"that it announces: choose a version from 3.0 to 4.2 in its streaming settings"
+        )
+    if c.foreign:
+        return (
+            f"motion capture: {c.server} answers, but frames come from {c.foreign} and are dropped: "
+            "if that is the same computer, set mocap.server to it"
+        )
+    way = (
+        f"multicast {c.group}:{c.data_port} on {c.local}"
+        if c.transport == "multicast"
+        else f"unicast to {c.local}"
+    )
+    return f"motion capture: {c.server} answers, but no frame arrives by {way}: {_advice(c)}"
+
+
+def _advice(c: Condition) -> str:
+    """Return what to change, from what the server announces about its stream."""
+    info = c.answered
+    if info is not None and info.data_port:
+        if info.group and c.transport == "unicast":
+            return f"it streams by multicast to {info.group}:{info.data_port}. Set mocap.transport: multicast"
+        if not info.group and c.transport == "multicast":
+            return "it streams by unicast. Set mocap.transport: unicast, or multicast there"
+        if info.group and info.group != c.group:
+            return f"it streams to the group {info.group}. Set mocap.group to it"
+        if info.data_port != c.data_port:
+            return f"it streams to port {info.data_port}. Set mocap.data_port to it"
+    return f"is it recording or live, and do the firewalls let UDP {c.data_port} through" + (
+        " and the network multicast?" if c.transport == "multicast" else "?"
+    )
+
+
+def _version(info: ServerInfo) -> str:
+    return f"{info.version[0]}.{info.version[1]}"

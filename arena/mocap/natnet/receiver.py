@@ -1,0 +1,157 @@
+"""A NatNet client without its sockets: handshake, body names, frames of the wanted bodies. Pure; survives any bytes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+from arena.errors import WireError
+from arena.mocap.client.frame_order import FrameOrder
+from arena.mocap.client.pose import CapturedFrame, pose_ned
+from arena.mocap.natnet import codec
+
+_CONNECT = codec.packet(codec.CONNECT, b"Ping\0")
+_REQUEST_MODELS = codec.packet(codec.REQUEST_MODELDEF)
+
+
+class NatNetReceiver:
+    """The NatNet protocol of one client.
+
+    bodies: names wanted, None for all.
+    info: the server's last description of itself, None before the first. answers: how many such descriptions came.
+    readable_frames: frames decoded, whichever bodies they hold.
+    counts: frames passed on, and datagrams dropped with the reason.
+    """
+
+    def __init__(self, bodies: list[str] | None) -> None:
+        self._wanted_names = None if bodies is None else set(bodies)
+        self._version: codec.Version | None = None
+        self._clock_hz = 0
+        self._names: dict[int, str] = {}
+        self._name_counts: Counter[str] = Counter()  # name -> how many of the server's bodies bear it
+        self._has_models = False
+        self.info: codec.ServerInfo | None = None
+        self.answers = self.readable_frames = 0
+        self._order = FrameOrder()
+        self._changed = False
+        self.counts: Counter[str] = Counter()
+
+    @property
+    def is_connected(self) -> bool:
+        """Return whether the handshake is done: version known, and a streaming id for every wanted body."""
+        complete = (
+            bool(self._names) if self._wanted_names is None else self._wanted_names <= {*self._names.values()}
+        )
+        return self._version is not None and complete
+
+    def next_request(self) -> bytes:
+        """Return the request that the handshake needs next."""
+        return _CONNECT if self._version is None else _REQUEST_MODELS
+
+    @property
+    def version_unsupported(self) -> bool:
+        """Return whether the server uses a NatNet version that the codec cannot read."""
+        return self.info is not None and not codec.is_supported(self.info.version)
+
+    @property
+    def name_counts(self) -> Counter[str]:
+        """Return the names in the server's last body list -> how many bodies bear each."""
+        return self._name_counts
+
+    @property
+    def has_models(self) -> bool:
+        """Return whether a body list has come since the last reset."""
+        return self._has_models
+
+    @property
+    def wanted(self) -> set[str]:
+        """Return the wanted names; empty when all bodies are wanted."""
+        return self._wanted_names or set()
+
+    def reset(self) -> None:
+        """Start the handshake anew: after a restart each streaming id may belong to another body."""
+        self._version = None
+        self._names = {}
+        self._has_models = False
+
+    def receive(self, data: bytes) -> CapturedFrame | None:
+        """Decode one packet of the server. Return its frame, None for other packets and dropped frames."""
+        try:
+            return self._receive(data, codec.message_of(data))
+        except WireError:
+            self.counts["malformed"] += 1
+            return None
+
+    def _receive(self, data: bytes, message: int) -> CapturedFrame | None:
+        if message == codec.FRAME:
+            return self._frame(data)
+        if message == codec.SERVERINFO:
+            self._on_server_info(codec.decode_server_info(data))
+        elif message == codec.MODELDEF and self._version is not None:
+            self._on_models(codec.decode_models(data, self._version))
+        else:
+            self.counts["other message"] += 1
+        return None
+
+    def _on_server_info(self, info: codec.ServerInfo) -> None:
+        self.info = info
+        self.answers += 1
+        if self.version_unsupported:
+            self.counts["version unsupported"] += 1
+        else:
+            self._version, self._clock_hz = info.version, info.clock_hz
+
+    def _on_models(self, found: Mapping[int, str]) -> None:
+        """Keep the streaming ids of the wanted bodies. A name that two bodies bear is dropped, for neither is the right one."""
+        counts = self._name_counts = Counter(found.values())
+        self._has_models = True
+        if twice := sum(n > 1 for n in counts.values()):
+            self.counts["duplicate names"] += twice
+        wanted = self._wanted_names
+        if wanted and not wanted <= set(counts):
+            self.counts["unknown body"] += 1
+        self._names = {i: n for i, n in found.items() if counts[n] == 1 and (wanted is None or n in wanted)}
+
+    def _frame(self, data: bytes) -> CapturedFrame | None:
+        if self._version is None:
+            self.counts["before the handshake"] += 1
+            return None
+        frame = codec.decode_frame(data, self._version, self._names)
+        self.readable_frames += 1
+        if not self._names:
+            self.counts["no wanted body" if self._has_models else "before the handshake"] += 1
+            return None
+        place = self._order.place(frame.number)
+        if place != "new":
+            self.counts[place] += 1
+        if place == "repeated":
+            return None
+        if place == "restarted":
+            self.reset()
+            return None
+        changed, self._changed = frame.models_changed and not self._changed, frame.models_changed
+        if changed:
+            # Streaming ids must be requested again; until then no id has a name.
+            self._names = {}
+            self.counts["models changed"] += 1
+            return None
+        self.counts["frames"] += 1
+        return self._captured_frame(frame)
+
+    def _captured_frame(self, frame: codec.Frame) -> CapturedFrame:
+        poses, untracked = [], []
+        for body in frame.bodies:
+            name = self._names[body.streaming_id]
+            pose = pose_ned(name, body.position, body.quat_xyzw) if body.tracked else None
+            if pose is None:
+                untracked.append(name)
+                if body.tracked:
+                    self.counts["no pose"] += 1
+            else:
+                poses.append(pose)
+        exposed = (
+            frame.exposure_ticks / self._clock_hz
+            if self._clock_hz and frame.exposure_ticks
+            else frame.timestamp_s
+        )
+        return CapturedFrame(frame.number, exposed, tuple(poses), tuple(untracked))

@@ -1,0 +1,87 @@
+"""The NatNet server of the emulator: measured frames as NatNet packets, and answers to clients' requests."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from arena.errors import WireError
+from arena.mocap.emulator.interface import MeasuredFrame
+from arena.mocap.emulator.udp_server import Address, UdpServer
+from arena.mocap.natnet import codec
+from arena.mocap.natnet.unicast_clients import UnicastClients
+from arena.mocap.vendors import Settings
+
+CLOCK_HZ = 10_000_000
+_NEVER_ANSWERED = (codec.KEEPALIVE, codec.DISCONNECT)
+_VERSIONS: dict[str, codec.Version] = {"3.1": (3, 1), "4.1": (4, 1)}
+
+
+def open_server(settings: Settings) -> UdpServer:
+    """Open the server of the `mocap` slice. Raises RunError when the command port is taken."""
+    requests = settings["address"], int(settings["command_port"])
+    return UdpServer(NatNetServer(settings), requests, "NatNet")
+
+
+class NatNetServer:
+    """The NatNet protocol without sockets, see `ServerProtocol`. settings: the `mocap` slice."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.version = _VERSIONS[settings["version"]]
+        self.counts: Counter[str] = Counter()
+        self._bodies = [(int(b["number"]), str(b["name"])) for b in settings["bodies"]]
+        self._unicast = settings["transport"] == "unicast"
+        self._data_port = int(settings["data_port"])
+        self._group: Address = (settings["group"], self._data_port)
+        self._clients = UnicastClients(self._data_port)
+
+    def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
+        self.counts["frames"] += 1
+        bodies = tuple(
+            codec.Body(
+                streaming_id=b.number,
+                position=b.position_w,
+                quat_xyzw=b.quat_xyzw_wf,
+                mean_error_m=b.mean_error_m,
+                tracked=b.tracked,
+            )
+            for b in frame.bodies
+        )
+        packet = codec.Frame(
+            number=frame.number,
+            timestamp_s=frame.exposed_s,
+            exposure_ticks=round(frame.exposed_s * CLOCK_HZ),
+            transmit_ticks=round(sent_s * CLOCK_HZ),
+            bodies=bodies,
+        )
+        return codec.encode_frame(packet, self.version)
+
+    def destinations(self, wall: float) -> list[Address]:
+        return self._clients.destinations(wall) if self._unicast else [self._group]
+
+    def reply(self, data: bytes, sender: Address, wall: float) -> bytes | None:
+        try:
+            message = codec.message_of(data)
+        except WireError:
+            self.counts["malformed"] += 1
+            return None
+        self._clients.on_request(message, sender, wall)
+        if message == codec.CONNECT:
+            self.counts["connects"] += 1
+            return self._server_info()
+        if message == codec.REQUEST_MODELDEF:
+            return codec.encode_models(self._bodies, self.version)
+        if message not in _NEVER_ANSWERED:
+            self.counts["other message"] += 1
+        return codec.packet(codec.UNRECOGNIZED) if message == codec.REQUEST else None
+
+    def _server_info(self) -> bytes:
+        return codec.encode_server_info(
+            codec.ServerInfo(
+                name="arena",
+                app_version=(self.version[0], self.version[1], 0, 0),
+                version=self.version,
+                clock_hz=CLOCK_HZ,
+                data_port=self._data_port,
+                group="" if self._unicast else self._group[0],
+            )
+        )

@@ -1,0 +1,64 @@
+"""Which clients receive frames in unicast. Pure; times are wall time [s].
+
+Clients differ in where they listen: some at the port that they send requests from, some at the data port, unannounced. Some
+send keepalives, some never do, so only a client that has sent keepalives is dropped when it falls silent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from arena.mocap.emulator.udp_server import Address
+from arena.mocap.natnet import codec
+
+_SILENT_S = 10.0
+_QUIET_S = 0.5  # after CONNECT, no frames to the requesting port: the next packet there must be the answer to its next request
+_MAX_CLIENTS = 64
+
+
+@dataclass(slots=True)
+class _Client:
+    """last_request, quiet_until: wall time [s]. keepalives: it has sent one."""
+
+    last_request: float
+    quiet_until: float
+    keepalives: bool = False
+
+
+class UnicastClients:
+    """data_port: where clients listen that do not listen on the port of their requests."""
+
+    def __init__(self, data_port: int) -> None:
+        self._data_port = data_port
+        self._clients: dict[Address, _Client] = {}
+
+    def on_request(self, message: int, sender: Address, now: float) -> None:
+        """Record a request that is about to be answered."""
+        if message == codec.DISCONNECT:
+            self._clients.pop(sender, None)
+        elif message in (codec.CONNECT, codec.KEEPALIVE) and (sender in self._clients or self._make_room()):
+            client = self._clients.setdefault(sender, _Client(now, now))
+            client.last_request = now
+            client.keepalives |= message == codec.KEEPALIVE
+            if message == codec.CONNECT:
+                client.quiet_until = now + _QUIET_S
+        elif message == codec.REQUEST_MODELDEF and sender in self._clients:
+            self._clients[sender].last_request = self._clients[sender].quiet_until = now
+
+    def destinations(self, now: float) -> list[Address]:
+        """Return each client's data port, once per host, and the port of its requests."""
+        gone = [a for a, c in self._clients.items() if c.keepalives and now - c.last_request >= _SILENT_S]
+        for address in gone:
+            del self._clients[address]
+        found = dict.fromkeys((host, self._data_port) for host, _ in self._clients)
+        found |= dict.fromkeys(a for a, c in self._clients.items() if now >= c.quiet_until)
+        return list(found)
+
+    def _make_room(self) -> bool:
+        """Drop the longest silent client without keepalives from a full table. Return whether a new client fits."""
+        if len(self._clients) < _MAX_CLIENTS:
+            return True
+        mute = [a for a, c in self._clients.items() if not c.keepalives]
+        if mute:
+            del self._clients[min(mute, key=lambda a: self._clients[a].last_request)]
+        return bool(mute)

@@ -1,0 +1,43 @@
+"""Emulated cameras with a NatNet server, in one object, for tests."""
+
+from __future__ import annotations
+
+from arena.mocap.emulator.core import EmulatedCameras
+from arena.mocap.natnet.server import NatNetServer
+from arena.wire.truth_page import Truth
+
+ADDRESS = ("127.0.0.1", 4000)
+
+
+def settings(**changes):
+    """Return a `mocap` slice without what only the process needs."""
+    return {
+        "kind": "natnet",
+        "version": "3.1",
+        "rate_hz": 180,
+        "latency_ms": 10,
+        "bodies": [{"name": "uav1", "number": 4, "index": 0}],
+        "noise": {"position_m": 0.002, "rotation_deg": 0.5},
+        "seed": 1,
+        "transport": "multicast",
+        "data_port": 1511,
+        "group": "239.255.42.99",
+        **changes,
+    }
+
+
+class NatNetRig:
+    """The cameras and the NatNet server of one slice."""
+
+    def __init__(self, slice_: dict) -> None:
+        self.cameras, self.server = EmulatedCameras(slice_), NatNetServer(slice_)
+
+    def packet(self, number: int, truth: Truth, sent_s: float | None = None) -> bytes:
+        """Return the packet of one frame, sent when it is due unless `sent_s` says otherwise."""
+        frame = self.cameras.measure(number, truth)
+        return self.server.encode(frame, self.cameras.leaves_at(frame) if sent_s is None else sent_s)
+
+    def reply(self, request: bytes) -> bytes:
+        reply = self.server.reply(request, ADDRESS, 0.0)
+        assert reply is not None
+        return reply
