@@ -1,13 +1,13 @@
-"""What every supervised process shares: its slice of the plan, its title, and its line to the supervisor.
+"""What every supervised process shares: its slice of the plan, its title, and its socket to the supervisor.
 
-The supervisor gives each child one end of a local packet socket (its number in ARENA_FD). The child tells on it, one JSON
-object a packet:
-    {"entered": true}                it has loaded what it runs on, which is when a start costs no more
+The supervisor gives each child one end of a local packet socket (its number in ARENA_FD). The child sends on it, one JSON
+object per packet:
+    {"entered": true}                its modules are loaded, so that its start costs no more CPU
     {"ready": true}                  the process serves
-    {"facts": {"uav1.armed": true}}  what the supervisor's order and `--until-done` depend on
+    {"facts": {"uav1.armed": true}}  values that the supervisor's decisions and `--until-done` depend on
     {"stats": {...}}                 figures for the table and the summary; the last packet wins, key by key
-    {"event": "..."}                 one line for events.jsonl
-The socket's end of file means that the supervisor has died. Without ARENA_FD a room runs alone and tells nobody.
+    {"event": "..."}                 one line for events.jsonl and the terminal
+The socket's end of file means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
 """
 
 from __future__ import annotations
@@ -25,22 +25,27 @@ from typing import Any
 
 from arena.errors import ArenaError, InputError
 
-LIFELINE = "ARENA_FD"
+SOCKET_VARIABLE = "ARENA_FD"
+"""Environment variable with the number of the socket to the supervisor."""
 
 
 class ProcessContext:
-    """One running process of the plan. `stopping` turns true on SIGTERM or SIGINT; loops look at it."""
+    """One running process of the plan.
 
-    def __init__(self, name: str, settings: dict[str, Any], line: socket.socket | None) -> None:
+    settings: its slice.  stopping: True after SIGTERM or SIGINT; loops check it.
+    unsent: packets that the supervisor did not take, because it is stopped or dead.
+    """
+
+    def __init__(self, name: str, settings: dict[str, Any], channel: socket.socket | None) -> None:
         self.name, self.settings = name, settings
         self.stopping = False
-        self.told_nobody = 0
-        self._line = line
+        self.unsent = 0
+        self._socket = channel
         self._orphaned = False
 
     @classmethod
     def enter(cls, argv: list[str] | None = None) -> ProcessContext:
-        """Read the slice named by the first argument, take the process title `arena:<name>` and the stop signals.
+        """Read the slice named by the first argument, set the process title `arena:<name>` and handle the stop signals.
 
         Raises InputError when the slice cannot be read.
         """
@@ -53,23 +58,24 @@ class ProcessContext:
             settings = json.loads(Path(arguments[0]).read_text())
         except (OSError, ValueError) as error:
             raise InputError(f"{arguments[0]}: {error}") from error
-        room = cls(str(settings["name"]), settings, lifeline())
-        _set_title(f"arena:{room.name}")
+        context = cls(str(settings["name"]), settings, supervisor_socket())
+        _set_title(f"arena:{context.name}")
         for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, room._stop)
-        room._tell({"entered": True})
-        return room
+            signal.signal(number, context._stop)
+        context._send({"entered": True})
+        return context
 
     @property
     def supervised(self) -> bool:
-        return self._line is not None
+        """Whether a supervisor started the process."""
+        return self._socket is not None
 
     @property
     def orphaned(self) -> bool:
-        """True once the supervisor has died. Costs one system call: ask a few times a second."""
-        if self._line is not None and not self._orphaned:
+        """Whether the supervisor has died. Costs one system call: read it a few times a second."""
+        if self._socket is not None and not self._orphaned:
             try:
-                self._orphaned = self._line.recv(4096) == b""
+                self._orphaned = self._socket.recv(4096) == b""
             except BlockingIOError:
                 pass
             except OSError:
@@ -77,24 +83,28 @@ class ProcessContext:
         return self._orphaned
 
     def ready(self, **facts: Any) -> None:
-        self._tell({"ready": True, "facts": facts} if facts else {"ready": True})
+        """Report that the process serves."""
+        self._send({"ready": True, "facts": facts} if facts else {"ready": True})
 
     def facts(self, facts: dict[str, Any]) -> None:
-        self._tell({"facts": facts})
+        """Send facts, such as {"uav1.armed": True}."""
+        self._send({"facts": facts})
 
     def stats(self, stats: dict[str, Any]) -> None:
-        self._tell({"stats": stats})
+        """Send figures for the table and the summary."""
+        self._send({"stats": stats})
 
     def event(self, text: str) -> None:
-        self._tell({"event": text})
+        """Send one line for events.jsonl and the terminal."""
+        self._send({"event": text})
 
-    def _tell(self, packet: dict[str, Any]) -> None:
-        if self._line is None:
+    def _send(self, packet: dict[str, Any]) -> None:
+        if self._socket is None:
             return
         try:
-            self._line.send(json.dumps(packet).encode())
-        except OSError:  # a stopped supervisor's full buffer, or a dead one: the flight goes on
-            self.told_nobody += 1
+            self._socket.send(json.dumps(packet).encode())
+        except OSError:  # the supervisor is stopped or dead: the flight goes on
+            self.unsent += 1
 
     def _stop(self, signum: int, frame: FrameType | None) -> None:
         self.stopping = True
@@ -103,18 +113,19 @@ class ProcessContext:
 def run_room(
     word: str, make: Callable[[ProcessContext], Callable[[], int | None]], argv: list[str] | None = None
 ) -> int:
-    """What a room's `main` does: enter, make what serves from the slice, serve; its exit code. An error is one line on stderr.
+    """Run a supervised process and return its exit code. An error becomes one line on stderr.
 
-    word: what that line begins with. make: may raise KeyError for what the slice lacks, and ArenaError, as may what it returns;
-    that one's exit code is its result, 0 for None.
+    word: what the line of an error begins with.
+    make: builds the serve function from the context. Both may raise ArenaError; `make` may raise KeyError for a key that
+        the slice lacks. The serve function returns the exit code, None for 0.
     """
     try:
-        room = ProcessContext.enter(argv)
+        context = ProcessContext.enter(argv)
         try:
-            serve = make(room)
+            serve = make(context)
         except KeyError as error:
             raise InputError(
-                f"the slice of {room.name}: {error} is missing (docs/architecture.md, Slices)"
+                f"the slice of {context.name}: {error} is missing (docs/architecture.md, Slices)"
             ) from error
         return serve() or 0
     except ArenaError as error:
@@ -122,22 +133,23 @@ def run_room(
         return error.exit_code
 
 
-def lifeline() -> socket.socket | None:
-    """This process's end of the line to its supervisor, or None when it has none. Taken out of the environment."""
-    number = os.environ.pop(LIFELINE, "")
+def supervisor_socket() -> socket.socket | None:
+    """Return this process's end of the socket to its supervisor, or None without one. Removes it from the environment."""
+    number = os.environ.pop(SOCKET_VARIABLE, "")
     if not number:
         return None
-    line = socket.socket(fileno=int(number))
-    line.setblocking(False)
-    line.set_inheritable(False)
-    return line
+    channel = socket.socket(fileno=int(number))
+    channel.setblocking(False)
+    channel.set_inheritable(False)
+    return channel
 
 
 @dataclass(kw_only=True)
 class ShutdownPolicy:
-    """When a room whose supervisor has died may end: its vehicles disarmed for `settle_s`, or `limit_s` passed.
+    """Decides when a process whose supervisor has died may end: its vehicles are disarmed for `settle_s`, or `limit_s` is over.
 
-    limit_s: None for hardware, which is served until it is disarmed. Pure: feed it, then ask it.
+    limit_s: time since the death of the supervisor [s]; None for hardware, which is served until it is disarmed.
+    Pure: no clock, no socket.
     """
 
     limit_s: float | None = 60.0
@@ -146,7 +158,10 @@ class ShutdownPolicy:
     _disarmed_since: float | None = field(default=None, init=False)
 
     def over(self, *, orphaned: bool, any_armed: bool, now: float) -> bool:
-        """now: monotonic [s]. True when this room should end."""
+        """Return True when the process should end.
+
+        orphaned: the supervisor has died.  any_armed: a vehicle that it serves is armed.  now: monotonic [s].
+        """
         if not orphaned:
             return False
         if self._orphan_since is None:
@@ -162,6 +177,6 @@ class ShutdownPolicy:
 def _set_title(title: str) -> None:
     try:
         import setproctitle
-    except ImportError:  # a nicer `ps`, nothing more
+    except ImportError:  # the title is only for `ps`
         return
     setproctitle.setproctitle(title)

@@ -1,4 +1,4 @@
-"""Where the private folders of running arenas are, for the supervisor that makes them and the tools that look for them."""
+"""The private folders of running arenas: where the supervisor makes them and where tools find them."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import stat
 import tempfile
 from pathlib import Path
 
-ONLY = "ARENA_RUNTIME_DIR"
-"""When set, runtime folders are here and are looked for nowhere else: arenas kept apart, as tests must be."""
+RUNTIME_DIR_VARIABLE = "ARENA_RUNTIME_DIR"
+"""Environment variable. When it is set, runtime folders are made and searched there only, as tests need it."""
 
 
 def pointers() -> list[Path]:
-    """The `run` file of every runtime folder that is this user's own: what others put in its place names no arena of ours."""
+    """Return the `run` file of every runtime folder of this user. Folders that others may have written are ignored."""
     bases = [base for base in runtime_bases() if _is_ours(base)]
     return [pointer for base in bases for pointer in sorted(base.glob("*/run")) if _is_ours(pointer.parent)]
 
 
 def _is_ours(folder: Path) -> bool:
-    """A folder, of this user, that not everybody may write to."""
+    """Return whether a path is a folder of this user that not everybody may write to."""
     try:
         found = folder.lstat()
     except OSError:
@@ -27,8 +27,11 @@ def _is_ours(folder: Path) -> bool:
 
 
 def runtime_bases() -> list[Path]:
-    """The first is used for new runs. A login without XDG_RUNTIME_DIR still finds the others."""
-    if only := os.environ.get(ONLY):
+    """Return the folders that may hold runtime folders; new runs use the first.
+
+    All are searched, because a login without XDG_RUNTIME_DIR must find the runs of one that has it.
+    """
+    if only := os.environ.get(RUNTIME_DIR_VARIABLE):
         return [Path(only)]
     uid, xdg = os.getuid(), os.environ.get("XDG_RUNTIME_DIR", "")
     given = [Path(xdg) / "arena"] if xdg and Path(xdg).is_dir() else []

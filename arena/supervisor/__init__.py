@@ -1,15 +1,19 @@
-"""The supervisor: it runs a plan and knows nothing of drones. The only room that forks or signals."""
+"""The supervisor: runs a plan and knows nothing of drones. The only room that forks or sends signals."""
 
 from arena.supervisor.control_socket import Control
 from arena.supervisor.loop import Options, Supervisor
+from arena.supervisor.messages import Level, Message
 from arena.supervisor.run_folder import RunFolder, RunState, active_runs, create, open_run, plan_of
 from arena.supervisor.stale_runs import sweep, sweep_all
-from arena.supervisor.terminal import Lines, LiveTable
+from arena.supervisor.terminal import JsonLines, Lines, LiveTable
 
 __all__ = [
     "Control",
+    "JsonLines",
+    "Level",
     "Lines",
     "LiveTable",
+    "Message",
     "Options",
     "RunFolder",
     "RunState",

@@ -1,7 +1,8 @@
-"""The only place that forks. One Child is one started process, its session, its log and its end of the line.
+"""The only place that forks. A Child is one started process with its session, its log and its status socket.
 
-A child leads a session and process group of its own; signals go to the group. What does not outlive the supervisor gets
-a parent-death signal, which fires when the *thread* that forked ends: start children from the main thread only.
+A child leads a session and a process group of its own; signals go to the group. A child that must not outlive the
+supervisor gets a parent-death signal. That signal fires when the *thread* that forked ends, so start children from
+the main thread only.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from arena.plan.model import ProcessSpec
-from arena.process_context import LIFELINE
+from arena.process_context import SOCKET_VARIABLE
 from arena.supervisor import proc_fs
 from arena.supervisor.process_state import Exit
 
@@ -27,7 +28,7 @@ LOG_LIMIT_BYTES = 64 << 20
 LOG_KEPT_BYTES = 1 << 20
 RUN, PROCESS = "ARENA_RUN", "ARENA_PROCESS"
 _PACKET_BYTES = 1 << 18
-_PACKETS_PER_TURN = 64
+_PACKETS_PER_CALL = 64
 _AUTOGROUP = Path("/proc/self/autogroup")
 _PR_SET_PDEATHSIG = 1
 _PR_SET_CHILD_SUBREAPER = 36
@@ -36,17 +37,20 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(kw_only=True)
 class Child:
-    """One started process. pid is also its process group and session. start_s: when the kernel started it [s since boot].
+    """One started process.
 
-    garbage: packets that were none.  cut: how often its log was.  cpu_s: what it and its children used, once reaped [s].
-    stopped: the signal that has stopped it, as of the last `reap`; "" when it may run. A debugger's hold is none.
+    pid: also the number of its process group and session.  start_s: when the kernel started it [s since boot].
+    channel: the supervisor's end of the status socket; None once the other end is closed.
+    garbage: number of packets that were not JSON objects.  cut: how often its log was cut.
+    cpu_s: CPU time of the process and its children [s], known once it is reaped.
+    stopped: the signal that stopped it, as of the last `reap`; "" when it may run. A debugger's stop does not count.
     """
 
     spec: ProcessSpec
     pid: int
     start_s: float
     log: Path
-    line: socket.socket | None
+    channel: socket.socket | None
     garbage: int = 0
     cut: int = 0
     cpu_s: float = 0.0
@@ -54,16 +58,19 @@ class Child:
     _popen: subprocess.Popen[bytes] | None = field(default=None, repr=False)
 
     def signal(self, number: int) -> None:
-        """To the whole group. One that has gone already is no error."""
+        """Send a signal to the whole group. A group that has ended already is no error."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, number)
 
     def reap(self) -> Exit | None:
-        """Its end, or None while it runs. Kills what is left of its group while its own pid still holds the number."""
+        """Return how it ended, or None while it runs.
+
+        Kills the rest of its group before its pid is released, so that the group's number cannot be reused.
+        """
         try:
             found = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
         except ChildProcessError:
-            return Exit(code=1, words="ended, and somebody else took its exit code")
+            return Exit(code=1, text="ended; its exit code was taken by another process")
         if found is None or found.si_code == os.CLD_STOPPED:
             self.stopped = _signal_name(found.si_status) if found is not None else ""
             return None
@@ -74,11 +81,14 @@ class Child:
             self._popen.returncode = os.waitstatus_to_exitcode(status)
         return exit_of(status)
 
-    def hear(self) -> list[dict[str, Any]]:
-        """The packets that wait on its line, a bounded number. Garbage is counted; at end of file `line` becomes None."""
+    def receive(self) -> list[dict[str, Any]]:
+        """Return the packets that wait on its socket, at most _PACKETS_PER_CALL.
+
+        Other data is counted in `garbage`; at end of file `channel` becomes None.
+        """
         packets: list[dict[str, Any]] = []
-        for _ in range(_PACKETS_PER_TURN):
-            data = self._receive()
+        for _ in range(_PACKETS_PER_CALL):
+            data = self._receive_bytes()
             if not data:
                 break
             try:
@@ -91,11 +101,11 @@ class Child:
                 self.garbage += 1
         return packets
 
-    def _receive(self) -> bytes:
-        if self.line is None:
+    def _receive_bytes(self) -> bytes:
+        if self.channel is None:
             return b""
         try:
-            data = self.line.recv(_PACKET_BYTES)
+            data = self.channel.recv(_PACKET_BYTES)
         except BlockingIOError:
             return b""
         except OSError:
@@ -105,12 +115,16 @@ class Child:
         return data
 
     def close(self) -> None:
-        if self.line is not None:
-            self.line.close()
-            self.line = None
+        """Close its socket."""
+        if self.channel is not None:
+            self.channel.close()
+            self.channel = None
 
     def cut_log(self) -> bool:
-        """A flood is cut back to its first mebibyte; the log is open for appending, so the child writes on from there."""
+        """Cut a log over LOG_LIMIT_BYTES back to its first mebibyte. Return True when it was cut.
+
+        The child has the log open for appending, so it continues to write at the new end.
+        """
         with contextlib.suppress(OSError):
             if self.log.stat().st_size > LOG_LIMIT_BYTES:
                 os.truncate(self.log, LOG_KEPT_BYTES)
@@ -120,16 +134,20 @@ class Child:
 
 
 def start(spec: ProcessSpec, log: Path, run: str) -> Child:
-    """Fork and exec. `spec` has its placeholders filled; its env is laid over the supervisor's own. Raises OSError."""
+    """Fork and exec a process. Raises OSError.
+
+    spec: with its placeholders filled; its env is added to the supervisor's own.  log: where its output is appended.
+    run: path of the run folder, for the environment variable ARENA_RUN.
+    """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
-    line = {LIFELINE: str(theirs.fileno()), RUN: run, PROCESS: spec.name}
+    variables = {SOCKET_VARIABLE: str(theirs.fileno()), RUN: run, PROCESS: spec.name}
     try:
         ours.setblocking(False)
         popen = subprocess.Popen(
             spec.argv,
             cwd=spec.cwd,
-            env={**os.environ, **dict(spec.env), **line},
+            env={**os.environ, **dict(spec.env), **variables},
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
@@ -148,13 +166,13 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
         pid=popen.pid,
         start_s=proc_fs.start_time(popen.pid) or 0.0,
         log=log,
-        line=ours,
+        channel=ours,
         _popen=popen,
     )
 
 
 def last_line(log: Path) -> str:
-    """The last line of a log that is not blank; "" when there is none."""
+    """Return the last line of a log that is not blank; "" when there is none."""
     try:
         with log.open("rb") as file:
             file.seek(max(0, log.stat().st_size - 4096))
@@ -165,23 +183,23 @@ def last_line(log: Path) -> str:
 
 
 def exit_of(status: int) -> Exit:
-    """A wait status in words: `exit 1`, `killed by SIGKILL`."""
+    """Convert a wait status to an Exit with the text `exit 1` or `killed by SIGKILL`."""
     code = os.waitstatus_to_exitcode(status)
     if code >= 0:
-        return Exit(code=code, words=f"exit {code}")
-    return Exit(code=128 - code, words=f"killed by {_signal_name(-code)}")
+        return Exit(code=code, text=f"exit {code}")
+    return Exit(code=128 - code, text=f"killed by {_signal_name(-code)}")
 
 
 def adopt_orphans() -> None:
-    """Descendants whose parents have gone become this process's children, so that none escapes by forking twice."""
+    """Make this process the parent of descendants whose parents have ended, so that a process that forks twice is still found."""
     _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
-    """End children that nobody here started: descendants that left their group and outlived the process they came from.
+    """Kill adopted descendants whose process of the plan has ended. Return the pids that were killed.
 
-    mark: what every process of this run has in its environment.  alive: names of processes whose descendants may stay.
-    Returns the pids that were killed.
+    known: pids that the supervisor started itself.  mark: the entry that every process of this run has in its environment.
+    alive: names of processes whose descendants may stay.
     """
     killed = []
     for pid in proc_fs.children(os.getpid()):
@@ -198,7 +216,7 @@ def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
 
 
 def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
-    """Runs in the child between fork and exec. None lets the faster vfork be used."""
+    """Return the function that runs in the child between fork and exec. None allows the faster vfork."""
     if spec.outlives and not spec.nice and not os.getpriority(os.PRIO_PROCESS, 0):
         return None
     supervisor, nice, dies_with_us = os.getpid(), spec.nice, not spec.outlives
@@ -206,13 +224,13 @@ def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
     def prepare() -> None:
         if dies_with_us:
             _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-            if os.getppid() != supervisor:  # it died before we asked
+            if os.getppid() != supervisor:  # it died before the call above
                 os._exit(1)
         with contextlib.suppress(OSError):
             os.nice(nice)  # added to the caller's
         if found := os.getpriority(os.PRIO_PROCESS, 0):
-            # Where the kernel groups by session, every session has an equal share whatever its processes' nice values say: the
-            # group has a nice value of its own.
+            # With autogroups the kernel gives every session an equal share, whatever the nice values of its processes:
+            # the group has a nice value of its own.
             with contextlib.suppress(OSError):
                 _AUTOGROUP.write_text(str(found))
 

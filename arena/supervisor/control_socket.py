@@ -1,14 +1,14 @@
-"""The control socket of a running arena: one JSON object a line, both ways. Answers `ps`, `restart`, `down` and `subscribe`.
+"""The control socket of a running arena: one JSON object per line, both ways. It serves `ps`, `restart`, `down` and `subscribe`.
 
     {"do": "ps"}                       -> {"name": ..., "processes": {...}, "facts": {...}, ...}
-    {"do": "restart", "name": "x"}     -> {"ok": true}
+    {"do": "restart", "name": "x", "yes": false}  -> {"ok": true}
     {"do": "down", "now": false}       -> {"ok": true}
-    {"do": "subscribe"}                -> {"ok": true}, then {"say": "..."} for everything said, until the run has ended
-A line that is none of these is answered with {"error": "..."}. No client can make the loop wait:
-one that does not read is dropped.
+    {"do": "subscribe"}                -> {"ok": true}, then {"say": "..."} for every line shown, until the run has ended
+Any other line is answered with {"error": "..."}. No client can make the loop wait: a client that does not read is
+disconnected.
 
-The socket is its owner's alone, in a folder that is; whoever connects all the same and is neither the owner nor root, by the
-kernel's word, is refused and counted.
+Socket and folder belong to their owner only. The server also asks the kernel for the user of every connection, and
+refuses and counts users other than the owner and root.
 """
 
 from __future__ import annotations
@@ -35,15 +35,18 @@ Answer = Callable[[dict[str, Any]], dict[str, Any]]
 class _Client:
     def __init__(self, connection: socket.socket) -> None:
         self.connection = connection
-        self.heard = b""
-        self.owed = b""
+        self.received = b""
+        self.unsent = b""
         self.subscribed = False
 
 
 class ControlServer:
-    """path: the socket's, in the run's private folder. answer: what a request gets; raises KeyError or ValueError with words.
+    """The server's side, driven by the loop's selector.
 
-    refused: told of each new user who was refused.  users: who is not; the owner and root.
+    path: of the socket, in the run's private folder.
+    answer: returns the reply to a request; raises KeyError or ValueError with a text for the client.
+    refused: called with a text when a user is refused for the first time.
+    users: ids of the users that are served; by default the owner and root.
     """
 
     def __init__(
@@ -55,12 +58,12 @@ class ControlServer:
         refused: Callable[[str], None] = lambda _: None,
         users: Collection[int] | None = None,
     ) -> None:
-        self._answer, self._selector, self._told = answer, selector, refused
+        self._answer, self._selector, self._on_refused = answer, selector, refused
         self._users = {0, os.getuid()} if users is None else set(users)
         self.refused: dict[int, int] = {}
         self._clients: dict[int, _Client] = {}
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        half = path.with_name("control.new")  # who sees the path can connect
+        half = path.with_name("control.new")  # clients connect as soon as the path exists
         self._socket.bind(str(half))
         half.chmod(0o600)
         self._socket.listen(_MOST_CLIENTS)
@@ -69,12 +72,13 @@ class ControlServer:
         selector.register(self._socket, selectors.EVENT_READ, self._accept)
 
     def say(self, text: str) -> None:
-        """To every subscriber."""
+        """Send a line to every subscriber."""
         for client in list(self._clients.values()):
             if client.subscribed:
-                self._owe(client, {"say": text})
+                self._send(client, {"say": text})
 
     def close(self) -> None:
+        """Disconnect every client and close the socket."""
         for client in list(self._clients.values()):
             self._drop(client)
         self._selector.unregister(self._socket)
@@ -93,7 +97,7 @@ class ControlServer:
             connection.close()
             return
         client = self._clients[connection.fileno()] = _Client(connection)
-        self._selector.register(connection, selectors.EVENT_READ, lambda: self._turn(client))
+        self._selector.register(connection, selectors.EVENT_READ, lambda: self._serve(client))
 
     def _refuse(self, connection: socket.socket, user: int) -> None:
         with contextlib.suppress(OSError):
@@ -101,9 +105,9 @@ class ControlServer:
         connection.close()
         self.refused[user] = self.refused.get(user, 0) + 1
         if self.refused[user] == 1:
-            self._told(f"user {user} wanted to command this arena and was refused")
+            self._on_refused(f"refused a connection of user {user}: only the owner may command this arena")
 
-    def _turn(self, client: _Client) -> None:
+    def _serve(self, client: _Client) -> None:
         self._flush(client)
         try:
             data = client.connection.recv(1 << 16)
@@ -114,11 +118,11 @@ class ControlServer:
         if not data:
             self._drop(client)
             return
-        *lines, client.heard = (client.heard + data).split(b"\n")
+        *lines, client.received = (client.received + data).split(b"\n")
         for line in lines:
-            self._owe(client, self._reply(client, line))
-        if len(client.heard) > _LONGEST_REQUEST:
-            self._owe(client, {"error": f"a request is one line of at most {_LONGEST_REQUEST} bytes"})
+            self._send(client, self._reply(client, line))
+        if len(client.received) > _LONGEST_REQUEST:
+            self._send(client, {"error": f"a request is one line of at most {_LONGEST_REQUEST} bytes"})
             self._drop(client)
 
     def _reply(self, client: _Client, line: bytes) -> dict[str, Any]:
@@ -133,25 +137,25 @@ class ControlServer:
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             return {"error": str(error.args[0]) if error.args else type(error).__name__}
 
-    def _owe(self, client: _Client, packet: dict[str, Any]) -> None:
-        client.owed += json.dumps(packet, default=str).encode() + b"\n"
+    def _send(self, client: _Client, packet: dict[str, Any]) -> None:
+        client.unsent += json.dumps(packet, default=str).encode() + b"\n"
         self._flush(client)
 
     def _flush(self, client: _Client) -> None:
         if client.connection.fileno() < 0:
             return
         try:
-            while client.owed:
-                client.owed = client.owed[client.connection.send(client.owed) :]
+            while client.unsent:
+                client.unsent = client.unsent[client.connection.send(client.unsent) :]
         except BlockingIOError:
             pass
         except OSError:
             self._drop(client)
             return
-        if len(client.owed) > _LONGEST_ANSWER:
+        if len(client.unsent) > _LONGEST_ANSWER:
             self._drop(client)
             return
-        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.owed else 0)
+        events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.unsent else 0)
         key = self._selector.get_key(client.connection)
         if key.events != events:
             self._selector.modify(client.connection, events, key.data)
@@ -166,18 +170,22 @@ class ControlServer:
 
 
 def _user(connection: socket.socket) -> int:
-    """Who connected, by the kernel's word (SO_PEERCRED: pid, uid, gid)."""
+    """Return the id of the connected user, from the kernel (SO_PEERCRED: pid, uid, gid)."""
     _, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
     return int(user)
 
 
 class Control:
-    """A client. Raises RunError when nobody answers; `timeout_s` bounds every wait [s]."""
+    """The client's side.
+
+    timeout_s: limit of every wait [s].
+    Raises RunError when no arena answers.
+    """
 
     def __init__(self, path: Path, timeout_s: float = 5.0) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(timeout_s)
-        self._heard = b""
+        self._received = b""
         try:
             self._socket.connect(str(path))
         except OSError as error:
@@ -185,7 +193,7 @@ class Control:
             raise RunError(f"no arena answers at {path} ({error.strerror or error})") from error
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """One request, one answer. Raises RunError with the words of an error."""
+        """Send one request and return the answer. Raises RunError with the text of an error."""
         try:
             self._socket.sendall(json.dumps(request).encode() + b"\n")
             answer = self.listen()
@@ -198,20 +206,21 @@ class Control:
         return answer
 
     def listen(self, timeout_s: float | None = None) -> dict[str, Any] | None:
-        """The next packet, or None at the end of the run. Raises TimeoutError."""
+        """Return the next packet, or None at the end of the run. Raises TimeoutError."""
         if timeout_s is not None:
             self._socket.settimeout(timeout_s)
-        while b"\n" not in self._heard:
+        while b"\n" not in self._received:
             try:
                 data = self._socket.recv(1 << 16)
             except ConnectionError:
                 data = b""
             if not data:
                 return None
-            self._heard += data
-        line, _, self._heard = self._heard.partition(b"\n")
+            self._received += data
+        line, _, self._received = self._received.partition(b"\n")
         packet = json.loads(line)
         return packet if isinstance(packet, dict) else {}
 
     def close(self) -> None:
+        """Close the connection."""
         self._socket.close()

@@ -1,56 +1,81 @@
-"""events.jsonl: every transition with its reason, and what the children told. Also tells the terminal."""
+"""events.jsonl: every change of state with its reason, and the events that processes send. Each is also shown."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 from collections import Counter
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Protocol
 
-_LONGEST = 2000
-_PER_PROCESS = 2000
+from arena.supervisor.messages import Level, Message, event_level, transition_text
+from arena.supervisor.process_state import State
+
+MAX_EVENT_CHARACTERS = 2000
+MAX_EVENTS_PER_PROCESS = 2000
+
+Show = Callable[[Message], None]
+"""Shows a line to a person. Never raises: a closed terminal must not end a flight."""
 
 
-class Say(Protocol):
-    """Where lines for the person go. Never raises: a dead terminal must not end a flight."""
+class EventLog:
+    """Appends to events.jsonl and shows the same lines. A full disk costs events, not the flight; `lost` counts them.
 
-    def __call__(self, text: str, /) -> None: ...
+    vehicles: names; an event that begins with `<vehicle>: ` is shown as a line about that vehicle.
+    time_s: returns the time to show in front of a line [s], or None.
+    """
 
-
-class Journal:
-    """path: events.jsonl, appended to. A disk that is full costs events, not the flight: `lost` counts them."""
-
-    def __init__(self, path: Path, say: Say) -> None:
+    def __init__(
+        self,
+        path: Path,
+        show: Show,
+        *,
+        vehicles: Sequence[str] = (),
+        time_s: Callable[[], float | None] = lambda: None,
+    ) -> None:
         self._file = path.open("a", buffering=1)
-        self._say = say
-        self._told: Counter[str] = Counter()
+        self._show, self._vehicles, self._time_s = show, frozenset(vehicles), time_s
+        self._counts: Counter[str] = Counter()
         self.lost = 0
 
-    def transition(self, mono: float, process: str, before: str, after: str, reason: str) -> None:
-        """mono: monotonic time [s]."""
+    def transition(
+        self, mono: float, process: str, before: State, after: State, reason: str, *, level: Level
+    ) -> None:
+        """Log a change of state. mono: monotonic time [s]."""
         self._write({"mono": mono, "process": process, "from": before, "to": after, "reason": reason})
-        self._say(
-            f"{process}: {after}: {reason}" if after != "STARTING" else f"{process}: starting: {reason}"
+        self.show(Message(source=process, text=transition_text(after, reason), level=level))
+
+    def event(self, mono: float, process: str, text: str, *, level: Level | None = None) -> None:
+        """Log something that happened to a process, or that the process sent.
+
+        level: None chooses it by the text. Events of a process after MAX_EVENTS_PER_PROCESS are dropped.
+        """
+        self._counts[process] += 1
+        if self._counts[process] > MAX_EVENTS_PER_PROCESS:
+            return
+        last = self._counts[process] == MAX_EVENTS_PER_PROCESS
+        text = text[:MAX_EVENT_CHARACTERS] + (" (its further events are dropped)" if last else "")
+        self._write({"mono": mono, "process": process, "event": text})
+        vehicle, _, about = text.partition(": ")
+        source, shown = (vehicle, about) if vehicle in self._vehicles else (process, text)
+        self.show(Message(source=source, text=shown, level=event_level(text) if level is None else level))
+
+    def show(self, message: Message) -> None:
+        """Show a line with the time in front, and log nothing."""
+        self._show(
+            Message(text=message.text, source=message.source, level=message.level, time_s=self._time_s())
         )
 
-    def event(self, mono: float, process: str, text: str, *, aloud: bool = True) -> None:
-        """Something that happened to a process, or that it told; a chatterbox is cut off after some thousands."""
-        self._told[process] += 1
-        if self._told[process] > _PER_PROCESS:
-            return
-        more = " (its further events are dropped)" if self._told[process] == _PER_PROCESS else ""
-        self._write({"mono": mono, "process": process, "event": text[:_LONGEST] + more})
-        if aloud:
-            self._say(f"{process}: {text[:_LONGEST]}{more}")
-
     def close(self) -> None:
+        """Close the file."""
         with contextlib.suppress(OSError):
             self._file.close()
 
     def _write(self, entry: dict[str, object]) -> None:
         entry = {"t": datetime.now().astimezone().isoformat(timespec="milliseconds"), **entry}
+        if (time_s := self._time_s()) is not None:
+            entry["time_s"] = round(time_s, 3)
         try:
             self._file.write(json.dumps(entry) + "\n")
         except OSError:

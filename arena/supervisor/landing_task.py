@@ -1,7 +1,7 @@
-"""The landing before the stop: runs the plan's land task until what may fly is confirmed on the ground, or hope is gone.
+"""The landing before the stop: runs the plan's land task until every vehicle is confirmed on the ground.
 
-Simulated vehicles get some attempts within ATTEMPTS_S: nothing is lost with them. For real ones it tries again for as long as it
-takes: what serves a flying vehicle is not stopped.
+Simulated vehicles get ATTEMPTS attempts within TIMEOUT_S. For real vehicles it tries again without a limit, because
+the processes that serve a flying vehicle must not be stopped.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from arena.plan.model import Plan, ProcessSpec
-from arena.supervisor.event_log import Journal
+from arena.supervisor.event_log import EventLog
 from arena.supervisor.process_state import Exit
 from arena.supervisor.run_folder import RunFolder
-from arena.supervisor.side_task import Task
+from arena.supervisor.side_task import SideTask
 
 TIMEOUT_S = 90.0
 ATTEMPTS = 3
@@ -21,15 +21,18 @@ _PAUSE_S = 1.0
 _NOTICE_S = 5.0
 
 
-class Landing:
-    """Feed it what may fly until it says that the landing has ended. landed: confirmed, or nothing flew."""
+class LandingTask:
+    """The landing of one run. Call `step` until it returns True.
 
-    def __init__(self, plan: Plan, folder: RunFolder, journal: Journal) -> None:
-        self._plan, self._folder, self._journal = plan, folder, journal
+    landed: the landing is confirmed, or nothing was flying.  summary: how it stands, for people.
+    """
+
+    def __init__(self, plan: Plan, folder: RunFolder, log: EventLog) -> None:
+        self._plan, self._folder, self._log = plan, folder, log
         self._real = {v.name for v in plan.vehicles if not v.simulated}
-        self.task: Task | None = None
+        self.task: SideTask | None = None
         self.landed = True
-        self.words = "nothing was flying"
+        self.summary = "nothing was flying"
         self._tries = 0
         self._began: float | None = None
         self._now = self._next = 0.0
@@ -44,13 +47,14 @@ class Landing:
         world_gone: bool = False,
         down: Mapping[str, str] | None = None,
     ) -> bool:
-        """flying: vehicles that may be in the air.  now: monotonic [s].  True once it has ended.
+        """Start, watch or repeat the land task. Return True once the landing has ended.
 
-        world_gone: the simulated ones are not flying because there is nothing left to fly in.  down: vehicle -> why it is
-        not waited for.
+        flying: vehicles that may be in the air.  now: monotonic [s].
+        world_gone: the simulated world has ended, so its vehicles do not fly.
+        down: vehicle -> why the landing does not wait for it.
         """
         self._now = now
-        self._tell_down(down or {})
+        self._log_down(down or {})
         if self.task is not None:
             return self._watch(self.task, flying, now)
         if not flying and world_gone and self._tries:
@@ -62,19 +66,19 @@ class Landing:
         if self._began is None:
             self._began = now
         if not self._real & set(flying) and (self._tries >= ATTEMPTS or now - self._began >= TIMEOUT_S):
-            return self._give_up(self.words)
+            return self._give_up(self.summary)
         if now >= self._next:
             self._try(flying, now)
         return False
 
-    def _tell_down(self, down: Mapping[str, str]) -> None:
+    def _log_down(self, down: Mapping[str, str]) -> None:
         for vehicle, why in down.items():
             if vehicle not in self._down:
-                self._journal.event(self._now, "arena", f"{vehicle} is not waited for: {why}")
+                self._log.event(self._now, "arena", f"{vehicle} is not waited for: {why}")
         self._down = {**self._down, **down}
 
     def _spec(self, flying: Sequence[str]) -> ProcessSpec:
-        """The land task, without those that are down: they would never confirm."""
+        """Return the land task without the vehicles that are down, because they would never confirm."""
         assert self._plan.land is not None
         spared = [vehicle for vehicle in self._down if vehicle not in flying]
         extra = ("--except", ",".join(spared)) if spared else ()
@@ -83,33 +87,33 @@ class Landing:
     def _try(self, flying: Sequence[str], now: float) -> None:
         self._tries += 1
         self._next = now + _PAUSE_S
-        self.words = f"{', '.join(flying)} to land"
+        self.summary = f"{', '.join(flying)} to land"
         spec = self._spec(flying)
-        self._journal.event(
+        self._log.event(
             now, "arena", f"landing {', '.join(flying)}: {' '.join(self._folder.spec(spec).argv)}"
         )
-        begun = Task.start(
-            spec, self._folder, TIMEOUT_S, now, lambda text: self._journal.event(self._now, "arena", text)
+        begun = SideTask.start(
+            spec, self._folder, TIMEOUT_S, now, lambda text: self._log.event(self._now, "arena", text)
         )
         if isinstance(begun, Exit):
             self._failed(begun, flying, now)
         else:
             self.task = begun
 
-    def _watch(self, task: Task, flying: Sequence[str], now: float) -> bool:
+    def _watch(self, task: SideTask, flying: Sequence[str], now: float) -> bool:
         exit = task.poll(now)
         if exit is None:
             self._hurry(task, flying, now)
             return False
         self.task, self._next = None, now + _PAUSE_S
         if exit.code == 0:
-            self.landed, self.words = True, "landed and disarmed"
+            self.landed, self.summary = True, "landed and disarmed"
             return True
         self._failed(exit, flying, now)
         return False
 
-    def _hurry(self, task: Task, flying: Sequence[str], now: float) -> None:
-        """With nothing left to land, the task gets some seconds to notice."""
+    def _hurry(self, task: SideTask, flying: Sequence[str], now: float) -> None:
+        """Kill the task when nothing has been flying for _NOTICE_S."""
         if flying:
             self._nothing_since = None
         elif self._nothing_since is None:
@@ -118,10 +122,10 @@ class Landing:
             task.stop()
 
     def _failed(self, exit: Exit, flying: Sequence[str], now: float) -> None:
-        """If the facts say by now that nothing is armed, the next step ends it as landed."""
-        self.words = f"the landing of {', '.join(flying) or 'all'} is not confirmed ({exit.words})"
-        self._journal.event(now, "arena", self.words)
+        """Log a failed attempt. If no vehicle is armed by now, the next step ends the landing as successful."""
+        self.summary = f"the landing of {', '.join(flying) or 'all'} is not confirmed ({exit.text})"
+        self._log.event(now, "arena", self.summary)
 
     def _give_up(self, why: str) -> bool:
-        self.landed, self.words = False, why
+        self.landed, self.summary = False, why
         return True

@@ -1,17 +1,18 @@
-"""The supervisor: starts a plan, keeps it running, lands what flies, stops everything, and writes down what happened.
+"""The supervisor: starts a plan, keeps it running, lands the vehicles, stops everything, and records what happened.
 
 One thread, one selector. The phases of a run:
 
     RUN  --an end-->  LAND  --on the ground, disarmed-->  STOP  --nothing runs-->  REPORT  -->  OVER
 
-RUN restarts what dies; from LAND on nothing is started any more. In LAND everything goes on running, programs too:
-their setters raise when the landing takes OFFBOARD away. A second Ctrl-C kills the programs at once; what serves a
-flying vehicle is never stopped before the landing has ended. `arena down --now` lands real vehicles alone: nothing is lost with
-simulated ones, and all that runs is told to stop at once.
+RUN restarts processes that die; from LAND on nothing is started any more. In LAND everything goes on running, programs
+too: their setters raise when the landing takes OFFBOARD away. A second Ctrl-C kills the programs at once. A process that
+serves a flying vehicle is never stopped before the landing has ended. `arena down --now` lands real vehicles only, and
+stops everything else at once.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import selectors
 import signal
@@ -24,47 +25,56 @@ from typing import Any, Protocol
 
 from arena.errors import EXIT_OK
 from arena.plan.model import Plan
-from arena.supervisor import child_process, outcome, shutdown_policy
+from arena.supervisor import child_process, run_end
 from arena.supervisor.control_socket import ControlServer
-from arena.supervisor.event_log import Journal
-from arena.supervisor.landing_task import Landing
-from arena.supervisor.process_set import Fleet, Orders
+from arena.supervisor.event_log import EventLog
+from arena.supervisor.landing_task import LandingTask
+from arena.supervisor.messages import Level, Message
+from arena.supervisor.meters import RealTimeMeter
+from arena.supervisor.process_set import Orders, ProcessSet
 from arena.supervisor.process_state import ENDED, Exit, State
-from arena.supervisor.run_folder import RunFolder
-from arena.supervisor.shutdown_policy import Cause, End
-from arena.supervisor.side_task import Task
+from arena.supervisor.run_end import Cause, End
+from arena.supervisor.run_folder import RunFolder, write_whole
+from arena.supervisor.side_task import SideTask
 from arena.supervisor.signals import SignalQueue
 
 SETTLE_S = 0.5
 REPORT_TIMEOUT_S = 120.0
-_QUICK_S, _CALM_S = 0.05, 0.25
+_BUSY_ROUND_S, _CALM_ROUND_S = 0.05, 0.25
 
 _CAUSES = {signal.SIGINT: Cause.INTERRUPT, signal.SIGTERM: Cause.TERMINATED, signal.SIGHUP: Cause.HANGUP}
 
 
 class Phase(StrEnum):
+    """Phase of a run."""
+
     RUN = "running"
     LAND = "landing"
     STOP = "stopping"
-    REPORT = "reporting"
+    REPORT = "making the report"
     OVER = "over"
 
 
 class Show(Protocol):
-    """The terminal's side. Called from the loop; none of it may raise or wait."""
+    """What the supervisor needs of a terminal. Called from the loop; no method may raise or wait."""
 
-    def say(self, text: str) -> None: ...
+    def say(self, message: Message) -> None:
+        """Show one line."""
 
-    def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None: ...
+    def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
+        """Redraw a table if it is due. now: monotonic [s]."""
 
-    def started(self, failed: list[str]) -> None: ...
+    def started(self, failed: list[str]) -> None:
+        """Note that every process is started. failed: a text for each process that could not be."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """until_done: end when every program has ended and every vehicle is disarmed.  time_limit_s: end after it [s].
+    """How a run ends.
 
-    adopt: take in descendants that fork away, to end them with their program; for a process with no children but ours.
+    until_done: end when every program has ended and every vehicle is disarmed.  time_limit_s: end after it [s].
+    adopt: become the parent of descendants that fork away, to end them with their program. Only for a process
+    that has no other children.
     """
 
     until_done: bool = False
@@ -79,23 +89,29 @@ class Supervisor:
         self.plan, self.folder, self.options, self._show = plan, folder, options, show
         self.phase = Phase.RUN
         self._selector = selectors.DefaultSelector()
-        self._journal = Journal(folder.path / "events.jsonl", self._say)
+        self._real_time = RealTimeMeter(plan, folder)
+        self._log = EventLog(
+            folder.path / "events.jsonl",
+            self._say,
+            vehicles=[v.name for v in plan.vehicles],
+            time_s=self._real_time.time_s,
+        )
         self._control: ControlServer | None = None
-        self._fleet = Fleet(plan, folder, self._journal, self._selector)
-        self._landing = Landing(plan, folder, self._journal)
+        self._processes = ProcessSet(plan, folder, self._log, self._selector)
+        self._landing = LandingTask(plan, folder, self._log)
         self._orders = Orders()
         self._end: End | None = None
         self._at_once = False
-        self._report: Task | None = None
+        self._report: SideTask | None = None
         self._began, self._began_wall = time.monotonic(), datetime.now().astimezone()
         self._quiet_since: float | None = None
-        self._next_turn = self._next_sample = 0.0
+        self._next_round = self._next_sample = 0.0
         self._recorded: set[int] | None = None
         self._all_started = False
         self._exit_code = EXIT_OK
 
     def run(self) -> int:
-        """Must be called in the main thread: it takes the signals over and forks."""
+        """Run the plan to its end and return the exit code. Call it in the main thread: it handles signals and forks."""
         if self.options.adopt:
             child_process.adopt_orphans()
         with SignalQueue() as signals:
@@ -104,67 +120,71 @@ class Supervisor:
                 self.folder.control, self._selector, self.answer, refused=self._event
             )
             while self.phase is not Phase.OVER:
-                self._turn(signals)
+                self._round(signals)
             self._control.close()
             self._control = None
             self._selector.close()
-            self._journal.close()
+            self._log.close()
             self.folder.close()
         return self._exit_code
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """One request of the control socket."""
+        """Return the answer to one request of the control socket. Raises ValueError when it is refused."""
         match request.get("do"):
             case "ps":
                 return self.status()
             case "restart":
-                return self._restart(str(request.get("name")))
+                return self._restart(str(request.get("name")), in_flight=request.get("yes") is True)
             case "down":
                 now = request.get("now") is True
                 if now and not self._at_once and self._landing.task is not None:
                     self._landing.task.stop("arena down --now")  # it lands simulated vehicles too
                 self._at_once |= now
-                self._ask_end(Cause.DOWN, hurry=now)
+                self._request_end(Cause.DOWN, hurry=now)
                 return {"ok": True}
-        raise ValueError(f"unknown request {request.get('do')!r}: ps, restart, down and subscribe are known")
+        raise ValueError(f"got request {request.get('do')!r}, expected ps, restart, down or subscribe")
 
     def status(self) -> dict[str, Any]:
+        """Return what `arena ps --json` prints."""
         now = time.monotonic()
         return {
             "name": self.plan.name,
             "run": str(self.folder.path),
-            "phase": str(self.phase),
+            "phase": str(self.phase) if self._all_started or self.phase is not Phase.RUN else "starting",
             "pid": os.getpid(),
             "up_s": round(now - self._began, 1),
+            "time_s": self._real_time.time_s(),
             "vehicles": [v.name for v in self.plan.vehicles],
-            "facts": dict(self._fleet.facts),
+            "facts": dict(self._processes.facts),
             "refused": sum(self._control.refused.values()) if self._control is not None else 0,
-            "processes": self._fleet.table(now),
+            "processes": self._processes.table(now),
         }
 
-    def _turn(self, signals: SignalQueue) -> None:
-        timeout_s = 0.0 if self._fleet.changed else max(0.0, self._next_turn - time.monotonic())
+    def _round(self, signals: SignalQueue) -> None:
+        timeout_s = 0.0 if self._processes.changed else max(0.0, self._next_round - time.monotonic())
         for key, _ in self._selector.select(timeout_s):
             key.data()
         now = time.monotonic()
         for number in signals.take():
-            self._fleet.changed = True
+            self._processes.changed = True
             if number in _CAUSES:
-                self._ask_end(_CAUSES[signal.Signals(number)], hurry=number == signal.SIGINT)
+                self._request_end(_CAUSES[signal.Signals(number)], hurry=number == signal.SIGINT)
             elif number == signal.SIGTSTP:
-                self._say(
-                    "Ctrl-Z does not stop an arena: nobody would look after what flies. Ctrl-C lands it"
+                self._show_line(
+                    "Ctrl-Z is ignored: a stopped arena would not watch its vehicles. Ctrl-C lands them"
                 )
-        if self._fleet.changed or now >= self._next_turn:
+        if self._processes.changed or now >= self._next_round:
             self._decide(now)
         if now >= self._next_sample:
             self._next_sample = now + 1.0
-            self._fleet.sample(now)
+            self._processes.sample(now)
+            if self.phase in (Phase.RUN, Phase.LAND):
+                self._real_time.sample(now)
         self._show.refresh(self.status, now)
 
     def _decide(self, now: float) -> None:
-        self._fleet.reconcile(self._orders, now)
-        self._fleet.cut_logs(now)
+        self._processes.reconcile(self._orders, now)
+        self._processes.cut_logs(now)
         if self.options.adopt:
             self._end_runaways(now)
         self._record()
@@ -177,51 +197,66 @@ class Supervisor:
                 self._stop(now)
             case Phase.REPORT:
                 self._reporting(now)
-        settled = all(life.state in ENDED | {State.READY} for life in self._fleet.lives.values())
-        self._next_turn = now + (_CALM_S if settled and self.phase is Phase.RUN else _QUICK_S)
+        settled = all(s.state in ENDED | {State.READY} for s in self._processes.statuses.values())
+        self._next_round = now + (_CALM_ROUND_S if settled and self.phase is Phase.RUN else _BUSY_ROUND_S)
 
     # -- RUN
 
     def _running(self, now: float) -> None:
-        lives, limit = self._fleet.lives, self.options.time_limit_s
-        if lost := shutdown_policy.lost(self.plan, lives):
+        statuses, limit = self._processes.statuses, self.options.time_limit_s
+        if lost := run_end.lost(self.plan, statuses):
             self._begin_end(Cause.LOST, lost)
         elif limit is not None and now - self._began >= limit:
             self._begin_end(Cause.TIME_LIMIT, f"the time limit of {limit:g} s is over")
         elif self.options.until_done and self._is_quiet(now):
             self._begin_end(Cause.DONE, "every program has ended and every vehicle is disarmed")
         else:
-            self._tell_started()
+            self._report_started(now)
 
-    def _tell_started(self) -> None:
-        begun = all(life.started or life.state in ENDED for life in self._fleet.lives.values())
-        waiting = any(life.state is State.STARTING for life in self._fleet.lives.values())
-        if begun and not waiting and not self._all_started:
-            self._all_started = True
-            self._show.started(
-                [f"{n}: {x.reason}" for n, x in self._fleet.lives.items() if x.state is State.FATAL]
-            )
+    def _report_started(self, now: float) -> None:
+        statuses = self._processes.statuses
+        begun = all(s.started or s.state in ENDED for s in statuses.values())
+        waiting = any(s.state is State.STARTING for s in statuses.values())
+        if not begun or waiting or self._all_started:
+            return
+        self._all_started = True
+        failed = [f"{name}: {s.reason}" for name, s in statuses.items() if s.state is State.FATAL]
+        ready = f"{len(statuses) - len(failed)} of {len(statuses)}" if failed else str(len(statuses))
+        self._show_line(f"{ready} processes ready in {now - self._began:.1f} s")
+        self._show.started(failed)
 
     def _is_quiet(self, now: float) -> bool:
-        if not shutdown_policy.is_done(self.plan, self._fleet.lives, self._fleet.facts, self._fleet.stats):
+        done = run_end.is_done(
+            self.plan, self._processes.statuses, self._processes.facts, self._processes.stats
+        )
+        if not done:
             self._quiet_since = None
             return False
         self._quiet_since = now if self._quiet_since is None else self._quiet_since
         return now - self._quiet_since >= SETTLE_S
 
-    def _restart(self, name: str) -> dict[str, Any]:
-        if name not in self._fleet.specs:
-            raise ValueError(f"no process {name!r} in this arena; there are {', '.join(self._fleet.specs)}")
+    def _restart(self, name: str, *, in_flight: bool) -> dict[str, Any]:
+        specs = self._processes.specs
+        if name not in specs:
+            raise ValueError(f"no process {name!r} in this arena; there are {', '.join(specs)}")
         if self.phase is not Phase.RUN:
-            raise ValueError(f"the arena is {self.phase}: nothing is started any more")
-        self._fleet.ask_restart(name)
-        self._journal.event(time.monotonic(), name, "a person asked for a restart")
+            raise ValueError(
+                f"{name} is not restarted: the arena is {self.phase} and starts nothing any more"
+            )
+        if not in_flight and (refusal := run_end.restart_refusal(specs[name], self._flying())):
+            raise ValueError(refusal)
+        self._processes.request_restart(name)
+        self._log.event(time.monotonic(), name, "restart requested by `arena restart`")
         return {"ok": True}
+
+    def _flying(self) -> list[str]:
+        p = self._processes
+        return run_end.may_fly(self.plan, p.statuses, p.facts, p.last_facts, p.stats)
 
     # -- the end
 
-    def _ask_end(self, cause: Cause, *, hurry: bool) -> None:
-        """A person wants the run to end; asked again, with `hurry`, programs are not waited for."""
+    def _request_end(self, cause: Cause, *, hurry: bool) -> None:
+        """End the run for a person. A second request with `hurry` kills the programs."""
         first = self.phase is Phase.RUN
         if first:
             self._begin_end(
@@ -235,44 +270,44 @@ class Supervisor:
             serves = "a real vehicle" if self._at_once else "a vehicle"
             self._event(f"programs are killed; whatever serves {serves} goes on until it has landed")
         elif not first:
-            self._say(f"{self.phase}: waiting for {self._waited_for()}")
-        self._fleet.changed = True
+            self._show_line(f"{self.phase}: waiting for {self._waited_for()}")
+        self._processes.changed = True
 
     def _begin_end(self, cause: Cause, why: str) -> None:
-        self._end = End(cause=cause, why=why, lives=dict(self._fleet.lives))
+        self._end = End(cause=cause, why=why, statuses=dict(self._processes.statuses))
         self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"
         self.phase = Phase.LAND
-        self._fleet.changed = True
+        self._processes.changed = True
         self._event(why)
 
     def _land(self, now: float) -> None:
-        fleet = self._fleet
-        flying = shutdown_policy.may_fly(self.plan, fleet.lives, fleet.facts, fleet.told, fleet.stats)
-        down = shutdown_policy.grounded(self.plan, fleet.lives, fleet.stats)
+        p = self._processes
+        flying = self._flying()
+        down = run_end.grounded(self.plan, p.statuses, p.stats)
         if self._at_once:
-            flying, down = self._real_alone(flying, down)
-        if self._landing.step(
-            flying, now, world_gone=shutdown_policy.is_world_gone(self.plan, fleet.lives), down=down
-        ):
+            flying, down = self._real_only(flying, down)
+        world_gone = run_end.is_world_gone(self.plan, p.statuses)
+        if self._landing.step(flying, now, world_gone=world_gone, down=down):
             self.phase = Phase.STOP
-            fleet.changed = True
+            p.changed = True
 
-    def _real_alone(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-        """What may fly and is waited for, and what is not, when simulated vehicles are not landed."""
+    def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
+        """Move simulated vehicles from `flying` to `down`, because `arena down --now` does not land them."""
         simulated = {v.name for v in self.plan.vehicles if v.simulated}
         left = simulated & set(flying)
         if left:
-            self._landing.words = f"{', '.join(sorted(left))} not landed: {Cause.DOWN} --now"
+            self._landing.summary = f"{', '.join(sorted(left))} not landed: {Cause.DOWN} --now"
         real = [name for name in flying if name not in simulated]
-        return real, {**down, **dict.fromkeys(sorted(left), f"{Cause.DOWN} --now lands real vehicles alone")}
+        return real, {**down, **dict.fromkeys(sorted(left), f"{Cause.DOWN} --now lands real vehicles only")}
 
     def _stop(self, now: float) -> None:
-        alive = set(self._fleet.alive)
+        alive = set(self._processes.alive)
         if alive:
-            turn = alive if self._at_once else shutdown_policy.may_stop(self.plan, self._fleet.lives) & alive
-            self._orders.stop |= turn or alive
-            self._fleet.changed = self._fleet.changed or any(
-                self._fleet.lives[name].state is not State.STOPPING for name in turn
+            may_stop = run_end.may_stop(self.plan, self._processes.statuses)
+            stopping = alive if self._at_once else may_stop & alive
+            self._orders.stop |= stopping or alive
+            self._processes.changed = self._processes.changed or any(
+                self._processes.statuses[name].state is not State.STOPPING for name in stopping
             )
             return
         self._write_outcome(now)
@@ -280,79 +315,82 @@ class Supervisor:
 
     def _write_outcome(self, now: float) -> None:
         assert self._end is not None
-        landed, stats = self._landing.landed, self._fleet.stats
-        failed = shutdown_policy.failures(
-            self.plan, self._end, self._fleet.lives, stats, landed, self.options.until_done
-        )
-        self._exit_code = shutdown_policy.exit_code(self._end, failed, landed)
-        for words in failed:
-            self._event(f"failed: {words}")
-        outcome.write(
-            self.folder,
+        landed, p = self._landing.landed, self._processes
+        failed = run_end.failures(self.plan, self._end, p.statuses, p.stats, landed, self.options.until_done)
+        self._exit_code = run_end.exit_code(self._end, failed, landed)
+        for text in failed:
+            self._event(f"failed: {text}")
+        outcome = run_end.outcome(
             name=self.plan.name,
+            run=str(self.folder.path),
             began=self._began_wall,
             lasted_s=now - self._began,
             end=self._end,
             exit_code=self._exit_code,
             failed=failed,
-            landing=self._landing.words,
-            facts=self._fleet.told,
-            table=self._fleet.table(now),
+            landing=self._landing.summary,
+            real_time=self._real_time.result(),
         )
+        outcome |= {"facts": p.last_facts, "processes": p.table(now)}
+        write_whole(self.folder.path / "outcome.json", json.dumps(outcome, indent=1, default=str))
 
     def _begin_report(self, now: float) -> None:
         self.phase = Phase.OVER
         if self.plan.report is not None:
-            begun = Task.start(self.plan.report, self.folder, REPORT_TIMEOUT_S, now, _unsaid)
+            self._show_line("making the report: summary, logs and plots")
+            begun = SideTask.start(self.plan.report, self.folder, REPORT_TIMEOUT_S, now, _ignore)
             if isinstance(begun, Exit):
-                self._event(f"no report: {begun.words}")
+                self._event(f"no report: {begun.text}")
             else:
                 self._report, self.phase = begun, Phase.REPORT
 
     def _reporting(self, now: float) -> None:
-        exit = self._report.poll(now) if self._report is not None else Exit(code=0, words="")
+        exit = self._report.poll(now) if self._report is not None else Exit(code=0, text="")
         if exit is not None:
             self.phase = Phase.OVER
             if exit.code:
-                self._event(
-                    f"the report failed: {exit.words}; see {self.folder.log(self._report.name if self._report else '')}"
-                )
+                log = self.folder.log(self._report.name if self._report else "")
+                self._event(f"the report failed: {exit.text}; see {log}")
 
-    # -- what goes on in every phase
+    # -- in every phase
 
     def _waited_for(self) -> str:
         if self.phase is Phase.LAND:
-            return self._landing.words
-        return ", ".join(self._fleet.alive) or "the report"
+            return self._landing.summary
+        return ", ".join(self._processes.alive) or "the report"
 
     def _record(self) -> None:
-        """state.json, whenever somebody came or went, so that a killed supervisor's children can be found."""
-        members = self._fleet.members()
+        """Write state.json when a process has started or ended, so that another command can end a stale run."""
+        members = self._processes.members()
         if (pids := {m.pid for m in members.values()}) != self._recorded:
             self._recorded = pids
             try:
                 self.folder.write_state(self.plan, members)
             except OSError as error:
                 self._event(
-                    f"state.json cannot be written ({error.strerror}): a killed supervisor's processes could not be found"
+                    f"state.json cannot be written ({error.strerror}): if the supervisor dies, "
+                    f"`arena down` will not find these processes"
                 )
 
     def _end_runaways(self, now: float) -> None:
         tasks = [task for task in (self._landing.task, self._report) if task is not None]
-        known = {c.pid for c in self._fleet.children.values()} | {task.child.pid for task in tasks}
-        alive = set(self._fleet.children) | {task.name for task in tasks}
+        known = {c.pid for c in self._processes.children.values()} | {task.child.pid for task in tasks}
+        alive = set(self._processes.children) | {task.name for task in tasks}
         mark = f"{child_process.RUN}={self.folder.path}"
         for pid in child_process.reap_adopted(known, mark, alive):
             self._event(f"killed process {pid}, which had left the group of its program and outlived it")
 
     def _event(self, text: str) -> None:
-        self._journal.event(time.monotonic(), "arena", text)
+        self._log.event(time.monotonic(), "arena", text)
 
-    def _say(self, text: str) -> None:
-        self._show.say(text)
-        if self._control is not None:
-            self._control.say(text)
+    def _show_line(self, text: str, level: Level = Level.CHANGE) -> None:
+        self._log.show(Message(text=text, level=level))
+
+    def _say(self, message: Message) -> None:
+        self._show.say(message)
+        if self._control is not None and message.level >= Level.CHANGE:
+            self._control.say(str(message))
 
 
-def _unsaid(text: str) -> None:
-    """The report's own output stays in its log: who started the run prints the summary that it writes."""
+def _ignore(text: str) -> None:
+    """Drop a line of the report task: its output stays in its log, and `arena up` prints the summary that it writes."""

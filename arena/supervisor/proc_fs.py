@@ -1,4 +1,4 @@
-"""What /proc tells of a process, read directly: the supervisor asks forty times a second and must cost next to nothing."""
+"""Facts about processes, read from /proc directly: the supervisor reads forty times a second and must cost little."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ _PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 
 @dataclass(frozen=True, kw_only=True)
 class Usage:
-    """cpu_s: of the process and the children it waited for [s].  rss_mb: resident now [MB]."""
+    """Resources of one process.
+
+    cpu_s: CPU time of the process and of the children that it has waited for [s].  rss_mb: resident memory [MB].
+    """
 
     cpu_s: float
     rss_mb: float
@@ -23,12 +26,12 @@ class Usage:
 
 @cache
 def boot_id() -> str:
-    """Which boot of the kernel this is: start times mean nothing in another one."""
+    """Return the id of this boot of the kernel. Start times of another boot mean nothing."""
     return _read("/proc/sys/kernel/random/boot_id").decode().strip()
 
 
 def _read(path: str) -> bytes:
-    """One small file of /proc; empty when the process has gone."""
+    """Return the content of one small file of /proc; empty when the process has ended."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
@@ -42,11 +45,12 @@ def _read(path: str) -> bytes:
 
 
 def _stat(pid: int) -> list[bytes]:
-    """The fields of /proc/PID/stat after the name: [0] is field 3, the state."""
+    """Return the fields of /proc/PID/stat after the name: [0] is field 3, the state."""
     return _read(f"/proc/{pid}/stat").rpartition(b")")[2].split()
 
 
 def usage(pid: int) -> Usage | None:
+    """Return the resources of a process, or None when there is no such process."""
     fields = _stat(pid)
     if len(fields) < 22:
         return None
@@ -54,38 +58,40 @@ def usage(pid: int) -> Usage | None:
 
 
 def start_time(pid: int) -> float | None:
-    """When the kernel started it [s since boot], to a hundredth; None when there is no such process. With the pid, its identity.
+    """Return when the kernel started a process [s since boot], to 0.01 s; None when there is no such process.
 
-    Not as wall time: that of the boot jumps when the clock is set, and a second's jump would make a live run look dead.
+    Pid and start time together identify a process. Wall time would not: it jumps when the clock is set, and a jump of
+    one second would make a live run look dead.
     """
     fields = _stat(pid)
     return int(fields[19]) * _TICK_S if len(fields) >= 20 else None
 
 
 def is_zombie(pid: int) -> bool:
+    """Return whether a process has ended and waits to be reaped."""
     fields = _stat(pid)
     return bool(fields) and fields[0] in (b"Z", b"X")
 
 
 def is_stopped(pid: int) -> bool:
-    """A signal, or a debugger, keeps it from running."""
+    """Return whether a signal or a debugger keeps a process from running."""
     fields = _stat(pid)
     return bool(fields) and fields[0] in (b"T", b"t")
 
 
 def is_same(pid: int, start_s: float) -> bool:
-    """Is this the very process that was recorded, and is it still running?"""
+    """Return whether the recorded process still runs. start_s: its recorded start time [s since boot]."""
     found = start_time(pid)
     return found is not None and abs(found - start_s) < 0.005 and not is_zombie(pid)
 
 
 def children(pid: int) -> list[int]:
-    """Children forked by its main thread. Others are not seen: looking at every thread would cost more than it tells."""
+    """Return the children that its main thread forked. Children of other threads are not found: reading every thread costs too much."""
     return [int(x) for x in _read(f"/proc/{pid}/task/{pid}/children").split()]
 
 
 def tree(pid: int, depth: int = 4) -> Iterator[int]:
-    """The process and its descendants."""
+    """Yield the process and its descendants. depth: number of generations."""
     yield pid
     if depth:
         for child in children(pid):
@@ -93,11 +99,12 @@ def tree(pid: int, depth: int = 4) -> Iterator[int]:
 
 
 def group_members(pgid: int) -> list[int]:
-    """Running processes of a process group, from a scan of all. For sweeps, not for loops."""
+    """Return the running processes of a process group. Scans all processes, so it is too slow for a loop."""
     return [pid for pid, fields in _all() if int(fields[2]) == pgid and fields[0] not in (b"Z", b"X")]
 
 
 def session_members(sid: int) -> list[int]:
+    """Return the running processes of a session. Scans all processes, so it is too slow for a loop."""
     return [pid for pid, fields in _all() if int(fields[3]) == sid and fields[0] not in (b"Z", b"X")]
 
 
@@ -110,12 +117,12 @@ def _all() -> Iterator[tuple[int, list[bytes]]]:
 
 
 def environment(pid: int) -> list[str]:
-    """The `KEY=value` entries it was started with; empty when one may not look."""
+    """Return the `KEY=value` entries that a process was started with; empty without the right to read them."""
     return [entry.decode(errors="replace") for entry in _read(f"/proc/{pid}/environ").split(b"\0")]
 
 
 def serves_port(pid: int, port: int) -> bool:
-    """Does the process, or a descendant, have a listening TCP or a bound UDP socket on this port?"""
+    """Return whether the process or a descendant has a listening TCP or a bound UDP socket on a port."""
     inodes = _listening(port)
     return bool(inodes) and any(inodes & _socket_inodes(member) for member in tree(pid))
 

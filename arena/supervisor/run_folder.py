@@ -1,7 +1,8 @@
 """The folder of one run, its private folder for sockets, and how other terminals find both.
 
-`<runtime base>/<run>/run` holds the path of the run folder; `<run folder>/state.json` holds who is running. state.json is
-written before the first process starts and removed at a clean end: one whose supervisor has gone is a stale run.
+`<runtime base>/<run>/run` holds the path of the run folder; `<run folder>/state.json` lists the running processes. It
+is written before the first process starts and removed at a clean end. A run with a state.json whose supervisor has
+ended is a stale run.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any
 
 from arena.errors import RunError
 from arena.plan.model import Plan, ProcessSpec
-from arena.run_dirs import ONLY, pointers, runtime_bases
+from arena.run_dirs import RUNTIME_DIR_VARIABLE, pointers, runtime_bases
 from arena.supervisor import proc_fs
 
 _SOCKET_PATH_BYTES = 107
@@ -27,7 +28,11 @@ _LONGEST_SOCKET = "/router.faults"
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """One process as recorded. pid is also its group and session; start_s [s since boot] completes its identity."""
+    """One process as recorded in state.json.
+
+    pid: also the number of its session.  pgid: its group.  start_s: when it started [s since boot]; pid and start time
+    together identify it.
+    """
 
     pid: int
     pgid: int
@@ -35,12 +40,17 @@ class Member:
 
     @property
     def alive(self) -> bool:
+        """Whether this very process still runs."""
         return proc_fs.is_same(self.pid, self.start_s)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """state.json. boot: the kernel's boot id.  processes: name -> the running process."""
+    """The content of state.json.
+
+    name: of the arena.  run, rt: path of the run folder and of the runtime folder.  address: of the arena.
+    boot: the kernel's boot id.  processes: name -> the running process.
+    """
 
     name: str
     run: str
@@ -52,25 +62,26 @@ class RunState:
 
     @property
     def live(self) -> bool:
-        """Its supervisor is running."""
+        """Whether its supervisor runs."""
         return self.boot == proc_fs.boot_id() and self.supervisor.alive
 
     @property
     def stopped(self) -> bool:
-        """Its supervisor is there, and a signal keeps it from running: it hears nobody."""
+        """Whether a signal has stopped its supervisor (SIGSTOP), so that it does not answer."""
         return self.live and proc_fs.is_stopped(self.supervisor.pid)
 
     def survivors(self) -> dict[str, list[int]]:
-        """Process name -> the pids of its group that still run and are really the ones recorded."""
+        """Return process name -> the pids of its recorded group that still run."""
         members = self.processes if self.boot == proc_fs.boot_id() else {}
         found = {name: _still_there(member) for name, member in members.items()}
         return {name: pids for name, pids in found.items() if pids}
 
 
 def _still_there(member: Member) -> list[int]:
-    """A leader by its start time; what is left of its group without it, by session and by being younger than it.
+    """Return the running processes of a recorded group.
 
-    The number of a group cannot be given to a new process while a member of it runs.
+    The leader is identified by its start time; its descendants by the session and by a later start. The kernel does not
+    give the number of a group to a new process while a member of the group runs.
     """
     if proc_fs.start_time(member.pid) is not None and not (member.alive or proc_fs.is_zombie(member.pid)):
         return []
@@ -81,20 +92,25 @@ def _still_there(member: Member) -> list[int]:
 
 @dataclass(frozen=True, kw_only=True)
 class RunFolder:
-    """path: the run folder.  rt: the private runtime folder, short enough for socket paths."""
+    """The two folders of a run.
+
+    path: the run folder.  rt: the private runtime folder, whose path is short enough for sockets.
+    """
 
     path: Path
     rt: Path
 
     @property
     def control(self) -> Path:
+        """Path of the control socket."""
         return self.rt / "control.sock"
 
     def fill(self, text: str) -> str:
+        """Replace the placeholders `{run}` and `{rt}`."""
         return text.replace("{run}", str(self.path)).replace("{rt}", str(self.rt))
 
     def spec(self, spec: ProcessSpec) -> ProcessSpec:
-        """The same with every placeholder filled."""
+        """Return a copy of `spec` with every placeholder filled."""
         return dataclasses.replace(
             spec,
             argv=tuple(map(self.fill, spec.argv)),
@@ -103,9 +119,11 @@ class RunFolder:
         )
 
     def log(self, name: str) -> Path:
+        """Return the path of a process's log."""
         return self.path / "logs" / f"{name}.log"
 
     def write_state(self, plan: Plan, processes: dict[str, Member]) -> None:
+        """Write state.json with the processes that run now."""
         state = RunState(
             name=plan.name,
             run=str(self.path),
@@ -118,7 +136,7 @@ class RunFolder:
         write_whole(self.path / "state.json", json.dumps(dataclasses.asdict(state), indent=1))
 
     def close(self) -> None:
-        """A clean end: nothing is running, nobody will look for it."""
+        """Remove state.json and the runtime folder, after a clean end."""
         (self.path / "state.json").unlink(missing_ok=True)
         shutil.rmtree(self.rt, ignore_errors=True)
 
@@ -145,7 +163,7 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
 
 
 def open_run(path: Path) -> RunState | None:
-    """The state of the run in this folder, or None when it ended cleanly or is no run."""
+    """Return the state of the run in this folder, or None when it ended cleanly or is no run."""
     try:
         raw = json.loads((path / "state.json").read_text())
         raw["supervisor"] = Member(**raw["supervisor"])
@@ -156,7 +174,7 @@ def open_run(path: Path) -> RunState | None:
 
 
 def active_runs() -> list[RunState]:
-    """Every run of this user that has not ended cleanly, oldest first; `live` tells which still have their supervisor."""
+    """Return every run of this user that has not ended cleanly, oldest first. Those with a supervisor are `live`."""
     found = []
     for pointer in pointers():
         with contextlib.suppress(OSError):
@@ -167,6 +185,7 @@ def active_runs() -> list[RunState]:
 
 
 def plan_of(state: RunState) -> Plan | None:
+    """Return the plan of a run, or None when it cannot be read."""
     try:
         return Plan.from_json((Path(state.run) / "plan.json").read_text())
     except (OSError, ValueError, TypeError, KeyError):
@@ -174,12 +193,13 @@ def plan_of(state: RunState) -> Plan | None:
 
 
 def myself() -> Member:
+    """Return the record of this process."""
     pid = os.getpid()
     return Member(pid=pid, pgid=os.getpgid(0), start_s=proc_fs.start_time(pid) or 0.0)
 
 
 def write_whole(path: Path, text: str) -> None:
-    """A reader sees the old file or the new one, never half."""
+    """Replace a file at once, so that a reader gets the old content or the new one, never a part."""
     half = path.with_name(path.name + ".new")
     half.write_text(text)
     half.replace(path)
@@ -190,12 +210,14 @@ def _free_runtime(name: str) -> Path:
     base.mkdir(mode=0o700, exist_ok=True)
     if base.stat().st_uid != os.getuid() or base.is_symlink():
         raise RunError(
-            f"{base} belongs to somebody else: remove it, or set XDG_RUNTIME_DIR to a folder of yours"
+            f"{base} belongs to another user: remove it, or set XDG_RUNTIME_DIR to a folder of yours"
         )
     base.chmod(0o700)
     room = _SOCKET_PATH_BYTES - len(os.fsencode(base)) - len("/-999" + _LONGEST_SOCKET)
     if room < len("20261121"):
-        raise RunError(f"{base} is too long a path for local sockets: set {ONLY} to a shorter one")
+        raise RunError(
+            f"{base} is too long a path for local sockets: set {RUNTIME_DIR_VARIABLE} to a shorter one"
+        )
     short = name[:room]
     return next(rt for rt in (base / f"{short}{end}" for end in _endings()) if not rt.exists())
 
@@ -206,7 +228,7 @@ def _make_unique(runs: Path, name: str) -> Path:
         with contextlib.suppress(FileExistsError):
             (path := runs / f"{name}{end}").mkdir()
             return path
-    raise RunError(f"{runs}: a thousand runs of the same second")
+    raise RunError(f"{runs}: 999 run folders of this second exist already: try again")
 
 
 def _endings() -> list[str]:

@@ -1,4 +1,4 @@
-"""Signals become a queue and a file descriptor to wake the loop. Handlers do nothing but append."""
+"""A queue of received signals and a file descriptor that wakes the loop. The handlers only append."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
-_HEARD = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP, signal.SIGCHLD)
+_HANDLED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP, signal.SIGCHLD)
 
 
 class SignalQueue:
-    """A context: takes the signals over on entry, gives them back on exit. fd: readable when something waits."""
+    """A context that handles the signals on entry and restores the old handlers on exit. fd: readable when a signal waits."""
 
     def __init__(self) -> None:
         self._queue: list[int] = []
@@ -22,7 +22,7 @@ class SignalQueue:
 
     def __enter__(self) -> SignalQueue:
         self._old_fd = signal.set_wakeup_fd(self._wake, warn_on_full_buffer=False)
-        self._before = {number: signal.signal(number, self._append) for number in _HEARD}
+        self._before = {number: signal.signal(number, self._append) for number in _HANDLED}
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -39,7 +39,7 @@ class SignalQueue:
                 pass
 
     def take(self) -> Iterator[int]:
-        """The signals since the last call, in order."""
+        """Yield the signals since the last call, in order."""
         while self._queue:
             yield self._queue.pop(0)
 

@@ -1,4 +1,7 @@
-"""Runs whose supervisor is gone or stopped: land what may fly, then end what is left, by recorded identity and never by name."""
+"""Sweeps of runs whose supervisor has died or is stopped: land the vehicles, then end the processes that are left.
+
+Processes are identified by the pid and start time in state.json, never by name.
+"""
 
 from __future__ import annotations
 
@@ -9,23 +12,25 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from arena.errors import RunError
 from arena.plan.model import Plan
 from arena.supervisor import run_folder
-from arena.supervisor.event_log import Say
 from arena.supervisor.landing_task import TIMEOUT_S
 from arena.supervisor.run_folder import RunFolder, RunState
 
 _GRACE_S = 5.0
 
+Say = Callable[[str], None]
+"""Prints one line."""
+
 
 def sweep_all(say: Say, address: str) -> None:
-    """Every stale run on this address; those on others stand in nobody's way and end by themselves.
+    """Sweep every stale run on this address. Runs on other addresses are in nobody's way and end by themselves.
 
-    Raises RunError when one cannot be swept without risk to a real vehicle.
+    Raises RunError when a run cannot be swept without risk to a real vehicle.
     """
     for state in run_folder.active_runs():
         if not state.live and state.address == address:
@@ -33,9 +38,12 @@ def sweep_all(say: Say, address: str) -> None:
 
 
 def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
-    """One stale run: land, end, remove its runtime folder. say: told what is found and done.  now: land real vehicles alone.
+    """Sweep one stale run: land its vehicles, end its processes, remove its runtime folder.
 
-    A supervisor that is stopped would wake up to a run that is none: it is killed, once the landing is over.
+    say: called with what is found and done.  now: land real vehicles only.
+    A stopped supervisor is killed after the landing.
+
+    Raises RunError when a real vehicle is not confirmed on the ground; its processes then go on running.
     """
     plan = run_folder.plan_of(state)
     if left := state.survivors():
@@ -43,10 +51,10 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
             say(f"the supervisor of {state.run} has died; still running: {', '.join(left)}")
         landed = _land(state, plan, left, say, now=now)
         if not landed and (any(not v.simulated for v in plan.vehicles) if plan is not None else not now):
-            unread = "" if plan is not None else "its plan cannot be read, so it may serve real vehicles: "
+            unread = "" if plan is not None else "its plan cannot be read, so it may serve real vehicles; "
             raise RunError(
-                f"{state.run}: {unread}a real vehicle is not confirmed on the ground, so what serves it goes on running. "
-                f"Land it by hand, or try `arena land-all`, then `arena down --run {state.run}` again"
+                f"{state.run}: {unread}a real vehicle is not confirmed on the ground, so its processes go on running. "
+                f"Land it by hand or with `arena land-all`, then run `arena down --run {state.run}` again"
             )
     _end_supervisor(state)
     if left:
@@ -55,7 +63,7 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
 
 
 def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say, *, now: bool) -> bool:
-    """Run the land task if anything may be in the air. True when it is confirmed, or nothing can be."""
+    """Run the land task if a vehicle may be in the air. Return True when the landing is confirmed or nothing can fly."""
     real = [v.name for v in plan.vehicles if not v.simulated] if plan is not None else []
     if not _may_fly(plan, set(left)) or (now and plan is not None and not real):
         return True
@@ -77,12 +85,12 @@ def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say, *, 
             == 0
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        say(f"the landing did not work: {error}")
+        say(f"the land task failed: {error}")
         return False
 
 
 def _may_fly(plan: Plan | None, left: set[str]) -> bool:
-    """A simulated vehicle flies as long as its world runs; of a real one nothing is known."""
+    """Return whether a vehicle may be in the air: a simulated one while its world runs, a real one always."""
     if plan is None:
         return True
     world = any(spec.kind == "world" and spec.name in left for spec in plan.processes)
@@ -90,7 +98,7 @@ def _may_fly(plan: Plan | None, left: set[str]) -> bool:
 
 
 def _end_supervisor(state: RunState) -> None:
-    """Programs and tools go with it."""
+    """Kill the supervisor. The kernel ends its programs and tools with it."""
     deadline = time.monotonic() + _GRACE_S
     while state.live and time.monotonic() < deadline:
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -99,20 +107,20 @@ def _end_supervisor(state: RunState) -> None:
 
 
 def _end(state: RunState, plan: Plan | None, say: Say) -> None:
-    """Programs and tools first, then the rest; those that do not end are killed."""
+    """End programs and tools first, then the other processes; kill those that do not end in time."""
     specs = plan.processes if plan is not None else ()
     late = {spec.name for spec in specs if spec.outlives}
     grace_s = max((spec.stop_timeout_s for spec in specs), default=_GRACE_S)
     for names in (set(state.processes) - late, late):
         _signal(state, names, signal.SIGTERM)
         if left := _wait(state, names, grace_s):
-            say(f"did not end: {', '.join(left)}; killing")
+            say(f"{', '.join(left)}: not ended within {grace_s:g} s; killing")
             _signal(state, names, signal.SIGKILL)
             _wait(state, names, _GRACE_S)
 
 
 def _signal(state: RunState, names: set[str], number: int) -> None:
-    """To every survivor whose identity holds at this moment."""
+    """Send a signal to every recorded process that still runs."""
     for name, pids in state.survivors().items():
         for pid in pids if name in names else []:
             try:
@@ -122,7 +130,7 @@ def _signal(state: RunState, names: set[str], number: int) -> None:
 
 
 def _wait(state: RunState, names: set[str], limit_s: float) -> list[str]:
-    """Wait so long for these to end; returns those that did not."""
+    """Wait at most `limit_s` for processes to end; return the names of those that did not."""
     deadline = time.monotonic() + limit_s
     while (left := sorted(names & set(state.survivors()))) and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.geometry import quat_from_euler
 from arena.mocap.emulator.core import EmulatedCameras
 from arena.mocap.natnet.server import NatNetServer
-from arena.process_context import LIFELINE
+from arena.process_context import SOCKET_VARIABLE
 from arena.wire.truth_page import Truth
 
 _hosts = itertools.count(1)
@@ -89,7 +89,7 @@ class Arena:
         (folder / "slice.json").write_text(json.dumps(settings))
         self.line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.line.setblocking(False)
-        env = {**os.environ, LIFELINE: str(theirs.fileno())}
+        env = {**os.environ, SOCKET_VARIABLE: str(theirs.fileno())}
         command = [sys.executable, "-m", "arena.pose_forwarder", str(folder / "slice.json")]
         self.process = subprocess.Popen(
             command, env=env, pass_fds=[theirs.fileno()], stderr=subprocess.PIPE, text=True

@@ -10,7 +10,7 @@ from functools import partial
 import pytest
 
 from arena.errors import InputError, RunError
-from arena.process_context import LIFELINE, ProcessContext, ShutdownPolicy, lifeline, run_room
+from arena.process_context import SOCKET_VARIABLE, ProcessContext, ShutdownPolicy, supervisor_socket, run_room
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_a_stopped_supervisor_never_blocks_a_room(line):
     room = ProcessContext("x", {}, theirs)
     for _ in range(10_000):
         room.stats({"n": 1})
-    assert room.told_nobody > 0
+    assert room.unsent > 0
 
 
 def test_alone_a_room_tells_nobody_and_is_no_orphan():
@@ -60,10 +60,10 @@ def test_alone_a_room_tells_nobody_and_is_no_orphan():
 
 def test_the_line_is_taken_out_of_the_environment_so_that_grandchildren_do_not_hold_it(line, monkeypatch):
     _, theirs = line
-    monkeypatch.setenv(LIFELINE, str(os.dup(theirs.fileno())))
-    taken = lifeline()
+    monkeypatch.setenv(SOCKET_VARIABLE, str(os.dup(theirs.fileno())))
+    taken = supervisor_socket()
     assert taken is not None
-    assert LIFELINE not in os.environ
+    assert SOCKET_VARIABLE not in os.environ
     assert not taken.get_inheritable()
     taken.close()
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from arena.clock import ClockServer
-from arena.process_context import LIFELINE
+from arena.process_context import SOCKET_VARIABLE
 from arena.wire.truth_page import TruthWriter
 
 from .synthetic import OFFBOARD, STEPS, stream, truth_at
@@ -49,7 +49,7 @@ class Running:
         (folder / "slice.json").write_text(json.dumps(settings))
         self.line, child = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.line.settimeout(10)
-        env = {**os.environ, LIFELINE: str(child.fileno())}
+        env = {**os.environ, SOCKET_VARIABLE: str(child.fileno())}
         argv = [sys.executable, "-m", "arena.recorder", str(folder / "slice.json")]
         self.process = subprocess.Popen(argv, env=env, pass_fds=[child.fileno()])
         child.close()

@@ -20,7 +20,7 @@ from arena.clock import ClockServer
 from arena.fault_injection import inject
 from arena.geometry import quat_from_euler
 from arena.mocap.client import open_client
-from arena.process_context import LIFELINE
+from arena.process_context import SOCKET_VARIABLE
 from arena.wire.truth_page import Truth, TruthWriter
 
 SECONDS = 1.5
@@ -97,7 +97,7 @@ def emulator(tmp_path, address: str, **changes):
     (tmp_path / "slice.json").write_text(json.dumps(settings))
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     ours.settimeout(10)
-    env = {**os.environ, LIFELINE: str(theirs.fileno())}
+    env = {**os.environ, SOCKET_VARIABLE: str(theirs.fileno())}
     command = [sys.executable, "-m", "arena.mocap.emulator", str(tmp_path / "slice.json")]
     process = subprocess.Popen(command, env=env, pass_fds=[theirs.fileno()])
     theirs.close()

@@ -1,0 +1,109 @@
+"""What a run shows to a person: which changes are worth a line, at which level, in which words. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from arena.supervisor.process_state import State
+
+
+class Level(IntEnum):
+    """How important a line is."""
+
+    DETAIL = 0
+    """Shown with -v only."""
+    CHANGE = 1
+    """Shown by default."""
+    RESULT = 2
+    """Shown with -q too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Message:
+    """One line for a person.
+
+    source: the process or vehicle that the line is about; "" for none.
+    time_s: simulated time [s]; time since the start where no world runs; None before the world runs.
+    """
+
+    text: str
+    source: str = ""
+    level: Level = Level.CHANGE
+    time_s: float | None = None
+
+    def __str__(self) -> str:
+        line = f"{self.source}: {self.text}" if self.source else self.text
+        return line if self.time_s is None else f"{self.time_s:6.1f} s  {line}"
+
+
+_STATE_WORDS = {
+    State.STARTING: "starting",
+    State.READY: "ready",
+    State.BACKOFF: "ended and will be restarted",
+    State.STOPPING: "stopping",
+    State.EXITED: "ended",
+    State.FATAL: "failed",
+    State.STOPPED: "not started",
+}
+# Reasons that add nothing to the word before them.
+_PLAIN_REASONS = frozenset({"its needs are ready", "reported ready", "started"})
+# Events that repeat what the facts of the router say.
+_REPEATED = (": airborne", ": disarmed")
+
+
+def transition_text(after: State, reason: str) -> str:
+    """Return a change of state in words: `ready`, `ended (exit 1)`."""
+    return _STATE_WORDS[after] + ("" if reason in _PLAIN_REASONS else f" ({reason})")
+
+
+def transition_level(after: State, *, kind: str, starts: int, ending: bool) -> Level:
+    """Return how important a change of state is.
+
+    kind: of the process.  starts: how often the process was started.  ending: the run ends, so every process stops.
+    """
+    if after is State.FATAL:
+        return Level.RESULT
+    if after in (State.STARTING, State.READY):
+        return Level.DETAIL if starts <= 1 else Level.CHANGE
+    if ending or (after is State.EXITED and kind == "task"):
+        return Level.DETAIL
+    return Level.CHANGE
+
+
+def event_level(text: str) -> Level:
+    """Return how important the event of a process is."""
+    return Level.DETAIL if text.endswith(_REPEATED) else Level.CHANGE
+
+
+class VehicleChanges:
+    """Turns facts such as `uav1.armed` into lines such as `uav1: armed, OFFBOARD`."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, dict[str, Any]] = {}
+
+    def on_facts(self, facts: Mapping[str, Any]) -> list[Message]:
+        """facts: those of one packet, `<vehicle>.<name>` -> value. Return a line for each change that matters."""
+        new: dict[str, dict[str, Any]] = {}
+        for key, value in facts.items():
+            vehicle, _, name = key.rpartition(".")
+            if vehicle:
+                new.setdefault(vehicle, {})[name] = value
+        return [Message(source=v, text=t) for v, values in new.items() for t in self._texts(v, values)]
+
+    def _texts(self, vehicle: str, values: Mapping[str, Any]) -> list[str]:
+        before = self._known.get(vehicle, {})
+        after = self._known[vehicle] = {**before, **values}
+        changed = {name for name in values if before.get(name) != values[name]}
+        texts = []
+        if "armed" in changed and (after["armed"] or before.get("armed")):
+            texts.append(f"armed, {after.get('mode', 'mode unknown')}" if after["armed"] else "disarmed")
+        elif "mode" in changed and after.get("armed"):
+            texts.append(f"mode {after['mode']}")
+        if "landed" in changed and "landed" in before:
+            texts.append("on the ground" if after["landed"] else "in the air")
+        if "heard" in changed and "heard" in before:
+            texts.append("heartbeat received again" if after["heard"] else "no heartbeat for 3 s")
+        return texts

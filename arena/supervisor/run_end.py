@@ -1,0 +1,270 @@
+"""The end of a run: when it is over, which vehicles must land first, what may stop when, and what failed. Pure.
+
+The exit code is 1 when something failed, 130 after a Ctrl-C, 0 otherwise. These are failures:
+    a program ended with another code than 0 before the end of the run began
+    a program had not ended by itself (with `--until-done`)
+    a process other than a tool ended with an error, or was not restarted any more
+    the landing was not confirmed
+    a vehicle crashed
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from enum import StrEnum
+from typing import Any
+
+from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from arena.plan.model import Plan, ProcessSpec
+from arena.supervisor.process_state import ALIVE, ENDED, ProcessStatus, State
+
+Statuses = Mapping[str, ProcessStatus]
+Stats = Mapping[str, Mapping[str, Any]]
+
+_NO_STATS: Stats = {}
+# State of a PX4 that sends no motor commands, as the world reports it -> text. The motors stand still.
+_ABSENT = {
+    "never connected": "its PX4 has never connected to the world",
+    "gone": "its PX4 has closed its connection",
+    "booting": "its PX4 has not begun to fly",
+    "late": "its PX4 does not answer",
+}
+
+
+class Cause(StrEnum):
+    """Why a run ends."""
+
+    DONE = "done"
+    TIME_LIMIT = "time limit"
+    INTERRUPT = "Ctrl-C"
+    TERMINATED = "SIGTERM"
+    HANGUP = "SIGHUP"
+    DOWN = "arena down"
+    LOST = "a process that others need has ended"
+
+
+BY_USER = frozenset({Cause.INTERRUPT, Cause.TERMINATED, Cause.HANGUP, Cause.DOWN})
+
+
+@dataclass(frozen=True, kw_only=True)
+class End:
+    """The decision to end a run.
+
+    cause: the kind of reason.  why: the reason as text.  statuses: every process when the decision was made.
+    """
+
+    cause: Cause
+    why: str
+    statuses: Statuses
+
+
+def is_served(spec: ProcessSpec, status: ProcessStatus) -> bool:
+    """Return whether the processes that need this one may start: it is ready, or it is a task that ended with 0."""
+    done = (
+        spec.kind == "task"
+        and status.state is State.EXITED
+        and status.exit is not None
+        and status.exit.code == 0
+    )
+    return status.state is State.READY or done
+
+
+def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
+    """Return whether the process has ended for good, so that only `arena restart` starts it again."""
+    return status.state in ENDED and not is_served(spec, status)
+
+
+def lost(plan: Plan, statuses: Statuses) -> str:
+    """Return a text for a process that has ended for good though the whole arena needs it; "" when there is none.
+
+    A process of one vehicle is not counted: its end stops only that vehicle's programs.
+    """
+    needed = {need for spec in plan.processes for need in spec.needs}
+    for spec in plan.processes:
+        if spec.name in needed and spec.vehicle is None and is_dead(spec, statuses[spec.name]):
+            return f"{spec.name}: {statuses[spec.name].reason}"
+    return ""
+
+
+def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[str, str]:
+    """Return simulated vehicle -> why it cannot fly any more, though its autopilot may never report `disarmed`.
+
+    Such a vehicle's PX4 has ended, or it stands on the floor of the world crashed or without motor commands.
+    Real vehicles are never listed: for them only the report of their own autopilot counts.
+    """
+    worlds = [stats.get(s.name, {}) for s in plan.processes if s.kind == "world"]
+    dead = {s.vehicle for s in plan.processes if s.kind == "px4" and is_dead(s, statuses[s.name])}
+    found = {
+        v.name: "its PX4 has ended" if v.name in dead else _down(v.name, worlds)
+        for v in plan.vehicles
+        if v.simulated
+    }
+    return {name: why for name, why in found.items() if why}
+
+
+def _down(vehicle: str, worlds: Sequence[Mapping[str, Any]]) -> str:
+    """Return why the world reports the vehicle as down; "" when it does not."""
+    for world in worlds:
+        verdict, pilot = (world.get(key, {}).get(vehicle, {}) for key in ("vehicles", "autopilot"))
+        if verdict.get("airborne") is False:
+            return (
+                f"crashed: {verdict['crashed']}"
+                if verdict.get("crashed")
+                else _ABSENT.get(str(pilot.get("px4")), "")
+            )
+    return ""
+
+
+def is_done(plan: Plan, statuses: Statuses, facts: Mapping[str, Any], stats: Stats = _NO_STATS) -> bool:
+    """Return whether every program has ended for good, every vehicle is disarmed or down, and no process is starting."""
+    programs = all(statuses[s.name].state in ENDED for s in plan.processes if s.kind == "program")
+    settled = all(statuses[s.name].state in ENDED | {State.READY} for s in plan.processes if s.kind != "tool")
+    still = grounded(plan, statuses, stats)
+    disarmed = all(facts.get(f"{v.name}.armed") is False for v in plan.vehicles if v.name not in still)
+    return programs and settled and disarmed
+
+
+def is_world_gone(plan: Plan, statuses: Statuses) -> bool:
+    """Return whether the plan has a simulated world that does not run."""
+    worlds = [statuses[s.name] for s in plan.processes if s.kind == "world"]
+    return bool(worlds) and not any(status.state in ALIVE for status in worlds)
+
+
+def may_fly(
+    plan: Plan,
+    statuses: Statuses,
+    facts: Mapping[str, Any],
+    last_facts: Mapping[str, Any],
+    stats: Stats = _NO_STATS,
+) -> list[str]:
+    """Return the vehicles that may be in the air.
+
+    facts: sent by processes that still run.  last_facts: the last value of every fact, whoever sent it.
+
+    A vehicle with an unknown `armed` may fly when its last known value was true, or when any program has run. A
+    simulated vehicle does not fly without its world. A real vehicle without any fact was never commanded by this run.
+    """
+    world_gone = is_world_gone(plan, statuses)
+    programs_ran = any(statuses[s.name].started for s in plan.processes if s.kind == "program")
+    flying, still = [], grounded(plan, statuses, stats)
+    for vehicle in (v for v in plan.vehicles if v.name not in still):
+        fact = f"{vehicle.name}.armed"
+        reported = vehicle.simulated or any(name.startswith(f"{vehicle.name}.") for name in last_facts)
+        unknown = fact not in facts and reported and (bool(last_facts.get(fact)) or programs_ran)
+        if (bool(facts.get(fact)) or unknown) and not (vehicle.simulated and world_gone):
+            flying.append(vehicle.name)
+    return flying
+
+
+_IN_FLIGHT = {
+    "world": "nothing simulates them meanwhile, and a new world puts them back on the ground",
+    "px4": "its motors stop and it falls",
+    "link": "it receives no poses and no commands meanwhile",
+    "mocap": "their poses stop for 1 to 3 s, so the autopilots may lose their position and land blind",
+    "forward": "its poses stop for 1 to 3 s, so the autopilot may lose its position and land blind",
+    "router": "programs and ground stations are cut off for 1 to 3 s, so setpoints stop and failsafes act",
+}
+"""Kind of process -> what its restart does to the vehicles that it serves in the air."""
+
+
+def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
+    """Return why a process must not be restarted now without `--yes`; "" when it may be.
+
+    flying: vehicles that may be in the air.
+    """
+    served = [name for name in flying if spec.vehicle in (None, name)]
+    if not served or spec.kind not in _IN_FLIGHT:
+        return ""
+    return (
+        f"{spec.name} is not restarted: {', '.join(served)} may be flying, and {_IN_FLIGHT[spec.kind]}. "
+        f"Land first (`arena land-all`), or restart in flight with --yes"
+    )
+
+
+def may_stop(plan: Plan, statuses: Statuses) -> set[str]:
+    """Return the processes that may stop now: no process that runs needs them."""
+    held = {need for spec in plan.processes if statuses[spec.name].state in ALIVE for need in spec.needs}
+    return {spec.name for spec in plan.processes} - held
+
+
+def failures(
+    plan: Plan, end: End, statuses: Statuses, stats: Stats, landed: bool, until_done: bool
+) -> list[str]:
+    """Return a text for everything that failed in the run.
+
+    landed: the landing was confirmed, or nothing flew.  until_done: the run had to wait for its programs.
+    """
+    found = [] if landed else ["the landing was not confirmed"]
+    if end.cause is Cause.LOST or (end.cause is Cause.TIME_LIMIT and until_done):
+        found.append(end.why)
+    for spec in plan.processes:
+        then = end.statuses[spec.name]
+        if then.state is State.FATAL and not then.started and found:
+            continue  # it never ran because of a failure that is listed already
+        words = _failure(spec, then, statuses[spec.name], until_done and end.cause is not Cause.LOST)
+        found.extend([f"{spec.name}: {words}"] if words and f"{spec.name}: {words}" not in found else [])
+    return found + crashes(stats)
+
+
+def _failure(spec: ProcessSpec, then: ProcessStatus, last: ProcessStatus, until_done: bool) -> str:
+    if spec.kind == "tool":
+        return ""
+    if then.state in ENDED and (then.state is State.FATAL or (then.exit is not None and then.exit.code != 0)):
+        return then.reason
+    if spec.kind == "program" and until_done and then.state not in ENDED:
+        return f"had not ended by itself ({last.reason})"
+    return ""
+
+
+def crashes(stats: Stats) -> list[str]:
+    """Return a text for each vehicle that crashed: `vehicles: {uav1: {"crashed": reason or ""}}` in the stats of the world."""
+    found = []
+    for own in stats.values():
+        vehicles = own.get("vehicles")
+        for name, verdict in vehicles.items() if isinstance(vehicles, dict) else ():
+            if isinstance(verdict, dict) and verdict.get("crashed"):
+                found.append(f"{name} crashed: {verdict['crashed']}")
+    return found
+
+
+def outcome(
+    *,
+    name: str,
+    run: str,
+    began: datetime,
+    lasted_s: float,
+    end: End,
+    exit_code: int,
+    failed: Sequence[str],
+    landing: str,
+    real_time: Mapping[str, float | None] | None,
+) -> dict[str, Any]:
+    """Return the content of outcome.json, which the report task merges with the flight logs.
+
+    began: wall time.  real_time: `factor` (simulated seconds per second) and `asked`, None without a world. The loop adds
+    `facts` (the last value of each) and `processes` (one row per process, as in `arena ps --json`).
+    """
+    return {
+        "name": name,
+        "run": run,
+        "start": began.isoformat(timespec="milliseconds"),
+        "end": (began + timedelta(seconds=lasted_s)).isoformat(timespec="milliseconds"),
+        "duration_s": round(lasted_s, 3),
+        "cause": str(end.cause),
+        "reason": end.why,
+        "exit_code": exit_code,
+        "failed": list(failed),
+        "landing": landing,
+        "real_time": dict(real_time) if real_time is not None else None,
+    }
+
+
+def exit_code(end: End, failed: Sequence[str], landed: bool) -> int:
+    """Return the exit code of the run."""
+    if not landed:
+        return EXIT_FAILED
+    if end.cause is Cause.INTERRUPT:
+        return EXIT_INTERRUPTED
+    return EXIT_FAILED if failed else EXIT_OK

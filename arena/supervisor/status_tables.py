@@ -1,0 +1,117 @@
+"""The status of a run as tables of vehicles and processes, for the live view and for `arena ps`. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+SLOW_FACTOR = 0.98
+"""Below this share of the speed that was asked for, the simulation is shown as too slow."""
+OLD_POSE_MS = 200.0
+
+_COLOURS = {
+    "READY": "green",
+    "STARTING": "yellow",
+    "BACKOFF": "magenta",
+    "STOPPING": "yellow",
+    "FATAL": "bold red",
+    "EXITED": "cyan",
+    "STOPPED": "dim",
+}
+
+
+def status_view(status: Mapping[str, Any]) -> Group:
+    """Return the answer of `ps` as a header line and one or two tables."""
+    vehicles = [vehicles_table(status)] if status["vehicles"] else []
+    return Group(header(status), *vehicles, processes_table(status))
+
+
+def header(status: Mapping[str, Any]) -> Text:
+    """Return `lab: running, 12.4 s, real-time factor 0.99`; the factor is yellow below SLOW_FACTOR."""
+    rows = status["processes"].values()
+    text = Text(f"{status['name']}: {status['phase']}, {status['up_s']:.0f} s", style="bold")
+    if status["phase"] == "starting":
+        text.append(
+            f", {sum(row['starts'] > 0 and row['state'] != 'STARTING' for row in rows)} of {len(rows)} ready"
+        )
+    for row in rows:
+        rtf = row["stats"].get("rtf") if row["kind"] == "world" else None
+        if rtf is not None:
+            text.append(", real-time factor ")
+            text.append(f"{rtf:.2f}", style="yellow" if rtf < SLOW_FACTOR else "green")
+    return text
+
+
+def processes_table(status: Mapping[str, Any]) -> Table:
+    """Return a row per process: state, CPU, memory, restarts and rates."""
+    table = Table(box=None, pad_edge=False)
+    # in a narrow terminal only the last column gives way
+    longest = max(map(len, status["processes"]), default=0)
+    table.add_column("process", no_wrap=True, min_width=longest)
+    table.add_column("state", no_wrap=True, min_width=max(map(len, _COLOURS)))
+    for name in ("cpu %", "MB", "restarts"):
+        table.add_column(name, justify="right", no_wrap=True, min_width=len(name))
+    table.add_column("")
+    for name, row in status["processes"].items():
+        calm = row["state"] in ("READY", "STARTING")
+        table.add_row(
+            name,
+            Text(row["state"], style=_COLOURS.get(row["state"], "")),
+            f"{100 * row['cpu_now']:.0f}",
+            f"{row['rss_mb']:.0f}",
+            str(row["restarts"] or ""),
+            Text(rates(row["stats"]) if calm else str(row["reason"]), no_wrap=True, overflow="ellipsis"),
+        )
+    return table
+
+
+def vehicles_table(status: Mapping[str, Any]) -> Table:
+    """Return a row per vehicle: mode, armed, on the ground, height, battery and age of the last pose."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("vehicle", "mode", "armed", "landed"):
+        table.add_column(name, no_wrap=True)
+    for name in ("height m", "battery %", "pose age ms"):
+        table.add_column(name, justify="right", no_wrap=True)
+    telemetry: dict[str, Any] = {}
+    for row in status["processes"].values():
+        telemetry.update(row["stats"].get("telemetry") or {} if row["kind"] == "router" else {})
+    for vehicle in status["vehicles"]:
+        facts = [status["facts"].get(f"{vehicle}.{name}") for name in ("mode", "armed", "landed")]
+        own = telemetry.get(vehicle, {})
+        table.add_row(
+            vehicle,
+            *(Text(_text(value)) for value in facts),
+            _figure(own.get("height_m"), ".2f"),
+            _figure(own.get("battery"), ".0f"),
+            _pose_age(status, vehicle),
+        )
+    return table
+
+
+def rates(stats: Mapping[str, Any]) -> str:
+    """Return up to three rates of a process: figures whose name ends in `_hz`."""
+    found = [(k, v) for k, v in stats.items() if k.endswith("_hz") and isinstance(v, int | float)]
+    return ", ".join(f"{name[:-3]} {value:.1f} Hz" for name, value in found[:3])
+
+
+def _pose_age(status: Mapping[str, Any], vehicle: str) -> Text:
+    for row in status["processes"].values():
+        if row["kind"] == "forward" and row["vehicle"] == vehicle:
+            age_ms = row["stats"].get("pose_age_ms")
+            old = age_ms is not None and age_ms > OLD_POSE_MS
+            return Text(_figure(age_ms, ".0f"), style="yellow" if old else "")
+    return Text("-")
+
+
+def _figure(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _text(value: Any) -> str:
+    if value is None or isinstance(value, bool):
+        return {None: "-", True: "yes", False: "no"}[value]
+    return str(value)
