@@ -1,7 +1,7 @@
 """The `arena` command: one module per verb, no logic.
 
-A verb's module defines `register(app)`. Only the module of the verb that was asked for is imported. `land-all` and `kill-all` do
-not even wait for typer: their command lines are read by the room that obeys them, and only their help is typer's.
+A verb's module defines `register(app)`, and VERBS lists it. Only the module of the requested verb is imported. `land-all` and
+`kill-all` do not wait for typer: `arena.emergency` parses their command lines, and typer shows only their help.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ VERBS = (
     "params",
     "smoke",
     "up",
+    "runs",
+    "summary",
     "ps",
     "logs",
     "restart",
@@ -34,21 +36,21 @@ VERBS = (
     "land-all",
     "kill-all",
 )
-PANIC = ("land-all", "kill-all")
+EMERGENCY = ("land-all", "kill-all")
 _HELP = ("-h", "--help")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command line; returns the exit code. No traceback reaches a terminal unless `--debug` is given."""
+    """Run one command line and return the exit code. A traceback is printed only with `--debug`."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     debug = _take_debug(arguments)
     try:
-        if arguments[:1] and arguments[0] in PANIC and not set(_HELP) & set(arguments):
-            return _panic(arguments)
+        if arguments[:1] and arguments[0] in EMERGENCY and not set(_HELP) & set(arguments):
+            return _emergency(arguments)
         return _run(build(arguments), arguments)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
-    except BrokenPipeError:  # `arena plan | head`: nobody reads any more, which is no failure of ours
+    except BrokenPipeError:  # `arena plan | head`: the reader has ended, which is not a failure
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except ArenaError as error:
@@ -67,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def build(arguments: Sequence[str]) -> typer.Typer:
-    """The app with the verb that the arguments name, or with every verb when they name none (`--help`)."""
+    """Return the app with the verb that the arguments name, or with every verb when they name none (`--help`)."""
     import typer
 
     app = typer.Typer(
@@ -77,7 +79,16 @@ def build(arguments: Sequence[str]) -> typer.Typer:
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": list(_HELP)},
     )
-    app.callback(help="One YAML file becomes a flying arena.")(_nothing)
+
+    # With a callback typer keeps the name of a verb that is registered alone.
+    @app.callback(help="One YAML file becomes a flying arena.")
+    def arena(
+        version: bool = typer.Option(
+            False, "--version", is_eager=True, callback=_print_version, help="Print the version and exit."
+        ),
+    ) -> None:
+        pass
+
     verb = next((a for a in arguments if not a.startswith("-")), "")
     for name in (verb,) if verb in VERBS else VERBS:
         _register(app, name)
@@ -88,8 +99,8 @@ def _register(app: typer.Typer, verb: str) -> None:
     importlib.import_module(f"arena.cli.{verb.replace('-', '_')}").register(app)
 
 
-def _panic(arguments: list[str]) -> int:
-    with contextlib.suppress(OSError):  # where the system allows it, before everything else that runs
+def _emergency(arguments: list[str]) -> int:
+    with contextlib.suppress(OSError):  # above other programs, where the system allows it
         os.setpriority(os.PRIO_PROCESS, 0, -15)
     from arena.emergency.land_all import command
 
@@ -120,5 +131,9 @@ def _take_debug(arguments: list[str]) -> bool:
     return found
 
 
-def _nothing() -> None:
-    """The callback that keeps typer from collapsing a single verb into the command itself."""
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from arena import __version__
+
+        print(f"arena {__version__}")
+        raise SystemExit(EXIT_OK)

@@ -14,32 +14,34 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def init(
         folder: Annotated[
             Path, typer.Argument(metavar="NAME", help="the folder to make; its name names the arena")
         ],
     ) -> None:
-        """Make a folder with arena.yaml, a ten-line program, a scenario and a README."""
+        """Make a folder with arena.yaml, a ten-line program, a scenario, a README and a .gitignore."""
         for path in scaffold(folder):
             print(path)
         print(f"next: cd {folder} && arena check && arena up")
 
 
 def scaffold(folder: Path) -> list[Path]:
-    """Write the files; returns them. Raises InputError rather than overwrite anything."""
+    """Write the files and return their paths. Raises InputError when a file exists already: nothing is overwritten."""
     import jinja2
 
     from arena.schema import data_folder
 
     name = folder.resolve().name
     if not _NAME.fullmatch(name):
-        tamed = re.sub("[^A-Za-z0-9]+", "_", name).strip("_") or "lab1"
-        raise InputError(f"got the name {name!r}, expected letters, digits, _ . and -. Try {tamed}.")
+        suggestion = re.sub("[^A-Za-z0-9]+", "_", name).strip("_") or "lab1"
+        raise InputError(f"got the name {name!r}, expected letters, digits, _ . and -. Try {suggestion}.")
     templates = sorted((data_folder("templates") / "init").glob("*.j2"))
-    targets = {template: folder / template.stem for template in templates}
+    targets = {template: folder / _file_name(template) for template in templates}
     if there := [str(target) for target in targets.values() if target.exists()]:
-        raise InputError(f"{', '.join(there)} is there already and is not overwritten. Choose another name.")
+        raise InputError(f"{', '.join(there)} exists already and is not overwritten. Choose another name.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for template, target in targets.items():
@@ -50,3 +52,7 @@ def scaffold(folder: Path) -> list[Path]:
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
     return list(targets.values())
+
+
+def _file_name(template: Path) -> str:
+    return ".gitignore" if template.stem == "gitignore" else template.stem

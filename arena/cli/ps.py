@@ -12,12 +12,14 @@ from arena.cli._running import RunOption, connect, find
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def ps(
         run: RunOption = None,
-        as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+        as_json: Annotated[bool, typer.Option("--json", help="print JSON, for programs")] = False,
     ) -> None:
-        """Show the processes and vehicles of a running arena."""
+        """Show the vehicles and processes of a running arena."""
         state = find(run)
         status = connect(state).ask(do="ps")
         if as_json:
@@ -25,7 +27,7 @@ def register(app: typer.Typer) -> None:
             return
         from rich.console import Console
 
-        from arena.supervisor.terminal import picture
+        from arena.supervisor.status_tables import status_view
 
-        Console().print(picture(status))
+        Console().print(status_view(status))
         print(f"run folder: {Path(state.run)}")

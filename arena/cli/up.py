@@ -1,6 +1,6 @@
 """`arena up`: start an arena, watch it, land it, stop it.
 
-Exit codes: 0 all good; 1 a program, vehicle, process or the landing failed; 2 the input is wrong; 130 after a Ctrl-C.
+Exit codes: 0 everything succeeded; 1 a program, vehicle, process or the landing failed; 2 the input is wrong; 130 after a Ctrl-C.
 `arena down` and SIGTERM are a normal end (0) unless `--until-done` was still waiting for a program.
 """
 
@@ -10,6 +10,7 @@ import contextlib
 import dataclasses
 import json
 import os
+import shutil
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,12 +19,15 @@ import typer
 
 from arena.cli._arena import copilot_notes, not_possible
 from arena.cli._consent import ask_consent
-from arena.errors import EXIT_FAILED, EXIT_OK, RunError
+from arena.errors import EXIT_FAILED, EXIT_OK, InputError, RunError
 from arena.plan.model import Plan
 from arena.plan.open_ports import open_lines
 from arena.supervisor import (
+    JsonLines,
+    Level,
     Lines,
     LiveTable,
+    Message,
     Options,
     RunFolder,
     Supervisor,
@@ -40,6 +44,8 @@ Set = Annotated[
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def up(  # noqa: PLR0913, PLR0917 - an option each
         file: File = Path("arena.yaml"),
@@ -89,15 +95,26 @@ def register(app: typer.Typer) -> None:
                 help="make no summary and no plots; python -m arena.recorder.report RUN does, later",
             ),
         ] = False,
+        quiet: Annotated[
+            bool, typer.Option("-q", "--quiet", help="print only failures and the verdict")
+        ] = False,
+        verbose: Annotated[
+            bool, typer.Option("-v", "--verbose", help="print every start and stop, and the full summary")
+        ] = False,
+        as_json: Annotated[
+            bool, typer.Option("--json", help="print one JSON object per line, for programs")
+        ] = False,
     ) -> None:
-        """Start an arena and watch it until it is done or told to stop. Ctrl-C lands the vehicles first."""
+        """Start an arena and watch it until it ends. Ctrl-C lands the vehicles, then stops the arena."""
+        if quiet and verbose:
+            raise InputError("got both -q and -v, expected one of them")
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
         overrides += ["preflight.params=false"] if allow_diff else []
         overrides += ["sim.realtime=true"] if realtime else []
         overrides += [f"sim.speed={speed}"] if speed is not None else []
         plan = _plan(file, overrides)
         for line in open_lines(plan):
-            _say(line)
+            print(line, file=sys.stderr if as_json or quiet else sys.stdout, flush=True)
         ask_consent(plan, yes=yes)
         plan = dataclasses.replace(plan, report=None) if no_report else plan
         beside = file if file.is_dir() else file.parent
@@ -105,12 +122,14 @@ def register(app: typer.Typer) -> None:
         options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True)
         if detach:
             raise SystemExit(_detached(plan, folder, options))
-        live = not headless and sys.stdout.isatty()
-        raise SystemExit(_run(plan, folder, LiveTable() if live else Lines(), options))
+        level = Level.RESULT if quiet else Level.DETAIL if verbose else Level.CHANGE
+        live = sys.stdout.isatty() and not (headless or quiet or as_json)
+        show = JsonLines(level) if as_json else LiveTable(level) if live else Lines(level)
+        raise SystemExit(_run(plan, folder, show, options))
 
 
 def _plan(file: Path, overrides: list[str]) -> Plan:
-    """Everything that can be found wrong, before anything is started. Raises InputError, RunError."""
+    """Load the arena and check everything that can be checked before a start. Raises InputError, RunError."""
     from arena.plan import make_plan
     from arena.schema import check_machine, load_arena
 
@@ -125,7 +144,7 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
 
 
 def _refuse_second(plan: Plan) -> None:
-    """Two arenas cannot share a socket. Raises RunError that names the one which is up."""
+    """Raise RunError when an arena is up whose sockets this plan needs too."""
     for state in active_runs():
         other = plan_of(state)
         shared = _sockets(plan) & _sockets(other) if other else set()
@@ -145,27 +164,47 @@ def _sockets(plan: Plan) -> set[tuple[str, str, int]]:
 
 
 def _run(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:
-    """In the main thread of this process. Prints the run folder and, when the report made one, the summary."""
+    """Run the plan in the main thread of this process, and print the result. Return the exit code."""
     _set_title(plan)
-    show.say(f"{plan.name}: {len(plan.processes)} processes, run folder {folder.path}")
+    show.say(Message(text=f"{plan.name}: starting {len(plan.processes)} processes, run folder {folder.path}"))
     try:
         code = Supervisor(plan, folder, show, options).run()
     finally:
         show.close()
-    summary = folder.path / "summary.txt"
-    with contextlib.suppress(OSError):
-        show.say(summary.read_text().rstrip())
-    show.say(f"run folder: {folder.path}")
+    _print_result(folder.path, code, show)
     return code
 
 
+def _print_result(run: Path, code: int, show: Lines) -> None:
+    """Print the verdict, and unless -q the short table; with -v the full summary too."""
+    from arena.cli._summary import lines_of, read_json, verdict
+
+    if isinstance(show, JsonLines):
+        failed = read_json(run / "outcome.json").get("failed")
+        result = {"verdict": verdict(run), "exit_code": code, "failed": failed, "run": str(run)}
+        show.print(json.dumps(result))
+        return
+    lines = lines_of(run, columns=shutil.get_terminal_size((160, 24)).columns)
+    for line in lines[:1] if show.level is Level.RESULT else lines:
+        show.print(line)
+    summary = run / "summary.txt"
+    if show.level is Level.DETAIL and summary.is_file():
+        show.print(summary.read_text().rstrip())
+    if show.level is not Level.RESULT:
+        show.print(f"run folder: {run}")
+        if summary.is_file() and show.level is Level.CHANGE:
+            show.print(f"more: arena summary {run}")
+
+
 class _Piped(Lines):
-    """The show of a detached run: lines go to its log; the waiting parent hears of the start, or of the end."""
+    """The output of a detached run: lines go to its log, and a pipe reports the start or the end to the parent."""
 
     def __init__(self, pipe: int) -> None:
+        super().__init__(Level.DETAIL)
         self._pipe = pipe
 
-    def tell(self, **packet: Any) -> None:
+    def report(self, **packet: Any) -> None:
+        """Send one JSON object to the parent and close the pipe. Later calls do nothing."""
         if self._pipe >= 0:
             with contextlib.suppress(OSError):
                 os.write(self._pipe, json.dumps(packet).encode() + b"\n")
@@ -173,42 +212,43 @@ class _Piped(Lines):
             self._pipe = -1
 
     def started(self, failed: list[str]) -> None:
-        self.tell(started=True, failed=failed)
+        """Report that every process is started."""
+        self.report(started=True, failed=failed)
 
 
 def _detached(plan: Plan, folder: RunFolder, options: Options) -> int:
-    """Fork the supervisor into a session of its own; wait until all has started, or until it ended before that."""
+    """Fork the supervisor into a session of its own, and wait until every process is started or the run has ended."""
     reading, writing = os.pipe2(os.O_CLOEXEC)
     log = folder.log("supervisor")
     pid = os.fork()
     if pid == 0:
         os.close(reading)
         _become_daemon(log)
-        os._exit(_whole_life(plan, folder, options, _Piped(writing)))
+        os._exit(_run_detached(plan, folder, options, _Piped(writing)))
     os.close(writing)
     with os.fdopen(reading) as pipe:
-        told = json.loads(pipe.readline() or "{}")
-    if told.get("started"):
+        packet = json.loads(pipe.readline() or "{}")
+    if packet.get("started"):
         print(
             f"{plan.name} is up, supervisor {pid}\nrun folder: {folder.path}\nstop it with: arena down --run {folder.path}"
         )
-        for words in told["failed"]:
-            print(f"arena: {words}", file=sys.stderr)
-        return EXIT_FAILED if told["failed"] else EXIT_OK
+        for text in packet["failed"]:
+            print(f"arena: {text}", file=sys.stderr)
+        return EXIT_FAILED if packet["failed"] else EXIT_OK
     os.waitpid(pid, 0)
     print(log.read_text(errors="replace").rstrip(), file=sys.stderr)
-    return int(told.get("ended", EXIT_FAILED))
+    return int(packet.get("ended", EXIT_FAILED))
 
 
-def _whole_life(plan: Plan, folder: RunFolder, options: Options, show: _Piped) -> int:
+def _run_detached(plan: Plan, folder: RunFolder, options: Options, show: _Piped) -> int:
     code = EXIT_FAILED
     try:
         code = _run(plan, folder, show, options)
     except BaseException:
         import traceback
 
-        traceback.print_exc()  # into the supervisor's log: there is nobody to raise to
-    show.tell(ended=code)
+        traceback.print_exc()  # into the supervisor's log: no caller can catch it
+    show.report(ended=code)
     sys.stdout.flush()
     return code
 

@@ -186,6 +186,7 @@ class Control:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(timeout_s)
         self._received = b""
+        self._kept: list[dict[str, Any]] = []
         try:
             self._socket.connect(str(path))
         except OSError as error:
@@ -193,10 +194,16 @@ class Control:
             raise RunError(f"no arena answers at {path} ({error.strerror or error})") from error
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """Send one request and return the answer. Raises RunError with the text of an error."""
+        """Send one request and return the answer. Raises RunError with the text of an error.
+
+        Lines of a subscription that arrive before the answer are kept for `listen`.
+        """
+        kept: list[dict[str, Any]] = []
         try:
             self._socket.sendall(json.dumps(request).encode() + b"\n")
-            answer = self.listen()
+            while (answer := self.listen()) is not None and "say" in answer:
+                kept.append(answer)
+            self._kept += kept
         except OSError as error:
             raise RunError(f"the arena did not answer ({error}): is its supervisor stopped?") from error
         if answer is None:
@@ -207,6 +214,8 @@ class Control:
 
     def listen(self, timeout_s: float | None = None) -> dict[str, Any] | None:
         """Return the next packet, or None at the end of the run. Raises TimeoutError."""
+        if self._kept:
+            return self._kept.pop(0)
         if timeout_s is not None:
             self._socket.settimeout(timeout_s)
         while b"\n" not in self._received:

@@ -222,7 +222,8 @@ class Supervisor:
         self._all_started = True
         failed = [f"{name}: {s.reason}" for name, s in statuses.items() if s.state is State.FATAL]
         ready = f"{len(statuses) - len(failed)} of {len(statuses)}" if failed else str(len(statuses))
-        self._show_line(f"{ready} processes ready in {now - self._began:.1f} s")
+        noun = "process" if ready == "1" else "processes"
+        self._show_line(f"{ready} {noun} ready in {now - self._began:.1f} s")
         self._show.started(failed)
 
     def _is_quiet(self, now: float) -> bool:

@@ -18,8 +18,8 @@ from arena.supervisor import child_process, messages, proc_fs, run_end
 from arena.supervisor.child_process import Child, last_line
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.messages import VehicleChanges
-from arena.supervisor.process_state import ALIVE, Action, Exit, Observation, ProcessStatus, State, step
 from arena.supervisor.meters import Meter
+from arena.supervisor.process_state import ALIVE, Action, Exit, Observation, ProcessStatus, State, step
 from arena.supervisor.run_folder import Member, RunFolder
 
 MAX_NAMES = 2000

@@ -74,7 +74,7 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
     table = Table(box=None, pad_edge=False)
     for name in ("vehicle", "mode", "armed", "landed"):
         table.add_column(name, no_wrap=True)
-    for name in ("height m", "battery %", "pose age ms"):
+    for name in ("height", "battery", "pose age"):
         table.add_column(name, justify="right", no_wrap=True)
     telemetry: dict[str, Any] = {}
     for row in status["processes"].values():
@@ -85,8 +85,8 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
         table.add_row(
             vehicle,
             *(Text(_text(value)) for value in facts),
-            _figure(own.get("height_m"), ".2f"),
-            _figure(own.get("battery"), ".0f"),
+            _figure(own.get("height_m"), ".2f", "m"),
+            _figure(own.get("battery"), ".0f", "%"),
             _pose_age(status, vehicle),
         )
     return table
@@ -103,12 +103,12 @@ def _pose_age(status: Mapping[str, Any], vehicle: str) -> Text:
         if row["kind"] == "forward" and row["vehicle"] == vehicle:
             age_ms = row["stats"].get("pose_age_ms")
             old = age_ms is not None and age_ms > OLD_POSE_MS
-            return Text(_figure(age_ms, ".0f"), style="yellow" if old else "")
+            return Text(_figure(age_ms, ".0f", "ms"), style="yellow" if old else "")
     return Text("-")
 
 
-def _figure(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
+def _figure(value: float | None, form: str, unit: str) -> str:
+    return "-" if value is None else f"{value:{form}} {unit}"
 
 
 def _text(value: Any) -> str:

@@ -29,7 +29,7 @@ def test_failing_program_lands_only_its_own_vehicle(hangar: Hangar) -> None:
     for hung in ("spinner", "frozen"):
         assert reasons[hung].startswith("had not ended by itself")
     assert all(f in (flight.folder / "summary.txt").read_text() for f in failed)
-    assert "thrower: its last words: ValueError: no such place" in flight.said()
+    assert "thrower: last line of its log: ValueError: no such place" in flight.said()
 
     for name in BAD:
         verdict = flight.verdict(name)

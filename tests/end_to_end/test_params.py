@@ -27,7 +27,7 @@ A_SIGNALLING_NAN = -5_000_001
 
 
 def targets_of(flight: Flight) -> dict[str, Target]:
-    flight.until_said("router: READY", 60)
+    flight.until_event("router", "READY", 60)
     return {
         t.name: Target(system=t.id, remote=t.tools)
         for t in from_plan((flight.folder / "plan.json").read_text())

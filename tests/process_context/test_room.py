@@ -10,7 +10,7 @@ from functools import partial
 import pytest
 
 from arena.errors import InputError, RunError
-from arena.process_context import SOCKET_VARIABLE, ProcessContext, ShutdownPolicy, supervisor_socket, run_room
+from arena.process_context import SOCKET_VARIABLE, ProcessContext, ShutdownPolicy, run_room, supervisor_socket
 
 
 @pytest.fixture

@@ -11,12 +11,12 @@ import pytest
 from arena.plan import Plan, make_plan
 from arena.recorder.report import report
 from arena.schema import load_arena
-from arena.supervisor.process_state import Exit, Life, State
-from arena.supervisor.shutdown_policy import Cause, End, failures, grounded, is_done, may_fly
+from arena.supervisor.process_state import Exit, ProcessStatus, State
+from arena.supervisor.run_end import Cause, End, failures, grounded, is_done, may_fly
 
-READY = Life(state=State.READY, started=1)
-DONE = Life(state=State.EXITED, started=1, exit=Exit(code=0, words="exit 0"))
-DIED = Life(state=State.EXITED, started=1, reason="exit 1", exit=Exit(code=1, words="exit 1"))
+READY = ProcessStatus(state=State.READY, started=1)
+DONE = ProcessStatus(state=State.EXITED, started=1, exit=Exit(code=0, text="exit 0"))
+DIED = ProcessStatus(state=State.EXITED, started=1, reason="exit 1", exit=Exit(code=1, text="exit 1"))
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def plan(tmp_path: Path) -> Plan:
     return make_plan(load_arena(file))
 
 
-def lives_of(plan: Plan, **others: Life) -> dict[str, Life]:
+def lives_of(plan: Plan, **others: ProcessStatus) -> dict[str, ProcessStatus]:
     return {**{p.name: READY for p in plan.processes}, **{k.replace("_", "."): v for k, v in others.items()}}
 
 
@@ -53,9 +53,9 @@ def test_a_run_ends_though_a_killed_px4_never_said_that_it_is_disarmed(plan: Pla
 def test_a_px4_that_ended_before_the_end_makes_the_run_a_failed_one_and_one_that_was_stopped_does_not(
     plan: Plan,
 ) -> None:
-    def failed(then: Life) -> list[str]:
+    def failed(then: ProcessStatus) -> list[str]:
         lives = lives_of(plan, px4_uav1=then)
-        end = End(cause=Cause.DONE, why="done", lives=lives)
+        end = End(cause=Cause.DONE, why="done", statuses=lives)
         return failures(
             plan, end, {**lives, **{p.name: DONE for p in plan.processes}}, {}, landed=True, until_done=True
         )

@@ -57,7 +57,7 @@ def test_a_detached_arena_is_seen_read_restarted_and_ended_from_other_terminals(
     eventually(lambda: json.loads(terminal.run("ps", "--json").stdout)["processes"]["a"]["starts"] == 2)
     assert "no process 'nobody'" in terminal.run("restart", "nobody").stderr
     down = terminal.run("down")
-    assert down.returncode == 0 and "a: EXITED" in down.stdout
+    assert down.returncode == 0 and "arena down: landing, then stopping" in down.stdout
     assert not is_running(status["processes"]["p"]["pid"]) and not is_running(status["pid"])
     assert "no arena is up" in terminal.run("ps").stderr
 

@@ -64,7 +64,9 @@ def test_another_user_is_refused_counted_and_told_once(serve):
     for _ in range(3):
         assert json.loads(served.ask()) == {"error": f"user {os.getuid()} may not command this arena"}
     assert not served.asked and served.server.refused == {os.getuid(): 3}
-    assert served.told == [f"user {os.getuid()} wanted to command this arena and was refused"]
+    assert served.told == [
+        f"refused a connection of user {os.getuid()}: only the owner may command this arena"
+    ]
 
 
 def test_who_sees_the_socket_can_connect_and_it_is_the_owners_alone(serve, runtime_dir):

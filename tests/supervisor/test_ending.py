@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from arena.supervisor.process_state import Exit, Life, State
-from arena.supervisor.shutdown_policy import (
+from arena.supervisor.process_state import Exit, ProcessStatus, State
+from arena.supervisor.run_end import (
     Cause,
     End,
     exit_code,
@@ -22,10 +22,10 @@ from arena.supervisor.shutdown_policy import (
 
 from .conftest import plan_of, program, spec, vehicle, world
 
-READY = Life(state=State.READY, started=1)
-DONE = Life(state=State.EXITED, started=1, exit=Exit(code=0, words="exit 0"))
-FAILED = Life(state=State.EXITED, started=1, reason="exit 3", exit=Exit(code=3, words="exit 3"))
-GIVEN_UP = Life(state=State.FATAL, started=3, reason="gave up")
+READY = ProcessStatus(state=State.READY, started=1)
+DONE = ProcessStatus(state=State.EXITED, started=1, exit=Exit(code=0, text="exit 0"))
+FAILED = ProcessStatus(state=State.EXITED, started=1, reason="exit 3", exit=Exit(code=3, text="exit 3"))
+GIVEN_UP = ProcessStatus(state=State.FATAL, started=3, reason="gave up")
 PLAN = plan_of(
     world(), program("p", "x", vehicle="uav1", needs=("world",)), vehicles=(vehicle("uav1"), vehicle("uav2"))
 )
@@ -37,9 +37,9 @@ def test_a_vehicle_flies_while_it_is_armed_and_not_when_it_is_not():
 
 
 def test_unknown_counts_as_flying_once_a_program_has_run_or_it_was_last_heard_armed():
-    assert may_fly(PLAN, {"world": READY, "p": Life()}, {}, {}) == []
+    assert may_fly(PLAN, {"world": READY, "p": ProcessStatus()}, {}, {}) == []
     assert may_fly(PLAN, {"world": READY, "p": DONE}, {}, {}) == ["uav1", "uav2"]
-    assert may_fly(PLAN, {"world": READY, "p": Life()}, {}, {"uav2.armed": True}) == ["uav2"]
+    assert may_fly(PLAN, {"world": READY, "p": ProcessStatus()}, {}, {"uav2.armed": True}) == ["uav2"]
 
 
 def test_simulated_vehicles_are_gone_with_their_world_and_real_ones_are_not():
@@ -84,7 +84,7 @@ def test_one_that_has_touched_something_and_flies_on_is_landed_as_any_other():
     ("px4", "why"),
     [
         ("never connected", "its PX4 has never connected to the world"),
-        ("gone", "its PX4 has gone"),
+        ("gone", "its PX4 has closed its connection"),
         ("booting", "its PX4 has not begun to fly"),
         ("late", "its PX4 does not answer"),
         ("in step", ""),
@@ -114,7 +114,7 @@ def test_done_needs_every_program_ended_and_every_vehicle_known_to_be_disarmed()
     assert not is_done(PLAN, {"world": READY, "p": READY}, disarmed)
     assert not is_done(PLAN, {"world": READY, "p": DONE}, {"uav1.armed": False})
     assert not is_done(PLAN, {"world": READY, "p": DONE}, {**disarmed, "uav2.armed": True})
-    assert not is_done(PLAN, {"world": Life(state=State.BACKOFF), "p": DONE}, disarmed)
+    assert not is_done(PLAN, {"world": ProcessStatus(state=State.BACKOFF), "p": DONE}, disarmed)
 
 
 def test_a_run_is_lost_with_what_all_need_but_not_with_what_one_vehicle_needs():
@@ -153,7 +153,7 @@ def test_every_process_gets_its_turn_to_stop_after_all_that_need_it():
 
 def verdict(cause, p, *, landed=True, until_done=True, stats=None, last=None):
     lives = {"world": READY, "p": p}
-    end = End(cause=cause, why="because", lives=lives)
+    end = End(cause=cause, why="because", statuses=lives)
     failed = failures(PLAN, end, {**lives, "p": last or p}, stats or {}, landed, until_done)
     return exit_code(end, failed, landed)
 

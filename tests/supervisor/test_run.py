@@ -44,7 +44,7 @@ def test_a_program_killed_by_a_signal_is_named_so_and_fails_the_run(start):
 def test_the_last_words_of_what_fails_reach_the_terminal(start):
     run = start(plan_of(program("p", "throws")), "until_done")
     assert run.wait() == 1
-    assert "p: its last words: ValueError: no such setpoint" in run.said()
+    assert "p: last line of its log: ValueError: no such setpoint" in run.said()
 
 
 def test_a_program_that_cannot_be_started_says_why(start):
@@ -127,7 +127,7 @@ def test_what_is_stopped_for_too_long_is_killed_and_started_again_and_said_so(st
     run.until("s", "READY")
     os.kill(run.pid("s"), signal.SIGSTOP)
     run.until("s", "READY", times=2)
-    assert "stopped by SIGSTOP; it is killed if it stays so for 0.2 s" in run.said()
+    assert "stopped by SIGSTOP; it is killed after 0.2 s" in run.said()
     assert run.until("s", "BACKOFF")["reason"].startswith("stopped for ")
     run.signal(signal.SIGTERM)
     assert run.wait() == 0
@@ -137,7 +137,7 @@ def test_what_falls_silent_is_killed_and_started_again_where_that_is_minded(star
     run = start(
         plan_of(spec("s", "good", restart=Restart(mode="on_failure"), silent_for_s=0.3), spec("t", "good"))
     )
-    assert run.until("s", "BACKOFF")["reason"].startswith("told nothing for 0.")
+    assert run.until("s", "BACKOFF")["reason"].startswith("sent nothing for 0.")
     run.until("s", "READY", times=2)
     assert not [e for e in run.events("t") if e.get("to") == "STOPPING"]
     run.signal(signal.SIGTERM)
@@ -150,7 +150,7 @@ def test_what_is_stopped_and_left_alone_is_told_of_once_goes_on_and_hears_of_the
     os.kill(run.pid("s"), signal.SIGSTOP)
     run.until_said("s: stopped by SIGSTOP; it is left alone")
     os.kill(run.pid("s"), signal.SIGCONT)
-    run.until_said("s: goes on after ")
+    run.until_said("s: continues after ")
     os.kill(run.pid("s"), signal.SIGSTOP)
     eventually(lambda: run.said().count("s: stopped by SIGSTOP") == 2)
     run.signal(signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""The table of a running arena, on paper."""
+"""The tables of a running arena."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from arena.supervisor.terminal import picture
+from arena.supervisor.status_tables import header, status_view
 
 
 def row(state: str, **changes: Any) -> dict[str, Any]:
     stats = {"log_hz": 30.0, "mocap_hz": 180.0, "datagrams_hz": 235.3}
     known = {
+        "kind": "tool",
+        "vehicle": None,
         "state": state,
+        "starts": 1,
         "cpu_now": 0.07,
         "rss_mb": 39.2,
         "restarts": 0,
@@ -24,9 +27,8 @@ def row(state: str, **changes: Any) -> dict[str, Any]:
     return {**known, **changes}
 
 
-@pytest.mark.parametrize("columns", [60, 80, 200])
-def test_names_states_and_figures_are_whole_however_narrow_the_terminal(columns):
-    status = {
+def status(**changes: Any) -> dict[str, Any]:
+    known = {
         "name": "lab",
         "phase": "running",
         "up_s": 3.2,
@@ -38,14 +40,54 @@ def test_names_states_and_figures_are_whole_however_narrow_the_terminal(columns)
             "logger.uav10": row("STOPPING"),
         },
     }
+    return {**known, **changes}
+
+
+def drawn(given: dict[str, Any], columns: int = 80) -> list[str]:
     out = io.StringIO()
-    Console(file=out, width=columns).print(picture(status))
-    lines = out.getvalue().splitlines()
+    Console(file=out, width=columns).print(status_view(given))
+    return out.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("columns", [60, 80, 200])
+def test_names_states_and_figures_fit_any_terminal(columns: int) -> None:
+    lines = drawn(status(), columns)
     assert lines[0].strip() == "lab: running, 3 s"
-    assert [x.split()[:4] for x in lines[2:5]] == [
+    assert lines[2].split() == ["uav1", "OFFBOARD", "yes", "-", "-", "-", "-"]
+    assert [x.split()[:4] for x in lines[-3:]] == [
         ["world", "STARTING", "7", "39"],
         ["forward.uav10", "READY", "7", "39"],
         ["logger.uav10", "STOPPING", "7", "39"],
     ]
-    assert lines[3].split()[4] == "3" and all(len(x) <= columns for x in lines)
-    assert lines[-1].split() == ["uav1", "OFFBOARD", "yes", "-"]
+    assert lines[-2].split()[4] == "3" and all(len(x) <= columns for x in lines)
+
+
+def test_height_battery_and_pose_age_stand_in_the_vehicles_row() -> None:
+    telemetry = {"uav1": {"height_m": 1.054, "battery": 97}}
+    processes = {
+        "router": row("READY", kind="router", stats={"telemetry": telemetry}),
+        "forward.uav1": row("READY", kind="forward", vehicle="uav1", stats={"pose_age_ms": 12.3}),
+    }
+    assert drawn(status(processes=processes))[2].split() == [
+        "uav1",
+        "OFFBOARD",
+        "yes",
+        "-",
+        "1.05",
+        "m",
+        "97",
+        "%",
+        "12",
+        "ms",
+    ]
+
+
+@pytest.mark.parametrize(("rtf", "colour"), [(0.65, "yellow"), (0.97, "yellow"), (0.98, "green")])
+def test_the_real_time_factor_is_yellow_below_the_limit(rtf: float, colour: str) -> None:
+    text = header(status(processes={"world": row("READY", kind="world", stats={"rtf": rtf})}))
+    assert text.plain == f"lab: running, 3 s, real-time factor {rtf:.2f}"
+    assert text.spans[-1].style == colour
+
+
+def test_the_start_shows_how_many_processes_are_ready() -> None:
+    assert header(status(phase="starting")).plain == "lab: starting, 3 s, 2 of 3 ready"

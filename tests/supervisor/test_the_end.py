@@ -246,7 +246,7 @@ def test_down_now_of_a_mixed_arena_lands_the_real_ones_alone(start, tmp_path):
     )
     run = begin(start, plan)
     run.control().ask(do="down", now=True)
-    run.until_said("uav1 is not waited for: arena down --now lands real vehicles alone")
+    run.until_said("uav1 is not waited for: arena down --now lands real vehicles only")
     run.wait()
     (told,) = [e["event"] for e in run.events("arena") if e.get("event", "").startswith("landing uav2: ")]
     assert told.endswith("--except uav1")

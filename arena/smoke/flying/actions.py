@@ -18,7 +18,7 @@ from typing import Any
 from arena.errors import RunError
 from arena.fault_injection import Fault, inject
 from arena.plan.model import Plan, VehiclePlan
-from arena.run_dirs import ONLY
+from arena.run_dirs import RUNTIME_DIR_VARIABLE
 from arena.smoke.flying.run_log import RunLog
 from arena.smoke.flying.telemetry_listener import TelemetryListener
 from arena.smoke.language.model import Deed
@@ -90,7 +90,7 @@ class ActionRunner:
                     stdout=out,
                     stderr=subprocess.STDOUT,
                     stdin=subprocess.DEVNULL,
-                    env={**os.environ, ONLY: str(self._rt.parent)},
+                    env={**os.environ, RUNTIME_DIR_VARIABLE: str(self._rt.parent)},
                     start_new_session=True,
                 )
             )

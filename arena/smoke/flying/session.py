@@ -19,7 +19,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from arena.errors import RunError
-from arena.run_dirs import ONLY
+from arena.run_dirs import RUNTIME_DIR_VARIABLE
 from arena.schema.ports import LINK_BASE
 from arena.smoke.flying.observer import LOOK_S, Observer, slice_of
 from arena.supervisor import open_run, plan_of, proc_fs
@@ -247,7 +247,10 @@ class Session:
         recorded = {self._up.pid} if self._up is not None and self._up.poll() is None else set()
         if self.run is not None and (state := open_run(self.run)) is not None:
             recorded |= {pid for pids in state.survivors().values() for pid in pids}
-        marks = {f"{ONLY}={self._rt}", *([f"{RUN}={self.run}"] if self.run is not None else [])}
+        marks = {
+            f"{RUNTIME_DIR_VARIABLE}={self._rt}",
+            *([f"{RUN}={self.run}"] if self.run is not None else []),
+        }
         for pid in (int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()):
             ours = pid in recorded or not marks.isdisjoint(proc_fs.environment(pid))
             if ours and pid != os.getpid() and not proc_fs.is_zombie(pid):
@@ -255,7 +258,10 @@ class Session:
 
     def _env(self) -> dict[str, str]:
         """The mark comes last: a process that takes a title may write it over its environment."""
-        return {**{key: value for key, value in os.environ.items() if key != ONLY}, ONLY: str(self._rt)}
+        return {
+            **{key: value for key, value in os.environ.items() if key != RUNTIME_DIR_VARIABLE},
+            RUNTIME_DIR_VARIABLE: str(self._rt),
+        }
 
 
 def free_address() -> str:

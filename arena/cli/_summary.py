@@ -1,0 +1,126 @@
+"""The result of a run for people: the verdict in one sentence and a short table, from the files of its run folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from arena.errors import EXIT_INTERRUPTED, EXIT_OK
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+SLOW_FACTOR = 0.98
+"""Below this share of the speed that was asked for, a flight was too slow."""
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the object in a JSON file; {} when the file is missing or holds anything else."""
+    try:
+        found = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def verdict(run: Path) -> str:
+    """Return the result of a run folder in one sentence."""
+    outcome, summary = read_json(run / "outcome.json"), read_json(run / "summary.json")
+    if not outcome:
+        return f"{run.name}: no outcome was recorded: the supervisor did not end this run"
+    word = {EXIT_OK: "succeeded", EXIT_INTERRUPTED: "interrupted by Ctrl-C"}.get(
+        outcome["exit_code"], "FAILED"
+    )
+    parts = [f"{outcome['name']}: {word} after {outcome['duration_s']:.1f} s"]
+    parts += outcome["failed"] or _landings(summary.get("vehicles") or {}) or [str(outcome["landing"])]
+    parts += failsafes(run)
+    if slow := slowness(outcome):
+        parts.append(slow)
+    return parts[0] + ": " + "; ".join(parts[1:])
+
+
+def slowness(outcome: Mapping[str, Any]) -> str:
+    """Return a text when the simulation ran slower than was asked for, else ""."""
+    real_time = outcome.get("real_time") or {}
+    factor, asked = real_time.get("factor"), real_time.get("asked")
+    if factor is None or asked is None or factor >= SLOW_FACTOR * asked:
+        return ""
+    return f"SLOWER THAN REAL TIME: {factor:.2f} simulated seconds per second, {asked:g} was asked for"
+
+
+def failsafes(run: Path) -> list[str]:
+    """Return the last failsafe text of each vehicle, as the router recorded it."""
+    found: dict[str, str] = {}
+    try:
+        lines = (run / "events.jsonl").read_text().splitlines()
+    except OSError:
+        return []
+    for line in lines:
+        if "failsafe" not in line.lower():
+            continue
+        event = json.loads(line)
+        text = str(event.get("event", ""))
+        if event.get("process") == "router" and "failsafe" in text.lower():
+            found[text.partition(":")[0]] = text
+    return list(found.values())
+
+
+def short_table(run: Path) -> Table | None:
+    """Return a row per vehicle; None when the run has no summary or no vehicle."""
+    from rich.table import Table
+
+    vehicles = read_json(run / "summary.json").get("vehicles") or {}
+    if not vehicles:
+        return None
+    table = Table(box=None, pad_edge=False)
+    table.add_column("vehicle", no_wrap=True)
+    for name in ("airborne s", "max height m", "tracking rms m", "battery %"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("result")
+    for name, found in vehicles.items():
+        judged = found.get("verdict") or {}
+        table.add_row(
+            name,
+            _figure(judged.get("airborne_s"), ".1f"),
+            _figure(judged.get("max_height_m"), ".2f"),
+            _figure((found.get("tracking") or {}).get("rms_m"), ".3f"),
+            _figure(found.get("battery_end"), ".0f"),
+            _result(found),
+        )
+    return table
+
+
+def _landings(vehicles: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return `uav1, uav2 landed` and the like, one text per result."""
+    groups: dict[str, list[str]] = {}
+    for name, found in vehicles.items():
+        groups.setdefault(_result(found), []).append(name)
+    return [f"{', '.join(names)} {result}" for result, names in groups.items()]
+
+
+def _result(found: Mapping[str, Any]) -> str:
+    if found.get("crashed"):
+        return f"crashed ({found['crashed']})"
+    if not found.get("flown"):
+        return "did not fly"
+    return "landed" if (found.get("landing") or {}).get("landed") else "landing not confirmed"
+
+
+def _figure(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def lines_of(run: Path, *, columns: int | None = None) -> Sequence[str]:
+    """Return the verdict and the short table as lines. columns: width of the terminal; None when there is none."""
+    from rich.console import Console
+
+    lines = [verdict(run)]
+    table = short_table(run)
+    if table is not None:
+        console = Console(width=columns or 160)
+        with console.capture() as capture:
+            console.print(table)
+        lines += [line.rstrip() for line in capture.get().splitlines()]
+    return lines

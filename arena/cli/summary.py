@@ -1,0 +1,35 @@
+"""`arena summary RUN`: the full result of a run."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from arena.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
+    @app.command()
+    def summary(
+        run: Annotated[Path, typer.Argument(metavar="RUN", help="a run folder, as `arena runs` lists them")],
+        as_json: Annotated[bool, typer.Option("--json", help="print summary.json, for programs")] = False,
+    ) -> None:
+        """Print the verdict of a run and everything that its report found."""
+        from arena.cli._summary import lines_of
+
+        if not (run / "plan.json").is_file():
+            raise InputError(f"{run}: not a run folder. `arena runs` lists run folders")
+        text = run / ("summary.json" if as_json else "summary.txt")
+        if not as_json:
+            print("\n".join(lines_of(run, columns=shutil.get_terminal_size((160, 24)).columns)))
+        if text.is_file():
+            print(text.read_text().rstrip())
+        else:
+            raise InputError(
+                f"{run}: no report was made. Make it with: python -m arena.recorder.report {run}"
+            )
