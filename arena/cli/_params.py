@@ -1,4 +1,4 @@
-"""What the verbs of `arena params` share: whom they reach, what they compare, and saying what came of it."""
+"""Functions that the verbs of `arena params` share: vehicles and their addresses, sources of parameters, printed reports."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import typer
 from arena.errors import InputError
 
 if TYPE_CHECKING:
-    from arena.params.checks.check import Finding, Room
-    from arena.params.checks.diff import Row
+    from arena.params.checks.diff import Difference
+    from arena.params.checks.findings import Environment, Finding
     from arena.params.facts.parameter_table import Parameter
     from arena.params.param_files import Source
     from arena.params.transfer.push_record import Record
@@ -28,14 +28,15 @@ RECORD = "push.json"
 YAML, _DEFAULTS = "yaml:", "defaults"
 
 
-def beside_the_question(row: Row, a: str, b: str) -> bool:
-    """What the YAML does not ask for, and defaults of what the other side does not have."""
+def not_applicable(row: Difference, a: str, b: str) -> bool:
+    """Return whether a difference does not matter: the YAML does not ask for the parameter, or only the defaults have it."""
     of_yaml = (row.a is None and a.startswith(YAML)) or (row.b is None and b.startswith(YAML))
     of_defaults = (row.a is None and b == _DEFAULTS) or (row.b is None and a == _DEFAULTS)
     return of_yaml or of_defaults
 
 
-def chosen_of(arena: Arena, names: Sequence[str] | None) -> list[Vehicle]:
+def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle]:
+    """Return the named vehicles, without names all of them. Raises InputError for an unknown name."""
     known = {v.name: v for v in arena.vehicles}
     for name in names or ():
         if name not in known:
@@ -43,38 +44,38 @@ def chosen_of(arena: Arena, names: Sequence[str] | None) -> list[Vehicle]:
     return [known[name] for name in dict.fromkeys(names)] if names else list(arena.vehicles)
 
 
-def begun(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, asked: str) -> Record:
-    """A new push; one that was cut short is not forgotten for it. Raises InputError."""
+def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> Record:
+    """Return the record of a new push. Raises InputError when an earlier push was interrupted and not resumed."""
     from arena.params.transfer.push_record import Record
 
     path = Path(arena.folder) / RECORD
     if path.exists() and Record.read(path).unfinished:
         raise InputError(
-            f"{path}: a push was cut short. Go on with it by --resume, or remove the file and the old values in it"
+            f"{path}: an earlier push was interrupted. Continue it with --resume, or remove the file and the old values in it"
         )
-    wanted = {v.name: _wanted(arena, v, file, asked) for v in chosen}
-    return Record.begin(path, wanted, {v.name: place_of(arena, v) for v in chosen})
+    wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}
+    return Record.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})
 
 
-def resumed(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> Record:
-    """Raises InputError where there is none, or it is of other vehicles."""
+def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> Record:
+    """Return the record of an interrupted push. Raises InputError when there is none, or it is of other vehicles."""
     from arena.params.transfer.push_record import Record
 
     if file is not None:
-        raise InputError("--resume goes on with the values that the record holds: leave --file out")
+        raise InputError("--resume pushes the values of the record: leave --file out")
     record = Record.read(Path(arena.folder) / RECORD)
     if not any(v.name in record.wanted for v in chosen):
-        raise InputError(f"{record.path}: the push that was cut short was of {', '.join(record.wanted)}")
+        raise InputError(f"{record.path}: the interrupted push was of {', '.join(record.wanted)}")
     for v in chosen:
-        if v.name in record.wanted and record.entries[v.name].at != place_of(arena, v):
+        if v.name in record.wanted and record.entries[v.name].at != address_text(arena, v):
             raise InputError(
-                f"{record.path}: is of {v.name} at {record.entries[v.name].at}; here it is at {place_of(arena, v)}"
+                f"{record.path}: got {v.name} at {record.entries[v.name].at}, but this arena has it at {address_text(arena, v)}"
             )
     return record
 
 
-def place_of(arena: Arena, v: Vehicle) -> str:
-    """Return where a vehicle is reached, in the words that the record of a push keeps: files of earlier versions hold them."""
+def address_text(arena: Arena, v: Vehicle) -> str:
+    """Return where a vehicle is reached, as the record of a push keeps it; the text is also in records of earlier versions."""
     if v.wire is None or v.simulated:
         return f"id {v.id}, simulated on {arena.address}"
     if v.wire.kind == "serial":
@@ -82,22 +83,35 @@ def place_of(arena: Arena, v: Vehicle) -> str:
     return f"id {v.id}, {v.wire}"
 
 
-def rebooted(targets: Mapping[str, Target], *, asked: bool) -> bool:
-    """Reboots those who need it, if it is wished. False when one refuses."""
-    question = f"reboot {', '.join(targets)}, so that it takes effect?"
-    if not targets or not (asked or (sys.stdin.isatty() and typer.confirm(question))):
+def reboot_vehicles(targets: Mapping[str, Target], *, without_asking: bool) -> bool:
+    """Reboot vehicles, after a question on a terminal. Returns False when a vehicle refuses."""
+    question = f"reboot {', '.join(targets)}, so that the new values take effect?"
+    if not targets or not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
         return True
     from arena.params.transfer.session import reboot as reboot_now
 
-    became = reboot_now(targets)
-    for name, why_not in became.items():
-        print(f"{name}: {f'no reboot: {why_not}' if why_not else 'reboots'}")
-    return not any(became.values())
+    refusals = reboot_now(targets)
+    for name, refusal in refusals.items():
+        print(f"{name}: {f'no reboot: {refusal}' if refusal else 'rebooting'}")
+    return not any(refusals.values())
+
+
+def split_arena(what: Sequence[str], default: Path) -> tuple[Path, list[str]]:
+    """Split the arguments of `arena params check` into the arena's YAML and everything else.
+
+    what: arguments; at most one of them is a YAML file or an arena's folder.
+    default: the YAML where none of the arguments is one.
+    Raises InputError for two YAML files.
+    """
+    arenas = [name for name in what if name.endswith((".yaml", ".yml")) or Path(name).is_dir()]
+    if len(arenas) > 1:
+        raise InputError(f"got {len(arenas)} arenas, {', '.join(arenas)}; expected one")
+    return Path(arenas[0]) if arenas else default, [name for name in what if name not in arenas]
 
 
 @contextmanager
 def writable(path: Path) -> Iterator[None]:
-    """What cannot be written is the user's to know, in a line."""
+    """Turn an OSError of the body into an InputError with the file and the reason."""
     try:
         yield
     except OSError as error:
@@ -105,21 +119,22 @@ def writable(path: Path) -> Iterator[None]:
 
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:
-    """Whose names: what is asked for, else the vehicle's, else what simulated vehicles keep."""
+    """Return the PX4 version of the parameter names: the asked one, else the vehicle's, else 1.16."""
     from arena.plan.firmware import px4_version
 
     return px4_version(vehicle, asked)
 
 
-def made_for(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
-    """Return what the YAML asks a vehicle to hold. `file_of` adds the rotor geometry of its profile."""
+def required_firmware(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
+    """Return the parameters that the YAML asks a vehicle to hold. `params_file_text` adds the rotor geometry of its profile."""
     from arena.plan.firmware import firmware
 
     return firmware(arena, vehicle, asked)
 
 
-def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
-    from arena.params.facts.parameter_table import assumed, parameters
+def params_file_text(arena: Arena, vehicle: Vehicle, asked: str) -> str:
+    """Return a vehicle's parameters as a QGroundControl .params file, each with its meaning and its reason."""
+    from arena.params.facts.parameter_table import is_unreleased, parameters
     from arena.params.generation.generate import generate as make
     from arena.plan.firmware import requirements
     from arena.wire.qgc_params import INT32, REAL32, format_params
@@ -130,11 +145,11 @@ def file_of(arena: Arena, vehicle: Vehicle, asked: str) -> str:
         f"{vehicle.name} of {arena.name} ({arena.file}), made by arena params generate",
         f"Version: {version}",
     ]
-    if assumed(version):
+    if is_unreleased(version):
         header.append(
-            f"no release of PX4 {version} was there to read: these are the names of its development"
+            f"PX4 {version} was not released when this table was made: the names are those of its development version"
         )
-    header += [f"NOT POSSIBLE: {words}" for words in made.not_possible]
+    header += [f"NOT POSSIBLE: {sentence}" for sentence in made.not_possible]
     comments = {line.name: f"{line.meaning}; {line.reason}" for line in made.lines}
     types = {name: INT32 if known[name].type == "INT32" else REAL32 for name in made.values if name in known}
     return format_params(made.values, vehicle.id, header=header, types=types, comments=comments)
@@ -145,40 +160,43 @@ def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> di
         from arena.params.param_files import read_values
 
         return {name: value for name, value in read_values(file).values.items() if name != "MAV_SYS_ID"}
-    made = made_for(arena, vehicle, asked)
-    for words in made.not_possible:
-        print(f"{vehicle.name}: not possible: {words}")
+    made = required_firmware(arena, vehicle, asked)
+    for sentence in made.not_possible:
+        print(f"{vehicle.name}: not possible: {sentence}")
     return made.values
 
 
 def refuse_beyond_limits(
-    wanted: Mapping[str, Mapping[str, float]], facts: Mapping[str, Mapping[str, Parameter]]
+    wanted: Mapping[str, Mapping[str, float]], tables: Mapping[str, Mapping[str, Parameter]]
 ) -> None:
-    """PX4 takes any number over MAVLink. Raises InputError with each that its own table does not allow."""
-    said = [
+    """Raise InputError with every value outside PX4's limits: PX4 itself accepts any number over MAVLink."""
+    problems = [
         f"  {vehicle}: {name}: got {value:g}, expected {expected}"
         for vehicle, values in wanted.items()
         for name, value in values.items()
-        if name in facts[vehicle] and (expected := facts[vehicle][name].objection(value))
+        if name in tables[vehicle] and (expected := tables[vehicle][name].expected_instead(value))
     ]
-    if said:
-        raise InputError("nothing is pushed:\n" + "\n".join(said))
+    if problems:
+        raise InputError("nothing is pushed, these values are outside PX4's limits:\n" + "\n".join(problems))
 
 
 def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, Target]:
-    """Through the router of the arena that is up, else straight to hardware."""
+    """Return how each vehicle is reached: through the router of the running arena, else directly for hardware."""
     from arena.params.transfer.session import Target
     from arena.supervisor import active_runs
 
     run = next((state for state in active_runs() if state.live and state.address == arena.address), None)
-    up = _same_vehicles(run, vehicles) if run else False
+    up = run is not None
+    if run is not None:
+        _check_run_has(run, vehicles)
+        print(f"through the running arena {run.name} ({run.run})", file=sys.stderr)
     found: dict[str, Target] = {}
     for v in vehicles:
         if up:
             found[v.name] = Target(system=v.id, remote=(arena.address, v.ports.tools))
         elif v.wire is None or v.simulated:
             raise InputError(
-                f"{v.name} is simulated, and no arena is up on {arena.address}: start one with arena up"
+                f"{v.name} is simulated, and no arena is running on {arena.address}: start it with arena up"
             )
         elif v.wire.kind == "serial":
             found[v.name] = Target(system=v.id, device=v.wire.device, baud=v.wire.baud)
@@ -192,8 +210,8 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, Target]:
     return found
 
 
-def _same_vehicles(run: RunState, vehicles: Sequence[Vehicle]) -> bool:
-    """True, and a line that says whose they are; raises InputError where that arena has others of these names."""
+def _check_run_has(run: RunState, vehicles: Sequence[Vehicle]) -> None:
+    """Raise InputError when a running arena does not have these vehicles with the same ids."""
     from arena.supervisor import plan_of
 
     plan = plan_of(run)
@@ -201,14 +219,17 @@ def _same_vehicles(run: RunState, vehicles: Sequence[Vehicle]) -> bool:
     for v in vehicles:
         if there.get(v.name) != (v.id, v.simulated):
             raise InputError(
-                f"the arena that is up on {run.address}, {run.name} ({run.run}), has no such {v.name}"
+                f"{v.name}: the arena running on {run.address}, {run.name} ({run.run}), has no {v.name} with id {v.id}"
             )
-    print(f"through {run.name}, {run.run}", file=sys.stderr)
-    return True
 
 
-class Sides:
-    """What `diff` and `check` read. The arena is loaded when something asks for it."""
+class ParamSources:
+    """Reader of what `diff` and `check` compare: vehicles, files, logs, the YAML, defaults.
+
+    file: the arena's YAML, loaded only when needed.
+    sets: overrides of the YAML (`--set`).
+    version: PX4 version instead of the vehicle's own, or "".
+    """
 
     def __init__(self, file: Path, sets: Sequence[str], version: str) -> None:
         self._file, self._sets, self._version = file, sets, version
@@ -216,26 +237,30 @@ class Sides:
 
     @property
     def arena(self) -> Arena:
+        """The arena of the YAML. Raises InputError when the YAML is wrong or missing."""
         from arena.schema import load_arena
 
         self._arena = self._arena or load_arena(self._file, list(self._sets))
         return self._arena
 
     def read(self, name: str, other: str) -> Source:
+        """Return the parameters of a source by its name on the command line.
+
+        other: the source it is compared with, whose version `defaults` takes.
+        Raises InputError for an unknown name, a wrong file, or a vehicle that cannot be read.
+        """
         from arena.params.facts.parameter_table import parameters
         from arena.params.param_files import Source, read_values
         from arena.params.transfer.session import pull as pull_now
 
         if name == _DEFAULTS:
-            theirs = self.read(other, "").version if other not in ("", _DEFAULTS) else ""
-            version = version_for(None, self._version or theirs)
-            facts = parameters(version)
-            return Source(
-                values={n: p.default for n, p in facts.items()}, types={}, version=version, origin=name
-            )
+            of_other = self.read(other, "").version if other not in ("", _DEFAULTS) else ""
+            version = version_for(None, self._version or of_other)
+            defaults = {n: p.default for n, p in parameters(version).items()}
+            return Source(values=defaults, types={}, version=version, origin=name)
         if name.startswith(YAML):
-            vehicle = chosen_of(self.arena, [name.removeprefix(YAML)])[0]
-            made = made_for(self.arena, vehicle, self._version)
+            vehicle = selected_vehicles(self.arena, [name.removeprefix(YAML)])[0]
+            made = required_firmware(self.arena, vehicle, self._version)
             return Source(
                 values=made.values, types={}, version=version_for(vehicle, self._version), origin=name
             )
@@ -243,36 +268,37 @@ class Sides:
             return read_values(Path(name))
         if name not in (known := {v.name: v for v in self.arena.vehicles}):
             raise InputError(
-                f"{name}: no such file, and no vehicle; there are {', '.join(known)}, yaml:VEHICLE and defaults"
+                f"{name}: neither a file nor a vehicle; expected {', '.join(known)}, yaml:VEHICLE, defaults, or a file"
             )
         vehicle = known[name]
         pulled = pull_now(targets_of(self.arena, [vehicle]))[name]
         if not pulled.whole:
-            raise InputError(f"{name}: {pulled.why or pulled.ending}: its parameters could not be read whole")
+            raise InputError(f"{name}: its parameters could not be read: {pulled.why or pulled.ending}")
         values = {n: v.value for n, v in pulled.values.items()}
         return Source(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
 
-    def room(self, name: str) -> Room:
-        from arena.params.checks.check import Room
+    def environment(self, name: str) -> Environment:
+        """Return what the arena offers to a vehicle; for a file, to the first vehicle; without a YAML the default."""
+        from arena.params.checks.findings import Environment
         from arena.plan.firmware import requirements
 
         if not (self._file.is_file() or (self._file / "arena.yaml").is_file()):
-            return Room()
+            return Environment()
         vehicle = next(
             (v for v in self.arena.vehicles if v.name == name.removeprefix(YAML)), self.arena.vehicles[0]
         )
-        needs = requirements(self.arena, vehicle)
-        return Room(
-            vision=needs.vision_delay_ms is not None,
-            gps=needs.gps,
-            sticks=needs.sticks,
-            latency_ms=needs.vision_delay_ms,
-            height_m=needs.ceiling_m,
+        required = requirements(self.arena, vehicle)
+        return Environment(
+            vision=required.vision_delay_ms is not None,
+            gps=required.gps,
+            rc=required.sticks,
+            latency_ms=required.vision_delay_ms,
+            height_m=required.ceiling_m,
         )
 
 
-class Bars:
-    """A progress bar per vehicle, where there is a terminal."""
+class ProgressBars:
+    """A progress bar per vehicle; nothing where stderr is no terminal."""
 
     def __init__(self, names: Mapping[str, Any] | Sequence[str]) -> None:
         from rich.console import Console
@@ -288,7 +314,7 @@ class Bars:
         self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._tasks = {name: self._progress.add_task(name, total=None, phase="") for name in names}
 
-    def __enter__(self) -> Bars:
+    def __enter__(self) -> ProgressBars:
         self._progress.start()
         return self
 
@@ -297,6 +323,8 @@ class Bars:
 
     @property
     def show(self) -> Callable[[Mapping[str, Any]], None]:
+        """Callback that takes the progress by vehicle name."""
+
         def update(progress: Mapping[str, Any]) -> None:
             for name, each in progress.items():
                 self._progress.update(self._tasks[name], completed=each.n, total=each.of, phase=each.phase)
@@ -304,8 +332,8 @@ class Bars:
         return update
 
 
-def told(name: str, report: Report) -> list[str]:
-    """What became of a push, for people."""
+def push_report_lines(name: str, report: Report) -> list[str]:
+    """Return the report of a push: counts, then one line per parameter that changed or failed."""
     counts = Counter(r.outcome for r in report.results.values())
     said = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n)
     ending = "" if report.ending == "done" else f"{report.ending}{f': {report.why}' if report.why else ''}; "
@@ -327,7 +355,8 @@ def told(name: str, report: Report) -> list[str]:
     return lines
 
 
-def print_rows(rows: Sequence[Row], a: str, b: str) -> None:
+def print_differences(rows: Sequence[Difference], a: str, b: str) -> None:
+    """Print a table of differences; a, b: the names of the two sides."""
     from rich.console import Console
     from rich.table import Table
 
@@ -340,13 +369,10 @@ def print_rows(rows: Sequence[Row], a: str, b: str) -> None:
     Console().print(table)
 
 
-def count_of(found: Sequence[Finding]) -> str:
+def count_text(found: Sequence[Finding]) -> str:
+    """Return "1 error, 2 warnings"."""
     counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
     return (
-        ", ".join(f"{n} {severity}{'s' * (n != 1)}" for severity, n in counts.items() if n) or "nothing found"
+        ", ".join(f"{n} {severity}{'s' * (n != 1)}" for severity, n in counts.items() if n)
+        or "no problems found"
     )
-
-
-def line_of(f: Finding) -> str:
-    value = "" if f.value is None else f" = {f.value:g}"
-    return f"  {f.severity}: {f.name}{value}: {f.what}. {f.why}. {f.fix}.\n".replace("..", ".")

@@ -1,4 +1,4 @@
-"""`arena params`: PX4's parameters of an arena's vehicles, made from the YAML, pushed, pulled, compared and checked."""
+"""`arena params`: generate, push, pull, compare and check the PX4 parameters of an arena's vehicles."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from arena.cli._arena import File, Set
 from arena.cli._params import (
     RECORD,
     YAML,
-    Bars,
-    Sides,
-    begun,
-    beside_the_question,
-    chosen_of,
-    count_of,
-    file_of,
-    line_of,
-    print_rows,
-    rebooted,
+    ParamSources,
+    ProgressBars,
+    count_text,
+    interrupted_record,
+    new_record,
+    not_applicable,
+    params_file_text,
+    print_differences,
+    push_report_lines,
+    reboot_vehicles,
     refuse_beyond_limits,
-    resumed,
+    selected_vehicles,
+    split_arena,
     targets_of,
-    told,
     version_for,
     writable,
 )
@@ -36,15 +36,18 @@ VersionOption = Annotated[
     typer.Option(
         "--px4-version",
         metavar="VERSION",
-        help="1.9 to 1.18; by default what simulated vehicles fly, else 1.16",
+        help="PX4 version of the parameter names, 1.9 to 1.18; by default the vehicle's (`px4_version`), else 1.16",
     ),
 ]
-Vehicles = Annotated[list[str] | None, typer.Argument(help="by default every vehicle of the arena")]
+Vehicles = Annotated[
+    list[str] | None, typer.Argument(help="names of vehicles; by default every vehicle of the arena")
+]
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verbs of `arena params` to the command line."""
     group = typer.Typer(
-        no_args_is_help=True, help="PX4's parameters: made from the YAML, pushed, pulled, compared, checked."
+        no_args_is_help=True, help="Generate, push, pull, compare and check the PX4 parameters of vehicles."
     )
     for command in (generate, push, pull, diff, check):
         group.command()(command)
@@ -55,16 +58,17 @@ def generate(
     file: File = Path("arena.yaml"),
     px4_version: VersionOption = "",
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="write a file per vehicle there")
+        Path | None,
+        typer.Option("-o", "--out", metavar="DIR", help="write one file per vehicle to this folder"),
     ] = None,
     set_: Set = None,
 ) -> None:
-    """Make a QGroundControl .params file for every vehicle: what each line does, and which line of the YAML asked for it."""
+    """Print a QGroundControl .params file for every vehicle, with the effect of each parameter and who asked for it."""
     from arena.schema import load_arena
 
     arena = load_arena(file, set_ or [])
     for vehicle in arena.vehicles:
-        text = file_of(arena, vehicle, px4_version)
+        text = params_file_text(arena, vehicle, px4_version)
         if out is None:
             print(text, end="")
             continue
@@ -78,47 +82,50 @@ def push(
     vehicles: Vehicles = None,
     arena: ArenaOption = Path("arena.yaml"),
     file: Annotated[
-        Path | None, typer.Option("--file", help="push this .params file instead of what the YAML asks for")
+        Path | None,
+        typer.Option(
+            "--file", help="push this .params file instead of the parameters that the YAML asks for"
+        ),
     ] = None,
     px4_version: VersionOption = "",
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="read and compare, write nothing")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="read and compare only, write nothing")] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help=f"go on with a push that was cut short ({RECORD})")
+        bool, typer.Option("--resume", help=f"continue an interrupted push ({RECORD})")
     ] = False,
     reboot: Annotated[
-        bool, typer.Option("--reboot", help="reboot those that need it, without asking")
+        bool, typer.Option("--reboot", help="reboot vehicles that need it, without asking")
     ] = False,
     set_: Set = None,
 ) -> None:
-    """Make vehicles hold what the YAML asks for: reads first, writes what differs, reads back. Refuses while armed."""
+    """Write the parameters that the YAML asks for to vehicles: read, write what differs, read back. Refuses armed vehicles."""
     from arena.params.facts.parameter_table import parameters
     from arena.params.transfer.session import push as push_now
     from arena.schema import load_arena
 
     lab = load_arena(arena, set_ or [])
-    chosen = chosen_of(lab, vehicles)
-    record = resumed(lab, chosen, file) if resume else begun(lab, chosen, file, px4_version)
+    chosen = selected_vehicles(lab, vehicles)
+    record = interrupted_record(lab, chosen, file) if resume else new_record(lab, chosen, file, px4_version)
     chosen = [v for v in chosen if v.name in record.wanted]
     wanted = {v.name: record.wanted[v.name] for v in chosen}
-    facts = {v.name: parameters(version_for(v, px4_version)) for v in chosen}
-    refuse_beyond_limits(wanted, facts)
-    needs_reboot = frozenset(name for each in facts.values() for name, fact in each.items() if fact.reboot)
+    tables = {v.name: parameters(version_for(v, px4_version)) for v in chosen}
+    refuse_beyond_limits(wanted, tables)
+    needs_reboot = frozenset(name for table in tables.values() for name, p in table.items() if p.reboot)
     targets = targets_of(lab, chosen)
-    with Bars(wanted) as bars, writable(record.path):
+    with ProgressBars(wanted) as bars, writable(record.path):
         reports = push_now(
             targets, wanted, dry_run=dry_run, record=record, reboot_names=needs_reboot, on_progress=bars.show
         )
     for name, report in reports.items():
-        print("\n".join(told(name, report)))
+        print("\n".join(push_report_lines(name, report)))
     held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
     if record.unfinished and not dry_run:
-        print(f"cut short: arena params push --resume goes on with it ({record.path})")
-    again = {
+        print(f"interrupted: continue with arena params push --resume ({record.path})")
+    to_reboot = {
         name: targets[name]
         for name, report in reports.items()
         if report.needs_reboot and report.ending == "done"
     }
-    held &= rebooted(again, asked=reboot)
+    held &= reboot_vehicles(to_reboot, without_asking=reboot)
     if not held:
         raise typer.Exit(EXIT_FAILED)
 
@@ -127,26 +134,26 @@ def pull(
     vehicles: Vehicles = None,
     arena: ArenaOption = Path("arena.yaml"),
     out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="DIR", help="where a .params file per vehicle is written")
+        Path, typer.Option("-o", "--out", metavar="DIR", help="folder for one .params file per vehicle")
     ] = Path(),
     set_: Set = None,
 ) -> None:
-    """Read every parameter of vehicles into .params files."""
+    """Read every parameter of vehicles and write .params files."""
     from arena.params.transfer.session import pull as pull_now
     from arena.schema import load_arena
     from arena.wire.qgc_params import format_params
 
     lab = load_arena(arena, set_ or [])
-    chosen = chosen_of(lab, vehicles)
+    chosen = selected_vehicles(lab, vehicles)
     with writable(out):
         out.mkdir(parents=True, exist_ok=True)
-    with Bars([v.name for v in chosen]) as bars:
+    with ProgressBars([v.name for v in chosen]) as bars:
         found = pull_now(targets_of(lab, chosen), on_progress=bars.show)
     for v in chosen:
         pulled = found[v.name]
         if not pulled.whole:
             read = f"{len(pulled.values)} read, {len(pulled.missing)} missing"
-            print(f"{v.name}: {pulled.why or pulled.ending}, {read}: nothing written")
+            print(f"{v.name}: {pulled.why or pulled.ending} ({read}): no file written")
             continue
         values = {name: value.value for name, value in sorted(pulled.values.items())}
         types = {name: value.kind for name, value in pulled.values.items()}
@@ -160,47 +167,54 @@ def pull(
 
 
 def diff(
-    a: Annotated[
-        str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE`, or `defaults`")
-    ],
-    b: Annotated[str, typer.Argument(help="the same")],
+    a: Annotated[str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE` or `defaults`")],
+    b: Annotated[str, typer.Argument(help="the other one, as A")],
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
-    all_: Annotated[bool, typer.Option("--all", help="calibrations and counters as well")] = False,
+    all_: Annotated[bool, typer.Option("--all", help="compare calibrations and counters too")] = False,
     set_: Set = None,
 ) -> None:
-    """Compare two sets of parameters: vehicles, files, logs, the YAML's, the version's defaults. Exit code 1: they differ."""
-    from arena.params.checks.diff import diff as differences
+    """Compare two sets of parameters: of vehicles, files, logs, the YAML or PX4's defaults. Exit code 1 when they differ."""
+    from arena.params.checks.diff import diff as differences_of
 
-    sides = Sides(arena, set_ or [], px4_version)
-    first, second = sides.read(a, b), sides.read(b, a)
-    rows = differences(first.values, second.values, first.version, second.version, every=all_)
-    rows = [row for row in rows if not beside_the_question(row, a, b)]
-    print_rows(rows, a, b)
+    sources = ParamSources(arena, set_ or [], px4_version)
+    first, second = sources.read(a, b), sources.read(b, a)
+    rows = differences_of(first.values, second.values, first.version, second.version, include_excluded=all_)
+    rows = [row for row in rows if not not_applicable(row, a, b)]
+    print_differences(rows, a, b)
     if rows:
         raise typer.Exit(EXIT_FAILED)
 
 
 def check(
     what: Annotated[
-        list[str] | None, typer.Argument(help="vehicles, .params files, ULogs; by default the YAML's")
+        list[str] | None,
+        typer.Argument(
+            help="an arena's YAML or its folder, vehicles, .params files, ULogs; by default every vehicle of the YAML"
+        ),
     ] = None,
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
     set_: Set = None,
 ) -> None:
-    """Look for what is dangerous or cannot work in a room with motion capture. Exit code 1: an error was found."""
-    from arena.params.checks.check import check as findings_of
+    """Find parameters that are dangerous or cannot work in an indoor arena. Exit code 1 when there is an error.
 
-    sides = Sides(arena, set_ or [], px4_version)
-    names = what or [f"{YAML}{v.name}" for v in sides.arena.vehicles]
-    worst = False
-    for name in names:
-        source = sides.read(name, "")
+    `arena params check arena.yaml` checks what the YAML asks of every vehicle, `arena params check arena.yaml uav1` what the
+    vehicle uav1 holds, `arena params check tuned.params` a file.
+    """
+    from arena.params.checks.check import check as findings_of
+    from arena.params.checks.check import finding_line
+
+    yaml, names = split_arena(what or [], arena)
+    sources = ParamSources(yaml, set_ or [], px4_version)
+    failed = False
+    for name in names or [f"{YAML}{v.name}" for v in sources.arena.vehicles]:
+        source = sources.read(name, "")
         version = source.version or version_for(None, px4_version)
-        found = findings_of(source.values, version, room=sides.room(name), types=source.types)
-        worst |= any(f.severity == "error" for f in found)
-        print(f"{name}: {count_of(found)}")
-        print("".join(line_of(f) for f in found), end="")
-    if worst:
+        found = findings_of(source.values, version, environment=sources.environment(name), types=source.types)
+        failed |= any(f.severity == "error" for f in found)
+        print(f"{name}: {count_text(found)}")
+        for finding in found:
+            print(f"  {finding_line(finding)}")
+    if failed:
         raise typer.Exit(EXIT_FAILED)

@@ -10,8 +10,15 @@ from dataclasses import dataclass, replace
 
 from arena.errors import InputError
 from arena.params.facts.parameter_table import Version
-from arena.params.generation.generate import Generated, Line, generate
-from arena.params.generation.requirements import Failsafe, FenceCylinder, Requirements, Rotor
+from arena.params.generation.generate import Generated, generate
+from arena.params.generation.lines import Line
+from arena.params.generation.requirements import (
+    ACTION_ONLY_EVENTS,
+    Failsafe,
+    FenceCylinder,
+    Requirements,
+    Rotor,
+)
 from arena.schema import Arena, Origin, Vehicle
 from arena.schema.models import Failsafe as FailsafeKeys
 
@@ -174,7 +181,11 @@ def requirements_failsafe(given: FailsafeKeys, *, has_sticks: bool) -> Failsafe:
         rc_loss=given.rc_loss.action or ("land" if has_sticks else "none"),
         data_link_loss=given.data_link_loss.action,
         data_link_loss_after_s=given.data_link_loss.after_s,
-        geofence=given.geofence.action,
+        actions={
+            event: getattr(given, event).action
+            for event in ACTION_ONLY_EVENTS
+            if event in type(given).model_fields
+        },
         attitude=given.attitude.action if "attitude" in given.model_fields_set else None,
         attitude_above_deg=given.attitude.above_deg,
     )

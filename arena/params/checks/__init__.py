@@ -1,1 +1,1 @@
-"""Checks and comparison of parameter values."""
+"""Check and comparison of parameter values."""

@@ -1,18 +1,16 @@
-"""A linter of PX4 parameters: what in a file, a log or a vehicle is wrong for an indoor arena, why, and what to do. Pure.
+"""The check of PX4 parameters from a file, a log or a vehicle for an indoor arena. Pure.
 
-`RULES` is all there is to it: each rule looks at the values of one version and yields what it finds. What is not given is taken
-to be the version's default, and what is found about that is a note at most: a file may leave it to the vehicle.
+`RULES` lists every rule. A rule reads the parameters of one vehicle and yields findings: what is wrong, why it matters, what to do.
+A parameter that is not given counts as the version's default, and a problem of defaults alone is a note.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from arena.params.checks import estimator, failsafes
-from arena.params.checks.findings import Finding, Look, Room, Rule, Severity, types_and_ranges, unknown_names
+from arena.params.checks import battery, estimator, flight_limits, link_loss, names_and_ranges
+from arena.params.checks.findings import CheckContext, Environment, Finding, Rule, Severity
 from arena.params.facts.parameter_table import Type, Version
-
-__all__ = ["RULES", "Finding", "Room", "Severity", "check"]
 
 RULES: tuple[Rule, ...] = (
     estimator.estimator_runs,
@@ -21,29 +19,31 @@ RULES: tuple[Rule, ...] = (
     estimator.vision_delay,
     estimator.vision_noise,
     estimator.magnetometer,
-    estimator.satellites_fused,
-    estimator.satellites_required,
-    estimator.blind_time,
-    failsafes.offboard_loss_action,
-    failsafes.offboard_loss_action_without_sticks,
-    failsafes.offboard_loss_time,
-    failsafes.sticks_source,
-    failsafes.sticks_loss,
-    failsafes.data_link,
-    failsafes.drops,
-    failsafes.returns,
-    failsafes.low_battery,
-    failsafes.battery_thresholds,
-    failsafes.battery_is_measured,
-    failsafes.breakers,
-    failsafes.attitude_limits,
-    failsafes.waits,
-    failsafes.landing,
-    failsafes.hover_thrust,
-    failsafes.fence,
-    unknown_names,
-    types_and_ranges,
+    estimator.gps_is_fused,
+    estimator.gps_is_required,
+    estimator.time_without_aid,
+    link_loss.offboard_loss_action,
+    link_loss.offboard_loss_action_without_rc,
+    link_loss.offboard_loss_time,
+    link_loss.rc_input,
+    link_loss.rc_loss,
+    link_loss.data_link_loss,
+    link_loss.motors_stop_in_flight,
+    link_loss.return_climbs_into_ceiling,
+    link_loss.hold_before_failsafe,
+    battery.low_battery,
+    battery.battery_thresholds,
+    battery.battery_is_measured,
+    flight_limits.circuit_breakers,
+    flight_limits.attitude_limits,
+    flight_limits.landing,
+    flight_limits.hover_thrust,
+    flight_limits.geofence,
+    names_and_ranges.unknown_names,
+    names_and_ranges.types_and_ranges,
 )
+WRITTEN_RULES: tuple[Rule, ...] = (names_and_ranges.unknown_names, names_and_ranges.types_and_ranges)
+"""Rules that hold for every single parameter, whatever the other parameters are."""
 _ORDER: tuple[Severity, ...] = ("error", "warning", "note")
 
 
@@ -51,14 +51,43 @@ def check(
     values: Mapping[str, float],
     version: Version | str,
     *,
-    room: Room | None = None,
+    environment: Environment | None = None,
     types: Mapping[str, Type] | None = None,
 ) -> list[Finding]:
-    """What is wrong, the worst first. types: as the file gives them, where it does (`sources.Source.types`).
+    """Return everything that is wrong with a vehicle's parameters, errors first.
 
+    values: parameter -> value.
+    version: PX4 version whose parameters these are.
+    environment: what the arena offers; by default motion capture, no GPS, no RC.
+    types: parameter -> type, where the file has a type column (`ParamSource.types`).
     Raises InputError for a version that is not in the table.
     """
-    at = Version.of(version)
-    look = Look(given=values, version=at, room=room or Room(), types=types or {})
-    found = [finding for rule in RULES for finding in rule(look)]
-    return sorted(found, key=lambda f: _ORDER.index(f.severity))
+    return _findings(RULES, values, version, environment or Environment(), types or {})
+
+
+def check_written(values: Mapping[str, float], version: Version | str) -> list[Finding]:
+    """Return what is wrong with parameters that a user writes in a YAML file, each looked at alone.
+
+    Finds unknown, renamed and removed parameters (with the nearest name), wrong types, and values outside PX4's limits. `arena check`
+    adds the place in the YAML. Raises InputError for a version that is not in the table.
+    """
+    return _findings(WRITTEN_RULES, values, version, Environment(), {})
+
+
+def _findings(
+    rules: tuple[Rule, ...],
+    values: Mapping[str, float],
+    version: Version | str,
+    environment: Environment,
+    types: Mapping[str, Type],
+) -> list[Finding]:
+    ctx = CheckContext(given=values, version=Version.of(version), environment=environment, types=types)
+    found = [finding for rule in rules for finding in rule(ctx)]
+    return sorted(found, key=lambda finding: _ORDER.index(finding.severity))
+
+
+def finding_line(f: Finding) -> str:
+    """Return a finding as one line: severity, parameter, value, expected value, problem, consequence, what to do."""
+    got = "missing" if f.value is None else f"got {f.value:g}"
+    why, fix = (text[:1].upper() + text[1:].rstrip(".") for text in (f.why, f.fix))
+    return f"{f.severity}: {f.name}: {got}, expected {f.expected}: {f.problem}. {why}. {fix}."

@@ -1,171 +1,198 @@
-"""Does the estimator fly by what the arena has: external vision, satellites or none? Pure.
+"""Rules for EKF2: it must fuse what the arena has (external vision, GPS or neither), with the right delay and noise. Pure.
 
-Bits of EKF2_EV_CTRL (from 1.14): horizontal position 1, height 2, velocity 4, yaw 8. Of EKF2_AID_MASK (up to 1.13): satellites 1,
-vision's position 8, its yaw 16. Read in PX4's src/modules/ekf2; the figures of noise and delay are those of camera systems.
+Bits of EKF2_EV_CTRL (PX4 1.14 and newer): horizontal position 1, height 2, velocity 4, yaw 8.
+Bits of EKF2_AID_MASK (PX4 1.13 and older): GPS 1, vision position 8, vision yaw 16.
+Sources: PX4's src/modules/ekf2; noise and delay as measured on motion capture systems.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from arena.params.checks.findings import Finding, Look
+from arena.params.checks.findings import CheckContext, Finding
 
-_MOST_AMISS_MS = 20.0  # a tenth of a metre at 5 m/s
-_MOST_NOISE_M = 0.05
-_LONGEST_BLIND_S = 2.0
-_NO_MAG = (5, 6)  # none; none after the first heading (since 1.16)
-_HEIGHTS = ((0, "the barometer"), (1, "satellites"), (2, "a range finder"))
-_NEW = 14  # EKF2_EV_CTRL in EKF2_AID_MASK's place
+_DELAY_TOLERANCE_MS = 20.0  # 0.1 m of position at 5 m/s
+_MAX_VISION_NOISE_M = 0.05
+_MAX_WITHOUT_AID_S = 2.0
+_NO_MAGNETOMETER = (5, 6)  # none; none after the first heading (since 1.16)
+_HEIGHT_SOURCES = {0: "the barometer", 1: "GPS", 2: "a range finder"}
+_EV_CTRL_SINCE = 14  # EKF2_EV_CTRL replaced EKF2_AID_MASK
 
 
-def estimator_runs(look: Look) -> Iterator[Finding]:
-    why = "EKF2 alone takes external vision as this arena sends it"
-    if look.value("EKF2_EN") == 0:
-        yield look.finding("error", "EKF2_EN", "EKF2 is off", why, "set EKF2_EN 1, and LPE_EN and ATT_EN 0")
-    group = look.value("SYS_MC_EST_GROUP")
+def estimator_runs(ctx: CheckContext) -> Iterator[Finding]:
+    """Find another estimator than EKF2."""
+    why = "only EKF2 fuses external vision as this arena sends it"
+    if ctx.value("EKF2_EN") == 0:
+        fix = "set EKF2_EN 1, and LPE_EN and ATT_EN 0"
+        yield ctx.finding("error", "EKF2_EN", "EKF2 is off", expected="1", why=why, fix=fix)
+    group = ctx.value("SYS_MC_EST_GROUP")
     if group is not None and group != 2:
-        yield look.finding(
-            "error", "SYS_MC_EST_GROUP", "another estimator than EKF2 runs", why, "set SYS_MC_EST_GROUP 2"
+        problem = "another estimator than EKF2 runs"
+        yield ctx.finding(
+            "error", "SYS_MC_EST_GROUP", problem, expected="2", why=why, fix="set SYS_MC_EST_GROUP 2"
         )
 
 
-def vision_is_fused(look: Look) -> Iterator[Finding]:
-    if not look.room.vision:
+def vision_is_fused(ctx: CheckContext) -> Iterator[Finding]:
+    """Find bits of external vision that are off."""
+    if not ctx.environment.vision:
         return
-    name = "EKF2_EV_CTRL" if look.minor >= _NEW else "EKF2_AID_MASK"
-    position, yaw = (1, 8) if look.minor >= _NEW else (8, 16)
-    bits = look.bits(name)
-    whole = "11" if look.minor >= _NEW else "24"
+    new = ctx.minor >= _EV_CTRL_SINCE
+    name, position, yaw, whole = ("EKF2_EV_CTRL", 1, 8, "11") if new else ("EKF2_AID_MASK", 8, 16, "24")
+    bits = ctx.bits(name)
     if not bits & position:
-        yield look.finding(
+        yield ctx.finding(
             "error",
             name,
-            "external vision is not fused: the position's bit is off",
-            "without it there is no position in a room, and no offboard",
-            f"set {name} {whole}",
+            f"external vision is not fused: bit {position} (position) is off",
+            expected=whole,
+            why="without external vision there is no position estimate indoors, and no OFFBOARD",
+            fix=f"set {name} {whole}",
         )
         return
-    if look.minor >= _NEW and not bits & 2:
-        yield look.finding(
+    if new and not bits & 2:
+        yield ctx.finding(
             "warning",
             name,
             "the height of external vision is not fused: bit 2 is off",
-            "the height comes from the barometer, which drifts by metres in a room",
-            f"set {name} {bits | 2}",
+            expected=f"{bits | 2}",
+            why="the height comes from the barometer, which drifts by metres indoors",
+            fix=f"set {name} {bits | 2}",
         )
     if not bits & yaw:
-        mag = look.value("EKF2_MAG_TYPE") not in _NO_MAG
-        yield look.finding(
-            "warning" if mag else "error",
+        has_magnetometer = ctx.value("EKF2_MAG_TYPE") not in _NO_MAGNETOMETER
+        yield ctx.finding(
+            "warning" if has_magnetometer else "error",
             name,
             f"the yaw of external vision is not fused: bit {yaw} is off",
-            "the heading comes from the magnetometer, which steel and motors turn"
-            if mag
-            else "no magnetometer is used either, so that there is no heading",
-            f"set {name} {bits | yaw}",
-            "EKF2_MAG_TYPE",
+            expected=f"{bits | yaw}",
+            why="the heading comes from the magnetometer, which steel and motors disturb"
+            if has_magnetometer
+            else "no magnetometer is used either, so there is no heading",
+            fix=f"set {name} {bits | yaw}",
+            related=("EKF2_MAG_TYPE",),
         )
 
 
-def height_reference(look: Look) -> Iterator[Finding]:
-    name = "EKF2_HGT_REF" if look.minor >= _NEW else "EKF2_HGT_MODE"
-    value = look.value(name)
-    source = next((words for number, words in _HEIGHTS if number == value), "an unknown source")
-    if look.room.vision and value != 3:
-        yield look.finding(
+def height_reference(ctx: CheckContext) -> Iterator[Finding]:
+    """Find another height reference than external vision."""
+    name = "EKF2_HGT_REF" if ctx.minor >= _EV_CTRL_SINCE else "EKF2_HGT_MODE"
+    value = ctx.value(name)
+    if ctx.environment.vision and value is not None and value != 3:
+        source = next((words for mode, words in _HEIGHT_SOURCES.items() if mode == value), "unknown")
+        yield ctx.finding(
             "warning",
             name,
-            f"the height refers to {source}",
-            "a door or a fan moves the barometer by a metre, and there are no satellites indoors: the floor is"
-            " not at zero",
-            f"set {name} 3 (external vision)",
+            f"the height reference is {source}",
+            expected="3 (external vision)",
+            why="a door or a fan shifts the barometer by a metre, and there is no GPS indoors: the floor is not at 0 m",
+            fix=f"set {name} 3 (external vision)",
         )
 
 
-def vision_delay(look: Look) -> Iterator[Finding]:
-    name, value = "EKF2_EV_DELAY", look.value("EKF2_EV_DELAY")
-    if not look.room.vision or value is None:
+def vision_delay(ctx: CheckContext) -> Iterator[Finding]:
+    """Find a vision delay that differs from the arena's, or that nobody set."""
+    name, value = "EKF2_EV_DELAY", ctx.value("EKF2_EV_DELAY")
+    if not ctx.environment.vision or value is None:
         return
-    wanted = look.room.latency_ms
-    right = (
-        "to the cameras' latency and what forwarding takes, some 1 ms" if wanted is None else f"{wanted:g}"
-    )
-    fix = f"set {name} {right}"
-    why = "poses are stamped on arrival: at 1 m/s, 100 ms too much or too little are 0.1 m of position, and oscillation"
-    if wanted is not None and abs(value - wanted) > _MOST_AMISS_MS:
-        yield look.finding(
-            "warning", name, f"is {abs(value - wanted):g} ms from the arena's {wanted:g} ms", why, fix
+    latency = ctx.environment.latency_ms
+    why = "poses are stamped on arrival: an error of 100 ms at 1 m/s is 0.1 m of position, and oscillation"
+    if latency is not None and abs(value - latency) > _DELAY_TOLERANCE_MS:
+        problem = f"differs by {abs(value - latency):g} ms from the arena's latency"
+        yield ctx.finding(
+            "warning", name, problem, expected=f"{latency:g} ms", why=why, fix=f"set {name} {latency:g}"
         )
-    elif wanted is None and value in (0, look.default(name)):
+    elif latency is None and value in (0, ctx.default(name)):
         unset = "0" if value == 0 else f"{value:g} ms, the default"
-        yield look.finding("warning", name, f"the delay of external vision is unset ({unset})", why, fix)
+        yield ctx.finding(
+            "warning",
+            name,
+            f"the delay of external vision is unset ({unset})",
+            expected="the cameras' latency plus 1 ms of forwarding",
+            why=why,
+            fix=f"set {name} to the cameras' latency plus 1 ms of forwarding",
+        )
 
 
-def vision_noise(look: Look) -> Iterator[Finding]:
-    name, value = "EKF2_EVP_NOISE", look.value("EKF2_EVP_NOISE")
-    if look.room.vision and value is not None and value > _MOST_NOISE_M:
-        yield look.finding(
+def vision_noise(ctx: CheckContext) -> Iterator[Finding]:
+    """Find a noise of external vision that is too large for cameras."""
+    name, value = "EKF2_EVP_NOISE", ctx.value("EKF2_EVP_NOISE")
+    if ctx.environment.vision and value is not None and value > _MAX_VISION_NOISE_M:
+        yield ctx.finding(
             "note",
             name,
-            f"external vision counts as {value:g} m inaccurate",
-            "it is a floor under what the message says; cameras are good to millimetres",
-            f"set {name} between 0.01 and 0.04",
+            f"external vision is taken as accurate to {value:g} m only",
+            expected="0.01 to 0.04 m",
+            why="it is the least noise that EKF2 assumes whatever the message says; cameras measure millimetres",
+            fix=f"choose {name} between 0.01 and 0.04",
         )
 
 
-def magnetometer(look: Look) -> Iterator[Finding]:
-    value = look.value("EKF2_MAG_TYPE")
-    if look.room.vision and not look.room.gps and value is not None and value not in _NO_MAG:
-        yield look.finding(
+def magnetometer(ctx: CheckContext) -> Iterator[Finding]:
+    """Find a magnetometer in use indoors."""
+    value = ctx.value("EKF2_MAG_TYPE")
+    indoors = ctx.environment.vision and not ctx.environment.gps
+    if indoors and value is not None and value not in _NO_MAGNETOMETER:
+        yield ctx.finding(
             "warning",
             "EKF2_MAG_TYPE",
-            "the magnetometer is used in a room",
-            "steel and motors turn the heading, and refuse arming; external vision gives it",
-            "set EKF2_MAG_TYPE 5 (none)",
+            "the magnetometer is used indoors",
+            expected="5 (none)",
+            why="steel and motors turn the heading and can prevent arming; external vision gives the heading",
+            fix="set EKF2_MAG_TYPE 5 (none)",
         )
 
 
-def satellites_fused(look: Look) -> Iterator[Finding]:
-    name = "EKF2_GPS_CTRL" if look.minor >= _NEW else "EKF2_AID_MASK"
-    used = look.bits(name) if look.minor >= _NEW else look.bits(name) & 1
-    if used and not look.room.gps:
-        yield look.finding(
+def gps_is_fused(ctx: CheckContext) -> Iterator[Finding]:
+    """Find GPS in use where the arena has none."""
+    new = ctx.minor >= _EV_CTRL_SINCE
+    name = "EKF2_GPS_CTRL" if new else "EKF2_AID_MASK"
+    used = ctx.bits(name) if new else ctx.bits(name) & 1
+    if used and not ctx.environment.gps:
+        wanted = 0 if new else ctx.bits(name) & ~1
+        yield ctx.finding(
             "warning",
             name,
-            "satellites are fused in a room",
-            "what a receiver sees through a window pulls the position metres away",
-            f"set {name} {0 if look.minor >= _NEW else look.bits(name) & ~1}",
+            "GPS is fused indoors",
+            expected=f"{wanted}",
+            why="a receiver that sees a satellite through a window pulls the position by metres",
+            fix=f"set {name} {wanted}",
         )
 
 
-def satellites_required(look: Look) -> Iterator[Finding]:
-    if look.room.gps:
+def gps_is_required(ctx: CheckContext) -> Iterator[Finding]:
+    """Find checks before arming that wait for a GPS where the arena has none."""
+    if ctx.environment.gps:
         return
-    if look.value("COM_ARM_WO_GPS") == 0:
-        yield look.finding(
+    if ctx.value("COM_ARM_WO_GPS") == 0:
+        yield ctx.finding(
             "error",
             "COM_ARM_WO_GPS",
-            "arming asks for satellites",
-            "there are none in the room: it does not arm",
-            "set COM_ARM_WO_GPS 1",
+            "arming requires GPS",
+            expected="1",
+            why="there is no GPS indoors: the vehicle does not arm",
+            fix="set COM_ARM_WO_GPS 1",
         )
-    if look.value("SYS_HAS_GPS") == 1:
-        yield look.finding(
+    if ctx.value("SYS_HAS_GPS") == 1:
+        yield ctx.finding(
             "warning",
             "SYS_HAS_GPS",
-            "a receiver of satellites is expected",
-            "PX4 v1.16 without one was never ready, and gave no reason",
-            "set SYS_HAS_GPS 0",
+            "a GPS receiver is expected",
+            expected="0",
+            why="PX4 v1.16 without a receiver never became ready to arm, and gave no reason",
+            fix="set SYS_HAS_GPS 0",
         )
 
 
-def blind_time(look: Look) -> Iterator[Finding]:
-    name, value = "EKF2_NOAID_TOUT", look.value("EKF2_NOAID_TOUT")
-    if value is not None and value * 1e-6 > _LONGEST_BLIND_S:
-        yield look.finding(
+def time_without_aid(ctx: CheckContext) -> Iterator[Finding]:
+    """Find a long time that EKF2 reports a valid position without any aid."""
+    name, value = "EKF2_NOAID_TOUT", ctx.value("EKF2_NOAID_TOUT")
+    if value is not None and value * 1e-6 > _MAX_WITHOUT_AID_S:
+        yield ctx.finding(
             "warning",
             name,
-            f"without a pose it flies on blind for {value * 1e-6:g} s",
-            "5 s are the length of a room at 1.4 m/s",
-            f"set {name} 1000000 (1 s)",
+            f"without poses the vehicle flies on for {value * 1e-6:g} s before the failsafe",
+            expected=f"at most {_MAX_WITHOUT_AID_S:g} s ({_MAX_WITHOUT_AID_S * 1e6:.0f} us)",
+            why="at 1.4 m/s a vehicle crosses a room of 7 m in 5 s",
+            fix=f"set {name} 1000000 (1 s)",
         )

@@ -1,7 +1,7 @@
-"""The facts of PX4's parameters by version: px4_parameters.csv -> values. Pure but for reading that one file, once.
+"""The table of PX4's parameters by version, from px4_parameters.csv. Pure apart from reading that file, once.
 
-A row holds for the versions `since` to `until`, both included. Point releases of one minor version share their rows: the
-last one of each was read, and nothing differs between v1.16.0 and v1.16.2.
+A row is valid for the versions `since` to `until`, both included. The point releases of one minor version share their rows: the last
+release of each was read, and nothing differs between v1.16.0 and v1.16.2.
 """
 
 from __future__ import annotations
@@ -27,7 +27,12 @@ _HEAD = re.compile(r"# (\d+\.\d+) ([=~]) (.+)")
 
 
 class Parameter(NamedTuple):
-    """default, min, max: in `unit`, as PX4 writes it ("" when it has none); an INT32's are int.  reboot: acts after one only."""
+    """One parameter of one PX4 version.
+
+    unit: as PX4 writes it; "" when it has none.
+    default, min, max: in that unit, int for INT32; None where PX4 gives no limit.
+    reboot: a new value takes effect after a reboot only.
+    """
 
     name: str
     type: Type
@@ -37,8 +42,8 @@ class Parameter(NamedTuple):
     max: float | None
     reboot: bool
 
-    def objection(self, value: float) -> str:
-        """What is expected instead of this value; "" when it is allowed. PX4 itself takes any number over MAVLink."""
+    def expected_instead(self, value: float) -> str:
+        """Return what is expected instead of a value; "" when it is allowed. PX4 itself accepts any number over MAVLink."""
         if not math.isfinite(value) or (self.type == "INT32" and not float(value).is_integer()):
             return "a whole number" if self.type == "INT32" else "a number"
         least, most = (
@@ -56,7 +61,7 @@ def _range(least: float, most: float) -> str:
 
 @dataclass(frozen=True, order=True)
 class Version:
-    """A version of PX4. The table has one set of facts for each minor version."""
+    """A version of PX4. The table has one set of parameters for each minor version."""
 
     major: int
     minor: int
@@ -64,15 +69,17 @@ class Version:
 
     @classmethod
     def of(cls, version: Version | str) -> Version:
-        """Itself, or what the text says. Raises InputError as `parse` does."""
+        """Return the version, parsed where it is a text. Raises InputError as `parse` does."""
         return cls.parse(version) if isinstance(version, str) else version
 
     @classmethod
     def parse(cls, text: str) -> Version:
-        """From a text like 1.16, v1.9.2 or 1.18.0-beta1. Raises InputError with the versions that are known."""
+        """Parse a text like 1.16, v1.9.2 or 1.18.0-beta1. Raises InputError with the known versions."""
         found = _VERSION.fullmatch(text.strip())
         if found is None:
-            raise InputError(f"{text!r} is no version of PX4; expected one like 1.16 or v1.9.2. {_known()}")
+            raise InputError(
+                f"{text!r} is not a version of PX4; expected one like 1.16 or v1.9.2. {_known()}"
+            )
         version = cls(*(int(part or 0) for part in found.groups()))
         if version.table not in provenance():
             raise InputError(f"PX4 {text.strip()} is not in the table of parameters. {_known()}")
@@ -80,7 +87,7 @@ class Version:
 
     @property
     def table(self) -> str:
-        """Which column of the table holds: "1.16"."""
+        """Name of the version in the table: "1.16"."""
         return f"{self.major}.{self.minor}"
 
     def __str__(self) -> str:
@@ -88,33 +95,33 @@ class Version:
 
 
 class Provenance(NamedTuple):
-    """text: the tag or commit whose facts these are.  released: it is a release of this very version."""
+    """Origin of a version's rows. text: the tag or commit.  released: whether it is a release of this version."""
 
     text: str
     released: bool
 
 
 def versions() -> tuple[Version, ...]:
-    """Those with facts, oldest first."""
+    """Return the versions of the table, oldest first."""
     return tuple(Version(*map(int, name.split("."))) for name in provenance())
 
 
 def parameters(version: Version | str) -> Mapping[str, Parameter]:
-    """Every parameter of that version by name. Raises InputError for a version that is not in the table."""
+    """Return every parameter of a version by name. Raises InputError for a version that is not in the table."""
     version = Version.of(version)
     if version.table not in provenance():
         raise InputError(f"PX4 {version} is not in the table of parameters. {_known()}")
     return _parameters(version.table)
 
 
-def assumed(version: Version | str) -> bool:
-    """The facts are not those of a release of this version: say so wherever they are shown."""
+def is_unreleased(version: Version | str) -> bool:
+    """Return whether the rows come from a development version, because the version was not released yet."""
     version = Version.of(version)
     return not provenance()[version.table].released
 
 
-def source(name: str, version: Version | str) -> str:
-    """The file in PX4's tree that defines it in that version; "" when it is unknown."""
+def source_file(name: str, version: Version | str) -> str:
+    """Return the file in PX4's tree that defines a parameter in a version; "" when it is unknown."""
     version = Version.of(version)
     at = list(provenance()).index(version.table)
     return next((row[9] for row, since, until in _spans() if row[0] == name and since <= at <= until), "")
@@ -122,7 +129,7 @@ def source(name: str, version: Version | str) -> str:
 
 @cache
 def provenance() -> Mapping[str, Provenance]:
-    """By minor version, oldest first: where its facts come from."""
+    """Return where the rows of each minor version come from, oldest first."""
     heads = (found.groups() for line in _parts()[0] if (found := _HEAD.fullmatch(line)))
     return MappingProxyType({name: Provenance(text, mark == "=") for name, mark, text in heads})
 
@@ -146,7 +153,7 @@ def _parameter(row: list[str]) -> Parameter:
 
 @cache
 def _spans() -> tuple[tuple[list[str], int, int], ...]:
-    """Each row with the places of its first and last version."""
+    """Return each row with the indices of its first and last version."""
     _, rows = _parts()
     places = {name: place for place, name in enumerate(provenance())}
     return tuple((row, places[row[7]], places[row[8]]) for row in csv.reader(rows[1:]))
@@ -154,7 +161,7 @@ def _spans() -> tuple[tuple[list[str], int, int], ...]:
 
 @cache
 def _parts() -> tuple[list[str], list[str]]:
-    """The lines of the head, which say where the facts come from, and those of the table with its heading."""
+    """Return the lines of the head, which name the tags, and the lines of the table with its column names."""
     lines = files(__package__).joinpath(CSV).read_text(encoding="utf-8").splitlines()
     head = next(place for place, line in enumerate(lines) if not line.startswith("#"))
     return lines[:head], lines[head:]

@@ -1,13 +1,13 @@
-"""parameters.xml or parameters.json of PX4 builds -> px4_parameters.csv.
+"""Writer of px4_parameters.csv from the parameters.xml or parameters.json of PX4 builds.
 
-    python -m arena.params.facts.regenerate DIR                       every DIR/<version>/*.xml and *.json; later files win
-    python -m arena.params.facts.regenerate FILE --version 1.16       that version's facts become the file's
-    python -m arena.params.facts.regenerate FILE --version 1.16 --over    the file's facts are laid over that version's
+    python -m arena.params.facts.regenerate DIR                         read DIR/<version>/*.xml and *.json; later files win
+    python -m arena.params.facts.regenerate FILE --version 1.16         replace the rows of that version
+    python -m arena.params.facts.regenerate FILE --version 1.16 --over  replace or add the parameters of the file only
 
-A build holds the parameters of its own board and modules: lay such a file over. `--tree` names PX4's source tree of that version,
-from which the column `source` is filled (DIR/<version>/tree.txt may name it); without it a name keeps the source it has.
-`--of` says which tag or commit it is, with `~` before it when that is no release of the version.
-Only facts are taken: names, types, units, figures. PX4's sentences stay in PX4.
+A build has the parameters of its own board and modules: use `--over` for such a file. `--tree` is PX4's source tree of that version,
+from which the column `source` is filled (DIR/<version>/tree.txt may name it); without it every parameter keeps its source.
+`--of` is the tag or commit, with `~` before it when it is no release of the version.
+Only names, types, units and numbers are copied, never PX4's descriptions.
 """
 
 from __future__ import annotations
@@ -27,22 +27,21 @@ from arena.errors import InputError
 from arena.params.facts.parameter_table import COLUMNS, CSV
 
 TABLE = Path(__file__).with_name(CSV)
-_NAME = re.compile(r"[A-Z0-9_]{1,16}")  # the rest are nodes' on the CAN bus
+_NAME = re.compile(r"[A-Z0-9_]{1,16}")  # others belong to nodes on the CAN bus
 _MINOR = re.compile(r"v?(\d+\.\d+)(?:\.\d+)?")
 _IN_C = re.compile(r"PARAM_DEFINE_(?:INT32|FLOAT)\s*\(\s*(\w+)")
 _IN_YAML = re.compile(
     r"(?m)^\s*(?:- )?(?:name|param_prefix)?:?\s*['\"]?((?:[A-Z0-9_]|\$\{\w+\}){3,}?)['\"]?:?\s*$"
 )
-
-
 _GENERATED = {
     "SER_": "../Tools/serial/generate_config.py",
     "PWM_": "drivers/pwm_out/module.yaml",
-}  # named in no file
+}
+"""Prefix -> generator of parameters whose names stand in no file."""
 
 
 class Fact(NamedTuple):
-    """As text, as in the file."""
+    """The columns of one parameter, as text."""
 
     type: str
     unit: str
@@ -53,7 +52,8 @@ class Fact(NamedTuple):
 
 
 class Table(NamedTuple):
-    """facts: by version, then name.  sources: by name, of the newest version that has it.  of: by version, mark and text."""
+    """The whole file. facts: version -> name -> columns.  sources: version -> name -> file in PX4's tree.
+    of: version -> `=` or `~`, and the tag or commit."""
 
     facts: dict[str, dict[str, Fact]]
     sources: dict[str, dict[str, str]]
@@ -61,7 +61,7 @@ class Table(NamedTuple):
 
 
 def read_xml(data: bytes) -> dict[str, Fact]:
-    """parameters.xml as PX4's build writes it -> facts by name."""
+    """Return the parameters of a parameters.xml by name."""
     found = {}
     for node in ElementTree.fromstring(data).iter("parameter"):
         text = {child.tag: (child.text or "").strip() for child in node}
@@ -78,8 +78,10 @@ def read_xml(data: bytes) -> dict[str, Fact]:
 
 
 def read_json(data: bytes) -> dict[str, Fact]:
-    """parameters.json as PX4's build writes it -> facts by name. Up to 1.18 it says rebootRequired of parameters that
-    parameters.xml says `false` of (14 in 1.16): the XML is right."""
+    """Return the parameters of a parameters.json by name.
+
+    Up to 1.18 it has rebootRequired for parameters where parameters.xml has `false` (14 in 1.16): the XML is right.
+    """
     rows: list[dict[str, Any]] = json.loads(data)["parameters"]
     return _named({row["name"]: _row(row) for row in rows})
 
@@ -90,7 +92,7 @@ def _row(row: Mapping[str, Any]) -> Fact:
 
 
 def read(path: Path) -> dict[str, Fact]:
-    """By its ending: .xml, .json, either with .xz."""
+    """Read a file by its ending: .xml, .json, either with .xz."""
     data = path.read_bytes()
     name = path.name
     if name.endswith(".xz"):
@@ -128,7 +130,7 @@ def _named(found: dict[str, Fact]) -> dict[str, Fact]:
 
 
 def sources(tree: Path, names: Sequence[str]) -> dict[str, str]:
-    """Which file below PX4's `src` defines each name; names made by a generator are found by their pattern or prefix."""
+    """Return the file below PX4's `src` that defines each name; generated names are found by their pattern or prefix."""
     exact: dict[str, str] = {}
     patterns: dict[str, str] = {}
     for path in sorted(tree.glob("src/**/*")):
@@ -140,7 +142,7 @@ def sources(tree: Path, names: Sequence[str]) -> dict[str, str]:
     shaped = [
         (re.compile(re.sub(r"\\\$\\\{\w+\\\}", r"\\w+", re.escape(text)) + r"(_\w+)?"), text, place)
         for text, place in sorted(patterns.items(), key=lambda item: -len(item[0]))
-    ]  # the longest prefix says most
+    ]  # longest pattern first
     found = {}
     for name in names:
         place = (
@@ -153,7 +155,7 @@ def sources(tree: Path, names: Sequence[str]) -> dict[str, str]:
 
 
 def load(text: str) -> Table:
-    """The file's text -> facts by version."""
+    """Parse the text of px4_parameters.csv."""
     of = {
         line[2:].split(" ", 1)[0]: line[2:].split(" ", 1)[1]
         for line in text.splitlines()
@@ -170,7 +172,7 @@ def load(text: str) -> Table:
 
 
 def dump(table: Table) -> str:
-    """-> the file's text: one row for each name and span of versions over which its facts are the same."""
+    """Return the text of px4_parameters.csv: one row per name and span of versions with equal columns."""
     out = io.StringIO()
     order = sorted(table.facts, key=_key)
     out.writelines(f"# {version} {table.of[version]}\n" for version in order)
@@ -205,7 +207,7 @@ def _key(version: str) -> tuple[int, ...]:
 def replaced(
     table: Table, version: str, facts: dict[str, Fact], found: Mapping[str, str], of: str, over: bool
 ) -> Table:
-    """The table with that version's facts replaced, or laid over. found: sources by name."""
+    """Return the table with one version replaced, or with `over` its given parameters only. found: sources by name."""
     new = {**table.facts.get(version, {}), **facts} if over else facts
     known = {
         name: place
@@ -220,17 +222,16 @@ def replaced(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
-        prog="python -m arena.params.facts.regenerate", description="PX4's parameter files -> the table."
+        prog="python -m arena.params.facts.regenerate",
+        description="Write px4_parameters.csv from PX4's parameter files.",
     )
     parser.add_argument(
-        "place", type=Path, help="a folder of folders named by version, or one parameters.xml or .json"
+        "place", type=Path, help="a folder with one folder per version, or one parameters.xml or .json"
     )
-    parser.add_argument("--version", help="of the one file: 1.16")
+    parser.add_argument("--version", help="PX4 version of the file: 1.16")
+    parser.add_argument("--over", action="store_true", help="replace or add only the parameters of the file")
     parser.add_argument(
-        "--over", action="store_true", help="lay the file over what the table says of that version"
-    )
-    parser.add_argument(
-        "--of", default="", help="the tag or commit: v1.16.0, or '~ main of 2026-07-08' when it is no release"
+        "--of", default="", help="the tag or commit: v1.16.0, or '~ main of 2026-07-08' for no release"
     )
     parser.add_argument(
         "--tree", type=Path, help="PX4's source tree of that version, for the column `source`"
@@ -250,7 +251,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _inputs(given: argparse.Namespace) -> Iterator[tuple[str, list[Path], str, Path | None]]:
-    """(version, its files, what they are of, the source tree)"""
+    """Yield (version, its files, their tag or commit, the source tree)."""
     if given.place.is_file():
         yield _minor(given.version or given.place.parent.name), [given.place], given.of, given.tree
         return
@@ -273,7 +274,7 @@ def _inputs(given: argparse.Namespace) -> Iterator[tuple[str, list[Path], str, P
 def _minor(text: str) -> str:
     found = _MINOR.fullmatch(text)
     if found is None:
-        raise InputError(f"{text!r}: say which version of PX4 the file is of, as in --version 1.16")
+        raise InputError(f"{text!r} is not a version: give the PX4 version of the file, as in --version 1.16")
     return found[1]
 
 

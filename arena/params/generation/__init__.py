@@ -1,1 +1,1 @@
-"""Generation of PX4 parameters from what an arena requires."""
+"""Generation of PX4 parameters from the requirements of an arena."""

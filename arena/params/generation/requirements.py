@@ -9,7 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from arena.params.facts.failsafe_table import EVENTS, Event
+
 Reaction = Literal["none", "warn", "hold", "return", "land", "terminate", "disarm"]
+ACTION_ONLY_EVENTS: tuple[Event, ...] = tuple(
+    event for event in EVENTS if event not in ("offboard_loss", "rc_loss", "data_link_loss", "low_battery")
+)
+"""Events that a key of the YAML's `failsafe` section of the same name configures by an action alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +27,7 @@ class Failsafe:
     low_battery_warn, low_battery_land: remaining charge, 0 to 1 [-]; land None: the vehicle only warns.
     rc_loss: no RC input.
     data_link_loss, data_link_loss_after_s: no heartbeat of a ground station for this time [s].
-    geofence: the geofence is crossed.
+    actions: every other event -> action, such as geofence.
     attitude, attitude_above_deg: roll or pitch above this angle [deg]; None leaves the vehicle's own setting.
     """
 
@@ -34,7 +40,7 @@ class Failsafe:
     rc_loss: Reaction
     data_link_loss: Reaction
     data_link_loss_after_s: float
-    geofence: Reaction
+    actions: Mapping[Event, Reaction]
     attitude: Reaction | None
     attitude_above_deg: float
 
@@ -53,7 +59,7 @@ class FenceCylinder:
 
 @dataclass(frozen=True, kw_only=True)
 class Rotor:
-    """Place of a rotor.
+    """Position of a rotor.
 
     x_m, y_m: forward and right of the centre of mass [m] [FRD].
     spin: +1 for counter-clockwise seen from above, -1 for clockwise.

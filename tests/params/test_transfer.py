@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.params.transfer.transfer import Rebooter, Transfer
 
-from .simulated import ME, Air, Vehicle, holds, others, outcomes, reader, run, writer
+from .simulated_vehicle import ME, Air, Vehicle, holds, others, outcomes, reader, run, writer
 
 # -- endings --------------------------------------------------------------------------------------------------------------------
 

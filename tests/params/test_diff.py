@@ -1,4 +1,4 @@
-"""Two sets of parameters compared: as the autopilot holds them, across versions, against defaults."""
+"""Tests of the comparison: values as the autopilot holds them, two versions, defaults."""
 
 from __future__ import annotations
 
@@ -9,7 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.errors import InputError
-from arena.params.checks.diff import NO_SETTINGS, Row, against_defaults, diff, no_setting, same
+from arena.params.checks.diff import (
+    NOT_SETTINGS,
+    Difference,
+    diff,
+    diff_from_defaults,
+    exclusion_reason,
+    same,
+)
 from arena.params.facts.parameter_table import parameters, versions
 
 EVERY_NAME = {name for version in versions() for name in parameters(version)}
@@ -23,11 +30,11 @@ def as_float(value: float) -> float:
     return struct.unpack("<f", struct.pack("<f", value))[0]
 
 
-def test_floats_are_the_same_that_a_float_of_32_bits_holds_alike():
+def test_floats_are_compared_in_32_bits():
     assert not diff({"EKF2_EVP_NOISE": 0.01}, {"EKF2_EVP_NOISE": as_float(0.01)}, "1.16")
     assert not diff({"COM_OF_LOSS_T": 1}, {"COM_OF_LOSS_T": 1.0}, "1.16")
     assert diff({"EKF2_EVP_NOISE": 0.01}, {"EKF2_EVP_NOISE": 0.010001}, "1.16") == [
-        Row("EKF2_EVP_NOISE", 0.01, 0.010001, "")
+        Difference("EKF2_EVP_NOISE", 0.01, 0.010001, "")
     ]
 
 
@@ -36,19 +43,19 @@ def test_whole_numbers_are_compared_exactly():
     assert as_float(a) == as_float(b)
     assert diff({"EKF2_NOAID_TOUT": a}, {"EKF2_NOAID_TOUT": b}, "1.16")
     assert not diff({"EKF2_NOAID_TOUT": a}, {"EKF2_NOAID_TOUT": float(a)}, "1.16")
-    assert same(float(a), float(b)) and not same(a, b), "without a type, what is written as whole is"
+    assert same(float(a), float(b)) and not same(a, b), "without a type, two int are compared exactly"
 
 
-def test_a_name_on_one_side_only_is_told_with_its_side():
+def test_parameter_on_one_side_is_listed_with_its_side():
     rows = diff({"COM_OF_LOSS_T": 1.0}, {"EKF2_EV_CTRL": 11}, "1.16")
     assert rows == [
-        Row("COM_OF_LOSS_T", 1.0, None, "only the first has it"),
-        Row("EKF2_EV_CTRL", None, 11, "only the second has it"),
+        Difference("COM_OF_LOSS_T", 1.0, None, "only in the first"),
+        Difference("EKF2_EV_CTRL", None, 11, "only in the second"),
     ]
-    assert "PX4 1.16 has no such name" in diff({"FOO": 1.0}, {}, "1.16")[0].note
+    assert "PX4 1.16 has no such parameter" in diff({"FOO": 1.0}, {}, "1.16")[0].note
 
 
-def test_the_same_setting_of_two_versions_is_no_difference():
+def test_same_setting_in_two_versions_is_no_difference():
     old = {"EKF2_AID_MASK": 24, "EKF2_HGT_MODE": 3, "COM_RC_IN_MODE": 0, "BAT_N_CELLS": 4}
     new = {
         "EKF2_EV_CTRL": 11,
@@ -66,7 +73,7 @@ def test_the_same_setting_of_two_versions_is_no_difference():
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_of_two_versions_the_older_side_is_told_under_the_newer_name(turned):
+def test_older_side_is_shown_under_the_newer_name(turned):
     old, new = ({"MPC_XY_VEL_P": 0.1}, "1.10"), ({"MPC_XY_VEL_P_ACC": 1.8}, "1.16")
     (a, first), (b, second) = (new, old) if turned else (old, new)
     (row,) = diff(a, b, first, second)
@@ -74,23 +81,23 @@ def test_of_two_versions_the_older_side_is_told_under_the_newer_name(turned):
     assert "MPC_XY_VEL_P 0.1 becomes MPC_XY_VEL_P_ACC 2" in row.note
 
 
-def test_what_went_without_a_successor_is_told_under_its_old_name():
+def test_removed_parameter_is_shown_under_its_old_name():
     (row,) = diff({"COM_POS_FS_DELAY": 1}, {}, "1.15", "1.16")
     assert row[:3] == ("COM_POS_FS_DELAY", 1, None) and "dropped" in row.note
 
 
-def test_what_stands_under_the_new_name_already_is_compared_itself():
+def test_value_given_under_the_new_name_is_compared():
     old = {"COM_OBL_ACT": 0, "COM_OBL_RC_ACT": 5}
     assert diff(old, {"COM_OBL_RC_ACT": 5}, "1.13", "1.16") == []
-    assert diff(old, {"COM_OBL_RC_ACT": 4}, "1.13", "1.16") == [Row("COM_OBL_RC_ACT", 5, 4, "")]
+    assert diff(old, {"COM_OBL_RC_ACT": 4}, "1.13", "1.16") == [Difference("COM_OBL_RC_ACT", 5, 4, "")]
 
 
-def test_a_number_that_came_to_mean_something_else_is_told_with_its_reason():
+def test_converted_number_has_its_reason():
     (row,) = diff({"EKF2_MAG_TYPE": 3}, {"EKF2_MAG_TYPE": 5}, "1.13", "1.16")
     assert row[:3] == ("EKF2_MAG_TYPE", 0, 5) and "EKF2_MAG_TYPE 3 becomes EKF2_MAG_TYPE 0" in row.note
 
 
-def test_without_a_version_names_are_names():
+def test_without_a_version_nothing_is_converted():
     rows = diff({"EKF2_AID_MASK": 24}, {"EKF2_EV_CTRL": 11})
     assert [row.name for row in rows] == ["EKF2_AID_MASK", "EKF2_EV_CTRL"]
     assert [r.name for r in diff({"EKF2_AID_MASK": 24}, {"EKF2_EV_CTRL": 11}, "", "1.16")] == [
@@ -99,18 +106,21 @@ def test_without_a_version_names_are_names():
     ]
 
 
-def test_a_version_that_is_not_known_is_refused():
+def test_unknown_version_is_refused():
     with pytest.raises(InputError, match=r"Known: 1\.9"):
         diff({}, {}, "1.8")
     with pytest.raises(InputError, match=r"Known: 1\.9"):
-        against_defaults({}, "2.0")
+        diff_from_defaults({}, "2.0")
 
 
-def test_against_defaults_only_what_is_set_otherwise_is_told():
+def test_defaults_are_compared_with_given_values_only():
     values = {"COM_OF_LOSS_T": 1.0, "EKF2_EV_CTRL": 11, "EKF2_EVP_NOISE": as_float(0.1), "FOO": 3.0}
-    rows = against_defaults(values, "1.16")
-    assert rows == [Row("EKF2_EV_CTRL", 11, 0, ""), Row("FOO", 3.0, None, "PX4 1.16 has no such name")]
-    assert [r.name for r in against_defaults(values, "1.15")] == ["EKF2_EV_CTRL", "FOO"]
+    rows = diff_from_defaults(values, "1.16")
+    assert rows == [
+        Difference("EKF2_EV_CTRL", 11, 0, ""),
+        Difference("FOO", 3.0, None, "PX4 1.16 has no such parameter"),
+    ]
+    assert [r.name for r in diff_from_defaults(values, "1.15")] == ["EKF2_EV_CTRL", "FOO"]
 
 
 @pytest.mark.parametrize(
@@ -130,36 +140,36 @@ def test_against_defaults_only_what_is_set_otherwise_is_told():
         "_HASH_CHECK",
     ],
 )
-def test_what_nobody_sets_is_left_out_unless_asked_for(name):
-    assert no_setting(name)
+def test_parameter_that_is_no_setting_is_left_out(name):
+    assert exclusion_reason(name)
     assert diff({name: 1}, {name: 2}, "1.9") == []
-    assert [row.name for row in diff({name: 1}, {name: 2}, "1.9", every=True)] == [name]
-    assert against_defaults({name: 77}, "1.9") == []
-    assert [row.name for row in against_defaults({name: 77}, "1.9", every=True)] == [name]
+    assert [row.name for row in diff({name: 1}, {name: 2}, "1.9", include_excluded=True)] == [name]
+    assert diff_from_defaults({name: 77}, "1.9") == []
+    assert [row.name for row in diff_from_defaults({name: 77}, "1.9", include_excluded=True)] == [name]
 
 
 @pytest.mark.parametrize(
     "name", ["MAV_TYPE", "SYS_AUTOSTART", "SENS_BOARD_ROT", "RC_MAP_ROLL", "BAT1_V_DIV", "COM_OF_LOSS_T"]
 )
-def test_what_people_set_is_shown(name):
-    assert not no_setting(name)
+def test_setting_is_compared(name):
+    assert not exclusion_reason(name)
     assert diff({name: 1}, {name: 2}, "1.16")
 
 
-def test_each_pattern_of_no_setting_meets_a_name_and_has_a_reason():
-    for kept in NO_SETTINGS:
-        assert kept.why
-        assert any(no_setting(name) == kept.why for name in [*EVERY_NAME, "_HASH_CHECK"]), kept
+def test_each_exclusion_matches_a_name_and_has_a_reason():
+    for excluded in NOT_SETTINGS:
+        assert excluded.why
+        assert any(exclusion_reason(name) == excluded.why for name in [*EVERY_NAME, "_HASH_CHECK"]), excluded
 
 
 @given(VALUES)
-def test_nothing_differs_from_itself(values):
-    assert diff(values, values, "1.16", every=True) == []
-    assert diff(values, values, every=True) == []
+def test_values_do_not_differ_from_themselves(values):
+    assert diff(values, values, "1.16", include_excluded=True) == []
+    assert diff(values, values, include_excluded=True) == []
 
 
 @given(VALUES, VALUES)
-def test_the_other_way_round_the_same_names_differ(a, b):
+def test_swapped_sides_give_the_same_names(a, b):
     there, back = diff(a, b, "1.16"), diff(b, a, "1.16")
     assert [(r.name, repr(r.a), repr(r.b)) for r in there] == [(r.name, repr(r.b), repr(r.a)) for r in back]
     assert [r.name for r in there] == sorted(r.name for r in there)

@@ -19,7 +19,7 @@ from arena.plan import make_plan
 from arena.schema import load_arena
 from arena.sim.world import World
 
-from .simulated import Air, Vehicle
+from .simulated_vehicle import Air, Vehicle
 
 _count = itertools.count(1)
 

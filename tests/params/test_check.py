@@ -1,4 +1,4 @@
-"""The linter: each rule fires on the least that is wrong, is silent on what is right, and says why and what to do."""
+"""Tests of the check: every rule finds a wrong value, is silent on right ones, and says why and what to do."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from arena.errors import InputError
-from arena.params.checks.check import RULES, Finding, Room, check
-from arena.params.facts.parameter_table import parameters, versions
+from arena.params.checks.check import RULES, check, check_written, finding_line
+from arena.params.checks.findings import CheckContext, Environment, Finding
+from arena.params.facts.parameter_table import Version, parameters, versions
 from arena.params.param_files import read_values
+from arena.plan.firmware import firmware
 from arena.schema.load import load_arena
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "01_two_quads" / "arena.yaml"
-BLIND, GPS, PILOT, LOW = Room(vision=False, gps=True), Room(gps=True), Room(sticks=True), Room(height_m=3.0)
+NO_VISION = Environment(vision=False, gps=True)
+WITH_GPS, WITH_RC, LOW = Environment(gps=True), Environment(rc=True), Environment(height_m=3.0)
 EVERY_NAME = sorted(
     {name for version in versions() for name in parameters(version)} | {"FOO", "ekf2_ev_ctrl"}
 )
@@ -26,27 +29,31 @@ def of(name: str, findings: list[Finding]) -> list[Finding]:
     return [f for f in findings if f.name == name]
 
 
-def found(values, version, room=None) -> dict[str, str]:
-    """{name: the worst severity} of what is more than a note."""
-    return {f.name: f.severity for f in reversed(check(values, version, room=room)) if f.severity != "note"}
+def found(values, version, environment=None) -> dict[str, str]:
+    """Return {name: worst severity} of the errors and warnings."""
+    return {
+        f.name: f.severity
+        for f in reversed(check(values, version, environment=environment))
+        if f.severity != "note"
+    }
 
 
 def to_set(fix: str) -> dict[str, float]:
-    """The values that a fix says to set; {} where it says it in words."""
-    said = re.match(r"set ((?:[A-Z0-9_]+ -?[0-9.]+(?:, )?)+)", fix)
+    """Return the values that a fix says to set; {} where it names none."""
+    assignments = re.match(r"set ((?:[A-Z0-9_]+ -?[0-9.]+(?:, )?)+)", fix)
     left = re.search(r"leave (\w+) at its default (\S+)", fix)
-    pairs = [pair.split() for pair in said[1].rstrip(", ").split(", ")] if said else []
+    pairs = [pair.split() for pair in assignments[1].rstrip(", ").split(", ")] if assignments else []
     return {n: float(v) for n, v in [*pairs, *([left.groups()] if left else [])]}
 
 
-# --- what is right
+# --- right values
 
 
-def test_what_an_arena_sets_is_right():
+def test_generated_parameters_have_only_notes():
     arena = load_arena(EXAMPLE)
-    room = Room(latency_ms=arena.mocap.latency_ms, height_m=arena.world.size[2])
+    environment = Environment(latency_ms=arena.mocap.latency_ms, height_m=arena.world.size[2])
     for vehicle in arena.vehicles:
-        findings = check(vehicle.params, "1.16", room=room)
+        findings = check(firmware(arena, vehicle).values, "1.16", environment=environment)
         assert [f for f in findings if f.severity != "note"] == []
         assert {f.name for f in findings} <= {"BAT1_N_CELLS", "CBRK_FLIGHTTERM", "GF_MAX_HOR_DIST"}
 
@@ -121,18 +128,18 @@ GOOD = {
 
 
 @pytest.mark.parametrize("version", GOOD)
-def test_on_what_is_right_there_is_nothing_to_say(version):
-    assert check(GOOD[version], version, room=LOW) == []
+def test_right_parameters_have_no_findings(version):
+    assert check(GOOD[version], version, environment=LOW) == []
 
 
 @pytest.mark.parametrize("version", ["1.14", "1.15", "1.17", "1.18"])
-def test_what_is_right_with_1_16_is_right_in_the_versions_about_it(version):
-    assert check(GOOD["1.16"], version, room=LOW) == []
+def test_right_parameters_of_1_16_are_right_in_1_14_to_1_18(version):
+    assert check(GOOD["1.16"], version, environment=LOW) == []
 
 
-# --- what is wrong: (version, what differs from what is right, the parameter, its severity, a word of it, the room)
+# --- wrong values: (version, change of the right values, parameter, severity, words of the finding, environment)
 
-WRONG: list[tuple[str, dict[str, float], str, str, str, Room]] = [
+WRONG: list[tuple[str, dict[str, float], str, str, str, Environment]] = [
     # external vision
     ("1.16", {"EKF2_EV_CTRL": 0}, "EKF2_EV_CTRL", "error", "not fused", LOW),
     ("1.16", {"EKF2_EV_CTRL": 8}, "EKF2_EV_CTRL", "error", "not fused", LOW),
@@ -143,7 +150,7 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Room]] = [
     ("1.13", {"EKF2_AID_MASK": 8}, "EKF2_AID_MASK", "error", "no heading", LOW),
     ("1.16", {"EKF2_EN": 0}, "EKF2_EN", "error", "EKF2 is off", LOW),
     ("1.9.2", {"SYS_MC_EST_GROUP": 1}, "SYS_MC_EST_GROUP", "error", "another estimator", LOW),
-    ("1.16", {"EKF2_HGT_REF": 1}, "EKF2_HGT_REF", "warning", "satellites", LOW),
+    ("1.16", {"EKF2_HGT_REF": 1}, "EKF2_HGT_REF", "warning", "GPS", LOW),
     ("1.13", {"EKF2_HGT_MODE": 0}, "EKF2_HGT_MODE", "warning", "barometer", LOW),
     ("1.16", {"EKF2_EV_DELAY": 0.0}, "EKF2_EV_DELAY", "warning", "unset", LOW),
     ("1.9.2", {"EKF2_EV_DELAY": 175.0}, "EKF2_EV_DELAY", "warning", "the default", LOW),
@@ -153,66 +160,66 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Room]] = [
         "EKF2_EV_DELAY",
         "warning",
         "set EKF2_EV_DELAY 41",
-        Room(latency_ms=41.0, height_m=3.0),
+        Environment(latency_ms=41.0, height_m=3.0),
     ),
     ("1.16", {"EKF2_EVP_NOISE": 0.1}, "EKF2_EVP_NOISE", "note", "0.1 m", LOW),
     ("1.16", {"EKF2_MAG_TYPE": 0}, "EKF2_MAG_TYPE", "warning", "magnetometer", LOW),
     ("1.16", {"EKF2_NOAID_TOUT": 5_000_000}, "EKF2_NOAID_TOUT", "warning", "5 s", LOW),
-    # satellites
-    ("1.16", {"EKF2_GPS_CTRL": 7}, "EKF2_GPS_CTRL", "warning", "satellites", LOW),
-    ("1.13", {"EKF2_AID_MASK": 25}, "EKF2_AID_MASK", "warning", "satellites", LOW),
-    ("1.16", {"SYS_HAS_GPS": 1}, "SYS_HAS_GPS", "warning", "receiver", LOW),
+    # GPS
+    ("1.16", {"EKF2_GPS_CTRL": 7}, "EKF2_GPS_CTRL", "warning", "GPS", LOW),
+    ("1.13", {"EKF2_AID_MASK": 25}, "EKF2_AID_MASK", "warning", "GPS", LOW),
+    ("1.16", {"SYS_HAS_GPS": 1}, "SYS_HAS_GPS", "warning", "GPS receiver", LOW),
     ("1.16", {"COM_ARM_WO_GPS": 0}, "COM_ARM_WO_GPS", "error", "arming", LOW),
     ("1.9.2", {"COM_ARM_WO_GPS": 0}, "COM_ARM_WO_GPS", "error", "arming", LOW),
-    # the stream of setpoints
+    # setpoints
     ("1.16", {"COM_OBL_RC_ACT": 0}, "COM_OBL_RC_ACT", "error", "position", LOW),
     ("1.16", {"COM_OBL_RC_ACT": 2}, "COM_OBL_RC_ACT", "error", "stabilized", LOW),
     ("1.16", {"COM_OBL_RC_ACT": -1}, "COM_OBL_RC_ACT", "error", "no such action", LOW),
     ("1.16", {"COM_OBL_RC_ACT": 7}, "COM_OBL_RC_ACT", "warning", "disarm", LOW),
-    ("1.13", {"COM_OBL_RC_ACT": -1}, "COM_OBL_RC_ACT", "error", "not answered", LOW),
-    ("1.13", {"COM_OBL_ACT": -1}, "COM_OBL_ACT", "error", "not answered", LOW),
+    ("1.13", {"COM_OBL_RC_ACT": -1}, "COM_OBL_RC_ACT", "error", "no reaction", LOW),
+    ("1.13", {"COM_OBL_ACT": -1}, "COM_OBL_ACT", "error", "no reaction", LOW),
     ("1.13", {"COM_OBL_ACT": 9}, "COM_OBL_ACT", "error", "no action", LOW),
     ("1.9.2", {"COM_OBL_RC_ACT": 0}, "COM_OBL_RC_ACT", "warning", "position", LOW),
-    ("1.16", {"COM_OF_LOSS_T": 0.0}, "COM_OF_LOSS_T", "error", "too old", LOW),
+    ("1.16", {"COM_OF_LOSS_T": 0.0}, "COM_OF_LOSS_T", "error", "as soon as it arrives", LOW),
     ("1.16", {"COM_OF_LOSS_T": 0.1}, "COM_OF_LOSS_T", "warning", "pause", LOW),
     ("1.16", {"COM_OF_LOSS_T": 10.0}, "COM_OF_LOSS_T", "warning", "10 s", LOW),
-    ("1.9.2", {"COM_OF_LOSS_T": 0.0}, "COM_OF_LOSS_T", "warning", "at once", LOW),
+    ("1.9.2", {"COM_OF_LOSS_T": 0.0}, "COM_OF_LOSS_T", "warning", "0.5 s after the last", LOW),
     ("1.9.2", {"COM_OF_LOSS_T": 1.5}, "COM_OF_LOSS_T", "warning", "2 s", LOW),
-    # sticks and the ground station
+    # RC and ground station
     ("1.16", {"COM_RC_IN_MODE": 3}, "COM_RC_IN_MODE", "warning", "expected", LOW),
     ("1.9.2", {"COM_RC_IN_MODE": 0}, "COM_RC_IN_MODE", "error", "does not arm", LOW),
-    ("1.16", {"COM_RC_IN_MODE": 4}, "COM_RC_IN_MODE", "error", "ignored", PILOT),
-    ("1.16", {"COM_RCL_EXCEPT": 4}, "COM_RCL_EXCEPT", "warning", "ignored", PILOT),
-    ("1.16", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "error", "no such action", PILOT),
-    ("1.11", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "error", "not answered", PILOT),
-    ("1.16", {"COM_RC_IN_MODE": 0, "NAV_RCL_ACT": 6}, "NAV_RCL_ACT", "warning", "falls", PILOT),
+    ("1.16", {"COM_RC_IN_MODE": 4}, "COM_RC_IN_MODE", "error", "ignored", WITH_RC),
+    ("1.16", {"COM_RCL_EXCEPT": 4}, "COM_RCL_EXCEPT", "warning", "ignored", WITH_RC),
+    ("1.16", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "error", "is no action", WITH_RC),
+    ("1.11", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "error", "no reaction", WITH_RC),
+    ("1.16", {"COM_RC_IN_MODE": 0, "NAV_RCL_ACT": 6}, "NAV_RCL_ACT", "warning", "falls", WITH_RC),
     ("1.16", {"NAV_DLL_ACT": 3}, "NAV_DLL_ACT", "note", "ground station", LOW),
     ("1.16", {"NAV_DLL_ACT": 6}, "NAV_DLL_ACT", "warning", "falls", LOW),
-    # wrong in a room
+    # wrong indoors
     ("1.16", {"COM_LOW_BAT_ACT": 3, "RTL_RETURN_ALT": 30.0}, "COM_LOW_BAT_ACT", "warning", "30 m", LOW),
     ("1.16", {"COM_OBL_RC_ACT": 3, "RTL_RETURN_ALT": 3.0}, "COM_OBL_RC_ACT", "warning", "ceiling", LOW),
     ("1.16", {"GF_ACTION": 4}, "GF_ACTION", "warning", "terminate", LOW),
     ("1.16", {"COM_ACT_FAIL_ACT": 4}, "COM_ACT_FAIL_ACT", "warning", "terminate", LOW),
     # the battery
-    ("1.16", {"COM_LOW_BAT_ACT": 0}, "COM_LOW_BAT_ACT", "warning", "not answered", LOW),
-    ("1.16", {"COM_LOW_BAT_ACT": 9}, "COM_LOW_BAT_ACT", "error", "no such action", LOW),
+    ("1.16", {"COM_LOW_BAT_ACT": 0}, "COM_LOW_BAT_ACT", "warning", "no reaction", LOW),
+    ("1.16", {"COM_LOW_BAT_ACT": 9}, "COM_LOW_BAT_ACT", "error", "is no action", LOW),
     ("1.16", {"BAT_CRIT_THR": 0.0, "BAT_EMERGEN_THR": 0.0}, "BAT_CRIT_THR", "error", "never reached", LOW),
-    ("1.16", {"BAT_CRIT_THR": 0.05}, "BAT_EMERGEN_THR", "warning", "critical charge is never reached", LOW),
+    ("1.16", {"BAT_CRIT_THR": 0.05}, "BAT_EMERGEN_THR", "warning", "critical threshold has no effect", LOW),
     ("1.16", {"BAT_CRIT_THR": 0.2}, "BAT_CRIT_THR", "warning", "not below BAT_LOW_THR", LOW),
     ("1.16", {"BAT1_SOURCE": -1}, "BAT1_SOURCE", "error", "no battery", LOW),
     ("1.16", {"BAT1_N_CELLS": 0}, "BAT1_N_CELLS", "error", "never reached", LOW),
     ("1.9.2", {"BAT_N_CELLS": 0}, "BAT_N_CELLS", "error", "never reached", LOW),
-    ("1.16", {"BAT1_V_EMPTY": 3.0}, "BAT1_V_EMPTY", "warning", "in time", LOW),
+    ("1.16", {"BAT1_V_EMPTY": 3.0}, "BAT1_V_EMPTY", "warning", "too late", LOW),
     ("1.16", {"BAT1_V_EMPTY": 4.2}, "BAT1_V_EMPTY", "error", "not below", LOW),
     # circuit breakers and attitude
     ("1.16", {"CBRK_FLIGHTTERM": 121212}, "CBRK_FLIGHTTERM", "warning", "circuit breaker", LOW),
-    ("1.9.2", {"CBRK_FLIGHTTERM": 121212}, "CBRK_FLIGHTTERM", "warning", "warns only", LOW),
+    ("1.9.2", {"CBRK_FLIGHTTERM": 121212}, "CBRK_FLIGHTTERM", "warning", "only warns", LOW),
     ("1.16", {"CBRK_FLIGHTTERM": 1}, "CBRK_FLIGHTTERM", "warning", "neither 0 nor 121212", LOW),
     ("1.16", {"CBRK_SUPPLY_CHK": 894281}, "CBRK_SUPPLY_CHK", "error", "battery", LOW),
     ("1.13", {"CBRK_SUPPLY_CHK": 894281}, "CBRK_SUPPLY_CHK", "warning", "power supply", LOW),
     ("1.13", {"CBRK_VELPOSERR": 201607}, "CBRK_VELPOSERR", "error", "position", LOW),
     ("1.13", {"CBRK_RATE_CTRL": 140253}, "CBRK_RATE_CTRL", "error", "rate controller", LOW),
-    ("1.16", {"FD_FAIL_R": 0}, "FD_FAIL_R", "warning", "not looked for", LOW),
+    ("1.16", {"FD_FAIL_R": 0}, "FD_FAIL_R", "warning", "not detected", LOW),
     ("1.16", {"MPC_TILTMAX_AIR": 70.0}, "MPC_TILTMAX_AIR", "error", "ends the flight", LOW),
     (
         "1.16",
@@ -222,29 +229,29 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Room]] = [
         "would end",
         LOW,
     ),
-    ("1.16", {"MPC_MAN_TILT_MAX": 65.0}, "MPC_MAN_TILT_MAX", "error", "65 deg", PILOT),
-    # the rest of a flight
+    ("1.16", {"MPC_MAN_TILT_MAX": 65.0}, "MPC_MAN_TILT_MAX", "error", "65 deg", WITH_RC),
+    # landing, hover thrust, geofence
     ("1.16", {"COM_FAIL_ACT_T": 5.0}, "COM_FAIL_ACT_T", "warning", "5 s", LOW),
     ("1.16", {"MPC_LAND_SPEED": 1.5}, "MPC_LAND_SPEED", "warning", "1.5 m/s", LOW),
     ("1.16", {"COM_DISARM_LAND": -1.0}, "COM_DISARM_LAND", "warning", "does not disarm", LOW),
     ("1.16", {"COM_DISARM_LAND": 10.0}, "COM_DISARM_LAND", "note", "10 s", LOW),
     ("1.16", {"MPC_THR_HOVER": 0.5}, "MPC_THR_HOVER", "note", "default", LOW),
-    ("1.16", {"GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0}, "GF_MAX_HOR_DIST", "note", "no fence", LOW),
-    ("1.16", {"GF_ACTION": 0}, "GF_ACTION", "warning", "not answered", LOW),
+    ("1.16", {"GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0}, "GF_MAX_HOR_DIST", "note", "no geofence", LOW),
+    ("1.16", {"GF_ACTION": 0}, "GF_ACTION", "warning", "no reaction", LOW),
     ("1.16", {"GF_MAX_VER_DIST": 20.0}, "GF_MAX_VER_DIST", "note", "higher than the room", LOW),
     # names
     ("1.16", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "EKF2_EV_CTRL 11", LOW),
-    ("1.14", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "is not used as before since PX4 1.14", LOW),
-    ("1.16", {"MPC_XY_VEL_P": 0.1}, "MPC_XY_VEL_P", "error", "set MPC_XY_VEL_P_ACC 2 ", LOW),
-    ("1.16", {"BAT_V_EMPTY": 3.6}, "BAT_V_EMPTY", "error", "set BAT1_V_EMPTY 3.6 ", LOW),
-    ("1.16", {"COM_POS_FS_DELAY": 1}, "COM_POS_FS_DELAY", "warning", "leave it out", LOW),
-    ("1.18", {"COM_RC_OVERRIDE": 1}, "COM_RC_OVERRIDE", "error", "choose MAN_OVERRIDE_SPD", LOW),
-    ("1.13", {"EKF2_EV_CTRL": 11}, "EKF2_EV_CTRL", "error", "1.13 has EKF2_AID_MASK", LOW),
-    ("1.15", {"COM_DLL_EXCEPT": 4}, "COM_DLL_EXCEPT", "error", "came with PX4 1.16", LOW),
-    ("1.16", {"ARSP_TAS_GATE": 3}, "ARSP_TAS_GATE", "warning", "was last in PX4 1.10", LOW),
-    ("1.16", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "perhaps EKF2_EV_CTRL", LOW),
-    ("1.9.2", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "perhaps EKF2_EV_CTRL", LOW),
-    ("1.16", {"com_of_loss_t": 1.0}, "com_of_loss_t", "error", "perhaps COM_OF_LOSS_T", LOW),
+    ("1.14", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "has no effect since PX4 1.14", LOW),
+    ("1.16", {"MPC_XY_VEL_P": 0.1}, "MPC_XY_VEL_P", "error", "set MPC_XY_VEL_P_ACC 2", LOW),
+    ("1.16", {"BAT_V_EMPTY": 3.6}, "BAT_V_EMPTY", "error", "set BAT1_V_EMPTY 3.6", LOW),
+    ("1.16", {"COM_POS_FS_DELAY": 1}, "COM_POS_FS_DELAY", "warning", "remove COM_POS_FS_DELAY", LOW),
+    ("1.18", {"COM_RC_OVERRIDE": 1}, "COM_RC_OVERRIDE", "error", "choose a value for MAN_OVERRIDE_SPD", LOW),
+    ("1.13", {"EKF2_EV_CTRL": 11}, "EKF2_EV_CTRL", "error", "use EKF2_AID_MASK", LOW),
+    ("1.15", {"COM_DLL_EXCEPT": 4}, "COM_DLL_EXCEPT", "error", "was added in PX4 1.16", LOW),
+    ("1.16", {"ARSP_TAS_GATE": 3}, "ARSP_TAS_GATE", "warning", "was removed after PX4 1.10", LOW),
+    ("1.16", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "correct the name: EKF2_EV_CTRL", LOW),
+    ("1.9.2", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "correct the name: EKF2_EV_CTRL", LOW),
+    ("1.16", {"com_of_loss_t": 1.0}, "com_of_loss_t", "error", "correct the name: COM_OF_LOSS_T", LOW),
     ("1.16", {"MY_OWN": 1}, "MY_OWN", "warning", "module of your own", LOW),
     # types and ranges
     ("1.16", {"EKF2_HGT_REF": 2.5}, "EKF2_HGT_REF", "error", "whole number", LOW),
@@ -252,9 +259,9 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Room]] = [
     ("1.16", {"MPC_THR_HOVER": float("nan")}, "MPC_THR_HOVER", "error", "finite", LOW),
     ("1.16", {"MPC_THR_HOVER": float("inf")}, "MPC_THR_HOVER", "error", "finite", LOW),
     ("1.16", {"EKF2_EV_CTRL": float("nan")}, "EKF2_EV_CTRL", "error", "finite", LOW),
-    ("1.16", {"MPC_THR_HOVER": 0.05}, "MPC_THR_HOVER", "warning", "outside 0.1 to 0.8", LOW),
-    ("1.16", {"MPC_LAND_SPEED": 0.1}, "MPC_LAND_SPEED", "warning", "outside 0.6 and more", LOW),
-    ("1.16", {"EKF2_EV_CTRL": 31}, "EKF2_EV_CTRL", "warning", "outside 0 to 15", LOW),
+    ("1.16", {"MPC_THR_HOVER": 0.05}, "MPC_THR_HOVER", "warning", "outside its range 0.1 to 0.8", LOW),
+    ("1.16", {"MPC_LAND_SPEED": 0.1}, "MPC_LAND_SPEED", "warning", "outside its range 0.6 or more", LOW),
+    ("1.16", {"EKF2_EV_CTRL": 31}, "EKF2_EV_CTRL", "warning", "outside its range 0 to 15", LOW),
     ("1.12", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "warning", "COM_RCL_EXCEPT", LOW),
 ]
 
@@ -265,80 +272,92 @@ def right(version: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    ("version", "change", "name", "severity", "words", "room"), WRONG, ids=[f"{w[0]}-{w[1]}" for w in WRONG]
+    ("version", "change", "name", "severity", "words", "environment"),
+    WRONG,
+    ids=[f"{w[0]}-{w[1]}" for w in WRONG],
 )
-def test_what_is_wrong_is_found(version, change, name, severity, words, room):
-    before = of(name, check({n: v for n, v in right(version).items() if n not in change}, version, room=room))
-    findings = of(name, check({**right(version), **change}, version, room=room))
-    hits = [f for f in findings if words in " ".join(f[3:]) and f.severity == severity]
+def test_wrong_value_is_found(version, change, name, severity, words, environment):
+    before = of(
+        name,
+        check({n: v for n, v in right(version).items() if n not in change}, version, environment=environment),
+    )
+    findings = of(name, check({**right(version), **change}, version, environment=environment))
+    hits = [f for f in findings if words in " ".join((f.problem, f.why, f.fix)) and f.severity == severity]
     assert len(hits) == 1, findings
-    assert hits[0] not in before, "and it is the change that is wrong"
+    assert hits[0] not in before, "the change causes the finding"
     assert repr(hits[0].value) == repr(change[name] if name in change else parameters(version)[name].default)
 
 
-def test_every_rule_is_among_what_is_wrong():
-    """A rule that nothing here sets off would be one without a test."""
-    from arena.params.checks.findings import Look
-    from arena.params.facts.parameter_table import Version
-
+def test_every_rule_has_a_wrong_value_in_these_tests():
+    """Fail for a rule that no case of WRONG triggers."""
     for rule in RULES:
         assert any(
-            list(rule(Look(given={**right(version), **change}, version=Version.parse(version), room=room)))
-            for version, change, *_, room in WRONG
+            list(
+                rule(
+                    CheckContext(
+                        given={**right(version), **change},
+                        version=Version.parse(version),
+                        environment=environment,
+                    )
+                )
+            )
+            for version, change, *_, environment in WRONG
         ), rule.__name__
 
 
 @pytest.mark.parametrize(
     "change", [{"EKF2_EV_CTRL": 0}, {"EKF2_EV_DELAY": 0.0}, {"EKF2_HGT_REF": 1}, {"EKF2_MAG_TYPE": 0}]
 )
-def test_without_cameras_nothing_is_asked_of_external_vision(change):
-    assert not set(change) & set(found({**GOOD["1.16"], **change}, "1.16", BLIND))
+def test_without_motion_capture_vision_is_not_checked(change):
+    assert not set(change) & set(found({**GOOD["1.16"], **change}, "1.16", NO_VISION))
 
 
 @pytest.mark.parametrize(
     "change", [{"EKF2_GPS_CTRL": 7}, {"SYS_HAS_GPS": 1}, {"COM_ARM_WO_GPS": 0}, {"EKF2_MAG_TYPE": 0}]
 )
-def test_with_satellites_they_may_be_used(change):
-    assert not set(change) & set(found({**GOOD["1.16"], **change}, "1.16", GPS))
+def test_with_gps_receiver_gps_may_be_fused(change):
+    assert not set(change) & set(found({**GOOD["1.16"], **change}, "1.16", WITH_GPS))
 
 
-def test_with_a_pilot_sticks_are_wanted_and_position_mode_is_his_to_fly():
+def test_with_rc_position_mode_is_a_warning_only():
     values = {**GOOD["1.16"], "COM_RC_IN_MODE": 0, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 3}
-    assert found(values, "1.16", PILOT) == {}
-    assert found({**values, "COM_OBL_RC_ACT": 0}, "1.16", PILOT) == {"COM_OBL_RC_ACT": "warning"}
+    assert found(values, "1.16", WITH_RC) == {}
+    assert found({**values, "COM_OBL_RC_ACT": 0}, "1.16", WITH_RC) == {"COM_OBL_RC_ACT": "warning"}
 
 
-def test_a_battery_that_tells_its_charge_itself_needs_no_cells():
+def test_smart_battery_needs_no_cell_count():
     assert not of("BAT1_N_CELLS", check({**GOOD["1.16"], "BAT1_N_CELLS": 0, "BAT1_SOURCE": 1}, "1.16"))
 
 
-def test_what_is_not_given_is_a_note_at_most_and_says_that_it_is_the_default():
+def test_defaults_alone_are_notes():
     for version in versions():
         findings = check({}, version)
         assert findings
         assert {f.severity for f in findings} == {"note"}
-        assert all(f"default of PX4 {version}" in f.what for f in findings)
+        assert all(f"default of PX4 {version}" in f.problem for f in findings)
 
 
-def test_an_old_name_that_lingers_at_its_default_is_nobodys_concern():
+def test_deprecated_name_at_its_default_is_not_reported():
     assert not of("BAT_V_EMPTY", check({"BAT_V_EMPTY": 3.5}, "1.12"))
     assert "BAT1_V_EMPTY 3.6" in of("BAT_V_EMPTY", check({"BAT_V_EMPTY": 3.6}, "1.12"))[0].fix
 
 
-def test_the_worst_comes_first():
+def test_errors_come_first():
     order = [
         f.severity for f in check({"EKF2_EV_CTRL": 0, "MPC_THR_HOVER": 0.5, "COM_FAIL_ACT_T": 5.0}, "1.16")
     ]
     assert order == sorted(order, key=["error", "warning", "note"].index) and len(set(order)) == 3
 
 
-def test_a_type_that_is_not_the_parameters_is_wrong():
+def test_wrong_type_column_is_an_error():
     values = {**GOOD["1.16"]}
-    (finding,) = check(values, "1.16", room=LOW, types={"EKF2_EV_CTRL": "FLOAT", "EKF2_HGT_REF": "INT32"})
+    (finding,) = check(
+        values, "1.16", environment=LOW, types={"EKF2_EV_CTRL": "FLOAT", "EKF2_HGT_REF": "INT32"}
+    )
     assert (finding.severity, finding.name) == ("error", "EKF2_EV_CTRL") and "6 (INT32)" in finding.fix
 
 
-def test_a_version_that_is_not_known_is_refused():
+def test_unknown_version_is_refused():
     with pytest.raises(InputError, match=r"Known: 1\.9"):
         check({}, "1.8")
 
@@ -347,15 +366,15 @@ def test_a_version_that_is_not_known_is_refused():
 
 LOGS = Path(__file__).parents[3] / "shared" / "data" / "thesis"
 """Flight logs of two real PX4 v1.9.2 vehicles, which are not part of the repository."""
-needs_logs = pytest.mark.skipif(not LOGS.is_dir(), reason="the flight logs are not there")
+needs_logs = pytest.mark.skipif(not LOGS.is_dir(), reason="the flight logs are missing")
 
 
 @needs_logs
 @pytest.mark.parametrize("vehicle", [2, 3])
-def test_what_is_wrong_with_two_real_vehicles_is_found(vehicle):
+def test_wrong_values_of_two_real_vehicles_are_found(vehicle):
     source = read_values(LOGS / f"setpoints_real_uav{vehicle}.ulg")
     assert source.version.startswith("1.9.2")
-    findings = check(source.values, source.version, room=Room(sticks=True), types=source.types)
+    findings = check(source.values, source.version, environment=Environment(rc=True), types=source.types)
     assert {f.name: f.severity for f in findings} == {
         "COM_OF_LOSS_T": "warning",
         "COM_OBL_RC_ACT": "warning",
@@ -367,23 +386,25 @@ def test_what_is_wrong_with_two_real_vehicles_is_found(vehicle):
         "MPC_THR_HOVER": "note",
         "GF_MAX_HOR_DIST": "note",
     }
-    assert "0.5 s after the last" in of("COM_OF_LOSS_T", findings)[0].what
-    assert "position mode" in of("COM_OBL_RC_ACT", findings)[0].what
+    assert "0.5 s after the last" in of("COM_OF_LOSS_T", findings)[0].problem
+    assert "position mode" in of("COM_OBL_RC_ACT", findings)[0].problem
     assert of("COM_RC_IN_MODE", check(source.values, "1.9.2"))[0].severity == "error", (
-        "without a radio it would not arm"
+        "without RC it would not arm"
     )
 
 
 @needs_logs
-def test_the_values_of_a_real_vehicle_loaded_into_a_newer_version_are_told_their_successors():
-    findings = check(read_values(LOGS / "setpoints_real_uav2.ulg").values, "1.16", room=Room(sticks=True))
+def test_old_parameters_in_a_newer_version_get_their_new_names():
+    findings = check(
+        read_values(LOGS / "setpoints_real_uav2.ulg").values, "1.16", environment=Environment(rc=True)
+    )
     assert "EKF2_EV_CTRL 11, EKF2_GPS_CTRL 0" in of("EKF2_AID_MASK", findings)[0].fix
     assert "EKF2_HGT_REF 3" in of("EKF2_HGT_MODE", findings)[0].fix
     assert "MPC_XY_VEL_P_ACC 4" in of("MPC_XY_VEL_P", findings)[0].fix
-    assert of("COM_OF_LOSS_T", findings)[0].severity == "error", "offboard cannot be entered with 0 any more"
+    assert of("COM_OF_LOSS_T", findings)[0].severity == "error", "0 prevents OFFBOARD since 1.11"
 
 
-def test_an_old_vehicle_that_never_answers_the_end_of_its_setpoints_is_found():
+def test_old_vehicle_without_offboard_failsafe_is_found():
     old = {
         "EKF2_AID_MASK": 24,
         "EKF2_HGT_MODE": 3,
@@ -391,28 +412,30 @@ def test_an_old_vehicle_that_never_answers_the_end_of_its_setpoints_is_found():
         "COM_OBL_RC_ACT": 0,
         "CBRK_FLIGHTTERM": 121212,
     }
-    findings = check(old, "1.9.2", room=Room(sticks=True))
-    assert of("COM_OF_LOSS_T", findings) and "position mode" in of("COM_OBL_RC_ACT", findings)[0].what
+    findings = check(old, "1.9.2", environment=Environment(rc=True))
+    assert of("COM_OF_LOSS_T", findings) and "position mode" in of("COM_OBL_RC_ACT", findings)[0].problem
     assert of("EKF2_AID_MASK", check(old, "1.16"))[0].fix
 
 
 @pytest.mark.parametrize(
-    ("version", "change", "name", "severity", "words", "room"), WRONG, ids=[f"{w[0]}-{w[1]}" for w in WRONG]
+    ("version", "change", "name", "severity", "words", "environment"),
+    WRONG,
+    ids=[f"{w[0]}-{w[1]}" for w in WRONG],
 )
-def test_what_the_fix_of_a_wrong_value_says_to_set_mends_it(version, change, name, severity, words, room):
+def test_fix_of_a_wrong_value_removes_the_finding(version, change, name, severity, words, environment):
     values = {**right(version), **change}
     (finding,) = [
         f
-        for f in of(name, check(values, version, room=room))
-        if words in " ".join(f[3:]) and f.severity == severity
+        for f in of(name, check(values, version, environment=environment))
+        if words in " ".join((f.problem, f.why, f.fix)) and f.severity == severity
     ]
     wanted = to_set(finding.fix)
     if wanted and finding.name in parameters(version):
-        after = check({**values, **wanted}, version, room=room)
-        assert (finding.name, finding.what) not in [(f.name, f.what) for f in after]
+        after = check({**values, **wanted}, version, environment=environment)
+        assert (finding.name, finding.problem) not in [(f.name, f.problem) for f in after]
 
 
-# --- whatever it is
+# --- random values
 
 
 @given(
@@ -421,38 +444,61 @@ def test_what_the_fix_of_a_wrong_value_says_to_set_mends_it(version, change, nam
     ),
     st.sampled_from(versions()),
     st.builds(
-        Room,
+        Environment,
         vision=st.booleans(),
         gps=st.booleans(),
-        sticks=st.booleans(),
+        rc=st.booleans(),
         latency_ms=st.none() | st.floats(0, 300),
         height_m=st.none() | st.floats(1, 20),
     ),
 )
 @settings(max_examples=300, deadline=None)
-def test_whatever_the_values_every_finding_has_a_reason_and_a_fix(values, version, room):
+def test_every_finding_of_random_values_has_all_texts(values, version, environment):
     known = parameters(version)
-    for f in check(values, version, room=room):
+    for f in check(values, version, environment=environment):
         assert f.name in values or f.name in known
-        for text in (f.what, f.why, f.fix):
+        for text in (f.expected, f.problem, f.why, f.fix):
             assert (
                 text and text.isprintable() and not re.search(r"None|nan\b.*nan|\{|\}|  |\bset *$", text)
             ), f
 
 
-@given(st.sampled_from(versions()), st.sampled_from([LOW, PILOT]), st.data())
+@given(st.sampled_from(versions()), st.sampled_from([LOW, WITH_RC]), st.data())
 @settings(max_examples=400, deadline=None)
-def test_what_a_fix_says_to_set_mends_it(version, room, data):
-    """Apply what the first error or warning says to set, with one parameter wrong: that finding is gone."""
+def test_fix_removes_the_finding_in_every_version(version, environment, data):
+    """Apply the fix of the first error or warning, with one parameter wrong: that finding must be gone."""
     name = data.draw(st.sampled_from(sorted({n for w in WRONG for n in w[1] if n in parameters(version)})))
     value = data.draw(
         st.sampled_from(sorted({w[1][name] for w in WRONG if name in w[1] and w[1][name] == w[1][name]}))
     )
-    for finding in check({name: value}, version, room=room):
+    for finding in check({name: value}, version, environment=environment):
         wanted = to_set(finding.fix)
         if finding.severity == "note" or not wanted or finding.name != name:
             continue
-        after = check({name: value, **wanted}, version, room=room)
-        assert (finding.severity, finding.name, finding.what) not in [
-            (f.severity, f.name, f.what) for f in after
+        after = check({name: value, **wanted}, version, environment=environment)
+        assert (finding.severity, finding.name, finding.problem) not in [
+            (f.severity, f.name, f.problem) for f in after
         ]
+
+
+# --- parameters written in a YAML
+
+
+def test_written_parameters_are_looked_at_one_by_one():
+    assert check_written({"MPC_XY_P": 0.9, "EKF2_EV_CTRL": 0}, "1.16") == [], (
+        "a rule that needs more than one"
+    )
+    found = {f.name: f for f in check_written({"MPC_XY_PP": 1.0, "MPC_LAND_SPEED": 0.1}, "1.16")}
+    assert (found["MPC_XY_PP"].severity, found["MPC_XY_PP"].expected) == ("error", "perhaps MPC_XY_P")
+    assert (found["MPC_LAND_SPEED"].severity, found["MPC_LAND_SPEED"].expected) == (
+        "warning",
+        "0.6 or more m/s",
+    )
+
+
+def test_finding_line_has_value_expectation_problem_reason_and_fix():
+    (finding,) = check_written({"MPC_LAND_SPEED": 0.1}, "1.16")
+    assert finding_line(finding) == (
+        "warning: MPC_LAND_SPEED: got 0.1, expected 0.6 or more m/s: is outside its range 0.6 or more m/s. PX4 accepts the"
+        " value, but was not designed for it. Choose a value within 0.6 or more m/s; the default is 0.7."
+    )

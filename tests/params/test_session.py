@@ -24,9 +24,8 @@ from arena.params.transfer.session import Report, SerialParamTransport, Target, 
 from arena.params.transfer.transfer import Progress
 from arena.wire.mavlink_frame import parse_frames
 
-from .fleet import BuiltIn, Simulated, own_address, serve
-from .simulated import INT32, Air, Vehicle, sixty
-from .test_params_transfer import holds, others
+from .simulated_vehicle import INT32, Air, Vehicle, holds, others, sixty
+from .vehicle_server import BuiltIn, Simulated, own_address, serve
 
 
 def fleet(*systems: int, **more: Any) -> Simulated:

@@ -1,4 +1,4 @@
-"""An arena's words as parameters of every version."""
+"""Tests of the parameters generated from requirements, for every PX4 version."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def made(version: str, **changes: object) -> Generated:
     return generate(Requirements(**{**given, **changes}), version)  # type: ignore[arg-type]
 
 
-def test_then_and_now_the_same_words_have_other_names() -> None:
+def test_same_requirements_have_other_names_in_1_9_and_1_16() -> None:
     then, now = made("1.9").values, made("1.16").values
     assert then["COM_POSCTL_NAVL"] == 1
     assert (then["EKF2_AID_MASK"], then["EKF2_HGT_MODE"], then["COM_OBL_ACT"], then["COM_OBL_RC_ACT"]) == (
@@ -57,7 +57,7 @@ def test_then_and_now_the_same_words_have_other_names() -> None:
         4,
         1.8,
     )
-    assert then["COM_OF_LOSS_T"] == 0.5 and now["COM_OF_LOSS_T"] == 1.0, "1.9 adds half a second by itself"
+    assert then["COM_OF_LOSS_T"] == 0.5 and now["COM_OF_LOSS_T"] == 1.0, "1.9 adds 0.5 s itself"
     assert {"EKF2_AID_MASK", "COM_OBL_ACT"}.isdisjoint(now)
     assert {"EKF2_EV_CTRL", "MPC_XY_VEL_P_ACC", "COM_FAIL_ACT_T"}.isdisjoint(then)
 
@@ -67,35 +67,35 @@ ACTIONS = {
     "position_loss": ("land", "terminate"),
     "rc_loss": ("none", "land", "return"),
     "data_link_loss": ("none", "hold", "land"),
-    "geofence": ("none", "land", "terminate"),
     "attitude": (None, "none", "terminate"),
+    "actions": tuple({"geofence": action} for action in ("none", "land", "terminate")),
 }
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_every_line_is_of_that_version_and_within_its_limits_whatever_is_asked(version: str) -> None:
+def test_every_line_is_within_the_limits_of_its_version(version: str) -> None:
     known = parameters(version)
     for chosen in itertools.product(*ACTIONS.values()):
-        for gps, sticky in ((False, False), (True, True)):
+        for gps, rc in ((False, False), (True, True)):
             chosen_failsafe = failsafe(
                 **dict(zip(ACTIONS, chosen, strict=True)), low_battery_land=None if gps else 0.1
             )
             for line in made(
-                version, failsafe=chosen_failsafe, gps=gps, sticks=sticky, landing_speed_m_s=0.7
+                version, failsafe=chosen_failsafe, gps=gps, sticks=rc, landing_speed_m_s=0.7
             ).lines:
-                fact = known[line.name]
-                assert fact.type == "FLOAT" or float(line.value).is_integer(), line
-                over = line.name in (
-                    "GF_ACTION",
-                    "COM_RC_IN_MODE",
-                )  # enumerations whose stated limits PX4 forgot to widen
-                assert over or (fact.min is None or line.value >= fact.min - 1e-9), line
-                assert over or (fact.max is None or line.value <= fact.max + 1e-9), line
+                limits = known[line.name]
+                assert limits.type == "FLOAT" or float(line.value).is_integer(), line
+                # the limits of these enumerations exclude values that PX4 takes
+                over = line.name in ("GF_ACTION", "COM_RC_IN_MODE")
+                assert over or (limits.min is None or line.value >= limits.min - 1e-9), line
+                assert over or (limits.max is None or line.value <= limits.max + 1e-9), line
                 assert line.meaning and line.reason
 
 
-def test_what_a_version_cannot_do_is_said() -> None:
-    assert any("geofence" in words and "came with 1.11" in words for words in made("1.9").not_possible)
+def test_requirements_without_a_parameter_are_not_possible() -> None:
+    assert any(
+        "geofence" in words and "land was added in 1.11" in words for words in made("1.9").not_possible
+    )
     assert (
         any("mixer file" in words for words in made("1.12").not_possible)
         and made("1.13", ceiling_m=10.0).not_possible == ()
@@ -110,25 +110,27 @@ def test_what_a_version_cannot_do_is_said() -> None:
         w for w in made("1.9", gains={"MPC_JERK_NEW": 1.0, "MPC_JERK_MAX": 2.0}).not_possible if "JERK" in w
     ] == ["gains: PX4 1.9 has no MPC_JERK_NEW (1)"]
     assert made("1.16", failsafe=failsafe(rc_loss="land")).not_possible == (
-        "failsafe.rc_loss: the vehicle has no sticks that could be lost; land is not set",
+        "failsafe.rc_loss: the vehicle has no RC (`sticks: true`): land is not set",
     )
-    unheard = failsafe(data_link_loss="terminate")
-    assert made("1.13", failsafe=unheard).values["NAV_DLL_ACT"] == 5, "1.14 began to remember a termination"
-    assert made("1.16", failsafe=unheard).values["NAV_DLL_ACT"] == 0
-    assert [words.split(":")[0] for words in made("1.16", failsafe=unheard).not_possible] == [
+    no_ground_station = failsafe(data_link_loss="terminate")
+    assert made("1.13", failsafe=no_ground_station).values["NAV_DLL_ACT"] == 5, (
+        "a termination is final since 1.14"
+    )
+    assert made("1.16", failsafe=no_ground_station).values["NAV_DLL_ACT"] == 0
+    assert [words.split(":")[0] for words in made("1.16", failsafe=no_ground_station).not_possible] == [
         "failsafe.data_link_loss"
     ]
     soon = failsafe(data_link_loss="land", data_link_loss_after_s=2)
     assert any(
-        "COM_DL_LOSS_T -0.5, which PX4 1.16 does not take; 5 is" in words
+        "COM_DL_LOSS_T -0.5, outside the limits of PX4 1.16: 5 is set" in words
         for words in made("1.16", failsafe=soon).not_possible
     )
     assert any("RTL_DESCEND_ALT" in words for words in made("1.9").not_possible), (
-        "a room lower than PX4 comes down from"
+        "the room is lower than the least RTL_DESCEND_ALT"
     )
 
 
-def test_who_asked_is_told_and_what_a_user_names_himself_wins() -> None:
+def test_users_parameters_win_and_keep_their_reason() -> None:
     own = made(
         "1.16", own={"COM_OF_LOSS_T": 0.4, "NO_SUCH": 1.0}, reasons={"own.COM_OF_LOSS_T": "arena.yaml:7"}
     )
@@ -137,7 +139,7 @@ def test_who_asked_is_told_and_what_a_user_names_himself_wins() -> None:
     assert any("NO_SUCH" in words for words in own.not_possible) and own.values["NO_SUCH"] == 1.0
 
 
-def test_an_attitude_failure_is_armed_where_it_is_asked_for_and_left_as_it_is_where_nothing_is_said() -> None:
+def test_attitude_failsafe_is_set_only_when_configured() -> None:
     names = {"CBRK_FLIGHTTERM", "FD_FAIL_R", "FD_FAIL_P"}
     for version in VERSIONS:
         assert names.isdisjoint(made(version).values)
@@ -146,19 +148,28 @@ def test_an_attitude_failure_is_armed_where_it_is_asked_for_and_left_as_it_is_wh
     assert {name: armed[name] for name in names} == {"CBRK_FLIGHTTERM": 0, "FD_FAIL_R": 75, "FD_FAIL_P": 75}
     then = made("1.9", failsafe=failsafe(attitude="terminate"))
     assert "CBRK_FLIGHTTERM" not in then.values and any(
-        "v1.9 says that it enforces" in words for words in then.not_possible
+        "v1.9 documents a failsafe here" in words for words in then.not_possible
     )
     narrow = made("1.12", failsafe=failsafe(attitude="terminate", attitude_above_deg=50))
     assert narrow.values["FD_FAIL_R"] == 60 and any(
-        "FD_FAIL_R 50, which PX4 1.12 does not take" in w for w in narrow.not_possible
+        "FD_FAIL_R 50, outside the limits of PX4 1.12" in w for w in narrow.not_possible
     )
 
 
-def test_where_lost_sticks_are_answered_with_nothing_no_mode_answers() -> None:
+def test_no_reaction_to_rc_loss_covers_every_mode() -> None:
     for version in VERSIONS:
         values = made(version, sticks=True, failsafe=failsafe(rc_loss="none")).values
         assert values.get("COM_RCL_EXCEPT") == 7 or values.get("NAV_RCL_ACT") == 0, version
 
 
-def test_without_poses_nothing_is_said_of_vision() -> None:
+def test_without_poses_no_ekf2_parameter_is_set() -> None:
     assert not [name for name in made("1.16", vision_delay_ms=None).values if name.startswith("EKF2")]
+
+
+def test_event_of_the_table_needs_no_code_of_its_own() -> None:
+    motor = failsafe(actions={"motor_failure": "land"})
+    line = next(each for each in made("1.16", failsafe=motor).lines if each.name == "COM_ACT_FAIL_ACT")
+    assert (line.value, line.meaning) == (2, "land when a motor fails")
+    assert any(
+        "COM_ACT_FAIL_ACT was added in 1.14" in text for text in made("1.13", failsafe=motor).not_possible
+    )

@@ -9,7 +9,7 @@ import pytest
 
 from arena.wire.mavlink_frame import parse_frames
 
-from .simulated import INT32, Air, Vehicle, holds, others, outcomes, reader, rough, run, sixty, writer
+from .simulated_vehicle import INT32, Air, Vehicle, holds, others, outcomes, reader, rough, run, sixty, writer
 
 SEEDS = range(20)
 

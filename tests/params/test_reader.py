@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from .simulated import INT32, Air, Vehicle, reader, rough, run, sixty
+from .simulated_vehicle import INT32, Air, Vehicle, reader, rough, run, sixty
 
 
 @pytest.mark.parametrize("seed", range(5))

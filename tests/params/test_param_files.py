@@ -13,7 +13,18 @@ from pyulog import ULog
 
 from arena.errors import InputError
 from arena.params.param_files import Source, read_values
-from tests.params.ulogs import DATA, HEADER, SYNC, definitions, flags, keyed, logged, message, parameter, ulog
+from tests.params.ulog_bytes import (
+    DATA,
+    HEADER,
+    SYNC,
+    definitions,
+    flags,
+    keyed,
+    logged,
+    message,
+    parameter,
+    ulog,
+)
 
 VALUES = {"COM_OF_LOSS_T": 1.0, "EKF2_EV_CTRL": 11, "EKF2_EVP_NOISE": 0.01, "NAV_AH_LON": -1518423250}
 SAVED = """# Onboard parameters for Vehicle 3

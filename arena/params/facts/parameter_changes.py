@@ -1,0 +1,228 @@
+"""Parameters that PX4 removed, renamed or gave another meaning, from 1.9 to 1.18. Pure apart from reading one file, once.
+
+parameter_changes.csv lists what an indoor multicopter may have in an old parameter file; outputs and mixers (PWM_*, CA_*), receivers
+and other vehicle types are left out. "PX4 converts it itself" means that PX4 converts a stored value at its first start. `convert`
+takes a file's values from one version to a newer one and reports every value that changes; it never goes to an older version.
+
+The column `conversion` says how a value of the old parameter becomes values of the new ones:
+    (empty)               nothing takes its place, or the value must be chosen again
+    same                  the same value under every new name
+    times F               the value times F
+    map NEW 0=4 1=5 / ..  whole numbers by table; a missing number is not converted
+    replace 4=2           like map, and every other number stays
+    keep A..B             numbers from A to B stay, every other number is not converted; A or B may be missing
+    NAME                  the function NAME of `_FUNCTIONS`
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from importlib.resources import files
+from typing import NamedTuple
+
+from arena.errors import InputError
+from arena.params.facts.parameter_table import Version
+
+Conversion = Callable[[float], Mapping[str, float]]
+"""Value of the old parameter -> {new parameter: value}; {} where the value cannot be converted."""
+
+
+class Change(NamedTuple):
+    """A parameter that is no longer used as before.
+
+    old: the parameter.
+    since: minor version of the change.
+    new: the parameters that take its place; () when none does.
+    conversion: None when the value must be chosen again.
+    note: the reason.
+    source: file in PX4's tree, below src.
+    still_defined: PX4 still has the old name then, without effect or with another meaning.
+    """
+
+    old: str
+    since: int
+    new: tuple[str, ...]
+    conversion: Conversion | None
+    note: str
+    source: str
+    still_defined: bool = False
+
+
+class ConvertedParams(NamedTuple):
+    """Parameters of a newer version. notes: what was renamed, converted or dropped, a sentence each."""
+
+    values: Mapping[str, float]
+    notes: tuple[str, ...]
+
+
+def changes(since: Version | str, to: Version | str) -> tuple[Change, ...]:
+    """Return the changes between two versions, in order. Raises InputError when `to` is the older one."""
+    first, last = (Version.of(v) for v in (since, to))
+    if (last.major, last.minor) < (first.major, first.minor):
+        raise InputError(
+            f"parameters of PX4 {first} cannot be converted to the older PX4 {last}; expected {first} or newer"
+        )
+    return tuple(change for change in CHANGES if first.minor < change.since <= last.minor)
+
+
+def successors(name: str, since: Version | str, to: Version | str) -> tuple[str, ...]:
+    """Return the names in version `to` of a parameter of version `since`; () when it has no successor."""
+    names: tuple[str, ...] = (name,)
+    for change in changes(since, to):
+        if change.old in names:
+            names = tuple(new for old in names for new in (change.new if old == change.old else (old,)))
+    return tuple(dict.fromkeys(names))
+
+
+def convert(values: Mapping[str, float], since: Version | str, to: Version | str) -> ConvertedParams:
+    """Return values under the names and numbers of a newer version.
+
+    A value that is already given under a new name stays. Raises InputError when `to` is the older version.
+    """
+    held = dict(values)
+    notes: list[str] = []
+    steps = changes(since, to)
+    for minor in sorted({change.since for change in steps}):
+        here = [c for c in steps if c.since == minor and c.old in held]
+        found = [(c, held.pop(c.old)) for c in here]
+        # a changed number under its own name goes first, so that converted values of other names do not replace it
+        for change, value in sorted(found, key=lambda pair: pair[0].old not in pair[0].new):
+            converted = change.conversion(value) if change.conversion else {}
+            notes += _notes(change, value, converted, held)
+            held = {**converted, **held}
+    return ConvertedParams(held, tuple(notes))
+
+
+def _notes(
+    change: Change, value: float, converted: Mapping[str, float], held: Mapping[str, float]
+) -> list[str]:
+    if converted == {change.old: value}:
+        return []
+    version = f"PX4 1.{change.since}"
+    if not converted:
+        return [f"{version}: {change.old} {value:g} is dropped: {change.note}"]
+    new = ", ".join(f"{name} {number:g}" for name, number in converted.items())
+    kept = [n for n, number in converted.items() if n in held and held[n] != number]
+    return [
+        f"{version}: {change.old} {value:g} becomes {new}: {change.note}",
+        *(f"{version}: {name} stays {held[name]:g}, as given under this name" for name in kept),
+    ]
+
+
+# --- conversions
+
+
+def _same(new: tuple[str, ...], value: float) -> Mapping[str, float]:
+    return dict.fromkeys(new, value)
+
+
+def _times(factor: float, new: tuple[str, ...], value: float) -> Mapping[str, float]:
+    return dict.fromkeys(new, value * factor)
+
+
+def _map(tables: Mapping[str, Mapping[float, float]], value: float) -> Mapping[str, float]:
+    return {name: table[value] for name, table in tables.items() if value in table}
+
+
+def _replace(table: Mapping[float, float], name: str, value: float) -> Mapping[str, float]:
+    return {name: table.get(value, value)}
+
+
+def _keep(low: float, high: float, name: str, value: float) -> Mapping[str, float]:
+    return {name: value} if low <= value <= high else {}
+
+
+def _ekf2_aid_mask(value: float) -> Mapping[str, float]:
+    """Convert bits: GNSS 1, flow 2, no accelerometer bias 4, drag 32, GNSS yaw 128; of vision position 8, yaw 16, velocity 256."""
+    bits = int(value)
+    return {
+        "EKF2_EV_CTRL": (3 if bits & 8 else 0) | (4 if bits & 256 else 0) | (8 if bits & 16 else 0),
+        "EKF2_GPS_CTRL": (7 if bits & 1 else 0) | (8 if bits & 128 else 0),
+        "EKF2_OF_CTRL": 1 if bits & 2 else 0,
+        "EKF2_DRAG_CTRL": 1 if bits & 32 else 0,
+        "EKF2_IMU_CTRL": 3 if bits & 4 else 7,
+    }
+
+
+def _ekf2_hgt_mode(value: float) -> Mapping[str, float]:
+    """Convert the one height source into a reference and switches; sources that were not selected are off."""
+    mode = int(value)
+    return {
+        "EKF2_HGT_REF": mode,
+        "EKF2_BARO_CTRL": 1 if mode == 0 else 0,
+        **({"EKF2_RNG_CTRL": 2} if mode == 2 else {}),
+    }
+
+
+def _ekf2_mag_type(value: float) -> Mapping[str, float]:
+    return {"EKF2_MAG_TYPE": value if value in (0, 1, 5) else 0}
+
+
+def _nav_rcl_act(value: float) -> Mapping[str, float]:
+    return {"COM_RCL_EXCEPT": 7} if value == 0 else {"NAV_RCL_ACT": value}
+
+
+def _mpc_land_rc_help(value: float) -> Mapping[str, float]:
+    return {"MPC_AUTO_NUDGING": 2 if value else 0}
+
+
+def _ekf2_gps_delay(value: float) -> Mapping[str, float]:
+    return {"SENS_GPS0_DELAY": int(value), "SENS_GPS1_DELAY": int(value)}
+
+
+_FUNCTIONS: Mapping[str, Conversion] = {
+    "ekf2_aid_mask": _ekf2_aid_mask,
+    "ekf2_hgt_mode": _ekf2_hgt_mode,
+    "ekf2_mag_type": _ekf2_mag_type,
+    "ekf2_gps_delay": _ekf2_gps_delay,
+    "nav_rcl_act": _nav_rcl_act,
+    "mpc_land_rc_help": _mpc_land_rc_help,
+}
+
+
+def _conversion(text: str, new: tuple[str, ...]) -> Conversion | None:
+    """Parse the column `conversion` (see the module docstring)."""
+    kind, _, rest = text.partition(" ")
+    if not kind:
+        return None
+    if kind == "same":
+        return partial(_same, new)
+    if kind == "times":
+        return partial(_times, float(rest), new)
+    if kind == "map":
+        tables = (part.split() for part in rest.split("/"))
+        return partial(_map, {name: _number_table(pairs) for name, *pairs in tables})
+    if kind == "replace":
+        return partial(_replace, _number_table(rest.split()), new[0])
+    if kind == "keep":
+        low, high = rest.split("..")
+        return partial(_keep, float(low or -math.inf), float(high or math.inf), new[0])
+    return _FUNCTIONS[kind]
+
+
+def _number_table(pairs: list[str]) -> dict[float, float]:
+    """Parse ["0=4", "1=5"]."""
+    return {int(old): int(new) for old, new in (pair.split("=") for pair in pairs)}
+
+
+def _read() -> tuple[Change, ...]:
+    text = files(__package__).joinpath("parameter_changes.csv").read_text(encoding="utf-8")
+    return tuple(
+        Change(
+            old=name,
+            since=Version.parse(row["since"]).minor,
+            new=(new := tuple(row["new_names"].split())),
+            conversion=_conversion(row["conversion"], new),
+            note=row["note"],
+            source=row["source"],
+            still_defined=row["still_defined"] == "yes",
+        )
+        for row in csv.DictReader(text.splitlines())
+        for name in row["old_names"].split()
+    )
+
+
+CHANGES = _read()
