@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from arena.params.checks.diff import Difference
     from arena.params.checks.findings import Environment, Finding
     from arena.params.facts.parameter_table import Parameter
-    from arena.params.param_files import Source
+    from arena.params.param_files import ParamSource
     from arena.params.transfer.push_record import Record
     from arena.params.transfer.session import Report, Target
     from arena.plan.firmware import Firmware
@@ -84,7 +84,7 @@ def address_text(arena: Arena, v: Vehicle) -> str:
 
 
 def reboot_vehicles(targets: Mapping[str, Target], *, without_asking: bool) -> bool:
-    """Reboot vehicles, after a question on a terminal. Returns False when a vehicle refuses."""
+    """Restart the autopilots of vehicles, after a question on a terminal. Returns False when a vehicle refuses."""
     question = f"reboot {', '.join(targets)}, so that the new values take effect?"
     if not targets or not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
         return True
@@ -243,25 +243,25 @@ class ParamSources:
         self._arena = self._arena or load_arena(self._file, list(self._sets))
         return self._arena
 
-    def read(self, name: str, other: str) -> Source:
+    def read(self, name: str, other: str) -> ParamSource:
         """Return the parameters of a source by its name on the command line.
 
         other: the source it is compared with, whose version `defaults` takes.
         Raises InputError for an unknown name, a wrong file, or a vehicle that cannot be read.
         """
         from arena.params.facts.parameter_table import parameters
-        from arena.params.param_files import Source, read_values
+        from arena.params.param_files import ParamSource, read_values
         from arena.params.transfer.session import pull as pull_now
 
         if name == _DEFAULTS:
             of_other = self.read(other, "").version if other not in ("", _DEFAULTS) else ""
             version = version_for(None, self._version or of_other)
             defaults = {n: p.default for n, p in parameters(version).items()}
-            return Source(values=defaults, types={}, version=version, origin=name)
+            return ParamSource(values=defaults, types={}, version=version, origin=name)
         if name.startswith(YAML):
             vehicle = selected_vehicles(self.arena, [name.removeprefix(YAML)])[0]
             made = required_firmware(self.arena, vehicle, self._version)
-            return Source(
+            return ParamSource(
                 values=made.values, types={}, version=version_for(vehicle, self._version), origin=name
             )
         if Path(name).is_file():
@@ -275,7 +275,7 @@ class ParamSources:
         if not pulled.whole:
             raise InputError(f"{name}: its parameters could not be read: {pulled.why or pulled.ending}")
         values = {n: v.value for n, v in pulled.values.items()}
-        return Source(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
+        return ParamSource(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
 
     def environment(self, name: str) -> Environment:
         """Return what the arena offers to a vehicle; for a file, to the first vehicle; without a YAML the default."""

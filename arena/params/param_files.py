@@ -1,6 +1,6 @@
-"""Files with a vehicle's parameters -> values: QGroundControl's `.params`, and PX4's own logs (ULog).
+"""Readers of files with a vehicle's parameters: QGroundControl's `.params`, and PX4's logs (ULog).
 
-What a file is, its first bytes tell, not its name. Whether a name or a number makes sense is `check`'s affair, not this page's.
+The first bytes decide which kind a file is, not its name. `checks` judges names and values; this module only reads them.
 """
 
 from __future__ import annotations
@@ -18,18 +18,21 @@ from arena.params.facts.parameter_table import Type
 from arena.wire.qgc_params import INTEGERS, Entry, parse_entries
 from arena.wire.ulog import MAGIC, parse_ulog
 
-_MOST_FAULTS = 20
-_MOST_TEXT = 4_000_000  # bytes; PX4 has a thousand names of a line each
+_MAX_PROBLEMS = 20
+_MAX_TEXT_BYTES = 4_000_000  # PX4 has about a thousand parameters, one line each
 _VERSION = re.compile(r"#\s*Version:\s*v?(\d{1,2}\.\d{1,2}(?:\.\d{1,3})?)\b", re.IGNORECASE)
 _EXPECTED = "expected a .params file of QGroundControl, lines `NAME value`, or a ULog of PX4"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
-    """values: an int where the file says that it is one.  types: of those whose type the file tells.
+class ParamSource:
+    """The parameters of a file, a log, a vehicle or a YAML.
 
-    version: of the PX4 that they belong to, such as 1.9.2; "" when the file does not say.
-    origin: where they come from, for people.  notes: what to know of the file, one sentence each.
+    values: parameter -> value, an int where the source has the type INT32.
+    types: parameter -> type, where the source has types.
+    version: the PX4 version, such as 1.9.2; "" when unknown.
+    origin: the source, for messages.
+    notes: remarks about the source, a sentence each.
     """
 
     values: Mapping[str, float]
@@ -39,45 +42,48 @@ class Source:
     notes: tuple[str, ...] = ()
 
 
-def read_values(path: Path | str) -> Source:
-    """Raises InputError with every line that is wrong: what was found there, and what is expected."""
+def read_values(path: Path | str) -> ParamSource:
+    """Read a file. Raises InputError with every wrong line: what was found, and what was expected."""
     path = Path(path)
     data = _read(path)
     if data.startswith(MAGIC):
-        return _from_ulog(path, data)
+        return _parse_ulog_file(path, data)
     if path.suffix.lower() == ".ulg":
-        _refuse(path, f"got {_seen(data)}, which is no ULog; expected one to begin with 55 4C 6F 67 01 12 35")
-    return _from_text(path, data)
+        _refuse(
+            path,
+            f"got {_first_bytes(data)}, which is not a ULog; expected the first bytes 55 4C 6F 67 01 12 35",
+        )
+    return _parse_text(path, data)
 
 
 def _read(path: Path) -> bytes:
     try:
         if path.exists() and not path.is_file():
-            _refuse(path, f"this is no file; {_EXPECTED}")
+            _refuse(path, f"this is not a file; {_EXPECTED}")
         return path.read_bytes()
     except FileNotFoundError:
-        _refuse(path, f"there is no such file; {_EXPECTED}")
+        _refuse(path, f"the file does not exist; {_EXPECTED}")
     except (OSError, ValueError) as error:
-        _refuse(path, f"it cannot be read: {getattr(error, 'strerror', None) or error}")
+        _refuse(path, f"the file cannot be read: {getattr(error, 'strerror', None) or error}")
 
 
-def _from_ulog(path: Path, data: bytes) -> Source:
+def _parse_ulog_file(path: Path, data: bytes) -> ParamSource:
     try:
         log = parse_ulog(data)
     except WireError as error:
         _refuse(path, f"{error}")
     if not log.initial:
-        _refuse(path, "the log has no parameters; expected one that PX4 wrote")
+        _refuse(path, "the log has no parameters; expected a log that PX4 wrote")
     notes = [
-        f"{name} was changed in flight: {log.initial[name]:g} became {value:g}"
+        f"{name} changed in flight from {log.initial[name]:g} to {value:g}"
         for name, value in log.changed.items()
         if log.initial.get(name, value) != value
     ]
     if log.damaged:
         notes.append(
-            f"the log is damaged at byte {log.damaged[0]}: what was changed about then may be missing"
+            f"the log is damaged at byte {log.damaged[0]}: changes of parameters near it may be missing"
         )
-    return Source(
+    return ParamSource(
         values={**log.initial, **log.changed},
         types=log.types,
         version=_release(log.info.get("ver_sw_release")),
@@ -87,38 +93,38 @@ def _from_ulog(path: Path, data: bytes) -> Source:
 
 
 def _release(packed: str | float | None) -> str:
-    """ver_sw_release: major, minor, patch, kind, a byte each. A version in the making (kind below 64) has its number too."""
+    """Decode ver_sw_release: major, minor, patch and release type, one byte each. Development versions have a number too."""
     if not isinstance(packed, int) or packed <= 0:
         return ""
     return f"{packed >> 24 & 255}.{packed >> 16 & 255}.{packed >> 8 & 255}"
 
 
-def _from_text(path: Path, data: bytes) -> Source:
-    if len(data) > _MOST_TEXT:
-        _refuse(path, f"got {len(data)} bytes of {_seen(data)}; {_EXPECTED}")
+def _parse_text(path: Path, data: bytes) -> ParamSource:
+    if len(data) > _MAX_TEXT_BYTES:
+        _refuse(path, f"got {len(data)} bytes of {_first_bytes(data)}; {_EXPECTED}")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        _refuse(path, f"got the byte {data[error.start]:#04x}, which is no text; {_EXPECTED}", line)
+        _refuse(path, f"got the byte {data[error.start]:#04x}, which is not text; {_EXPECTED}", line)
     if "\0" in text:
         _refuse(
             path,
-            f"got a byte of zero, which is no text; {_EXPECTED}",
+            f"got a zero byte, which is not text; {_EXPECTED}",
             text[: text.index("\0")].count("\n") + 1,
         )
-    entries, faults = parse_entries(text)
-    problems = [_problem(path, f.message, f.line, f.name) for f in faults]
-    problems += [_problem(path, said, e.line, e.name) for e in entries if (said := _out_of_type(e))]
+    entries, wrong = parse_entries(text)
+    problems = [_problem(path, f.message, f.line, f.name) for f in wrong]
+    problems += [_problem(path, message, e.line, e.name) for e in entries if (message := _type_error(e))]
     if problems:
         problems.sort(key=lambda p: p.line)
-        left = len(problems) - _MOST_FAULTS
-        rest = [_problem(path, f"and {left} more lines are wrong; {_EXPECTED}")] if left > 0 else []
-        raise InputError(problems[:_MOST_FAULTS] + rest)
+        more = len(problems) - _MAX_PROBLEMS
+        rest = [_problem(path, f"and {more} more lines are wrong; {_EXPECTED}")] if more > 0 else []
+        raise InputError(problems[:_MAX_PROBLEMS] + rest)
     if not entries:
-        _refuse(path, f"it holds no parameter; {_EXPECTED}")
+        _refuse(path, f"the file has no parameters; {_EXPECTED}")
     written = _VERSION.search(text)
-    return Source(
+    return ParamSource(
         values={e.name: e.value for e in entries},
         types={e.name: _type(e.kind) for e in entries if e.kind is not None},
         version=written[1] if written else "",
@@ -130,18 +136,18 @@ def _type(kind: int) -> Type:
     return "INT32" if kind in INTEGERS else "FLOAT"
 
 
-def _out_of_type(entry: Entry) -> str:
-    """Why the value is in no type that PX4 has; "" when it is."""
+def _type_error(entry: Entry) -> str:
+    """Return what is wrong with a value that no type of PX4 can hold; "" for every other value."""
     if entry.kind is not None and entry.kind in INTEGERS and not INT32_MIN <= entry.value <= INT32_MAX:
         return f"got {entry.value:.0f}, expected a whole number from {INT32_MIN} to {INT32_MAX}"
     try:
         struct.pack("<f", entry.value)
     except OverflowError:
-        return f"got {entry.value:g}, expected a number that a float of 32 bits can hold"
+        return f"got {entry.value:g}, expected a number that a 32-bit float can hold"
     return ""
 
 
-def _seen(data: bytes) -> str:
+def _first_bytes(data: bytes) -> str:
     return f"a file that begins with {data[:7].hex(' ').upper()}" if data else "an empty file"
 
 

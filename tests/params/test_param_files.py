@@ -1,4 +1,4 @@
-"""Files with parameters: what is read from them, and that what is wrong ends in one clear line for each place."""
+"""Tests of the readers of parameter files: values, types, version; one line per wrong place."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pyulog import ULog
 
 from arena.errors import InputError
-from arena.params.param_files import Source, read_values
+from arena.params.param_files import ParamSource, read_values
 from tests.params.ulog_bytes import (
     DATA,
     HEADER,
@@ -39,17 +39,17 @@ SAVED = """# Onboard parameters for Vehicle 3
 """
 
 
-def read(tmp_path, data: bytes, name: str = "given.params") -> Source:
+def read(tmp_path, data: bytes, name: str = "given.params") -> ParamSource:
     (tmp_path / name).write_bytes(data)
     return read_values(tmp_path / name)
 
 
 def refused(tmp_path, data: bytes, name: str = "given.params") -> list[str]:
-    """The lines that a user reads."""
+    """Return the lines of the error message."""
     with pytest.raises(InputError) as error:
         read(tmp_path, data, name)
     assert error.value.exit_code == 2
-    assert error.value.problems, "each has its place"
+    assert error.value.problems, "every problem has its place"
     lines = str(error.value).split("\n")
     assert len(lines) == len(error.value.problems) <= 21
     for line in lines:
@@ -61,7 +61,7 @@ def refused(tmp_path, data: bytes, name: str = "given.params") -> list[str]:
 # --- what is read
 
 
-def test_a_file_that_qgroundcontrol_saved_has_types_and_a_version(tmp_path):
+def test_file_of_qgroundcontrol_has_types_and_a_version(tmp_path):
     source = read(tmp_path, SAVED.encode())
     assert source.values == {"EKF2_EV_CTRL": 11, "EKF2_EV_DELAY": 20.0}
     assert source.types == {"EKF2_EV_CTRL": "INT32", "EKF2_EV_DELAY": "FLOAT"}
@@ -78,7 +78,7 @@ def test_a_file_that_qgroundcontrol_saved_has_types_and_a_version(tmp_path):
         SAVED.replace("3\t1", "\n\n  3\t1").encode(),
     ],
 )
-def test_ends_of_lines_marks_and_blanks_do_not_matter(tmp_path, data):
+def test_line_ends_byte_order_mark_and_blanks_are_accepted(tmp_path, data):
     assert read(tmp_path, data).values == {"EKF2_EV_CTRL": 11, "EKF2_EV_DELAY": 20.0}
 
 
@@ -91,38 +91,38 @@ def test_plain_lines_have_no_types_and_no_version(tmp_path):
     )
 
 
-def test_a_ulog_tells_values_types_version_and_hardware(tmp_path):
+def test_ulog_has_values_types_version_and_hardware(tmp_path):
     source = read(tmp_path, ulog(**VALUES), "given.ulg")
     assert source.values == pytest.approx(VALUES)
     assert {name for name, kind in source.types.items() if kind == "INT32"} == {"EKF2_EV_CTRL", "NAV_AH_LON"}
     assert source.version == "1.16.0" and "PX4_FMU" in source.origin and source.notes == ()
 
 
-def test_a_ulog_is_known_by_its_bytes_not_by_its_name(tmp_path):
+def test_ulog_is_recognised_by_its_first_bytes(tmp_path):
     assert read(tmp_path, ulog(**VALUES), "given.params").values == pytest.approx(VALUES)
 
 
-def test_what_was_changed_in_flight_counts_and_is_told(tmp_path):
+def test_change_in_flight_is_used_and_noted(tmp_path):
     data = ulog(**VALUES) + parameter("EKF2_EV_CTRL", 0) + DATA + parameter("EKF2_EV_CTRL", 3) + DATA
     source = read(tmp_path, data)
     assert source.values["EKF2_EV_CTRL"] == 3
-    assert source.notes == ("EKF2_EV_CTRL was changed in flight: 11 became 3",)
+    assert source.notes == ("EKF2_EV_CTRL changed in flight from 11 to 3",)
 
 
-def test_a_log_that_was_cut_off_in_flight_is_read(tmp_path):
+def test_log_that_ends_in_flight_is_read(tmp_path):
     whole = ulog(**VALUES) + DATA
     for end in range(len(definitions(**VALUES) + logged()), len(whole)):
         assert read(tmp_path, whole[:end]).values == pytest.approx(VALUES)
 
 
-def test_behind_a_damaged_part_reading_goes_on_and_it_is_told(tmp_path):
+def test_damaged_part_is_skipped_and_noted(tmp_path):
     source = read(tmp_path, ulog(**VALUES) + b"\0" * 40 + SYNC + parameter("EKF2_EV_CTRL", 3))
     assert source.values["EKF2_EV_CTRL"] == 3 and any("damaged" in note for note in source.notes)
     source = read(tmp_path, ulog(**VALUES) + b"\0" * 40)
     assert source.values["EKF2_EV_CTRL"] == 11 and any("damaged" in note for note in source.notes)
 
 
-def test_what_was_appended_is_read_from_its_place(tmp_path):
+def test_appended_data_is_read_from_its_offset(tmp_path):
     head = HEADER + flags(incompatible=1, appended=1) + parameter("EKF2_EV_CTRL", 11) + logged()
     cut = struct.pack("<HB", 500, ord("D")) + bytes(3)
     offset = len(head) + len(cut)
@@ -138,7 +138,7 @@ def test_what_was_appended_is_read_from_its_place(tmp_path):
     )
 )
 @settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-def test_a_ulog_is_read_as_the_px4_projects_own_reader_reads_it(tmp_path, values):
+def test_ulog_values_equal_those_of_pyulog(tmp_path, values):
     data = ulog(**values)
     theirs = ULog(io.BytesIO(data))
     ours = read(tmp_path, data)
@@ -213,12 +213,12 @@ BAD_LINES = [
 
 
 @pytest.mark.parametrize("line", BAD_LINES)
-def test_a_wrong_line_is_told_with_its_number_beside_good_ones(tmp_path, line):
-    (said,) = refused(tmp_path, f"# a comment\nGOOD 1\n{line}\nFINE 2\n".encode())
-    assert f"{tmp_path / 'given.params'}:3: " in said
+def test_wrong_line_is_reported_with_its_number(tmp_path, line):
+    (line_text,) = refused(tmp_path, f"# a comment\nGOOD 1\n{line}\nFINE 2\n".encode())
+    assert f"{tmp_path / 'given.params'}:3: " in line_text
 
 
-def test_every_wrong_line_is_told_up_to_twenty(tmp_path):
+def test_up_to_twenty_wrong_lines_are_reported(tmp_path):
     lines = refused(tmp_path, b"A 1\nB x\nC y\n1\t1\tD\t3000000000\t6\nE z\n")
     assert [int(re.findall(r":(\d+): ", line)[0]) for line in lines] == [2, 3, 4, 5]
     assert all(field in line for field, line in zip("BCDE", lines, strict=True))
@@ -229,27 +229,27 @@ def test_every_wrong_line_is_told_up_to_twenty(tmp_path):
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (b"", "no parameter"),
-        (b"\n\n", "no parameter"),
-        (b"# only a comment\n", "no parameter"),
-        (b"1\t154\tCAM_MODE\t2\t6\n", "no parameter"),
+        (b"", "no parameters"),
+        (b"\n\n", "no parameters"),
+        (b"# only a comment\n", "no parameters"),
+        (b"1\t154\tCAM_MODE\t2\t6\n", "no parameters"),
         (b"A 1\nB \xff\n", ":2: got the byte 0xff"),
         (b"\x89PNG\r\n\x1a\n", "0x89"),
-        (b"A 1\n\0\0\0", ":2: got a byte of zero"),
+        (b"A 1\n\0\0\0", ":2: got a zero byte"),
         ("A 1".encode("utf-16"), "0xff"),
         (b"PK\x03\x04" + bytes(20), "zero"),
         (b"A 1\n" * 1_500_000, "6000000 bytes"),
     ],
 )
-def test_what_is_no_text_with_parameters_is_refused(tmp_path, data, words):
+def test_file_without_parameters_is_refused(tmp_path, data, words):
     assert words in refused(tmp_path, data)[0]
 
 
-def test_what_is_no_file_is_refused(tmp_path):
+def test_missing_file_and_folder_are_refused(tmp_path):
     (tmp_path / "folder").mkdir()
     for name, words in (
-        ("folder", "this is no file"),
-        ("absent", "no such file"),
+        ("folder", "this is not a file"),
+        ("absent", "does not exist"),
         ("a\0b", "cannot be read"),
         ("n" * 300, ""),
     ):
@@ -288,17 +288,17 @@ BAD_LOGS = {
 
 
 @pytest.mark.parametrize("data", BAD_LOGS.values(), ids=BAD_LOGS)
-def test_a_log_without_all_its_parameters_is_refused(tmp_path, data):
-    (said,) = refused(tmp_path, data, "given.ulg")
-    assert re.search(r"byte \d+|ULog|no parameters|header", said)
+def test_log_without_all_parameters_is_refused(tmp_path, data):
+    (line_text,) = refused(tmp_path, data, "given.ulg")
+    assert re.search(r"byte \d+|ULog|no parameters|header", line_text)
 
 
-# --- whatever it is
+# --- random files
 
 
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-def test_whatever_a_file_holds_it_is_read_or_refused(tmp_path, data):
+def test_random_file_is_read_or_refused(tmp_path, data):
     try:
         assert read(tmp_path, data).values
     except InputError:
@@ -310,7 +310,7 @@ def test_whatever_a_file_holds_it_is_read_or_refused(tmp_path, data):
     st.integers(0, 60),
 )
 @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-def test_a_log_with_wrong_bytes_is_read_or_refused(tmp_path, flips, cut):
+def test_log_with_wrong_bytes_is_read_or_refused(tmp_path, flips, cut):
     data = bytearray(ulog(**VALUES))
     for place, byte in flips:
         data[place] = byte

@@ -14,7 +14,7 @@ Severity = Literal["error", "warning", "note"]
 
 
 class Finding(NamedTuple):
-    """One problem of one parameter.
+    """A problem of one parameter.
 
     severity: error: the vehicle cannot fly here, or a failsafe does not work.
         warning: the vehicle flies or lands worse than it could.  note: for information.
@@ -37,7 +37,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Environment:
-    """What an arena offers to a vehicle.
+    """The equipment and the room that an arena gives to a vehicle.
 
     vision: poses from motion capture.  gps: a GPS receiver.  rc: an RC transmitter with a pilot.
     latency_ms: from the exposure to the arrival of a pose at the autopilot [ms]; None when unknown.

@@ -1,4 +1,4 @@
-"""Which parameter values make a PX4 failsafe take which action, and how long it waits, by version. Pure apart from reading two files.
+"""Table of PX4's failsafes by version: the parameter values of each action, and the delays. Pure apart from reading two files.
 
 failsafe_actions.csv: one row per event and span of versions. `actions` lists `PARAMETER: action=value ...`, parts separated by `;`;
 an action that needs no parameter stands alone. An action that is missing from a row is one that these versions cannot take: `note`

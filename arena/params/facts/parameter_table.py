@@ -27,7 +27,7 @@ _HEAD = re.compile(r"# (\d+\.\d+) ([=~]) (.+)")
 
 
 class Parameter(NamedTuple):
-    """One parameter of one PX4 version.
+    """A parameter of a PX4 version.
 
     unit: as PX4 writes it; "" when it has none.
     default, min, max: in that unit, int for INT32; None where PX4 gives no limit.

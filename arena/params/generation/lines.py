@@ -11,7 +11,7 @@ from arena.params.generation.requirements import Requirements
 
 
 class Line(NamedTuple):
-    """One parameter.
+    """A generated parameter.
 
     meaning: its effect here.
     reason: who asked for it: `arena.yaml:7`, `profile iris`, `arena's default`, ...

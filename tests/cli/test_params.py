@@ -1,4 +1,4 @@
-"""`arena params`, where nothing flies: files made, compared and checked, and what is wrong told."""
+"""Tests of `arena params` without a running arena: files generated, compared and checked, wrong input refused."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 import typer
 
 import arena.cli as cli
-from arena.cli._params import Sides, begun, file_of
+from arena.cli._params import ParamSources, new_record, params_file_text
 from arena.params.transfer.push_record import Record
 from arena.plan.firmware import firmware
 from arena.schema import load_arena
@@ -33,12 +33,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
     code = cli.main(("params", *arguments))
-    said = capsys.readouterr()
-    return code, said.out, said.err
+    output = capsys.readouterr()
+    return code, output.out, output.err
 
 
 @pytest.mark.parametrize("version", ["1.9", "1.13", "1.16", "1.18"])
-def test_a_file_per_vehicle_can_be_read_back_and_says_who_asked_for_each_line(
+def test_generated_files_can_be_read_and_give_reasons(
     folder: Path, capsys: pytest.CaptureFixture[str], version: str
 ) -> None:
     code, out, err = run(capsys, "generate", "--px4-version", version, "-o", "made")
@@ -50,12 +50,12 @@ def test_a_file_per_vehicle_can_be_read_back_and_says_who_asked_for_each_line(
     assert "landing speed [m/s]; arena.yaml:4\n" in text and "as written; arena.yaml:6\n" in text
     assert ("CA_ROTOR0_PX" in values) == (version != "1.9")
     assert ("NOT POSSIBLE" in text) == (version in ("1.9", "1.13")), (
-        "old ones hold no more than 2 m above the floor"
+        "RTL_DESCEND_ALT of old versions is at least 2 m"
     )
     assert parse_params((folder / "made" / "uav2.params").read_text())["MAV_SYS_ID"] == 2
 
 
-def test_what_is_made_is_what_the_simulated_vehicles_get(
+def test_generated_file_has_what_simulated_vehicles_get(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, out, _ = run(capsys, "generate", "--px4-version", "1.16")
@@ -79,18 +79,18 @@ vehicles:
 @pytest.mark.parametrize(
     ("name", "has_rotors"), [("builtin", False), ("px4", True), ("hardware", False), ("hitl", True)]
 )
-def test_rotors_are_pushed_and_compared_only_where_px4_flies_a_simulated_body(
+def test_rotor_geometry_is_pushed_to_px4_with_a_simulated_body_only(
     folder: Path, name: str, has_rotors: bool
 ) -> None:
     (folder / "arena.yaml").write_text(KINDS)
     arena = load_arena("arena.yaml")
     vehicle = arena.vehicle(name)
     for version in ("", "1.16"):
-        pushed = begun(arena, [vehicle], None, version).wanted[name]
-        compared = Sides(Path("arena.yaml"), [], version).read(f"yaml:{name}", "").values
+        pushed = new_record(arena, [vehicle], None, version).wanted[name]
+        compared = ParamSources(Path("arena.yaml"), [], version).read(f"yaml:{name}", "").values
         assert pushed == compared and any(p.startswith("CA_ROTOR") for p in pushed) == has_rotors
-        assert "CA_ROTOR_COUNT" in parse_params(file_of(arena, vehicle, version)), (
-            "the file has them for each"
+        assert "CA_ROTOR_COUNT" in parse_params(params_file_text(arena, vehicle, version)), (
+            "the file has the geometry for every vehicle"
         )
     if name != "px4":  # whose version is unknown here
         assert firmware(arena, vehicle).values == pytest.approx(pushed), (
@@ -98,7 +98,7 @@ def test_rotors_are_pushed_and_compared_only_where_px4_flies_a_simulated_body(
         )
 
 
-def test_two_files_are_compared_and_a_file_with_what_the_yaml_asks_for(
+def test_files_are_compared_with_each_other_and_with_the_yaml(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run(capsys, "generate", "-o", "made")
@@ -115,7 +115,7 @@ def test_two_files_are_compared_and_a_file_with_what_the_yaml_asks_for(
     assert code == 1 and "EKF2_EV_CTRL" in out and "SYS_AUTOSTART" not in out
 
 
-def test_check_finds_nothing_wrong_in_what_is_made_and_what_is_wrong_elsewhere(
+def test_check_passes_generated_parameters_and_finds_wrong_ones(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, out, _ = run(capsys, "check")
@@ -125,29 +125,44 @@ def test_check_finds_nothing_wrong_in_what_is_made_and_what_is_wrong_elsewhere(
     assert code == 1 and "error: EKF2_EV_CTRL" in out and "COM_OBL_RC_ACT" in out
 
 
+def test_check_takes_the_arena_as_an_argument(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "lab").mkdir()
+    (folder / "arena.yaml").rename(folder / "lab" / "arena.yaml")
+    for arena in ("lab/arena.yaml", "lab"):
+        code, out, err = run(capsys, "check", arena)
+        assert (code, err) == (0, "") and "yaml:uav1: " in out and "yaml:uav2: " in out
+    (folder / "bad.params").write_text("EKF2_EV_DELAY 100\n")
+    code, out, _ = run(capsys, "check", "lab/arena.yaml", "bad.params", "yaml:uav2")
+    assert code == 0 and "from the arena's latency" in out and "yaml:uav1" not in out
+    code, _, err = run(capsys, "check", "lab/arena.yaml", "uav1")
+    assert code == 2 and "uav1 is simulated, and no arena is running on 127.52.9.1" in err
+    code, _, err = run(capsys, "check", "lab", "other.yaml")
+    assert code == 2 and "got 2 arenas, lab, other.yaml; expected one" in err
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("push",), "uav1 is simulated, and no arena is up on 127.52.9.1: start one with arena up"),
+        (("push",), "uav1 is simulated, and no arena is running on 127.52.9.1: start it with arena up"),
         (("push", "uav7"), "got vehicle uav7, expected one of uav1, uav2"),
         (("push", "--resume"), "push.json: No such file or directory: there is no push to resume"),
         (("push", "--file", "none.params"), "none.params"),
         (("push", "--file", "range.params"), "MPC_XY_P: got 99, expected from 0 to 2"),
         (("push", "--file", "range.params"), "COM_OBL_RC_ACT: got 1.5, expected a whole number"),
         (("push", "--file", "huge.params"), "huge.params:1: MPC_Z_P: 1e999 is no value for a parameter"),
-        (("pull",), "no arena is up"),
+        (("pull",), "no arena is running"),
         (
             ("diff", "nowhere", "uav1"),
-            "nowhere: no such file, and no vehicle; there are uav1, uav2, yaml:VEHICLE and defaults",
+            "nowhere: neither a file nor a vehicle; expected uav1, uav2, yaml:VEHICLE, defaults, or a file",
         ),
         (("diff", "yaml:uav9", "defaults"), "got vehicle uav9"),
         (("check", "torn.params"), "torn.params:2"),
         (("generate", "--px4-version", "1.8"), "PX4 1.8 is not in the table"),
-        (("generate", "--px4-version", "soon"), "'soon' is no version of PX4"),
+        (("generate", "--px4-version", "soon"), "'soon' is not a version of PX4"),
         (("generate", "none.yaml"), "none.yaml: cannot be read"),
     ],
 )
-def test_what_cannot_be_is_told_without_a_traceback(
+def test_wrong_input_is_refused_without_a_traceback(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], words: str
 ) -> None:
     (folder / "range.params").write_text("MPC_XY_P 99\nCOM_OBL_RC_ACT 1.5\n")
@@ -157,7 +172,7 @@ def test_what_cannot_be_is_told_without_a_traceback(
     assert code == 2 and words in err and "Traceback" not in err, err
 
 
-def test_a_push_that_was_cut_short_goes_on_to_the_same_vehicles_or_not_at_all(
+def test_interrupted_push_is_resumed_to_the_same_vehicles_only(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record = Record.begin(
@@ -167,32 +182,34 @@ def test_a_push_that_was_cut_short_goes_on_to_the_same_vehicles_or_not_at_all(
     record.save()
     kept = (folder / "push.json").read_text()
     for arguments, words in (
-        ((), "a push was cut short. Go on with it by --resume"),
+        ((), "an earlier push was interrupted. Continue it with --resume"),
         (
             ("--resume",),
-            "is of uav1 at id 1, simulated on 127.0.0.9; here it is at id 1, simulated on 127.52.9.1",
+            "got uav1 at id 1, simulated on 127.0.0.9, but this arena has it at id 1, simulated on 127.52.9.1",
         ),
-        (("--resume", "uav2"), "the push that was cut short was of uav1"),
+        (("--resume", "uav2"), "the interrupted push was of uav1"),
         (("--resume", "--file", "x"), "leave --file out"),
     ):
         code, _, err = run(capsys, "push", *arguments)
         assert code == 2 and words in err, err
-    assert (folder / "push.json").read_text() == kept, "its old values are all there is"
+    assert (folder / "push.json").read_text() == kept, "the record keeps the old values"
 
 
-def test_a_made_file_tells_its_version_to_check(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_reads_the_version_of_a_generated_file(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     run(capsys, "generate", "--px4-version", "1.9", "-o", "made")
     code, out, _ = run(capsys, "check", "made/uav1.params")
     assert code == 0 and " error:" not in out, out
 
 
-def test_what_cannot_be_written_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_that_cannot_be_written_is_an_error(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "made").touch()
     code, _, err = run(capsys, "generate", "-o", "made")
     assert code == 2 and err == "arena: made: File exists\n"
 
 
-def test_battery_limits_that_px4_does_not_take_are_said_and_moved(
+def test_battery_thresholds_outside_px4s_limits_are_moved(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "arena.yaml").write_text(
@@ -200,11 +217,11 @@ def test_battery_limits_that_px4_does_not_take_are_said_and_moved(
     )
     _, out, _ = run(capsys, "generate")
     assert out.count("NOT POSSIBLE: failsafe.low_battery") == 2
-    assert run(capsys, "push", "--dry-run")[0] == 2  # nobody is up; its limits were no obstacle
+    assert run(capsys, "push", "--dry-run")[0] == 2  # no arena is running; the limits are not the reason
     assert "nothing is pushed" not in run(capsys, "push", "--dry-run")[2]
 
 
-def test_help_names_the_five(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_lists_the_five_verbs(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "--help")
     assert code == 0 and all(name in out for name in ("generate", "push", "pull", "diff", "check"))
     assert isinstance(cli.build(["params"]), typer.Typer)
