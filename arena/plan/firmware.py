@@ -7,8 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from arena.errors import InputError
+from arena.params.checks.check import check_written
+from arena.params.checks.findings import Finding
 from arena.params.facts.parameter_table import Version
 from arena.params.generation.generate import Generated, generate
 from arena.params.generation.lines import Line
@@ -76,6 +79,27 @@ def origins(arena: Arena) -> dict[str, Origin]:
         for line in each.lines:
             found[f"vehicles.{name}.params.{line.name}"] = Origin(value=line.value, source=line.reason)
     return found
+
+
+class WrittenParamFinding(NamedTuple):
+    """A problem of a parameter that a user wrote. place: `arena.yaml:7`, or the name of the params_file."""
+
+    vehicle: str
+    place: str
+    finding: Finding
+
+
+def written_param_findings(arena: Arena) -> list[WrittenParamFinding]:
+    """Return the problems of the parameters under `params` and in `params_file`, vehicle by vehicle.
+
+    Finds unknown, renamed and removed parameters (with the nearest name), wrong types, and values outside PX4's limits.
+    Raises InputError for a PX4 version without a table.
+    """
+    return [
+        WrittenParamFinding(v.name, arena.origins[f"vehicles.{v.name}.params.{finding.name}"].source, finding)
+        for v in arena.vehicles
+        for finding in check_written(v.own_params, px4_version(v))
+    ]
 
 
 def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from arena.params.facts.parameter_table import parameters, versions
-from arena.plan.firmware import firmware, origins, px4_version
+from arena.plan.firmware import firmware, origins, px4_version, written_param_findings
 from arena.plan.text import arena_yaml
 from arena.schema import Arena, load_arena
 
@@ -129,3 +129,16 @@ def test_rotor_geometry_is_left_to_hardware_and_to_the_builtin_autopilot() -> No
 def test_version_of_the_command_line_replaces_the_vehicles() -> None:
     v = load(VEHICLES).vehicles[0]
     assert (px4_version(v), px4_version(v, "1.13"), px4_version(None)) == ("1.16", "1.13", "1.16")
+
+
+def test_written_parameters_are_checked_with_their_places(tmp_path: Path) -> None:
+    (tmp_path / "tuned.params").write_text("EKF2_EV_CRTL 11\nMPC_XY_P 0.9\n")
+    file = tmp_path / "arena.yaml"
+    file.write_text(
+        "vehicles:\n  uav1:\n    autopilot: builtin\n    params_file: tuned.params\n    params:\n      MPC_LAND_SPEED: 0.1\n"
+    )
+    found = written_param_findings(load_arena("arena.yaml"))
+    assert [(each.vehicle, each.place, each.finding.name, each.finding.expected) for each in found] == [
+        ("uav1", "tuned.params", "EKF2_EV_CRTL", "perhaps EKF2_EV_CTRL"),
+        ("uav1", "arena.yaml:6", "MPC_LAND_SPEED", "0.6 or more m/s"),
+    ]
