@@ -34,7 +34,7 @@ class ArenaError(Exception):
 
 @dataclass(frozen=True, kw_only=True, order=True)
 class Problem:
-    """One thing that is wrong with an input, in the order it is read.
+    """A fault in an input; faults are ordered as they are read.
 
     file: path as the user gave it; line: 1-based, 0 when unknown; field: dotted key, "" for the file as a whole.
     message: what was found, what was expected and what to do, in one line.

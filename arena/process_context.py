@@ -1,4 +1,4 @@
-"""What every supervised process shares: its slice of the plan, its title, and its socket to the supervisor.
+"""The frame of every supervised process: its slice of the plan, its title, and its socket to the supervisor.
 
 The supervisor gives each child one end of a local packet socket (its number in ARENA_FD). The child sends on it, one JSON
 object per packet:
@@ -30,7 +30,7 @@ SOCKET_VARIABLE = "ARENA_FD"
 
 
 class ProcessContext:
-    """One running process of the plan.
+    """The running process, as its plan describes it.
 
     settings: its slice.  stopping: True after SIGTERM or SIGINT; loops check it.
     unsent: packets that the supervisor did not take, because it is stopped or dead.
@@ -67,12 +67,12 @@ class ProcessContext:
 
     @property
     def supervised(self) -> bool:
-        """Whether a supervisor started the process."""
+        """True when a supervisor started the process."""
         return self._socket is not None
 
     @property
     def orphaned(self) -> bool:
-        """Whether the supervisor has died. Costs one system call: read it a few times a second."""
+        """True once the supervisor has died. Costs one system call: read it a few times a second."""
         if self._socket is not None and not self._orphaned:
             try:
                 self._orphaned = self._socket.recv(4096) == b""

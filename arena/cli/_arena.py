@@ -1,4 +1,4 @@
-"""What the verbs that read an arena share: their options, and saying what would run."""
+"""Options of the verbs that read an arena, and the lines that describe it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Set = Annotated[
 
 
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:
-    """A line per vehicle, those for what other computers reach, then one for the processes."""
+    """Return a line per vehicle, the ports that other computers reach, and the number of processes."""
     from arena.plan.open_ports import open_lines
 
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
@@ -30,7 +30,7 @@ def what_would_run(arena: Arena, plan: Plan) -> list[str]:
 
 
 def not_possible(arena: Arena) -> list[str]:
-    """What the YAML asks of the vehicles' parameters and their PX4 has none for: never dropped in silence."""
+    """Return a line for each wish of the YAML that the vehicle's PX4 version has no parameter for."""
     from arena.plan.firmware import all_firmware
 
     return [
@@ -39,10 +39,10 @@ def not_possible(arena: Arena) -> list[str]:
 
 
 def copilot_notes(arena: Arena) -> list[str]:
-    """Hardware that flies without a copilot; vehicles that start closer than it lets them fly."""
+    """Return notes on hardware without a copilot, and on vehicles that start closer than the copilot allows."""
     if arena.copilot is None:
         names = ", ".join(v.name for v in arena.hardware)
-        return [f"no copilot watches {names}: `copilot: {{}}` in the YAML has one"] if names else []
+        return [f"no copilot watches {names}: add `copilot: {{}}` to the YAML"] if names else []
     rule, found = arena.copilot.separation, []
     for a, b in itertools.combinations(arena.simulated, 2) if rule.do != "none" else ():
         if (apart := math.dist(a.position, b.position)) < rule.at_m:

@@ -1,4 +1,4 @@
-"""What `arena doctor` looks at: Python, packages, PX4, the default arena's ports, runs, locks of PX4. Looks; changes nothing."""
+"""The checks of `arena doctor`: Python, packages, PX4, ports of a default arena, runs, locks of PX4. They change nothing."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from arena.supervisor import active_runs
 LEAST_PYTHON = (3, 11)
 # package -> (what for, whether arenas with the built-in autopilot fly without it)
 PACKAGES: dict[str, tuple[str, bool]] = {
-    "numpy": ("everything", False),
-    "pydantic": ("the YAML", False),
+    "numpy": ("every part of arena", False),
+    "pydantic": ("reading the YAML", False),
     "pymavlink": ("MAVLink", False),
     "fastcrc": ("MAVLink", False),
     "psutil": ("supervising", False),
@@ -31,15 +31,18 @@ PACKAGES: dict[str, tuple[str, bool]] = {
     "matplotlib": ("plots", True),
     "mavsdk": ("programs that use MAVSDK: pip install 'flying-arena[sdk]'", True),
 }
-_LOOKED_AT = 10  # vehicles of the default arena
+_VEHICLES = 10  # of the default arena
 DEVICES = Path("/dev")
 PX4_LOCKS = Path("/tmp")
-"""Where PX4 has its lock files, whatever TMPDIR says."""
+"""Folder of PX4's lock files; PX4 ignores TMPDIR."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One line. sign: `ok`, `missing` or `note`. fatal: no arena flies with it."""
+    """A line of the result.
+
+    sign: `ok`, `missing` or `note`.  what: the text.  fatal: no arena can fly before this is fixed.
+    """
 
     sign: str
     what: str
@@ -52,6 +55,7 @@ class Finding:
 def examine(
     probe: Probe | None = None, locks: Path = PX4_LOCKS, devices: Path = DEVICES
 ) -> Iterator[Finding]:
+    """Yield the result of every check. probe, locks, devices: replaced by tests."""
     probe = probe or Machine()
     yield from _python()
     yield from _packages(probe)
@@ -88,7 +92,7 @@ def _version(package: str) -> str:
 
 
 def _px4() -> Finding:
-    """What an arena that names none would fly."""
+    """Return which PX4 an arena would fly that names none."""
     try:
         px4 = need_px4()
     except NotInstalledError as error:
@@ -100,7 +104,7 @@ def _px4() -> Finding:
 
 
 def _ports(probe: Probe) -> Iterator[Finding]:
-    """What stands in the way of an arena of ten vehicles on the default address."""
+    """Yield the ports in use that an arena of ten vehicles on the default address needs."""
     defaults = ArenaFile(vehicles={"uav1": VehicleKeys()})
     address = defaults.address
     wanted = {
@@ -108,7 +112,7 @@ def _ports(probe: Probe) -> Iterator[Finding]:
         defaults.mocap.command_port: "the motion capture",
         GROUND_STATION: "a ground station",
     }
-    for vehicle_id in range(1, _LOOKED_AT + 1):
+    for vehicle_id in range(1, _VEHICLES + 1):
         ports = vehicle_ports(vehicle_id)
         wanted |= {
             getattr(ports, key): f"{who}, vehicle {vehicle_id}"
@@ -123,18 +127,18 @@ def _ports(probe: Probe) -> Iterator[Finding]:
             what=f"UDP port {port} of {address} ({who}) is in use{f' by {holder}' if holder else ''}",
         )
     if not taken:
-        yield Finding(sign="ok", what=f"every UDP port of {_LOOKED_AT} vehicles on {address} is free")
+        yield Finding(sign="ok", what=f"every UDP port of {_VEHICLES} vehicles on {address} is free")
 
 
 def _serial(folder: Path) -> Iterator[Finding]:
-    """Where a flight controller or a telemetry radio may be plugged in, and whether this user may open it."""
+    """Yield the serial devices, and whether this user may open them."""
     for device in sorted((*folder.glob("ttyACM*"), *folder.glob("ttyUSB*"))):
         if os.access(device, os.R_OK | os.W_OK):
-            yield Finding(sign="ok", what=f"{device}: a serial device, perhaps a flight controller")
+            yield Finding(sign="ok", what=f"{device}: a serial device, maybe a flight controller")
         else:
             yield Finding(
                 sign="note",
-                what=f"{device}: this user may not open it; add the user to its group ({device.group()})",
+                what=f"{device}: no permission to open it; add the user to its group ({device.group()})",
             )
 
 
@@ -153,7 +157,7 @@ def _runs() -> Iterator[Finding]:
 
 
 def _locks(folder: Path) -> Iterator[Finding]:
-    """PX4 instance N is N - 1 of the vehicle's id; two of one number cannot run on one computer."""
+    """Yield the PX4 instances that run. Two instances of one number cannot run on one computer."""
     for lock in sorted(folder.glob("px4_lock-*")):
         number = lock.name.partition("-")[2]
         try:

@@ -1,4 +1,4 @@
-"""Finding the arena that a command means: the only one that is up, or the one named by `--run`."""
+"""Search for the arena that a command is about: the only one that is up, or the one named by `--run`."""
 
 from __future__ import annotations
 
@@ -16,14 +16,18 @@ RunOption = Annotated[
 
 
 def find(run: Path | None, *, stale: bool = False) -> RunState:
-    """The run that is meant; `stale`: one whose supervisor has died will do. Raises InputError with the choices."""
+    """Return the run that is meant.
+
+    run: the run folder, None for the only arena that is up.  stale: accept a run whose supervisor has died.
+    Raises InputError that lists the arenas when several are up, RunError when none is.
+    """
     if run is not None:
         state = open_run(run.resolve())
         if state is None:
             raise InputError(f"{run}: no arena is running from this folder")
         if not (state.live or stale):
             raise RunError(
-                f"{run}: its supervisor has died; `arena down --run {run}` lands and ends what is left"
+                f"{run}: its supervisor has died; `arena down --run {run}` lands the vehicles and ends its processes"
             )
         return state
     found = [state for state in active_runs() if state.live or stale]
@@ -31,9 +35,10 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
         raise RunError("no arena is up")
     if len(found) > 1:
         choices = "\n".join(f"  --run {state.run}   ({state.name} on {state.address})" for state in found)
-        raise InputError(f"{len(found)} arenas are up; say which:\n{choices}")
+        raise InputError(f"{len(found)} arenas are up; choose one:\n{choices}")
     return found[0]
 
 
 def connect(state: RunState) -> Control:
+    """Connect to the supervisor of a run."""
     return Control(Path(state.rt) / "control.sock")

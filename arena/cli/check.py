@@ -11,6 +11,8 @@ from arena.cli._arena import File, Set, what_would_run
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def check(
         file: File = Path("arena.yaml"),
@@ -19,7 +21,7 @@ def register(app: typer.Typer) -> None:
             bool, typer.Option(help="also look at this machine: free ports, pybullet, the tools' commands")
         ] = True,
     ) -> None:
-        """Tell every problem of an arena at once, or `ok` and what would run. Starts nothing."""
+        """Print every problem of an arena at once, or `ok` and what would run. Starts nothing."""
         from arena.plan import make_plan
         from arena.schema import check_machine, load_arena
 

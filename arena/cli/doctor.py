@@ -1,4 +1,4 @@
-"""`arena doctor`: what this machine has for flying arenas, what it lacks, and how to get it."""
+"""`arena doctor`: what this machine has for flying arenas, what is missing, and how to install it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from arena.errors import EXIT_INPUT
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def doctor() -> None:
-        """Tell what is found and what is missing for flying arenas. Starts nothing; 0 when arenas can fly, else 2."""
+        """Print what this machine has for flying arenas and what is missing. Exit code 0: arenas can fly; 2: they cannot."""
         from arena.cli._health import examine
 
         findings = list(examine())

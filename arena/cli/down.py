@@ -1,4 +1,4 @@
-"""`arena down`: land, then stop a running arena; or sweep what a dead supervisor left, or a stopped one does not look after."""
+"""`arena down`: land and stop a running arena, or the processes that a dead or stopped supervisor has left."""
 
 from __future__ import annotations
 
@@ -18,17 +18,20 @@ _STOPPED_S = 3.0
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def down(
         run: RunOption = None,
         now: Annotated[
             bool,
             typer.Option(
-                "--now", help="do not land simulated vehicles; a real one that may fly is always landed"
+                "--now",
+                help="do not land simulated vehicles; a real vehicle that may be flying is always landed",
             ),
         ] = False,
     ) -> None:
-        """Land the vehicles, then stop the arena; with --now, stop it at once. Exits as the run does."""
+        """Land the vehicles, then stop the arena; with --now, stop it at once. The exit code is that of the run."""
         state = find(run, stale=True)
         if state.live and not _stays_stopped(state):
             code = _down(state, now)
@@ -36,15 +39,15 @@ def register(app: typer.Typer) -> None:
                 raise SystemExit(code)
         if state.live:
             print(
-                f"the supervisor {state.supervisor.pid} is stopped and hears nobody: the arena ends without it",
+                f"the supervisor {state.supervisor.pid} is stopped and does not answer: the arena is ended without it",
                 flush=True,
             )
         sweep(state, print, now=now)
-        print(f"nothing is left of {state.run}")
+        print(f"all processes of {state.run} have ended")
 
 
 def _stays_stopped(state: RunState) -> bool:
-    """A signal has stopped the supervisor, and nobody lets it go on within some seconds."""
+    """Return whether the supervisor is stopped by a signal and stays so for _STOPPED_S."""
     deadline = time.monotonic() + _STOPPED_S
     while (stopped := state.stopped) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -52,7 +55,7 @@ def _stays_stopped(state: RunState) -> bool:
 
 
 def _down(state: RunState, now: bool) -> int | None:
-    """The exit code of the run; None when its supervisor was stopped meanwhile."""
+    """End a run through its supervisor and return the exit code of the run; None when the supervisor is stopped."""
     control = connect(state)
     try:
         control.ask(do="subscribe")
@@ -61,20 +64,20 @@ def _down(state: RunState, now: bool) -> int | None:
         if _stays_stopped(state):
             return None
         raise
-    _tell(control, state, time.monotonic() + _LONGEST_S)
+    _print_lines(control, state, time.monotonic() + _LONGEST_S)
     if _stays_stopped(state):
         return None
     while state.live:
         if not _wait_for_end(state):
             raise RunError(
-                f"the supervisor {state.supervisor.pid} closed its line but still runs: see {state.run}"
+                f"the supervisor {state.supervisor.pid} closed its connection but still runs: see {state.run}"
             )
     print(f"run folder: {state.run}")
-    return _verdict(Path(state.run))
+    return _exit_code(Path(state.run))
 
 
-def _tell(control: Control, state: RunState, deadline: float) -> None:
-    """Print what the supervisor says until it has ended, or is stopped."""
+def _print_lines(control: Control, state: RunState, deadline: float) -> None:
+    """Print the lines of the run until it has ended, or until its supervisor is stopped."""
     while time.monotonic() < deadline:
         try:
             packet = control.listen(1.0)
@@ -95,7 +98,7 @@ def _wait_for_end(state: RunState, limit_s: float = 10.0) -> bool:
     return not state.live
 
 
-def _verdict(folder: Path) -> int:
+def _exit_code(folder: Path) -> int:
     try:
         return int(json.loads((folder / "outcome.json").read_text())["exit_code"])
     except (OSError, ValueError, KeyError):

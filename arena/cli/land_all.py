@@ -11,6 +11,8 @@ from arena.emergency.land_all import LAND_TIMEOUT_S, land_all, names
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command("land-all")
     def land_all_(
         arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, where no run is active")] = None,  # noqa: UP045

@@ -19,6 +19,8 @@ _LOOK_S = 0.1
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def logs(
         name: Annotated[str, typer.Argument(help="as `arena ps` shows it")],

@@ -22,6 +22,8 @@ COLUMNS = ("name", "needs", "ready", "ports", "command")
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def plan(
         file: File = Path("arena.yaml"),
@@ -31,7 +33,7 @@ def register(app: typer.Typer) -> None:
             str, typer.Option("--explain", metavar="KEY", help="where a value, or all below a key, came from")
         ] = "",
     ) -> None:
-        """Print the process table of an arena: who needs whom, ports, commands. Starts nothing."""
+        """Print the process table of an arena: needs, ports and commands. Starts nothing."""
         from arena.plan import make_plan
         from arena.schema import load_arena
 
@@ -44,7 +46,7 @@ def register(app: typer.Typer) -> None:
 
 
 def explained(arena: Arena, key: str) -> list[str]:
-    """A line per value at or below the dotted key. Raises InputError, with the near key."""
+    """Return a line per value at or below a dotted key. Raises InputError that names the nearest key."""
     from arena.plan.firmware import origins as firmware_origins
     from arena.schema.source import near
 
@@ -66,7 +68,7 @@ def _text(value: object) -> str:
 
 
 def _from(source: str) -> str:
-    """A place in a file or on the command line, or else a reason."""
+    """Return the source of a value: a place in a file or on the command line, or a reason."""
     return f"from {source}" if source == "--set" or source.rpartition(":")[2].isdigit() else f"({source})"
 
 
@@ -87,12 +89,12 @@ def _show(arena: Arena, made: Plan) -> None:
 
 
 def row(spec: ProcessSpec) -> tuple[str, ...]:
-    """One process, in words."""
+    """Return the cells of one process."""
     ports = ", ".join(str(x.port) for x in spec.listens)
     return spec.name, ", ".join(spec.needs), spec.ready, ports, command(spec)
 
 
 def command(spec: ProcessSpec) -> str:
-    """The command line, the interpreter by its bare name."""
+    """Return the command line, with the interpreter's name without its folder."""
     first = Path(spec.argv[0]).name
     return " ".join((first, *(arg if "{run}" in arg else shlex.quote(arg) for arg in spec.argv[1:])))

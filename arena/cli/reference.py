@@ -1,4 +1,4 @@
-"""`python -m arena.cli.reference [FOLDER]`: writes the generated pages of docs/reference. A test writes them again and compares.
+"""Generator of docs/reference: `python -m arena.cli.reference [FOLDER]`. A test generates the pages again and compares.
 
 Pages: keys of the YAML, ports, processes, exit codes, the command line, words of scenarios, columns of the log.
 Nothing in them is written by hand.
@@ -31,7 +31,7 @@ _EXAMPLE = "vehicles: {uav1: {program: hover.py}}\n"
 
 
 def pages() -> dict[str, str]:
-    """File name -> text, all seven."""
+    """Return file name -> text of every generated page."""
     made = {
         "yaml.md": yaml_page(),
         "ports.md": ports_page(),
@@ -45,7 +45,7 @@ def pages() -> dict[str, str]:
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table in Markdown."""
+    """Return a table in Markdown."""
     head = list(head)
     lines = [
         "| " + " | ".join(row) + " |"
@@ -55,14 +55,14 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def yaml_page() -> str:
-    """Every key, from the models' JSON schema."""
+    """Return the page of all keys of arena.yaml, from the JSON schema."""
     schema = json_schema()
     defs = schema["$defs"]
     text = (
         "# Keys of arena.yaml\n\nUnknown keys, keys given twice, NaN and infinity are refused. Scalars are\n"
     )
     text += "read as YAML 1.2 says. "
-    text += "Values are laid over each other in this order: defaults, profile, `defaults`, the vehicle, `--set key=value`.\n\n"
+    text += "Later sources override earlier ones: defaults, profile, `defaults`, the vehicle, `--set key=value`.\n\n"
     text += "## The arena\n\n" + _keys(schema)
     order = [
         "World",
@@ -132,7 +132,7 @@ def _default(schema: dict[str, Any], required: bool) -> str:
 
 
 def _type(schema: dict[str, Any]) -> str:
-    """A JSON schema in a few words."""
+    """Return a JSON schema in a few words."""
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
@@ -169,6 +169,7 @@ def _range(schema: dict[str, Any]) -> str:
 
 
 def ports_page() -> str:
+    """Return the page of all ports."""
     rows = [(rule, *WHAT[key]) for key, rule in RULE.items()]
     rows += [
         (str(LINK_BASE), "the router", "the socket that serves ground stations"),
@@ -183,7 +184,7 @@ def ports_page() -> str:
 
 
 def processes_page() -> str:
-    """The process table of an arena with one vehicle."""
+    """Return the page with the process table of an arena with one vehicle."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arena.yaml"
         file.write_text(_EXAMPLE)
@@ -219,7 +220,7 @@ def _process(spec: ProcessSpec) -> list[str]:
 
 
 def log_columns_page() -> str:
-    """Every column of a vehicle's log, with the example that reads it."""
+    """Return the page of all columns of a vehicle's log, with an example that reads it."""
 
     def rows(groups: Iterable[columns.Group]) -> Iterator[tuple[str, ...]]:
         for group in groups:
@@ -241,10 +242,10 @@ def log_columns_page() -> str:
 
 
 def scenarios_page() -> str:
-    """Every key, word and operator of a scenario."""
+    """Return the page of all keys, words and operators of scenarios."""
     states = {f"V.{state}": meaning for state, meaning in vocabulary.STATES.items()}
     values = {f"V.{name} < X {q.unit}": f"{q.meaning}; also `>`" for name, q in vocabulary.QUANTITIES.items()}
-    deeds = ((f"`{form.form}`", "yes" if form.lasting else "", form.meaning) for form in vocabulary.DEEDS)
+    actions = ((f"`{form.form}`", "yes" if form.lasting else "", form.meaning) for form in vocabulary.DEEDS)
     parts = (
         "# Scenarios",
         "A scenario is a YAML file for `arena smoke`. All of it is checked before anything flies. Times are simulated.",
@@ -260,16 +261,16 @@ def scenarios_page() -> str:
         "## Moments, expectations and rules",
         _meanings("written", vocabulary.PHRASES),
         "## Conditions",
-        "`not` before a condition turns it round. With `each` in place of a vehicle's name it must hold for every vehicle.\n"
-        "What is not known fulfils no condition and breaks none.",
+        "`not` before a condition negates it. With `each` in place of a vehicle's name it must hold for every vehicle.\n"
+        "An unknown value fulfils no condition and violates none.",
         _meanings("condition", {**states, **values, **vocabulary.OTHERS}),
-        "## Deeds",
-        "Some may end in `for T`: after that time they are taken back. `each` hits every vehicle.",
-        table(("deed", "`for T`", "what is done"), deeds),
+        "## Actions",
+        "Some may end in `for T`: they are undone after that time. `each` acts on every vehicle.",
+        table(("action", "`for T`", "what is done"), actions),
         "## What the letters stand for",
         _meanings("letter", vocabulary.PARTS),
         "## What may happen",
-        "By default nobody crashes, everybody has landed at the end, and no process fails but those that a deed has hit.",
+        "By default no vehicle crashes, every vehicle has landed at the end, and no process fails except those that an action has hit.",
         _meanings("entry of `may`", vocabulary.MAY),
     )
     return "\n\n".join(part.rstrip("\n") for part in parts)
@@ -280,6 +281,7 @@ def _meanings(head: str, words: Mapping[str, str]) -> str:
 
 
 def exit_codes_page() -> str:
+    """Return the page of exit codes and exceptions."""
     codes = [
         (errors.EXIT_OK, "done"),
         (errors.EXIT_FAILED, "the run failed: a vehicle, a program, a process or an assertion"),
@@ -304,7 +306,7 @@ def _family(kind: type[errors.ArenaError]) -> Iterator[type[errors.ArenaError]]:
 
 
 def cli_page() -> str:
-    """Every verb with its arguments and options, from the app itself."""
+    """Return the page of all verbs with their arguments and options, from the app itself."""
     group: Any = typer.main.get_command(build(()))
     text = "# The command line\n\n`--debug` before or after any verb shows the traceback of a failure.\n"
     for verb, command in _commands(group):
@@ -320,7 +322,7 @@ def cli_page() -> str:
 
 
 def _commands(group: Any) -> Iterator[tuple[str, Any]]:
-    """Verbs with their commands; those of a group one by one."""
+    """Yield every verb with its command; the commands of a group one by one."""
     for verb in (v for v in VERBS if v in group.commands):
         command = group.commands[verb]
         if inner := getattr(command, "commands", None):
@@ -343,6 +345,7 @@ def _parameter(p: Any) -> tuple[str, str]:
 
 
 def main(folder: Path) -> None:
+    """Write all pages into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in pages().items():
         (folder / name).write_text(text)

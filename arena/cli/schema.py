@@ -8,6 +8,8 @@ import typer
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def schema() -> None:
         """Print the JSON schema of arena.yaml, for editors."""

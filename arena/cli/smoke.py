@@ -1,4 +1,4 @@
-"""`arena smoke`: fly scenarios headless and judge them.
+"""`arena smoke`: fly scenarios without a window and judge them.
 
 Exit codes: 0 all passed; 1 one failed; 2 a scenario or an arena is wrong, and nothing was flown; 130 after a Ctrl-C, the arenas
 landed and gone.
@@ -27,6 +27,8 @@ _WIDE = 160  # characters of a CI server's log, in which a broken path leads now
 
 
 def register(app: typer.Typer) -> None:
+    """Add the verb to the app."""
+
     @app.command()
     def smoke(
         scenarios: Annotated[
@@ -83,7 +85,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _make(folder: Path) -> None:
-    """Before anything flies: what is flown is to be kept."""
+    """Make a folder for results. Raises InputError when it cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -91,7 +93,7 @@ def _make(folder: Path) -> None:
 
 
 def files(named: list[Path]) -> list[Path]:
-    """Folders become the scenarios in them. Raises InputError for a folder without one."""
+    """Replace folders by the scenarios in them. Raises InputError for a folder without one."""
     found: list[Path] = []
     for path in named:
         inside = sorted(path.rglob(f"*{ENDING}")) if path.is_dir() else [path]
@@ -102,7 +104,7 @@ def files(named: list[Path]) -> list[Path]:
 
 
 def load(paths: list[Path], overrides: list[str]) -> list[Scenario]:
-    """Every scenario of every file. Raises InputError with the problems of all of them."""
+    """Return every scenario of every file. Raises InputError with the problems of all files."""
     from arena.smoke.flying.fly_scenario import refuse_real
     from arena.smoke.language.scenario import load_scenarios
 
@@ -124,7 +126,7 @@ def _fly(scenarios: list[Scenario], how: How, jobs: int, junit: Path | None) -> 
     from arena.smoke.flying.runner import Interrupted, fly_all
 
     try:
-        results = fly_all(scenarios, how, jobs=jobs, tell=_tell)
+        results = fly_all(scenarios, how, jobs=jobs, tell=_print_result)
     except Interrupted as interrupted:
         flown = Counter(result.scenario for result in interrupted.results)
         missing = list((Counter(scenario.name for scenario in scenarios) - flown).elements())
@@ -137,7 +139,7 @@ def _fly(scenarios: list[Scenario], how: How, jobs: int, junit: Path | None) -> 
     return EXIT_OK if all(result.verdict.passed for result in results) else EXIT_FAILED
 
 
-def _tell(result: Result) -> None:
+def _print_result(result: Result) -> None:
     word = "passed" if result.verdict.passed else "FAILED"
     print(
         f"{word}  {result.scenario}  ({result.verdict.lasted_s:.1f} s flown in {result.wall_s:.1f} s)",

@@ -42,7 +42,7 @@ class Seen:
         """A frame of the vehicle's autopilot. now: monotonic [s]."""
         if frame.msgid == HEARTBEAT:
             self._heard_at = now
-            self._learn("heard", True)
+            self._learn("connected", True)
             self._learn("armed", bool(byte_at(data, frame, _BASE_MODE) & _ARMED_BIT))
             self._learn("mode", mode_words(uint_at(data, frame, _CUSTOM_MODE, 4)))
         elif frame.msgid == EXTENDED_SYS_STATE:
@@ -52,7 +52,7 @@ class Seen:
 
     def tick(self, now: float) -> None:
         if self._heard_at is not None and now - self._heard_at > SILENT_AFTER_S:
-            self._learn("heard", False)
+            self._learn("connected", False)
 
     def _land(self, landed: bool, now: float) -> None:
         """`airborne_s`, the time in the air by its own account [s], is told as it leaves and meets the ground."""

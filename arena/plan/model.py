@@ -43,7 +43,7 @@ class Listen:
 class ProcessSpec:
     """One process, complete.
 
-    needs: names that must be READY first.  ready: how readiness is proven: `told` (the room says so on its line), `started`
+    needs: names that must be READY first.  ready: how readiness is proven: `reported` (the process sends it), `started`
     (the exec worked: programs and plain tools), `port` (something listens on ready_port).  outlives: it serves a vehicle that
     may be flying, so it survives the supervisor and ends by itself; others get a parent-death signal.
     stopped_for_s: one that is stopped (SIGSTOP) so long is killed, and its restart policy holds; None: it is only told of.
@@ -58,7 +58,7 @@ class ProcessSpec:
     cwd: str = "{run}"
     env: tuple[tuple[str, str], ...] = ()
     needs: tuple[str, ...] = ()
-    ready: Literal["told", "started", "port"] = "told"
+    ready: Literal["reported", "started", "port"] = "reported"
     ready_port: int = 0
     start_timeout_s: float = 30.0
     stop_signal: Literal["SIGTERM", "SIGINT"] = "SIGTERM"

@@ -37,7 +37,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(kw_only=True)
 class Child:
-    """One started process.
+    """A started process.
 
     pid: also the number of its process group and session.  start_s: when the kernel started it [s since boot].
     channel: the supervisor's end of the status socket; None once the other end is closed.

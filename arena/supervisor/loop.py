@@ -56,7 +56,7 @@ class Phase(StrEnum):
 
 
 class Show(Protocol):
-    """What the supervisor needs of a terminal. Called from the loop; no method may raise or wait."""
+    """The output of a run, as the supervisor needs it. Called from the loop; no method may raise or wait."""
 
     def say(self, message: Message) -> None:
         """Show one line."""
@@ -65,7 +65,7 @@ class Show(Protocol):
         """Redraw a table if it is due. now: monotonic [s]."""
 
     def started(self, failed: list[str]) -> None:
-        """Note that every process is started. failed: a text for each process that could not be."""
+        """Report that every process is started. failed: a text for each process that could not be."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +83,7 @@ class Options:
 
 
 class Supervisor:
-    """One run of one plan. `run()` returns the exit code."""
+    """The run of a plan. `run()` returns the exit code."""
 
     def __init__(self, plan: Plan, folder: RunFolder, show: Show, options: Options) -> None:
         self.plan, self.folder, self.options, self._show = plan, folder, options, show

@@ -1,4 +1,4 @@
-"""What a run shows to a person: which changes are worth a line, at which level, in which words. Pure."""
+"""The lines that a run shows to a person: which changes get a line, at which level, with which text. Pure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """One line for a person.
+    """A line for a person.
 
     source: the process or vehicle that the line is about; "" for none.
     time_s: simulated time [s]; time since the start where no world runs; None before the world runs.
@@ -85,7 +85,7 @@ class VehicleChanges:
         self._known: dict[str, dict[str, Any]] = {}
 
     def on_facts(self, facts: Mapping[str, Any]) -> list[Message]:
-        """facts: those of one packet, `<vehicle>.<name>` -> value. Return a line for each change that matters."""
+        """Return a line for each change that matters. facts: those of one packet, `<vehicle>.<name>` -> value."""
         new: dict[str, dict[str, Any]] = {}
         for key, value in facts.items():
             vehicle, _, name = key.rpartition(".")
@@ -104,6 +104,6 @@ class VehicleChanges:
             texts.append(f"mode {after['mode']}")
         if "landed" in changed and "landed" in before:
             texts.append("on the ground" if after["landed"] else "in the air")
-        if "heard" in changed and "heard" in before:
-            texts.append("heartbeat received again" if after["heard"] else "no heartbeat for 3 s")
+        if "connected" in changed and "connected" in before:
+            texts.append("heartbeat received again" if after["connected"] else "no heartbeat for 3 s")
         return texts

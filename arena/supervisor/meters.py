@@ -1,4 +1,4 @@
-"""What is measured of a run: CPU and memory of each process, and the real-time factor of the world."""
+"""Measurements of a run: CPU and memory of each process, and the real-time factor of the world."""
 
 from __future__ import annotations
 

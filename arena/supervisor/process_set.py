@@ -32,7 +32,7 @@ _LOADING_S, _SILENT_LOADING_S = 1.0, 0.3
 
 @dataclass(kw_only=True)
 class Orders:
-    """What the loop wants now.
+    """The wishes of the loop.
 
     starts_on: processes may start.  stop, kill: names of processes.  why: the reason for all three.
     """
@@ -83,7 +83,7 @@ class ProcessSet:
         self.changed = True
 
     def reconcile(self, orders: Orders, now: float) -> None:
-        """Reap what has ended, then step every process; repeat while something changed, because starts form chains."""
+        """Collect ended processes, then step every process; repeat while something changed, because starts form chains."""
         self._ending = not orders.starts_on
         for _ in range(2 + len(self.specs)):
             self.changed = False
@@ -102,7 +102,7 @@ class ProcessSet:
             self.meters[name].sample(child.pid, now)
 
     def cut_logs(self, now: float) -> None:
-        """Shorten every log that has passed its limit."""
+        """Cut every log that has passed its limit."""
         for name, child in self.children.items():
             if child.cut_log() and child.cut == 1:
                 limit = child_process.LOG_LIMIT_BYTES >> 20
@@ -144,7 +144,7 @@ class ProcessSet:
         )
 
     def _proof(self, name: str, spec: ProcessSpec) -> str:
-        if spec.ready == "told":
+        if spec.ready == "reported":
             return "reported ready" if name in self._ready else ""
         if spec.ready == "started":
             return "started" if name in self.children else ""
@@ -211,7 +211,7 @@ class ProcessSet:
             self._exits[spec.name] = Exit(code=127, text=f"could not start: {where}: {what}", ran=False)
             return
         self.children[spec.name] = child
-        self._loading[spec.name] = now + (_LOADING_S if spec.ready == "told" else _SILENT_LOADING_S)
+        self._loading[spec.name] = now + (_LOADING_S if spec.ready == "reported" else _SILENT_LOADING_S)
         self.meters[spec.name].started(now)
         if child.channel is not None:
             self._selector.register(child.channel, selectors.EVENT_READ, lambda: self._receive(child))

@@ -42,7 +42,7 @@ ENDED = frozenset({State.EXITED, State.FATAL})
 
 
 class Action(StrEnum):
-    """What the shell must do after a step."""
+    """The action of the shell after a step."""
 
     NONE = "none"
     START = "start"
@@ -72,7 +72,7 @@ class Exit:
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """What happened to a process since the last step, and what the loop wants.
+    """Input of a step: events of a process since the last step, and the wishes of the loop.
 
     needs_ready: all its needs are ready.  needs_dead: the name of a need that has ended for good, or "".
     proof: how readiness was proven, or "".  exit: how it ended, given once.

@@ -28,7 +28,7 @@ _LONGEST_SOCKET = "/router.faults"
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """One process as recorded in state.json.
+    """A process as recorded in state.json.
 
     pid: also the number of its session.  pgid: its group.  start_s: when it started [s since boot]; pid and start time
     together identify it.
@@ -40,7 +40,7 @@ class Member:
 
     @property
     def alive(self) -> bool:
-        """Whether this very process still runs."""
+        """True while this very process runs."""
         return proc_fs.is_same(self.pid, self.start_s)
 
 
@@ -62,12 +62,12 @@ class RunState:
 
     @property
     def live(self) -> bool:
-        """Whether its supervisor runs."""
+        """True while its supervisor runs."""
         return self.boot == proc_fs.boot_id() and self.supervisor.alive
 
     @property
     def stopped(self) -> bool:
-        """Whether a signal has stopped its supervisor (SIGSTOP), so that it does not answer."""
+        """True while its supervisor is stopped by a signal (SIGSTOP) and does not answer."""
         return self.live and proc_fs.is_stopped(self.supervisor.pid)
 
     def survivors(self) -> dict[str, list[int]]:

@@ -1,4 +1,4 @@
-"""One task beside the plan's processes: the landing or the report. Its output is logged and passed on line by line."""
+"""A task beside the plan's processes: the landing or the report. Its output is logged and passed on line by line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BYTES_PER_POLL = 1 << 16
 
 @dataclass(kw_only=True)
 class SideTask:
-    """One running task.
+    """A running task.
 
     deadline: when its group is killed, monotonic [s]. A task that a signal has stopped for STOPPED_S is killed too.
     on_line: called with each line of its output.  expired: why it was killed, or "".

@@ -47,14 +47,14 @@ class Lines:
         """Redraw a table if it is due. There is none here."""
 
     def started(self, failed: list[str]) -> None:
-        """Note that every process is started."""
+        """Ignore that every process is started: `arena up --detach` uses it."""
 
     def close(self) -> None:
         """End a live table. There is none here."""
 
 
 class JsonLines(Lines):
-    """One JSON object per line on stdout, for programs."""
+    """Output as one JSON object per line on stdout, for programs."""
 
     def say(self, message: Message) -> None:
         """Print a message as {"time_s": ..., "source": ..., "level": ..., "text": ...}."""

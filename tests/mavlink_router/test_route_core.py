@@ -196,7 +196,7 @@ def test_frames_and_bytes_are_counted_each_way(fleet):
 def test_facts_are_told_once_when_they_change(fleet):
     assert not fleet.router.all_heard
     fleet.say("autopilot1", heartbeat(1, armed=True))
-    assert fleet.router.news() == {"uav1.heard": True, "uav1.armed": True, "uav1.mode": "OFFBOARD"}
+    assert fleet.router.news() == {"uav1.connected": True, "uav1.armed": True, "uav1.mode": "OFFBOARD"}
     fleet.say("autopilot1", heartbeat(1, armed=True))
     assert fleet.router.news() == {}
     assert fleet.router.any_armed(simulated=True)
@@ -240,7 +240,7 @@ def test_a_silent_vehicle_is_not_heard_and_keeps_its_last_armed(fleet):
     assert fleet.router.news() == {}
     fleet.now += 0.2
     fleet.router.tick(fleet.now)
-    assert fleet.router.news() == {"uav1.heard": False}
+    assert fleet.router.news() == {"uav1.connected": False}
     assert fleet.router.any_armed(simulated=True)
 
 

@@ -53,7 +53,7 @@ def test_a_real_vehicle_that_was_never_switched_on_holds_up_no_end():
     real = replace(PLAN, vehicles=(vehicle("uav1", simulated=False),))
     lives = {"world": READY, "p": DONE}
     assert may_fly(real, lives, {}, {}) == []
-    assert may_fly(real, lives, {}, {"uav1.heard": False, "uav1.armed": True}) == ["uav1"]
+    assert may_fly(real, lives, {}, {"uav1.connected": False, "uav1.armed": True}) == ["uav1"]
 
 
 def seen(crashed: str = "", *, airborne: bool = False, px4: str = "in step") -> dict[str, dict[str, object]]:

@@ -244,7 +244,7 @@ specs = st.builds(
     name=st.just("x"),
     kind=st.just("tool"),
     argv=st.just(("x",)),
-    ready=st.sampled_from(["told", "started"]),
+    ready=st.sampled_from(["reported", "started"]),
     restart=st.builds(
         Restart, mode=st.sampled_from(["never", "on_failure", "always"]), limit=st.integers(1, 4)
     ),
