@@ -1,24 +1,25 @@
-"""Faults on purpose: how a scenario spoils a simulated arena while it flies. One local datagram is one fault, a JSON object.
+"""Faults that a scenario injects into a simulated arena while it flies. One datagram on a local socket is one fault, a JSON object.
 
-Each room that can be spoiled (the world, the motion capture, the router) listens on `<path>`, a socket in the run's private
-folder, and looks at it before every step, frame or turn. A sender that is awake on a lockstep clock finds its fault in force at
-the next of these: time has not moved meanwhile. Arenas with real vehicles have no such sockets: their slices name none.
+Each process that can have faults (the world, the motion capture emulator, the router) receives them on `<path>`, a socket in the
+run's private folder, and reads it before every step, frame or turn. On a lockstep clock, a fault that is sent while the sender is
+awake is active at the next of these, because simulation time has not moved. Arenas with real vehicles have no such sockets: their
+slices name none.
 
-    world    {"do": "motor", "vehicle": "uav1", "rotor": 1, "thrust": 0.0}     share of the thrust that rotor 1.. still gives
-             {"do": "battery", "vehicle": "uav1", "empty_in_s": 20.0}          the pace, full to empty; null: as its motors draw
+    world    {"do": "motor", "vehicle": "uav1", "rotor": 1, "thrust": 0.0}     share of its thrust that the rotor (1..) still gives
+             {"do": "battery", "vehicle": "uav1", "empty_in_s": 20.0}          discharge time from full to empty; null: by load
              {"do": "wind", "wind_m_s": [3, 0, 0]}                             [NED]
-             {"do": "sticks", "vehicle": "uav1", "on": false}                  a pilot's radio
-    mocap    {"do": "dropout", "body": "uav1", "on": true}                     not tracked
-             {"do": "freeze", "body": "uav1", "on": true}                      the last pose again and again, as if tracked
-             {"do": "jump", "body": "uav1", "by_m": [1, 0, 0], "yaw_deg": 0}   every pose is off so far [NED]; zeros: as before
-             {"do": "swap", "bodies": ["uav1", "uav2"], "on": true}            each gets the other's pose
-             {"do": "delay", "ms": 200}                                        more latency: what has been seen leaves later
-    router   {"do": "loss", "vehicle": "uav1", "share": 0.3}                   of the datagrams of its link, each way
-             {"do": "delay", "vehicle": "uav1", "ms": 200}                     each way, in simulated time
-             {"do": "heartbeat", "on": false}                                  of the ground station
+             {"do": "sticks", "vehicle": "uav1", "on": false}                  the pilot's radio
+    mocap    {"do": "dropout", "body": "uav1", "on": true}                     the body is not tracked
+             {"do": "freeze", "body": "uav1", "on": true}                      the last pose is repeated, marked as tracked
+             {"do": "jump", "body": "uav1", "by_m": [1, 0, 0], "yaw_deg": 0}   offset of every pose [NED]; zeros end it
+             {"do": "swap", "bodies": ["uav1", "uav2"], "on": true}            each body gets the other's pose
+             {"do": "delay", "ms": 200}                                        additional latency of all poses
+    router   {"do": "loss", "vehicle": "uav1", "share": 0.3}                   of its link's datagrams, in each direction
+             {"do": "delay", "vehicle": "uav1", "ms": 200}                     in each direction, in simulation time
+             {"do": "heartbeat", "on": false}                                  the ground station's
 
-A delay keeps the order. When it shrinks, what has waited long enough for the new one leaves at once. Each fault is told as an
-event, `fault: wind 3 0 0 m/s`; one that makes no sense is refused with one, and changes nothing.
+A delay keeps the order. When it shrinks, what has waited long enough leaves at once. Each fault is reported as an event,
+`fault: wind 3 0 0 m/s`; an invalid one is refused with an event and changes nothing.
 """
 
 from __future__ import annotations
@@ -34,14 +35,18 @@ from typing import Any
 from arena.errors import InputError, RunError
 
 Fault = dict[str, Any]
-_LONGEST = 4096
-_MOST = 64  # at one look
-_SHOWN = 60
-_PATIENCE_S = 1.0
+_MAX_BYTES = 4096
+_MAX_FAULTS = 64  # of one call of `take`
+_MAX_SHOWN = 60  # characters
+_SEND_TIMEOUT_S = 1.0
 
 
-class Faults:
-    """The listening side. path: None listens to nobody. Raises RunError where there can be no socket."""
+class FaultReceiver:
+    """The socket that a process receives faults on.
+
+    path: of the socket; None for a process without faults
+    Raises RunError when the socket cannot be made.
+    """
 
     def __init__(self, path: str | Path | None) -> None:
         self._path = Path(path) if path else None
@@ -55,25 +60,28 @@ class Faults:
                 self._path.chmod(0o600)
             except OSError as error:
                 self._socket.close()
-                raise RunError(f"cannot take faults at {self._path}: {error}") from error
+                raise RunError(f"cannot receive faults at {self._path}: {error}") from error
 
     def fileno(self) -> int:
-        """Readable when a fault waits; -1: nobody listens."""
+        """Return the file descriptor, readable when a fault waits; -1 without a socket."""
         return -1 if self._socket is None else self._socket.fileno()
 
     def take(self) -> list[Fault]:
-        """What has arrived since the last call; {} for what is no fault at all. Costs one system call when there is nothing."""
+        """Return the faults since the last call, {} for a datagram that is not a fault. Costs one system call when there is none."""
         found: list[Fault] = []
-        while self._socket is not None and len(found) < _MOST:
+        while self._socket is not None and len(found) < _MAX_FAULTS:
             try:
-                found.append(_read(self._socket.recv(_LONGEST)))
+                found.append(_read(self._socket.recv(_MAX_BYTES)))
             except BlockingIOError:
                 break
         return found
 
-    def obey(self, spoil: Callable[[Fault], str]) -> list[str]:
-        """Hand over what has arrived -> an event each. spoil: does a fault and says what it is, or raises InputError."""
-        return [_told(fault, spoil) for fault in self.take()]
+    def apply(self, function: Callable[[Fault], str]) -> list[str]:
+        """Pass each received fault to `function` and return an event for each.
+
+        function: applies a fault and returns it in words, or raises InputError
+        """
+        return [_event(fault, function) for fault in self.take()]
 
     def close(self) -> None:
         if self._socket is not None and self._path is not None:
@@ -83,20 +91,21 @@ class Faults:
 
 
 def inject(path: str | Path, fault: Fault) -> None:
-    """Raises RunError when nobody listens there, or nobody looks for a second though there is no room for more."""
+    """Send a fault. Raises RunError when no process receives faults there, or it has read none for a second."""
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as sender:
-        sender.settimeout(_PATIENCE_S)
+        sender.settimeout(_SEND_TIMEOUT_S)
         try:
             sender.connect(str(path))
             sender.send(json.dumps(fault).encode())
         except OSError as error:
-            raise RunError(f"{path}: nobody takes faults there ({error.strerror or error})") from error
+            raise RunError(f"{path}: no process receives faults there ({error.strerror or error})") from error
 
 
-# -- reading a fault: each raises InputError for what is not as it should be ---------------------------------------------------
+# -- reading a fault: each function raises InputError with the key, the value and what is expected
 
 
 def word(fault: Fault, key: str, choices: Collection[str]) -> str:
+    """Return one word of `choices`."""
     found = fault.get(key)
     if not isinstance(found, str) or found not in choices:
         raise _wrong(key, found, f"one of {', '.join(choices)}")
@@ -104,7 +113,7 @@ def word(fault: Fault, key: str, choices: Collection[str]) -> str:
 
 
 def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple[str, ...]:
-    """So many different ones."""
+    """Return `count` different words of `choices`."""
     found = fault.get(key)
     fits = (
         isinstance(found, list)
@@ -117,6 +126,7 @@ def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple
 
 
 def flag(fault: Fault, key: str) -> bool:
+    """Return true or false."""
     found = fault.get(key)
     if not isinstance(found, bool):
         raise _wrong(key, found, "true or false")
@@ -124,6 +134,7 @@ def flag(fault: Fault, key: str) -> bool:
 
 
 def number(fault: Fault, key: str, low: float, high: float) -> float:
+    """Return a finite number from `low` to `high`."""
     found = fault.get(key)
     if not _is_number(found, low, high):
         raise _wrong(key, found, f"a number from {low:g} to {high:g}")
@@ -131,6 +142,7 @@ def number(fault: Fault, key: str, low: float, high: float) -> float:
 
 
 def whole(fault: Fault, key: str, low: int, high: int) -> int:
+    """Return a whole number from `low` to `high`."""
     found = fault.get(key)
     if not isinstance(found, int) or not _is_number(found, low, high):
         raise _wrong(key, found, f"a whole number from {low} to {high}")
@@ -138,7 +150,7 @@ def whole(fault: Fault, key: str, low: int, high: int) -> int:
 
 
 def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
-    """Three numbers, none beyond `most` either way."""
+    """Return three numbers between -most and most."""
     found = fault.get(key)
     if not isinstance(found, list) or len(found) != 3 or not all(_is_number(x, -most, most) for x in found):
         raise _wrong(key, found, f"three numbers from {-most:g} to {most:g}")
@@ -146,7 +158,7 @@ def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
 
 
 def plain(values: Sequence[float]) -> str:
-    """Numbers as a person writes them: 3 0 -0.5."""
+    """Return numbers as a person writes them: 3 0 -0.5."""
     return " ".join(f"{x:g}" for x in values)
 
 
@@ -162,8 +174,8 @@ def _short(x: Any) -> str:
     try:
         text = json.dumps(x)
     except RecursionError:
-        text = "something deep"
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+        text = "a deeply nested value"
+    return text if len(text) <= _MAX_SHOWN else f"{text[:_MAX_SHOWN]}..."
 
 
 def _read(data: bytes) -> Fault:
@@ -174,10 +186,10 @@ def _read(data: bytes) -> Fault:
     return found if isinstance(found, dict) else {}
 
 
-def _told(fault: Fault, spoil: Callable[[Fault], str]) -> str:
+def _event(fault: Fault, function: Callable[[Fault], str]) -> str:
     if not fault:
-        return "fault refused: no JSON object, or an empty one"
+        return "fault refused: not a JSON object, or an empty one"
     try:
-        return f"fault: {spoil(fault)}"
+        return f"fault: {function(fault)}"
     except InputError as error:
         return f"fault refused: {_short(fault)}: {error}"

@@ -1,8 +1,7 @@
-"""The shell of faults on purpose in the router: their socket, and the clock that delays are measured on.
+"""The router's shell with fault injection: the socket for faults, and the clock that delays are measured on.
 
-Nothing of it is in the way of a datagram while nothing is wrong: `on_datagram` is then the router's own. Where there is a world's
-clock a delay is of its time: while something waits the router sleeps on it as its other clients do, and time waits for the
-router.
+While no fault is active, datagrams take the path of `RouterShell`. With a simulation clock a delay is in simulation time: while a
+datagram waits, the router is a client of the clock, so that time waits for the router.
 """
 
 from __future__ import annotations
@@ -10,91 +9,99 @@ from __future__ import annotations
 import contextlib
 import math
 import select
-from collections.abc import Callable
+import time
 
 from arena.clock import SimClock
 from arena.errors import RunError
-from arena.fault_injection import Faults
+from arena.fault_injection import FaultReceiver
 from arena.mavlink_router.link_impairment import ImpairedRouter
-from arena.mavlink_router.router import Out, Router
-from arena.mavlink_router.routing_table import Address
+from arena.mavlink_router.router import Out
+from arena.mavlink_router.routing_table import Table
+from arena.mavlink_router.shell import RouterShell
 from arena.process_context import ProcessContext
+from arena.transport import Address
 from arena.wire.mavlink_frame import Buffer
 
 
-class RouterFaults:
-    """poll: where its descriptors are waited on; call `look` when one is readable. wake_at: told when to call it again at the
-    latest, monotonic [s].
+class FaultInjectionShell(RouterShell):
+    """A `RouterShell` whose links can lose and delay datagrams.
 
-    on_datagram: instead of the router's, and changing.
+    faults: path of the socket that receives faults
+    impaired: the router behind the impaired links
     """
 
-    def __init__(
-        self, room: ProcessContext, router: Router, poll: select.epoll, wake_at: Callable[[float], None]
-    ) -> None:
-        self._room, self._router, self._poll, self._wake_at = room, router, poll, wake_at
-        self._core = ImpairedRouter(router, int(room.settings.get("seed", 0)))
-        self._faults = Faults(room.settings.get("faults"))
-        if self._faults.fileno() >= 0:
-            poll.register(self._faults.fileno(), select.EPOLLIN)
-        self._path: str | None = room.settings.get("clock")
+    def __init__(self, process: ProcessContext, table: Table, faults: str) -> None:
+        super().__init__(process, table)
+        self.impaired = ImpairedRouter(self._router, int(process.settings.get("seed", 0)))
+        self._faults = FaultReceiver(faults)
+        self._poll.register(self._faults.fileno(), select.EPOLLIN)
+        self._clock_path: str | None = process.settings.get("clock")
         self._clock: SimClock | None = None
-        self._asked: float | None = None  # when to be woken [s] by the world's clock; None: awake
-        self.on_datagram = router.on_datagram
-
-    def look(self, now: float) -> list[Out]:
-        """Take faults, let go what has waited long enough, ask to be woken for the rest. now: monotonic [s]."""
-        for text in self._faults.obey(self._core.spoil):
-            self._room.event(text)
-        try:
-            self._keep_time()
-            at = self._at(now)
-        except RunError as error:
-            self._room.event(f"no more delays on purpose: {error}")
-            self._core.calm()
-            self._drop_clock()
-            self._path, at = None, math.inf
-        out = self._core.release(now, at)
-        self.on_datagram = self._on_bad_links if self._core.bad else self._router.on_datagram
-        if not self._core.delaying:
-            self._drop_clock()
-        self._ask_to_be_woken()
-        return out
-
-    def heartbeat(self, frame: bytes, now: float) -> list[Out]:
-        """The router's own, as far as it is to be heard."""
-        return [] if self._core.mute else self._core.outgoing(self._router.heartbeat(frame), self._at(now))
+        self._wake_at: float | None = None  # requested from the simulation clock [s]; None: none requested
 
     def close(self) -> None:
+        super().close()
         self._faults.close()
-        self._drop_clock()
+        self._leave_clock()
 
-    def _on_bad_links(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
-        out = self._core.on_datagram(socket, sender, data, now, self._at(now))
-        self._ask_to_be_woken()
+    def _read(self, fd: int) -> None:
+        if fd in self._receive:
+            super()._read(fd)
+        else:
+            self._update(time.monotonic())
+
+    def _tick(self, now: float) -> None:
+        super()._tick(now)
+        self._update(now)
+
+    def _send_heartbeat(self, frame: bytes, now: float) -> None:
+        if not self.impaired.muted:
+            self._send(self.impaired.outgoing(self._router.heartbeat(frame), self._delay_time(now)))
+
+    def _update(self, now: float) -> None:
+        """Apply received faults, send the datagrams whose delay is over, and request the next wake-up. now: monotonic [s]."""
+        for text in self._faults.apply(self.impaired.apply):
+            self._process.event(text)
+        try:
+            self._join_clock()
+            at = self._delay_time(now)
+        except RunError as error:
+            self._process.event(f"delays are over: {error}")
+            self.impaired.clear()
+            self._leave_clock()
+            self._clock_path, at = None, math.inf
+        self._send(self.impaired.release(now, at))
+        self._route = self._route_impaired if self.impaired.active else self._router.on_datagram
+        if not self.impaired.delaying:
+            self._leave_clock()
+        self._request_wake()
+
+    def _route_impaired(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
+        out = self.impaired.on_datagram(socket, sender, data, now, self._delay_time(now))
+        self._request_wake()
         return out
 
-    def _at(self, now: float) -> float:
+    def _delay_time(self, now: float) -> float:
         return now if self._clock is None else self._clock.now()
 
-    def _keep_time(self) -> None:
-        """Be the clock's client once there is something to delay. Raises RunError when it has ended."""
-        if self._clock is None and self._core.delaying and self._path is not None:
-            self._clock = SimClock(self._path, self._room.name)
+    def _join_clock(self) -> None:
+        """Become a client of the simulation clock while there is a delay. Raises RunError when the clock has ended."""
+        if self._clock is None and self.impaired.delaying and self._clock_path is not None:
+            self._clock = SimClock(self._clock_path, self._process.name)
             self._poll.register(self._clock.fileno(), select.EPOLLIN)
         elif self._clock is not None and self._clock.told(0.0) is not None:
-            self._asked = None
+            self._wake_at = None
 
-    def _ask_to_be_woken(self) -> None:
-        due = math.inf if self._core.due is None else self._core.due
+    def _request_wake(self) -> None:
+        due = math.inf if self.impaired.due is None else self.impaired.due
         if self._clock is None:
-            self._wake_at(due)
-        elif due != self._asked:
-            self._asked = due
-            with contextlib.suppress(RunError):  # one that has ended is readable
+            self._next_tick = min(self._next_tick, due)
+        elif due != self._wake_at:
+            self._wake_at = due
+            with contextlib.suppress(RunError):  # a clock that has ended is readable, and found ended there
                 self._clock.ask(due)
 
-    def _drop_clock(self) -> None:
+    def _leave_clock(self) -> None:
         if self._clock is not None:
             self._clock.close()
-        self._clock, self._asked = None, None
+        self._clock, self._wake_at = None, None

@@ -1,7 +1,7 @@
-"""The router's core behind links that are bad on purpose: datagrams between router and autopilots lost or delayed. Pure.
+"""A router whose links to the autopilots lose and delay datagrams. Pure.
 
-Loss is drawn per datagram, each way of each link by a generator of its own, so that one link's traffic does not change another's
-fate. A delay keeps the order; when it shrinks, what has waited long enough for the new one goes on at once.
+Losses are drawn per datagram, by a random generator for each direction of each link, so that the traffic of one link does not
+change the losses of another. A delay keeps the order. When it shrinks, datagrams that have waited long enough leave at once.
 """
 
 from __future__ import annotations
@@ -13,91 +13,105 @@ from random import Random
 
 from arena.fault_injection import Fault, flag, number, word
 from arena.mavlink_router.router import Out, Router
-from arena.mavlink_router.routing_table import Address
+from arena.transport import Address
 from arena.wire.mavlink_frame import Buffer
 
-LOST = "lost on purpose"
-_LONGEST_MS = 60_000.0
+LOST = "lost by fault injection"
+_MAX_DELAY_MS = 60_000.0
 
-# (since when it waits [s], the autopilot's address, the datagram)
 Waiting = deque[tuple[float, Address, bytes]]
+"""(time of arrival [s], the autopilot's address, the datagram), oldest first."""
 
 
 @dataclass(kw_only=True)
-class _Way:
+class _Direction:
     """One direction of a link."""
 
-    luck: Random
+    random: Random
     waiting: Waiting = field(default_factory=deque)
 
 
 @dataclass(kw_only=True)
-class _Link:
+class _ImpairedLink:
+    """One vehicle's link. share: of datagrams that are lost, 0 to 1 [-]."""
+
     share: float = 0.0
     delay_s: float = 0.0
-    up: _Way
-    down: _Way
+    up: _Direction
+    down: _Direction
 
     @property
-    def ways(self) -> tuple[_Way, _Way]:
+    def directions(self) -> tuple[_Direction, _Direction]:
         return self.up, self.down
 
 
 class ImpairedRouter:
-    """Stands before the router while something is wrong. at [s]: by the clock that delays are measured on, any that does not run
-    back; now: monotonic [s], as the router's own. mute: the router's own heartbeat is not to be sent.
+    """Takes the place of a `Router` while a fault is active.
+
+    at: time that delays are measured on [s]; any time that never runs back
+    now: monotonic [s], as for the router
+    muted: the ground station's heartbeat must not be sent
     """
 
     def __init__(self, router: Router, seed: int = 0) -> None:
         self._router = router
         self._links = {
-            key: _Link(
-                up=_Way(luck=Random(f"{seed} {name} up")), down=_Way(luck=Random(f"{seed} {name} down"))
+            key: _ImpairedLink(
+                up=_Direction(random=Random(f"{seed} {name} up")),
+                down=_Direction(random=Random(f"{seed} {name} down")),
             )
             for name, key in router.links.items()
         }
-        self.mute = False
+        self.muted = False
 
-    def spoil(self, fault: Fault) -> str:
-        """Do one of `arena.fault_injection` -> what it is, in a few words. Raises InputError for one that makes no sense."""
+    def apply(self, fault: Fault) -> str:
+        """Apply one fault of `arena.fault_injection` and return it in words. Raises InputError when it is invalid."""
         kinds: dict[str, Callable[[Fault], str]] = {
-            "loss": self._lose,
-            "delay": self._delay,
-            "heartbeat": self._beat,
+            "loss": self._apply_loss,
+            "delay": self._apply_delay,
+            "heartbeat": self._apply_heartbeat,
         }
         return kinds[word(fault, "do", kinds)](fault)
 
-    def calm(self) -> None:
-        """All links are good again."""
+    def clear(self) -> None:
+        """End all losses and delays."""
         for link in self._links.values():
             link.share = link.delay_s = 0.0
 
     @property
-    def bad(self) -> bool:
-        """Something is wrong with a link, or waits in one."""
-        return any(x.share or x.delay_s or x.up.waiting or x.down.waiting for x in self._links.values())
+    def active(self) -> bool:
+        """Whether a link has a fault, or still holds datagrams."""
+        return any(
+            link.share or link.delay_s or link.up.waiting or link.down.waiting
+            for link in self._links.values()
+        )
 
     @property
     def delaying(self) -> bool:
-        return any(x.delay_s or x.up.waiting or x.down.waiting for x in self._links.values())
+        return any(link.delay_s or link.up.waiting or link.down.waiting for link in self._links.values())
 
     @property
     def due(self) -> float | None:
-        """When `release` has something to let go [s]."""
+        """When the next delayed datagram leaves [s]; None when there is none."""
         return min(
-            (way.waiting[0][0] + x.delay_s for x in self._links.values() for way in x.ways if way.waiting),
+            (
+                direction.waiting[0][0] + link.delay_s
+                for link in self._links.values()
+                for direction in link.directions
+                if direction.waiting
+            ),
             default=None,
         )
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float, at: float) -> list[Out]:
-        """As the router's."""
+        """Return what leaves at once, as `Router.on_datagram` does."""
         link = self._links.get(socket)
         if link is None or self._passes(link, link.down, sender, data, at):
             return self.outgoing(self._router.on_datagram(socket, sender, data, now), at)
         return []
 
     def outgoing(self, out: list[Out], at: float) -> list[Out]:
-        """What of it leaves at once."""
+        """Return the part of `out` that leaves at once."""
         return [
             (data, left)
             for data, places in out
@@ -105,51 +119,57 @@ class ImpairedRouter:
         ]
 
     def release(self, now: float, at: float) -> list[Out]:
-        """What has waited long enough."""
+        """Return the datagrams whose delay is over."""
         out: list[Out] = []
         for key, link in self._links.items():
-            for _, sender, data in _ripe(link.down, at - link.delay_s):
+            for _, sender, data in _take_until(link.down, at - link.delay_s):
                 out += self.outgoing(self._router.on_datagram(key, sender, data, now), at)
-            out += [(data, ((key, to),)) for _, to, data in _ripe(link.up, at - link.delay_s)]
+            out += [(data, ((key, to),)) for _, to, data in _take_until(link.up, at - link.delay_s)]
         return out
 
     def _leaves(self, key: int, to: Address, data: Buffer, at: float) -> bool:
         link = self._links.get(key)
         return link is None or self._passes(link, link.up, to, data, at)
 
-    def _passes(self, link: _Link, way: _Way, address: Address, data: Buffer, at: float) -> bool:
-        """True: at once. Else it is lost, or waits."""
-        if link.share and way.luck.random() < link.share:
+    def _passes(
+        self, link: _ImpairedLink, direction: _Direction, address: Address, data: Buffer, at: float
+    ) -> bool:
+        """Return whether a datagram passes at once; otherwise it is lost or waits."""
+        if link.share and direction.random.random() < link.share:
             self._router.counts.dropped[LOST] += 1
-        elif link.delay_s or way.waiting:
-            way.waiting.append((at, address, bytes(data)))
+        elif link.delay_s or direction.waiting:
+            direction.waiting.append((at, address, bytes(data)))
         else:
             return True
         return False
 
-    def _lose(self, fault: Fault) -> str:
-        name, link = self._named(fault)
+    def _apply_loss(self, fault: Fault) -> str:
+        name, link = self._link_of(fault)
         link.share = number(fault, "share", 0.0, 1.0)
-        return f"the link of {name} loses {100.0 * link.share:g} % each way"
+        return f"the link of {name} loses {100.0 * link.share:g} % in each direction"
 
-    def _delay(self, fault: Fault) -> str:
-        name, link = self._named(fault)
-        ms = number(fault, "ms", 0.0, _LONGEST_MS)
+    def _apply_delay(self, fault: Fault) -> str:
+        name, link = self._link_of(fault)
+        ms = number(fault, "ms", 0.0, _MAX_DELAY_MS)
         link.delay_s = 1e-3 * ms
-        return f"the link of {name} is {ms:g} ms late each way" if ms else f"the link of {name} is in time"
+        return (
+            f"the link of {name} is delayed by {ms:g} ms in each direction"
+            if ms
+            else f"the link of {name} is not delayed"
+        )
 
-    def _beat(self, fault: Fault) -> str:
+    def _apply_heartbeat(self, fault: Fault) -> str:
         on = flag(fault, "on")
-        self.mute = not on
-        return f"the ground station's heartbeat {'goes on' if on else 'stops'}"
+        self.muted = not on
+        return f"the ground station's heartbeat {'is sent again' if on else 'is not sent'}"
 
-    def _named(self, fault: Fault) -> tuple[str, _Link]:
+    def _link_of(self, fault: Fault) -> tuple[str, _ImpairedLink]:
         name = word(fault, "vehicle", self._router.links)
         return name, self._links[self._router.links[name]]
 
 
-def _ripe(way: _Way, until: float) -> list[tuple[float, Address, bytes]]:
+def _take_until(direction: _Direction, until: float) -> list[tuple[float, Address, bytes]]:
     found = []
-    while way.waiting and way.waiting[0][0] <= until + 1e-9:
-        found.append(way.waiting.popleft())
+    while direction.waiting and direction.waiting[0][0] <= until + 1e-9:
+        found.append(direction.waiting.popleft())
     return found

@@ -1,12 +1,12 @@
-"""The router's core: datagrams in, datagrams out, by table and target. No sockets, no clocks, no decoding.
+"""The core of the router: datagrams in, datagrams out, by a table and by MAVLink target. No sockets, no clocks, no decoding.
 
-What goes where:
-    vehicle -> everybody      its clients, tools and logger, and all ground stations
-    vehicle -> one target     where that system and component has been heard, and the logger
-    client, tool -> vehicle   its own vehicle's link, when meant for it or for everybody
-    ground station -> vehicle the vehicle it names, or all
-Never back to the sender, and never TIMESYNC replies towards a vehicle: they would move the stamps of the poses.
-What is not forwarded is counted by reason in `dropped`.
+Routes:
+    vehicle, message to all     its clients, tools and logger, and all ground stations
+    vehicle, message to one     the endpoints that this system and component sends from, and the logger
+    client or tool -> vehicle   its own vehicle, for messages to that vehicle or to all
+    ground station -> vehicle   the vehicle that the message names, or all
+A message never returns to its sender. TIMESYNC replies never reach a vehicle: they would shift the time stamps of its poses.
+What is not forwarded is counted by reason in `counts.dropped`.
 """
 
 from __future__ import annotations
@@ -16,73 +16,93 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 
-from arena.mavlink_router.routing_table import Address, Table, Vehicle
-from arena.mavlink_router.vehicle_status import AUTOPILOT, EXTENDED_SYS_STATE, HEARTBEAT, Fact, Seen
+from arena.mavlink_router.routing_table import Table, Vehicle
+from arena.mavlink_router.vehicle_status import (
+    AUTOPILOT,
+    EXTENDED_SYS_STATE,
+    HEARTBEAT,
+    Fact,
+    VehicleStatus,
+)
 from arena.mavlink_router.vehicle_telemetry import (
     LOCAL_POSITION_NED,
     STATUSTEXT,
     SYS_STATUS,
     VehicleTelemetry,
 )
+from arena.transport import Address
 from arena.wire.mavlink_frame import Buffer, Frame, parse_frames
 
-TOOL_LIFE_S = 10.0  # a tool is forgotten this long after its last frame
-MAX_TOOLS = 16  # per vehicle: when one more speaks, the one silent for longest makes room
-MAX_HEARD = 32  # speakers remembered per endpoint
-MAX_ROUTES = 256  # cached ways per vehicle
-GCS_ALIVE_S = 3.0
-RUN_BYTES = 1472  # consecutive frames leave as one datagram up to what an Ethernet frame holds
+TOOL_TIMEOUT_S = 10.0  # a tool's address is removed this long after its last frame
+MAX_TOOLS = 16  # per vehicle: one more removes the tool that has been silent for longest
+MAX_SENDERS = 32  # (system, component) pairs that are remembered per endpoint
+MAX_ROUTES = 256  # cached routes per vehicle
+GCS_TIMEOUT_S = 3.0
+MAX_DATAGRAM_BYTES = 1472  # adjoining frames leave as one datagram that fits an Ethernet frame
 
 _TIMESYNC = 111
-_ANYWHERE = ("0.0.0.0", 0)
-_PEEKED = (HEARTBEAT, EXTENDED_SYS_STATE)
+_ANY_ADDRESS = ("0.0.0.0", 0)
+_STATUS = (HEARTBEAT, EXTENDED_SYS_STATE)
 _TELEMETRY = (LOCAL_POSITION_NED, SYS_STATUS, STATUSTEXT)
-_EVERYBODY = 0
-_NOBODY = -1
+_TO_ALL = 0
+_TO_NONE = -1
 
 
-# (index in `Router.sockets`, where to) of each receiver
 Destinations = tuple[tuple[int, Address], ...]
-# a datagram to send, a slice of the one that came in, and who gets it
+"""(index in `Router.sockets` to send from, address to send to) of each receiver."""
 Out = tuple[Buffer, Destinations]
+"""A datagram to send, which is a slice of the received one, and its receivers."""
 Handler = Callable[[Address, Buffer, float], list[Out]]
 
 
 @dataclass(kw_only=True)
 class Endpoint:
-    """One client. heard: (system << 8 | component) of those who spoke from there, oldest first."""
+    """The address of one client.
+
+    socket: index in `Router.sockets`
+    senders: system << 8 | component of everything that has sent from this address, oldest first
+    last: time of the last frame, monotonic [s]
+    """
 
     socket: int
     address: Address
-    heard: dict[int, None] = field(default_factory=dict)
+    senders: dict[int, None] = field(default_factory=dict)
     last: float = 0.0
 
     def serves(self, target: int) -> bool:
-        """target: system << 8 | component, component 0 for any of that system."""
-        return target in self.heard or (not target & 0xFF and any(h >> 8 == target >> 8 for h in self.heard))
+        """Return whether a message to `target` is for this client.
+
+        target: system << 8 | component; component 0 means every component of the system
+        """
+        if target in self.senders:
+            return True
+        return not target & 0xFF and any(sender >> 8 == target >> 8 for sender in self.senders)
 
 
 @dataclass(kw_only=True)
-class Line:
-    """One vehicle's side of the router.
+class VehicleRoutes:
+    """The sockets, clients and cached routes of one vehicle.
 
-    up: its link's other end.  routes: target -> who hears it, emptied whenever an endpoint changes.
+    serve_socket, tool_socket: indices in `Router.sockets`
+    up: the autopilot's end of the router link
+    tools: clients that have sent to the tool socket
+    routes: target -> receivers; cleared whenever an endpoint changes
     """
 
     vehicle: Vehicle
-    seen: Seen
+    status: VehicleStatus
     telemetry: VehicleTelemetry = field(default_factory=VehicleTelemetry)
-    serve: int = 0
-    tools: int = 0
+    serve_socket: int = 0
+    tool_socket: int = 0
     up: Destinations = ()
     clients: dict[Address, Endpoint] = field(default_factory=dict)
-    guests: dict[Address, Endpoint] = field(default_factory=dict)
+    tools: dict[Address, Endpoint] = field(default_factory=dict)
     routes: dict[int, Destinations] = field(default_factory=dict)
 
 
 @dataclass(kw_only=True)
 class Counts:
-    """Frames and bytes since the start. Frames out count once per destination."""
+    """Frames and bytes since the start. A frame that is sent counts once per receiver."""
 
     frames_from_vehicles: int = 0
     frames_from_clients: int = 0
@@ -95,100 +115,109 @@ class Counts:
 
 
 class Router:
-    """Feed it datagrams with `on_datagram`, time with `tick`; send what both return."""
+    """Pass received datagrams to `on_datagram` and call `tick` a few times a second; send what `on_datagram` returns.
+
+    sockets: the addresses to bind, in the order of their indices
+    """
 
     def __init__(self, table: Table) -> None:
         self.table, self.counts = table, Counts()
         self.sockets: list[Address] = []
         self._handlers: list[Handler] = []
         self._gcs = self._serve(table.gcs_local, self._from_gcs, table.gcs)
-        self._gcs_heard_at = float("-inf")
-        self._news: dict[str, Fact] = {}
-        self._lines = [self._open(vehicle) for vehicle in table.vehicles]
-        self._ids = frozenset(line.vehicle.id for line in self._lines)
-        self._up_routes = {line.vehicle.id: line.up for line in self._lines}
-        self._up_routes[_EVERYBODY] = tuple(place for line in self._lines for place in line.up)
+        self._gcs_received_at = float("-inf")
+        self._changed_facts: dict[str, Fact] = {}
+        self._vehicles = [self._open(vehicle) for vehicle in table.vehicles]
+        self._ids = frozenset(v.vehicle.id for v in self._vehicles)
+        self._up_routes = {v.vehicle.id: v.up for v in self._vehicles}
+        self._up_routes[_TO_ALL] = tuple(address for v in self._vehicles for address in v.up)
 
     @property
     def links(self) -> dict[str, int]:
-        """Vehicle -> index in `sockets` of its link's."""
-        return {line.vehicle.name: line.up[0][0] for line in self._lines}
+        """Vehicle name -> index in `sockets` of its router link."""
+        return {v.vehicle.name: v.up[0][0] for v in self._vehicles}
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
-        """socket: index in `sockets`.  data: as received; the answer holds slices of it.  now: monotonic [s]."""
+        """Return the datagrams to send for a received one.
+
+        socket: index in `sockets` of the socket it arrived on
+        data: the returned datagrams are slices of it
+        now: monotonic [s]
+        """
         self.counts.bytes_in += len(data)
         return self._handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
-        """A few times a second: forget silent tools, notice silent vehicles."""
-        for line in self._lines:
-            line.seen.tick(now)
-            silent = [address for address, guest in line.guests.items() if now - guest.last > TOOL_LIFE_S]
+        """Remove silent tools and report silent vehicles. now: monotonic [s]."""
+        for v in self._vehicles:
+            v.status.tick(now)
+            silent = [address for address, tool in v.tools.items() if now - tool.last > TOOL_TIMEOUT_S]
             for address in silent:
-                del line.guests[address]
-                line.routes.clear()
+                del v.tools[address]
+                v.routes.clear()
 
     def heartbeat(self, frame: bytes) -> list[Out]:
-        """The same frame to every vehicle."""
-        return [(frame, self._up_routes[_EVERYBODY])]
+        """Return a frame as one datagram to every vehicle."""
+        return [(frame, self._up_routes[_TO_ALL])]
 
-    def news(self) -> dict[str, Fact]:
-        """Facts that changed since the last call."""
-        if not self._news:
+    def changed_facts(self) -> dict[str, Fact]:
+        """Return the facts that changed since the last call, as {"uav1.armed": True}."""
+        if not self._changed_facts:
             return {}
-        found = dict(self._news)
-        self._news.clear()
+        found = dict(self._changed_facts)
+        self._changed_facts.clear()
         return found
 
     def warnings(self) -> list[str]:
         """Return the autopilots' warnings since the last call, as `uav1: Failsafe activated: ...`."""
-        found = [f"{line.vehicle.name}: {text}" for line in self._lines for text in line.telemetry.texts]
-        for line in self._lines if found else ():
-            line.telemetry.texts.clear()
+        found = [f"{v.vehicle.name}: {text}" for v in self._vehicles for text in v.telemetry.texts]
+        for v in self._vehicles if found else ():
+            v.telemetry.texts.clear()
         return found
 
     def telemetry(self) -> dict[str, dict[str, float | None]]:
         """Return vehicle -> its height above the floor [m] and its battery [%], None where unknown."""
         return {
-            line.vehicle.name: {
-                "height_m": None if line.telemetry.height_m is None else round(line.telemetry.height_m, 2),
-                "battery": line.telemetry.battery,
+            v.vehicle.name: {
+                "height_m": None if v.telemetry.height_m is None else round(v.telemetry.height_m, 2),
+                "battery": v.telemetry.battery,
             }
-            for line in self._lines
+            for v in self._vehicles
         }
 
     def any_armed(self, *, simulated: bool) -> bool:
-        """Of the simulated vehicles, or of the real ones."""
-        return any(line.seen.armed for line in self._lines if line.vehicle.simulated == simulated)
+        """Return whether any simulated vehicle, or any real one, is armed."""
+        return any(v.status.armed for v in self._vehicles if v.vehicle.simulated == simulated)
 
     @property
-    def all_heard(self) -> bool:
-        """Of the simulated vehicles: a real one that is switched off must not keep the others on the ground."""
-        return not self.silent
+    def all_connected(self) -> bool:
+        """Whether every simulated vehicle has sent a heartbeat. A real vehicle may be switched on later."""
+        return not self.missing
 
     @property
-    def silent(self) -> list[str]:
-        """Simulated vehicles that were never heard."""
-        return [
-            line.vehicle.name for line in self._lines if line.vehicle.simulated and not line.seen.ever_heard
-        ]
+    def missing(self) -> list[str]:
+        """The simulated vehicles that have never sent a heartbeat."""
+        return [v.vehicle.name for v in self._vehicles if v.vehicle.simulated and not v.status.ever_connected]
 
     def gcs_alive(self, now: float) -> bool:
-        return now - self._gcs_heard_at <= GCS_ALIVE_S
+        """Return whether a ground station has sent a frame within `GCS_TIMEOUT_S`."""
+        return now - self._gcs_received_at <= GCS_TIMEOUT_S
 
-    def _open(self, vehicle: Vehicle) -> Line:
-        line = Line(vehicle=vehicle, seen=Seen(name=vehicle.name, news=self._news))
-        line.up = ((self._add(vehicle.local, partial(self._from_vehicle, line)), vehicle.remote),)
-        line.tools = self._add(vehicle.tools, partial(self._from_tool, line))
-        line.serve = len(self.sockets)
-        line.clients = self._serve(vehicle.serve, partial(self._from_client, line), vehicle.clients)
-        return line
+    def _open(self, vehicle: Vehicle) -> VehicleRoutes:
+        v = VehicleRoutes(
+            vehicle=vehicle, status=VehicleStatus(name=vehicle.name, changed=self._changed_facts)
+        )
+        v.up = ((self._add(vehicle.local, partial(self._from_vehicle, v)), vehicle.remote),)
+        v.tool_socket = self._add(vehicle.tools, partial(self._from_tool, v))
+        v.serve_socket = len(self.sockets)
+        v.clients = self._serve(vehicle.serve, partial(self._from_client, v), vehicle.clients)
+        return v
 
     def _serve(self, local: Address, handler: Handler, clients: Iterable[Address]) -> dict[Address, Endpoint]:
-        """One more socket where there are clients on other computers: one bound to loopback cannot send to them."""
+        """Add a second socket for clients on other computers: a socket bound to loopback cannot send to them."""
         near = self._add(local, handler)
         far = {c for c in clients if _is_loopback(local) and not _is_loopback(c)}
-        wide = self._add(_ANYWHERE, handler) if far else near
+        wide = self._add(_ANY_ADDRESS, handler) if far else near
         return {c: Endpoint(socket=wide if c in far else near, address=c) for c in clients}
 
     def _add(self, local: Address, handler: Handler) -> int:
@@ -198,122 +227,122 @@ class Router:
 
     # vehicle -> clients
 
-    def _from_vehicle(self, line: Line, sender: Address, data: Buffer, now: float) -> list[Out]:
-        if sender != line.vehicle.remote:
-            return self._refuse("stranger on a vehicle's link")
-        frames = self._cut(data)
+    def _from_vehicle(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
+        if sender != v.vehicle.remote:
+            return self._drop("unknown sender on a vehicle's link")
+        frames = self._parse(data)
         self.counts.frames_from_vehicles += len(frames)
         out: list[Out] = []
-        for target, start, end, count in _runs(
-            frames, [self._verdict_down(line, data, f, now) for f in frames]
-        ):
-            destinations = line.routes.get(target) or self._listen(line, target)
+        for target, start, end, count in _runs(frames, [self._target_of(v, data, f, now) for f in frames]):
+            destinations = v.routes.get(target) or self._find_route(v, target)
             if destinations:
                 self.counts.frames_to_clients += count * len(destinations)
                 out.append((data[start:end], destinations))
             else:
-                self.counts.dropped["no listener"] += count
+                self.counts.dropped["no receiver"] += count
         return out
 
-    def _verdict_down(self, line: Line, data: Buffer, frame: Frame, now: float) -> int:
-        """The target, system << 8 | component."""
+    def _target_of(self, v: VehicleRoutes, data: Buffer, frame: Frame, now: float) -> int:
+        """Return the target of a vehicle's frame: system << 8 | component."""
         _, _, _, _, sysid, compid, msgid, target_sys, target_comp = frame
-        if sysid != line.vehicle.id:
+        if sysid != v.vehicle.id:
             self.counts.dropped["foreign system on a vehicle's link"] += 1
-            return _NOBODY
-        if msgid in _PEEKED and compid == AUTOPILOT:
-            line.seen.hear(data, frame, now)
+            return _TO_NONE
+        if msgid in _STATUS and compid == AUTOPILOT:
+            v.status.on_frame(data, frame, now)
         elif msgid in _TELEMETRY and compid == AUTOPILOT:
-            line.telemetry.on_frame(data, frame, now)
-        return target_sys << 8 | target_comp if target_sys else _EVERYBODY
+            v.telemetry.on_frame(data, frame, now)
+        return target_sys << 8 | target_comp if target_sys else _TO_ALL
 
-    def _listen(self, line: Line, target: int) -> Destinations:
-        if len(line.routes) >= MAX_ROUTES:
-            line.routes.clear()
-        found = line.routes[target] = tuple(self._listeners(line, target))
+    def _find_route(self, v: VehicleRoutes, target: int) -> Destinations:
+        if len(v.routes) >= MAX_ROUTES:
+            v.routes.clear()
+        found = v.routes[target] = tuple(self._receivers(v, target))
         return found
 
-    def _listeners(self, line: Line, target: int) -> Iterable[tuple[int, Address]]:
-        if line.vehicle.logger is not None:
-            yield line.serve, line.vehicle.logger
-        for endpoints in (line.clients, line.guests, self._gcs):
+    def _receivers(self, v: VehicleRoutes, target: int) -> Iterable[tuple[int, Address]]:
+        if v.vehicle.logger is not None:
+            yield v.serve_socket, v.vehicle.logger
+        for endpoints in (v.clients, v.tools, self._gcs):
             for endpoint in endpoints.values():
-                if target == _EVERYBODY or endpoint.serves(target):
+                if target == _TO_ALL or endpoint.serves(target):
                     yield endpoint.socket, endpoint.address
 
     # clients -> vehicle
 
-    def _from_client(self, line: Line, sender: Address, data: Buffer, now: float) -> list[Out]:
-        endpoint = line.clients.get(sender)
+    def _from_client(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
+        endpoint = v.clients.get(sender)
         if endpoint is None:
-            return self._refuse("stranger on a serving socket")
-        return self._up(line, endpoint, self._cut(data), data)
+            return self._drop("unknown sender on a client socket")
+        return self._up(v, endpoint, self._parse(data), data)
 
-    def _from_tool(self, line: Line, sender: Address, data: Buffer, now: float) -> list[Out]:
-        if not (_is_loopback(sender) or sender[0] == line.vehicle.tools[0]):
-            return self._refuse("tool on another computer")
-        frames = self._cut(data)
+    def _from_tool(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
+        if not (_is_loopback(sender) or sender[0] == v.vehicle.tools[0]):
+            return self._drop("tool on another computer")
+        frames = self._parse(data)
         if not frames:
             return []
-        endpoint = line.guests.pop(sender, None)
+        endpoint = v.tools.pop(sender, None)
         if endpoint is None:
-            endpoint = Endpoint(socket=line.tools, address=sender)
-            line.routes.clear()
-            if len(line.guests) >= MAX_TOOLS:
-                del line.guests[next(iter(line.guests))]
-        line.guests[sender] = endpoint
+            endpoint = Endpoint(socket=v.tool_socket, address=sender)
+            v.routes.clear()
+            if len(v.tools) >= MAX_TOOLS:
+                del v.tools[next(iter(v.tools))]
+        v.tools[sender] = endpoint
         endpoint.last = now
-        return self._up(line, endpoint, frames, data)
+        return self._up(v, endpoint, frames, data)
 
     def _from_gcs(self, sender: Address, data: Buffer, now: float) -> list[Out]:
         endpoint = self._gcs.get(sender)
         if endpoint is None:
-            return self._refuse("stranger on the ground stations' socket")
-        frames = self._cut(data)
+            return self._drop("unknown sender on the ground stations' socket")
+        frames = self._parse(data)
         if frames:
-            self._gcs_heard_at = now
+            self._gcs_received_at = now
         return self._up(None, endpoint, frames, data)
 
-    def _up(self, line: Line | None, endpoint: Endpoint, frames: list[Frame], data: Buffer) -> list[Out]:
-        """line: the only vehicle this endpoint may speak to; None for ground stations."""
+    def _up(
+        self, v: VehicleRoutes | None, endpoint: Endpoint, frames: list[Frame], data: Buffer
+    ) -> list[Out]:
+        """Route frames of a client to vehicles. v: the only vehicle it may command; None for ground stations."""
         self.counts.frames_from_clients += len(frames)
         out: list[Out] = []
         for target, start, end, count in _runs(
-            frames, [self._verdict_up(line, endpoint, data, f) for f in frames]
+            frames, [self._vehicle_of(v, endpoint, data, f) for f in frames]
         ):
             destinations = self._up_routes[target]
             self.counts.frames_to_vehicles += count * len(destinations)
             out.append((data[start:end], destinations))
         return out
 
-    def _verdict_up(self, line: Line | None, endpoint: Endpoint, data: Buffer, frame: Frame) -> int:
-        """The system id of the vehicle it goes to."""
+    def _vehicle_of(self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame) -> int:
+        """Return the system id of the vehicle that a client's frame goes to."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
-            self.counts.dropped["vehicle's own message come back"] += 1
-            return _NOBODY
-        if (speaker := sysid << 8 | compid) not in endpoint.heard:
-            self._learn(line, endpoint, speaker)
+            self.counts.dropped["a vehicle's message, returned by a client"] += 1
+            return _TO_NONE
+        if (sender := sysid << 8 | compid) not in endpoint.senders:
+            self._add_sender(v, endpoint, sender)
         if msgid == _TIMESYNC and any(data[payload : payload + min(8, size)]):
             self.counts.dropped["TIMESYNC reply"] += 1
-            return _NOBODY
-        if line is not None and (target in (0, line.vehicle.id)):
-            return line.vehicle.id
-        if line is None and (target == 0 or target in self._ids):
+            return _TO_NONE
+        if v is not None and (target in (0, v.vehicle.id)):
+            return v.vehicle.id
+        if v is None and (target == 0 or target in self._ids):
             return target
-        self.counts.dropped["for a system not served here"] += 1
-        return _NOBODY
+        self.counts.dropped["target is not a vehicle of this client"] += 1
+        return _TO_NONE
 
-    def _learn(self, line: Line | None, endpoint: Endpoint, speaker: int) -> None:
-        if len(endpoint.heard) >= MAX_HEARD:
-            del endpoint.heard[next(iter(endpoint.heard))]
-        endpoint.heard[speaker] = None
-        for changed in self._lines if line is None else (line,):
+    def _add_sender(self, v: VehicleRoutes | None, endpoint: Endpoint, sender: int) -> None:
+        if len(endpoint.senders) >= MAX_SENDERS:
+            del endpoint.senders[next(iter(endpoint.senders))]
+        endpoint.senders[sender] = None
+        for changed in self._vehicles if v is None else (v,):
             changed.routes.clear()
 
-    # both
+    # both directions
 
-    def _cut(self, data: Buffer) -> list[Frame]:
+    def _parse(self, data: Buffer) -> list[Frame]:
         frames, garbage, bad_crc, unknown = parse_frames(data)
         if garbage or unknown:
             self.counts.unknown += unknown
@@ -321,7 +350,7 @@ class Router:
             self.counts.dropped["wrong CRC"] += bad_crc
         return frames
 
-    def _refuse(self, why: str) -> list[Out]:
+    def _drop(self, why: str) -> list[Out]:
         self.counts.dropped[why] += 1
         return []
 
@@ -330,19 +359,19 @@ def _is_loopback(address: Address) -> bool:
     return address[0].startswith("127.")
 
 
-def _runs(frames: list[Frame], verdicts: list[int]) -> list[tuple[int, int, int, int]]:
-    """(verdict, start, end, frames) of whole runs of adjoining frames with one verdict; _NOBODY's are left out."""
+def _runs(frames: list[Frame], targets: list[int]) -> list[tuple[int, int, int, int]]:
+    """Join adjoining frames with the same target: (target, start, end, number of frames). Frames to `_TO_NONE` are left out."""
     if len(frames) == 1:
-        return [(verdicts[0], frames[0][0], frames[0][1], 1)] if verdicts[0] != _NOBODY else []
+        return [(targets[0], frames[0][0], frames[0][1], 1)] if targets[0] != _TO_NONE else []
     runs: list[tuple[int, int, int, int]] = []
-    verdict, start, end, count = _NOBODY, 0, 0, 0
-    for frame, own in zip(frames, verdicts, strict=True):
-        if own == verdict and frame.start == end and frame.end - start <= RUN_BYTES:
+    target, start, end, count = _TO_NONE, 0, 0, 0
+    for frame, own in zip(frames, targets, strict=True):
+        if own == target and frame.start == end and frame.end - start <= MAX_DATAGRAM_BYTES:
             end, count = frame.end, count + 1
             continue
-        if verdict != _NOBODY:
-            runs.append((verdict, start, end, count))
-        verdict, start, end, count = own, frame.start, frame.end, 1
-    if verdict != _NOBODY:
-        runs.append((verdict, start, end, count))
+        if target != _TO_NONE:
+            runs.append((target, start, end, count))
+        target, start, end, count = own, frame.start, frame.end, 1
+    if target != _TO_NONE:
+        runs.append((target, start, end, count))
     return runs

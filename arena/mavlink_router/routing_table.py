@@ -1,4 +1,4 @@
-"""Who speaks from where: the router's slice of the plan as frozen data."""
+"""The addresses of vehicles and clients: the router's slice of the plan as frozen data."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from arena.errors import InputError
-
-Address = tuple[str, int]
+from arena.transport import Address
 
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """One vehicle and those who listen to it alone.
+    """One vehicle and the clients that receive only this vehicle.
 
-    id: its system id.  local, remote: the router link, our end and the autopilot's fixed end.
-    serve: where we speak to `clients` and `logger` from.  tools: where any local client may speak to us.
-    simulated: it is there when the arena starts; a real one may be switched on later.
+    id: MAVLink system id
+    local, remote: the two ends of the router link, ours and the autopilot's
+    serve: our address towards `clients` and `logger`
+    tools: our address that any program on this computer may send to
+    simulated: a simulated vehicle is present when the arena starts; a real one may be switched on later
     """
 
     name: str
@@ -34,7 +35,7 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """heartbeat: speak as the ground station that the vehicles' data link failsafe watches."""
+    """All vehicles and ground stations. heartbeat: send a ground station's heartbeat, which PX4's data link failsafe watches."""
 
     vehicles: tuple[Vehicle, ...]
     gcs_local: Address
@@ -44,7 +45,7 @@ class Table:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Table:
-        """Raises InputError, naming what is missing or is no address."""
+        """Read the router's slice. Raises InputError that names the missing key or the wrong address."""
         try:
             return cls(
                 vehicles=tuple(_vehicle(v) for v in raw["vehicles"]),
@@ -72,7 +73,7 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
 
 
 def _address(raw: Any) -> Address:
-    """A numeric host: a name would be looked up, and block, at every message."""
+    """A host name is refused: each message would look it up and block."""
     try:
         host, port = raw
         return str(ipaddress.IPv4Address(host)), int(port)

@@ -1,4 +1,4 @@
-"""What a vehicle says of itself in the two messages the router peeks into: HEARTBEAT and EXTENDED_SYS_STATE."""
+"""The facts of one vehicle that the supervisor waits for, from HEARTBEAT and EXTENDED_SYS_STATE."""
 
 from __future__ import annotations
 
@@ -17,55 +17,57 @@ Fact = bool | str | float
 
 
 @dataclass(kw_only=True)
-class Seen:
-    """The facts of one vehicle. A silent vehicle keeps its last `armed`.
+class VehicleStatus:
+    """The facts `connected`, `armed`, `mode`, `landed` and `airborne_s` of one vehicle.
 
-    news: where changes are put until they are told, shared by all vehicles of a router.
+    changed: receives each changed fact as "uav1.armed" -> value; shared by all vehicles of a router
+    A vehicle that falls silent keeps its last `armed`.
     """
 
     name: str
-    news: dict[str, Fact]
-    _known: dict[str, Fact] = field(default_factory=dict, init=False)
-    _heard_at: float | None = field(default=None, init=False)
-    _off_ground_at: float | None = field(default=None, init=False)
+    changed: dict[str, Fact]
+    _facts: dict[str, Fact] = field(default_factory=dict, init=False)
+    _received_at: float | None = field(default=None, init=False)
+    _took_off_at: float | None = field(default=None, init=False)
     _airborne_s: float = field(default=0.0, init=False)
 
     @property
     def armed(self) -> bool:
-        return bool(self._known.get("armed", False))
+        return bool(self._facts.get("armed", False))
 
     @property
-    def ever_heard(self) -> bool:
-        return self._heard_at is not None
+    def ever_connected(self) -> bool:
+        return self._received_at is not None
 
-    def hear(self, data: Buffer, frame: Frame, now: float) -> None:
-        """A frame of the vehicle's autopilot. now: monotonic [s]."""
+    def on_frame(self, data: Buffer, frame: Frame, now: float) -> None:
+        """Read a frame of the vehicle's autopilot. now: monotonic [s]."""
         if frame.msgid == HEARTBEAT:
-            self._heard_at = now
-            self._learn("connected", True)
-            self._learn("armed", bool(byte_at(data, frame, _BASE_MODE) & _ARMED_BIT))
-            self._learn("mode", mode_words(uint_at(data, frame, _CUSTOM_MODE, 4)))
+            self._received_at = now
+            self._set("connected", True)
+            self._set("armed", bool(byte_at(data, frame, _BASE_MODE) & _ARMED_BIT))
+            self._set("mode", mode_words(uint_at(data, frame, _CUSTOM_MODE, 4)))
         elif frame.msgid == EXTENDED_SYS_STATE:
             state = byte_at(data, frame, _LANDED_STATE)
             if state != _UNDEFINED:
-                self._land(state == _ON_GROUND, now)
+                self._on_landed_state(state == _ON_GROUND, now)
 
     def tick(self, now: float) -> None:
-        if self._heard_at is not None and now - self._heard_at > SILENT_AFTER_S:
-            self._learn("connected", False)
+        """Set `connected` to False after `SILENT_AFTER_S` without a heartbeat."""
+        if self._received_at is not None and now - self._received_at > SILENT_AFTER_S:
+            self._set("connected", False)
 
-    def _land(self, landed: bool, now: float) -> None:
-        """`airborne_s`, the time in the air by its own account [s], is told as it leaves and meets the ground."""
-        if landed and self._off_ground_at is not None:
-            self._airborne_s += now - self._off_ground_at
-            self._off_ground_at = None
-            self._learn("airborne_s", round(self._airborne_s, 3))
-        elif not landed and self._off_ground_at is None:
-            self._off_ground_at = now
-            self._learn("airborne_s", round(self._airborne_s, 3))
-        self._learn("landed", landed)
+    def _on_landed_state(self, landed: bool, now: float) -> None:
+        """Update `airborne_s`, the vehicle's time in the air [s], at each take-off and landing."""
+        if landed and self._took_off_at is not None:
+            self._airborne_s += now - self._took_off_at
+            self._took_off_at = None
+            self._set("airborne_s", round(self._airborne_s, 3))
+        elif not landed and self._took_off_at is None:
+            self._took_off_at = now
+            self._set("airborne_s", round(self._airborne_s, 3))
+        self._set("landed", landed)
 
-    def _learn(self, what: str, value: Fact) -> None:
-        if self._known.get(what) != value:
-            self._known[what] = value
-            self.news[f"{self.name}.{what}"] = value
+    def _set(self, what: str, value: Fact) -> None:
+        if self._facts.get(what) != value:
+            self._facts[what] = value
+            self.changed[f"{self.name}.{what}"] = value

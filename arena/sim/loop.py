@@ -21,7 +21,7 @@ import numpy as np
 
 from arena.clock import ClockServer
 from arena.errors import InputError, RunError
-from arena.fault_injection import Faults
+from arena.fault_injection import FaultReceiver
 from arena.process_context import ProcessContext, ShutdownPolicy
 from arena.sim.autopilot_interface import MakePilots, Outside
 from arena.sim.fault_injection import spoil
@@ -99,9 +99,9 @@ class Loop:
                 f"cannot serve truth at {self._truth_path} and time at {clock}: {error}"
             ) from error
 
-    def _listen(self, path: str | None) -> Faults:
+    def _listen(self, path: str | None) -> FaultReceiver:
         try:
-            return Faults(path)
+            return FaultReceiver(path)
         except RunError:
             self._clock.close()
             self._truth_path.unlink(missing_ok=True)
@@ -150,7 +150,7 @@ class Loop:
 
     def _take_faults(self) -> None:
         """At every step, when everybody who is awake has had his say and before anything moves."""
-        for text in self._faults.obey(lambda fault: spoil(self._world, self._pilots, fault)):
+        for text in self._faults.apply(lambda fault: spoil(self._world, self._pilots, fault)):
             self._room.event(text)
 
     def _publish(self, truth: Truth) -> None:

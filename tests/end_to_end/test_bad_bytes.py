@@ -126,8 +126,8 @@ def test_garbage_on_any_port_does_not_disturb_a_flight(hangar: Hangar) -> None:
     print({name: own.get("dropped") or own for name, own in stats.items()})
     dropped = stats["router"]["dropped"]
     assert (
-        dropped["stranger on a serving socket"] > 100
-        and dropped["stranger on the ground stations' socket"] > 50
+        dropped["unknown sender on a client socket"] > 100
+        and dropped["unknown sender on the ground stations' socket"] > 50
     )
     assert dropped["garbage bytes"] > 10_000 and dropped["wrong CRC"] > 10
     for vehicle in VEHICLES:

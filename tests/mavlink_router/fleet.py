@@ -1,4 +1,4 @@
-"""A router's slice and the words its neighbours speak, for the tests of this folder."""
+"""A router's slice, a router with two vehicles, and the messages that they send, for the tests of this folder."""
 
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -48,7 +48,7 @@ def slice_of(
 
 
 class Fleet:
-    """A router with vehicles 1 and 2. What it is given and gives is told by names."""
+    """A router with vehicles 1 and 2. Senders and receivers have names: "autopilot1", "program2", "gcs", "tool"."""
 
     def __init__(self, ids=(1, 2), real=()):
         self.table = Table.from_slice(slice_of(ids, real=real))
@@ -71,8 +71,8 @@ class Fleet:
     def vehicle(self, k):
         return next(v for v in self.table.vehicles if v.id == k)
 
-    def say(self, who, data, at=None):
-        """`who` sends a datagram to its usual socket; returns {receiver: bytes}."""
+    def send_as(self, who, data, at=None):
+        """Send a datagram from `who` to its usual socket, or to `at`; return {receiver: bytes}."""
         if who == "gcs":
             socket = self.table.gcs_local
         else:
@@ -85,24 +85,24 @@ class Fleet:
         return self.send(address, self.vehicle(k).tools, data)
 
     def send(self, sender, socket, data):
-        told = {}
+        received = {}
         for piece, destinations in self.router.on_datagram(self.socket(socket), sender, data, self.now):
             for _, dest in destinations:
                 name = self.names[dest]
-                told[name] = told.get(name, b"") + bytes(piece)
-        return told
+                received[name] = received.get(name, b"") + bytes(piece)
+        return received
 
     @property
     def dropped(self):
         return {why: n for why, n in self.router.counts.dropped.items() if n}
 
 
-def voice(system, component=1):
+def sender_of(system, component=1):
     return mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
 
 
 def packed(message, system, component=1):
-    return bytes(message.pack(voice(system, component)))
+    return bytes(message.pack(sender_of(system, component)))
 
 
 def heartbeat(system=1, component=1, armed=False, mode=OFFBOARD, kind=2):

@@ -33,8 +33,8 @@ def test_height_and_battery_are_none_before_the_first_message(fleet: Fleet) -> N
 
 
 def test_height_is_minus_z_and_battery_is_per_vehicle(fleet: Fleet) -> None:
-    fleet.say("autopilot1", local_position(-1.05) + sys_status(97))
-    fleet.say("autopilot2", local_position(0.0, 2) + sys_status(-1, 2))
+    fleet.send_as("autopilot1", local_position(-1.05) + sys_status(97))
+    fleet.send_as("autopilot2", local_position(0.0, 2) + sys_status(-1, 2))
     assert fleet.router.telemetry() == {
         "uav1": {"height_m": 1.05, "battery": 97},
         "uav2": {"height_m": 0.0, "battery": None},
@@ -42,31 +42,31 @@ def test_height_is_minus_z_and_battery_is_per_vehicle(fleet: Fleet) -> None:
 
 
 def test_a_warning_is_reported_once_with_its_vehicle(fleet: Fleet) -> None:
-    fleet.say("autopilot2", text("Failsafe activated: setpoints lost\t", system=2))
+    fleet.send_as("autopilot2", text("Failsafe activated: setpoints lost\t", system=2))
     assert fleet.router.warnings() == ["uav2: Failsafe activated: setpoints lost"]
     assert fleet.router.warnings() == []
 
 
 def test_a_text_below_warning_is_not_reported(fleet: Fleet) -> None:
-    fleet.say("autopilot1", text("Takeoff detected", INFO))
+    fleet.send_as("autopilot1", text("Takeoff detected", INFO))
     assert fleet.router.warnings() == []
 
 
 def test_the_chunks_of_a_long_text_are_joined(fleet: Fleet) -> None:
     words = "Failsafe activated: no offboard setpoints for 0.5 s: AUTO.LAND of this vehicle"
-    fleet.say("autopilot1", text(words[:50], number=7) + text(words[50:], number=7, chunk=1))
+    fleet.send_as("autopilot1", text(words[:50], number=7) + text(words[50:], number=7, chunk=1))
     assert fleet.router.warnings() == [f"uav1: {words}"]
 
 
 def test_a_repeated_warning_is_reported_again_after_ten_seconds(fleet: Fleet) -> None:
-    fleet.say("autopilot1", text("Arming denied") + text("Arming denied"))
+    fleet.send_as("autopilot1", text("Arming denied") + text("Arming denied"))
     assert len(fleet.router.warnings()) == 1
     fleet.now += 11.0
-    fleet.say("autopilot1", text("Arming denied"))
+    fleet.send_as("autopilot1", text("Arming denied"))
     assert len(fleet.router.warnings()) == 1
 
 
 def test_a_text_of_a_gimbal_is_not_the_autopilots(fleet: Fleet) -> None:
     message = mavlink.MAVLink_statustext_message(CRITICAL, b"gimbal stuck")
-    fleet.say("autopilot1", packed(message, 1, 154))
+    fleet.send_as("autopilot1", packed(message, 1, 154))
     assert fleet.router.warnings() == []

@@ -18,7 +18,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import InputError, RunError
-from arena.fault_injection import Faults
+from arena.fault_injection import FaultReceiver
 from arena.plan import Plan, make_plan
 from arena.schema import load_arena
 from arena.smoke.flying.actions import ActionRunner, faults
@@ -240,7 +240,7 @@ SPOILT = [
 def test_a_deed_reaches_its_room(
     plan: Plan, run: RunFolder, given: Deed, room: str, expected: dict[str, Any]
 ):
-    listening = Faults(run.rt / f"{room}.faults")
+    listening = FaultReceiver(run.rt / f"{room}.faults")
     doer(plan, run).do(given)
     assert listening.take() == [expected]
     listening.close()
@@ -256,7 +256,7 @@ def test_every_deed_that_lasts_is_a_fault_and_is_taken_back_by_another_one(plan:
 
 
 def test_a_room_that_does_not_listen_is_told_of(plan: Plan, run: RunFolder):
-    with pytest.raises(RunError, match="nobody takes faults"):
+    with pytest.raises(RunError, match="no process receives faults"):
         doer(plan, run).do(deed("wind"))
 
 

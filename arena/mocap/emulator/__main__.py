@@ -9,7 +9,7 @@ import time
 
 from arena.clock import SimClock
 from arena.errors import RunError
-from arena.fault_injection import Faults
+from arena.fault_injection import FaultReceiver
 from arena.mocap.emulator.core import EmulatedCameras
 from arena.mocap.emulator.fault_injection import apply_fault
 from arena.mocap.emulator.interface import open_server
@@ -31,7 +31,7 @@ class _EmulatorProcess:
         self.room, self.cameras = room, EmulatedCameras(s)
         self.clock, self.truth = SimClock(s["clock"], room.name), TruthReader(s["truth"])
         self.server = open_server(s)
-        self.faults = Faults(s.get("faults"))
+        self.faults = FaultReceiver(s.get("faults"))
         self.wake_at: float | None = None  # requested from the clock [s]; None: awake
         self.poll = select.poll()
         for fd in (self.clock.fileno(), self.faults.fileno()):
@@ -83,7 +83,7 @@ class _EmulatorProcess:
             self.wake_at = due
         ready = [fd for fd, _ in self.poll.poll(_POLL_MS)]
         if self.faults.fileno() in ready:
-            for text in self.faults.obey(lambda fault: apply_fault(self.cameras, fault)):
+            for text in self.faults.apply(lambda fault: apply_fault(self.cameras, fault)):
                 self.room.event(text)
             return None
         now = self.clock.told(0.0) if ready else None

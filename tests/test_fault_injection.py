@@ -1,4 +1,4 @@
-"""The socket of faults, and the reading of one."""
+"""The socket that receives faults, and the reading of their fields."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from hypothesis import strategies as st
 
 from arena import fault_injection
 from arena.errors import InputError, RunError
-from arena.fault_injection import Faults, inject
+from arena.fault_injection import FaultReceiver, inject
 
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A short path, as sockets need."""
+    """A short path: the path of a socket has a maximum length."""
     monkeypatch.chdir(tmp_path)
     return Path("world.faults")
 
 
 @pytest.fixture
 def listening(place):
-    found = Faults(place)
+    found = FaultReceiver(place)
     yield found
     found.close()
 
@@ -51,30 +51,30 @@ def test_the_socket_is_its_owners_alone_and_gone_at_the_end(listening, place):
     listening.close()
 
 
-def test_a_restarted_room_binds_anew_where_a_killed_one_was(place):
-    killed = Faults(place)
-    again = Faults(place)
+def test_a_restarted_process_takes_the_socket_of_a_killed_one(place):
+    killed = FaultReceiver(place)
+    again = FaultReceiver(place)
     inject(place, {"do": "wind"})
     assert killed.take() == [] and again.take() == [{"do": "wind"}]
     again.close()
 
 
-def test_without_a_path_nobody_listens():
-    nobody = Faults(None)
-    assert nobody.take() == [] and nobody.fileno() == -1
-    nobody.close()
+def test_without_a_path_there_is_no_socket():
+    none = FaultReceiver(None)
+    assert none.take() == [] and none.fileno() == -1
+    none.close()
 
 
-def test_a_path_too_long_for_a_socket_is_one_sentence(tmp_path):
-    with pytest.raises(RunError, match=r"cannot take faults at .*too long"):
-        Faults(tmp_path / ("x" * 120))
+def test_a_path_too_long_is_an_error_in_one_sentence(tmp_path):
+    with pytest.raises(RunError, match=r"cannot receive faults at .*too long"):
+        FaultReceiver(tmp_path / ("x" * 120))
 
 
-def test_nobody_there_is_an_error_and_so_is_one_who_never_looks(listening, place, monkeypatch):
-    monkeypatch.setattr(fault_injection, "_PATIENCE_S", 0.05)
-    with pytest.raises(RunError, match="nobody takes faults there"):
+def test_sending_fails_without_a_receiver_and_when_none_is_read(listening, place, monkeypatch):
+    monkeypatch.setattr(fault_injection, "_SEND_TIMEOUT_S", 0.05)
+    with pytest.raises(RunError, match="no process receives faults there"):
         inject("nowhere.faults", {"do": "wind"})
-    with pytest.raises(RunError, match="nobody takes faults there"):
+    with pytest.raises(RunError, match="no process receives faults there"):
         for _ in range(10_000):
             inject(place, {"do": "wind"})
     while listening.take():
@@ -82,29 +82,29 @@ def test_nobody_there_is_an_error_and_so_is_one_who_never_looks(listening, place
     inject(place, {"do": "wind"})
 
 
-def test_what_is_no_fault_is_refused_with_an_event_and_ends_nothing(listening, place):
-    def spoil(fault):
+def test_an_invalid_fault_is_refused_with_an_event(listening, place):
+    def apply(fault):
         return f"did {fault_injection.word(fault, 'do', ('this',))}"
 
     for data in (b"", b"\xff\xfe", b"[1]", b"[" * 4000, b"{}", b'{"do": "this"', b"x" * 9000):
         raw(place, data)
-        assert listening.obey(spoil) == ["fault refused: no JSON object, or an empty one"], data[:20]
+        assert listening.apply(apply) == ["fault refused: not a JSON object, or an empty one"], data[:20]
     raw(place, json.dumps({"do": "that" * 100}).encode())
-    (told,) = listening.obey(spoil)
+    (event,) = listening.apply(apply)
     assert (
-        told.startswith('fault refused: {"do": "thatthat')
-        and told.endswith("expected one of this")
-        and len(told) < 250
+        event.startswith('fault refused: {"do": "thatthat')
+        and event.endswith("expected one of this")
+        and len(event) < 250
     )
     inject(place, {"do": "this"})
-    assert listening.obey(spoil) == ["fault: did this"]
+    assert listening.apply(apply) == ["fault: did this"]
 
 
 NOT_NUMBERS = [None, "1", True, [1], float("nan"), float("inf"), -0.1, 1.1, 10**400]
 
 
 @pytest.mark.parametrize("wrong", NOT_NUMBERS, ids=str)
-def test_a_number_is_a_finite_one_within_its_limits(wrong):
+def test_a_number_is_finite_and_within_limits(wrong):
     assert fault_injection.number({"x": 1}, "x", 0.0, 1.0) == 1.0
     with pytest.raises(InputError, match=r"x: got .*, expected a number from 0 to 1"):
         fault_injection.number({"x": wrong}, "x", 0.0, 1.0)
@@ -119,7 +119,7 @@ def test_a_number_is_a_finite_one_within_its_limits(wrong):
 @pytest.mark.parametrize(
     "wrong", [None, "a", ["a"], ["a", "a"], ["a", "c"], ["a", ["b"]], ["a", "b", "b"], {"a": "b"}], ids=str
 )
-def test_two_words_are_two_different_known_ones(wrong):
+def test_two_words_are_different_and_known(wrong):
     assert fault_injection.words({"x": ["b", "a"]}, "x", ("a", "b"), 2) == ("b", "a")
     with pytest.raises(InputError, match=r"x: got .*, expected 2 different ones of a, b"):
         fault_injection.words({"x": wrong}, "x", ("a", "b"), 2)

@@ -1,7 +1,6 @@
-"""Any bytes from anybody, and a great many of them: no exception, no growth, no way to a vehicle."""
+"""Random and broken datagrams, many of them: no exception, no memory growth, nothing reaches a vehicle."""
 
 import random
-import time
 import tracemalloc
 
 from fleet import GCS, TOOL, Fleet, ack, attitude, command, heartbeat
@@ -12,7 +11,7 @@ KNOWN = [attitude(1), heartbeat(1), command(1, (1, 191)), command(2, (255, 190))
 
 
 def datagram(rng):
-    """Random, truncated, bent, joined or oversized."""
+    """Return a random, truncated, corrupted, joined or oversized datagram."""
     kind = rng.random()
     if kind < 0.4:
         return rng.randbytes(rng.randrange(0, 300))
@@ -20,9 +19,9 @@ def datagram(rng):
     if kind < 0.6:
         return whole[: rng.randrange(len(whole))]
     if kind < 0.8:
-        bent = bytearray(whole)
-        bent[rng.randrange(len(bent))] ^= 1 << rng.randrange(8)
-        return bytes(bent)
+        corrupted = bytearray(whole)
+        corrupted[rng.randrange(len(corrupted))] ^= 1 << rng.randrange(8)
+        return bytes(corrupted)
     if kind < 0.81:
         return rng.randbytes(9000)
     return rng.choice((b"\xfd", b"\xfe")) * rng.randrange(1, 600)
@@ -43,40 +42,42 @@ def flood(fleet, rng, count):
         router.on_datagram(rng.randrange(sockets), senders(rng, fleet), datagram(rng), 1e-3 * i)
         if i % 1000 == 0:
             router.tick(1e-3 * i)
-            router.news()
+            router.changed_facts()
 
 
-def test_a_hundred_thousand_broken_datagrams_are_counted_and_leave_no_trace_in_memory():
+def test_broken_datagrams_are_counted_and_leave_no_memory():
     fleet, rng = Fleet(), random.Random(2)
-    flood(fleet, rng, 10_000)
     tracemalloc.start()
+    flood(fleet, rng, 10_000)  # fill the bounded tables
     before = tracemalloc.get_traced_memory()[0]
-    began = time.process_time()
-    flood(fleet, rng, 100_000)
-    spent = time.process_time() - began
+    flood(fleet, rng, 25_000)
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
-    assert grown < 100_000
-    assert spent < 60
-    for why in ("garbage bytes", "wrong CRC", "stranger on a vehicle's link", "stranger on a serving socket"):
-        assert fleet.router.counts.dropped[why] > 1000
+    assert grown < 25_000, "one byte per datagram would be a leak"
+    for why in (
+        "garbage bytes",
+        "wrong CRC",
+        "unknown sender on a vehicle's link",
+        "unknown sender on a client socket",
+    ):
+        assert fleet.router.counts.dropped[why] > 200
 
 
-def test_random_bytes_from_a_known_client_never_reach_a_vehicle_unless_they_may_be_a_newer_message():
+def test_random_bytes_of_a_client_do_not_reach_a_vehicle():
     fleet, rng = Fleet(), random.Random(3)
     passed = 0
     for _ in range(20_000):
-        passed += bool(fleet.say("program1", rng.randbytes(rng.randrange(1, 300))))
+        passed += bool(fleet.send_as("program1", rng.randbytes(rng.randrange(1, 300))))
     assert passed <= 2
     assert fleet.router.counts.unknown >= passed
 
 
-def test_after_a_flood_commands_and_streams_still_flow():
+def test_commands_and_streams_pass_after_a_flood():
     fleet, rng = Fleet(), random.Random(4)
     flood(fleet, rng, 5_000)
-    assert "autopilot1" in fleet.say("program1", command(1, (1, 191)))
-    fleet.router.tick(1e6)  # the flood's tools are forgotten
-    assert fleet.say("autopilot1", attitude(1))["program1"] == attitude(1)
+    assert "autopilot1" in fleet.send_as("program1", command(1, (1, 191)))
+    fleet.router.tick(1e6)  # removes the tools of the flood
+    assert fleet.send_as("autopilot1", attitude(1))["program1"] == attitude(1)
 
 
 addresses = st.tuples(
@@ -86,7 +87,7 @@ pieces = st.lists(st.sampled_from(KNOWN) | st.binary(max_size=60), max_size=5).m
 
 
 @given(st.lists(st.tuples(st.integers(0, 6), addresses, pieces | st.binary(max_size=300)), max_size=12))
-def test_any_sequence_of_datagrams_is_survived_and_nothing_is_invented(datagrams):
+def test_any_datagrams_are_routed_without_error_as_slices(datagrams):
     router = Fleet().router
     for i, (socket, sender, data) in enumerate(datagrams):
         for piece, destinations in router.on_datagram(socket, sender, data, float(i)):

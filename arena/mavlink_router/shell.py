@@ -1,0 +1,141 @@
+"""The sockets, the clock and the heartbeat of the router process."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import time
+from typing import Any
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.clock import SimTime
+from arena.errors import RunError
+from arena.mavlink_router.router import Out, Router
+from arena.mavlink_router.routing_table import Table
+from arena.process_context import ProcessContext, ShutdownPolicy
+from arena.transport import MAX_DATAGRAM_BYTES, listen_udp
+from arena.wire.mavlink_codec import Codec
+
+SYSTEM, COMPONENT = 254, 190
+READY_TIMEOUT_S = 10.0  # after this time without a vehicle's heartbeat the other vehicles start
+_TICK_S, _SECOND_S = 0.25, 1.0
+_GCS_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
+    mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+)
+
+
+class RouterShell:
+    """Reads one datagram of each waiting socket in turn, so that a flood on one socket does not starve the others."""
+
+    def __init__(self, process: ProcessContext, table: Table) -> None:
+        self._process, self._router = process, Router(table)
+        self._sockets = [listen_udp(address, "the router") for address in self._router.sockets]
+        self._sendto = [s.sendto for s in self._sockets]
+        self._receive = {s.fileno(): (s.recvfrom_into, key) for key, s in enumerate(self._sockets)}
+        self._poll = select.epoll()
+        for fd in self._receive:
+            self._poll.register(fd, select.EPOLLIN)
+        self._route = self._router.on_datagram
+        self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
+        self._codec = Codec(SYSTEM, COMPONENT)
+        # Without a supervisor, simulated vehicles are served for 60 s at most; real ones until they are disarmed.
+        mixed = not all(v.simulated for v in table.vehicles)
+        limit_s = 60.0 if table.simulated or mixed else None
+        self._shutdown = [(True, ShutdownPolicy(limit_s=limit_s)), (False, ShutdownPolicy(limit_s=None))]
+        self._began = self._next_tick = self._next_second = time.monotonic()
+        self._world_time, self._next_heartbeat = _world_time(process.settings.get("clock")), 0.0
+        self._ready = False
+        self._over = False
+
+    def run(self) -> None:
+        """Route until a stop signal, or until the vehicles are disarmed after the supervisor's death."""
+        while not (self._process.stopping or self._over):
+            self.turn(max(0.0, self._next_tick - time.monotonic()))
+        self._process.stats(self._stats())
+
+    def turn(self, timeout_s: float) -> None:
+        """Wait for datagrams, at most `timeout_s`, route them, and do what is due."""
+        for fd, _ in self._poll.poll(timeout_s):
+            self._read(fd)
+        if changed := self._router.changed_facts():
+            self._process.facts(changed)
+        for warning in self._router.warnings():
+            self._process.event(warning)
+        now = time.monotonic()
+        if self._world_time is not None and self._world_time.now() >= self._next_heartbeat:
+            self._heartbeat(now)
+        if now >= self._next_tick:
+            self._tick(now)
+
+    def close(self) -> None:
+        self._poll.close()
+        for s in self._sockets:
+            s.close()
+
+    def _read(self, fd: int) -> None:
+        receive, key = self._receive[fd]
+        try:
+            size, sender = receive(self._buffer)
+        except OSError:  # no datagram after all
+            return
+        self._send(self._route(key, sender, self._buffer[:size], time.monotonic()))
+
+    def _send(self, out: list[Out]) -> None:
+        counts = self._router.counts
+        for data, destinations in out:
+            for key, dest in destinations:
+                try:
+                    counts.bytes_out += self._sendto[key](data, dest)
+                except OSError:  # full queue or no network: the next message is newer
+                    counts.dropped["not sent"] += 1
+
+    def _tick(self, now: float) -> None:
+        self._next_tick = max(self._next_tick + _TICK_S, now)
+        self._router.tick(now)
+        orphaned = self._process.orphaned
+        self._over = self._is_over(orphaned, now)
+        if not self._ready and (self._router.all_connected or now - self._began > READY_TIMEOUT_S):
+            self._ready = True
+            if missing := self._router.missing:
+                self._process.event(
+                    f"{', '.join(missing)}: no heartbeat for {READY_TIMEOUT_S:g} s; starting the other vehicles"
+                )
+            self._process.ready()
+        if now >= self._next_second:
+            self._next_second = max(self._next_second + _SECOND_S, now)
+            self._heartbeat(now)
+            self._process.stats(self._stats())
+
+    def _heartbeat(self, now: float) -> None:
+        """Send the ground station's heartbeat; called once a second of wall time and once a second of simulation time.
+
+        With both, no autopilot misses its ground station in a world that runs faster than real time.
+        """
+        if self._world_time is not None:
+            self._next_heartbeat = self._world_time.now() + _SECOND_S
+        if self._router.table.heartbeat and (not self._process.orphaned or self._router.gcs_alive(now)):
+            self._send_heartbeat(self._codec.pack(_GCS_HEARTBEAT), now)
+
+    def _send_heartbeat(self, frame: bytes, now: float) -> None:
+        self._send(self._router.heartbeat(frame))
+
+    def _is_over(self, orphaned: bool, now: float) -> bool:
+        over = [
+            policy.over(orphaned=orphaned, any_armed=self._router.any_armed(simulated=simulated), now=now)
+            for simulated, policy in self._shutdown
+        ]
+        return all(over)
+
+    def _stats(self) -> dict[str, Any]:
+        counts = self._router.counts
+        dropped = {why: n for why, n in counts.dropped.items() if n}
+        return {**vars(counts), "dropped": dropped, "telemetry": self._router.telemetry()}
+
+
+def _world_time(path: str | None) -> SimTime | None:
+    """Return the simulation's time; None without a world."""
+    if path is not None:
+        with contextlib.suppress(RunError):
+            return SimTime(path)
+    return None

@@ -1,0 +1,306 @@
+"""Routes: which client receives which message, and which vehicle which command."""
+
+import dataclasses
+
+import pytest
+from fleet import (
+    GCS,
+    LAND,
+    TOOL,
+    Fleet,
+    ack,
+    attitude,
+    command,
+    heartbeat,
+    landed_state,
+    packed,
+    slice_of,
+    timesync,
+)
+from pymavlink.dialects.v20 import common as mavlink
+
+from arena.errors import InputError
+from arena.mavlink_router.router import MAX_SENDERS, MAX_TOOLS, TOOL_TIMEOUT_S, Router
+from arena.mavlink_router.routing_table import Table
+
+PROGRAM1, PROGRAM2, GCS_ID = (1, 191), (2, 191), (255, 190)
+
+
+@pytest.fixture
+def fleet():
+    return Fleet()
+
+
+def test_a_stream_reaches_the_vehicles_clients_and_all_ground_stations(fleet):
+    data = attitude(1)
+    assert fleet.send_as("autopilot1", data) == {
+        name: data for name in ("program1", "sdk1", "logger1", "gcs")
+    }
+    assert set(fleet.send_as("autopilot2", attitude(2))) == {"program2", "sdk2", "logger2", "gcs"}
+
+
+def test_a_programs_command_reaches_its_own_vehicle_only(fleet):
+    data = command(1, PROGRAM1)
+    assert fleet.send_as("program1", data) == {"autopilot1": data}
+
+
+def test_a_program_cannot_command_another_vehicle(fleet):
+    assert fleet.send_as("program1", command(2, PROGRAM1)) == {}
+    assert fleet.dropped == {"target is not a vehicle of this client": 1}
+
+
+def test_a_programs_broadcast_stays_with_its_vehicle(fleet):
+    assert set(fleet.send_as("program1", command(0, PROGRAM1))) == {"autopilot1"}
+    assert set(fleet.send_as("program1", heartbeat(*PROGRAM1, kind=18))) == {"autopilot1"}
+
+
+def test_a_ground_station_commands_the_vehicle_it_names_or_all(fleet):
+    assert set(fleet.send_as("gcs", command(2, GCS_ID))) == {"autopilot2"}
+    assert set(fleet.send_as("gcs", command(0, GCS_ID))) == {"autopilot1", "autopilot2"}
+    assert fleet.send_as("gcs", command(9, GCS_ID)) == {}
+    assert fleet.dropped == {"target is not a vehicle of this client": 1}
+
+
+def test_a_datagram_for_two_vehicles_is_split_between_frames(fleet):
+    a, b, c = command(1, GCS_ID), command(1, (255, 191)), command(2, GCS_ID)
+    assert fleet.send_as("gcs", a + b + c + a) == {"autopilot1": a + b + a, "autopilot2": c}
+    out = fleet.router.on_datagram(fleet.socket(fleet.table.gcs_local), GCS, a + b + c, 0.0)
+    assert [len(piece) for piece, _ in out] == [len(a + b), len(c)]
+
+
+def test_an_acknowledgement_goes_to_the_commander_and_the_logger(fleet):
+    fleet.send_as("program1", heartbeat(*PROGRAM1))
+    fleet.send_as("gcs", heartbeat(*GCS_ID))
+    assert set(fleet.send_as("autopilot1", ack(PROGRAM1))) == {"program1", "logger1"}
+    assert set(fleet.send_as("autopilot1", ack(GCS_ID))) == {"gcs", "logger1"}
+    assert set(fleet.send_as("autopilot1", ack((1, 77)))) == {"logger1"}
+
+
+def test_a_target_without_component_reaches_all_components(fleet):
+    fleet.send_as("program1", heartbeat(*PROGRAM1))
+    fleet.send_as("sdk1", heartbeat(1, 192))
+    assert set(fleet.send_as("autopilot1", ack((1, 0)))) == {"program1", "sdk1", "logger1"}
+
+
+def test_a_client_is_answered_from_its_first_message_on(fleet):
+    assert set(fleet.send_as("autopilot1", ack(PROGRAM1))) == {"logger1"}
+    fleet.send_as("program1", command(1, PROGRAM1))
+    assert set(fleet.send_as("autopilot1", ack(PROGRAM1))) == {"program1", "logger1"}
+
+
+def test_a_foreign_system_on_a_vehicles_link_is_not_forwarded(fleet):
+    mixed = attitude(2) + attitude(1) + attitude(3)
+    assert fleet.send_as("autopilot1", mixed)["program1"] == attitude(1)
+    assert fleet.dropped == {"foreign system on a vehicle's link": 2}
+
+
+def test_other_components_of_the_vehicle_are_forwarded(fleet):
+    assert "program1" in fleet.send_as("autopilot1", attitude(1, component=100))
+
+
+def test_a_vehicles_messages_do_not_return_to_it_through_a_client(fleet):
+    """A second router on a client's port would otherwise make a loop."""
+    assert fleet.send_as("program1", attitude(1)) == {}
+    assert fleet.send_as("gcs", attitude(2)) == {}
+    assert fleet.dropped == {"a vehicle's message, returned by a client": 2}
+
+
+def test_timesync_requests_reach_a_vehicle_and_replies_do_not(fleet):
+    assert fleet.send_as("program1", timesync(0)) != {}
+    for who, speaker in (("program1", PROGRAM1), ("gcs", GCS_ID)):
+        assert fleet.send_as(who, timesync(1, *speaker)) == {}
+    assert fleet.tool(timesync(1 << 60, 1, 192)) == {}
+    assert fleet.dropped == {"TIMESYNC reply": 3}
+
+
+def test_a_timesync_reply_between_commands_is_removed(fleet):
+    a, b = command(1, PROGRAM1), heartbeat(*PROGRAM1, kind=18)
+    assert fleet.send_as("program1", a + timesync(7) + b) == {"autopilot1": a + b}
+
+
+@pytest.mark.parametrize("socket", ["local", "serve"])
+def test_an_unknown_sender_is_refused_on_links_and_client_sockets(fleet, socket):
+    address = getattr(fleet.vehicle(1), socket)
+    assert fleet.send(TOOL, address, attitude(1)) == {}
+    assert sum(fleet.dropped.values()) == 1
+
+
+def test_an_unknown_sender_cannot_use_the_ground_stations_socket(fleet):
+    assert fleet.send(TOOL, fleet.table.gcs_local, command(1, GCS_ID)) == {}
+    assert fleet.send_as("program2", command(1, PROGRAM1), at=fleet.vehicle(1).serve) == {}
+
+
+def test_a_local_tool_is_answered_for_ten_seconds(fleet):
+    asker = (253, 195)
+    assert set(fleet.tool(command(1, asker))) == {"autopilot1"}
+    assert set(fleet.send_as("autopilot1", ack(asker))) == {"tool", "logger1"}
+    assert "tool" in fleet.send_as("autopilot1", attitude(1))
+    assert "tool" not in fleet.send_as("autopilot2", attitude(2))
+    fleet.now += TOOL_TIMEOUT_S - 0.1
+    fleet.router.tick(fleet.now)
+    assert "tool" in fleet.send_as("autopilot1", attitude(1))
+    fleet.now += 0.2
+    fleet.router.tick(fleet.now)
+    assert "tool" not in fleet.send_as("autopilot1", attitude(1))
+
+
+def test_a_tool_on_another_computer_is_refused(fleet):
+    assert fleet.tool(command(1, (253, 195)), address=("192.0.2.7", 5000)) == {}
+    assert fleet.dropped == {"tool on another computer": 1}
+
+
+def test_a_new_tool_replaces_the_one_silent_for_longest(fleet):
+    for i in range(3 * MAX_TOOLS):
+        sender = ("127.0.0.1", 30000 + i)
+        fleet.names[sender] = f"t{i}"
+        assert set(fleet.tool(command(1, (253, 190)), address=sender)) == {"autopilot1"}
+        assert f"t{i}" in fleet.send_as("autopilot1", attitude(1))
+    assert sum(name.startswith("t") for name in fleet.send_as("autopilot1", attitude(1))) == MAX_TOOLS
+
+
+def test_garbage_does_not_make_a_tool(fleet):
+    assert fleet.tool(b"\xfdnot a frame") == {}
+    assert "tool" not in fleet.send_as("autopilot1", attitude(1))
+    assert fleet.dropped == {"garbage bytes": 12}
+
+
+def test_the_senders_of_an_endpoint_are_bounded(fleet):
+    for system in range(3, 250):
+        fleet.send_as("program1", heartbeat(system, 191))
+    assert set(fleet.send_as("autopilot1", ack((249, 191)))) == {"program1", "logger1"}
+    assert set(fleet.send_as("autopilot1", ack((249 - MAX_SENDERS, 191)))) == {"logger1"}
+
+
+def test_messages_without_a_receiver_are_counted(fleet):
+    v = dataclasses.replace(fleet.vehicle(1), logger=None)
+    router = Router(dataclasses.replace(fleet.table, vehicles=(v,)))
+    assert router.on_datagram(router.sockets.index(v.local), v.remote, ack((9, 9)), 0.0) == []
+    assert router.counts.dropped == {"no receiver": 1}
+
+
+def test_many_frames_leave_in_datagrams_that_fit_ethernet(fleet):
+    a = command(1, PROGRAM1)
+    socket = fleet.socket(fleet.vehicle(1).serve)
+    out = fleet.router.on_datagram(socket, fleet.address["program1"], a * 100, 0.0)
+    assert b"".join(bytes(piece) for piece, _ in out) == a * 100
+    assert max(len(piece) for piece, _ in out) <= 1472
+
+
+def test_frames_and_bytes_are_counted_each_way(fleet):
+    fleet.send_as("autopilot1", attitude(1) * 3)
+    fleet.send_as("program1", command(1, PROGRAM1))
+    counts = fleet.router.counts
+    assert (counts.frames_from_vehicles, counts.frames_to_clients) == (3, 12)
+    assert (counts.frames_from_clients, counts.frames_to_vehicles) == (1, 1)
+    assert counts.bytes_in == len(attitude(1) * 3 + command(1, PROGRAM1))
+
+
+def test_a_fact_is_reported_once_when_it_changes(fleet):
+    assert not fleet.router.all_connected
+    fleet.send_as("autopilot1", heartbeat(1, armed=True))
+    assert fleet.router.changed_facts() == {
+        "uav1.connected": True,
+        "uav1.armed": True,
+        "uav1.mode": "OFFBOARD",
+    }
+    fleet.send_as("autopilot1", heartbeat(1, armed=True))
+    assert fleet.router.changed_facts() == {}
+    assert fleet.router.any_armed(simulated=True)
+    fleet.send_as("autopilot1", heartbeat(1, mode=LAND))
+    assert fleet.router.changed_facts() == {"uav1.armed": False, "uav1.mode": "AUTO.LAND"}
+    assert not fleet.router.any_armed(simulated=True)
+    fleet.send_as("autopilot2", heartbeat(2))
+    assert fleet.router.all_connected
+
+
+def test_a_real_vehicle_that_is_switched_off_is_not_waited_for():
+    fleet = Fleet(real=(2,))
+    fleet.send_as("autopilot1", heartbeat(1))
+    assert fleet.router.all_connected
+    fleet.send_as("autopilot2", heartbeat(2, armed=True))
+    assert fleet.router.changed_facts()["uav2.armed"] is True
+    assert (fleet.router.any_armed(simulated=True), fleet.router.any_armed(simulated=False)) == (False, True)
+    assert Fleet(real=(1, 2)).router.all_connected
+
+
+def test_the_time_in_the_air_is_reported_at_take_off_and_landing(fleet):
+    fleet.send_as("autopilot1", landed_state(1))
+    assert fleet.router.changed_facts() == {"uav1.landed": True}
+    fleet.send_as("autopilot1", landed_state(3))
+    assert fleet.router.changed_facts() == {"uav1.landed": False, "uav1.airborne_s": 0.0}
+    fleet.now += 4.5
+    for state in (2, 4):
+        fleet.send_as("autopilot1", landed_state(state))
+    assert fleet.router.changed_facts() == {}
+    fleet.send_as("autopilot1", landed_state(0))
+    assert fleet.router.changed_facts() == {}
+    fleet.send_as("autopilot1", landed_state(1))
+    assert fleet.router.changed_facts() == {"uav1.landed": True, "uav1.airborne_s": 4.5}
+
+
+def test_a_silent_vehicle_is_disconnected_and_keeps_its_last_armed(fleet):
+    fleet.send_as("autopilot1", heartbeat(1, armed=True))
+    fleet.router.changed_facts()
+    fleet.now += 2.9
+    fleet.router.tick(fleet.now)
+    assert fleet.router.changed_facts() == {}
+    fleet.now += 0.2
+    fleet.router.tick(fleet.now)
+    assert fleet.router.changed_facts() == {"uav1.connected": False}
+    assert fleet.router.any_armed(simulated=True)
+
+
+@pytest.mark.parametrize("data", [heartbeat(1, 191, armed=True), heartbeat(2, 1, armed=True)])
+def test_only_the_autopilots_own_heartbeat_counts(fleet, data):
+    fleet.send_as("autopilot1", data)
+    fleet.send_as("program1", data)
+    assert fleet.router.changed_facts() == {}
+
+
+def test_a_ground_station_is_alive_for_three_seconds_after_a_real_frame(fleet):
+    fleet.send_as("gcs", b"\xfd" * 50)
+    assert not fleet.router.gcs_alive(fleet.now)
+    fleet.send_as("gcs", heartbeat(*GCS_ID))
+    assert fleet.router.gcs_alive(fleet.now + 2.9)
+    assert not fleet.router.gcs_alive(fleet.now + 3.1)
+
+
+def test_the_routers_heartbeat_goes_to_every_vehicle(fleet):
+    out = fleet.router.heartbeat(b"beat")
+    [(frame, destinations)] = out
+    assert frame == b"beat"
+    assert [fleet.names[dest] for _, dest in destinations] == ["autopilot1", "autopilot2"]
+    assert [fleet.router.sockets[key] for key, _ in destinations] == [
+        fleet.vehicle(1).local,
+        fleet.vehicle(2).local,
+    ]
+
+
+def test_a_client_on_another_computer_has_a_socket_that_can_reach_it():
+    """A socket bound to loopback cannot: the kernel refuses to send."""
+    far = ("192.0.2.7", 14550)
+    router = Router(Table.from_slice(slice_of((1,), gcs=far)))
+    [(_, destinations)] = router.on_datagram(
+        router.sockets.index(("127.54.0.1", 24011)), ("127.54.0.1", 24010), attitude(1), 0.0
+    )
+    served = {dest: router.sockets[key][0] for key, dest in destinations}
+    assert served.pop(far) == "0.0.0.0"
+    assert set(served.values()) == {"127.54.0.1"}
+    wide = router.sockets.index(("0.0.0.0", 0))
+    assert router.on_datagram(wide, far, command(1, GCS_ID), 0.0)
+    assert router.on_datagram(wide, ("192.0.2.8", 14550), command(1, GCS_ID), 0.0) == []
+
+
+def test_a_manual_control_goes_to_the_vehicle_it_names(fleet):
+    sticks = packed(mavlink.MAVLink_manual_control_message(2, 1, 2, 3, 4, 5), *GCS_ID)
+    assert set(fleet.send_as("gcs", sticks)) == {"autopilot2"}
+
+
+def test_an_incomplete_slice_is_refused_with_the_missing_key():
+    with pytest.raises(InputError, match="gcs_local"):
+        Table.from_slice({"vehicles": []})
+
+
+def test_a_host_name_is_refused():
+    with pytest.raises(InputError, match="numeric"):
+        Table.from_slice(slice_of(gcs=("laptop", 14550)))
