@@ -114,7 +114,7 @@ def _parse_serial(rest: str, baud: int) -> ConnectionUrl:
 
 
 def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> ConnectionUrl:
-    """A name is refused: looking it up would block, and fails when the network is down."""
+    """Return a UDP connection. Refuses a host name: looking it up would block, and fails when the network is down."""
     try:
         address = ipaddress.IPv4Address("127.0.0.1" if host == "localhost" else host)
     except ValueError as error:
@@ -216,7 +216,7 @@ class SerialPort:
     def read(self, limit: int = 1 << 14) -> bytes | None:
         """Return what has arrived; None when nothing has.
 
-        Raises OSError when the device is gone; `is_unplugged` tells that from other failures.
+        Raises OSError; `is_unplugged` returns whether the device is gone.
         """
         try:
             data = os.read(self._fd, limit)

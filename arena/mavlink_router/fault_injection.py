@@ -85,7 +85,7 @@ class FaultInjectionShell(RouterShell):
         return now if self._clock is None else self._clock.now()
 
     def _join_clock(self) -> None:
-        """Become a client of the simulation clock while there is a delay. Raises RunError when the clock has ended."""
+        """Connect to the simulation clock while there is a delay. Raises RunError when the clock has ended."""
         if self._clock is None and self.impaired.delaying and self._clock_path is not None:
             self._clock = SimClock(self._clock_path, self._process.name)
             self._poll.register(self._clock.fileno(), select.EPOLLIN)

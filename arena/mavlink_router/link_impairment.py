@@ -25,7 +25,7 @@ Waiting = deque[tuple[float, Address, bytes]]
 
 @dataclass(kw_only=True)
 class _Direction:
-    """One direction of a link."""
+    """The random generator and the waiting datagrams of one direction of a link."""
 
     random: Random
     waiting: Waiting = field(default_factory=deque)
@@ -33,7 +33,7 @@ class _Direction:
 
 @dataclass(kw_only=True)
 class _ImpairedLink:
-    """One vehicle's link. share: of datagrams that are lost, 0 to 1 [-]."""
+    """The impairment of a vehicle's link. share: of datagrams that are lost, 0 to 1 [-]."""
 
     share: float = 0.0
     delay_s: float = 0.0
@@ -80,7 +80,7 @@ class ImpairedRouter:
 
     @property
     def active(self) -> bool:
-        """Whether a link has a fault, or still holds datagrams."""
+        """True while a link has a fault, or still holds datagrams."""
         return any(
             link.share or link.delay_s or link.up.waiting or link.down.waiting
             for link in self._links.values()

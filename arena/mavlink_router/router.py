@@ -191,7 +191,7 @@ class Router:
 
     @property
     def all_connected(self) -> bool:
-        """Whether every simulated vehicle has sent a heartbeat. A real vehicle may be switched on later."""
+        """True once every simulated vehicle has sent a heartbeat. A real vehicle may be switched on later."""
         return not self.missing
 
     @property

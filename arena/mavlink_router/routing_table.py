@@ -13,7 +13,7 @@ from arena.transport import Address
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """One vehicle and the clients that receive only this vehicle.
+    """A vehicle and the clients that receive only this vehicle.
 
     id: MAVLink system id
     local, remote: the two ends of the router link, ours and the autopilot's
@@ -73,7 +73,7 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
 
 
 def _address(raw: Any) -> Address:
-    """A host name is refused: each message would look it up and block."""
+    """Return an address. Refuses a host name: each message would look it up and block."""
     try:
         host, port = raw
         return str(ipaddress.IPv4Address(host)), int(port)
