@@ -92,7 +92,7 @@ class ImpairedRouter:
 
     @property
     def due(self) -> float | None:
-        """When the next delayed datagram leaves [s]; None when there is none."""
+        """Time when the next delayed datagram leaves [s]; None when there is none."""
         return min(
             (
                 direction.waiting[0][0] + link.delay_s
