@@ -1,4 +1,4 @@
-"""The built-in, PX4-compatible autopilot: batched over vehicles, stepped by the world beside the bodies it flies."""
+"""The built-in, PX4-compatible autopilot, batched over vehicles and stepped by the world."""
 
 from arena.autopilot.autopilots import Autopilots
 

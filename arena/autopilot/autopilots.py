@@ -1,7 +1,8 @@
 """The built-in autopilots of all simulated vehicles, stepped together. No sockets, no clock.
 
-They keep PX4's contract as seen from outside; docs/builtin-autopilot.md lists the differences. One step: external vision ->
-estimator -> (every fifth step) land detector, commanders, modes -> controllers -> control allocation -> telemetry.
+They keep PX4's contract as seen from outside; docs/builtin-autopilot.md lists the differences. One step:
+external vision -> estimator -> (every fifth step) land detector, commanders, modes -> controllers -> control
+allocation -> telemetry.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from arena.autopilot.control.controllers import Cascade
 from arena.autopilot.control.flight_tasks import FlightTask, stop_motors
 from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
-from arena.autopilot.estimation.land_detector import LandDetector, TakeoffRamp, wants_up
+from arena.autopilot.estimation.land_detector import LandDetector, TakeoffRamp, climb_requested
 from arena.autopilot.mavlink import telemetry_batch
 from arena.autopilot.mavlink.mavlink_interface import MavlinkInterface
 from arena.autopilot.mavlink.telemetry_state import TelemetryState
@@ -82,7 +83,7 @@ class Autopilots:
         self._dead_motors: list[tuple[int, int]] = []
         self._params_version = self.params.version
 
-    # -- interface to the world ----------------------------------------------------------------------------------------
+    # -- interface to the world ------------------------------------------------------------------------------
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
         """Process a datagram that arrived on a link (router, vision, panic) of a vehicle."""
@@ -95,8 +96,8 @@ class Autopilots:
     def step(self, now: float, sensors: Mapping[str, Array]) -> Array:
         """Advance by one sensor period, which ends at now [s]; return the motor commands 0..1 (V, R).
 
-        sensors: accel_b [m/s2], gyro_b [rad/s], mag_b [gauss] [FRD] (V, 3); baro_alt_m [m], battery_v [V], battery_current_a [A],
-            battery_remaining 0..1 (V,)
+        sensors: accel_b [m/s2], gyro_b [rad/s], mag_b [gauss] [FRD] (V, 3); baro_alt_m [m], battery_v [V],
+        battery_current_a [A], battery_remaining 0..1 (V,)
         """
         self._now = now
         self._sensors = sensors
@@ -146,7 +147,7 @@ class Autopilots:
             for name, v, x in zip(self.names, self.vehicles, self.interfaces, strict=True)
         }
 
-    # -- estimator -----------------------------------------------------------------------------------------------------
+    # -- estimator -------------------------------------------------------------------------------------------
 
     def _fuse(self, now: float, sensors: Mapping[str, Array]) -> None:
         fresh = [v for v in self.vehicles if v.vision is not None and not v.failures.vision]
@@ -161,15 +162,15 @@ class Autopilots:
             failed = np.array([v.failures.baro for v in self.vehicles])
             self.est.fuse_baro(np.where(failed, np.nan, sensors["baro_alt_m"]), now)
 
-    # -- decisions, 50 Hz ----------------------------------------------------------------------------------------------
+    # -- decisions, 50 Hz ------------------------------------------------------------------------------------
 
     def _decide(self, now: float) -> None:
         est, sp = self.est, self.sp
         self._consumed_mah += self._sensors["battery_current_a"] * (self.dt * _DECIDE_EVERY / 3.6)
-        up = wants_up(sp, est, self.params) & self.armed
+        climbing = climb_requested(sp, est, self.params) & self.armed
         sink = np.where(sp.at(Level.POSITION), self.cascade.position.v_sp_n[:, 2], np.nan)
-        self.land.update(now, est, self.thrust, up, sink)
-        self.takeoff.update(now, self._armed_since, self.land.landed, up)
+        self.land.update(now, est, self.thrust, climbing, sink)
+        self.takeoff.update(now, self._armed_since, self.land.landed, climbing)
         self._sense(now)
         offboard = np.array([v.commander.mode is Mode.OFFBOARD for v in self.vehicles])
         full = np.where(offboard, self.params["MPC_Z_VEL_MAX_UP"], self.params["MPC_TKO_SPEED"])
@@ -183,8 +184,8 @@ class Autopilots:
         self._armed_since = np.array([v.commander.armed_since for v in self.vehicles])
         on = self.armed & ~sp.at(Level.NONE)
         # Armed on the ground without a setpoint to climb: the motors idle, whatever the controllers command.
-        climbing = on & (flying | begun)
-        self._up_from = np.where(climbing, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf)
+        running = on & (flying | begun)
+        self._up_from = np.where(running, self._armed_since + self.params["COM_SPOOLUP_TIME"], np.inf)
         self._idle_motors = np.where(on, _IDLE, 0.0)[:, None] * self.allocator.present
 
     def _sense(self, now: float) -> None:
@@ -294,7 +295,7 @@ class Autopilots:
         sp.level[i], sp.q_nb[i], sp.omega_b[i], sp.thrust[i] = o.level, o.q_nb, o.omega_b, o.thrust
         sp.yaw_rate_ff[i] = o.yaw_rate if o.level is Level.ATTITUDE else 0.0
 
-    # -- control, every step -------------------------------------------------------------------------------------------
+    # -- control, every step ---------------------------------------------------------------------------------
 
     def _control(self, now: float) -> None:
         torque, thrust = self.cascade.update(self.sp, self.est)

@@ -1,7 +1,9 @@
-"""Flight mode, arming and failsafes of one vehicle: decisions on plain values. No arrays, no messages, no clock.
+"""Flight mode, arming and failsafes of one vehicle: decisions on plain values.
 
-`Autopilots` calls `update` 50 times a second; requests from outside call `request_mode`, `arm` and `disarm`. Messages for
-people are appended to `texts` as (MAV_SEVERITY, text), as PX4 sends them in STATUSTEXT.
+No arrays, no messages, no clock.
+
+`Autopilots` calls `update` 50 times a second; requests from outside call `request_mode`, `arm` and `disarm`.
+Messages for people are appended to `texts` as (MAV_SEVERITY, text), as PX4 sends them in STATUSTEXT.
 """
 
 from __future__ import annotations
@@ -96,12 +98,13 @@ class Commander:
     _had_manual_control: bool = False
     _manual_control_lost: bool = False
 
-    # -- requests ------------------------------------------------------------------------------------------------------
+    # -- requests --------------------------------------------------------------------------------------------
 
     def request_mode(self, mode: Mode | None, s: CommanderInputs, params: CommanderParams) -> str:
         """Change the flight mode and return "", or return the reason of the refusal.
 
-        A disarmed vehicle may select every mode: its conditions are checked at arming. LAND is always accepted.
+        A disarmed vehicle may select every mode: its conditions are checked at arming. LAND is always
+        accepted.
         """
         if mode is None or mode not in _REQUESTABLE:
             why = f"mode {mode.label} is not supported by the built-in autopilot" if mode else "no such mode"
@@ -189,7 +192,7 @@ class Commander:
     def report(self, severity: int, text: str) -> None:
         self.texts.append((severity, text))
 
-    # -- 50 times a second ---------------------------------------------------------------------------------------------
+    # -- 50 times a second -----------------------------------------------------------------------------------
 
     def update(self, s: CommanderInputs, params: CommanderParams) -> None:
         """Detect the take-off, run the failsafe checks, disarm after the landing."""
@@ -225,9 +228,10 @@ class Commander:
             self.terminate("attitude failure")
 
     def _check_position(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """React to a lost position. In OFFBOARD it counts as lost offboard control, as in PX4.
+        """Check the position. In OFFBOARD its loss counts as lost offboard control, as in PX4.
 
-        COM_OBL_RC_ACT 6 (terminate) and 7 (disarm) act now; its other actions need a position, so the vehicle descends.
+        COM_OBL_RC_ACT 6 (terminate) and 7 (disarm) act now; its other actions need a position, so the vehicle
+        descends.
         """
         needs = self.mode in _NEEDS_POSITION or (self.mode is Mode.OFFBOARD and s.offboard_needs_position)
         if needs and not s.position_ok:
@@ -254,7 +258,7 @@ class Commander:
             self._act_after_hold(_home_or_land(s) if returns else Mode.LAND, s, params, "battery")
 
     def _check_fence(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """React once, when the fence is crossed. The pilot may then select another mode."""
+        """Run GF_ACTION once, when the fence is crossed. The pilot may then select another mode."""
         crossed, self._fence = s.fence and not self._fence, s.fence
         action = params.gf_action
         if not crossed or action == 0:
@@ -285,7 +289,7 @@ class Commander:
             self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
     def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """React once, when manual control is lost. Manual control that was never received is not missed."""
+        """Run NAV_RCL_ACT once, when manual control is lost; not if it was never received."""
         self._had_manual_control = self._had_manual_control or s.manual_control
         excepted = _EXCEPTION_BIT.get(self.intended, 0) & params.com_rcl_except
         lost = (
@@ -313,7 +317,10 @@ class Commander:
         self.disarm(s, force=True, why="by failsafe")
 
     def _act_after_hold(self, mode: Mode, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Hold for COM_FAIL_ACT_T so that the pilot may take over, then enter the mode; at once if a failsafe is active."""
+        """Hold for COM_FAIL_ACT_T, then enter the mode; at once if a failsafe is active.
+
+        During the hold the pilot may take over.
+        """
         waits = params.com_fail_act_t > 0 and mode not in (Mode.HOLD, Mode.TERMINATE) and s.position_ok
         if not waits or (self.failsafe and self.mode is not Mode.HOLD):
             self._act(mode, why)

@@ -1,4 +1,7 @@
-"""What the commander decides on: the measured state of the vehicle, the parameters, and the pilot's manual control. Pure."""
+"""Inputs of the commander: the measured state of the vehicle, its parameters, and the pilot's manual control.
+
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +60,7 @@ class CommanderInputs:
 
     @property
     def position_ok(self) -> bool:
-        """Whether horizontal position, height and heading are all valid."""
+        """True if horizontal position, height and heading are valid."""
         return self.xy_valid and self.z_valid and self.yaw_valid
 
 
@@ -124,7 +127,9 @@ class CommanderParams:
 
 @dataclass(slots=True)
 class ManualControl:
-    """The pilot's sticks. The built-in autopilot knows only whether they are received; it never flies by them.
+    """The pilot's sticks.
+
+    The built-in autopilot knows only whether they are received; it never flies by them.
 
     radio: time of the last RC_CHANNELS_OVERRIDE or sample of the simulated radio [s]
     joystick: time of the last MANUAL_CONTROL [s]

@@ -1,6 +1,7 @@
 """Failures injected into one vehicle by MAV_CMD_INJECT_FAILURE.
 
-PX4 v1.16 SITL does not acknowledge a unit or type that it does not support. Here every command is acknowledged.
+PX4 v1.16 SITL does not acknowledge a unit or type that it does not support. Here every command is
+acknowledged.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _MAX_MOTORS = 12
 
 @dataclass(slots=True)
 class InjectedFailures:
-    """Failures of one vehicle: barometer, external vision, battery (reads empty) and motors, by index from 0."""
+    """Failures of one vehicle: barometer, external vision, battery (reads empty), motors (by index)."""
 
     baro: bool = False
     vision: bool = False

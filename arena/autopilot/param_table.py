@@ -1,6 +1,8 @@
-"""The parameters of the built-in autopilot, under PX4's names, types and defaults (v1.16 parameter reference).
+"""Parameters of the built-in autopilot.
 
-One table for all vehicles: `Params[name]` is an array over the fleet, so the batched loops read it as it is.
+Names, types, ranges and defaults are those of the PX4 v1.16 parameter reference.
+
+`Params[name]` is an array over all vehicles, which the batched code reads without a copy.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ Type = Literal["int32", "float"]
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """One parameter: its PX4 type, default, and the range that a write is held to (inclusive)."""
+    """Type, default and inclusive range of a parameter."""
 
     type: Type
     default: float
@@ -42,7 +44,7 @@ SPECS: dict[str, Spec] = {
     "MAV_COMP_ID": _i(1, 1, 250),
     "SYS_AUTOSTART": _i(10016),
     "SYS_HAS_GPS": _i(1, 0, 1),
-    "SYS_FAILURE_EN": _i(1, 0, 1),  # as PX4's simulation has it; 0 on a board
+    "SYS_FAILURE_EN": _i(1, 0, 1),  # PX4's default in simulation; 0 on hardware
     "COM_ARM_WO_GPS": _i(1, 0, 2),
     "COM_DISARM_LAND": _f(2.0),
     "COM_DISARM_PRFLT": _f(10.0),
@@ -183,7 +185,7 @@ SPECS: dict[str, Spec] = {
 
 
 class Params:
-    """Values over a fleet of `vehicles`. Unknown names raise KeyError; a write is converted to the type and range-checked."""
+    """Parameter values of all vehicles. version: increases with each write."""
 
     def __init__(self, vehicles: int) -> None:
         self._values: dict[str, Array] = {
@@ -194,11 +196,11 @@ class Params:
         self.version = 0
 
     def __getitem__(self, name: str) -> Array:
-        """The values over the fleet (V,)."""
+        """Return the values of a parameter (V,). Raises KeyError for an unknown name."""
         return self._values[name]
 
     def columns(self, *names: str) -> Array:
-        """A fresh (V, len(names)) array."""
+        """Return a new array of several parameters (V, len(names))."""
         return np.stack([self._values[name] for name in names], axis=-1)
 
     def __contains__(self, name: object) -> bool:
@@ -208,23 +210,29 @@ class Params:
         return iter(self.names)
 
     def set(self, vehicle: int, name: str, value: float) -> None:
-        """Raises KeyError for an unknown name, ValueError for a value that is not finite or out of range."""
+        """Write one value.
+
+        Raises KeyError for an unknown name, ValueError for a value that is not finite or out of range.
+        """
         spec = SPECS[name]
         if not np.isfinite(value) or not spec.low <= value <= spec.high:
-            raise ValueError(f"{name} = {value}: must lie in {spec.low:g} .. {spec.high:g}")
+            raise ValueError(f"{name} = {value}: must be within {spec.low:g} .. {spec.high:g}")
         if spec.type == "int32" and value != int(value):
-            raise ValueError(f"{name} = {value}: is an integer parameter")
+            raise ValueError(f"{name} = {value}: must be an integer")
         self._values[name][vehicle] = value
         self.version += 1
 
     def load(self, vehicle: int, values: Mapping[str, float]) -> list[str]:
-        """Set many; returns a sentence for each that was not taken. PX4 prints such a line and boots on."""
-        complaints = []
+        """Write several values; return one message for each that was refused.
+
+        PX4 prints such a message and boots.
+        """
+        problems = []
         for name, value in values.items():
             try:
                 self.set(vehicle, name, float(value))
             except KeyError:
-                complaints.append(f"parameter {name} is unknown to the built-in autopilot")
+                problems.append(f"parameter {name} is unknown to the built-in autopilot")
             except ValueError as error:
-                complaints.append(str(error))
-        return complaints
+                problems.append(str(error))
+        return problems

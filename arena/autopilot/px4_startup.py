@@ -1,7 +1,9 @@
-"""The startup scripts of a PX4, as far as the stand-in understands them. Reads those files, else pure.
+"""Reading of PX4 startup scripts, as far as the stand-in supports them. Reads the files; otherwise pure.
 
-Understood, a line each: `. FILE`, `param set NAME VALUE`, `param set-default NAME VALUE`, `simulator_mavlink start` and
-`mavlink start`. `mavlink stream` is passed over: the built-in autopilot has rates of its own. Whatever else stands there is told.
+Supported lines: `. FILE`, `param set NAME VALUE`, `param set-default NAME VALUE`, `simulator_mavlink start`,
+    `mavlink start`.
+`mavlink stream` is ignored: the built-in autopilot has its own rates. Every other line is reported as
+    skipped.
 """
 
 from __future__ import annotations
@@ -17,14 +19,14 @@ from arena.errors import InputError
 
 Address = tuple[str, int]
 LINKS = ("router", "vision", "panic")
-"""In the order in which the scripts open them."""
+"""Names of the links, in the order in which the scripts open them."""
 _LOOPBACK = "127.0.0.1"
 _ENV = "PX4_PARAM_"
 
 
 @dataclass(frozen=True, kw_only=True)
 class UdpLink:
-    """local: the port; remote: the fixed partner."""
+    """UDP link of the autopilot. local: its port; remote: address of its only partner."""
 
     name: str
     local: int
@@ -33,7 +35,13 @@ class UdpLink:
 
 @dataclass(kw_only=True)
 class Startup:
-    """simulator: where the world serves the simulator API.  params: by PX4 name.  skipped: lines not understood."""
+    """Content of the startup scripts.
+
+    simulator: address of the simulator API
+    links: MAVLink links
+    params: values by PX4 name
+    skipped: lines that are not supported
+    """
 
     simulator: Address | None = None
     links: list[UdpLink] = field(default_factory=list)
@@ -42,22 +50,24 @@ class Startup:
 
 
 def read_startup(script: Path, env: Mapping[str, str]) -> Startup:
-    """script: the first one, others are found beside it. env: PX4_PARAM_<NAME>=VALUE, which `set-default` does not override.
+    """Read a startup script and the files that it sources.
 
-    Raises InputError: a file is missing, a value is no number, or no simulator is named.
+    Raises InputError if a file is missing, a value is not a number, or no simulator is given.
+    script: path of the first script; sourced files lie beside it
+    env: environment; PX4_PARAM_<NAME>=VALUE sets a parameter that `set-default` does not override
     """
     found = Startup(
         params={k.removeprefix(_ENV): _number(k, v) for k, v in env.items() if k.startswith(_ENV)}
     )
     for line in _lines(script):
-        _obey(found, line)
+        _run_line(found, line)
     if found.simulator is None:
-        raise InputError(f"{script}: starts no simulator_mavlink, so there is no world to connect to")
+        raise InputError(f"{script}: no line `simulator_mavlink start`, so the world's address is unknown")
     return found
 
 
 def _lines(script: Path) -> Iterator[list[str]]:
-    """The words of each line, with the files that it sources in their place."""
+    """Yield the words of each line, and of the files that it sources."""
     try:
         text = script.read_text()
     except OSError as error:
@@ -70,7 +80,7 @@ def _lines(script: Path) -> Iterator[list[str]]:
             yield words
 
 
-def _obey(found: Startup, words: list[str]) -> None:
+def _run_line(found: Startup, words: list[str]) -> None:
     match words:
         case ["param", "set", name, value]:
             found.params[name] = _number(name, value)
@@ -98,9 +108,9 @@ def _open(found: Startup, options: Sequence[str]) -> None:
 
 
 def rotors(params: Mapping[str, float]) -> list[dict[str, Any]]:
-    """The rotors as a profile has them, from CA_ROTOR*: KM is positive for one that turns counter-clockwise.
+    """Return the rotors of CA_ROTOR* in the form of a profile. A positive KM turns counter-clockwise.
 
-    Raises InputError when there are none.
+    Raises InputError without rotors.
     """
     count = int(params.get("CA_ROTOR_COUNT", 0))
     if count < 1:

@@ -1,7 +1,10 @@
-"""One vehicle of the built-in autopilot: its state, and what happens to it. No MAVLink bytes, no sockets, no clock.
+"""State of one vehicle of the built-in autopilot, and the requests on it.
 
-`Autopilots` updates the measured state of each vehicle and flies it; `mavlink` turns messages into calls of the methods here and
-reads the state for telemetry. The dynamic state (estimate, setpoints, motors) is not here: it lies in arrays over all vehicles.
+No MAVLink bytes, no sockets, no clock.
+
+`Autopilots` updates the measured state of each vehicle and flies it; `mavlink` turns messages into calls of
+the methods here and reads the state for telemetry. The dynamic state (estimate, setpoints, motors) is not
+here: it lies in arrays over all vehicles.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ Point = tuple[float, float, float]
 
 
 class RepositionTarget(NamedTuple):
-    """Where MAV_CMD_DO_REPOSITION sends the vehicle. NaN keeps the present value.
+    """Target of MAV_CMD_DO_REPOSITION. NaN keeps the present value.
 
     lat, lon: [deg]
     alt: altitude AMSL [m]
@@ -89,7 +92,7 @@ class Vehicle:
         self.reboot_requested = False
         self.counts: Counter[str] = Counter()
 
-    # -- measured state ------------------------------------------------------------------------------------------------
+    # -- measured state --------------------------------------------------------------------------------------
 
     def q_nb(self) -> list[float]:
         """Return the estimated attitude [-] wxyz (4,)."""
@@ -105,13 +108,13 @@ class Vehicle:
         return now - self.gcs_heartbeat_at
 
     def local_from_global(self, lat: float, lon: float, alt: float) -> Point | None:
-        """Return p_n [m] [NED] of a latitude, longitude [deg] and altitude AMSL [m], or None without an origin."""
+        """Return p_n [m] [NED] of a place, None without an origin. lat, lon: [deg]; alt: AMSL [m]."""
         if self.origin is None:
             return None
         n, e = local(self.origin, lat, lon)
         return n, e, self.origin[2] - alt
 
-    # -- commands ------------------------------------------------------------------------------------------------------
+    # -- commands --------------------------------------------------------------------------------------------
 
     def request_mode(self, mode: Mode | None) -> bool:
         """Change the flight mode; return whether it was accepted."""
@@ -132,7 +135,10 @@ class Vehicle:
         self.commander.terminate(why)
 
     def _refresh_offboard(self) -> None:
-        """Count a setpoint received since the last decision: clients request OFFBOARD right after their first setpoint."""
+        """Update the age of the offboard setpoint to the time of the request.
+
+        Clients request OFFBOARD right after their first setpoint, before the next decision.
+        """
         self.inputs.offboard_age = self.now - self.offboard_setpoint_at
         self.inputs.offboard_needs_position = self.offboard_needs_position
 
@@ -143,7 +149,10 @@ class Vehicle:
         return self.request_mode(Mode.TAKEOFF)
 
     def request_reposition(self, target: RepositionTarget, speed: float) -> bool:
-        """Enter HOLD at the target; return whether it was accepted. speed: [m/s], not positive to keep the present one."""
+        """Enter HOLD at the target; return whether it was accepted.
+
+        speed: [m/s], not positive to keep the present one.
+        """
         accepted = self.request_mode(Mode.HOLD)
         if accepted and self.commander.armed:
             self.reposition_target = target
@@ -151,11 +160,11 @@ class Vehicle:
         return accepted
 
     def set_home_to_current_position(self) -> None:
-        """Set home to the estimated position and heading."""
+        """Set home to the estimated position, if origin and position are valid; return whether they are."""
         self.home_n, self.home_yaw = self._estimator.p_n[self.row].tolist(), self.yaw()
 
     def set_home_here(self) -> bool:
-        """Set home to the estimated position; return False without an origin or a valid horizontal position."""
+        """Set home to the estimated position; return False without origin or valid position."""
         known = self.origin is not None and self.inputs.xy_valid
         if known:
             self.set_home_to_current_position()
@@ -168,7 +177,7 @@ class Vehicle:
         return point is not None
 
     def set_origin(self, lat: float, lon: float, alt: float) -> None:
-        """Set the origin of the local frame, unless armed or off the globe. lat, lon: [deg]; alt: AMSL [m]."""
+        """Set the origin of the local frame, unless armed or invalid. lat, lon: [deg]; alt: AMSL [m]."""
         low, high = _ORIGIN_ALTITUDE_M
         if abs(lat) <= 90.0 and abs(lon) <= 180.0 and low < alt < high and not self.commander.armed:
             self.origin = (lat, lon, alt)
@@ -182,11 +191,11 @@ class Vehicle:
             )
         return result
 
-    # -- streams from outside ------------------------------------------------------------------------------------------
+    # -- streams from outside --------------------------------------------------------------------------------
 
     @property
     def offboard_needs_position(self) -> bool:
-        """Whether the newest offboard setpoint asks for a position or velocity."""
+        """True if the newest offboard setpoint asks for a position or velocity."""
         return self.offboard_setpoint is not None and self.offboard_setpoint.needs_position
 
     def set_offboard_setpoint(self, setpoint: OffboardSetpoint, now: float) -> None:
@@ -202,7 +211,8 @@ class Vehicle:
     def set_vision(self, sample: VisionSample | None) -> None:
         """Store a sample of external vision for the next fusion. None counts a refused one.
 
-        In flight a pose that repeats the last one bit by bit is dropped: no measurement repeats, so the source is frozen.
+        In flight a pose that repeats the last one bit by bit is dropped: no measurement repeats, so the
+        source is frozen.
         """
         last = self._last_vision
         if sample and self.inputs.flying and last and (sample.p_n, sample.q_nb) == (last.p_n, last.q_nb):

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 from test_face import ready
 
-from arena.autopilot.estimation.estimator import _sound
+from arena.autopilot.estimation.estimator import _repaired
 
 SHARE = {"powerless": 6000, "ground": 2500, "hover": 3000, "offboard": 300, "wild": 300}
 
@@ -39,7 +39,7 @@ def noisy():
 
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.randoms(use_true_random=False), st.integers(1, 8))
-def test_whatever_is_said_to_a_vehicle_without_power_leaves_it_at_rest_and_sound(noisy, rng, count):
+def test_whatever_is_said_to_a_vehicle_without_power_leaves_it_at_rest_and_repaired(noisy, rng, count):
     noisy.fuzz = Fuzz(rng)
     noisy.shout([x for _ in range(count) for x in noisy.fuzz.some()])
     noisy.run(0.02)
@@ -137,7 +137,7 @@ def test_a_setpoint_that_no_vehicle_could_follow_is_refused(frame):
 def test_a_variance_that_rounding_made_negative_is_small_and_correlated_with_nothing():
     cov = np.full((2, 15, 15), 0.5) + np.eye(15)
     cov[1, 3, 3] = -1e-3
-    sound = _sound(cov.copy())
+    sound = _repaired(cov.copy())
     assert np.array_equal(sound[0], cov[0])
     assert sound[1, 3, 3] > 0.0 and np.count_nonzero(sound[1, 3]) == np.count_nonzero(sound[1, :, 3]) == 1
     assert (np.linalg.eigvalsh(sound[1]) > 0.0).all()

@@ -51,7 +51,9 @@ class Board(StandIn):
         for f in found.frames:
             frame = buffer[f.start : f.end]
             if f.msgid == _HIL:
-                answers += self.hear(frame) + b"".join(d for link, d in self.transmit() if link == "router")
+                answers += self.receive_simulator(frame) + b"".join(
+                    d for link, d in self.transmit() if link == "router"
+                )
             elif f.msgid == _READ and (extra := self._extra(frame)):
                 answers += extra
             else:

@@ -1,7 +1,9 @@
-"""Torques and thrust -> motor commands, batched. Rows are normalised so that gains mean what they mean on PX4:
+"""Control allocation: torques and thrust to motor commands, batched over vehicles. Pure.
 
-for a symmetric quadrotor X:  u = thrust +- 0.707 roll +- 0.707 pitch +- yaw.  When motors saturate, thrust gives way first
-(downwards only), then roll and pitch shrink together, then yaw takes what is left: an upright vehicle before a heading.
+The rows are normalised as on PX4, so that its gains have the same effect. For a symmetric quadrotor X: u =
+    thrust +- 0.707 roll +- 0.707 pitch +- yaw
+When motors saturate, first the thrust is reduced, then roll and pitch by a common factor, then yaw: tilt has
+    priority over heading.
 """
 
 from __future__ import annotations
@@ -16,11 +18,15 @@ Array = NDArray[np.float64]
 
 
 def allocation_rows(rotors: Sequence[dict[str, Any]]) -> Array:
-    """(R, 3) weights of roll, pitch and yaw for rotors given by `position_m` [m] [FRD] and `direction` (cw or ccw from above)."""
+    """Return the weights of roll, pitch and yaw for each rotor (R, 3).
+
+    rotors: each with `position_m` [m] [FRD] and `direction`, cw or ccw seen from above
+    """
     position = np.array([r["position_m"] for r in rotors], float)
-    turning = np.array([1.0 if r["direction"] == "ccw" else -1.0 for r in rotors])
-    # Thrust pulls up (-z): torque = r x (0, 0, -T) = (-y, x, 0) T. A rotor turning ccw from above turns the body cw: +yaw.
-    effect = np.stack([-position[:, 1], position[:, 0], turning], axis=-1)
+    spin = np.array([1.0 if r["direction"] == "ccw" else -1.0 for r in rotors])
+    # Thrust pulls up (-z): torque = r x (0, 0, -T) = (-y, x, 0) T. A rotor turning ccw from above turns the
+    # body cw: +yaw.
+    effect = np.stack([-position[:, 1], position[:, 0], spin], axis=-1)
     inverse = np.linalg.pinv(np.column_stack([effect, np.ones(len(effect))]).T)[:, :3]
     count = max(int((np.abs(inverse[:, 0]) > 1e-6).sum()), 1)
     tilt_scale = max(float(np.sqrt((inverse[:, a] ** 2).sum() / (count / 2.0))) for a in (0, 1))
@@ -29,24 +35,32 @@ def allocation_rows(rotors: Sequence[dict[str, Any]]) -> Array:
 
 
 class ControlAllocator:
-    """rows: (V, R, 3) from allocation_rows, one per vehicle; unused rotors of smaller vehicles have zero rows."""
+    """Control allocation of V vehicles.
+
+    rows: weights from `allocation_rows`, zero for rotors that a vehicle does not have (V, R, 3)
+    present: which rotors exist (V, R)
+    """
 
     def __init__(self, rows: Array, present: NDArray[np.bool_]) -> None:
         self.rows, self.present = rows, present
         self._tilt_rows, self._yaw_rows = rows[:, :, :2].copy(), rows[:, :, 2].copy()
 
     def allocate(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
-        """torque [-] (V, 3), thrust 0..1 (V,) -> commands 0..1 (V, R), and the signs of torque not delivered (V, 3)."""
+        """Return the motor commands 0..1 (V, R), and the signs of the torque that was not delivered (V, 3).
+
+        torque: normalised roll, pitch, yaw torque [-] [FRD] (V, 3)
+        thrust: collective 0..1 (V,)
+        """
         tilt = (self._tilt_rows @ torque[:, :2, None])[:, :, 0]
         high, low = tilt.max(1), tilt.min(1)
         fit = np.minimum(1.0, 1.0 / np.maximum(high - low, 1e-9))
         tilt = tilt * fit[:, None]
-        lift = np.minimum(thrust, 1.0 - high * fit)  # give way downwards only
-        # Without airmode roll and pitch shrink when lift is low, rather than lift rising.
+        lift = np.minimum(thrust, 1.0 - high * fit)  # reduce the thrust, never raise it
+        # Without airmode a low thrust reduces roll and pitch; it is not raised for them.
         room = np.minimum(1.0, np.maximum(lift, 0.0) / np.maximum(-low * fit, 1e-9))
         base = np.maximum(lift, 0.0)[:, None] + tilt * room[:, None]
         yaw = self._yaw_rows * torque[:, 2:]
-        # Of a rotor that yaw does not ask, `size` is nothing and its room without end.
+        # A rotor without a share in yaw has size 0 and does not limit the yaw.
         size = np.abs(yaw)
         left = np.where(size > 0, np.where(yaw > 0, 1.0 - base, base), np.inf) / np.maximum(size, 1e-9)
         yaw_fit = np.maximum(left.min(1, initial=1.0), 0.0)

@@ -1,7 +1,11 @@
-"""The cascade from position to motors, batched over a fleet. PX4's structure and parameter names; see its controller diagrams.
+"""Cascaded controllers from position to torques, batched over vehicles.
 
-position P -> velocity PID -> acceleration -> thrust vector and attitude -> attitude P on the quaternion -> rate PID -> mixer.
-Attitude law: Brescianini, Hehn, D'Andrea, "Nonlinear quadrocopter attitude control", ETH, 2013 (tilt first, yaw weighted).
+Structure and parameter names are PX4's.
+
+position P -> velocity PID -> acceleration -> thrust vector and attitude -> attitude P on the quaternion ->
+rate PID.
+Attitude law: Brescianini, Hehn, D'Andrea, "Nonlinear quadrocopter attitude control", ETH, 2013 (tilt first,
+    yaw weighted).
 """
 
 from __future__ import annotations
@@ -18,12 +22,18 @@ from arena.geometry import quat_between, quat_from_euler, yaw_from_quat
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-_NO_TRIM = 1.0 / np.radians(400.0)  # an error of this rate is a transient, not a trim [s/rad]
+_INTEGRAL_CUTOFF = 1.0 / np.radians(400.0)  # a larger rate error is a transient and is not integrated [s/rad]
 _POSITION_EVERY = 2  # IMU steps per position loop: 125 Hz at 250 Hz
 
 
 class PositionControl:
-    """Position setpoints -> attitude and thrust setpoints. thrust_n: normalised thrust vector [-] [NED] (V, 3)."""
+    """Position and velocity controller of V vehicles.
+
+    thrust_n: normalised thrust vector [-] [NED] (V, 3)
+    v_sp_n, a_sp_n: velocity [m/s] and acceleration [m/s2] setpoint [NED] (V, 3)
+    speed_up: limit of the climb rate, set by the take-off ramp [m/s] (V,)
+    tilt_max: limit of the tilt, set by the take-off ramp [rad] (V,)
+    """
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         self.params, self.dt = params, dt
@@ -31,8 +41,8 @@ class PositionControl:
         self.thrust_n = np.zeros((vehicles, 3))
         self.v_sp_n = np.full((vehicles, 3), np.nan)
         self.a_sp_n = np.full((vehicles, 3), np.nan)
-        self.speed_up = np.full(vehicles, np.inf)  # limits that the take-off ramp and modes set [m/s]
-        self.tilt_max = np.full(vehicles, np.inf)  # [rad]
+        self.speed_up = np.full(vehicles, np.inf)
+        self.tilt_max = np.full(vehicles, np.inf)
         self._v_last, self._v_dot = np.zeros((vehicles, 3)), np.zeros((vehicles, 3))
         self._read_params()
 
@@ -53,12 +63,12 @@ class PositionControl:
         self._lp = (self.dt / (self.dt + 1.0 / (2 * np.pi * np.maximum(cutoff, 1e-3))))[:, None]
 
     def reset(self, which: Bool | int) -> None:
-        """No memory of an earlier flight."""
+        """Clear the integral and the filtered acceleration of the selected vehicles."""
         self.integral[which] = 0.0
         self._v_dot[which] = 0.0
 
     def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
-        """-> attitude setpoint [-] wxyz (V, 4), collective thrust 0..1 [-] (V,), for the vehicles of the position level."""
+        """Return attitude setpoint [-] wxyz (V, 4) and collective thrust 0..1 (V,) of position setpoints."""
         if self._version != self.params.version:
             self._read_params()
         self._v_dot += self._lp * ((est.v_n - self._v_last) / self.dt - self._v_dot)
@@ -79,13 +89,17 @@ class PositionControl:
         has_p, has_v = np.isfinite(wanted), np.isfinite(sp.v_n)
         from_p, feed = np.where(has_p, wanted, 0.0), np.where(has_v, sp.v_n, 0.0)
         v = from_p + feed
-        # The position's share comes first when the horizontal limit is short: scale the feed-forward, then the whole.
-        v[:, :2] = _shorten(v[:, :2], self._xy_max)
+        # The sum of position correction and feed-forward is limited, in its direction.
+        v[:, :2] = _limit_length(v[:, :2], self._xy_max)
         v[:, 2] = np.maximum(np.minimum(v[:, 2], self._down_max), -np.minimum(self._up_max, self.speed_up))
         return np.where(has_p | has_v, v, np.nan)
 
     def _to_thrust(self, a_sp: Array) -> None:
-        """Acceleration -> thrust vector: tilt limit, then vertical before horizontal but for a margin."""
+        """Set the thrust vector of an acceleration setpoint.
+
+        The tilt is limited first. Vertical thrust has priority over horizontal thrust, except for
+        MPC_THR_XY_MARG.
+        """
         body_z = -a_sp
         body_z[:, 2] = GRAVITY_M_S2
         body_z /= _length(body_z)[:, None]
@@ -104,11 +118,15 @@ class PositionControl:
         thrust[:, 2] = np.maximum(
             thrust[:, 2], -np.sqrt(np.maximum(most - np.minimum(horizontal, self._margin) ** 2, 0.0))
         )
-        thrust[:, :2] = _shorten(thrust[:, :2], np.sqrt(np.maximum(most - thrust[:, 2] ** 2, 0.0)))
+        thrust[:, :2] = _limit_length(thrust[:, :2], np.sqrt(np.maximum(most - thrust[:, 2] ** 2, 0.0)))
         self.thrust_n = thrust
 
     def _integrate(self, error: Array, a_sp: Array) -> None:
-        """Integrals stop where the thrust is saturated (vertical) or track what was produced (horizontal)."""
+        """Integrate the velocity error, with anti-windup.
+
+        The vertical integral stops where the thrust saturates; the horizontal one tracks the thrust that was
+        produced.
+        """
         e = error.copy()
         z, thrust_z = e[:, 2], self.thrust_n[:, 2]
         stuck = ((thrust_z >= -self._thr_min) & (z >= 0)) | ((thrust_z <= -self._thr_max) & (z <= 0))
@@ -117,12 +135,17 @@ class PositionControl:
         short = np.hypot(a_sp[:, 0], a_sp[:, 1]) > np.hypot(produced[:, 0], produced[:, 1])
         e[:, :2] -= (short * self._short_gain)[:, None] * (a_sp[:, :2] - produced)
         self.integral += e * self._vi_dt
-        # PX4 bounds the vertical one; the horizontal one would follow an absurd acceleration to where no flight unwinds it.
+        # PX4 limits the vertical integral only. An absurd acceleration would wind up the horizontal one for
+        # the rest of the flight.
         self.integral = np.minimum(np.maximum(self.integral, -GRAVITY_M_S2), GRAVITY_M_S2)
 
 
 def attitude_from_thrust(thrust_n: Array, yaw: Array) -> Array:
-    """The attitude whose body z axis opposes thrust_n (V, 3) and whose heading is yaw [rad] (V,); wxyz, w >= 0 (V, 4)."""
+    """Return the attitude with body z opposite to the thrust and a given heading; wxyz, w >= 0 (V, 4).
+
+    thrust_n: thrust vector [-] [NED] (V, 3)
+    yaw: [rad] (V,)
+    """
     x, y, z = -thrust_n.T
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead, aside = cos * x + sin * y, cos * y - sin * x
@@ -136,7 +159,7 @@ def attitude_from_thrust(thrust_n: Array, yaw: Array) -> Array:
 
 
 class AttitudeControl:
-    """Attitude setpoint -> body rates."""
+    """Attitude controller: attitude setpoint to body rates."""
 
     def __init__(self, params: Params) -> None:
         self.params = params
@@ -152,15 +175,16 @@ class AttitudeControl:
         self._limit = np.radians(p.columns("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"))
 
     def update(self, q_nb: Array, r_nb: Array, q_sp: Array, yaw_rate: Array) -> Array:
-        """q_nb, r_nb: attitude [-] wxyz (V, 4) and its matrix (V, 3, 3); q_sp: its setpoint (V, 4); yaw_rate: feed-forward about
-        down [rad/s] (V,).
+        """Return the body rate setpoint [rad/s] [FRD] (V, 3).
 
-        -> body rates [rad/s] [FRD] (V, 3).
+        q_nb, r_nb: attitude [-] wxyz (V, 4) and its matrix (V, 3, 3)
+        q_sp: attitude setpoint [-] wxyz (V, 4)
+        yaw_rate: feed-forward about down [rad/s] (V,)
         """
         if self._version != self.params.version:
             self._read_params()
-        # The error in body axes, tilt * twist about z: only the twist, by half its angle, is weighted. Where the two z axes are
-        # opposite the twist is nothing, and the error is flown as it is.
+        # The error in body axes is tilt * twist about z; only the twist is weighted, by half its angle. If
+        # the two z axes are opposite, the twist is zero and the error is used unweighted.
         error = quat_between(q_nb, q_sp)
         error *= np.where(error[:, :1] < 0, -2.0, 2.0)
         w, x, y, z = error.T
@@ -170,15 +194,16 @@ class AttitudeControl:
         turn = np.empty_like(r_nb[:, 2])
         turn[:, 0], turn[:, 1] = cos * x - sin * y, cos * y + sin * x
         turn[:, 2] = np.hypot(w, z) * np.sin(kept)
-        # Bounded before it is turned: of a faster one each body axis would get its all, and the vehicle would roll over.
+        # Limited before the rotation: otherwise a fast yaw rate saturates every body axis and the vehicle
+        # rolls over.
         feed = np.minimum(np.maximum(yaw_rate, -self._limit[:, 2]), self._limit[:, 2])
-        # The last row of the rotation matrix is down, in body axes.
+        # The last row of the rotation matrix is the down axis in body axes.
         rates = turn * self._gain + r_nb[:, 2] * feed[:, None]
         return np.asarray(np.minimum(np.maximum(rates, -self._limit), self._limit))
 
 
 class RateControl:
-    """Body rates -> normalised torques [-] [FRD] (V, 3)."""
+    """Rate controller of V vehicles: body rates to normalised torques."""
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         self.params, self.dt = params, dt
@@ -200,11 +225,16 @@ class RateControl:
         self._lp_yaw = _low_pass(p["MC_YAW_TQ_CUTOFF"], self.dt)[:, 0]
 
     def reset(self, which: Bool | int) -> None:
+        """Clear the integral and the yaw filter of the selected vehicles."""
         self.integral[which] = 0.0
         self._yaw_torque[which] = 0.0
 
     def update(self, omega_b: Array, omega_sp: Array, saturated: Array) -> Array:
-        """saturated: sign of the torque that the mixer could not deliver, per axis (V, 3)."""
+        """Return the normalised torque [-] [FRD] (V, 3).
+
+        omega_b, omega_sp: body rates and their setpoint [rad/s] [FRD] (V, 3)
+        saturated: sign of the torque that the control allocation could not deliver, for each axis (V, 3)
+        """
         if self._version != self.params.version:
             self._read_params()
         last = self._rate
@@ -213,11 +243,11 @@ class RateControl:
         error = omega_sp - self._rate
         torque = self._p * error + self.integral - self._d * self._accel
         grow = np.where(saturated * error > 0, 0.0, error)
-        # Large errors are transients, not trims: let the integral sleep through them (400 deg/s and more: none).
-        fade = np.maximum(0.0, 1.0 - (error * _NO_TRIM) ** 2)
+        # Large errors are transients: integrate them less, and none from 400 deg/s on.
+        fade = np.maximum(0.0, 1.0 - (error * _INTEGRAL_CUTOFF) ** 2)
         integral = self.integral + fade * grow * self._i_dt
         self.integral = np.minimum(np.maximum(integral, -self._limit), self._limit)
-        # Rotors that gather speed push back on the body: what yaw asks for is smoothed, as PX4 does.
+        # Accelerating rotors push back on the body, so the yaw torque is filtered, as on PX4.
         self._yaw_torque += self._lp_yaw * (
             np.minimum(np.maximum(torque[:, 2], -1.0), 1.0) - self._yaw_torque
         )
@@ -226,23 +256,23 @@ class RateControl:
 
 
 def _low_pass(cutoff_hz: Array, dt: float) -> Array:
-    """First-order coefficient per step (V, 1); 0 Hz switches the filter off."""
+    """Return the coefficient of a first-order filter for one step (V, 1); 0 Hz switches it off."""
     return np.where(cutoff_hz > 0, 1.0 - np.exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)[:, None]
 
 
-def _shorten(v: Array, most: Array) -> Array:
-    """Vectors (V, 2) no longer than most (V,)."""
+def _limit_length(v: Array, most: Array) -> Array:
+    """Return the vectors (V, 2), shortened to at most a length (V,)."""
     length = np.hypot(v[:, 0], v[:, 1])
     return np.asarray(v * np.minimum(1.0, most / np.maximum(length, 1e-9))[:, None])
 
 
 def _length(v: Array) -> Array:
-    """Of vectors (V, 3); numpy's own norm costs several times as much."""
+    """Return the lengths of vectors (V, 3). numpy.linalg.norm costs several times as much."""
     return np.asarray(np.hypot(np.hypot(v[:, 0], v[:, 1]), v[:, 2]))
 
 
 class Cascade:
-    """All of it: setpoints and estimate in, torques and collective thrust out."""
+    """All controllers of V vehicles: setpoints and estimate in, torques and collective thrust out."""
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         self.position = PositionControl(params, vehicles, dt * _POSITION_EVERY)
@@ -255,11 +285,12 @@ class Cascade:
         self._steps = 0
 
     def reset(self, which: Bool | int) -> None:
+        """Clear the integrals and filters of the selected vehicles."""
         self.position.reset(which)
         self.rate.reset(which)
 
     def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
-        """-> torque [-] [FRD] (V, 3), thrust 0..1 [-] (V,)."""
+        """Return the torque [-] [FRD] (V, 3) and the collective thrust 0..1 (V,)."""
         by_position = sp.at(Level.POSITION)
         if self._steps % _POSITION_EVERY == 0:
             q_sp, thrust = self.position.update(sp, est)

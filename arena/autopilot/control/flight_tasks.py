@@ -39,7 +39,10 @@ class FlightTask:
         landed: bool,
         takeoff_d: float = math.nan,
     ) -> None:
-        """Begin a mode: set the target where the vehicle can stop. takeoff_d: [m] [NED down], NaN for MIS_TAKEOFF_ALT."""
+        """Begin a mode: set the target where the vehicle can stop.
+
+        takeoff_d: [m] [NED down], NaN for MIS_TAKEOFF_ALT.
+        """
         i = self.row
         p, v = est.p_n[i].tolist(), est.v_n[i].tolist()
         stop = 0.0 if landed else math.hypot(v[0], v[1]) / (2.0 * float(params["MPC_ACC_HOR"][i]))
@@ -58,7 +61,8 @@ class FlightTask:
                 i, p_n=(n, e, math.nan), v_n=(0.0, 0.0, float(params["MPC_LAND_SPEED"][i])), yaw=self.yaw
             )
         elif self.mode is Mode.DESCEND:
-            # Without a position the vehicle brakes while its velocity is known from the inertial sensors, then stays level.
+            # Without a position the vehicle brakes while its velocity is known from the inertial sensors,
+            # then stays level.
             horizontal = 0.0 if est.velocity_known(i) else math.nan
             sp.set_position(
                 i,

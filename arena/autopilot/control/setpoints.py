@@ -1,4 +1,7 @@
-"""Setpoints of the controllers, as arrays over all vehicles, and of OFFBOARD, for one vehicle. NaN means "not given"."""
+"""Setpoints of the controllers, as arrays over all vehicles, and of OFFBOARD, for one vehicle.
+
+NaN means "not given".
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OffboardSetpoint:
-    """One setpoint of an offboard program.
+    """Setpoint of an offboard program.
 
     level: POSITION uses p_n, v_n, a_n, yaw, yaw_rate; ATTITUDE q_nb, yaw_rate, thrust; RATE omega_b, thrust
     p_n, v_n, a_n: [m], [m/s], [m/s2] [NED]
@@ -48,7 +51,7 @@ class OffboardSetpoint:
 
     @property
     def needs_position(self) -> bool:
-        """Whether a position or velocity is given, which needs a valid estimate of it."""
+        """True if a position or velocity is given, which needs a valid estimate of it."""
         return self.level is Level.POSITION and any(math.isfinite(x) for x in (*self.p_n, *self.v_n))
 
 
@@ -78,8 +81,8 @@ class Setpoints:
         self.yaw_rate_ff = np.zeros(v)
 
     def at(self, level: Level) -> Bool:
-        """Return which vehicles have a setpoint of this level (V,)."""  # compared as int: numpy is slow with enums
-        return np.asarray(self.level == level.value)
+        """Return which vehicles have a setpoint of this level (V,)."""
+        return np.asarray(self.level == level.value)  # as int: numpy is slow with enums
 
     def clear(self, i: int) -> None:
         """Remove the setpoint of vehicle i; its motors stop."""

@@ -1,4 +1,7 @@
-"""Trajectory to a target: a point that moves ahead of the vehicle, limited in speed, acceleration and jerk. Pure."""
+"""Trajectory to a target: a point that moves ahead of the vehicle, limited in speed, acceleration and jerk.
+
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +88,10 @@ class Trajectory:
 
 
 def _approach(distance: float, accel: float, jerk: float) -> float:
-    """Return the speed [m/s] from which to stop within a distance: v^2 / 2a, and v * 2a/j while the deceleration builds up."""
+    """Return the speed [m/s] from which to stop within a distance [m].
+
+    The vehicle needs v^2 / 2a, and v * 2a/j while the deceleration builds up.
+    """
     b = 4.0 * accel * accel / jerk
     return 0.5 * (math.sqrt(b * b + 8.0 * accel * distance) - b)
 

@@ -1,12 +1,13 @@
-"""Error-state Kalman filter over a fleet: IMU strapdown, corrected by external vision (position and yaw) at a known delay.
+"""Error-state Kalman filter, batched over vehicles: IMU, corrected by external vision with a known delay.
 
-Nominal state at the present: p_n, v_n, q_nb, gyro bias, accelerometer bias. Error state, 15 numbers in this order:
-    dp_n, dv_n, dtheta_b, dbg, dba       with q_true = q_nb * exp(dtheta_b)
-A measurement of age tau is compared with the state kept from then, and its Jacobian carries the age: to first order
-dp(t - tau) = dp - tau dv. So nothing is predicted twice, and the past states are corrected along with the present one.
-(Sola, "Quaternion kinematics for the error-state Kalman filter", 2017, for the error dynamics. Noise parameters, gates and
-time-outs have PX4's names and meaning.)  Yaw is taken from the rotation between measured and estimated attitude about the
-down axis, so tilt is learned from how the vehicle moves and from nothing that a badly drawn rigid body could spoil.
+Nominal state at the present time: p_n, v_n, q_nb, gyro bias, accelerometer bias. Error state, 15 numbers in
+    this order: dp_n, dv_n, dtheta_b, dbg, dba       with q_true = q_nb * exp(dtheta_b)
+A measurement of age tau is compared with the state stored at its time, and its Jacobian contains the age: to
+    first order dp(t - tau) = dp - tau dv. So no state is predicted twice, and the stored states are corrected
+    together with the present one. (Sola, "Quaternion kinematics for the error-state Kalman filter", 2017, for
+    the error dynamics. Noise parameters, gates and timeouts have PX4's names and meaning.) Of the measured
+    attitude only the yaw is fused, the rotation about the down axis. Tilt is estimated from the motion, so a
+    rigid body defined with a tilt error does no harm.
 """
 
 from __future__ import annotations
@@ -36,20 +37,20 @@ Triple = tuple[float, float, float]
 
 _P, _V, _TH, _BG, _BA = (slice(i, i + 3) for i in range(0, 15, 3))
 _COVARIANCE_EVERY = 4
-_RING = 96
+_RING = 96  # stored past states
 _NEVER = -1e9
-_SETTLE_S = 1.0  # after alignment, before the estimate may be flown on
+_SETTLE_S = 1.0  # from the alignment until the estimate is valid
 _UNUSED_VARIANCE = 1e9
 _SMALL_VARIANCE = 1e-6
-_VELOCITY_VARIANCE = 0.16  # that may be flown on [m2/s2]
-_SURE = np.repeat(
+_VELOCITY_VARIANCE = 0.16  # limit of a valid velocity [m2/s2]
+_VALID_VARIANCE = np.repeat(
     (0.25, _VELOCITY_VARIANCE, 0.01), 3
-)  # variances of position, velocity and attitude that may be flown on
+)  # limits of a valid position [m2], velocity [m2/s2] and attitude [rad2]
 _EYE = np.eye(15)
 
 
 class VisionSample(NamedTuple):
-    """One pose of external vision.
+    """Pose of external vision.
 
     p_n: position [m] [NED]
     q_nb: attitude [-] wxyz, NaN when not given
@@ -64,7 +65,17 @@ class VisionSample(NamedTuple):
 
 
 class Estimator:
-    """Arrays over V vehicles. dt: IMU period [s]."""
+    """Estimator of V vehicles. dt: IMU period [s].
+
+    p_n, v_n, a_n: position [m], velocity [m/s], acceleration [m/s2] [NED] (V, 3)
+    q_nb, r_nb: attitude wxyz (V, 4) and its matrix (V, 3, 3)
+    omega_b: body rates without bias [rad/s] [FRD] (V, 3)
+    cov: covariance of the error state (V, 15, 15)
+    aligned: the initial attitude is set (V,)
+    test_ratio: innovation squared over its gate, for position and yaw [-] (V, 2)
+    innovation, innovation_var: of position [m] [NED] and yaw [rad], and their variances [m2] [rad2] (V, 4)
+    rejected, reset_counter: number of rejected samples and of new alignments (V,)
+    """
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         v = vehicles
@@ -80,12 +91,14 @@ class Estimator:
         self.last_xy, self.last_z, self.last_yaw = np.full(v, _NEVER), np.full(v, _NEVER), np.full(v, _NEVER)
         self.rejected = np.zeros(v, int)
         self.reset_counter = np.zeros(v, int)
-        self.test_ratio = np.zeros((v, 2))  # position, yaw: innovation squared over its gate [-]
-        self.innovation = np.zeros((v, 4))  # position [m] [NED], yaw [rad]
+        self.test_ratio = np.zeros((v, 2))
+        self.innovation = np.zeros((v, 4))
         self.innovation_var = np.ones(
             (v, 4)
         )  # what the filter takes the variance of these to be [m2], [rad2]
-        self._strict = np.full((v, 4), np.inf)  # since a rejection: the variance that its gate had
+        self._gate_var = np.full(
+            (v, 4), np.inf
+        )  # variance of each gate at its first rejection, infinite if passed
         self._accel_mean = np.tile([0.0, 0.0, -GRAVITY_M_S2], (v, 1))
         self._baro_offset, self._baro_seen = np.zeros(v), np.zeros(v, bool)
         self._ring_p, self._ring_q = np.zeros((_RING, v, 3)), np.zeros((_RING, v, 4))
@@ -101,44 +114,54 @@ class Estimator:
         self._ctrl = p["EKF2_EV_CTRL"].astype(int)
         self._least_variance = (p.columns("EKF2_EVP_NOISE", "EKF2_EVA_NOISE") ** 2)[:, (0, 0, 0, 1)]
         self._gate_squared = p.columns("EKF2_EVP_GATE", "EKF2_HDG_GATE") ** 2
-        # Of velocity, attitude and both biases. PX4 adds (noise * dt)^2 at each of its own steps; the same growth per second.
+        # Velocity, attitude and both biases. PX4 adds (noise * dt)^2 at each of its steps; the growth per
+        # second is the same.
         noise = p.columns("EKF2_ACC_NOISE", "EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_B_NOISE").repeat(
             3, axis=1
         )
         self._growth = (noise * self.dt) ** 2 * _COVARIANCE_EVERY
 
-    # -- what others ask -----------------------------------------------------------------------------------------------
+    # -- validity --------------------------------------------------------------------------------------------
 
     def xy_valid(self, now: float) -> Bool:
-        """Horizontal position and velocity may be flown on: fused within EKF2_NOAID_TOUT, and converged."""
+        """Return where horizontal position and velocity are valid (V,).
+
+        Valid: fused within EKF2_NOAID_TOUT, and converged.
+        """
         return np.asarray(self.aligned & (now - self.last_xy < self._timeout_s) & self._converged(now))
 
     def z_valid(self, now: float) -> Bool:
-        """Height may be flown on (the barometer carries it when vision is lost)."""
+        """Return where the height is valid (V,). The barometer maintains it after a loss of vision."""
         return np.asarray(self.aligned & ((now - self.last_z < self._timeout_s) | self._baro_seen))
 
     def yaw_valid(self, now: float) -> Bool:
+        """Return where the heading is valid: fused within EKF2_NOAID_TOUT, or not fused at all (V,)."""
         return np.asarray(self.aligned & ((now - self.last_yaw < self._timeout_s) | (self._ctrl & 8 == 0)))
 
     def velocity_known(self, i: int) -> bool:
-        """Whether the velocity of vehicle i is still good enough to brake by, with vision or for a while without."""
+        """Return whether the velocity of vehicle i is good enough to brake, with or without vision."""
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
 
     def _converged(self, now: float) -> Bool:
         d = np.einsum("vii->vi", self.cov)[:, :9]
-        return np.asarray((d < _SURE).all(1) & (now - self.aligned_at > _SETTLE_S))
+        return np.asarray((d < _VALID_VARIANCE).all(1) & (now - self.aligned_at > _SETTLE_S))
 
-    # -- prediction ----------------------------------------------------------------------------------------------------
+    # -- prediction ------------------------------------------------------------------------------------------
 
     def predict(self, accel_b: Array, gyro_b: Array) -> None:
-        """One IMU period. accel_b: specific force [m/s2] [FRD] (V, 3); gyro_b: body rates [rad/s] [FRD] (V, 3)."""
+        """Advance by one IMU period.
+
+        accel_b: specific force [m/s2] [FRD] (V, 3)
+        gyro_b: body rates [rad/s] [FRD] (V, 3)
+        """
         if self._version != self.params.version:
             self._read_params()
         dt = self.dt
         omega_b = gyro_b - self.gyro_bias
         force_b = accel_b - self.accel_bias
         self._accel_mean += 0.02 * (accel_b - self._accel_mean)
-        # The gyroscope tells the rates at either end of the period, the accelerometer the mean over it.
+        # The gyroscope measures the rates at the end of the period, the accelerometer the mean over the
+        # period.
         self.q_nb = quat_multiply(self.q_nb, quat_exp((self.omega_b + omega_b) * (0.5 * dt)))
         self.q_nb /= np.sqrt((self.q_nb * self.q_nb).sum(1))[:, None]
         self.omega_b, before = omega_b, self.r_nb
@@ -171,14 +194,19 @@ class Estimator:
         np.minimum(np.maximum(d, 0.0), 1e4, out=d)
         self.cov = cov
 
-    # -- correction ----------------------------------------------------------------------------------------------------
+    # -- correction ------------------------------------------------------------------------------------------
 
     def fuse_vision(
         self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, var_yaw: Array, now: float
     ) -> None:
-        """External vision of the vehicles idx (m,), just arrived: p_n (m, 3), q_nb (m, 4), variances [m2] (m, 3), [rad2] (m,).
+        """Fuse one sample of external vision for each of m vehicles, arrived in this period.
 
-        NaN in q_nb: no attitude. Its age is EKF2_EV_DELAY, as PX4 counts it for samples stamped on arrival.
+        Its age is EKF2_EV_DELAY, as on PX4 for samples stamped on arrival.
+        idx: rows of the vehicles (m,)
+        p_n: position [m] [NED] (m, 3)
+        q_nb: attitude [-] wxyz, NaN for none (m, 4)
+        var_p, var_yaw: variances [m2] (m, 3) and [rad2] (m,)
+        now: time since boot [s]
         """
         fresh = ~self.aligned[idx]
         if fresh.any():
@@ -201,22 +229,25 @@ class Estimator:
         r = np.empty((len(idx), 4))
         r[:, :3], r[:, 3] = var_p, var_yaw
         np.maximum(r, self._least_variance[idx], out=r)
-        # Heard at some moment of the period that ends now: uniform, half a period old on average, dt^2 / 12.
+        # The sample arrived at any time of the period: half a period old on average, with a variance of dt^2
+        # / 12.
         r[:, :3] += self.v_n[idx] ** 2 * (self.dt**2 / 12)
         r[:, 3] += self.omega_b[idx, 2] ** 2 * (self.dt**2 / 12)
         self._gate_and_update(idx, y, h, r, has_yaw, now)
 
     def _gate_and_update(self, idx: Index, y: Array, h: Array, r: Array, has_yaw: Bool, now: float) -> None:
-        """Reject what lies outside its gate; a rejected row gets a variance that leaves it no weight.
+        """Fuse the innovations y inside their gates.
 
-        A gate that has rejected grows no more: what jumped while the estimate was sure is no better for the estimate having
-        become unsure since. It is taken again when it comes back to where it was expected.
+        A rejected one gets a variance so large that it has no weight.
+
+        A gate does not widen after a rejection, although the estimate becomes less certain: a pose that
+        jumped stays rejected until it returns to where it was expected.
         """
         hp = h @ self.cov[idx]
         s_diag = np.einsum("mij,mij->mi", hp, h) + r
         self.innovation[idx], self.innovation_var[idx] = y, s_diag
-        strict = np.minimum(s_diag, self._strict[idx])
-        ratio = y * y / strict
+        gate_var = np.minimum(s_diag, self._gate_var[idx])
+        ratio = y * y / gate_var
         tested = np.empty((len(idx), 2))
         tested[:, 0], tested[:, 1] = ratio[:, :3].max(1), ratio[:, 3]
         tested /= self._gate_squared[idx]
@@ -225,15 +256,15 @@ class Estimator:
         ctrl = self._ctrl[idx]
         consistent = position_ratio < 1.0
         use_xy, use_z = consistent & (ctrl & 1 > 0), consistent & (ctrl & 2 > 0)
-        # A yaw that jumped while the position stayed is a flipped rigid body: declare, do not follow.
+        # A jump of the yaw alone is a flipped rigid body: do not follow it.
         use_yaw = has_yaw & consistent & (yaw_ratio < 1.0)
         self.rejected[idx] += ~consistent | (has_yaw & (yaw_ratio >= 1.0))
         use, passed = np.empty_like(y, bool), np.empty_like(y, bool)
         use[:, 0] = use[:, 1] = use_xy
         use[:, 2], use[:, 3] = use_z, use_yaw
         passed[:, :3], passed[:, 3] = consistent[:, None], use_yaw
-        strict[~has_yaw, 3] = self._strict[idx[~has_yaw], 3]
-        self._strict[idx] = np.where(passed, np.inf, strict)
+        gate_var[~has_yaw, 3] = self._gate_var[idx[~has_yaw], 3]
+        self._gate_var[idx] = np.where(passed, np.inf, gate_var)
         self.last_xy[idx[use_xy]] = now
         self.last_z[idx[use_z]] = now
         self.last_yaw[idx[use_yaw]] = now
@@ -245,11 +276,11 @@ class Estimator:
         gain = np.linalg.solve(s, hp).transpose(0, 2, 1)
         dx = (gain @ y[:, :, None])[:, :, 0]
         cov = self.cov[idx] - gain @ hp
-        self.cov[idx] = _sound(0.5 * (cov + cov.transpose(0, 2, 1)))
+        self.cov[idx] = _repaired(0.5 * (cov + cov.transpose(0, 2, 1)))
         self._inject(idx, dx)
 
     def _inject(self, idx: Index, dx: Array) -> None:
-        """Move the nominal state by the error found, and the past states with it."""
+        """Correct the nominal state and the stored past states by the estimated error."""
         r_nb = self.r_nb[idx]
         dtheta_n = (r_nb @ dx[:, _TH, None])[:, :, 0]
         turn = quat_exp(dtheta_n)
@@ -267,9 +298,10 @@ class Estimator:
         self._ring_q[at] = quat_multiply(turn[None], self._ring_q[at])
 
     def fuse_baro(self, baro_alt_m: Array, now: float) -> None:
-        """baro_alt_m: [m] up (V,), NaN of one that has failed.
+        """Fuse the barometer if vision does not give the height, else estimate the offset of the barometer.
 
-        It learns its offset while vision gives the height, and carries it when vision is gone.
+        baro_alt_m: [m] up, NaN for a failed sensor (V,)
+        now: time since boot [s]
         """
         height = -self.p_n[:, 2]
         alive = np.isfinite(baro_alt_m)
@@ -287,12 +319,12 @@ class Estimator:
             self._update(idx, y, h, np.full((len(idx), 1), 0.25), h @ self.cov[idx])
 
     def realign(self, idx: Index) -> None:
-        """Forget everything but the biases; the next vision sample aligns anew. On the ground only."""
+        """Reset all but the biases, so that the next vision sample aligns again. On the ground only."""
         self.aligned[idx] = False
         self.reset_counter[idx] += 1
 
     def _align(self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, now: float) -> None:
-        """Tilt from gravity, heading and position from vision, at rest."""
+        """Align vehicles at rest: tilt from gravity, heading and position from vision."""
         ok = np.isfinite(q_nb[:, 0])
         idx, p_n, q_nb, var_p = idx[ok], p_n[ok], q_nb[ok], var_p[ok]
         if not len(idx):
@@ -309,11 +341,11 @@ class Estimator:
         sigma = np.array([0.1] * 3 + [0.1] * 3 + [0.05, 0.05, 0.1] + [0.02] * 3 + [0.1] * 3)
         self.cov[idx] = np.diag(sigma**2)
         self.aligned[idx], self.aligned_at[idx] = True, now
-        self._strict[idx] = np.inf
+        self._gate_var[idx] = np.inf
         self.last_xy[idx] = self.last_z[idx] = self.last_yaw[idx] = now
 
     def _past(self, idx: Index, delay_s: Array) -> tuple[Array, Array]:
-        """Position and attitude kept from delay_s (m,) ago, between two kept states."""
+        """Return position and attitude of delay_s [s] (m,) ago, interpolated between two stored states."""
         age = delay_s / self.dt
         whole = np.floor(age).astype(int)
         part = (age - whole)[:, None]
@@ -323,8 +355,8 @@ class Estimator:
         return p, q / np.sqrt((q * q).sum(1))[:, None]
 
 
-def _sound(cov: Array) -> Array:
-    """A variance that rounding made negative is set small and its correlations are forgotten, as PX4 does. (m, 15, 15)"""
+def _repaired(cov: Array) -> Array:
+    """Return covariances (m, 15, 15) with each negative variance made small and uncorrelated, as on PX4."""
     lost = np.einsum("mii->mi", cov) < 0.0
     if lost.any():
         cov = np.where(lost[:, :, None] | lost[:, None, :], 0.0, cov)

@@ -1,8 +1,9 @@
-"""Land detector and take-off ramp, batched. What PX4's land detector asks, with its parameters (LNDMC_*).
+"""Land detector and take-off ramp, batched over vehicles, with PX4's conditions and parameters (LNDMC_*).
 
-On the ground means, for LNDMC_TRIG_TIME: motors told to do little, not moving, not turning. Armed and told to climb is taking
-off: after COM_SPOOLUP_TIME the allowed climb rate grows from "no thrust at all" to its full value over MPC_TKO_RAMP_T: in
-OFFBOARD MPC_Z_VEL_MAX_UP, else MPC_TKO_SPEED.
+A vehicle is landed if for LNDMC_TRIG_TIME its thrust is low and it neither moves nor turns. An armed vehicle
+with a setpoint to
+climb takes off: after COM_SPOOLUP_TIME the allowed climb rate grows over MPC_TKO_RAMP_T, from no thrust to
+    its full value (MPC_Z_VEL_MAX_UP in OFFBOARD, else MPC_TKO_SPEED).
 """
 
 from __future__ import annotations
@@ -18,11 +19,15 @@ from arena.constants import GRAVITY_M_S2
 Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-_LOW_THRUST = 0.3  # of the way from MPC_THR_MIN to hover: what "little" is
+_LOW_THRUST = 0.3  # share of the way from MPC_THR_MIN to MPC_THR_HOVER
 
 
 class LandDetector:
-    """landed: on the ground, settled (V,). contact: probably on the ground, while descending (V,)."""
+    """Land detector of V vehicles.
+
+    landed: on the ground (V,)
+    contact: probably on the ground, after a third of LNDMC_TRIG_TIME (V,)
+    """
 
     def __init__(self, params: Params, vehicles: int) -> None:
         self.params = params
@@ -30,47 +35,61 @@ class LandDetector:
         self.contact = np.ones(vehicles, bool)
         self._since = np.zeros(vehicles)
 
-    def update(self, now: float, est: Estimator, thrust: Array, flying_up: Bool, v_sp_down: Array) -> None:
-        """thrust: collective 0..1 (V,); flying_up: told to climb (V,); v_sp_down: commanded sink [m/s] (V,), NaN when free."""
+    def update(self, now: float, est: Estimator, thrust: Array, climbing: Bool, v_sp_down: Array) -> None:
+        """Update `landed` and `contact`.
+
+        now: time since boot [s]
+        thrust: collective 0..1 (V,)
+        climbing: the setpoint is a climb (V,)
+        v_sp_down: sink rate setpoint [m/s], NaN for none (V,)
+        """
         p = self.params
         low = p["MPC_THR_MIN"] + _LOW_THRUST * (p["MPC_THR_HOVER"] - p["MPC_THR_MIN"])
         vertical = np.abs(est.v_n[:, 2]) < p["LNDMC_Z_VEL_MAX"]
         still = vertical & (np.hypot(est.v_n[:, 0], est.v_n[:, 1]) < p["LNDMC_XY_VEL_MAX"])
         quiet = np.abs(est.omega_b).max(1) < np.radians(p["LNDMC_ROT_MAX"])
-        sinking_in_vain = (
+        pressed_down = (
             vertical & (v_sp_down > 0.5 * p["MPC_LAND_SPEED"]) & (thrust < 0.9 * p["MPC_THR_HOVER"])
         )
-        resting = ~flying_up & (
-            quiet & still & ((thrust <= low) | sinking_in_vain) | (thrust < 0.01) & vertical
-        )
+        resting = ~climbing & (quiet & still & ((thrust <= low) | pressed_down) | (thrust < 0.01) & vertical)
         self._since = np.where(resting, self._since, now)
         held = now - self._since
         trigger = p["LNDMC_TRIG_TIME"]
         self.contact = held > trigger / 3.0
-        self.landed = np.where(self.landed, resting | ~flying_up & (thrust <= low), held > trigger)
+        self.landed = np.where(self.landed, resting | ~climbing & (thrust <= low), held > trigger)
 
 
 class TakeoffRamp:
-    """flying: through with taking off (V,)."""
+    """Take-off ramp of V vehicles.
+
+    flying: the take-off is complete (V,); begun: its start [s], infinite before (V,).
+    """
 
     def __init__(self, params: Params, vehicles: int) -> None:
         self.params = params
         self.flying = np.zeros(vehicles, bool)
         self.begun = np.full(vehicles, np.inf)
 
-    def update(self, now: float, armed_since: Array, landed: Bool, wants_up: Bool) -> None:
-        """armed_since: [s], inf while disarmed (V,)."""
+    def update(self, now: float, armed_since: Array, landed: Bool, climbing: Bool) -> None:
+        """Update `begun` and `flying`.
+
+        now: time since boot [s]
+        armed_since: time of arming [s], infinite while disarmed (V,)
+        landed: from the land detector (V,)
+        climbing: the setpoint is a climb (V,)
+        """
         spooled = now - armed_since >= self.params["COM_SPOOLUP_TIME"]
-        go = spooled & wants_up
+        go = spooled & climbing
         self.begun = np.where(
             landed & ~go & ~self.flying | ~spooled, np.inf, np.minimum(self.begun, np.where(go, now, np.inf))
         )
         done = now - self.begun >= self.params["MPC_TKO_RAMP_T"]
-        self.flying = spooled & (self.flying & ~landed | done & wants_up)
+        self.flying = spooled & (self.flying & ~landed | done & climbing)
 
     def speed_up(self, now: float, full: Array) -> Array:
-        """The climb rate allowed now [m/s] (V,); negative so early that not even the weight is carried. full: the rate that
-        the ramp ends with [m/s] (V,).
+        """Return the allowed climb rate [m/s] (V,). It starts negative, where the thrust is zero.
+
+        full: rate at the end of the ramp [m/s] (V,)
         """
         p = self.params
         part = np.clip((now - self.begun) / np.maximum(p["MPC_TKO_RAMP_T"], 1e-3), 0.0, 1.0)
@@ -79,9 +98,11 @@ class TakeoffRamp:
         return np.where(self.flying, np.inf, np.where(np.isfinite(self.begun), ramp, start))
 
 
-def wants_up(sp: Setpoints, est: Estimator, params: Params) -> Bool:
-    """Is each vehicle told to leave the floor? By height, climb rate or thrust. (V,)"""
-    by_height = sp.p_n[:, 2] - est.p_n[:, 2] < -0.1  # which what is not given is not
+def climb_requested(sp: Setpoints, est: Estimator, params: Params) -> Bool:
+    """Return where the setpoint is a climb, by height, climb rate or thrust (V,)."""
+    by_height = (
+        sp.p_n[:, 2] - est.p_n[:, 2] < -0.1
+    )  # NaN compares false, so axes without a setpoint are ignored
     by_speed = sp.v_n[:, 2] < -0.1
     by_thrust = sp.thrust > params["MPC_THR_MIN"] + 0.5 * (params["MPC_THR_HOVER"] - params["MPC_THR_MIN"])
     return np.asarray(np.where(sp.at(Level.POSITION), by_height | by_speed, ~sp.at(Level.NONE) & by_thrust))

@@ -1,7 +1,7 @@
 """MAV_CMD commands: what each does to a vehicle, and the MAV_RESULT of its acknowledgement.
 
-PX4 accepts some meaningless arguments (NaN as "disarm", 0.5 as "arm", an unknown mode as "no change"). They are denied here, so
-that the client gets to know its mistake.
+PX4 accepts some meaningless arguments (NaN as "disarm", 0.5 as "arm", an unknown mode as "no change"). They
+are denied here, so that the client gets to know its mistake.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LONGEST_INTERVAL_S = 2147.0  # MESSAGE_INTERVAL cannot report a longer one
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """One command for a vehicle.
+    """Command for a vehicle.
 
     link: where the command arrived and its replies go
     params: param1 to param7, a place in degrees
@@ -43,7 +43,10 @@ Command = Callable[[Request], int]
 
 
 def run(number: int, request: Request) -> int:
-    """Run a command and return its MAV_RESULT. Before the first decision every command is rejected temporarily."""
+    """Run a command and return its MAV_RESULT.
+
+    Before the first decision every command is rejected temporarily.
+    """
     command = COMMANDS.get(number)
     if not request.vehicle.booted:
         return TEMPORARILY_REJECTED
@@ -54,7 +57,7 @@ def run(number: int, request: Request) -> int:
 
 
 def parameters_of(m: Any) -> tuple[float, ...]:
-    """Return param1 to param7 of COMMAND_LONG or COMMAND_INT, latitude and longitude in degrees, NaN where not given."""
+    """Return param1 to param7 of COMMAND_LONG or COMMAND_INT, with the place in degrees, NaN if not given."""
     if m.get_msgId() == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
         return (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
     x, y = (math.nan if v == INT32_NOT_GIVEN else v * 1e-7 for v in (m.x, m.y))
@@ -140,12 +143,18 @@ def _inject_failure(r: Request) -> int:
 
 
 def _is_place(lat: float, lon: float, alt: float) -> bool:
-    """Whether latitude, longitude [deg] and altitude [m] lie on the globe; NaN, "keep the present value", does."""
+    """Return whether a latitude, longitude [deg] and altitude [m] exist.
+
+    NaN, which keeps the present value, is accepted.
+    """
     return not (abs(lat) > 90.0 or abs(lon) > 180.0 or abs(alt) > 1e5)
 
 
 def _set_message_interval(r: Request) -> int:
-    """Set the interval of a stream [us]: negative stops it, 0 restores the default. HEARTBEAT cannot be changed."""
+    """Set the interval of a stream [us]: negative stops it, 0 restores the default.
+
+    HEARTBEAT cannot be changed.
+    """
     p, link = r.params, r.link
     if not all(math.isfinite(x) for x in p[:2]) or any(
         math.isfinite(x) and abs(x) >= 0.5 for x in (p[2], p[3], p[6])

@@ -1,4 +1,4 @@
-"""One MAVLink channel of a vehicle: what waits to be sent, and the schedule of its streams. Bytes only, no sockets, no clock."""
+"""MAVLink channel of a vehicle: the frames to send and the schedule of its streams. No sockets, no clock."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ROUNDING_S = 1e-6
 
 @dataclass(slots=True)
 class MavlinkLink:
-    """One channel: router, vision or panic.
+    """Channel of a vehicle: router, vision or panic.
 
     queue: frames to send
     intervals: period of each scheduled message [s], by message id

@@ -1,7 +1,9 @@
-"""MAVLink of one vehicle: datagrams in become requests on the `Vehicle`, its state becomes datagrams out. No sockets, no clock.
+"""MAVLink of one vehicle: datagrams in become requests on the `Vehicle`, its state becomes datagrams out.
 
-Any bytes may arrive. Frames that cannot be decoded, that name another vehicle or that are not supported are counted; nothing
-raises.
+No sockets, no clock.
+
+Any bytes may arrive. Frames that cannot be decoded, that name another vehicle or that are not supported are
+counted; nothing raises.
 """
 
 from __future__ import annotations
@@ -55,13 +57,14 @@ class MavlinkInterface:
 
     def _open(self, name: str) -> MavlinkLink:
         link = MavlinkLink(name, Codec(self.vehicle.system_id, 1))
-        # All streams of one vehicle are in phase, so that they share datagrams; those of different vehicles are not.
+        # All streams of one vehicle are in phase, so that they share datagrams; those of different vehicles
+        # are not.
         first_s = _PHASE_S * (self.vehicle.row % _PHASES)
         for msgid, hz in streams.LINK_RATES[name].items():
             link.set_interval(msgid, 1.0 / hz, first_s)
         return link
 
-    # -- receiving -----------------------------------------------------------------------------------------------------
+    # -- receiving -------------------------------------------------------------------------------------------
 
     def receive(self, link_name: str, data: bytes, now: float) -> None:
         """Process one datagram that arrived on a link at now [s]."""
@@ -74,7 +77,10 @@ class MavlinkInterface:
                 self._receive_message(link, message)
 
     def _receive_record(self, data: bytes, frame: Frame) -> None:
-        """Read a frequent message without a message object. The rules of addressing are those of all messages."""
+        """Read a frequent message without a message object.
+
+        The rules of addressing are those of all messages.
+        """
         vehicle = self.vehicle
         if frame.target_sys not in (0, vehicle.system_id) or frame.target_comp not in (0, 1):
             self.counts["other target"] += 1
@@ -150,7 +156,10 @@ class MavlinkInterface:
             link.send(reply)
 
     def _on_mission(self, link: MavlinkLink, m: Any) -> None:
-        """Pass on a message of the mission protocol. PX4 accepts no broadcast here, but the mission planner's component id."""
+        """Pass on a message of the mission protocol.
+
+        PX4 accepts no broadcast here, but the mission planner's component id.
+        """
         own = self._is_own(m)
         if own or m.target_system != self.vehicle.system_id or m.target_component not in _MISSION_COMPONENTS:
             self.counts["own echo" if own else "other target"] += 1
@@ -200,7 +209,7 @@ class MavlinkInterface:
         payloads = telemetry_batch.payloads([(self.vehicle, msgid)], state)
         return self.send_telemetry(link, msgid, state, payloads)
 
-    # -- sending -------------------------------------------------------------------------------------------------------
+    # -- sending ---------------------------------------------------------------------------------------------
 
     def has_output(self, now: float) -> bool:
         """Return whether something is due at now [s] or waits to be sent."""
@@ -299,7 +308,8 @@ _HANDLERS: dict[int, Callable[[MavlinkInterface, MavlinkLink, Any], None]] = {
     mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: MavlinkInterface._on_manual_control,
     **dict.fromkeys(param_protocol.MESSAGE_IDS, MavlinkInterface._on_param),
 }
-# Messages accepted with target_system 0; every other message must name this system. PX4 obeys no broadcast command either.
+# Messages accepted with target_system 0; every other message must name this system. PX4 obeys no broadcast
+# command either.
 _BROADCAST = {
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
     mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,

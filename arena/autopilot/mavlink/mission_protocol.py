@@ -1,6 +1,7 @@
-"""MAVLink's mission protocol for one vehicle, as PX4 v1.16 implements it: uploads, downloads, current and reached item.
+"""MAVLink's mission protocol for one vehicle, as PX4 v1.16 implements it.
 
-Messages and time in, messages out; no sockets, no clock. A transfer that fails leaves the stored list unchanged.
+Messages and time in, messages out; no sockets, no clock. A transfer that fails leaves the stored list
+unchanged.
 """
 
 from __future__ import annotations
@@ -120,10 +121,10 @@ class MissionProtocol:
 
     @property
     def has_progress(self) -> bool:
-        """Whether the flight reported progress since the last `update`."""
+        """True if the flight reported progress since the last `update`."""
         return self.store.progress_changes != self._seen_progress
 
-    # -- receiving -----------------------------------------------------------------------------------------------------
+    # -- receiving -------------------------------------------------------------------------------------------
 
     def receive(self, link: str, m: Any, now: float) -> None:
         """Process one message addressed to this vehicle, received at now [s]."""
@@ -274,10 +275,13 @@ class MissionProtocol:
         else:
             self._report("WPM: WP CURR CMD: Not in list")
 
-    # -- sending -------------------------------------------------------------------------------------------------------
+    # -- sending ---------------------------------------------------------------------------------------------
 
     def update(self, now: float) -> None:
-        """Repeat requests, end transfers that timed out, announce progress. Call it at `due` or if `has_progress`."""
+        """Repeat requests, end transfers that timed out, announce progress.
+
+        Call it at `due` or if `has_progress`.
+        """
         self._seen_progress = self.store.progress_changes
         for name, t in self._links.items():
             self._announce_progress(name, t, now)
@@ -349,7 +353,7 @@ def _sender(m: Any) -> tuple[int, int]:
 
 
 def _refusal(item: Item, kind: int) -> int:
-    """Return MAV_MISSION_ERROR for a fence command in a mission and a polygon of fewer than 3 corners, else 0."""
+    """Return MAV_MISSION_ERROR for a misplaced fence command or an incomplete polygon, else 0."""
     strange = kind == MISSION and item.command in (*FENCE_COMMANDS, mavlink.MAV_CMD_NAV_RALLY_POINT)
     few = kind == FENCE and item.command in POLYGONS and item.params[0] < 3
     return int(mavlink.MAV_MISSION_ERROR) if strange or few else 0

@@ -1,4 +1,4 @@
-"""Decoding of offboard setpoint messages: type masks and frames as PX4 reads them, and the values that are refused.
+"""Decoding of offboard setpoint messages, with the type masks, frames and refusals of PX4.
 
 Each function returns an `OffboardSetpoint`, or the reason of the refusal; "" refuses without a report.
 """
@@ -26,8 +26,8 @@ _MAX_ABS = 1e6  # [m], [m/s], [m/s2], [rad], [rad/s]: a larger value is a mistak
 def from_position_target(m: Any, q_nb: list[float]) -> OffboardSetpoint | str:
     """Decode SET_POSITION_TARGET_LOCAL_NED.
 
-    In body axes a velocity is rotated by the heading alone, an acceleration by the whole attitude, a position is ignored, and
-    one ignored axis ignores all three.
+    In body axes a velocity is rotated by the heading alone, an acceleration by the whole attitude, a position
+    is ignored, and one ignored axis ignores all three.
     q_nb: present attitude [-] wxyz
     """
     mask = m.type_mask
@@ -81,7 +81,8 @@ def _position_setpoint(m: Any, p: Triple, v: Triple, a: Triple) -> OffboardSetpo
     if not _any_finite((*p, *v, *a)):
         return "setpoint without position, velocity or acceleration"
     if not _complete(p, v, a):
-        # PX4 stops and holds if an axis has no setpoint, or one horizontal axis has one and the other has not.
+        # PX4 stops and holds if an axis has no setpoint, or one horizontal axis has one and the other has
+        # not.
         return OffboardSetpoint(level=Level.POSITION, v_n=(0.0, 0.0, 0.0))
     return OffboardSetpoint(level=Level.POSITION, p_n=p, v_n=v, a_n=a, yaw=yaw, yaw_rate=yaw_rate)
 

@@ -1,6 +1,9 @@
-"""MAVLink's parameter protocol for one vehicle, as PX4 implements it: list, read, write, hash. Messages in, messages out.
+"""MAVLink's parameter protocol for one vehicle, as PX4 implements it: list, read, write, hash.
 
-Like PX4 it does not reply to an unknown name, another type or an index beyond the end. Unlike PX4 it refuses a value that is not
+Messages in, messages out.
+
+Like PX4 it does not reply to an unknown name, another type or an index beyond the end. Unlike PX4 it refuses
+a value that is not
 finite or out of its documented range: the reply holds the value that stays.
 """
 
@@ -53,7 +56,7 @@ class ParamServer:
 
     @property
     def busy(self) -> bool:
-        """Whether a list is being sent."""
+        """True while a list is being sent."""
         return any(self._to_list.values())
 
     def next_values(self, link: str) -> list[Any]:

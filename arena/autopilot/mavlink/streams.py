@@ -1,7 +1,8 @@
 """Telemetry streams: the default rate of each message on each link, and the builders of the rare messages.
 
-The rates are those of PX4's onboard link, measured on v1.16 SITL in simulation time. `telemetry_batch` encodes the frequent
-messages for many vehicles at once. A builder here returns the message of one vehicle, or None without valid content.
+The rates are those of PX4's onboard link, measured on v1.16 SITL in simulation time. `telemetry_batch`
+encodes the frequent messages for many vehicles at once. A builder here returns the message of one vehicle, or
+None without valid content.
 """
 
 from __future__ import annotations
@@ -40,7 +41,10 @@ class AllModes:
     """The AVAILABLE_MODES messages of all selectable modes, packed as one."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
-        """Return one frame for each selectable mode, in PX4's order, and advance the sequence number of `sender`."""
+        """Return one frame for each selectable mode, in PX4's order.
+
+        Advances the sequence number of `sender`.
+        """
         frames = []
         for k, (mode, name) in enumerate(_SELECTABLE.items()):
             given = AvailableMode(
@@ -153,7 +157,7 @@ def autopilot_version(v: Vehicle, s: TelemetryState) -> Any:
         | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
         | mavlink.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
     )
-    # Version 1.16.0 is that of the PX4 contract; the custom version tells the built-in autopilot apart.
+    # 1.16.0 is the PX4 version whose contract is kept; the custom version identifies the built-in autopilot.
     name = list(b"builtin\0")
     return mavlink.MAVLink_autopilot_version_message(
         bits, 0x011000FF, 0, 0, 0, name, [0] * 8, name, 0, 0, v.row + 1
@@ -200,7 +204,8 @@ _ONBOARD = _SLOW | {
     CURRENT_MODE: 0.5,
 }
 
-# Messages per second, by link and message id. The vision and panic links carry only what their one partner needs.
+# Messages per second, by link and message id. The vision and panic links carry only what their one partner
+# needs.
 LINK_RATES: dict[str, dict[int, float]] = {
     "router": _ONBOARD,
     "vision": _SLOW

@@ -1,6 +1,7 @@
-"""Encoding of the frequent telemetry messages, for all vehicles that send one at this step, in a few numpy calls.
+"""Encoding of the frequent telemetry messages for many vehicles at once, in a few numpy calls.
 
-Each `_fill` function writes the fields of one message (names and layout: `arena.wire.mavlink_records`) for the given vehicles.
+Each `_fill` function writes the fields of one message (names and layout: `arena.wire.mavlink_records`) for
+the given vehicles.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""State of all vehicles at one step, as telemetry reads it: the live arrays, and values derived from them on first use."""
+"""State of all vehicles at one step, for telemetry. Derived values are computed on first use."""
 
 from __future__ import annotations
 
@@ -82,13 +82,13 @@ class TelemetryState:
 
     @cached_property
     def xy_valid(self) -> list[bool]:
-        """Whether the horizontal position may be flown on (V,)."""
+        """Validity of the horizontal position (V,)."""
         valid: list[bool] = self.est.xy_valid(self.now_s).tolist()
         return valid
 
     @cached_property
     def z_valid(self) -> list[bool]:
-        """Whether the height may be flown on (V,)."""
+        """Validity of the height (V,)."""
         valid: list[bool] = self.est.z_valid(self.now_s).tolist()
         return valid
 

@@ -1,4 +1,6 @@
-"""Flight of AUTO.MISSION, AUTO.RTL and reposition targets, for all vehicles: feasibility, geofences and navigators.
+"""Flight of AUTO.MISSION, AUTO.RTL and reposition targets, for all vehicles.
+
+Checks missions and geofences, and runs a navigator for each vehicle that needs one.
 
 A vehicle without mission, geofence or return costs one comparison for each decision.
 """
@@ -13,9 +15,10 @@ from arena.autopilot.commander_inputs import CommanderInputs
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.navigation import mission_feasibility
-from arena.autopilot.navigation.geofence import Fence, areas, usable
+from arena.autopilot.navigation.geofence import Fence, read_areas, usable_areas
+from arena.autopilot.navigation.legs import Situation
 from arena.autopilot.navigation.mission_items import FENCE, MISSION, local
-from arena.autopilot.navigation.navigator import Navigator, Situation
+from arena.autopilot.navigation.navigator import Navigator
 from arena.autopilot.param_table import Params
 from arena.autopilot.vehicle import Point, Vehicle
 
@@ -24,7 +27,10 @@ _MODES = (Mode.MISSION, Mode.RTL)
 
 @dataclass(slots=True)
 class _Checked:
-    """Result of the last check of one vehicle. key: what it depended on; fence_id: the fence list of `fence.areas`."""
+    """Result of the last check of one vehicle.
+
+    key: what it depended on; fence_id: the fence list of `fence.areas`.
+    """
 
     key: object = None
     fence: Fence = field(default_factory=Fence)
@@ -126,7 +132,7 @@ class AutoModes:
         if store.ids[FENCE] != checked.fence_id and v.origin is not None and home is not None:
             in_flight = v.commander.armed and not s.landed and p["GF_ACTION"][i] > 0
             here = self.est.p_n[i].tolist()[:2] if in_flight else None
-            kept, reasons = usable(areas(store.items[FENCE], v.origin), home[:2], here)
+            kept, reasons = usable_areas(read_areas(store.items[FENCE], v.origin), home[:2], here)
             checked.fence_id = store.ids[FENCE]
             for reason in reasons:
                 v.commander.report(CRITICAL, reason)

@@ -1,6 +1,6 @@
-"""The geofence of one vehicle: polygons and circles that were uploaded, and the distances from home that parameters set.
+"""Geofence of one vehicle: uploaded polygons and circles, and the largest distances from home. Pure.
 
-What is inside is decided here; what follows from being outside (GF_ACTION) is the commander's. Pure.
+The reaction to a breach, GF_ACTION, is decided by the commander.
 """
 
 from __future__ import annotations
@@ -19,21 +19,26 @@ _INCLUSIONS = (mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, mavlink.MAV_C
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Area:
-    """One polygon or circle. corners: north, east [m], one alone for a circle; inside: must the vehicle be in it, or out?"""
+    """Polygon or circle.
+
+    corners: north, east [m] of each corner, or of the centre alone
+    radius_m: radius of a circle [m]
+    inside: the vehicle must stay inside, else outside
+    """
 
     corners: tuple[Point, ...]
     radius_m: float
     inside: bool
 
-    def holds(self, p: Point) -> bool:
-        """Is this area content with a vehicle at p (north, east)?"""
+    def allows(self, p: Point) -> bool:
+        """Return whether the vehicle may be at p, north and east [m]."""
         return (self._in_circle(p) if len(self.corners) == 1 else self._in_polygon(p)) == self.inside
 
     def _in_circle(self, p: Point) -> bool:
         return math.dist(p, self.corners[0]) < self.radius_m
 
     def _in_polygon(self, p: Point) -> bool:
-        """How many edges lie north of p: odd means inside (Jordan's curve theorem)."""
+        """Return whether an odd number of edges lies north of p (Jordan curve theorem)."""
         crossings = 0
         for (n1, e1), (n2, e2) in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
             if (e1 > p[1]) != (e2 > p[1]) and p[0] < n1 + (n2 - n1) * (p[1] - e1) / (e2 - e1):
@@ -41,8 +46,11 @@ class Area:
         return crossings % 2 == 1
 
 
-def areas(items: Sequence[Item], origin: tuple[float, float, float]) -> list[Area]:
-    """The areas of an uploaded fence; a polygon whose corners are not all there is closed over those that are."""
+def read_areas(items: Sequence[Item], origin: tuple[float, float, float]) -> list[Area]:
+    """Return the areas of an uploaded fence. An incomplete polygon is closed over the corners that exist.
+
+    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    """
     found, k = [], 0
     while k < len(items):
         item = items[k]
@@ -57,7 +65,11 @@ def areas(items: Sequence[Item], origin: tuple[float, float, float]) -> list[Are
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fence:
-    """What holds for one vehicle. home_n: [m] [NED], None while there is none; the distances are off at 0."""
+    """Active geofence of one vehicle.
+
+    home_n: home position [m] [NED], None for none
+    max_horizontal_m, max_vertical_m: distances from home [m], 0 for no limit
+    """
 
     areas: tuple[Area, ...] = ()
     home_n: tuple[float, float, float] | None = None
@@ -65,26 +77,32 @@ class Fence:
     max_vertical_m: float = 0.0
 
     def breach(self, p_n: Sequence[float]) -> str:
-        """What is violated at p_n [m] [NED], in PX4's words; "" inside."""
+        """Return PX4's text of the rule that p_n [m] [NED] violates, "" for none."""
         if self.home_n is not None:
             away = math.hypot(p_n[0] - self.home_n[0], p_n[1] - self.home_n[1])
             if 0.0 < self.max_horizontal_m <= away:
                 return "Geofence: exceeding maximum distance to Home"
             if 0.0 < self.max_vertical_m <= self.home_n[2] - p_n[2]:
                 return "Geofence: exceeding maximum altitude above Home"
-        if not all(area.holds((p_n[0], p_n[1])) for area in self.areas):
+        if not all(area.allows((p_n[0], p_n[1])) for area in self.areas):
             return "Geofence: approaching or outside geofence"
         return ""
 
 
-def usable(found: list[Area], home: Point | None, here: Point | None) -> tuple[tuple[Area, ...], list[str]]:
-    """The areas that can hold, and why the others are dropped. here: of a vehicle in the air, else None."""
-    kept, why = [], []
+def usable_areas(
+    found: list[Area], home: Point | None, here: Point | None
+) -> tuple[tuple[Area, ...], list[str]]:
+    """Return the areas that contain home and the vehicle, and PX4's text for each dropped area.
+
+    home: north, east [m], None if not set
+    here: position of a vehicle in flight, north, east [m], else None
+    """
+    kept, reasons = [], []
     for area in found:
-        if home is not None and not area.holds(home):
-            why.append("Geofence invalid, doesn't contain Home position")
-        elif here is not None and not area.holds(here):
-            why.append("Geofence invalid, doesn't contain current vehicle position")
+        if home is not None and not area.allows(home):
+            reasons.append("Geofence invalid, doesn't contain Home position")
+        elif here is not None and not area.allows(here):
+            reasons.append("Geofence invalid, doesn't contain current vehicle position")
         else:
             kept.append(area)
-    return tuple(kept), why
+    return tuple(kept), reasons

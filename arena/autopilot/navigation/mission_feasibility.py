@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.navigation.geofence import Fence
-from arena.autopilot.navigation.mission_items import Item, place
+from arena.autopilot.navigation.mission_items import Item, position_of
 
 _VTOL = (mavlink.MAV_CMD_NAV_VTOL_TAKEOFF, mavlink.MAV_CMD_NAV_VTOL_LAND, mavlink.MAV_CMD_DO_VTOL_TRANSITION)
 # PX4 accepts these in an upload but rejects the mission.
@@ -29,7 +29,7 @@ _MOVES = (
 
 def moves(item: Item) -> bool:
     """Return whether an item has a position to fly to."""
-    return item.placed and item.command in _MOVES
+    return item.has_position and item.command in _MOVES
 
 
 def why_infeasible(
@@ -66,11 +66,11 @@ def _items(
 ) -> str:
     positioned = False
     for k, item in enumerate(items):
-        height = home_n[2] - place(item, origin, home_n[2])[2]
+        height = home_n[2] - position_of(item, origin, home_n[2])[2]
         why = _item(item, k, height, landed=landed, positioned=positioned)
         if why:
             return why
-        positioned |= item.placed
+        positioned |= item.has_position
     return ""
 
 
@@ -98,7 +98,7 @@ def _distance(
     first = next((item for item in items if moves(item)), None)
     if first is None or most_m <= 0.0:
         return ""
-    n, e, _ = place(first, origin, home_n[2])
+    n, e, _ = position_of(first, origin, home_n[2])
     away = math.hypot(n - home_n[0], e - home_n[1])
     return (
         f"First waypoint far away from home: {away:.0f}m. Correct mission loaded?" if away >= most_m else ""
@@ -127,6 +127,6 @@ def _fenced(
     fence: Fence,
 ) -> str:
     for k, item in enumerate(items):
-        if moves(item) and fence.breach(place(item, origin, home_n[2])):
+        if moves(item) and fence.breach(position_of(item, origin, home_n[2])):
             return f"Geofence violation for waypoint {k + 1}"
     return ""

@@ -1,7 +1,7 @@
-"""Mission, fence and rally items off the wire and back: what is kept of each command and what is refused, as PX4 v1.16 does.
+"""Decoding and encoding of mission, fence and rally items, as PX4 v1.16 does it.
 
-PX4 stores what it understands of an item and gives back that, not what was sent: the yaw turned into 0..360 degrees, the
-parameters that a command does not have as zero. A client that reads its mission back meets the same here.
+PX4 stores and returns only what it supports: yaw within 0..360 degrees, unused parameters as zero. So a
+client that downloads its mission gets other values than it uploaded, here as on PX4.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _YAWED = (
     mavlink.MAV_CMD_NAV_VTOL_TAKEOFF,
     mavlink.MAV_CMD_NAV_VTOL_LAND,
 )
-# Which of the four parameters of a command with a position are kept; the flags are kept as truth values.
+# Indices of the parameters that are kept of each command with a position. Flags are kept as 0 or 1.
 _KEPT: dict[int, tuple[int, ...]] = {
     mavlink.MAV_CMD_NAV_WAYPOINT: (0, 1, 3),
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: (2, 3),
@@ -59,7 +59,7 @@ _FLAGS: dict[int, tuple[int, ...]] = {
     mavlink.MAV_CMD_NAV_LOITER_TIME: (1, 3),
     mavlink.MAV_CMD_NAV_LOITER_TO_ALT: (0, 3),
 }
-_PLACELESS = {
+_WITHOUT_POSITION = {
     mavlink.MAV_CMD_DO_JUMP,
     mavlink.MAV_CMD_DO_WINCH,
     mavlink.MAV_CMD_DO_GRIPPER,
@@ -97,9 +97,14 @@ _PLACELESS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Item:
-    """One stored item. With a place: x, y latitude and longitude [deg], z altitude [m], above home where `relative`.
+    """Stored item.
 
-    params: PX4's first four, as kept. frame: MAV_FRAME as sent.
+    frame: MAV_FRAME as received
+    command: MAV_CMD
+    params: the first four parameters, as kept
+    x, y, z: latitude, longitude [deg], altitude [m] (above home if `relative`) if `has_position`, else param5
+        to param7
+    autocontinue, current: flags as received
     """
 
     frame: int
@@ -112,16 +117,21 @@ class Item:
     current: bool = False
 
     @property
-    def placed(self) -> bool:
+    def has_position(self) -> bool:
+        """True for a global frame, False for MAV_FRAME_MISSION."""
         return bool(self.frame != mavlink.MAV_FRAME_MISSION)
 
     @property
     def relative(self) -> bool:
+        """True if the altitude counts from home."""
         return self.frame in _RELATIVE
 
 
 def item_of(m: Any, *, ints: bool) -> Item | int:
-    """MISSION_ITEM or (ints) MISSION_ITEM_INT -> an item, or the MAV_MISSION_RESULT that refuses it."""
+    """Decode a MISSION_ITEM, or with `ints` a MISSION_ITEM_INT.
+
+    Return the MAV_MISSION_RESULT of a refused one.
+    """
     params = (m.param1, m.param2, m.param3, m.param4)
     refused = _refusal(m.frame, m.command, params, ints)
     if refused:
@@ -140,7 +150,7 @@ def item_of(m: Any, *, ints: bool) -> Item | int:
         )
     lat, lon = (x * 1e-7, y * 1e-7) if ints else (x, y)
     if not (abs(lat) <= 90.0 and abs(lon) <= 180.0 and math.isfinite(m.z) and abs(m.z) < 1e5):
-        return int(mavlink.MAV_MISSION_INVALID)  # PX4 takes these, and flies to them
+        return int(mavlink.MAV_MISSION_INVALID)  # PX4 accepts these values and flies to them
     kept = _kept(m.command, params)
     return Item(
         frame=m.frame,
@@ -158,9 +168,9 @@ def _refusal(frame: int, command: int, params: tuple[float, ...], ints: bool) ->
     roi: tuple[int, ...] = (
         0,
         3,
-    )  # MAV_ROI: none and a location; without a place none, the next waypoint or one by its index
+    )  # MAV_ROI values: none, location; without a position none, next waypoint, waypoint index
     if frame == mavlink.MAV_FRAME_MISSION:
-        known, roi = command in _PLACELESS, (0, 1, 2)
+        known, roi = command in _WITHOUT_POSITION, (0, 1, 2)
     elif frame in _ABSOLUTE + _RELATIVE and (ints or frame not in _INT_ONLY):
         known = command in _KEPT
     else:
@@ -184,29 +194,36 @@ def _kept(command: int, params: tuple[float, float, float, float]) -> tuple[floa
 
 
 def item_crc(m: Any, before: int, *, ints: bool) -> int:
-    """The opaque id after one more item: CRC-32 without the customary inversions over what was sent, as PX4's."""
+    """Return the list id after one more item: PX4's CRC-32 (without inversions) of the received fields."""
     raw = struct.pack("<BHB4f", m.frame, m.command, m.autocontinue, m.param1, m.param2, m.param3, m.param4)
     raw += struct.pack("<iif" if ints else "<fff", m.x, m.y, m.z)
     return zlib.crc32(raw, before ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
-def place(item: Item, origin: tuple[float, float, float], home_d: float) -> tuple[float, float, float]:
-    """Where an item with a place is [m] [NED]. origin: latitude, longitude [deg], altitude [m] of the local frame."""
+def position_of(item: Item, origin: tuple[float, float, float], home_d: float) -> tuple[float, float, float]:
+    """Return the position of an item [m] [NED].
+
+    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    home_d: height of home [m] [NED down]
+    """
     n, e = local(origin, item.x, item.y)
     return n, e, home_d - item.z if item.relative else origin[2] - item.z
 
 
 def local(origin: tuple[float, float, float], lat: float, lon: float) -> tuple[float, float]:
-    """[deg] -> north, east [m]; the sphere that the streams use, which is PX4's."""
+    """Return north, east [m] of a latitude, longitude [deg], on PX4's spherical earth."""
     n, e = local_from_globe(origin[0], origin[1], lat, lon)
     return float(n), float(e)
 
 
 def item_message(item: Item, seq: int, kind: int, to: tuple[int, int], *, current: bool, ints: bool) -> Any:
-    """What is sent of an item: MISSION_ITEM_INT (ints) or MISSION_ITEM. to: system and component."""
+    """Return MISSION_ITEM, or with `ints` MISSION_ITEM_INT, of an item.
+
+    to: system and component id of the client.
+    """
     frame, x, y = item.frame, item.x, item.y
-    if item.placed:
-        relative = item.relative and kind != FENCE  # of a fence's vertex PX4 keeps no such thing
+    if item.has_position:
+        relative = item.relative and kind != FENCE  # PX4 does not keep it for a fence
         frame = (_RELATIVE if relative else _ABSOLUTE)[1 if ints else 0]
         x, y = (round(x * 1e7), round(y * 1e7)) if ints else (x, y)
     auto = 0 if kind == FENCE else item.autocontinue

@@ -1,4 +1,7 @@
-"""The mission, geofence and rally points stored in one vehicle, and the progress of the mission. No messages, no clock."""
+"""The mission, geofence and rally points stored in one vehicle, and the progress of the mission.
+
+No messages, no clock.
+"""
 
 from __future__ import annotations
 

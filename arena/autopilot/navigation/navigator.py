@@ -1,78 +1,30 @@
-"""Navigation of one vehicle in AUTO.MISSION, AUTO.RTL and to a reposition target: items, legs and setpoints. Pure.
+"""Navigation of one vehicle in AUTO.MISSION, AUTO.RTL and to a reposition target: items, legs and setpoints.
 
-The rules are PX4 v1.16's for a multirotor: climb before the first item if it is higher, acceptance radii, required heading,
-hold times, jumps, landing from above the landing point, return height within a cone around home.
+Pure.
+
+The rules are PX4 v1.16's for a multirotor: climb before the first item if it is higher, acceptance radii,
+required heading, hold times, jumps, landing from above the landing point, return height within a cone around
+home.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.commander import CRITICAL, INFO, Mode
 from arena.autopilot.control.setpoints import Setpoints
-from arena.autopilot.control.trajectory import Trajectory, TrajectoryLimits, wrap_angle
+from arena.autopilot.navigation.legs import Leg, LegFollower, Point, Situation
 from arena.autopilot.navigation.mission_feasibility import moves
-from arena.autopilot.navigation.mission_items import MISSION, RALLY, Item, place
+from arena.autopilot.navigation.mission_items import MISSION, RALLY, Item, position_of
 from arena.autopilot.navigation.mission_store import MissionStore
 from arena.autopilot.param_table import Params
 
-Point = tuple[float, float, float]
 _RALLY_MARGIN_M = 2.0  # a rally point must be nearer than home by this
 _MAX_JUMPS = 64
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Situation:
-    """State of the vehicle at one decision.
-
-    now: time since boot [s]
-    p_n, v_n, yaw: estimated position [m] [NED], velocity [m/s] [NED] and heading [rad]
-    landed, flying: the vehicle is on the ground; the take-off is complete
-    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
-    home_n, home_yaw: home position [m] [NED] and heading [rad]
-    report: sends a message to people, (MAV_SEVERITY, text)
-    """
-
-    now: float
-    p_n: Point
-    v_n: Point
-    yaw: float
-    landed: bool
-    flying: bool
-    origin: Point
-    home_n: Point
-    home_yaw: float
-    report: Callable[[int, str], None]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Leg:
-    """One part of the flight.
-
-    kind: climb, go, land, stay (until another leg is set), wait (for hold_s) or instant (done at once)
-    to: target position [m] [NED]
-    yaw: heading [rad]; NaN points the nose along the path
-    within_m, within_up_m: acceptance radius and height [m]
-    hold_s: time at the target [s]
-    reports: the mission item is reached at the end of this leg
-    then: stage of the same item that follows, "" for the next item
-    """
-
-    kind: str
-    to: Point = (0.0, 0.0, 0.0)
-    yaw: float = math.nan
-    within_m: float = 2.0
-    within_up_m: float = 0.8
-    hold_s: float = 0.0
-    reports: bool = True
-    then: str = ""
-
-
-@dataclass(slots=True)
 class Navigator:
     """Progress of one vehicle along its mission, return or reposition.
 
@@ -82,45 +34,43 @@ class Navigator:
     requested_mode: flight mode that the mission requests
     """
 
-    row: int
-    params: Params
-    missions: MissionStore
-    trajectory: Trajectory = field(default_factory=Trajectory)
-    leg: Leg = field(default_factory=lambda: Leg(kind="stay"))
-    mode: Mode | None = None
-    running: bool = False
-    requested_mode: Mode | None = None
-    _seen_changes: int = -1
-    _cruise: float = math.nan
-    _climb_d: float = math.nan
-    _arrived_at: float = math.nan
-    _heading_met: bool = False
-    _jumps: dict[int, int] = field(default_factory=dict)
-    _activated: bool = False
-    _disarmed: bool = False
-    _destination: Point = (0.0, 0.0, 0.0)
+    def __init__(self, row: int, params: Params, missions: MissionStore) -> None:
+        self.row, self.params, self.missions = row, params, missions
+        self.mode: Mode | None = None
+        self.running = False
+        self.requested_mode: Mode | None = None
+        self._follower = LegFollower(row, params)
+        self._seen_changes = -1
+        self._climb_d = math.nan
+        self._jumps: dict[int, int] = {}
+        self._activated = False
+        self._disarmed = False
+        self._destination: Point = (0.0, 0.0, 0.0)
 
-    # -- interface -----------------------------------------------------------------------------------------------------
+    # -- interface -------------------------------------------------------------------------------------------
 
     def enter(self, mode: Mode, s: Situation) -> None:
         """Begin MISSION or RTL at the present position."""
         self.mode, self.requested_mode = mode, None
-        self.trajectory.begin(s.p_n, s.v_n, s.yaw)
+        self._follower.begin(s)
         if mode is Mode.RTL:
             self._begin_return(s)
         else:
             self._begin_mission(s)
 
     def reposition(self, to: Point, yaw: float, s: Situation) -> None:
-        """Fly to a point [m] [NED] and hold there (DO_REPOSITION). yaw: [rad], NaN points the nose along the path."""
+        """Fly to a point [m] [NED] and hold there (DO_REPOSITION).
+
+        yaw: [rad], NaN points the nose along the path.
+        """
         if self.mode is not Mode.HOLD:
             self.mode, self.requested_mode = Mode.HOLD, None
-            self.trajectory.begin(s.p_n, s.v_n, s.yaw)
-        self._set(Leg(kind="stay", to=to, yaw=yaw), s)
+            self._follower.begin(s)
+        self._follower.set_leg(Leg(kind="stay", to=to, yaw=yaw))
 
     def change_speed(self, speed: float) -> None:
         """Set the cruise speed [m/s], NaN for MPC_XY_CRUISE."""
-        self._cruise = speed
+        self._follower.cruise = speed
 
     def leave(self, *, armed: bool) -> None:
         """Stop navigating: another mode flies, or the vehicle is disarmed."""
@@ -128,23 +78,23 @@ class Navigator:
             self.missions.set_progress(reached=-1)
         self.mode, self.running = None, False
         if not armed:
-            self._disarmed, self._cruise = True, math.nan
+            self._disarmed, self._follower.cruise = True, math.nan
 
     def fly(self, sp: Setpoints, s: Situation, dt: float) -> None:
         """Advance by dt [s] and write the setpoint."""
         if self.mode is Mode.MISSION and self.missions.current_changes != self._seen_changes:
             self._start_current_item(s)
-        if self._done(s):
+        if self._follower.is_complete(s):
             self._advance(s)
-        self._steer(sp, s, dt)
+        self._follower.steer(sp, s, dt)
 
-    # -- a mission -----------------------------------------------------------------------------------------------------
+    # -- a mission -------------------------------------------------------------------------------------------
 
     def _begin_mission(self, s: Situation) -> None:
         m = self.missions
         if self._disarmed and self._activated and m.current + 1 == len(m.items[MISSION]):
             self._jumps.clear()
-            self._cruise = math.nan
+            self._follower.cruise = math.nan
             m.set_progress(current=0)
         self._activated, self._disarmed = True, False
         self._seen_changes = -1
@@ -160,7 +110,7 @@ class Navigator:
             rest = "refusing takeoff" if s.landed else "loitering"
             s.report(CRITICAL, f"No valid mission available, {rest}")
             self.running = False
-            self._set(Leg(kind="stay", to=s.p_n), s)
+            self._follower.set_leg(Leg(kind="stay", to=s.p_n))
             return
         if not self.running:
             s.report(INFO, "Executing Mission")
@@ -174,7 +124,7 @@ class Navigator:
         first = next((x for x in self.missions.items[MISSION][self.missions.current :] if moves(x)), None)
         if first is None:
             return math.nan
-        d = place(first, s.origin, s.home_n[2])[2]
+        d = position_of(first, s.origin, s.home_n[2])[2]
         return d if s.p_n[2] - d > self._param("NAV_MC_ALT_RAD") else math.nan
 
     def _load(self, s: Situation) -> None:
@@ -185,7 +135,7 @@ class Navigator:
             self._finish(s)
             return
         self.missions.set_progress(current=k)
-        self._set(self._leg_of(items[k], s, ""), s)
+        self._follower.set_leg(self._leg_of(items[k], s, ""))
 
     def _past_jumps(self, k: int) -> int | None:
         items = self.missions.items[MISSION]
@@ -207,7 +157,7 @@ class Navigator:
         """Return the next leg of an item. stage: the part of the item that is done, "" for none."""
         if not moves(item):
             return self._run_item(item, s)
-        to = place(item, s.origin, s.home_n[2])
+        to = position_of(item, s.origin, s.home_n[2])
         if math.isfinite(self._climb_d):
             d, self._climb_d = self._climb_d, math.nan
             s.report(INFO, f"Climb to {s.home_n[2] - d:.1f} meters above home")
@@ -224,7 +174,7 @@ class Navigator:
     def _landing_leg(self, to: Point, s: Situation, stage: str) -> Leg:
         away = math.dist(to[:2], s.p_n[:2])
         if not s.landed and stage != "above" and away > self._param("NAV_ACC_RAD"):
-            height = self.leg.to[2] if self.leg.kind == "go" else s.p_n[2]
+            height = self._follower.leg.to[2] if self._follower.leg.kind == "go" else s.p_n[2]
             return Leg(
                 kind="go", to=(to[0], to[1], height), within_m=self._param("NAV_ACC_RAD"), then="above"
             )
@@ -246,53 +196,56 @@ class Navigator:
         )
 
     def _run_item(self, item: Item, s: Situation) -> Leg:
-        """Run an item without a position. A command that the built-in autopilot does not support does nothing."""
+        """Run an item without a position.
+
+        A command that the built-in autopilot does not support does nothing.
+        """
         command, p = item.command, item.params
         if command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
-            self._cruise = p[1] if math.isfinite(p[1]) and p[1] > 0 else math.nan
+            self._follower.cruise = p[1] if math.isfinite(p[1]) and p[1] > 0 else math.nan
         elif command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self.requested_mode = Mode.RTL
             return Leg(kind="stay", to=self._here(s))
         elif command == mavlink.MAV_CMD_NAV_DELAY:
             hold = p[0] if math.isfinite(p[0]) and p[0] > 0 else 0.0
-            return Leg(kind="wait", to=self._here(s), yaw=self.trajectory.yaw, hold_s=hold)
-        return Leg(kind="instant", to=self._here(s), yaw=self.trajectory.yaw)
+            return Leg(kind="wait", to=self._here(s), yaw=self._follower.trajectory.yaw, hold_s=hold)
+        return Leg(kind="instant", to=self._here(s), yaw=self._follower.trajectory.yaw)
 
     def _here(self, s: Situation) -> Point:
-        return self.leg.to if self.leg.kind == "go" else s.p_n
+        return self._follower.leg.to if self._follower.leg.kind == "go" else s.p_n
 
     def _advance(self, s: Situation) -> None:
         if self.mode is Mode.RTL:
             self._advance_return(s)
             return
         items, m = self.missions.items[MISSION], self.missions
-        if self.leg.reports:
+        if self._follower.leg.reports:
             m.set_progress(reached=m.current)
-        if self.leg.then and m.current < len(items):
-            self._set(self._leg_of(items[m.current], s, self.leg.then), s)
+        if self._follower.leg.then and m.current < len(items):
+            self._follower.set_leg(self._leg_of(items[m.current], s, self._follower.leg.then))
         elif m.current < len(items) and items[m.current].autocontinue:
             after = self._past_jumps(m.current + 1)
             if after is None or after >= len(items):
                 self._finish(s)
             else:
                 m.set_progress(current=after)
-                self._set(self._leg_of(items[after], s, ""), s)
+                self._follower.set_leg(self._leg_of(items[after], s, ""))
         else:
-            self._set(Leg(kind="stay", to=self.leg.to, yaw=self.leg.yaw), s)
+            self._follower.set_leg(Leg(kind="stay", to=self._follower.leg.to, yaw=self._follower.leg.yaw))
 
     def _finish(self, s: Situation) -> None:
         s.report(INFO, f"Mission finished, {'landed' if s.landed else 'loitering'}")
         self.running = False
         self._jumps.clear()
-        self._set(Leg(kind="stay", to=s.p_n, yaw=self.trajectory.yaw), s)
+        self._follower.set_leg(Leg(kind="stay", to=s.p_n, yaw=self._follower.trajectory.yaw))
 
-    # -- return to launch ----------------------------------------------------------------------------------------------
+    # -- return to launch ------------------------------------------------------------------------------------
 
     def _begin_return(self, s: Situation) -> None:
-        self._cruise = math.nan
+        self._follower.cruise = math.nan
         self._destination = self._return_destination(s)
         if s.landed:
-            self._set(Leg(kind="stay", to=s.p_n), s)
+            self._follower.set_leg(Leg(kind="stay", to=s.p_n))
             return
         d = self._return_d(s)
         above = self._destination[2] - d
@@ -301,7 +254,7 @@ class Navigator:
             f"RTL: start return at {math.ceil(s.origin[2] - d)} m ({math.ceil(above)} m above destination)",
         )
         if s.p_n[2] > d:
-            self._set(Leg(kind="climb", to=(s.p_n[0], s.p_n[1], d), yaw=s.yaw, then="climbed"), s)
+            self._follower.set_leg(Leg(kind="climb", to=(s.p_n[0], s.p_n[1], d), yaw=s.yaw, then="climbed"))
         else:
             self._move_home(d, s)
 
@@ -309,13 +262,16 @@ class Navigator:
         """Return home [m] [NED], or a rally point that is nearer by _RALLY_MARGIN_M."""
         best, least = s.home_n, math.dist(s.home_n[:2], s.p_n[:2])
         for item in self.missions.items[RALLY]:
-            point = place(item, s.origin, s.home_n[2])
+            point = position_of(item, s.origin, s.home_n[2])
             if math.dist(point[:2], s.p_n[:2]) + _RALLY_MARGIN_M < least:
                 best, least = point, math.dist(point[:2], s.p_n[:2])
         return best
 
     def _return_d(self, s: Situation) -> float:
-        """Return the height of the return [m] [NED down], never below the present one (RTL_CONE_ANG, RTL_RETURN_ALT)."""
+        """Return the height of the return flight [m] [NED down].
+
+        Never below the present height; limited by RTL_CONE_ANG and RTL_RETURN_ALT.
+        """
         away = math.dist(self._destination[:2], s.p_n[:2])
         most, now = self._param("RTL_RETURN_ALT"), self._destination[2] - s.p_n[2]
         cone, within = self._param("RTL_CONE_ANG"), self._param("NAV_ACC_RAD")
@@ -333,121 +289,28 @@ class Navigator:
         near = math.dist(self._destination[:2], s.p_n[:2]) < self._param("RTL_MIN_DIST")
         yaw = s.home_yaw if near else math.nan
         to = (self._destination[0], self._destination[1], d)
-        self._set(Leg(kind="go", to=to, yaw=yaw, within_m=self._param("NAV_ACC_RAD"), then="above"), s)
+        self._follower.set_leg(
+            Leg(kind="go", to=to, yaw=yaw, within_m=self._param("NAV_ACC_RAD"), then="above")
+        )
 
     def _advance_return(self, s: Situation) -> None:
-        delay, done = self._param("RTL_LAND_DELAY"), self.leg.then
-        low_d = max(self.leg.to[2], self._destination[2] - self._param("RTL_DESCEND_ALT"))
+        delay, done = self._param("RTL_LAND_DELAY"), self._follower.leg.then
+        low_d = max(self._follower.leg.to[2], self._destination[2] - self._param("RTL_DESCEND_ALT"))
         above = (self._destination[0], self._destination[1], low_d)
         if done == "climbed":
-            self._move_home(self.leg.to[2], s)
+            self._move_home(self._follower.leg.to[2], s)
         elif done == "above" and abs(delay) > 1e-6:
-            self._set(Leg(kind="go", to=above, yaw=s.home_yaw, then="low", hold_s=max(delay, 0.0)), s)
+            self._follower.set_leg(
+                Leg(kind="go", to=above, yaw=s.home_yaw, then="low", hold_s=max(delay, 0.0))
+            )
         elif done == "low" and delay < 0:
             s.report(INFO, "RTL: completed, loitering")
-            self._set(Leg(kind="stay", to=above, yaw=s.home_yaw), s)
-        elif self.leg.kind == "land":
-            self._set(Leg(kind="stay", to=s.p_n), s)
+            self._follower.set_leg(Leg(kind="stay", to=above, yaw=s.home_yaw))
+        elif self._follower.leg.kind == "land":
+            self._follower.set_leg(Leg(kind="stay", to=s.p_n))
         else:
             s.report(INFO, "RTL: land at destination")
-            self._set(Leg(kind="land", to=self._destination, yaw=s.home_yaw), s)
-
-    # -- legs ----------------------------------------------------------------------------------------------------------
+            self._follower.set_leg(Leg(kind="land", to=self._destination, yaw=s.home_yaw))
 
     def _param(self, name: str) -> float:
         return float(self.params[name][self.row])
-
-    def _set(self, leg: Leg, s: Situation) -> None:
-        self.leg, self._arrived_at, self._heading_met = leg, math.nan, False
-
-    def _done(self, s: Situation) -> bool:
-        """Return whether the leg is complete: position, heading and hold time."""
-        leg = self.leg
-        if leg.kind in ("stay", "instant"):
-            return leg.kind == "instant"
-        if leg.kind == "land":
-            return s.landed
-        if math.isnan(self._arrived_at) and self._arrived(s):
-            self._arrived_at = s.now
-        if math.isnan(self._arrived_at):
-            return False
-        self._heading_met |= not math.isfinite(leg.yaw) or abs(wrap_angle(leg.yaw - s.yaw)) < math.radians(
-            self._param("MIS_YAW_ERR")
-        )
-        self._heading_met |= self._param("MIS_YAW_TMT") >= 0 or leg.kind != "go"
-        return self._heading_met and s.now - self._arrived_at >= leg.hold_s
-
-    def _arrived(self, s: Situation) -> bool:
-        leg = self.leg
-        if leg.kind == "wait":
-            return True
-        if s.landed:
-            return False
-        if leg.kind == "climb":
-            return s.p_n[2] < leg.to[2] + leg.within_up_m
-        return (
-            math.dist(leg.to[:2], s.p_n[:2]) <= leg.within_m and abs(leg.to[2] - s.p_n[2]) <= leg.within_up_m
-        )
-
-    def _steer(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        leg, trajectory, limits = self.leg, self.trajectory, self._limits()
-        if leg.kind == "stay" and not s.flying:
-            # Keep descending on the ground: the land detector needs it to stay landed.
-            sp.set_position(self.row, v_n=(0.0, 0.0, self._param("MPC_LAND_SPEED")), yaw=trajectory.yaw)
-            return
-        trajectory.turn(self._heading(s), limits, dt)
-        if leg.kind == "land":
-            v = (0.0, 0.0, self._param("MPC_LAND_SPEED"))
-            sp.set_position(self.row, p_n=(leg.to[0], leg.to[1], math.nan), v_n=v, yaw=trajectory.yaw)
-        elif leg.kind == "climb" and not s.flying:
-            self._lift_off(sp, s)
-        else:
-            trajectory.advance(leg.to, s.p_n, limits, dt)
-            sp.set_position(
-                self.row,
-                p_n=tuple(trajectory.p_n),
-                v_n=tuple(trajectory.v_n),
-                a_n=tuple(trajectory.a_n),
-                yaw=trajectory.yaw,
-            )
-
-    def _lift_off(self, sp: Setpoints, s: Situation) -> None:
-        """Set a climb rate until the take-off is complete, as AUTO.TAKEOFF does."""
-        left = s.p_n[2] - self.leg.to[2]
-        v = (0.0, 0.0, -min(self._param("MPC_TKO_SPEED"), max(left, 0.0) + 0.15))
-        self.trajectory.begin(
-            (self.trajectory.p_n[0], self.trajectory.p_n[1], s.p_n[2]),
-            (0.0, 0.0, s.v_n[2]),
-            self.trajectory.yaw,
-        )
-        sp.set_position(
-            self.row,
-            p_n=(self.trajectory.p_n[0], self.trajectory.p_n[1], math.nan),
-            v_n=v,
-            yaw=self.trajectory.yaw,
-        )
-
-    def _heading(self, s: Situation) -> float:
-        """Return the heading of the leg [rad]: its own, or along the path while the target is far."""
-        leg = self.leg
-        if math.isfinite(leg.yaw) or leg.kind in ("climb", "stay", "wait", "land"):
-            return leg.yaw
-        away = (leg.to[0] - s.p_n[0], leg.to[1] - s.p_n[1])
-        return math.atan2(away[1], away[0]) if math.hypot(*away) > leg.within_m else math.nan
-
-    def _limits(self) -> TrajectoryLimits:
-        p = self._param
-        fastest = p("MPC_XY_VEL_MAX")
-        cruise = min(self._cruise if math.isfinite(self._cruise) else p("MPC_XY_CRUISE"), fastest)
-        turn, jerk = math.radians(p("MPC_YAWRAUTO_MAX")), max(p("MPC_JERK_AUTO"), 0.5)
-        return TrajectoryLimits(
-            cruise=cruise,
-            up=p("MPC_Z_V_AUTO_UP"),
-            down=p("MPC_Z_V_AUTO_DN"),
-            accel=p("MPC_ACC_HOR"),
-            yaw_rate=turn,
-            jerk=jerk,
-            accel_up=p("MPC_ACC_UP_MAX"),
-            accel_down=p("MPC_ACC_DOWN_MAX"),
-            lead_m=p("MPC_XY_ERR_MAX"),
-        )

@@ -1,0 +1,181 @@
+"""Flight along one leg: the setpoint of each decision, and when the leg is complete. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from arena.autopilot.control.setpoints import Setpoints
+from arena.autopilot.control.trajectory import Trajectory, TrajectoryLimits, wrap_angle
+from arena.autopilot.param_table import Params
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """State of the vehicle at one decision.
+
+    now: time since boot [s]
+    p_n, v_n, yaw: estimated position [m] [NED], velocity [m/s] [NED] and heading [rad]
+    landed, flying: the vehicle is on the ground; the take-off is complete
+    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    home_n, home_yaw: home position [m] [NED] and heading [rad]
+    report: sends a message to people, (MAV_SEVERITY, text)
+    """
+
+    now: float
+    p_n: Point
+    v_n: Point
+    yaw: float
+    landed: bool
+    flying: bool
+    origin: Point
+    home_n: Point
+    home_yaw: float
+    report: Callable[[int, str], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leg:
+    """Part of a flight.
+
+    kind: climb, go, land, stay (until another leg is set), wait (for hold_s) or instant (done at once)
+    to: target position [m] [NED]
+    yaw: heading [rad]; NaN points the nose along the path
+    within_m, within_up_m: acceptance radius and height [m]
+    hold_s: time at the target [s]
+    reports: the mission item is reached at the end of this leg
+    then: stage of the same item that follows, "" for the next item
+    """
+
+    kind: str
+    to: Point = (0.0, 0.0, 0.0)
+    yaw: float = math.nan
+    within_m: float = 2.0
+    within_up_m: float = 0.8
+    hold_s: float = 0.0
+    reports: bool = True
+    then: str = ""
+
+
+@dataclass(slots=True)
+class LegFollower:
+    """Flight of one vehicle along its present leg.
+
+    row: row of the vehicle in the arrays over all vehicles
+    cruise: cruise speed [m/s], NaN for MPC_XY_CRUISE
+    """
+
+    row: int
+    params: Params
+    trajectory: Trajectory = field(default_factory=Trajectory)
+    leg: Leg = field(default_factory=lambda: Leg(kind="stay"))
+    cruise: float = math.nan
+    _arrived_at: float = math.nan
+    _heading_met: bool = False
+
+    def begin(self, s: Situation) -> None:
+        """Start the trajectory at the state of the vehicle."""
+        self.trajectory.begin(s.p_n, s.v_n, s.yaw)
+
+    def set_leg(self, leg: Leg) -> None:
+        """Replace the present leg."""
+        self.leg, self._arrived_at, self._heading_met = leg, math.nan, False
+
+    def is_complete(self, s: Situation) -> bool:
+        """Return whether the leg is complete: position, heading and hold time."""
+        leg = self.leg
+        if leg.kind in ("stay", "instant"):
+            return leg.kind == "instant"
+        if leg.kind == "land":
+            return s.landed
+        if math.isnan(self._arrived_at) and self._arrived(s):
+            self._arrived_at = s.now
+        if math.isnan(self._arrived_at):
+            return False
+        self._heading_met |= not math.isfinite(leg.yaw) or abs(wrap_angle(leg.yaw - s.yaw)) < math.radians(
+            self._param("MIS_YAW_ERR")
+        )
+        self._heading_met |= self._param("MIS_YAW_TMT") >= 0 or leg.kind != "go"
+        return self._heading_met and s.now - self._arrived_at >= leg.hold_s
+
+    def _arrived(self, s: Situation) -> bool:
+        leg = self.leg
+        if leg.kind == "wait":
+            return True
+        if s.landed:
+            return False
+        if leg.kind == "climb":
+            return s.p_n[2] < leg.to[2] + leg.within_up_m
+        return (
+            math.dist(leg.to[:2], s.p_n[:2]) <= leg.within_m and abs(leg.to[2] - s.p_n[2]) <= leg.within_up_m
+        )
+
+    def steer(self, sp: Setpoints, s: Situation, dt: float) -> None:
+        """Advance by dt [s] and write the setpoint of the leg."""
+        leg, trajectory, limits = self.leg, self.trajectory, self._limits()
+        if leg.kind == "stay" and not s.flying:
+            # Keep descending on the ground: the land detector needs it to stay landed.
+            sp.set_position(self.row, v_n=(0.0, 0.0, self._param("MPC_LAND_SPEED")), yaw=trajectory.yaw)
+            return
+        trajectory.turn(self._heading(s), limits, dt)
+        if leg.kind == "land":
+            v = (0.0, 0.0, self._param("MPC_LAND_SPEED"))
+            sp.set_position(self.row, p_n=(leg.to[0], leg.to[1], math.nan), v_n=v, yaw=trajectory.yaw)
+        elif leg.kind == "climb" and not s.flying:
+            self._lift_off(sp, s)
+        else:
+            trajectory.advance(leg.to, s.p_n, limits, dt)
+            sp.set_position(
+                self.row,
+                p_n=tuple(trajectory.p_n),
+                v_n=tuple(trajectory.v_n),
+                a_n=tuple(trajectory.a_n),
+                yaw=trajectory.yaw,
+            )
+
+    def _lift_off(self, sp: Setpoints, s: Situation) -> None:
+        """Set a climb rate until the take-off is complete, as AUTO.TAKEOFF does."""
+        left = s.p_n[2] - self.leg.to[2]
+        v = (0.0, 0.0, -min(self._param("MPC_TKO_SPEED"), max(left, 0.0) + 0.15))
+        self.trajectory.begin(
+            (self.trajectory.p_n[0], self.trajectory.p_n[1], s.p_n[2]),
+            (0.0, 0.0, s.v_n[2]),
+            self.trajectory.yaw,
+        )
+        sp.set_position(
+            self.row,
+            p_n=(self.trajectory.p_n[0], self.trajectory.p_n[1], math.nan),
+            v_n=v,
+            yaw=self.trajectory.yaw,
+        )
+
+    def _heading(self, s: Situation) -> float:
+        """Return the heading of the leg [rad]: its own, or along the path while the target is far."""
+        leg = self.leg
+        if math.isfinite(leg.yaw) or leg.kind in ("climb", "stay", "wait", "land"):
+            return leg.yaw
+        away = (leg.to[0] - s.p_n[0], leg.to[1] - s.p_n[1])
+        return math.atan2(away[1], away[0]) if math.hypot(*away) > leg.within_m else math.nan
+
+    def _limits(self) -> TrajectoryLimits:
+        p = self._param
+        fastest = p("MPC_XY_VEL_MAX")
+        cruise = min(self.cruise if math.isfinite(self.cruise) else p("MPC_XY_CRUISE"), fastest)
+        turn, jerk = math.radians(p("MPC_YAWRAUTO_MAX")), max(p("MPC_JERK_AUTO"), 0.5)
+        return TrajectoryLimits(
+            cruise=cruise,
+            up=p("MPC_Z_V_AUTO_UP"),
+            down=p("MPC_Z_V_AUTO_DN"),
+            accel=p("MPC_ACC_HOR"),
+            yaw_rate=turn,
+            jerk=jerk,
+            accel_up=p("MPC_ACC_UP_MAX"),
+            accel_down=p("MPC_ACC_DOWN_MAX"),
+            lead_m=p("MPC_XY_ERR_MAX"),
+        )
+
+    def _param(self, name: str) -> float:
+        return float(self.params[name][self.row])
