@@ -42,7 +42,18 @@ MAY: dict[str, set[str]] = {
     "params": {"constants", "errors", "wire", "clock", "run_dirs", "transport"},
     "mocap.emulator": GROUND | {"mocap"},
     "schema": {"constants", "errors", "geometry", "wire", "clock", "thrust_curve", "transport", "mocap"},
-    "plan": {"constants", "errors", "geometry", "wire", "clock", "thrust_curve", "params", "schema", "mocap"},
+    "plan": {
+        "constants",
+        "errors",
+        "geometry",
+        "wire",
+        "clock",
+        "thrust_curve",
+        "transport",
+        "params",
+        "schema",
+        "mocap",
+    },
     "supervisor": GROUND | {"schema", "plan"},
     **{
         room: GROUND | {"mocap.client"}
@@ -61,7 +72,7 @@ MAY: dict[str, set[str]] = {
     "uav": GROUND | {"mocap", "mocap.client", "schema"},
     "emergency": GROUND | {"schema", "plan"},
     "smoke": GROUND | {"schema", "plan", "supervisor", "recorder"},
-    "cli": GROUND | {"schema", "plan", "supervisor", "emergency", "recorder", "params", "smoke"},
+    "cli": GROUND | {"mocap", "schema", "plan", "supervisor", "emergency", "recorder", "params", "smoke"},
 }
 # Only the world's shell puts two cores together; the package re-exports the user's names.
 EXCEPT: dict[str, set[str]] = {

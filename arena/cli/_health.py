@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from arena.errors import NotInstalledError
-from arena.schema.machine import Machine, Probe
+from arena.plan.machine import Machine, Probe
 from arena.schema.models import ArenaFile, VehicleKeys
-from arena.schema.ports import GROUND_STATION, LINK_BASE, WHAT, vehicle_ports
+from arena.schema.ports import GROUND_STATION, LINK_BASE, PORTS, vehicle_ports
 from arena.schema.px4 import HOME, need_px4
 from arena.supervisor import active_runs
 
@@ -115,9 +115,9 @@ def _ports(probe: Probe) -> Iterator[Finding]:
     for vehicle_id in range(1, _VEHICLES + 1):
         ports = vehicle_ports(vehicle_id)
         wanted |= {
-            getattr(ports, key): f"{who}, vehicle {vehicle_id}"
-            for key, (who, _) in WHAT.items()
-            if key != "simulator"
+            getattr(ports, port.key): f"{port.owner}, vehicle {vehicle_id}"
+            for port in PORTS
+            if hasattr(ports, port.key) and port.protocol == "udp"
         }
     taken = [(port, who) for port, who in wanted.items() if probe.refusal(address, port)]
     for port, who in taken:

@@ -23,12 +23,13 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Print every problem of an arena at once, or `ok` and what would run. Starts nothing."""
         from arena.plan import make_plan
-        from arena.schema import check_machine, load_arena
+        from arena.plan.machine import check_machine
+        from arena.schema import load_arena
 
         arena = load_arena(file, set_ or [])
         plan = make_plan(arena)
         if machine:
-            check_machine(arena)
+            check_machine(arena, plan)
         print(f"ok: {arena.name} ({arena.file})")
         for line in what_would_run(arena, plan):
             print(f"  {line}")

@@ -16,12 +16,15 @@ import typer.main
 
 from arena import errors
 from arena.cli import VERBS, build
-from arena.plan import ProcessSpec, make_plan
+from arena.mocap.vendors import VENDORS, vendor_settings
+from arena.plan import ProcessSpec, Restart, make_plan
+from arena.plan.process_table import TABLE, ProcessKind
 from arena.recorder import columns
 from arena.schema import load_arena
 from arena.schema.json_schema import json_schema
+from arena.schema.mocap import Mocap
 from arena.schema.models import NOT_YET
-from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, RULE, WHAT
+from arena.schema.ports import PORTS, Port
 from arena.smoke.language import vocabulary
 from arena.smoke.language.scenario import STEP_KEYS, ScenarioFile
 
@@ -169,22 +172,32 @@ def _range(schema: dict[str, Any]) -> str:
 
 
 def ports_page() -> str:
-    """Return the page of all ports."""
-    rows = [(rule, *WHAT[key]) for key, rule in RULE.items()]
-    rows += [
-        (str(LINK_BASE), "the router", "the socket that serves ground stations"),
-        (str(COPILOT), "the copilot", "heartbeats of programs; it speaks to the tools ports from here"),
-        (str(GROUND_STATION), "a ground station", "all vehicles"),
-        ("1510, or `mocap.command_port`", "the motion capture", "NatNet commands"),
-        ("1511, or `mocap.data_port`", "every receiver", "NatNet frames, shared"),
-    ]
-    text = "# Ports\n\nAll UDP, all on the arena's `address` (default 127.0.0.1). Each `gcs` address of a vehicle gets\nits "
-    text += "program port, its SDK port and 14550 as well.\n\n"
-    return text + table(("port", "who binds it", "what"), rows)
+    """Return the port table."""
+    rows = [(port.rule, port.owner, port.use, _answers(port)) for port in PORTS]
+    for vendor in VENDORS:
+        for key, use in vendor_settings(vendor).PORTS.items():
+            rule = f"{getattr(Mocap(), key)}, or `mocap.{key}`"
+            rows.append(
+                (rule, "the motion capture", f"{use} ({vendor})", "any client that asks: poses, no commands")
+            )
+    text = "# Ports\n\nAll on the arena's `address` (default 127.0.0.1), UDP but for the simulator API. Each `gcs` address\n"
+    text += "of a vehicle gets its program port, its SDK port and 14550 as well.\n\n"
+    return text + table(("port", "who binds it", "what", "who is answered, or obeyed"), rows)
+
+
+def _answers(port: Port) -> str:
+    """Return the senders that a port answers, once for each different answer."""
+    found: dict[str, list[str]] = {}
+    for binder in port.binders:
+        found.setdefault(binder.answers, []).append(f"`{binder.kind}`")
+    return "; ".join(f"{', '.join(kinds)}: {words}" for words, kinds in found.items())
 
 
 def processes_page() -> str:
-    """Return the page with the process table of an arena with one vehicle."""
+    """Return the process table: every kind of process, then the processes of an arena with one vehicle."""
+    head = ("process", "module", "purpose", "CPU, memory budget", "restart", "ports")
+    text = "# Processes\n\nEvery kind of process, in start order. `ps` shows them as `arena:NAME`. `.VEHICLE`: each vehicle has one.\n\n"
+    text += table(head, (_kind(row) for row in TABLE))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arena.yaml"
         file.write_text(_EXAMPLE)
@@ -192,29 +205,36 @@ def processes_page() -> str:
         plan = make_plan(load_arena(file), "python")
         specs = [*plan.processes, *(task for task in (plan.land, plan.report) if task)]
         rows = [[cell.replace(f"{folder}/", "") for cell in _process(spec)] for spec in specs]
-    head = (
-        "name",
-        "needs",
-        "ready when",
-        "restart",
-        "outlives the supervisor",
-        "CPU, memory budget",
-        "command",
-    )
-    text = "# Processes\n\nOf an arena with one vehicle, in start order; the last two are tasks of the supervisor.\n"
-    return text + "`{run}` is the run folder.\n\n" + table(head, rows)
+    head = ("name", "needs", "ready when", "start, stop time limit", "outlives the supervisor", "command")
+    text += "\n## An arena with one vehicle\n\nIn start order; processes stop in the reverse order of their needs. The last two are tasks\n"
+    text += "of the supervisor. `{run}` is the run folder.\n\n"
+    return text + table(head, rows)
+
+
+def _kind(row: ProcessKind) -> list[str]:
+    restart: Restart = row.fields.get("restart", Restart(mode="on_failure"))
+    mode = "as the YAML says" if row.kind in ("copilot", "program") else restart.mode
+    ports = [port.rule for port in PORTS if port.binder(row.kind) is not None]
+    return [
+        f"`{row.kind}{'.VEHICLE' if row.per_vehicle else ''}`",
+        f"`{row.module}`" if row.module else "",
+        row.purpose,
+        f"{row.cpu_budget:g} cores, {row.memory_budget_mb:g} MB",
+        mode,
+        "; ".join(ports),
+    ]
+
+
+_READY = {"reported": "it reports READY", "started": "it is started", "port": "its port is open"}
 
 
 def _process(spec: ProcessSpec) -> list[str]:
-    budget = f"{spec.cpu_budget:g} cores, {spec.memory_budget_mb:g} MB"
-    outlives = "yes" if spec.outlives else "no"
     return [
         f"`{spec.name}`",
         ", ".join(spec.needs),
-        spec.ready,
-        spec.restart.mode,
-        outlives,
-        budget,
+        _READY[spec.ready],
+        f"{spec.start_timeout_s:g} s, {spec.stop_timeout_s:g} s",
+        "yes" if spec.outlives else "no",
         f"`{' '.join(spec.argv)}`",
     ]
 

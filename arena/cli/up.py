@@ -131,7 +131,8 @@ def register(app: typer.Typer) -> None:
 def _plan(file: Path, overrides: list[str]) -> Plan:
     """Load the arena and check everything that can be checked before a start. Raises InputError, RunError."""
     from arena.plan import make_plan
-    from arena.schema import check_machine, load_arena
+    from arena.plan.machine import check_machine
+    from arena.schema import load_arena
 
     arena = load_arena(file, overrides)
     for line in (*not_possible(arena), *copilot_notes(arena)):
@@ -139,7 +140,7 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
     plan = make_plan(arena)
     sweep_all(_say, plan.address)
     _refuse_second(plan)
-    check_machine(arena)
+    check_machine(arena, plan)
     return plan
 
 

@@ -3,19 +3,15 @@
 from arena.schema.arena import Arena, Origin, Program, Px4, Vehicle
 from arena.schema.library import data_folder, load_profile, profile_names
 from arena.schema.load import load_arena
-from arena.schema.machine import Machine, Probe, check_machine
 from arena.schema.profile import Profile
 
 __all__ = [
     "Arena",
-    "Machine",
     "Origin",
-    "Probe",
     "Profile",
     "Program",
     "Px4",
     "Vehicle",
-    "check_machine",
     "data_folder",
     "load_arena",
     "load_profile",

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from arena.schema.copilot import Copilot
 from arena.schema.mocap import Mocap
 from arena.schema.models import Failsafe, Preflight, RestartMode, Sim, Tool, World
-from arena.schema.ports import VehiclePorts
+from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, Port, VehiclePorts
 from arena.schema.profile import Profile
 from arena.schema.source import Source
 from arena.transport import ConnectionUrl
@@ -113,6 +113,13 @@ class Vehicle:
     sticks: bool = False
     px4_version: str = ""
 
+    def port_address(self, port: Port, address: str) -> tuple[str, int] | None:
+        """Return host and number of one of the vehicle's ports. address: of the arena."""
+        if port.key != "wire":
+            return address, getattr(self.ports, port.key)
+        wire = self.wire
+        return (wire.host, wire.port) if wire is not None and wire.kind == "udpin" else None
+
     @property
     def simulated(self) -> bool:
         """Its body is in the world here, whatever flies it."""
@@ -158,18 +165,17 @@ class Arena:
     def hardware(self) -> tuple[Vehicle, ...]:
         return tuple(v for v in self.vehicles if not v.simulated)
 
-    @property
-    def process_names(self) -> list[str]:
-        """Names of the processes that its plan will have, in start order."""
-        names = ["world", "mocap"] if self.simulated else []
-        names += [f"px4.{v.name}" for v in self.vehicles if v.autopilot == "px4"]
-        names += [f"link.{v.name}" for v in self.vehicles if v.wire is not None]
-        names += [f"forward.{v.name}" for v in self.vehicles if v.forward]
-        names += (
-            ["router"]
-            + (["copilot"] if self.copilot is not None else [])
-            + [f"logger.{v.name}" for v in self.vehicles]
-        )
-        names += [f"program.{v.name}" for v in self.vehicles if v.program is not None]
-        names += [f"tool.{t}" for t in self.tools]
-        return names + [f"tool.{v.name}.{t}" for v in self.vehicles for t in v.tools]
+    def port_address(self, port: Port, vehicle: Vehicle | None = None) -> tuple[str, int] | None:
+        """Return host and number of a row of the port table, or None where there is no such port.
+
+        vehicle: the vehicle of a port that each vehicle has.
+        """
+        if port.per_vehicle:
+            return None if vehicle is None else vehicle.port_address(port, self.address)
+        numbers = {
+            "ground_stations": LINK_BASE,
+            "copilot": COPILOT if self.copilot is not None else None,
+            "ground_station": GROUND_STATION,
+        }
+        number = numbers[port.key]
+        return None if number is None else (self.address, number)

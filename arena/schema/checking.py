@@ -55,10 +55,8 @@ class Check:
     files: Files
 
     def where(self, vehicle: str, *key: str) -> YamlPath:
-        """The path at which a vehicle's key is written: its own, else that of `defaults`."""
-        own: YamlPath = ("vehicles", vehicle, *key)
-        common: YamlPath = ("defaults", *key)
-        return common if not self.source.given(own) and self.source.given(common) else own
+        """Return the path at which a vehicle's key is written: under the vehicle, else under `defaults`."""
+        return self.source.layer(vehicle, *key)
 
     def problem(self, vehicle: str, key: tuple[str | int, ...], message: str) -> Problem:
         words = tuple(str(k) for k in key)

@@ -16,8 +16,8 @@ from arena.schema.checks_fence import fence
 from arena.schema.checks_real import REAL
 from arena.schema.loader import YamlPath
 from arena.schema.mocap import keys_of_other_vendors
-from arena.schema.models import NOT_YET, Tool
-from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, SDK_ABOVE, WHAT
+from arena.schema.models import NOT_YET
+from arena.schema.ports import PORTS, SDK_ABOVE
 from arena.schema.source import near
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
@@ -159,10 +159,11 @@ def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlP
 
 
 def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
-    yield LINK_BASE, "the router's socket for ground stations", ()
-    if c.arena.copilot is not None:
-        yield COPILOT, "the copilot", ("copilot",)
-    yield GROUND_STATION, "a ground station's", ()
+    """Yield every port of the arena: number, owner, and the path of the key that moves it."""
+    for port in PORTS:
+        place = c.arena.port_address(port)
+        if place is not None:
+            yield place[1], f"{port.owner}'s ({port.name})", ("copilot",) if port.key == "copilot" else ()
     mocap = c.arena.mocap
     for vendor in mocap.vendors:
         for key, words in vendor_settings(vendor).PORTS.items():
@@ -172,18 +173,13 @@ def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
         if vehicle.id in seen or not c.sound(vehicle, "id", "port"):
             continue
         seen.add(vehicle.id)
-        for key, (who, _) in WHAT.items():
-            yield (
-                getattr(vehicle.ports, key),
-                f"{vehicle.name}'s {_short(key, who)}",
-                ("vehicles", vehicle.name, "port"),
-            )
+        for port in PORTS:
+            if port.per_vehicle and port.key != "wire":
+                words = f"{vehicle.name}'s {_PORT_WORDS.get(port.key, f'{port.name} of {port.owner}')}"
+                yield getattr(vehicle.ports, port.key), words, ("vehicles", vehicle.name, "port")
 
 
-def _short(key: str, who: str) -> str:
-    return {"program": "program", "sdk": "SDK (port + 6000)"}.get(
-        key, f"{key.partition('_')[0]} port of {who}"
-    )
+_PORT_WORDS = {"program": "program", "sdk": "SDK (port + 6000)"}
 
 
 def _port_range(c: Check) -> Iterator[Problem]:
@@ -352,25 +348,6 @@ def _params(c: Check) -> Iterator[Problem]:
             )
 
 
-def _tools(c: Check) -> Iterator[Problem]:
-    """A tool may need what is not a tool, or a tool named before it: so nothing waits in a circle."""
-    names = c.arena.process_names
-    before = [n for n in names if not n.startswith("tool.")]
-    own: list[tuple[str, Tool, YamlPath]] = [
-        (f"tool.{t}", tool, ("tools", t)) for t, tool in c.arena.tools.items()
-    ]
-    for v in c.arena.vehicles:
-        own += [(f"tool.{v.name}.{t}", tool, c.where(v.name, "tools", t)) for t, tool in v.tools.items()]
-    for process, tool, path in own:
-        for need in tool.needs or ():
-            if need not in before:
-                hint = "Name it after what it needs." if need in names else near(need, before)
-                yield c.source.problem(
-                    (*path, "needs"), f"got {need!r}, expected a process before it. {hint}"
-                )
-        before.append(process)
-
-
 _CHECKS = (
     _names,
     _not_yet,
@@ -391,5 +368,4 @@ _CHECKS = (
     _gcs,
     _capture,
     _params,
-    _tools,
 )

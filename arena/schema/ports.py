@@ -1,8 +1,13 @@
-"""Every port of an arena, by rule. One table for the checks, the plan and the reference page."""
+"""The port table: every port of an arena, its rule, the processes that bind it and the senders they answer.
+
+The checks, the plan, `arena check`, `arena doctor` and docs/reference/ports.md are made from `PORTS`. Ports of motion
+capture are in the table of vendors, `arena.mocap.vendors`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 PROGRAM_BASE = 16000
 SDK_ABOVE = 6000
@@ -14,7 +19,7 @@ MOST_ID = 250
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePorts:
-    """UDP ports of one vehicle, all on the arena's address."""
+    """Ports of one vehicle, all on the arena's address; `PORTS` has the meaning of each."""
 
     program: int
     sdk: int
@@ -30,53 +35,169 @@ class VehiclePorts:
     simulator: int
 
 
-# field of VehiclePorts -> (who binds it, what it is); the order of the table is the order of the rule
-WHAT: dict[str, tuple[str, str]] = {
-    "program": ("the user's program", "the vehicle's MAVLink, from the router"),
-    "sdk": ("an SDK", "the same"),
-    "router_autopilot": ("the autopilot", "router link"),
-    "router_router": ("the router", "router link"),
-    "vision_autopilot": ("the autopilot", "vision link"),
-    "vision_forwarder": ("the pose forwarder", "vision link"),
-    "panic_autopilot": ("the autopilot", "panic link"),
-    "panic_land_all": ("land-all", "panic link"),
-    "tools": ("the router", "tools: any local client may speak here and is answered"),
-    "logger": ("the logger", "its copy of the stream"),
-    "serve": ("the router", "the socket that serves program, SDK and logger"),
-    "simulator": ("the world", "PX4's simulator API, TCP"),
-}
+@dataclass(frozen=True, kw_only=True)
+class Binder:
+    """A kind of process that binds a port.
 
-RULE: dict[str, str] = {
-    "program": "16000 + id, or `port`",
-    "sdk": "port + 6000",
-    "router_autopilot": "24000 + 10 id",
-    "router_router": "24000 + 10 id + 1",
-    "vision_autopilot": "24000 + 10 id + 2",
-    "vision_forwarder": "24000 + 10 id + 3",
-    "panic_autopilot": "24000 + 10 id + 4",
-    "panic_land_all": "24000 + 10 id + 5",
-    "tools": "24000 + 10 id + 6",
-    "logger": "24000 + 10 id + 7",
-    "serve": "24000 + 10 id + 8",
-    "simulator": "24000 + 10 id + 9",
-}
+    kind: process kind.
+    answers: the senders that it answers, or obeys.
+    autopilots: only for vehicles with these autopilots; () for all.
+    """
+
+    kind: str
+    answers: str
+    autopilots: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Port:
+    """One row of the port table.
+
+    key: field of `VehiclePorts`, or name of a port of the arena.
+    rule: the number, in words.
+    name: short name in plans and messages.
+    owner: who binds the port, in words.
+    use: what the port is for.
+    per_vehicle: one for each vehicle.
+    offset: distance from 24000 + 10 id; None where another rule holds.
+    binders: the processes of a running arena that bind the port; others belong to programs outside.
+    """
+
+    key: str
+    rule: str
+    name: str
+    owner: str
+    use: str
+    per_vehicle: bool = True
+    offset: int | None = None
+    protocol: Literal["udp", "tcp"] = "udp"
+    binders: tuple[Binder, ...] = ()
+
+    def binder(self, kind: str) -> Binder | None:
+        """Return the binder of a process kind, or None when such a process does not bind this port."""
+        return next((binder for binder in self.binders if binder.kind == kind), None)
+
+
+_THIS_COMPUTER = "this computer alone"
+_YAML_ADDRESSES = "the addresses that the YAML names"
+_PARTNER = "its fixed partner alone"
+_COMMANDS = f"commands from {_THIS_COMPUTER}"
+_ANY_SENDER = "any sender: PX4 binds its links on every address; let the firewall close them"
+
+
+def _link(offset: int, key: str, owner: str, name: str, *binders: Binder, use: str = "") -> Port:
+    rule = f"24000 + 10 id{f' + {offset}' if offset else ''}"
+    return Port(key=key, rule=rule, name=name, owner=owner, use=use or name, offset=offset, binders=binders)
+
+
+def _autopilot_end(offset: int, key: str, name: str, *, link_answers: str = _PARTNER) -> Port:
+    return _link(
+        offset,
+        key,
+        "the autopilot",
+        name,
+        Binder(kind="world", answers=_COMMANDS, autopilots=("builtin",)),
+        Binder(kind="px4", answers=_ANY_SENDER),
+        Binder(kind="link", answers=link_answers),
+    )
+
+
+PORTS: tuple[Port, ...] = (
+    Port(
+        key="program",
+        rule="16000 + id, or `port`",
+        name="MAVLink",
+        owner="the user's program",
+        use="the vehicle's MAVLink, from the router",
+        binders=(Binder(kind="program", answers="the vehicle's router; the program may answer others too"),),
+    ),
+    Port(key="sdk", rule="port + 6000", name="SDK", owner="an SDK", use="the vehicle's MAVLink, for an SDK"),
+    _autopilot_end(0, "router_autopilot", "router link"),
+    _link(1, "router_router", "the router", "router link", Binder(kind="router", answers=_PARTNER)),
+    _autopilot_end(2, "vision_autopilot", "vision link"),
+    _link(
+        3, "vision_forwarder", "the pose forwarder", "vision link", Binder(kind="forward", answers=_PARTNER)
+    ),
+    _autopilot_end(4, "panic_autopilot", "panic link", link_answers=_COMMANDS),
+    _link(5, "panic_land_all", "land-all", "panic link", Binder(kind="task", answers=_PARTNER)),
+    _link(
+        6,
+        "tools",
+        "the router",
+        "tools",
+        Binder(kind="router", answers=_THIS_COMPUTER),
+        use="MAVLink for any client on this computer",
+    ),
+    _link(
+        7,
+        "logger",
+        "the logger",
+        "log stream",
+        Binder(kind="logger", answers="nobody: it only receives"),
+        use="the vehicle's MAVLink, for the log",
+    ),
+    _link(
+        8,
+        "serve",
+        "the router",
+        "programs",
+        Binder(kind="router", answers=_YAML_ADDRESSES),
+        use="the router's socket for program, SDK and logger",
+    ),
+    Port(
+        key="simulator",
+        rule="24000 + 10 id + 9",
+        name="simulator API",
+        owner="the world",
+        use="PX4's simulator API, TCP",
+        offset=9,
+        protocol="tcp",
+        binders=(Binder(kind="world", answers=f"PX4s of {_THIS_COMPUTER}", autopilots=("px4", "hitl")),),
+    ),
+    Port(
+        key="wire",
+        rule="`url`",
+        name="the wire",
+        owner="the hardware link",
+        use="MAVLink of a hardware vehicle with a `udpin` URL",
+        binders=(Binder(kind="link", answers="the first address that sends as this vehicle"),),
+    ),
+    Port(
+        key="ground_stations",
+        rule=str(LINK_BASE),
+        name="ground stations",
+        owner="the router",
+        use="the router's socket for ground stations",
+        per_vehicle=False,
+        binders=(Binder(kind="router", answers=_YAML_ADDRESSES),),
+    ),
+    Port(
+        key="copilot",
+        rule=str(COPILOT),
+        name="heartbeats of programs",
+        owner="the copilot",
+        use="heartbeats of programs; the copilot sends to the tools ports from here",
+        per_vehicle=False,
+        binders=(
+            Binder(
+                kind="copilot", answers="nobody: it counts heartbeats; vehicles reach it through the router"
+            ),
+        ),
+    ),
+    Port(
+        key="ground_station",
+        rule=str(GROUND_STATION),
+        name="ground station",
+        owner="a ground station",
+        use="all vehicles",
+        per_vehicle=False,
+    ),
+)
 
 
 def vehicle_ports(vehicle_id: int, port: int | None = None) -> VehiclePorts:
-    """port: the program port when it is not the rule's."""
+    """Return the ports of a vehicle by the rules of `PORTS`. port: the program port where the YAML gives one."""
     program = PROGRAM_BASE + vehicle_id if port is None else port
     base = LINK_BASE + 10 * vehicle_id
-    return VehiclePorts(
-        program=program,
-        sdk=program + SDK_ABOVE,
-        router_autopilot=base,
-        router_router=base + 1,
-        vision_autopilot=base + 2,
-        vision_forwarder=base + 3,
-        panic_autopilot=base + 4,
-        panic_land_all=base + 5,
-        tools=base + 6,
-        logger=base + 7,
-        serve=base + 8,
-        simulator=base + 9,
-    )
+    by_rule = {row.key: base + row.offset for row in PORTS if row.offset is not None}
+    return VehiclePorts(program=program, sdk=program + SDK_ABOVE, **by_rule)

@@ -39,6 +39,12 @@ class Source:
             here = here.get(part) if isinstance(here, dict) else None
         return here
 
+    def layer(self, vehicle: str, *key: str) -> YamlPath:
+        """Return the path at which a vehicle's key is written: under the vehicle, else under `defaults`."""
+        own: YamlPath = ("vehicles", vehicle, *key)
+        common: YamlPath = ("defaults", *key)
+        return common if not self.given(own) and self.given(common) else own
+
     def place(self, path: YamlPath) -> tuple[str, int]:
         """The file and line of a path, or of the nearest thing around it; `--set` and 0 for an override."""
         if any(path[: len(o)] == o for o in self.overrides):

@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from arena.plan.model import Plan
-from arena.plan.open_ports import Door, doors
+from arena.plan.open_ports import OpenSocket, open_sockets
 
 from .flight import Flight, Hangar, eventually
 
@@ -48,18 +48,20 @@ def local_sockets(folder: Path) -> set[Open]:
     return {("unix", str(p), 0) for p in folder.iterdir() if p.is_socket()}
 
 
-def answers(door: Door, found: Open) -> bool:
+def answers(opened: OpenSocket, found: Open) -> bool:
     """Return whether a socket is a planned port. Port 0 in the plan stands for any port chosen by the kernel."""
     protocol, address, port = found
-    if door.port or door.protocol == "unix":
-        return found == (door.protocol, door.address, door.port)
-    return protocol == door.protocol and address in (door.address, "0.0.0.0") and port >= 32768
+    if opened.port or opened.protocol == "unix":
+        return found == (opened.protocol, opened.address, opened.port)
+    return protocol == opened.protocol and address in (opened.address, "0.0.0.0") and port >= 32768
 
 
-def compare(planned: list[Door], found: set[Open]) -> tuple[set[Open], list[Door]]:
+def compare(planned: list[OpenSocket], found: set[Open]) -> tuple[set[Open], list[OpenSocket]]:
     """Return (unplanned, missing) sockets."""
-    unplanned = {one for one in found if not any(answers(door, one) for door in planned)}
-    missing = [door for door in planned if door.always and not any(answers(door, one) for one in found)]
+    unplanned = {one for one in found if not any(answers(opened, one) for opened in planned)}
+    missing = [
+        opened for opened in planned if opened.always and not any(answers(opened, one) for one in found)
+    ]
     return unplanned, missing
 
 
@@ -73,29 +75,30 @@ def test_open_sockets_match_the_plan(flight: Flight) -> None:
     }
     assert set(pids) == {"supervisor", *(spec.name for spec in plan.processes)}
     every = [
-        Door(**{**vars(door), "address": door.address.replace("{rt}", state.rt)}) for door in doors(plan)
+        OpenSocket(**{**vars(opened), "address": opened.address.replace("{rt}", state.rt)})
+        for opened in open_sockets(plan)
     ]
 
     def wrong() -> dict[str, object]:
         found = {}
         for name, pid in pids.items():
             own = bound(pid, alone=name == "supervisor")
-            planned = [door for door in every if door.process == name and door.protocol != "unix"]
+            planned = [opened for opened in every if opened.process == name and opened.protocol != "unix"]
             if any(differences := compare(planned, own)):
                 found[name] = differences
-        here = [door for door in every if door.protocol == "unix"]
+        here = [opened for opened in every if opened.protocol == "unix"]
         if any(differences := compare(here, local_sockets(Path(state.rt)))):
             found["local"] = differences
         return found
 
     eventually(lambda: not wrong(), 10, "the sockets of the plan", lambda: str(wrong()))
-    assert all(door.closed for door in every)
+    assert all(opened.local for opened in every)
     assert Path(state.rt).stat().st_mode & 0o777 == 0o700, "what is in it is for the owner alone"
 
 
 def test_socket_comparison_finds_missing_and_extra_sockets() -> None:
-    one = Door(process="x", protocol="udp", address="127.0.0.1", port=5, what="", who="")
-    some = Door(process="x", protocol="udp", address="127.0.0.1", port=0, what="", who="")
+    one = OpenSocket(process="x", protocol="udp", address="127.0.0.1", port=5, what="", who="")
+    some = OpenSocket(process="x", protocol="udp", address="127.0.0.1", port=0, what="", who="")
     assert compare([one, some], {("udp", "127.0.0.1", 5), ("udp", "127.0.0.1", 40000)}) == (set(), [])
     assert compare([one], {("udp", "0.0.0.0", 5)}) == ({("udp", "0.0.0.0", 5)}, [one])
     assert compare([some], {("udp", "192.168.1.5", 40000)}) == ({("udp", "192.168.1.5", 40000)}, [some])

@@ -16,7 +16,8 @@ from arena.mocap.client import open_client
 from arena.mocap.emulator import open_server
 from arena.mocap.emulator.core import EmulatedCameras
 from arena.mocap.vendors import VENDORS, vendor_settings
-from arena.plan import rooms
+from arena.plan import slices
+from arena.plan.job import Job
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.schema.base import Strict
 from arena.schema.mocap import VENDOR_KEYS, Mocap, keys_of_other_vendors
@@ -61,7 +62,9 @@ def planned(port: int) -> tuple[dict, dict]:
     )
     vehicle = SimpleNamespace(mocap_body="uav1", id=4, simulated=True)
     arena = SimpleNamespace(address=ADDRESS, mocap=mocap, simulated=[vehicle], hardware=[])
-    return rooms.mocap(arena), rooms.capture(arena, ["uav1"], simulated=True)
+    return slices.mocap(Job(arena=arena, fleet={}, python="py")), slices.capture(
+        arena, ["uav1"], simulated=True
+    )
 
 
 def truth_at(time_s: float) -> Truth:

@@ -9,7 +9,7 @@ import pytest
 
 from arena.params.facts.parameter_table import parameters, versions
 from arena.plan.firmware import firmware, origins, px4_version, written_param_findings
-from arena.plan.text import arena_yaml
+from arena.plan.resolved_yaml import arena_yaml
 from arena.schema import Arena, load_arena
 
 VEHICLES = (

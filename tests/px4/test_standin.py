@@ -16,7 +16,7 @@ from arena.autopilot.px4_startup import read_startup, rotors
 from arena.autopilot.sitl_standin import BANNER, FREE_RUN, StandIn
 from arena.errors import InputError
 from arena.plan import make_plan
-from arena.plan.px4 import forgotten
+from arena.plan.px4_startup import reset_by_startup
 from arena.px4.simulator_link import SimulatorLink
 from arena.schema import load_arena
 
@@ -61,7 +61,11 @@ def test_it_reads_the_scripts_that_the_plan_writes(tmp_path: Path) -> None:
     found = read_startup(scripts(tmp_path), {"PX4_PARAM_MPC_THR_HOVER": "0.55", "HOME": "x"})
     assert found.simulator == (address, 24079) and found.skipped == []
     startup = {"MAV_SYS_ID": 7.0, "EKF2_MULTI_IMU": 0.0, "SENS_IMU_MODE": 1.0}
-    assert found.params == {"MPC_THR_HOVER": 0.55, **startup, **forgotten(made["params"], made["version"])}
+    assert found.params == {
+        "MPC_THR_HOVER": 0.55,
+        **startup,
+        **reset_by_startup(made["params"], made["version"]),
+    }
     assert {link.name: [link.local, list(link.remote)] for link in found.links} == {
         name: [made["links"][name]["local"][1], made["links"][name]["remote"]]
         for name in ("router", "vision", "panic")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from arena.errors import InputError
+from arena.plan import make_plan
 from arena.schema import load_arena
 
 V1 = "  uav1: {program: hover.py}\n"
@@ -64,7 +65,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "capture port of a link": (
         "mocap: {command_port: 24010}\nvehicles:\n" + V1,
         "1: mocap.command_port: ",
-        "uav1's router port",
+        "uav1's router link of the autopilot",
     ),
     "text for a number": (
         "sim:\n  sensor_hz: fast\nvehicles:\n" + V1,
@@ -498,7 +499,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def problems(text: str, *overrides: str) -> list[str]:
     Path("arena.yaml").write_text(text)
     with pytest.raises(InputError) as raised:
-        load_arena("arena.yaml", overrides)
+        make_plan(load_arena("arena.yaml", overrides))
     assert raised.value.exit_code == 2
     return [str(problem) for problem in raised.value.problems]
 

@@ -99,7 +99,7 @@ def start_of(scenario: Scenario, folder: Path, how: How) -> Start:
             speed=how.speed,
             seed=how.seed,
         )
-    from arena.plan.text import arena_yaml
+    from arena.plan.resolved_yaml import arena_yaml
 
     file = folder / "arena.yaml"
     file.write_text(arena_yaml(scenario.arena))

@@ -11,6 +11,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BeforeValidator, Field
 
 from arena.errors import InputError, Problem
+from arena.plan.make import process_names
 from arena.schema import Arena, load_arena
 from arena.schema.arena import Fence
 from arena.schema.base import Strict
@@ -39,7 +40,7 @@ class Scenario:
 
     name: with the arena's stem, `offboard loss lands [four]`, where the file names several. arena: as loaded, with overrides.
     arena_file: what `arena up` is given, with `--set` for each of overrides; "" for an arena written inside the scenario: then
-    write `arena.plan.text.arena_yaml(scenario.arena)` to a file and fly that, its paths are absolute and overrides are in it.
+    write `arena.plan.resolved_yaml.arena_yaml(scenario.arena)` to a file and fly that, its paths are absolute and overrides are in it.
     fence: where vehicles may be. allowed: what is not counted as a failure.
     """
 
@@ -339,7 +340,7 @@ class _Reader:
 def names_of(arena: Arena) -> Names:
     return Names(
         vehicles=tuple(v.name for v in arena.vehicles),
-        processes=tuple(arena.process_names),
+        processes=tuple(process_names(arena)),
         rotors={v.name: v.profile.num_rotors for v in arena.vehicles},
     )
 

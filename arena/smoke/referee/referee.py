@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from arena.plan.make import process_names
 from arena.smoke.language.model import Deed, Moment, Now, Place, Step
 from arena.smoke.language.scenario import Scenario
 from arena.smoke.referee.conditions import holds
@@ -219,7 +220,7 @@ class Referee:
         vehicle = process.partition(" crashed")[0]
         if vehicle in self._flight.vehicles and vehicle != process:
             self._flight.crashes.setdefault(vehicle, why)
-        elif process in self._scenario.arena.process_names or process in self._hit:
+        elif process in process_names(self._scenario.arena) or process in self._hit:
             self._fatal[process] = why
         elif "landing was not confirmed" not in sentence:
             self._troubles.append(sentence)

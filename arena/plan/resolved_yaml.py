@@ -1,4 +1,4 @@
-"""The arena and its plan as text: the resolved YAML of a run folder."""
+"""The resolved arena as YAML text, for the run folder. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from arena.schema.models import Tool
 
 
 def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
-    """The resolved arena as a YAML that loads to the same plan, with nothing left to a default."""
+    """Return the resolved arena as YAML text that loads to the same plan; nothing is left to a default."""
     fleet = all_firmware(arena) if fleet is None else fleet
     return f"# resolved from {Path(arena.folder) / Path(arena.file).name}\n" + dump_yaml(
         {
@@ -79,7 +79,7 @@ def _tool(tool: Tool) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Tuples as lists, all the way down."""
+    """Return a value with its tuples as lists, at every depth."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, (tuple, list)) else value

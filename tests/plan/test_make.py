@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import socket
 from pathlib import Path
 
 import pytest
 
-from arena.errors import InputError, NotInstalledError
 from arena.plan import Plan, ProcessSpec, make_plan
-from arena.schema import Arena, Machine, check_machine, load_arena
+from arena.plan.make import process_names
+from arena.schema import Arena, load_arena
 
 FLEET = """\
 tools: {rec: {argv: [sleep, "1e3"], env: {B: "2", A: "1"}, restart: always}}
@@ -95,8 +94,8 @@ def test_a_process_stands_after_all_that_it_needs(plan: Plan) -> None:
         started.add(spec.name)
 
 
-def test_the_names_are_those_that_the_schema_promises(arena: Arena, plan: Plan) -> None:
-    assert [p.name for p in plan.processes] == arena.process_names
+def test_process_names_are_those_of_the_plan(arena: Arena, plan: Plan) -> None:
+    assert [p.name for p in plan.processes] == process_names(arena)
 
 
 def test_what_serves_a_flying_vehicle_outlives_and_the_rest_does_not(plan: Plan) -> None:
@@ -249,71 +248,3 @@ def test_slices_carry_what_the_rooms_read(plan: Plan) -> None:
     logger = plan.slices["logger.uav2.json"]
     assert (logger["index"], logger["body"], logger["listen"]) == (1, "aero2", ["127.0.0.1", 24027])
     assert "forward.uav3.json" not in plan.slices and plan.slices["forward.uav2.json"]["body"] == "aero2"
-
-
-class Bench(Machine):
-    """A machine that has what the test says."""
-
-    def __init__(
-        self, modules: bool = True, commands: bool = True, held: dict[int, str] | None = None
-    ) -> None:
-        self.modules, self.commands, self.held = modules, commands, held or {}
-
-    def has_module(self, name: str) -> bool:
-        return self.modules
-
-    def has_device(self, path: str) -> bool:
-        return False
-
-    def has_command(self, name: str, folder: str) -> bool:
-        return self.commands
-
-    def refusal(self, address: str, port: int) -> str:
-        return "is in use" if port in self.held else ""
-
-    def holder(self, address: str, port: int) -> str:
-        return self.held[port]
-
-
-def test_a_sound_machine_is_passed(arena: Arena) -> None:
-    check_machine(arena, Bench())
-
-
-def test_a_missing_pybullet_is_told_with_the_way_to_get_it(arena: Arena) -> None:
-    with pytest.raises(
-        NotInstalledError, match=r"pybullet is not installed.*pip install 'flying-arena\[sim\]'"
-    ):
-        check_machine(arena, Bench(modules=False))
-    with pytest.raises(NotInstalledError, match="'sleep' is not on this machine"):
-        check_machine(arena, Bench(commands=False))
-
-
-def test_a_port_in_use_names_who_holds_it_and_all_are_told(arena: Arena) -> None:
-    with pytest.raises(InputError) as raised:
-        check_machine(arena, Bench(modules=False, held={17002: "pid 7 (qgroundcontrol)", 24017: ""}))
-    text = str(raised.value)
-    assert "UDP port 17002 of 127.0.0.1, for the user's program of uav2" in text
-    assert "is in use by pid 7 (qgroundcontrol)." in text
-    assert "UDP port 24017" in text and "pybullet" in text and len(text.splitlines()) == 3
-
-
-def test_a_ground_station_that_is_up_is_no_clash(arena: Arena) -> None:
-    check_machine(arena, Bench(held={14550: "x", 22001: "x", 24015: "x", 1511: "x"}))
-
-
-def test_the_real_machine_tells_this_process_by_its_id(tmp_path: Path) -> None:
-    import os
-
-    (tmp_path / "a.yaml").write_text("address: 127.52.1.1\nvehicles: {uav1: {}}\n")
-    arena = load_arena(tmp_path / "a.yaml")
-    check_machine(arena)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
-        held.bind(("127.52.1.1", 24017))
-        with pytest.raises(
-            InputError,
-            match=rf"UDP port 24017 of 127.52.1.1, for the logger of uav1 .* by pid {os.getpid()} \(",
-        ):
-            check_machine(arena)
-    check_machine(arena)
-    with pytest.raises(InputError, match="cannot be bound"):
-        check_machine(dataclasses.replace(arena, address="192.0.2.1"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from arena.plan import make_plan
-from arena.plan.px4 import forgotten
+from arena.plan.px4_startup import reset_by_startup
 from arena.schema import load_arena
 
 
@@ -32,5 +32,7 @@ def test_one_px4_that_never_comes_takes_its_forwarder_and_program_along_and_noth
 
 def test_a_value_that_is_the_firmwares_default_is_set_again_after_px4s_own_startup() -> None:
     asked = {"COM_LOW_BAT_ACT": 0, "MPC_XY_P": 0.95, "MPC_Z_P": 1.5, "NOT_PX4S": 0}
-    assert forgotten(asked, "1.16.0") == {"COM_LOW_BAT_ACT": 0, "MPC_XY_P": 0.95}
-    assert forgotten(asked, "") == forgotten(asked, "1.18"), "one that does not say is taken for the newest"
+    assert reset_by_startup(asked, "1.16.0") == {"COM_LOW_BAT_ACT": 0, "MPC_XY_P": 0.95}
+    assert reset_by_startup(asked, "") == reset_by_startup(asked, "1.18"), (
+        "one that does not say is taken for the newest"
+    )

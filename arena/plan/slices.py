@@ -1,14 +1,12 @@
-"""The slice of each room, as docs/architecture.md lists them. Pure: Arena -> JSON objects."""
+"""The slice of each process: the JSON object that it reads at its start (docs/architecture.md lists the keys). Pure."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from arena.mocap.vendors import vendor_settings
-from arena.plan.firmware import Fleet
-from arena.plan.model import LinkPlan
-from arena.plan.px4 import forgotten, hitl_params, px4_params, px4_scripts
+from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_end
+from arena.plan.px4_startup import hitl_params, px4_params, px4_scripts, reset_by_startup
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE
 
@@ -17,44 +15,10 @@ LOG_RATE_HZ = 30.0
 POSE_STALE_S = 0.1
 PROGRAM_STALE_S = 0.5
 
-Json = dict[str, Any]
-Address = list[Any]
 
-
-def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:
-    """name: router, vision or panic."""
-    ports, ends = vehicle.ports, {"router": "router", "vision": "forwarder", "panic": "land_all"}
-    return LinkPlan(
-        autopilot_host=_speaks_from(arena, vehicle),
-        autopilot_port=getattr(ports, f"{name}_autopilot"),
-        partner_host=arena.address,
-        partner_port=getattr(ports, f"{name}_{ends[name]}"),
-    )
-
-
-def _speaks_from(arena: Arena, vehicle: Vehicle) -> str:
-    """PX4's sockets are bound to no address, so on the loopback the kernel sends from 127.0.0.1 whatever the partner's is."""
-    real_px4 = vehicle.autopilot == "px4" and arena.px4 is not None and not arena.px4.stand_in
-    return "127.0.0.1" if real_px4 and arena.address.startswith("127.") else arena.address
-
-
-def autopilot_end(link: LinkPlan) -> Json:
-    """The link as the autopilot sees it."""
-    return {
-        "local": [link.autopilot_host, link.autopilot_port],
-        "remote": [link.partner_host, link.partner_port],
-    }
-
-
-def partner_end(link: LinkPlan) -> Json:
-    """The link as its fixed partner sees it."""
-    return {
-        "local": [link.partner_host, link.partner_port],
-        "remote": [link.autopilot_host, link.autopilot_port],
-    }
-
-
-def world(arena: Arena, fleet: Fleet) -> Json:
+def world(job: Job) -> Json:
+    """Return the slice of the world."""
+    arena = job.arena
     w, s = arena.world, arena.sim
     return {
         "name": "world",
@@ -71,16 +35,13 @@ def world(arena: Arena, fleet: Fleet) -> Json:
         "truth": TRUTH,
         "faults": _faults(arena, "world"),
         "wind_m_s": list(w.wind_m_s),
-        "vehicles": [_body(arena, v, fleet) for v in arena.simulated],
+        "vehicles": [_body(job, v) for v in arena.simulated],
     }
 
 
-def _links(arena: Arena, v: Vehicle) -> Json:
-    return {name: autopilot_end(link_of(arena, v, name)) for name in ("router", "vision", "panic")}
-
-
-def _body(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
-    if v.autopilot != "builtin":  # it opens its links itself
+def _body(job: Job, v: Vehicle) -> Json:
+    arena = job.arena
+    if v.autopilot != "builtin":
         flown: Json = {
             "autopilot": "px4",
             "simulator": [arena.address, v.ports.simulator],
@@ -90,8 +51,8 @@ def _body(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
     else:
         flown = {
             "autopilot": "builtin",
-            "params": fleet[v.name].values,
-            "links": _links(arena, v),
+            "params": job.fleet[v.name].values,
+            "links": autopilot_ends(arena, v),
             "sticks": v.sticks,
         }
     return {
@@ -108,17 +69,18 @@ def _origin(arena: Arena) -> Json:
     return arena.world.origin.model_dump()
 
 
-def px4(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
-    """What `python -m arena.px4` needs to run this vehicle's PX4."""
+def px4(job: Job) -> Json:
+    """Return the slice of the process that runs a vehicle's PX4."""
+    arena, v = job.arena, job.v
     if arena.px4 is None:
         raise ValueError(f"{v.name} flies PX4, and none was found")
-    params = px4_params(v, fleet[v.name].values)
+    params = px4_params(v, job.firmware.values)
     given: Json = {
         "vehicle": v.name,
         "id": v.id,
         "simulator": [arena.address, v.ports.simulator],
-        **_links(arena, v),
-        "again": forgotten(params, arena.px4.version),
+        **autopilot_ends(arena, v),
+        "again": reset_by_startup(params, arena.px4.version),
     }
     return {
         "name": f"px4.{v.name}",
@@ -130,14 +92,16 @@ def px4(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
         "stand_in": arena.px4.stand_in,
         "folder": f"{{run}}/px4/{v.name}",
         "model": "none_iris",
-        "links": _links(arena, v),
+        "links": autopilot_ends(arena, v),
         "clock": CLOCK,
         "params": params,
         "scripts": px4_scripts(given),
     }
 
 
-def mocap(arena: Arena) -> Json:
+def mocap(job: Job) -> Json:
+    """Return the slice of the motion capture emulator."""
+    arena = job.arena
     m = arena.mocap
     bodies = [{"name": v.mocap_body, "number": v.id, "index": i} for i, v in enumerate(arena.simulated)]
     return {
@@ -155,7 +119,7 @@ def mocap(arena: Arena) -> Json:
 
 
 def _faults(arena: Arena, room: str) -> str | None:
-    """Where a room takes faults on purpose: nowhere while a real vehicle flies."""
+    """Return the socket for fault injection, or None in an arena with hardware."""
     return None if arena.hardware else f"{{rt}}/{room}.faults"
 
 
@@ -164,8 +128,9 @@ def _noise(arena: Arena) -> Json:
     return {"position_m": n.position_mm / 1000.0, "rotation_deg": n.rotation_deg}
 
 
-def link(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
-    """What `python -m arena.fcu_link` needs to stand in the place of this vehicle's autopilot."""
+def link(job: Job) -> Json:
+    """Return the slice of the link to a vehicle's flight controller."""
+    arena, v = job.arena, job.v
     if v.wire is None:
         raise ValueError(f"{v.name} has no wire")
     if v.wire.kind == "serial":
@@ -178,7 +143,7 @@ def link(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
         "vehicle": v.name,
         "id": v.id,
         "wire": wire,
-        "links": _links(arena, v),
+        "links": autopilot_ends(arena, v),
         "simulator": [arena.address, v.ports.simulator] if v.simulated else None,
         "preflight": {
             "position_m": p.position_m,
@@ -188,10 +153,10 @@ def link(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
             "battery": p.battery,
             "size_m": list(arena.world.size),
             "poses": v.forward,
-            # where a real body's origin is, the lab decides: at the height of its lowest point is the most that it can be
+            # the lab defines where the origin of a real body is: no lower than its lowest point
             "height_m": v.profile.height_m / 2.0 if v.simulated else 0.0,
         },
-        "params": hitl_params(v, fleet[v.name].values) if v.simulated else fleet[v.name].values,
+        "params": hitl_params(v, job.firmware.values) if v.simulated else job.firmware.values,
         "params_file": f"{{run}}/params/{v.name}.params",
         "wire_file": f"{{run}}/wire/{v.name}.json",
         "simulated": v.simulated,
@@ -199,7 +164,11 @@ def link(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
 
 
 def capture(arena: Arena, bodies: list[str], *, simulated: bool) -> Json | None:
-    """How a receiver reaches the cameras that see such vehicles; None when none do. bodies: names wanted."""
+    """Return how a receiver reaches the motion capture, or None where none sees such vehicles.
+
+    bodies: names of the rigid bodies to receive.
+    simulated: of simulated vehicles (the emulator), else of hardware (the vendor's server).
+    """
     m = arena.mocap
     if simulated:
         found = vendor_settings(m.emulates).emulator_client_settings(m.keys, arena.address)
@@ -214,7 +183,9 @@ def _clock(v: Vehicle) -> str | None:
     return CLOCK if v.simulated else None
 
 
-def forward(arena: Arena, v: Vehicle) -> Json:
+def forward(job: Job) -> Json:
+    """Return the slice of a vehicle's pose forwarder."""
+    arena, v = job.arena, job.v
     return {
         "name": f"forward.{v.name}",
         "vehicle": v.name,
@@ -232,7 +203,9 @@ def forward(arena: Arena, v: Vehicle) -> Json:
     }
 
 
-def router(arena: Arena) -> Json:
+def router(job: Job) -> Json:
+    """Return the slice of the MAVLink router."""
+    arena = job.arena
     stations = list(dict.fromkeys(a for v in arena.vehicles for a in v.gcs))
     gcs = [{"name": "gcs", "address": [arena.address, GROUND_STATION]}]
     gcs += [{"name": f"gcs@{a}", "address": [a, GROUND_STATION]} for a in stations]
@@ -270,7 +243,9 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
     }
 
 
-def logger(arena: Arena, v: Vehicle) -> Json:
+def logger(job: Job) -> Json:
+    """Return the slice of a vehicle's logger."""
+    arena, v = job.arena, job.v
     return {
         "name": f"logger.{v.name}",
         "vehicle": v.name,
@@ -287,7 +262,9 @@ def logger(arena: Arena, v: Vehicle) -> Json:
     }
 
 
-def program(arena: Arena, v: Vehicle) -> Json:
+def program(job: Job) -> Json:
+    """Return the file that a vehicle's program gets with `--uav`."""
+    arena, v = job.arena, job.v
     neighbours = [{"name": n, "body": arena.vehicle(n).mocap_body} for n in v.neighbours if n != v.name]
     kept = ("mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")
     return {
@@ -301,17 +278,17 @@ def program(arena: Arena, v: Vehicle) -> Json:
         "profile": {k: x for k, x in v.profile.slice().items() if k in kept},
         "neighbours": neighbours,
         "stale_s": PROGRAM_STALE_S,
-        "heart": heart(arena),
+        "heart": heartbeat_address(arena),
     }
 
 
-def heart(arena: Arena) -> Address | None:
-    """Where programs beat; None without a copilot."""
+def heartbeat_address(arena: Arena) -> Address | None:
+    """Return the address for the heartbeats of programs, or None without a copilot."""
     return [arena.address, COPILOT] if arena.copilot is not None else None
 
 
 def _captures(arena: Arena, v: Vehicle) -> Json | list[Json] | None:
-    """Its own cameras and those that see its neighbours: one receiver, or a list of several."""
+    """Return the receivers that see the vehicle and its neighbours: one, a list of several, or None."""
     seen = [v, *(arena.vehicle(n) for n in v.neighbours if n != v.name)]
     found = []
     for simulated in (v.simulated, not v.simulated):

@@ -1,17 +1,13 @@
-"""The slice of the copilot: its rules, and what it must know of each vehicle. Pure."""
+"""The slice of the copilot: its rules, and addresses, fence and braking limits of each vehicle. Pure."""
 
 from __future__ import annotations
 
-from typing import Any
-
-from arena.plan import rooms
-from arena.plan.firmware import Fleet
+from arena.plan import slices
+from arena.plan.job import Job, Json, link_of
 from arena.schema import Arena, Vehicle
 from arena.schema.copilot import RULES
 
-Json = dict[str, Any]
-
-# PX4's own defaults of what limits a stop in AUTO modes
+# Parameters that limit a stop in AUTO modes, with their PX4 defaults
 _BRAKING = {
     "accel": ("MPC_ACC_HOR", 3.0),
     "jerk": ("MPC_JERK_AUTO", 4.0),
@@ -20,26 +16,30 @@ _BRAKING = {
 }
 
 
-def copilot(arena: Arena, fleet: Fleet) -> Json:
+def copilot(job: Job) -> Json:
+    """Return the slice of the copilot."""
+    arena = job.arena
     c = arena.copilot
     if c is None:
         raise ValueError("this arena has no copilot")
     return {
         "name": "copilot",
-        "listen": rooms.heart(arena),
+        "listen": slices.heartbeat_address(arena),
         "escalate_after_s": c.escalate_after_s,
         "at_most": c.at_most,
         "rules": {rule: getattr(c, rule).model_dump() for rule in RULES},
         "latency_s": arena.mocap.latency_ms / 1000.0,
-        "clock": None if arena.hardware else rooms.CLOCK,
+        "clock": None if arena.hardware else slices.CLOCK,
         "captures": _captures(arena),
-        "vehicles": [_vehicle(arena, v, fleet) for v in arena.vehicles],
+        "vehicles": [_vehicle(job, v) for v in arena.vehicles],
     }
 
 
-def _vehicle(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
-    panic = rooms.link_of(arena, v, "panic")
-    braking = {key: fleet[v.name].values.get(name, default) for key, (name, default) in _BRAKING.items()}
+def _vehicle(job: Job, v: Vehicle) -> Json:
+    arena = job.arena
+    panic = link_of(arena, v, "panic")
+    values = job.fleet[v.name].values
+    braking = {key: values.get(name, default) for key, (name, default) in _BRAKING.items()}
     return {
         "name": v.name,
         "id": v.id,
@@ -54,17 +54,17 @@ def _vehicle(arena: Arena, v: Vehicle, fleet: Fleet) -> Json:
 
 
 def _walls(arena: Arena, v: Vehicle) -> Json:
-    """Of the room, less the vehicle's own size: where its centre may be."""
+    """Return where the vehicle's centre may be: the room, less the vehicle's size."""
     (north, east, up), radius = arena.world.size, v.profile.radius_m
     n, e = north / 2.0 - radius, east / 2.0 - radius
     return {"north": [-n, n], "east": [-e, e], "up": up - v.profile.height_m / 2.0}
 
 
 def _captures(arena: Arena) -> list[Json]:
-    """One receiver for each server that sees some of the vehicles."""
+    """Return one receiver for each motion capture server that sees some of the vehicles."""
     found = []
     for simulated in (True, False):
         bodies = [v.mocap_body for v in arena.vehicles if v.simulated is simulated]
-        one = rooms.capture(arena, bodies, simulated=simulated) if bodies else None
+        one = slices.capture(arena, bodies, simulated=simulated) if bodies else None
         found += [one] if one is not None else []
     return found

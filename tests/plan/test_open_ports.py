@@ -7,7 +7,7 @@ import json
 import pytest
 
 from arena.plan import make_plan
-from arena.plan.open_ports import doors, open_lines
+from arena.plan.open_ports import open_lines, open_sockets
 from arena.schema import load_arena
 
 
@@ -24,19 +24,19 @@ def plan_of(folder, **keys):
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1", "127.66.40.1"])
-def test_an_arena_on_the_loopback_has_nothing_open(tmp_path, address):
+def test_arena_on_the_loopback_opens_nothing(tmp_path, address):
     plan = plan_of(tmp_path, address=address)
-    assert open_lines(plan) == [] and all(door.closed for door in doors(plan))
+    assert open_lines(plan) == [] and all(opened.local for opened in open_sockets(plan))
 
 
-def test_every_port_of_the_plan_is_a_door_and_has_words(tmp_path):
+def test_every_port_of_the_plan_is_listed_with_its_senders(tmp_path):
     plan = plan_of(tmp_path)
     listed = {(spec.name, x.protocol, x.address, x.port) for spec in plan.processes for x in spec.listens}
-    assert listed <= {(d.process, d.protocol, d.address, d.port) for d in doors(plan)}
-    assert all(d.what and d.who and "?" not in d.who for d in doors(plan))
+    assert listed <= {(d.process, d.protocol, d.address, d.port) for d in open_sockets(plan)}
+    assert all(d.what and d.who and "?" not in d.who for d in open_sockets(plan))
 
 
-def test_what_other_computers_reach_is_told_with_who_is_answered(tmp_path):
+def test_ports_that_other_computers_reach_are_listed(tmp_path):
     lines = open_lines(plan_of(tmp_path, address="192.168.77.5"))
     assert "open: udp 192.168.77.5:24016,24026 tools (router) answers this computer alone" in lines
     assert (
@@ -51,15 +51,15 @@ def test_what_other_computers_reach_is_told_with_who_is_answered(tmp_path):
     assert any("239.255.42.99:1511 NatNet frames, shared" in line for line in lines)
 
 
-def test_a_vehicle_that_is_listened_for_everywhere_is_told_though_the_rest_is_closed(tmp_path):
+def test_hardware_port_on_every_address_is_listed(tmp_path):
     real = {"uav1": {"autopilot": "hardware", "url": "udpin:0.0.0.0:14540"}}
     lines = open_lines(plan_of(tmp_path, vehicles=real, mocap={"source": "natnet", "server": "127.66.40.9"}))
     assert lines == [
-        "open: udp 0.0.0.0:14540 the wire (link.uav1) answers the first address that speaks as this vehicle"
+        "open: udp 0.0.0.0:14540 the wire (link.uav1) answers the first address that sends as this vehicle"
     ]
 
 
-def test_of_fifty_vehicles_a_line_stays_a_line(tmp_path):
+def test_ports_of_fifty_vehicles_share_a_line(tmp_path):
     vehicles = {f"v{k}": {"autopilot": "builtin", "start": {"position": [k, 0, 0]}} for k in range(1, 51)}
     plan = plan_of(tmp_path, address="192.168.77.5", world={"size": [200, 10, 3]}, vehicles=vehicles)
     (tools,) = [line for line in open_lines(plan) if " tools " in line]

@@ -1,0 +1,72 @@
+"""Checks that need the plan: the processes that tools wait for, and the PX4 parameters that the user names. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from arena.errors import InputError, Problem
+from arena.plan.firmware import px4_version, written_param_findings
+from arena.schema import Arena
+from arena.schema.loader import YamlPath
+from arena.schema.models import Tool
+from arena.schema.source import near
+
+
+def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
+    """Raise InputError with every problem found.
+
+    process_names: in start order.
+    """
+    problems = [*_tool_needs(arena, process_names), *_versions(arena)]
+    problems += _parameters(arena) if not problems else []
+    if problems:
+        raise InputError(sorted(dict.fromkeys(problems), key=lambda p: (p.file, p.line)))
+
+
+def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]:
+    """Find needs that are no process, or a tool that starts later: nothing may wait in a circle."""
+    before = [name for name in process_names if not name.startswith("tool.")]
+    own: list[tuple[str, Tool, YamlPath]] = [
+        (f"tool.{name}", tool, ("tools", name)) for name, tool in arena.tools.items()
+    ]
+    for v in arena.vehicles:
+        own += [
+            (f"tool.{v.name}.{name}", tool, arena.source.layer(v.name, "tools", name))
+            for name, tool in v.tools.items()
+        ]
+    for process, tool, path in own:
+        for need in tool.needs or ():
+            if need not in before:
+                hint = "Name it after what it needs." if need in process_names else near(need, before)
+                message = f"got {need!r}, expected a process before it. {hint}"
+                yield arena.source.problem((*path, "needs"), message)
+        before.append(process)
+
+
+def _versions(arena: Arena) -> Iterator[Problem]:
+    for v in arena.vehicles:
+        try:
+            px4_version(v)
+        except InputError as error:
+            path = arena.source.layer(v.name, "px4_version")
+            yield arena.source.problem(path, f"got {v.px4_version!r}, expected a PX4 version: {error}")
+
+
+def _parameters(arena: Arena) -> Iterator[Problem]:
+    """Find wrong parameters under `params`; those of a `params_file` are not judged: it may be of another vehicle.
+
+    Hardware may have parameters of its own modules: an unknown name without a similar one is allowed there.
+    """
+    for name, _, finding in written_param_findings(arena):
+        v = arena.vehicle(name)
+        path = arena.source.layer(name, "params", finding.name)
+        unknown = finding.value is not None and finding.severity == "warning" and not v.simulated
+        if finding.name in _LIMITS_NOT_KEPT or unknown or not arena.source.given(path):
+            continue
+        value = "" if finding.value is None else f"got {finding.value:g}, "
+        message = f"{value}expected {finding.expected}: {finding.problem}. {finding.fix}."
+        yield arena.source.problem(path, message)
+
+
+# PX4 gave these enumerations more values than their stated limits
+_LIMITS_NOT_KEPT = frozenset({"GF_ACTION", "COM_RC_IN_MODE"})

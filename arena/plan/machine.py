@@ -1,0 +1,186 @@
+"""What this machine must have before an arena starts: free ports, pybullet, devices, the commands of tools."""
+
+from __future__ import annotations
+
+import errno
+import importlib.util
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from arena.errors import InputError, NotInstalledError
+from arena.plan.model import Plan
+from arena.schema import Arena
+from arena.schema.models import Tool
+from arena.transport import open_udp
+
+IN_USE = "in use"
+_MOST_ADDRESSES = 50
+_MOST_PORTS_SHOWN = 4
+
+
+class Probe(Protocol):
+    """The parts of a machine that the checks need."""
+
+    def has_module(self, name: str) -> bool: ...
+
+    def has_command(self, name: str, folder: str) -> bool: ...
+
+    def has_device(self, path: str) -> bool: ...
+
+    def refusal(self, address: str, port: int) -> str:
+        """Return why a UDP port cannot be bound; "" when it can."""
+        ...
+
+    def holder(self, address: str, port: int) -> str:
+        """Return the process that holds a UDP port, `pid 123 (qgroundcontrol)`; "" when the kernel does not reveal it."""
+        ...
+
+
+class Machine:
+    """This computer."""
+
+    def has_module(self, name: str) -> bool:
+        return importlib.util.find_spec(name) is not None
+
+    def has_command(self, name: str, folder: str) -> bool:
+        return shutil.which(name if "/" not in name else str(Path(folder) / name)) is not None
+
+    def has_device(self, path: str) -> bool:
+        return Path(path).exists()
+
+    def refusal(self, address: str, port: int) -> str:
+        try:
+            open_udp((address, port)).close()
+        except OSError as error:
+            return IN_USE if error.errno == errno.EADDRINUSE else f"cannot be bound ({error.strerror})"
+        return ""
+
+    def holder(self, address: str, port: int) -> str:
+        import psutil
+
+        try:
+            pids = {
+                (c.laddr[0], c.pid)
+                for c in psutil.net_connections("udp4")
+                if c.laddr and c.laddr[1] == port and c.pid
+            }
+            exact = sorted(pid for ip, pid in pids if ip in (address, "0.0.0.0"))
+            return f"pid {exact[0]} ({psutil.Process(exact[0]).name()})" if exact else ""
+        except psutil.Error:
+            return ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AddressChoice:
+    """The address for an arena whose YAML names none.
+
+    address: the first free one.
+    why: sentence on why it is not the default; "" when it is.
+    """
+
+    address: str
+    why: str = ""
+
+
+def choose_address(plan: Plan, runs: Mapping[str, str], probe: Probe) -> AddressChoice:
+    """Return the first loopback address from the plan's on (127.0.0.1, 127.0.0.2, ...) that is free.
+
+    plan: the plan for the default address.
+    runs: address -> name of the arena that runs there.
+    Raises InputError when 50 addresses are taken. Binds ports for an instant; starts nothing.
+    """
+    first, why = plan.address, ""
+    network, _, last = first.rpartition(".")
+    for number in range(int(last), int(last) + _MOST_ADDRESSES):
+        address = f"{network}.{number}"
+        taken = _use_of(plan, address, runs, probe)
+        if not taken:
+            return AddressChoice(address=address, why=f"{why}: using {address}" if why else "")
+        why = why or f"{address} is in use by {taken}"
+    raise InputError(f"{why}, and so are {network}.{last} to {address}. Set `address` in the YAML.")
+
+
+def _use_of(plan: Plan, address: str, runs: Mapping[str, str], probe: Probe) -> str:
+    """Return who uses an address, in words; "" when the arena can have it."""
+    if address in runs:
+        return f"the arena {runs[address]}"
+    for _, _, port in _wanted(plan):
+        if probe.refusal(address, port):
+            return probe.holder(address, port) or f"another process (UDP port {port})"
+    return ""
+
+
+def check_machine(arena: Arena, plan: Plan, probe: Probe | None = None) -> None:
+    """Check that this machine has everything that the arena needs.
+
+    Raises NotInstalledError when only software is missing, else InputError; the message names everything found.
+    """
+    probe = probe or Machine()
+    missing, taken = list(_missing(arena, probe)), list(_taken(arena, plan, probe))
+    text = "\n".join(missing + taken)
+    if taken:
+        raise InputError(text)
+    if missing:
+        raise NotInstalledError(text)
+
+
+def _missing(arena: Arena, probe: Probe) -> Iterator[str]:
+    if arena.simulated and not probe.has_module("pybullet"):
+        names = ", ".join(v.name for v in arena.simulated)
+        yield f"pybullet is not installed, and {names} would be simulated. Try: pip install 'flying-arena[sim]'"
+    for words, tool in _tools(arena):
+        folder = str(Path(arena.folder) / (tool.cwd or ""))
+        if not probe.has_command(tool.argv[0], folder):
+            yield f"{arena.file}: {words}.argv: the command {tool.argv[0]!r} is not on this machine. Install it."
+
+
+def _tools(arena: Arena) -> Iterator[tuple[str, Tool]]:
+    for name, tool in arena.tools.items():
+        yield f"tools.{name}", tool
+    for vehicle in arena.vehicles:
+        for name, tool in vehicle.tools.items():
+            yield f"vehicles.{vehicle.name}.tools.{name}", tool
+
+
+def _wanted(plan: Plan) -> list[tuple[str, str, int]]:
+    """Return process name, address and number of every UDP port that the plan's processes bind at their start."""
+    return [(p.name, x.address, x.port) for p in plan.processes for x in p.listens if x.protocol == "udp"]
+
+
+def _taken(arena: Arena, plan: Plan, probe: Probe) -> Iterator[str]:
+    """Yield one sentence per address and process that holds ports of the arena, and one per missing device."""
+    held: dict[tuple[str, str], list[tuple[int, str]]] = {}
+    for process, address, port in _wanted(plan):
+        if why := probe.refusal(address, port):
+            by = probe.holder(address, port) if why == IN_USE else ""
+            held.setdefault((address, f"{why} by {by}" if by else why), []).append((port, process))
+    for (address, why), ports in held.items():
+        yield f"{arena.file}: {_sentence(arena, address, why, ports)}"
+    for v in arena.vehicles:
+        if v.wire is not None and v.wire.kind == "serial" and not probe.has_device(v.wire.device):
+            device = v.wire.device
+            yield f"{arena.file}: {device}, the serial device of {v.name}, does not exist. Plug it in, or change its name."
+
+
+def _sentence(arena: Arena, address: str, why: str, ports: list[tuple[int, str]]) -> str:
+    numbers = sorted({port for port, _ in ports})
+    names = ", ".join(dict.fromkeys(process for _, process in sorted(ports)))
+    shown = ", ".join(map(str, numbers[:_MOST_PORTS_SHOWN]))
+    more = f" and {len(numbers) - _MOST_PORTS_SHOWN} more" if len(numbers) > _MOST_PORTS_SHOWN else ""
+    what = f"UDP port{'s' if len(numbers) > 1 else ''} {shown}{more} of {address}, for {names}, {why}"
+    of_url = address != arena.address and all(process.startswith("link.") for _, process in ports)
+    if not why.startswith(IN_USE):
+        return (
+            f"{address} {why}. Set {'the `url`' if of_url else '`address`'} to an address of this computer."
+        )
+    if of_url:
+        return f"{what}. Set another port in the `url`."
+    return f"{what}. Set another `address`, such as {_next_loopback(address)}."
+
+
+def _next_loopback(address: str) -> str:
+    network, _, last = address.rpartition(".")
+    return f"{network}.{int(last) + 1}" if address.startswith("127.") and int(last) < 254 else "127.0.0.2"

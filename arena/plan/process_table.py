@@ -1,0 +1,291 @@
+"""The process table: one row per kind of process, in start order. Pure.
+
+A new kind of process is a package with a `__main__`, its slice function in `arena.plan.slices` and one row here, plus a row
+in `arena.schema.ports` for each port that it binds. The plan, `arena plan`, docs/reference/processes.md and the checks
+follow from the rows. Processes stop in the reverse order of what they need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from arena.mocap.vendors import vendor_settings
+from arena.plan import slices
+from arena.plan.copilot_slice import copilot
+from arena.plan.job import Job, Json, flies_real_px4
+from arena.plan.model import Kind, Listen, ProcessSpec, Restart
+from arena.schema import Arena, Vehicle
+from arena.schema.ports import PORTS
+
+# numpy's own threads would take the second core from the arena
+ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
+
+NICE_PROGRAM, NICE_LOGGER = 2, 6
+NICE_WORLD_REALTIME, NICE_COPILOT_FIRST = -10, -5
+
+REAL_START_TIMEOUT_S = 600.0
+"""Hardware may be switched on long after the arena."""
+COPILOT_SILENT_S = 5.0
+"""Restart the copilot of hardware after this silence. In a simulated arena it sleeps on a clock that may stand still."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessKind:
+    """One row of the process table.
+
+    kind: the process is named `kind`, or `kind.VEHICLE` when each vehicle has one.
+    module: package that `python -m` runs with the path of the slice; "" for the command of a user.
+    purpose: what the process does, for the reference page.
+    per_vehicle: each vehicle may have one.
+    exists: whether this arena, or this vehicle, has one.
+    needs: names of processes that must be ready first.
+    slice: makes the JSON object that the process reads; None without one.
+    cpu_budget, memory_budget_mb: [cores], [MB]; a process above them is reported.
+    fields: further fields of `ProcessSpec`: readiness, restart policy, time limits, priority.
+    configured: further fields that depend on the arena.
+    command: command line, where it is not `python -m MODULE SLICE`.
+    """
+
+    kind: Kind
+    module: str = ""
+    purpose: str
+    per_vehicle: bool = False
+    exists: Callable[[Job], bool] = lambda job: True
+    needs: Callable[[Job], tuple[str, ...]]
+    slice: Callable[[Job], Json] | None = None
+    cpu_budget: float
+    memory_budget_mb: float
+    fields: Mapping[str, Any] = field(default_factory=dict)
+    configured: Callable[[Job], Mapping[str, Any]] = lambda job: {}
+    command: Callable[[Job, str], tuple[str, ...]] | None = None
+
+    def name(self, vehicle: Vehicle | None) -> str:
+        """Return the name of the process."""
+        return self.kind if vehicle is None else f"{self.kind}.{vehicle.name}"
+
+
+def _world_if_simulated(job: Job) -> tuple[str, ...]:
+    return ("world",) if job.arena.simulated else ()
+
+
+def _forwarder_needs(job: Job) -> tuple[str, ...]:
+    """Return the needs of a forwarder. One whose PX4 never starts is given up with it, and with it the program."""
+    if not job.v.simulated:
+        return (f"link.{job.v.name}",)
+    cameras = ("world", "mocap")
+    return (*cameras, f"px4.{job.v.name}") if job.v.autopilot == "px4" else cameras
+
+
+def _copilot_needs(job: Job) -> tuple[str, ...]:
+    return ("world", "mocap", "router") if job.arena.simulated else ("router",)
+
+
+def _copilot_fields(job: Job) -> dict[str, Any]:
+    section = job.arena.copilot
+    restart = section is not None and section.on_loss == "restart"
+    return {
+        "restart": Restart(mode="on_failure" if restart else "never"),
+        "nice": NICE_COPILOT_FIRST if job.arena.sim.realtime or job.arena.hardware else 0,
+        "silent_for_s": COPILOT_SILENT_S if job.arena.hardware else None,
+    }
+
+
+def required_copilot(arena: Arena) -> tuple[str, ...]:
+    """Return the copilot as a need: the vehicles land when it ends, unless the YAML asks for a warning alone."""
+    return ("copilot",) if arena.copilot is not None and arena.copilot.on_loss != "warn" else ()
+
+
+def _logger_needs(job: Job) -> tuple[str, ...]:
+    """Return the needs of a logger. Without a program the logger carries the vehicle's need of the copilot."""
+    return ("router",) if job.v.program is not None else ("router", *required_copilot(job.arena))
+
+
+def _program_needs(job: Job) -> tuple[str, ...]:
+    v = job.v
+    poses = (f"forward.{v.name}",) if v.forward else ("world",) if v.simulated else ()
+    link = (f"link.{v.name}",) if v.wire is not None else ()
+    return (*poses, *link, "router", *required_copilot(job.arena), f"logger.{v.name}")
+
+
+def _program_command(job: Job, name: str) -> tuple[str, ...]:
+    """Return the command line of the user's program: a `.py` file under arena's interpreter, else the file itself."""
+    program = job.v.program
+    if program is None:
+        raise ValueError(f"{job.v.name} has no program")
+    start = (job.python, program.path) if program.path.endswith(".py") else (program.path,)
+    return (*start, "--uav", f"{{run}}/slices/{name}.json", *program.args)
+
+
+def _program_fields(job: Job) -> dict[str, Any]:
+    return {
+        "cwd": job.arena.folder,
+        "restart": Restart(mode=job.v.program.restart if job.v.program else "never"),
+    }
+
+
+# Nice values are added to that of the caller. While thirty processes start at once on two cores, programs and loggers leave
+# the CPU to what carries simulated time, poses and messages. No process takes a higher priority than the caller's, unless
+# `sim.realtime` asks for it, or hardware flies and a copilot watches it. Where the system refuses, the caller's value stays.
+TABLE: tuple[ProcessKind, ...] = (
+    ProcessKind(
+        kind="world",
+        module="arena.sim",
+        purpose="pybullet world, sensors and built-in autopilots; keeps the simulation clock",
+        exists=lambda job: bool(job.arena.simulated),
+        needs=lambda job: (),
+        slice=slices.world,
+        cpu_budget=0.8,
+        memory_budget_mb=400.0,
+        fields={"restart": Restart(), "start_timeout_s": 60.0},
+        configured=lambda job: {"nice": NICE_WORLD_REALTIME if job.arena.sim.realtime else 0},
+    ),
+    ProcessKind(
+        kind="mocap",
+        module="arena.mocap.emulator",
+        purpose="motion capture emulator: NatNet frames of the simulated vehicles",
+        exists=lambda job: bool(job.arena.simulated),
+        needs=lambda job: ("world",),
+        slice=slices.mocap,
+        cpu_budget=0.3,
+        memory_budget_mb=150.0,
+    ),
+    ProcessKind(
+        kind="px4",
+        module="arena.px4",
+        purpose="starts a PX4 SITL and ends it with the world",
+        per_vehicle=True,
+        exists=lambda job: job.v.autopilot == "px4",
+        needs=_world_if_simulated,
+        slice=slices.px4,
+        cpu_budget=0.3,
+        memory_budget_mb=150.0,
+        # never killed for being stopped: its PX4 flies on, and would fall with it
+        fields={"restart": Restart(), "start_timeout_s": 60.0, "stopped_for_s": None},
+    ),
+    ProcessKind(
+        kind="link",
+        module="arena.fcu_link",
+        purpose="owns the UDP or serial connection to a real flight controller; preflight checks",
+        per_vehicle=True,
+        exists=lambda job: job.v.wire is not None,
+        needs=lambda job: ("world",) if job.v.simulated else (),
+        slice=slices.link,
+        cpu_budget=0.2,
+        memory_budget_mb=120.0,
+    ),
+    ProcessKind(
+        kind="forward",
+        module="arena.pose_forwarder",
+        purpose="pose forwarder: motion capture poses to the autopilot as ODOMETRY",
+        per_vehicle=True,
+        exists=lambda job: job.v.forward,
+        needs=_forwarder_needs,
+        slice=slices.forward,
+        cpu_budget=0.1,
+        memory_budget_mb=120.0,
+    ),
+    ProcessKind(
+        kind="router",
+        module="arena.mavlink_router",
+        purpose="MAVLink router between autopilots, programs, SDKs, ground stations and loggers",
+        needs=_world_if_simulated,
+        slice=slices.router,
+        cpu_budget=0.4,
+        memory_budget_mb=120.0,
+    ),
+    ProcessKind(
+        kind="copilot",
+        module="arena.copilot",
+        purpose="watches all vehicles by motion capture; orders hold, land or terminate",
+        exists=lambda job: job.arena.copilot is not None,
+        needs=_copilot_needs,
+        slice=copilot,
+        cpu_budget=0.4,
+        memory_budget_mb=150.0,
+        configured=_copilot_fields,
+    ),
+    ProcessKind(
+        kind="logger",
+        module="arena.recorder",
+        purpose="writes csv/VEHICLE.csv",
+        per_vehicle=True,
+        needs=_logger_needs,
+        slice=slices.logger,
+        cpu_budget=0.15,
+        memory_budget_mb=200.0,
+        fields={"nice": NICE_LOGGER, "stop_timeout_s": 10.0},
+    ),
+    ProcessKind(
+        kind="program",
+        purpose="the user's program of a vehicle",
+        per_vehicle=True,
+        exists=lambda job: job.v.program is not None,
+        needs=_program_needs,
+        slice=slices.program,
+        cpu_budget=0.3,
+        memory_budget_mb=300.0,
+        fields={"ready": "started", "stopped_for_s": None, "nice": NICE_PROGRAM, "outlives": False},
+        configured=_program_fields,
+        command=_program_command,
+    ),
+)
+
+
+def jobs(row: ProcessKind, job: Job) -> Iterator[Job]:
+    """Yield a job for each process of this kind that the arena has."""
+    arena = job.arena
+    candidates = arena.vehicles if row.per_vehicle else (None,)
+    for vehicle in candidates:
+        made = Job(arena=arena, fleet=job.fleet, python=job.python, vehicle=vehicle)
+        if row.exists(made):
+            yield made
+
+
+def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
+    """Return one process of the plan."""
+    vehicle, name = job.vehicle, row.name(job.vehicle)
+    argv = (job.python, "-m", row.module, f"{{run}}/slices/{name}.json")
+    fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), "outlives": True}
+    if vehicle is not None and vehicle.wire is not None and row.module:
+        fields["start_timeout_s"] = REAL_START_TIMEOUT_S
+    return ProcessSpec(
+        name=name,
+        kind=row.kind,
+        vehicle=vehicle.name if vehicle else None,
+        argv=row.command(job, name) if row.command else argv,
+        env=ENV,
+        needs=row.needs(job),
+        cpu_budget=row.cpu_budget,
+        memory_budget_mb=row.memory_budget_mb,
+        listens=tuple(listens(job.arena, row.kind, vehicle)),
+        **{**fields, **row.fields, **row.configured(job)},
+    )
+
+
+def listens(arena: Arena, kind: str, vehicle: Vehicle | None) -> Iterator[Listen]:
+    """Yield every port that a process binds for itself; the shared port of multicast receivers is not among them.
+
+    vehicle: None for a process of the whole arena, which binds the ports of every vehicle.
+    """
+    vehicles = arena.vehicles if vehicle is None else (vehicle,)
+    if kind == "mocap":
+        settings = vendor_settings(arena.mocap.emulates)
+        for used in settings.server_sockets(settings.server_settings(arena.mocap.keys, arena.address)):
+            if used.port:
+                yield Listen(protocol=used.protocol, address=arena.address, port=used.port, what=used.what)
+    for port in PORTS:
+        binder = port.binder(kind)
+        for v in vehicles if port.per_vehicle else (None,):
+            place = arena.port_address(port, v) if binder is not None else None
+            if place is None or binder is None:
+                continue
+            if v is not None and binder.autopilots and v.autopilot not in binder.autopilots:
+                continue
+            # PX4 binds its links on every address of the computer; the stand-in binds the arena's
+            everywhere = kind == "px4" and v is not None and flies_real_px4(arena, v)
+            host, number = place
+            words = port.name if v is None else f"{port.name} of {v.name}"
+            address = "0.0.0.0" if everywhere else host
+            yield Listen(protocol=port.protocol, address=address, port=number, what=words)
