@@ -55,7 +55,7 @@ def test_picture_of_the_readme_is_small():
 
 @pytest.mark.parametrize("word", sorted({value or key.rpartition(".")[2] for key, value in NOT_YET}))
 def test_readme_names_unavailable_yaml_values(word):
-    text = (ROOT / "README.md").read_text().partition("## What it can do")[2].partition("\n## Install")[0]
+    text = (ROOT / "README.md").read_text().partition("## What works")[2].partition("\n## Install")[0]
     assert word in text or word in DETAILS
 
 
