@@ -133,7 +133,7 @@ class ProcessSet:
         return Observation(
             needs_ready=may_load and all(run_end.is_served(*need) for need in needs),
             needs_dead=next((need.name for need, its in needs if run_end.is_dead(need, its)), ""),
-            proof=self._proof(name, spec) if status.state is State.STARTING and exit is None else "",
+            proof=self._proof(name, spec) if status.state is State.STARTING else "",
             exit=exit,
             stopped=stopped,
             starts_on=orders.starts_on,

@@ -239,14 +239,17 @@ def _stopping(status: ProcessStatus, observation: Observation, now: float) -> St
 def _ended(
     spec: ProcessSpec, status: ProcessStatus, observation: Observation, exit: Exit, now: float
 ) -> Step:
-    status = replace(status, exit=exit)
+    proof = (
+        status.state is State.STARTING and observation.proof != ""
+    )  # it became ready and ended within one round
+    status = replace(status, exit=exit, unproven=0 if proof else status.unproven)
     if status.state is State.STOPPING and status.after is After.END:
         return _to(status, State.EXITED, f"{exit.text} ({status.reason})", now), Action.NONE
     if status.state is State.STOPPING and status.after is After.RESTART and observation.starts_on:
         return _start(spec, replace(status, starts=(), unproven=0), status.reason, now)
     if status.state is State.STOPPING:
         return _again(spec, status, observation, f"{status.reason}, then {exit.text}", now)
-    proven = exit.ran and (status.state is State.READY or spec.ready == "started")
+    proven = exit.ran and (status.state is State.READY or proof or spec.ready == "started")
     words = exit.text if proven or not exit.ran else f"{exit.text} before it was ready"
     accepted = spec.restart.mode == "never" or (spec.restart.mode == "on_failure" and exit.code == 0)
     if accepted and proven:

@@ -110,7 +110,8 @@ def _end(state: RunState, plan: Plan | None, say: Say) -> None:
     """End programs and tools first, then the other processes; kill those that do not end in time."""
     specs = plan.processes if plan is not None else ()
     late = {spec.name for spec in specs if spec.outlives}
-    grace_s = max((spec.stop_timeout_s for spec in specs), default=_GRACE_S)
+    alive = state.survivors()
+    grace_s = max((spec.stop_timeout_s for spec in specs if spec.name in alive), default=_GRACE_S)
     for names in (set(state.processes) - late, late):
         _signal(state, names, signal.SIGTERM)
         if left := _wait(state, names, grace_s):

@@ -1,4 +1,4 @@
-"""Plans made by hand, runs under the real supervisor, and the proof that nothing of them survives."""
+"""Plans made by hand, runs of them under the real supervisor, and a check that no process survives a test."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ from arena.plan.model import LinkPlan, Plan, ProcessSpec, Restart, VehiclePlan
 from arena.supervisor import Control, RunState, open_run, proc_fs
 
 CHILDREN = Path(__file__).parents[1] / "children"
+LIMIT_S = 120.0
+"""Limit of every wait [s]. Tests wait for events, so it matters on a starved machine only."""
 
 
-def eventually(check: Callable[[], Any], limit_s: float = 40.0, what: str = "") -> Any:
-    """The first true value of `check`; fails at the deadline."""
-    deadline = time.monotonic() + limit_s  # generous: the machine may be shared
+def eventually(check: Callable[[], Any], limit_s: float = LIMIT_S, what: str = "") -> Any:
+    """Return the first true value of `check`; fail at the deadline."""
+    deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
         if value := check():
             return value
@@ -35,7 +37,7 @@ def spec(name: str, kind_of_child: str, *arguments: str, **changes: Any) -> Proc
         "name": name,
         "kind": "tool",
         "argv": (sys.executable, str(CHILDREN / "misfit.py"), kind_of_child, *arguments),
-        "stop_timeout_s": 1.0,
+        "stop_timeout_s": 0.3 if kind_of_child == "ignores_sigterm" else 30.0,
         "restart": Restart(backoff_s=0.05, limit=3),
     }
     return ProcessSpec(**{**given, **changes})
@@ -75,7 +77,7 @@ def plan_of(*processes: ProcessSpec, **changes: Any) -> Plan:
 
 
 class Run:
-    """One supervisor in a process of its own. Everything that it ever started is recorded, to be looked for at the end."""
+    """A supervisor in a process of its own. `end` kills and returns every process that it has left."""
 
     def __init__(self, folder: Path, plan: Plan, *options: str, **popen: Any) -> None:
         self.runs = folder / "runs"
@@ -143,7 +145,7 @@ class Run:
     def signal(self, number: int) -> None:
         self.process.send_signal(number)
 
-    def wait(self, limit_s: float = 15.0) -> int:
+    def wait(self, limit_s: float = LIMIT_S) -> int:
         return self.process.wait(limit_s)
 
     def sessions(self) -> set[int]:
@@ -156,14 +158,14 @@ class Run:
         return {int(w[1]) for w in words if len(w) == 2 and w[0] in ("pid", "grandchild") and w[1].isdigit()}
 
     def survivors(self) -> set[int]:
-        """By what they were started with: a number read from a log may belong to a stranger by now."""
+        """Return the processes of this run that still run. The environment identifies them: a pid may have been reused."""
         found = {
             pid for sid in self.sessions() for pid in {sid, *proc_fs.session_members(sid)} if is_running(pid)
         }
         return {pid for pid in found if f"ARENA_RUN={self.folder}" in proc_fs.environment(pid)}
 
     def end(self) -> set[int]:
-        """After the test: nothing of it lives on. Returns what had to be killed."""
+        """Kill what is left of the run. Return the pids that had to be killed."""
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
@@ -179,7 +181,7 @@ def is_running(pid: int) -> bool:
 
 @pytest.fixture
 def start(tmp_path: Path, runtime_dir: Path) -> Iterator[Callable[..., Run]]:
-    """start(plan, *options) -> Run. After a test nothing that it started may be running."""
+    """start(plan, *options) -> Run. Fails the test when a process of it is left."""
     runs: list[Run] = []
 
     def begin(plan: Plan, *options: str, **popen: Any) -> Run:

@@ -69,7 +69,7 @@ def shells(tree: ast.AST) -> list[str]:
 
 
 @pytest.mark.parametrize("folder", ["arena", "examples", "benchmarks"])
-def test_no_code_hands_a_string_to_a_shell(folder):
+def test_no_code_passes_a_string_to_a_shell(folder):
     files = sorted((ROOT / folder).rglob("*.py"))
     assert files and not {str(p): found for p in files if (found := shells(ast.parse(p.read_text())))}
 
@@ -91,7 +91,7 @@ def test_the_search_finds_each_way(code):
     assert shells(ast.parse(code))
 
 
-def test_the_words_of_the_yaml_reach_the_program_as_they_are(start, tmp_path):
+def test_yaml_arguments_reach_the_program_unchanged(start, tmp_path):
     odd = tmp_path / "a folder; $(touch pwned) 'x'"
     odd.mkdir()
     program, out = odd / "tell me.py", tmp_path / "argv.json"
@@ -125,7 +125,7 @@ def test_nice_value_of_a_process_is_added_to_the_callers(start, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a b", "a;b", "$(a)", "a'b", "../a", "a/b", "-a", ""])
-def test_a_vehicle_whose_name_a_shell_or_a_path_would_misread_is_refused(tmp_path, name):
+def test_vehicle_name_with_shell_or_path_characters_is_refused(tmp_path, name):
     file = tmp_path / "arena.yaml"
     file.write_text(json.dumps({"vehicles": {name: {"autopilot": "builtin"}}}))
     with pytest.raises(InputError):

@@ -56,9 +56,7 @@ def test_a_machine_that_has_everything_but_px4_can_fly(nothing_there: Path) -> N
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
-def test_a_missing_package_is_named_and_fatal_only_where_nothing_flies_without_it(
-    nothing_there: Path, package: str
-) -> None:
+def test_missing_package_is_fatal_only_if_every_arena_needs_it(nothing_there: Path, package: str) -> None:
     purpose, optional = PACKAGES[package]
     found = [
         f
@@ -78,7 +76,7 @@ def test_a_port_in_use_is_a_note_with_its_holder(nothing_there: Path) -> None:
     ]
 
 
-def test_the_lock_of_a_running_px4_is_told_and_a_left_one_is_not(nothing_there: Path) -> None:
+def test_only_the_lock_of_a_running_px4_is_reported(nothing_there: Path) -> None:
     for number in (0, 3):
         (nothing_there / f"px4_lock-{number}").touch()
     with (nothing_there / "px4_lock-3").open("rb") as held:
@@ -87,7 +85,7 @@ def test_the_lock_of_a_running_px4_is_told_and_a_left_one_is_not(nothing_there: 
     assert told == ["PX4 instance 3 is running"]
 
 
-def test_serial_devices_are_listed_with_whether_they_may_be_opened(
+def test_serial_devices_are_listed_with_their_permission(
     nothing_there: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("ttyACM0", "ttyUSB1", "ttyS0"):
@@ -101,7 +99,7 @@ def test_serial_devices_are_listed_with_whether_they_may_be_opened(
     assert told == {"ttyACM0": "ok", "ttyUSB1": "note"}
 
 
-def test_the_stand_in_is_never_told_as_a_px4(nothing_there: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stand_in_is_never_reported_as_px4(nothing_there: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PX4_HOME", "stand-in")
     found = [f for f in examined(nothing_there) if "stand-in" in f.what]
     assert len(found) == 1 and found[0].sign == "note" and "unset PX4_HOME" in found[0].what
@@ -110,7 +108,7 @@ def test_the_stand_in_is_never_told_as_a_px4(nothing_there: Path, monkeypatch: p
 @pytest.mark.parametrize(
     ("missing", "code", "last"), [((), 0, "can fly here"), (("pybullet",), 2, "cannot fly here yet")]
 )
-def test_the_exit_code_says_whether_arenas_can_fly(
+def test_exit_code_of_doctor_reports_whether_arenas_can_fly(
     nothing_there: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -40,7 +40,7 @@ def refuse(monkeypatch: pytest.MonkeyPatch, second: Plan, first: Plan) -> None:
     up._refuse_second(second)
 
 
-def test_two_that_fly_px4_with_the_same_ids_are_told_to_have_other_ids_for_another_address_does_not_help(
+def test_px4_arenas_on_two_addresses_need_different_vehicle_ids(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = r"the arena .first. is up on 127.74.6.1 .* ids: PX4 binds its links \(24070, 24072, 24074, ...\) on every address"
@@ -49,7 +49,7 @@ def test_two_that_fly_px4_with_the_same_ids_are_told_to_have_other_ids_for_anoth
     refuse(monkeypatch, plan_on(tmp_path, "127.74.6.2", 8), plan_on(tmp_path, "127.74.6.1", 7))
 
 
-def test_two_on_one_address_are_told_to_have_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_arena_on_one_address_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(
         RunError, match=r"`arena down --run /runs/first` ends it, or give this one another `address`"
     ):

@@ -58,7 +58,7 @@ def test_the_owner_is_answered(serve):
     assert served.asked == [{"do": "down"}] and not served.told
 
 
-def test_another_user_is_refused_counted_and_told_once(serve):
+def test_another_user_is_refused_and_counted(serve):
     """The server believes this process's own user to be another."""
     served = serve(users=[os.getuid() + 1])
     for _ in range(3):
@@ -69,14 +69,14 @@ def test_another_user_is_refused_counted_and_told_once(serve):
     ]
 
 
-def test_who_sees_the_socket_can_connect_and_it_is_the_owners_alone(serve, runtime_dir):
+def test_control_socket_is_readable_by_its_owner_only(serve, runtime_dir):
     served = serve()
     assert served.path.stat().st_mode & 0o777 == 0o600
     assert [p.name for p in runtime_dir.iterdir()] == ["control.sock"]
 
 
 @pytest.mark.parametrize("spoil", ["everybody may write", "a link"])
-def test_a_runtime_folder_that_others_may_have_filled_names_no_arena(tmp_path, monkeypatch, spoil):
+def test_runtime_folder_writable_by_others_is_ignored(tmp_path, monkeypatch, spoil):
     base, real = tmp_path / "base", tmp_path / "real"
     run = tmp_path / "runs" / "a"
     for folder in (real / "a", run):

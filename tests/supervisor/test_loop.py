@@ -1,4 +1,4 @@
-"""The supervisor with real processes: order, restarts, misfits, the end of a run."""
+"""The supervisor with real processes: start order, restarts, faulty processes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from arena.plan.model import Restart
 from .conftest import Run, eventually, is_running, plan_of, program, spec, world
 
 
-def test_a_run_of_good_programs_ends_by_itself_with_0(start):
+def test_until_done_run_ends_by_itself_with_0(start):
     run: Run = start(plan_of(world(), program("p", "exits", "0", needs=("world",))), "until_done")
     assert run.wait() == 0
     assert [e["to"] for e in run.events("world")] == ["STARTING", "READY", "STOPPING", "EXITED"]
@@ -21,33 +21,33 @@ def test_a_run_of_good_programs_ends_by_itself_with_0(start):
     assert not (run.folder / "state.json").exists()
 
 
-def test_what_needs_another_starts_only_after_that_one_has_proven_to_be_ready(start):
+def test_process_starts_after_its_needs_are_ready(start):
     run = start(plan_of(spec("a", "good"), program("p", "exits", "0", needs=("a",))), "until_done")
     assert run.wait() == 0
     order = [(e["process"], e["to"]) for e in run.events() if e.get("to")]
     assert order.index(("a", "READY")) < order.index(("p", "STARTING"))
 
 
-def test_every_transition_has_a_reason_and_two_times(start):
+def test_transition_event_has_a_reason_and_two_times(start):
     run = start(plan_of(program("p", "exits", "3")), "until_done")
     assert run.wait() == 1
     assert all(e["reason"] and e["t"] and e["mono"] for e in run.events() if "to" in e)
     assert run.outcome["failed"] == ["p: exit 3"]
 
 
-def test_a_program_killed_by_a_signal_is_named_so_and_fails_the_run(start):
+def test_program_killed_by_a_signal_fails_the_run(start):
     run = start(plan_of(program("p", "kills_itself"), program("q", "exits", "0")), "until_done")
     assert run.wait() == 1
     assert run.outcome["failed"] == ["p: killed by SIGKILL"]
 
 
-def test_the_last_words_of_what_fails_reach_the_terminal(start):
+def test_last_log_line_of_a_failed_process_is_shown(start):
     run = start(plan_of(program("p", "throws")), "until_done")
     assert run.wait() == 1
     assert "p: last line of its log: ValueError: no such setpoint" in run.said()
 
 
-def test_a_program_that_cannot_be_started_says_why(start):
+def test_program_that_cannot_start_fails_with_the_reason(start):
     run = start(
         plan_of(spec("p", "x", kind="program", ready="started", argv=("/no/such/program",))), "until_done"
     )
@@ -55,7 +55,7 @@ def test_a_program_that_cannot_be_started_says_why(start):
     assert run.until("p", "FATAL")["reason"] == "could not start: /no/such/program: No such file or directory"
 
 
-def test_never_ready_is_terminated_then_retried_then_given_up(start):
+def test_never_ready_process_is_retried_then_fails(start):
     child = spec(
         "n", "never_ready", start_timeout_s=0.3, restart=Restart(mode="on_failure", limit=2, backoff_s=0.05)
     )
@@ -72,15 +72,15 @@ def test_never_ready_is_terminated_then_retried_then_given_up(start):
     assert "not ready within 0.3 s" in run.until("n", "FATAL")["reason"]
 
 
-def test_what_dies_after_it_was_ready_is_started_again_up_to_its_limit(start):
+def test_process_that_dies_is_restarted_up_to_its_limit(start):
     child = spec("d", "dies_after_ready", restart=Restart(mode="on_failure", limit=3, backoff_s=0.02))
     run = start(plan_of(child, program("p", "sleeps", needs=("d",))), "until_done")
     assert run.wait() == 1
-    assert run.until("d", "READY", times=3)
+    assert run.until("d", "STARTING", times=3)
     assert "gave up after 3 starts" in run.until("d", "FATAL")["reason"]
 
 
-def test_a_death_in_one_vehicles_chain_leaves_the_other_flying(start):
+def test_failed_forwarder_stops_only_its_own_vehicles_program(start):
     forward = spec(
         "forward.uav1", "dies_at_once", kind="forward", vehicle="uav1", restart=Restart(mode="never")
     )
@@ -99,7 +99,7 @@ def test_a_death_in_one_vehicles_chain_leaves_the_other_flying(start):
     assert run.outcome["cause"] == "done"
 
 
-def test_a_port_is_proof_only_when_the_process_itself_serves_it(start):
+def test_port_is_proof_only_if_the_process_serves_it(start):
     taken = socket.create_server(("127.53.0.9", 0))
     port = taken.getsockname()[1]
     wrong = spec(
@@ -113,7 +113,7 @@ def test_a_port_is_proof_only_when_the_process_itself_serves_it(start):
     run.wait()
 
 
-def test_what_ignores_sigterm_is_killed_and_said_so(start):
+def test_process_that_ignores_sigterm_is_killed(start):
     run = start(plan_of(spec("i", "ignores_sigterm", stop_timeout_s=0.3)))
     run.until("i", "READY")
     run.signal(signal.SIGTERM)
@@ -122,7 +122,7 @@ def test_what_ignores_sigterm_is_killed_and_said_so(start):
     assert any("did not end within 0.3 s" in e.get("event", "") for e in run.events("i"))
 
 
-def test_what_is_stopped_for_too_long_is_killed_and_started_again_and_said_so(start):
+def test_process_stopped_too_long_is_killed_and_restarted(start):
     run = start(plan_of(spec("s", "good", restart=Restart(mode="on_failure"), stopped_for_s=0.2)))
     run.until("s", "READY")
     os.kill(run.pid("s"), signal.SIGSTOP)
@@ -133,7 +133,7 @@ def test_what_is_stopped_for_too_long_is_killed_and_started_again_and_said_so(st
     assert run.wait() == 0
 
 
-def test_what_falls_silent_is_killed_and_started_again_where_that_is_minded(start):
+def test_silent_process_is_killed_and_restarted(start):
     run = start(
         plan_of(spec("s", "good", restart=Restart(mode="on_failure"), silent_for_s=0.3), spec("t", "good"))
     )
@@ -144,7 +144,7 @@ def test_what_falls_silent_is_killed_and_started_again_where_that_is_minded(star
     assert run.wait() == 0
 
 
-def test_what_is_stopped_and_left_alone_is_told_of_once_goes_on_and_hears_of_the_end(start):
+def test_stopped_process_without_limit_continues_and_ends_with_the_run(start):
     run = start(plan_of(spec("s", "good", stopped_for_s=None, stop_timeout_s=60.0)))
     run.until("s", "READY")
     os.kill(run.pid("s"), signal.SIGSTOP)
@@ -158,7 +158,7 @@ def test_what_is_stopped_and_left_alone_is_told_of_once_goes_on_and_hears_of_the
     assert run.outcome["processes"]["s"]["exit"] == "exit 0" and "SIGKILL" not in run.said()
 
 
-def test_grandchildren_end_with_their_program_even_from_a_session_of_their_own(start):
+def test_grandchildren_in_their_own_session_end_with_their_program(start):
     run = start(plan_of(spec("g", "grandchild", restart=Restart(mode="never")), spec("other", "good")))
     run.until("g", "EXITED")
     eventually(lambda: len(run.sessions() & {run.pid("g")}) == 1)
@@ -170,7 +170,7 @@ def test_grandchildren_end_with_their_program_even_from_a_session_of_their_own(s
     assert run.wait() == 0
 
 
-def test_the_group_of_a_program_that_ended_is_killed_without_any_adoption(start):
+def test_group_of_an_ended_program_is_killed(start):
     run = start(
         plan_of(spec("g", "grandchild_in_group", restart=Restart(mode="never")), spec("other", "good")),
         "no_adopt",
@@ -182,9 +182,9 @@ def test_the_group_of_a_program_that_ended_is_killed_without_any_adoption(start)
     assert run.wait() == 0
 
 
-def test_a_flood_of_output_is_cut_and_said_so_once(start):
+def test_flood_of_output_is_cut(start):
     run = start(plan_of(spec("f", "floods", ready="started")))
-    eventually(lambda: any("MiB" in e.get("event", "") for e in run.events("f")), limit_s=20)
+    eventually(lambda: any("MiB" in e.get("event", "") for e in run.events("f")))
     run.signal(signal.SIGTERM)
     assert run.wait() == 0
     assert (run.folder / "logs" / "f.log").stat().st_size < 1 << 30
@@ -192,7 +192,7 @@ def test_a_flood_of_output_is_cut_and_said_so_once(start):
     (run.folder / "logs" / "f.log").unlink()
 
 
-def test_garbage_on_the_line_is_ignored_and_the_next_packet_heard(start):
+def test_garbage_on_the_socket_is_ignored(start):
     run = start(plan_of(spec("g", "garbage")))
     run.until("g", "READY")
     assert run.control().ask(do="ps")["processes"]["g"]["stats"] == {"after": 1}
@@ -201,7 +201,7 @@ def test_garbage_on_the_line_is_ignored_and_the_next_packet_heard(start):
     assert len([e for e in run.events("g") if "not a JSON object" in e.get("event", "")]) == 1
 
 
-def test_a_child_that_closes_its_line_stays_ready(start):
+def test_process_that_closes_its_socket_stays_ready(start):
     run = start(plan_of(spec("c", "closes_its_line")))
     run.until("c", "READY")
     assert run.control().ask(do="ps")["processes"]["c"]["state"] == "READY"
@@ -209,23 +209,21 @@ def test_a_child_that_closes_its_line_stays_ready(start):
     assert run.wait() == 0
 
 
-def test_a_chatterbox_neither_stops_the_loop_nor_fills_the_disk(start):
+def test_flood_of_packets_does_not_stop_the_loop(start):
     run = start(plan_of(spec("c", "chatters", nice=10), spec("quiet", "good")))
-    eventually(
-        lambda: any("further events are dropped" in e.get("event", "") for e in run.events("c")), limit_s=20
-    )
+    eventually(lambda: any("further events are dropped" in e.get("event", "") for e in run.events("c")))
     assert run.control().ask(do="ps")["processes"]["quiet"]["state"] == "READY"
     run.signal(signal.SIGTERM)
     assert run.wait() == 0
 
 
-def test_the_time_limit_ends_a_run_and_fails_one_that_waits_for_programs(start, tmp_path):
+def test_time_limit_fails_a_run_that_waits_for_programs(start, tmp_path):
     run = start(plan_of(program("p", "sleeps")), "until_done", "limit=0.5")
     assert run.wait() == 1
     assert run.outcome["cause"] == "time limit"
 
 
-def test_a_time_limit_without_until_done_is_a_good_end(start):
+def test_time_limit_without_until_done_succeeds(start):
     assert start(plan_of(program("p", "sleeps")), "limit=0.5").wait() == 0
 
 
@@ -241,15 +239,14 @@ def test_layers_stop_in_reverse_of_their_needs(start):
 
 
 def test_cpu_and_memory_are_measured_and_budgets_reported(start):
-    run = start(
-        plan_of(spec("f", "burns", ready="started", cpu_budget=0.01, memory_budget_mb=1.0)), "limit=1.6"
-    )
+    run = start(plan_of(spec("f", "burns", ready="started", cpu_budget=0.001, memory_budget_mb=1.0)))
+    row = eventually(lambda: (f := run.control().ask(do="ps")["processes"]["f"])["cpu_s"] > 0.2 and f)
+    run.signal(signal.SIGTERM)
     assert run.wait() == 0
-    row = run.outcome["processes"]["f"]
     assert row["cpu_s"] > 0.2 and row["rss_peak_mb"] > 2 and len(row["over_budget"]) == 2
 
 
-def test_a_crash_told_by_the_world_fails_the_run(start):
+def test_crash_reported_by_the_world_fails_the_run(start):
     crashed = json.dumps({"vehicles": {"uav1": {"crashed": "touched a wall"}, "uav2": {"crashed": ""}}})
     run = start(plan_of(world("{}", crashed), program("p", "exits", "0", needs=("world",))), "until_done")
     assert run.wait() == 1

@@ -41,14 +41,12 @@ def test_check_says_ok_and_what_would_run(folder: Path, capsys: pytest.CaptureFi
     assert "6 processes, 1 of them programs" in out
 
 
-def test_check_tells_all_problems_and_exits_with_two(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_prints_all_problems_and_exits_with_2(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = run("check", "--set", "mocap.latency_ms=1", "--set", "vehicles.uav1.id=0", capsys=capsys)
     assert (code, out) == (2, "") and len(err.splitlines()) == 2 and "Traceback" not in err
 
 
-def test_a_problem_alone_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_single_problem_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = run("check", "none.yaml", capsys=capsys)
     assert code == 2 and err == "arena: none.yaml: cannot be read: No such file or directory\n"
 
@@ -70,7 +68,7 @@ def test_plan_as_json_is_the_plan(folder: Path, capsys: pytest.CaptureFixture[st
     assert code == 0 and Plan.from_json(out) == make_plan(load_arena("arena.yaml", ["mocap.rate_hz=120"]))
 
 
-def test_explain_tells_where_a_value_came_from(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_explain_prints_the_source_of_a_value(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def told(key: str, *more: str) -> str:
         return run("plan", "--explain", key, *more, capsys=capsys)[1]
 
@@ -83,7 +81,7 @@ def test_explain_tells_where_a_value_came_from(folder: Path, capsys: pytest.Capt
     assert code == 2 and "Did you mean mocap.rate_hz?" in err
 
 
-def test_schema_knows_every_key_and_takes_a_bare_path_for_a_program(
+def test_schema_has_every_key_and_accepts_a_path_as_program(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     code, out, _ = run("schema", capsys=capsys)
@@ -143,7 +141,7 @@ def failing(error: BaseException) -> typer.Typer:
 @pytest.mark.parametrize(
     ("error", "code"), [(RunError("it broke"), 1), (KeyboardInterrupt(), 130), (ZeroDivisionError("x"), 1)]
 )
-def test_every_failure_is_a_sentence_and_an_exit_code(
+def test_failure_is_one_line_and_an_exit_code(
     error: BaseException, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(cli, "build", lambda _: failing(error))
@@ -155,12 +153,12 @@ def test_every_failure_is_a_sentence_and_an_exit_code(
             cli.main(["--debug", "check"])
 
 
-def test_a_wrong_command_line_exits_with_two(capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_command_line_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("chekc", capsys=capsys)[0] == 2 and run("check", "--nope", capsys=capsys)[0] == 2
     assert run("--help", capsys=capsys)[0] == 0
 
 
-def test_debug_after_a_double_dash_belongs_to_the_verb() -> None:
+def test_debug_after_a_double_dash_is_the_verbs() -> None:
     arguments = ["logs", "--", "--debug"]
     assert not cli._take_debug(arguments) and arguments[-1] == "--debug"
     assert cli._take_debug(arguments := ["check", "--debug"]) and arguments == ["check"]

@@ -35,7 +35,7 @@ def plan(tmp_path: Path) -> Iterator[Plan]:
     yield make_plan(load_arena(tmp_path / "arena.yaml"))
 
 
-def test_the_word_lets_real_vehicles_go_and_they_are_listed(
+def test_consent_lists_real_vehicles_and_accepts_yes(
     plan: Plan, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.stdin", Terminal("yes\n"))
@@ -59,9 +59,7 @@ def test_a_simulated_arena_asks_nothing(tmp_path: Path, monkeypatch: pytest.Monk
     ask_consent(make_plan(load_arena(tmp_path / "arena.yaml")), yes=False)
 
 
-def test_arena_up_without_a_terminal_and_without_yes_starts_nothing(
-    plan: Plan, tmp_path: Path, runtime_dir: Path
-) -> None:
+def test_up_without_terminal_and_yes_starts_nothing(plan: Plan, tmp_path: Path, runtime_dir: Path) -> None:
     argv = [
         sys.executable,
         "-m",

@@ -42,7 +42,7 @@ def terminal(tmp_path, runtime_dir):
         raise AssertionError(f"still up: {state}")
 
 
-def test_a_detached_arena_is_seen_read_restarted_and_ended_from_other_terminals(terminal):
+def test_detached_arena_is_controlled_from_other_terminals(terminal):
     up = terminal.up(plan_of(spec("a", "good"), program("p", "sleeps", needs=("a",))))
     assert up.returncode == 0, up.stderr
     assert "arena down --run" in up.stdout
@@ -62,13 +62,13 @@ def test_a_detached_arena_is_seen_read_restarted_and_ended_from_other_terminals(
     assert "no arena is up" in terminal.run("ps").stderr
 
 
-def test_an_arena_that_cannot_start_fails_in_the_terminal_that_started_it(terminal):
+def test_detached_start_reports_its_failure(terminal):
     up = terminal.up(plan_of(spec("a", "", argv=("/no/such",)), program("p", "sleeps", needs=("a",))))
     assert up.returncode == 1
     assert "could not start: /no/such" in up.stderr
 
 
-def test_a_second_arena_on_the_same_address_is_refused_by_name_and_one_beside_it_is_not(terminal):
+def test_second_arena_needs_another_address(terminal):
     listens = (Listen(protocol="udp", address="127.53.0.1", port=5, what="x"),)
     assert terminal.up(plan_of(program("p", "sleeps", listens=listens))).returncode == 0
     second = terminal.up(plan_of(program("p", "sleeps", listens=listens), address="127.53.0.2"), "b.json")
@@ -96,7 +96,7 @@ def test_up_sweeps_what_a_killed_supervisor_left(terminal):
     eventually(lambda: not active_runs())
 
 
-def test_broken_requests_are_answered_and_harm_nothing(terminal):
+def test_broken_requests_get_an_error(terminal):
     terminal.up(plan_of(spec("a", "good")))
     (state,) = active_runs()
     for data in (
@@ -109,7 +109,7 @@ def test_broken_requests_are_answered_and_harm_nothing(terminal):
         b"x" * 100_000,
     ):
         client = socket.socket(socket.AF_UNIX)
-        client.settimeout(5)
+        client.settimeout(60)
         client.connect(f"{state.rt}/control.sock")
         client.sendall(data)
         assert b'"error"' in client.recv(4096), data[:20]
@@ -127,7 +127,7 @@ def test_broken_requests_are_answered_and_harm_nothing(terminal):
     assert terminal.run("down", "--now").returncode == 0
 
 
-def test_the_control_socket_and_its_folder_are_for_this_user_alone(terminal):
+def test_control_socket_and_folder_have_private_modes(terminal):
     terminal.up(plan_of(spec("a", "good")))
     (state,) = active_runs()
     assert Path(state.rt).stat().st_mode & 0o777 == 0o700
@@ -135,9 +135,7 @@ def test_the_control_socket_and_its_folder_are_for_this_user_alone(terminal):
     assert terminal.run("down").returncode == 0
 
 
-def test_arenas_kept_in_another_runtime_folder_are_not_seen_let_alone_ended(
-    terminal, tmp_path, runtime_dir, monkeypatch
-):
+def test_arenas_of_another_runtime_folder_are_not_found(terminal, tmp_path, runtime_dir, monkeypatch):
     assert terminal.up(plan_of(spec("a", "good"))).returncode == 0
     monkeypatch.setenv("ARENA_RUNTIME_DIR", str(tmp_path / "elsewhere"))
     assert active_runs() == [] and terminal.run("down").returncode == 1

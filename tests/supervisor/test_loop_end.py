@@ -1,4 +1,4 @@
-"""How a run ends: landing first, signals at the worst moments, a supervisor that is killed."""
+"""The end of a run: landing first, signals at any moment, restarts in flight, a killed supervisor."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from arena.errors import RunError
 from arena.supervisor import open_run
 
 from .conftest import CHILDREN, Run, eventually, is_running, plan_of, program, spec, vehicle, world
@@ -61,7 +62,7 @@ def test_ctrl_c_lands_while_everything_runs_then_stops_and_exits_130(start, tmp_
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_sigterm_and_sighup_land_too_and_are_a_good_end(start, tmp_path, number):
+def test_sigterm_and_sighup_land_and_succeed(start, tmp_path, number):
     run = begin(start, flying(tmp_path, waits=False))
     run.signal(number)
     assert run.wait() == 0
@@ -69,7 +70,7 @@ def test_sigterm_and_sighup_land_too_and_are_a_good_end(start, tmp_path, number)
     assert run.outcome["landing"] == "landed and disarmed"
 
 
-def test_a_second_ctrl_c_kills_programs_but_nothing_that_serves_the_flight(start, tmp_path):
+def test_second_ctrl_c_kills_programs_only(start, tmp_path):
     run = begin(start, flying(tmp_path, program_kind="ignores_sigterm"))
     run.signal(signal.SIGINT)
     run.until_said("landing all")
@@ -83,7 +84,7 @@ def test_a_second_ctrl_c_kills_programs_but_nothing_that_serves_the_flight(start
     assert run.wait() == 130
 
 
-def test_ctrl_c_twice_at_once_before_anything_is_ready_leaves_nothing(start, tmp_path):
+def test_double_ctrl_c_during_the_start_leaves_nothing(start, tmp_path):
     run = start(
         plan_of(world(), spec("n", "never_ready", needs=("world",)), program("p", "sleeps", needs=("n",)))
     )
@@ -94,7 +95,7 @@ def test_ctrl_c_twice_at_once_before_anything_is_ready_leaves_nothing(start, tmp
     assert run.outcome["processes"]["p"]["starts"] == 0
 
 
-def test_a_landing_that_is_never_confirmed_is_tried_again_then_fails_the_run(start, tmp_path):
+def test_unconfirmed_landing_is_repeated_then_fails_the_run(start, tmp_path):
     run = begin(start, flying(tmp_path, landing="dies_at_once"))
     run.signal(signal.SIGINT)
     assert run.wait() == 1
@@ -102,7 +103,7 @@ def test_a_landing_that_is_never_confirmed_is_tried_again_then_fails_the_run(sta
     assert "pid" in run.log("land") and run.log("land").count("pid") == 3
 
 
-def test_a_landing_that_a_signal_has_stopped_is_killed_and_the_next_one_lands(start, tmp_path):
+def test_stopped_land_task_is_killed_and_repeated(start, tmp_path):
     run = begin(start, flying(tmp_path))
     run.signal(signal.SIGINT)
     os.kill(run.pid("land"), signal.SIGSTOP)
@@ -112,10 +113,10 @@ def test_a_landing_that_a_signal_has_stopped_is_killed_and_the_next_one_lands(st
     assert run.outcome["landing"] == "landed and disarmed" and run.log("land").count("pid") == 2
 
 
-def test_a_real_vehicle_is_served_until_its_landing_is_confirmed(start, tmp_path):
+def test_real_vehicle_is_served_until_its_landing_is_confirmed(start, tmp_path):
     run = begin(start, flying(tmp_path, simulated=False, landing="dies_at_once"))
     run.signal(signal.SIGINT)
-    eventually(lambda: run.log("land").count("pid") >= 4, limit_s=15)
+    eventually(lambda: run.log("land").count("pid") >= 4)
     assert is_running(run.pid("world"))
     os.kill(run.pid("world"), signal.SIGKILL)  # not a simulated vehicle: it may still fly
     run.until("world", "EXITED")
@@ -123,7 +124,7 @@ def test_a_real_vehicle_is_served_until_its_landing_is_confirmed(start, tmp_path
     run.end()
 
 
-def test_until_done_waits_until_the_vehicle_is_disarmed_for_good(start, tmp_path):
+def test_until_done_waits_for_disarmed(start, tmp_path):
     plan = plan_of(
         world(ARMED, "{}", str(tmp_path / "disarmed")),
         program("p", "exits", "0", needs=("world",)),
@@ -138,7 +139,33 @@ def test_until_done_waits_until_the_vehicle_is_disarmed_for_good(start, tmp_path
     assert run.outcome["cause"] == "done" and run.log("land") == ""
 
 
-def test_a_moment_of_disarmed_does_not_end_a_run(start):
+@pytest.mark.parametrize("kind", ["forward", "router"])
+def test_restart_in_flight_is_refused_without_yes(start, tmp_path, kind):
+    serves = spec("serves", "good", kind=kind)
+    run = begin(start, flying(tmp_path, serves, waits=False))
+    run.until("serves", "READY")
+    with pytest.raises(RunError, match=r"serves is not restarted: uav1 may be flying, and .* --yes"):
+        run.control().ask(do="restart", name="serves")
+    assert run.control().ask(do="restart", name="serves", yes=True) == {"ok": True}
+    run.until("serves", "READY", times=2)
+    assert run.control().ask(do="restart", name="p") == {"ok": True}, "a program is the user's own"
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_restart_on_the_ground_is_allowed(start):
+    disarmed = world(json.dumps({"uav1.armed": False}))
+    plan = plan_of(disarmed, spec("forward.uav1", "good", kind="forward"), vehicles=(vehicle(),))
+    run = start(plan)
+    eventually(lambda: run.control().ask(do="ps")["facts"] == {"uav1.armed": False})
+    run.until("forward.uav1", "READY")
+    assert run.control().ask(do="restart", name="forward.uav1") == {"ok": True}
+    run.until("forward.uav1", "READY", times=2)
+    run.signal(signal.SIGTERM)
+    assert run.wait() == 0
+
+
+def test_short_disarm_does_not_end_a_run(start):
     plan = plan_of(
         world(), spec("router", "flickers", kind="router"), program("p", "exits", "0"), vehicles=(vehicle(),)
     )
@@ -147,7 +174,7 @@ def test_a_moment_of_disarmed_does_not_end_a_run(start):
     assert run.outcome["processes"]["router"]["stats"] == {"disarmed": True}
 
 
-def test_the_loss_of_the_world_ends_and_fails_the_run_without_a_landing(start, tmp_path):
+def test_lost_world_fails_the_run_without_a_landing(start, tmp_path):
     run = begin(start, flying(tmp_path))
     os.kill(run.pid("world"), signal.SIGKILL)
     assert run.wait() == 1
@@ -155,7 +182,7 @@ def test_the_loss_of_the_world_ends_and_fails_the_run_without_a_landing(start, t
     assert run.log("land") == ""
 
 
-def test_when_the_teller_of_armed_has_died_the_landing_is_run_all_the_same(start, tmp_path):
+def test_landing_runs_when_the_router_has_died(start, tmp_path):
     """Its last word was `disarmed`, but a program has run since: what it knew proves nothing any more."""
     router = spec("router", "world", json.dumps({"uav1.armed": False}), kind="router")
     plan = plan_of(
@@ -172,7 +199,7 @@ def test_when_the_teller_of_armed_has_died_the_landing_is_run_all_the_same(start
     assert "landed all" in run.log("land")
 
 
-def test_a_program_cannot_say_that_a_vehicle_is_disarmed(start, tmp_path):
+def test_disarmed_reported_by_a_program_is_ignored(start, tmp_path):
     liar = program("liar", "world", json.dumps({"uav1.armed": False}))
     run = begin(start, flying(tmp_path, liar, waits=False))
     run.until("liar", "READY")
@@ -181,7 +208,7 @@ def test_a_program_cannot_say_that_a_vehicle_is_disarmed(start, tmp_path):
     assert "landed all" in run.log("land")
 
 
-def test_a_dead_terminal_does_not_keep_the_vehicle_in_the_air(start, tmp_path):
+def test_closed_terminal_does_not_prevent_the_landing(start, tmp_path):
     ours, theirs = os.openpty()
     run = start(flying(tmp_path, waits=False), stdout=theirs, stderr=theirs)
     os.close(theirs)
@@ -202,12 +229,12 @@ def test_a_closed_pipe_does_not_end_the_run(start, tmp_path):
     assert run.wait() == 0
 
 
-def test_when_the_supervisor_is_killed_programs_die_and_what_serves_sees_the_end_of_its_line(start, tmp_path):
+def test_killed_supervisor_ends_programs_and_closes_the_sockets_of_others(start, tmp_path):
     run = begin(start, flying(tmp_path, program_kind="ignores_sigterm"))
     program_pid, world_pid = run.pid("p"), run.pid("world")
     run.signal(signal.SIGKILL)
     run.wait()
-    eventually(lambda: not is_running(program_pid), limit_s=2, what="end of the program")
+    eventually(lambda: not is_running(program_pid), what="end of the program")
     eventually(lambda: "saw the end of the line" in run.log("world"), what="end of file")
     eventually(lambda: not is_running(world_pid), what="end of the world")
 
@@ -235,7 +262,7 @@ def test_down_now_lands_a_real_vehicle_first_and_says_so(start, tmp_path):
     assert run.outcome["landing"] == "landed and disarmed"
 
 
-def test_down_now_of_a_mixed_arena_lands_the_real_ones_alone(start, tmp_path):
+def test_down_now_of_a_mixed_arena_lands_real_vehicles_only(start, tmp_path):
     both, go = json.dumps({"uav1.armed": True, "uav2.armed": True}), tmp_path / "go"
     go.touch()
     plan = plan_of(
@@ -253,7 +280,7 @@ def test_down_now_of_a_mixed_arena_lands_the_real_ones_alone(start, tmp_path):
 
 
 @pytest.mark.parametrize("simulated", [True, False])
-def test_of_a_stale_run_too_now_lands_real_vehicles_alone(start, tmp_path, simulated):
+def test_down_now_of_a_stale_run_lands_real_vehicles_only(start, tmp_path, simulated):
     go = tmp_path / "go"
     go.touch()
     run = begin(
@@ -273,9 +300,7 @@ def test_of_a_stale_run_too_now_lands_real_vehicles_alone(start, tmp_path, simul
     assert not is_running(run.pid("stubborn")) and open_run(run.folder) is None
 
 
-def test_what_a_killed_supervisor_left_is_landed_then_ended_by_its_recorded_identity(
-    start, tmp_path, bystander
-):
+def test_sweep_lands_then_ends_recorded_processes_only(start, tmp_path, bystander):
     plan = flying(tmp_path, spec("stubborn", "ignores_sigterm", outlives=True, kind="world"), waits=False)
     run = begin(start, plan)
     run.until("stubborn", "READY")

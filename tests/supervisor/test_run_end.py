@@ -1,4 +1,4 @@
-"""What is decided about a whole run, without running one."""
+"""Decisions about the end of a run, without processes."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from arena.supervisor.run_end import (
     lost,
     may_fly,
     may_stop,
+    restart_refusal,
 )
 
 from .conftest import plan_of, program, spec, vehicle, world
@@ -31,33 +32,35 @@ PLAN = plan_of(
 )
 
 
-def test_a_vehicle_flies_while_it_is_armed_and_not_when_it_is_not():
-    lives = {"world": READY, "p": READY}
-    assert may_fly(PLAN, lives, {"uav1.armed": True, "uav2.armed": False}, {}) == ["uav1"]
+def test_armed_vehicle_may_fly():
+    statuses = {"world": READY, "p": READY}
+    assert may_fly(PLAN, statuses, {"uav1.armed": True, "uav2.armed": False}, {}) == ["uav1"]
 
 
-def test_unknown_counts_as_flying_once_a_program_has_run_or_it_was_last_heard_armed():
+def test_unknown_vehicle_may_fly_once_a_program_has_run():
     assert may_fly(PLAN, {"world": READY, "p": ProcessStatus()}, {}, {}) == []
     assert may_fly(PLAN, {"world": READY, "p": DONE}, {}, {}) == ["uav1", "uav2"]
     assert may_fly(PLAN, {"world": READY, "p": ProcessStatus()}, {}, {"uav2.armed": True}) == ["uav2"]
 
 
-def test_simulated_vehicles_are_gone_with_their_world_and_real_ones_are_not():
-    facts, lives = {"uav1.armed": True}, {"world": GIVEN_UP, "p": READY}
-    assert may_fly(PLAN, lives, facts, facts) == []
+def test_simulated_vehicles_do_not_fly_without_their_world():
+    facts, statuses = {"uav1.armed": True}, {"world": GIVEN_UP, "p": READY}
+    assert may_fly(PLAN, statuses, facts, facts) == []
     real = replace(PLAN, vehicles=(vehicle("uav1", simulated=False),))
-    assert may_fly(real, lives, facts, facts) == ["uav1"]
+    assert may_fly(real, statuses, facts, facts) == ["uav1"]
 
 
-def test_a_real_vehicle_that_was_never_switched_on_holds_up_no_end():
+def test_real_vehicle_without_facts_does_not_delay_the_end():
     real = replace(PLAN, vehicles=(vehicle("uav1", simulated=False),))
-    lives = {"world": READY, "p": DONE}
-    assert may_fly(real, lives, {}, {}) == []
-    assert may_fly(real, lives, {}, {"uav1.connected": False, "uav1.armed": True}) == ["uav1"]
+    statuses = {"world": READY, "p": DONE}
+    assert may_fly(real, statuses, {}, {}) == []
+    assert may_fly(real, statuses, {}, {"uav1.connected": False, "uav1.armed": True}) == ["uav1"]
 
 
-def seen(crashed: str = "", *, airborne: bool = False, px4: str = "in step") -> dict[str, dict[str, object]]:
-    """What the world tells of uav1."""
+def world_report(
+    crashed: str = "", *, airborne: bool = False, px4: str = "in step"
+) -> dict[str, dict[str, object]]:
+    """Return the stats of a world about uav1."""
     return {
         "world": {
             "vehicles": {"uav1": {"crashed": crashed, "airborne": airborne}},
@@ -66,18 +69,20 @@ def seen(crashed: str = "", *, airborne: bool = False, px4: str = "in step") -> 
     }
 
 
-def test_a_simulated_vehicle_that_lies_on_the_floor_crashed_is_not_waited_for():
-    lives, armed = {"world": READY, "p": DONE}, {"uav1.armed": True, "uav2.armed": False}
-    crashed = seen("tilted 61 degrees at 3.20 s")
-    assert may_fly(PLAN, lives, armed, armed, crashed) == [] and is_done(PLAN, lives, armed, crashed)
-    assert grounded(PLAN, lives, crashed) == {"uav1": "crashed: tilted 61 degrees at 3.20 s"}
-    assert may_fly(PLAN, lives, armed, armed, seen()) == ["uav1"]
-    assert not is_done(PLAN, lives, armed, seen())
+def test_crashed_vehicle_on_the_floor_is_not_waited_for():
+    statuses, armed = {"world": READY, "p": DONE}, {"uav1.armed": True, "uav2.armed": False}
+    crashed = world_report("tilted 61 degrees at 3.20 s")
+    assert may_fly(PLAN, statuses, armed, armed, crashed) == [] and is_done(PLAN, statuses, armed, crashed)
+    assert grounded(PLAN, statuses, crashed) == {"uav1": "crashed: tilted 61 degrees at 3.20 s"}
+    assert may_fly(PLAN, statuses, armed, armed, world_report()) == ["uav1"]
+    assert not is_done(PLAN, statuses, armed, world_report())
 
 
-def test_one_that_has_touched_something_and_flies_on_is_landed_as_any_other():
-    lives, armed = {"world": READY, "p": DONE}, {"uav1.armed": True, "uav2.armed": False}
-    assert may_fly(PLAN, lives, armed, armed, seen("touched a wall at 3.20 s", airborne=True)) == ["uav1"]
+def test_crashed_vehicle_in_the_air_is_landed():
+    statuses, armed = {"world": READY, "p": DONE}, {"uav1.armed": True, "uav2.armed": False}
+    assert may_fly(PLAN, statuses, armed, armed, world_report("touched a wall at 3.20 s", airborne=True)) == [
+        "uav1"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -90,24 +95,24 @@ def test_one_that_has_touched_something_and_flies_on_is_landed_as_any_other():
         ("in step", ""),
     ],
 )
-def test_one_whose_px4_commands_no_motor_stands_where_the_world_sees_it_stand(px4: str, why: str):
-    lives = {"world": READY, "p": DONE}
-    assert grounded(PLAN, lives, seen(px4=px4)).get("uav1", "") == why
-    assert grounded(PLAN, lives, seen(px4=px4, airborne=True)) == {}
+def test_vehicle_without_motor_commands_is_down_on_the_floor(px4: str, why: str):
+    statuses = {"world": READY, "p": DONE}
+    assert grounded(PLAN, statuses, world_report(px4=px4)).get("uav1", "") == why
+    assert grounded(PLAN, statuses, world_report(px4=px4, airborne=True)) == {}
 
 
-def test_of_a_real_vehicle_only_its_own_word_counts():
+def test_only_its_own_autopilot_reports_a_real_vehicle_down():
     real = replace(PLAN, vehicles=(vehicle("uav1", simulated=False),))
-    for told in (seen("tilted 61 degrees at 3.20 s"), seen(px4="never connected")):
-        assert may_fly(real, {"world": READY, "p": DONE}, {"uav1.armed": True}, {}, told) == ["uav1"]
+    for report in (world_report("tilted 61 degrees at 3.20 s"), world_report(px4="never connected")):
+        assert may_fly(real, {"world": READY, "p": DONE}, {"uav1.armed": True}, {}, report) == ["uav1"]
 
 
-def test_a_program_cannot_say_that_a_vehicle_has_crashed_to_have_it_left_in_the_air():
-    told = {"p": seen("tilted 61 degrees at 3.20 s")["world"]}
-    assert grounded(PLAN, {"world": READY, "p": READY}, told) == {}
+def test_crash_reported_by_a_program_is_ignored():
+    report = {"p": world_report("tilted 61 degrees at 3.20 s")["world"]}
+    assert grounded(PLAN, {"world": READY, "p": READY}, report) == {}
 
 
-def test_done_needs_every_program_ended_and_every_vehicle_known_to_be_disarmed():
+def test_run_is_done_when_programs_ended_and_vehicles_disarmed():
     disarmed = {"uav1.armed": False, "uav2.armed": False}
     assert is_done(PLAN, {"world": READY, "p": DONE}, disarmed)
     assert is_done(PLAN, {"world": READY, "p": FAILED}, disarmed)
@@ -117,7 +122,7 @@ def test_done_needs_every_program_ended_and_every_vehicle_known_to_be_disarmed()
     assert not is_done(PLAN, {"world": ProcessStatus(state=State.BACKOFF), "p": DONE}, disarmed)
 
 
-def test_a_run_is_lost_with_what_all_need_but_not_with_what_one_vehicle_needs():
+def test_run_is_lost_only_with_a_process_that_all_need():
     plan = plan_of(
         spec("all", "x"),
         spec("one", "x", vehicle="uav1"),
@@ -130,35 +135,35 @@ def test_a_run_is_lost_with_what_all_need_but_not_with_what_one_vehicle_needs():
     assert lost(plan, {**good, "one": GIVEN_UP}) == lost(plan, {**good, "none": GIVEN_UP}) == ""
 
 
-def test_a_task_serves_by_having_ended_well():
+def test_task_is_served_after_exit_0():
     plan = plan_of(spec("t", "x", kind="task", ready="started"), program("p", "x", needs=("t",)))
     assert lost(plan, {"t": DONE, "p": READY}) == ""
     assert lost(plan, {"t": FAILED, "p": READY}) != ""
 
 
-def test_every_process_gets_its_turn_to_stop_after_all_that_need_it():
+def test_processes_stop_after_those_that_need_them():
     plan = plan_of(
         spec("a", "x"),
         spec("b", "x", needs=("a",)),
         spec("c", "x", needs=("a",)),
         spec("d", "x", needs=("b", "c")),
     )
-    lives, order = dict.fromkeys("abcd", READY), []
-    while alive := {name for name, life in lives.items() if life is READY}:
-        turn = may_stop(plan, lives) & alive
+    statuses, order = dict.fromkeys("abcd", READY), []
+    while alive := {name for name, status in statuses.items() if status is READY}:
+        turn = may_stop(plan, statuses) & alive
         order.append(turn)
-        lives.update(dict.fromkeys(turn, DONE))
+        statuses.update(dict.fromkeys(turn, DONE))
     assert order == [{"d"}, {"b", "c"}, {"a"}]
 
 
 def verdict(cause, p, *, landed=True, until_done=True, stats=None, last=None):
-    lives = {"world": READY, "p": p}
-    end = End(cause=cause, why="because", statuses=lives)
-    failed = failures(PLAN, end, {**lives, "p": last or p}, stats or {}, landed, until_done)
+    statuses = {"world": READY, "p": p}
+    end = End(cause=cause, why="because", statuses=statuses)
+    failed = failures(PLAN, end, {**statuses, "p": last or p}, stats or {}, landed, until_done)
     return exit_code(end, failed, landed)
 
 
-def test_the_exit_code_is_0_only_when_every_program_did_and_nothing_crashed():
+def test_exit_code_is_0_only_without_failure_and_crash():
     assert verdict(Cause.DONE, DONE) == 0
     assert verdict(Cause.DONE, FAILED) == 1
     assert verdict(Cause.DONE, GIVEN_UP) == 1
@@ -176,7 +181,7 @@ def test_the_exit_code_is_0_only_when_every_program_did_and_nothing_crashed():
     assert verdict(Cause.LOST, DONE) == 1
 
 
-def test_a_user_stop_is_good_but_for_ctrl_c_and_programs_it_interrupted_are_no_failures():
+def test_stop_by_the_user_succeeds_except_for_ctrl_c():
     for cause in (Cause.DOWN, Cause.TERMINATED, Cause.HANGUP):
         assert verdict(cause, READY, last=FAILED, until_done=False) == 0
         assert verdict(cause, READY, last=FAILED, until_done=True) == 1
@@ -184,6 +189,24 @@ def test_a_user_stop_is_good_but_for_ctrl_c_and_programs_it_interrupted_are_no_f
     assert verdict(Cause.INTERRUPT, READY, last=FAILED) == 130
 
 
-def test_a_landing_that_is_not_confirmed_fails_every_end():
+@pytest.mark.parametrize("kind", ["world", "px4", "link", "mocap", "forward", "router"])
+def test_restart_of_what_a_flying_vehicle_needs_is_refused(kind):
+    process = spec("x", "x", kind=kind)
+    assert "uav1, uav2 may be flying" in restart_refusal(process, ["uav1", "uav2"])
+    assert restart_refusal(process, []) == ""
+
+
+def test_restart_of_one_vehicles_process_looks_at_that_vehicle_only():
+    forwarder = spec("forward.uav1", "x", kind="forward", vehicle="uav1")
+    assert restart_refusal(forwarder, ["uav2"]) == ""
+    assert "uav1 may be flying" in restart_refusal(forwarder, ["uav1", "uav2"])
+
+
+@pytest.mark.parametrize("kind", ["program", "logger", "tool", "copilot"])
+def test_restart_of_other_processes_is_allowed_in_flight(kind):
+    assert restart_refusal(spec("x", "x", kind=kind), ["uav1"]) == ""
+
+
+def test_unconfirmed_landing_fails_every_end():
     for cause, until_done in itertools.product(Cause, (True, False)):
         assert verdict(cause, DONE, landed=False, until_done=until_done) == 1

@@ -1,4 +1,4 @@
-"""The line to the supervisor, and when a room may end without it."""
+"""The socket to the supervisor, and the end of a process whose supervisor has died."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def line():
     theirs.close()
 
 
-def test_what_a_room_tells_arrives_packet_by_packet(line):
+def test_facts_stats_and_events_are_one_packet_each(line):
     ours, theirs = line
     room = ProcessContext("x", {}, theirs)
     room.ready(**{"uav1.armed": False})
@@ -34,7 +34,7 @@ def test_what_a_room_tells_arrives_packet_by_packet(line):
     assert json.loads(ours.recv(4096)) == {"event": "hello"}
 
 
-def test_the_end_of_the_supervisor_is_noticed(line):
+def test_death_of_the_supervisor_is_detected(line):
     ours, theirs = line
     room = ProcessContext("x", {}, theirs)
     assert not room.orphaned
@@ -43,7 +43,7 @@ def test_the_end_of_the_supervisor_is_noticed(line):
     assert room.orphaned
 
 
-def test_a_stopped_supervisor_never_blocks_a_room(line):
+def test_stopped_supervisor_does_not_block_a_process(line):
     _, theirs = line
     room = ProcessContext("x", {}, theirs)
     for _ in range(10_000):
@@ -51,14 +51,14 @@ def test_a_stopped_supervisor_never_blocks_a_room(line):
     assert room.unsent > 0
 
 
-def test_alone_a_room_tells_nobody_and_is_no_orphan():
+def test_process_without_supervisor_is_no_orphan():
     room = ProcessContext("x", {}, None)
     room.ready()
     assert not room.supervised
     assert not room.orphaned
 
 
-def test_the_line_is_taken_out_of_the_environment_so_that_grandchildren_do_not_hold_it(line, monkeypatch):
+def test_socket_variable_is_removed_from_the_environment(line, monkeypatch):
     _, theirs = line
     monkeypatch.setenv(SOCKET_VARIABLE, str(os.dup(theirs.fileno())))
     taken = supervisor_socket()
@@ -68,7 +68,7 @@ def test_the_line_is_taken_out_of_the_environment_so_that_grandchildren_do_not_h
     taken.close()
 
 
-def test_a_missing_slice_is_a_sentence(tmp_path):
+def test_missing_slice_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match="no_such"):
         ProcessContext.enter([str(tmp_path / "no_such.json")])
 
@@ -86,13 +86,13 @@ def test_a_missing_slice_is_a_sentence(tmp_path):
         (lambda room: partial(fail, RunError("the port is taken")), 1, "x: the port is taken\n"),
     ],
 )
-def test_a_room_ends_with_one_line_and_the_code_of_what_went_wrong(make, code, said, monkeypatch, capsys):
+def test_error_becomes_one_line_and_its_exit_code(make, code, said, monkeypatch, capsys):
     monkeypatch.setattr(ProcessContext, "enter", lambda argv=None: ProcessContext("x.uav1", {}, None))
     assert run_room("x", make) == code
     assert capsys.readouterr().err == said
 
 
-def test_a_mistake_while_serving_is_not_taken_for_a_slice_that_lacks_a_key(monkeypatch):
+def test_key_error_while_serving_is_not_a_missing_slice_key(monkeypatch):
     monkeypatch.setattr(ProcessContext, "enter", lambda argv=None: ProcessContext("x.uav1", {}, None))
     with pytest.raises(KeyError):
         run_room("x", lambda room: partial(fail, KeyError("a mistake")))
@@ -102,7 +102,7 @@ def fail(error):
     raise error
 
 
-def test_an_orphan_serves_until_its_vehicles_are_disarmed_for_a_while():
+def test_orphan_serves_until_its_vehicles_are_disarmed():
     after = ShutdownPolicy(limit_s=60.0, settle_s=2.0)
     assert not after.over(orphaned=False, any_armed=True, now=0.0)
     assert not after.over(orphaned=True, any_armed=True, now=10.0)
@@ -112,7 +112,7 @@ def test_an_orphan_serves_until_its_vehicles_are_disarmed_for_a_while():
     assert after.over(orphaned=True, any_armed=False, now=25.1)
 
 
-def test_a_simulated_orphan_ends_after_its_limit_and_a_real_one_does_not():
+def test_only_simulated_orphans_end_after_the_limit():
     simulated, real = ShutdownPolicy(limit_s=60.0), ShutdownPolicy(limit_s=None)
     for after in (simulated, real):
         assert not after.over(orphaned=True, any_armed=True, now=0.0)
