@@ -1,5 +1,6 @@
-"""Pictures of flights: one per group, actual against desired, and the whole flight seen from above and from
-the side.
+"""Plots of flights: one picture per group of columns, actual against desired, and all vehicles from above and from the side.
+
+The layout is fixed: matplotlib's constrained layout draws every picture twice.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from arena.geometry import Array
 from arena.recorder.columns import NED, RPY
 from arena.recorder.flight_log import COLUMNS_OF, Flight
 
-_MOST_POINTS = 1500
-_ERRORS = (
+MAX_POINTS = 1500
+_ERROR_AXES = (
     ("err.pos", NED, "position [mm]", 1e3),
     ("err.vel", NED, "velocity [mm/s]", 1e3),
     ("err.att_euler", RPY, "attitude [deg]", 180.0 / np.pi),
@@ -26,9 +27,12 @@ _ACTUAL, _ESTIMATE, _DESIRED = "tab:blue", "tab:orange", "black"
 
 
 def plot_vehicle(flight: Flight, folder: Path) -> list[Path]:
-    """position, velocity, attitude, rates and, where the truth is known, estimator_error."""
+    """Write the plots of one vehicle and return their paths: position, velocity, attitude, rates, estimator_error.
+
+    A real vehicle has no estimator_error.
+    """
     actual, degrees = COLUMNS_OF[flight.judge], np.degrees
-    moving = actual if flight.simulated else "ekf"  # cameras tell no velocity and no rates
+    moving = actual if flight.simulated else "ekf"  # motion capture measures no velocity and no rates
     pictures = [
         _group(flight, folder, "position", "m", NED, (actual + ".pos", "ekf.pos", "pos_ref")),
         _group(flight, folder, "velocity", "m/s", NED, (moving + ".vel", "ekf.vel", "vel_ref")),
@@ -56,6 +60,12 @@ def plot_vehicle(flight: Flight, folder: Path) -> list[Path]:
     return pictures
 
 
+def _three_axes() -> tuple[Any, Any]:
+    figure = Figure(figsize=(9, 6.5))
+    figure.subplots_adjust(left=0.1, right=0.98, bottom=0.08, top=0.92, hspace=0.1)
+    return figure, figure.subplots(3, 1, sharex=True)
+
+
 def _group(
     flight: Flight,
     folder: Path,
@@ -65,9 +75,8 @@ def _group(
     names: tuple[str, str, str],
     scale: Any = None,
 ) -> Path:
-    """Three axes over time. names: what it did, what the autopilot thought, what it was told."""
-    figure = Figure(figsize=(9, 6.5), layout="constrained")
-    rows = figure.subplots(3, 1, sharex=True)
+    """Plot three components over time. names: column groups of the actual, estimated and desired values."""
+    figure, rows = _three_axes()
     thin = _thin(flight.t.size)
     lines = [(names[1], _ESTIMATE, "-", "estimate", 2.5)] if names[0] != names[1] else []
     lines += [(names[0], _ACTUAL, "-", f"actual ({flight.judge if lines else 'estimate'})", 1.0)]
@@ -81,10 +90,9 @@ def _group(
 
 
 def _errors(flight: Flight, folder: Path) -> Path:
-    figure = Figure(figsize=(9, 6.5), layout="constrained")
-    rows = figure.subplots(3, 1, sharex=True)
+    figure, rows = _three_axes()
     thin = _thin(flight.t.size)
-    for axes, (name, parts, label, scale) in zip(rows, _ERRORS, strict=True):
+    for axes, (name, parts, label, scale) in zip(rows, _ERROR_AXES, strict=True):
         for part, column in zip(parts, flight.group(name, parts)[thin].T, strict=True):
             axes.plot(flight.t[thin], column * scale, label=part, linewidth=0.8)
         axes.legend(loc="upper right", ncols=3, fontsize="small")
@@ -112,24 +120,25 @@ def plot_all(flights: Sequence[Flight], size_m: Sequence[float] | None, folder: 
     """All vehicles from above (north up, east right) and from the east. size_m: the room, north, east, height
     [m].
     """
-    figure = Figure(figsize=(11, 6.5), layout="constrained")
+    figure = Figure(figsize=(11, 6.5))
+    figure.subplots_adjust(left=0.06, right=0.98, bottom=0.09, top=0.87, wspace=0.15)
     above, side = figure.subplots(1, 2)
     for i, flight in enumerate(flights):
-        _path(above, side, flight, f"C{i % 10}")
+        _plot_path(above, side, flight, f"C{i % 10}")
     above.set(xlabel="east [m]", ylabel="north [m]", title="from above")
     side.set(xlabel="north [m]", ylabel="height [m]", title="from the side (east)")
     if size_m:
-        _room(above, side, size_m)
+        _plot_room(above, side, size_m)
     for axes in (above, side):
         axes.set_aspect("equal")
         axes.grid(alpha=0.3)
     above.legend(loc="upper right", fontsize="small")
-    figure.suptitle("the flight: circles are starts, crosses are ends, dashed lines what was asked for")
+    figure.suptitle("flight: circles are starts, crosses are ends, dashed lines are position references")
     return _save(figure, folder / "flight.png")
 
 
-def _path(above: Any, side: Any, flight: Flight, colour: str) -> None:
-    pos, ref = flight.pos[_thin(flight.t.size)], _while_flown(flight)[_thin(flight.t.size)]
+def _plot_path(above: Any, side: Any, flight: Flight, colour: str) -> None:
+    pos, ref = flight.pos[_thin(flight.t.size)], _reference_in_offboard(flight)[_thin(flight.t.size)]
     for axes, across, up, sign in ((above, 1, 0, 1.0), (side, 0, 2, -1.0)):
         axes.plot(pos[:, across], sign * pos[:, up], color=colour, linewidth=1.2, label=flight.name)
         axes.plot(ref[:, across], sign * ref[:, up], "--", color=colour, linewidth=0.7, alpha=0.7)
@@ -141,11 +150,11 @@ def _path(above: Any, side: Any, flight: Flight, colour: str) -> None:
             axes.plot(known[-1, across], sign * known[-1, up], "x", color=colour, markersize=8)
 
 
-def _while_flown(flight: Flight) -> Array:
+def _reference_in_offboard(flight: Flight) -> Array:
     return np.where(flight.offboard[:, None], flight.group("pos_ref"), np.nan)
 
 
-def _room(above: Any, side: Any, size_m: Sequence[float]) -> None:
+def _plot_room(above: Any, side: Any, size_m: Sequence[float]) -> None:
     n, e, height = (float(x) for x in size_m)
     above.plot(
         [-e / 2, e / 2, e / 2, -e / 2, -e / 2],
@@ -157,7 +166,7 @@ def _room(above: Any, side: Any, size_m: Sequence[float]) -> None:
 
 
 def _thin(size: int) -> slice:
-    return slice(None, None, max(1, size // _MOST_POINTS))
+    return slice(None, None, max(1, size // MAX_POINTS))
 
 
 def _save(figure: Any, path: Path) -> Path:

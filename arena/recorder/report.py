@@ -147,7 +147,8 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
     made: list[Path] = []
     try:
         made = [plot_all(flights, _size_m(plan), folder)]
-        for flight in flights:
+        for k, flight in enumerate(flights, start=1):
+            print(f"plots of {flight.name} ({k} of {len(flights)} vehicles)", flush=True)
             made += plot_vehicle(flight, folder)
     except (ValueError, OSError) as error:
         missing.append(f"plots: {error}")
