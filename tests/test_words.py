@@ -49,6 +49,8 @@ FORBIDDEN_NAMES = re.compile(
     re.IGNORECASE,
 )
 LONGEST_TEST_NAME = 75
+ALLOWED = {("arena/smoke/language/vocabulary.py", "told")}
+"""Words that users' files may still contain, with the module that reads them."""
 
 
 def docstrings(path: Path) -> Iterator[tuple[ast.AST, str]]:
@@ -109,7 +111,7 @@ def test_no_forbidden_word_in_docstrings_comments_and_messages(path: Path) -> No
     wrong = [
         f"{path.relative_to(ROOT)}:{number}: '{found[0]}' in {text[max(0, found.start() - 30) : found.end() + 30]!r}"
         for number, text in prose(path)
-        if (found := FORBIDDEN_PROSE.search(text))
+        if (found := FORBIDDEN_PROSE.search(text)) and (str(path.relative_to(ROOT)), found[0]) not in ALLOWED
     ]
     assert not wrong, "\n".join(wrong)
 

@@ -262,10 +262,10 @@ def log_columns_page() -> str:
 
 
 def scenarios_page() -> str:
-    """Return the page of all keys, words and operators of scenarios."""
+    """Return the page of every key, word and operator of a scenario."""
     states = {f"V.{state}": meaning for state, meaning in vocabulary.STATES.items()}
     values = {f"V.{name} < X {q.unit}": f"{q.meaning}; also `>`" for name, q in vocabulary.QUANTITIES.items()}
-    actions = ((f"`{form.form}`", "yes" if form.lasting else "", form.meaning) for form in vocabulary.DEEDS)
+    actions = ((f"`{form.form}`", "yes" if form.lasting else "", form.meaning) for form in vocabulary.ACTIONS)
     parts = (
         "# Scenarios",
         "A scenario is a YAML file for `arena smoke`. All of it is checked before anything flies. Times are simulated.",
@@ -275,23 +275,25 @@ def scenarios_page() -> str:
             {key: (f.description or "").replace("\n", " ") for key, f in ScenarioFile.model_fields.items()},
         ),
         "## Steps",
-        "One after the other: a step begins when all that the one before expects has been seen. An entry that only expects\n"
-        "belongs to the step before. A step that fails ends the flight.",
+        "Steps follow each other: a step begins when all expectations of the step before are fulfilled. An entry with only\n"
+        "`expect` belongs to the step before. A failed step ends the flight.",
         _meanings("key", STEP_KEYS),
-        "## Moments, expectations and rules",
+        "## Triggers, expectations and rules",
         _meanings("written", vocabulary.PHRASES),
         "## Conditions",
         "`not` before a condition negates it. With `each` in place of a vehicle's name it must hold for every vehicle.\n"
-        "An unknown value fulfils no condition and violates none.",
-        _meanings("condition", {**states, **values, **vocabulary.OTHERS}),
+        "An unknown value fulfils no condition and breaks none. Values marked *truth* come from the simulated world, values\n"
+        "marked *telemetry* from the vehicle's MAVLink messages.",
+        _meanings("condition", {**states, **values, **vocabulary.OTHER_CONDITIONS}),
         "## Actions",
-        "Some may end in `for T`: they are undone after that time. `each` acts on every vehicle.",
-        table(("action", "`for T`", "what is done"), actions),
+        "Some actions may end in `for T`: they are undone after that time. `each` stands for every vehicle.",
+        table(("action", "`for T`", "effect"), actions),
         "## What the letters stand for",
         _meanings("letter", vocabulary.PARTS),
-        "## What may happen",
-        "By default no vehicle crashes, every vehicle has landed at the end, and no process fails except those that an action has hit.",
-        _meanings("entry of `may`", vocabulary.MAY),
+        "## Accepted failures",
+        "Without an entry in `may`, no vehicle may crash, all vehicles have landed at the end, and no process fails except those\n"
+        "that an action has killed, stopped or restarted.",
+        _meanings("entry of `may`", vocabulary.ALLOWANCES),
     )
     return "\n\n".join(part.rstrip("\n") for part in parts)
 

@@ -1,7 +1,7 @@
 """`arena smoke`: fly scenarios without a window and judge them.
 
-Exit codes: 0 all passed; 1 one failed; 2 a scenario or an arena is wrong, and nothing was flown; 130 after a Ctrl-C, the arenas
-landed and gone.
+Exit codes: 0 all passed; 1 one failed; 2 a scenario or an arena is wrong and nothing was flown; 130 after a
+    Ctrl-C, with all arenas landed and ended.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import typer
 from arena.errors import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK, InputError
 
 if TYPE_CHECKING:
-    from arena.smoke.flying.fly_scenario import How
+    from arena.smoke.flying.fly_scenario import FlightOptions
     from arena.smoke.language.scenario import Scenario
     from arena.smoke.referee.verdict import Result
 
@@ -68,7 +68,7 @@ def register(app: typer.Typer) -> None:
         ] = False,
     ) -> None:
         """Fly scenarios headless, several at a time, and judge them. All are checked before the first one flies."""
-        from arena.smoke.flying.fly_scenario import How
+        from arena.smoke.flying.fly_scenario import FlightOptions
 
         seeds = [] if seed is None else [f"world.seed={seed}", f"mocap.seed={seed}"]
         found = load(files(scenarios), [*(set_ or []), f"sim.speed={speed}", *seeds])
@@ -80,12 +80,12 @@ def register(app: typer.Typer) -> None:
             _make(folder)
         if junit is not None and junit.is_dir():
             raise InputError(f"{junit}: is a folder, expected a file for --junit. Try {junit / 'junit.xml'}")
-        how = How(results=results.resolve(), speed=speed, seed=seed)
-        raise SystemExit(_fly(found * repeat, how, jobs or len(os.sched_getaffinity(0)), junit))
+        options = FlightOptions(results=results.resolve(), speed=speed, seed=seed)
+        raise SystemExit(_fly(found * repeat, options, jobs or len(os.sched_getaffinity(0)), junit))
 
 
 def _make(folder: Path) -> None:
-    """Make a folder for results. Raises InputError when it cannot be made."""
+    """Create a folder. Raises InputError if that is not possible."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -93,7 +93,9 @@ def _make(folder: Path) -> None:
 
 
 def files(named: list[Path]) -> list[Path]:
-    """Replace folders by the scenarios in them. Raises InputError for a folder without one."""
+    """Return the scenario files; a folder stands for the scenarios in it. Raises InputError for a folder
+    without one.
+    """
     found: list[Path] = []
     for path in named:
         inside = sorted(path.rglob(f"*{ENDING}")) if path.is_dir() else [path]
@@ -122,20 +124,20 @@ def load(paths: list[Path], overrides: list[str]) -> list[Scenario]:
     return found
 
 
-def _fly(scenarios: list[Scenario], how: How, jobs: int, junit: Path | None) -> int:
+def _fly(scenarios: list[Scenario], options: FlightOptions, jobs: int, junit: Path | None) -> int:
     from arena.smoke.flying.runner import Interrupted, fly_all
 
     try:
-        results = fly_all(scenarios, how, jobs=jobs, tell=_print_result)
+        results = fly_all(scenarios, options, jobs=jobs, on_result=_print_result)
     except Interrupted as interrupted:
         flown = Counter(result.scenario for result in interrupted.results)
         missing = list((Counter(scenario.name for scenario in scenarios) - flown).elements())
-        _show(interrupted.results, how.results, junit, missing)
+        _write_results(interrupted.results, options.results, junit, missing)
         print(
             f"interrupted: {len(missing)} of {len(scenarios)} not flown to their end; their arenas have landed and gone"
         )
         return EXIT_INTERRUPTED
-    _show(results, how.results, junit)
+    _write_results(results, options.results, junit)
     return EXIT_OK if all(result.verdict.passed for result in results) else EXIT_FAILED
 
 
@@ -147,7 +149,9 @@ def _print_result(result: Result) -> None:
     )
 
 
-def _show(results: list[Result], folder: Path, junit: Path | None, unflown: Sequence[str] = ()) -> None:
+def _write_results(
+    results: list[Result], folder: Path, junit: Path | None, unflown: Sequence[str] = ()
+) -> None:
     from rich.console import Console
 
     from arena.smoke.report import junit_xml, results_json, summary, table

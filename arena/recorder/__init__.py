@@ -1,5 +1,4 @@
-"""Log files of a flight, and after it pictures and a summary.
+"""Log files of flights, and the plots and summaries made of them.
 
-The logger only listens; it must never speak to a vehicle. Reports read what a run left behind and start
-nothing.
+The logger only receives: it must never send to a vehicle. Reports read a finished run and start nothing.
 """

@@ -1,4 +1,4 @@
-"""The logger of one vehicle: `python -m arena.recorder slice.json`."""
+"""The process `logger.<vehicle>`: `python -m arena.recorder slice.json`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of one flight. Pure; every figure is None where the log does not tell."""
+"""Figures of one flight, computed from its log. Pure. A figure is None if the log lacks its data."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from arena.recorder.flight_log import Flight
 
 _SAME_M = 0.002
 _CONSTANT_S = 1.5
-# the autopilot tells its reference ten times a second only, so a log's rows go on showing the last one while the next is flown to
+# POSITION_TARGET_LOCAL_NED comes 10 times per second: rows show the old reference until the next message.
 _BEFORE_CHANGE_S = 0.15
 
 
 def analyse(flight: Flight) -> dict[str, Any]:
-    """Metres, seconds, degrees; JSON-ready."""
+    """Return all figures in metres, seconds and degrees, JSON-ready."""
     return {
         "rows": int(flight.t.size),
         "duration_s": _round(flight.t[-1], 2),
@@ -36,13 +36,15 @@ def analyse(flight: Flight) -> dict[str, Any]:
 
 
 def tracking(flight: Flight) -> dict[str, float | None]:
-    """Distance from the position reference in OFFBOARD [m]; climbs and steps count, so a far step weighs."""
+    """Return the distance from the position reference in OFFBOARD [m]. Climbs and steps count, so a far step
+    raises it.
+    """
     distance = np.linalg.norm(flight.pos - flight.group("pos_ref"), axis=1)[flight.offboard]
     return {"rms_m": _round(_rms(distance)), "max_m": _round(_max(distance))}
 
 
 def constant_spans(flight: Flight) -> list[tuple[int, int]]:
-    """(first, last) rows of each position reference that stood still for at least 1.5 s in OFFBOARD."""
+    """Return (first, last) rows of each position reference that was constant for at least 1.5 s in OFFBOARD."""
     ref = flight.group("pos_ref")
     held = flight.offboard & np.isfinite(ref).all(axis=1)
     moved = np.concatenate([[True], np.abs(np.diff(ref, axis=0)).max(axis=1) > _SAME_M])
@@ -59,7 +61,7 @@ def constant_spans(flight: Flight) -> list[tuple[int, int]]:
 
 
 def setpoints(flight: Flight) -> dict[str, Any]:
-    """How far from each constant setpoint the vehicle was when its time was over."""
+    """Return the distance from each constant setpoint at its end."""
     pos, ref = flight.pos, flight.group("pos_ref")
     each = []
     for first, last in constant_spans(flight):
@@ -77,31 +79,31 @@ def setpoints(flight: Flight) -> dict[str, Any]:
 
 
 def landing(flight: Flight) -> dict[str, Any]:
-    """Where it came down, against where it was told to land: its last position reference, else where it was
-    then.
+    """Return the distance of the landing point from the last position reference, or from the position when
+    OFFBOARD ended.
     """
     flown = np.flatnonzero(flight.offboard)
     down = bool(flight.landed[-1] and not flight.armed[-1])
     if not flown.size:
         return {"landed": down, "error_m": None}
-    told = flight.group("pos_ref")[flown[-1], :2]
-    told = (
-        told if np.isfinite(told).all() else flight.pos[flown[-1], :2]
+    target = flight.group("pos_ref")[flown[-1], :2]
+    target = (
+        target if np.isfinite(target).all() else flight.pos[flown[-1], :2]
     )  # nan where it was not seen just then
-    error = float(np.linalg.norm(_last_place(flight) - told)) if down else math.nan
-    return {"landed": down, "error_m": _round(error), "told_ne": [_round(x, 3) for x in told]}
+    error = float(np.linalg.norm(_last_place(flight) - target)) if down else math.nan
+    return {"landed": down, "error_m": _round(error), "target_ne": [_round(x, 3) for x in target]}
 
 
 def _last_place(flight: Flight) -> Array:
-    """Where it lay at last, north and east [m] (2,): the newest row on the ground in which it was seen."""
+    """Return the last known position on the ground, north and east [m] (2,)."""
     pos = flight.pos[flight.landed, :2]
     seen = pos[np.isfinite(pos).all(axis=1)]
     return seen[-1] if len(seen) else np.full(2, np.nan)
 
 
 def estimator(flight: Flight) -> dict[str, float | None]:
-    """Estimate minus truth at the instant of the estimate, while armed. Without truth, minus what the cameras
-    last said: that counts the delay of both, some centimetres in fast flight.
+    """Return the error of the estimate while armed: estimate minus truth, or minus motion capture for a real
+    vehicle.
     """
     if flight.judge == "estimate":
         return {"pos_rms_m": None, "pos_max_m": None, "yaw_rms_deg": None, "yaw_max_deg": None}
@@ -121,7 +123,7 @@ def estimator(flight: Flight) -> dict[str, float | None]:
 
 
 def modes(flight: Flight) -> list[dict[str, Any]]:
-    """When it entered which mode, armed or not."""
+    """Return each change of mode or arming with its time."""
     found: list[dict[str, Any]] = []
     for t, mode, armed in zip(flight.t, flight.mode, flight.armed, strict=True):
         known = bool(mode)  # nothing is known before the first heartbeat

@@ -1,5 +1,5 @@
-"""A log file -> arrays. A log that ends in the middle of a line, because its writer was killed, is read up to
-there.
+"""A log file read into arrays. A log that ends in the middle of a line, because its writer was killed, is
+read up to that line.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ _WORDS = ("info.flight_mode", "info.is_armed", "info.is_landed")
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """One vehicle's log. t: since its first row [s] (n,); numbers: by column, nan where the cell was empty,
-    each (n,).
+    """The log of one vehicle.
+
+    t: time since the first row [s] (n,). t0: time of the first row [s].
+    numbers: column name -> values, NaN for empty cells, each (n,).
     """
 
     name: str
@@ -35,18 +37,19 @@ class Flight:
     landed: NDArray[np.bool_]
 
     def group(self, name: str, parts: Sequence[str] = NED) -> Array:
-        """`name`'s columns side by side (n, len(parts)); nan where the log has no such column."""
+        """Return the columns of a group side by side (n, len(parts)); NaN if the log has no such column."""
         missing = np.full(self.t.size, np.nan)
         return np.stack([self.numbers.get(f"{name}.{part}", missing) for part in parts], axis=1)
 
     @property
     def simulated(self) -> bool:
+        """True if the log has the truth."""
         return "truth.pos.north" in self.numbers
 
     @property
     def judge(self) -> Judge:
-        """Whose word on where it was is taken: the truth's where there is one, else the cameras' where they
-        saw at least half of the flight, for they do not depend on the autopilot, else the autopilot's own.
+        """The source of the actual position: the truth, else motion capture if it saw at least half of the
+        flight, else the estimate.
         """
         if self.simulated:
             return "truth"
@@ -56,22 +59,22 @@ class Flight:
 
     @property
     def pos(self) -> Array:
-        """Where it was [m] [NED] (n, 3), by `judge`; nan in rows where that one said nothing."""
+        """Actual position by `judge` [m] [NED] (n, 3); NaN in rows without it."""
         return self.group(COLUMNS_OF[self.judge] + ".pos")
 
     @property
     def euler(self) -> Array:
-        """Its attitude [rad] (n, 3), likewise."""
+        """Actual roll, pitch, yaw by `judge` [rad] (n, 3); NaN in rows without them."""
         return self.group(COLUMNS_OF[self.judge] + ".att_euler", RPY)
 
     @property
     def offboard(self) -> NDArray[np.bool_]:
-        """Rows in which a program flew it (n,)."""
+        """True in rows in which a program controlled the vehicle (n,)."""
         return np.array([m == "OFFBOARD" for m in self.mode], bool) & self.armed
 
 
 def read_flight(path: Path) -> Flight | None:
-    """None when the file is not there or holds no whole row."""
+    """Read a log; None if the file does not exist or has no complete row."""
     try:
         lines = path.read_text(errors="replace").splitlines()
     except OSError:

@@ -49,7 +49,7 @@ class Logger:
         self._airborne_unix_s: float | None = None
 
     def run(self) -> None:
-        """Log until told to stop, until the world ends, or until the supervisor is dead and the vehicle
+        """Log until SIGTERM, until the world ends, or until the supervisor is dead and the vehicle
         disarmed.
         """
         rate = self._clock.rate(self._rate_hz)
@@ -60,7 +60,7 @@ class Logger:
                 self._room.event(f"{self._room.name}: the world has ended, and the log with it")
                 return
             self._receive(now)
-            if self._recorder.first_heard is not None:
+            if self._recorder.first_received is not None:
                 self._sample(self._clock.now())  # not `now`: a state received meanwhile belongs to this row
             self._file.writelines(self._recorder.take_rows(now))
             if self._once_a_second():

@@ -117,7 +117,7 @@ def _finish(
 
 
 def plot_all(flights: Sequence[Flight], size_m: Sequence[float] | None, folder: Path) -> Path:
-    """All vehicles from above (north up, east right) and from the east. size_m: the room, north, east, height
+    """Plot the paths of all vehicles from above (north up, east right) and from the east. size_m: the room, north, east, height
     [m].
     """
     figure = Figure(figsize=(11, 6.5))

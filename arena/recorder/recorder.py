@@ -47,7 +47,7 @@ class Recorder:
     def __init__(self, system_id: int, index: int | None) -> None:
         self.telemetry = Telemetry(system_id)
         self.datagrams = self.poses = self.rows = 0
-        self.first_heard: float | None = None
+        self.first_received: float | None = None
         self._index = index
         self._program = Telemetry(system_id, {mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED}, _PROGRAM)
         self._local = Series(position_velocity)
@@ -82,8 +82,8 @@ class Recorder:
         self.datagrams += 1
         if not self.telemetry.hear(datagram, now):
             return
-        if self.first_heard is None:
-            self.first_heard = now
+        if self.first_received is None:
+            self.first_received = now
         self._take_measurements(now)
         self._take_states(now)
 
@@ -249,7 +249,7 @@ def _text(cell: Cell) -> str:
 
 def rates(recorder: Recorder, now: float) -> dict[str, float | int]:
     """Return figures for the summary: mean rates [Hz] since the vehicle was first received, and counts."""
-    since = now - (now if recorder.first_heard is None else recorder.first_heard)
+    since = now - (now if recorder.first_received is None else recorder.first_received)
     each: Iterable[tuple[str, int]] = (
         ("log_hz", recorder.rows),
         ("mocap_hz", recorder.poses),

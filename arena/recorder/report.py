@@ -1,7 +1,6 @@
-"""After a run: `python -m arena.recorder.report RUN` makes plots, summary.json and summary.txt of what there
-is.
+"""The report of a run: `python -m arena.recorder.report RUN` writes plots, summary.json and summary.txt.
 
-A run that was killed leaves files out or half written: what is missing is said, and the rest is reported.
+A killed run leaves files out or incomplete: the report names what is missing and covers what is there.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _PROCESS = (
     "over_budget",
     "stats",
 )
-_WORLD = ("lateness_p99_ms", "lateness_worst_ms", "rtf", "rtf_min", "rtf_max", "forgiven", "sim_time_s")
+_WORLD = ("lateness_p99_ms", "lateness_worst_ms", "rtf", "rtf_min", "rtf_max", "skipped", "sim_time_s")
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -45,7 +44,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def report(run: Path) -> str:
-    """Write plots/, summary.json and summary.txt into the run folder; returns the text."""
+    """Write plots/, summary.json and summary.txt into the run folder and return the text."""
     missing: list[str] = []
     plan, outcome = _json(run / "plan.json", missing), _json(run / "outcome.json", missing)
     names = [v["name"] for v in plan.get("vehicles", ())] or sorted(
@@ -73,7 +72,7 @@ def summarise(
     missing: list[str],
     pictures: list[str],
 ) -> dict[str, Any]:
-    """Everything in one JSON-ready object. outcome: what the supervisor saw, {} where it is missing."""
+    """Return the whole summary as one JSON-ready object. outcome: the content of outcome.json, {} if missing."""
     processes = outcome.get("processes", {})
     stats = {name: row.get("stats", {}) for name, row in processes.items()}
     judged = stats.get("world", {}).get("vehicles", {})
@@ -103,7 +102,9 @@ def summarise(
 
 
 def _rates(name: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """What each room counted per second: frames of the cameras, poses to the autopilot, rows of the log."""
+    """Return what each process counted per second: motion-capture frames, poses to the autopilot, rows of the
+    log.
+    """
     found = {room: stats.get(f"{room}.{name}", {}) for room in ("logger", "forward")}
     return {
         f"{room}.{key}": value
@@ -118,7 +119,7 @@ def _process(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _px4(run: Path, plan: Mapping[str, Any], outcome: Mapping[str, Any]) -> dict[str, Any]:
-    """Of each vehicle that PX4 flew: which, how it ended when it did so by itself, and its own logs."""
+    """Return, for each vehicle that PX4 flew: its version, how it ended if by itself, and its ULogs."""
     found = {}
     for name, given in plan.get("slices", {}).items():
         if not name.startswith("px4."):
@@ -156,7 +157,7 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
 
 
 def _size_m(plan: Mapping[str, Any]) -> Any:
-    """The room's, from the world's slice; without a world, from the gates of a real vehicle's link."""
+    """Return the size of the room from the world's slice, or from the preflight checks of a real vehicle."""
     slices = {name.removesuffix(".json"): given for name, given in plan.get("slices", {}).items()}
     links = [given.get("preflight") or {} for name, given in slices.items() if name.startswith("link.")]
     return next(

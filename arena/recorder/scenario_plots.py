@@ -1,5 +1,5 @@
-"""The picture of a smoke flight: height, distance and mode of every vehicle over time, with the instants of
-the steps.
+"""The plot of a smoke flight: height, distance and mode of every vehicle over time, with the times of the
+steps.
 """
 
 from __future__ import annotations
@@ -19,9 +19,13 @@ _GOOD, _BAD = "tab:green", "tab:red"
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """One vehicle. t: simulation time [s] (n,); height: of its lowest point [m] (n,); distance: to the
-    nearest other vehicle, or of one alone from where it began [m] (n,), NaN where unknown; modes: by its own
-    word, "" unknown.
+    """The values of one vehicle.
+
+    t: simulation time [s] (n,).
+    height: height of the lowest point [m] (n,).
+    distance: distance to the nearest other vehicle, or of a single vehicle from its start [m] (n,), NaN if
+        unknown.
+    modes: flight modes, "" if unknown.
     """
 
     t: Array
@@ -32,7 +36,7 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """An instant: at_s [s], what it was, and whether it went well."""
+    """A step at at_s [s], with its text and whether it passed."""
 
     at_s: float
     text: str
@@ -40,7 +44,7 @@ class Mark:
 
 
 def draw(title: str, tracks: Mapping[str, Track], marks: Sequence[Mark], path: Path) -> Path:
-    """marks are numbered in the picture and named below it."""
+    """Write the plot. Marks are numbered in the plot and listed below it."""
     figure = Figure(figsize=(9, 7.5 + 0.17 * len(marks)), layout="constrained")
     above, middle, below = figure.subplots(3, 1, sharex=True)
     known = list(dict.fromkeys(mode for track in tracks.values() for mode in track.modes if mode))
@@ -75,5 +79,5 @@ def draw(title: str, tracks: Mapping[str, Track], marks: Sequence[Mark], path: P
 
 
 def _plain(text: str) -> str:
-    """No formulas in it, though there may be dollars."""
+    """Escape `$`, which matplotlib reads as a formula."""
     return text.replace("$", r"\$")

@@ -1,4 +1,4 @@
-"""A summary as text that fits a terminal. Pure."""
+"""The summary of a run as text for a terminal. Pure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def as_text(summary: Mapping[str, Any]) -> str:
-    """summary: as `report.summarise` makes it."""
+    """Return the text. summary: as `report.summarise` returns it."""
     lines = [
         _head(summary),
         *_vehicles(summary["vehicles"]),

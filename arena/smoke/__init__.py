@@ -1,1 +1,5 @@
-"""Smoke flights: scenarios, who judges them, who flies them. The judging half is pure: no sockets, no processes, no clocks."""
+"""Smoke flights: the scenario language, the referee that judges, and the flying of scenarios.
+
+Imports run one way: language <- referee <- flying. Language and referee are pure: no sockets, processes or
+    clocks.
+"""

@@ -9,7 +9,8 @@
             flight.do("kill program uav1")
             flight.expect("uav1.mode == LAND within 2 s")
 
-Paths are relative to the test's file. Every pytest loads this module, so it imports nothing of arena before a test asks for it.
+Paths are relative to the test's file. Every pytest run loads this module, so it imports nothing of arena
+until a test needs it.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class ArenaRun:
-    """folder: what paths are relative to. results: where run folders go, pytest's own folder of the test."""
+    """The fixture's value. folder: paths are relative to it. results: folder for run folders."""
 
     def __init__(self, folder: Path, results: Path) -> None:
         self._folder, self.results = folder, results
@@ -34,19 +35,21 @@ class ArenaRun:
     def __call__(
         self, scenario: str | Path, *, set: Sequence[str] = (), speed: str = "max", seed: int | None = None
     ) -> list[Result]:
-        """Fly it in every arena that it names. set: `key=value`, as `--set`. Raises AssertionError with what the referee saw, and
-        InputError where the file is wrong.
+        """Fly a scenario in every arena that it names and return the results.
+
+        set: `key=value` texts, as `--set`.
+        Raises AssertionError with the failures, and InputError if the file is wrong.
         """
-        from arena.smoke.flying.fly_scenario import How, fly, refuse_real
+        from arena.smoke.flying.fly_scenario import FlightOptions, fly, refuse_real
         from arena.smoke.language.scenario import load_scenarios
 
-        how, found = (
-            How(results=self.results, speed=speed, seed=seed),
+        options, found = (
+            FlightOptions(results=self.results, speed=speed, seed=seed),
             load_scenarios(self._folder / scenario, set),
         )
         for one in found:
             refuse_real(one.arena)
-        results = [fly(one, how) for one in found]
+        results = [fly(one, options) for one in found]
         failed = [line for result in results for line in _complaints(result)]
         if failed:
             raise AssertionError("\n".join(failed))
@@ -55,17 +58,19 @@ class ArenaRun:
     def up(
         self, arena: str | Path, *, set: Sequence[str] = (), speed: str = "max", seed: int | None = None
     ) -> ScriptedFlight:
-        """An arena to lead oneself: `with arena_run.up("arena.yaml") as flight: ...`; see `arena.smoke.flying.scripted_flight`."""
+        """Return a flight that the test leads: `with arena_run.up("arena.yaml") as flight: ...`; see
+        `arena.smoke.flying.scripted_flight`.
+        """
         from arena.schema import load_arena
         from arena.smoke.flying.fly_scenario import refuse_real
         from arena.smoke.flying.scripted_flight import ScriptedFlight
-        from arena.smoke.flying.session import Start
+        from arena.smoke.flying.session import LaunchOptions
 
         file = self._folder / arena
         loaded = load_arena(file, list(set))
         refuse_real(loaded)
         return ScriptedFlight(
-            loaded, Start(arena=file, runs=self.results, overrides=tuple(set), speed=speed, seed=seed)
+            loaded, LaunchOptions(arena=file, runs=self.results, overrides=tuple(set), speed=speed, seed=seed)
         )
 
 
@@ -80,5 +85,5 @@ def _complaints(result: Result) -> list[str]:
 
 @pytest.fixture
 def arena_run(request: pytest.FixtureRequest, tmp_path: Path) -> ArenaRun:
-    """Flies scenarios and arenas; see `arena.smoke.plugin`."""
+    """Fixture that flies scenarios and arenas; see `arena.smoke.plugin`."""
     return ArenaRun(request.path.parent, tmp_path / "arena")

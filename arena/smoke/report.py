@@ -1,4 +1,7 @@
-"""Results for people and machines: a table, JUnit XML, results.json, pictures of what failed."""
+"""Results of scenarios for users and machines: a table, JUnit XML, results.json, and plots of failed flights.
+
+JUnit XML is written with the standard library: `junitparser` has no `file` and `line` of a testcase.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ _NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def table(results: Sequence[Result]) -> RenderableType:
-    """For the terminal: a row a scenario, and under those that failed every reason with file:line."""
+    """Return the table for the terminal: one row per scenario, and below it each failure with file:line."""
     heads = ("scenario", "verdict", "seed", "flown [s]", "wall [s]", "slowest step", "touchdown [m/s]")
     made = Table(*(escape(head) for head in heads), box=None, pad_edge=False)
     for result in results:
@@ -64,11 +67,11 @@ def _reasons(result: Result) -> Iterator[str]:
 
 
 def reasons(result: Result) -> list[str]:
-    """Why it failed: `file:line: sentence` each; empty when it passed."""
-    told = [f"{_where(place)}{sentence}" for place, sentence in result.verdict.failures]
+    """Return why a scenario failed, `file:line: sentence` each; empty if it passed."""
+    found = [f"{_where(place)}{sentence}" for place, sentence in result.verdict.failures]
     return (
-        told
-        if told or result.verdict.passed
+        found
+        if found or result.verdict.passed
         else [f"{result.file}: not all steps were reached: {result.verdict.ended}"]
     )
 
@@ -77,8 +80,8 @@ def _where(place: Place | None) -> str:
     return "" if place is None else f"{place.file}:{place.line}: "
 
 
-def story(result: Result) -> list[str]:
-    """Everything that was judged, a line each: what, when, how near to failing."""
+def details(result: Result) -> list[str]:
+    """Return one line for everything that was judged: what, when, and how near to failing."""
     lines = [
         f"seed {result.seed}, {result.verdict.lasted_s:.2f} s of simulation, over: {result.verdict.ended}"
     ]
@@ -86,7 +89,7 @@ def story(result: Result) -> list[str]:
     lines += [_step(step) for step in result.verdict.steps]
     lines += [_rule(rule) for rule in result.verdict.rules]
     lines += [_touchdown(touchdown) for touchdown in result.verdict.touchdowns]
-    return lines + list(result.verdict.troubles)
+    return lines + list(result.verdict.problems)
 
 
 def _step(step: StepResult) -> str:
@@ -106,13 +109,13 @@ def _rule(rule: RuleResult) -> str:
 
 
 def _touchdown(t: Touchdown) -> str:
-    after = "" if t.after_s is None else f", {t.after_s:.2f} s after the last deed"
+    after = "" if t.after_s is None else f", {t.after_s:.2f} s after the last action"
     drift = "" if t.drift_m is None else f", {t.drift_m:.2f} m aside"
     return f"{t.vehicle} came down at {t.at_s:.2f} s{after}, at {t.speed_m_s:.2f} m/s{drift}"
 
 
 def summary(results: Sequence[Result]) -> str:
-    """One line: how many flew, failed, and for how long."""
+    """Return one line: how many scenarios flew and failed, and for how long."""
     failed = sum(not r.verdict.passed for r in results)
     flown = sum(r.verdict.lasted_s for r in results)
     said = f"{len(results)} scenario{'s' if len(results) != 1 else ''}, "
@@ -123,7 +126,10 @@ def summary(results: Sequence[Result]) -> str:
 
 
 def junit_xml(results: Sequence[Result], unflown: Iterable[str] = ()) -> str:
-    """JUnit XML as CI servers read it: one testcase a scenario. unflown: names of those that were interrupted, each an error."""
+    """Return JUnit XML for CI servers: one testcase per scenario.
+
+    unflown: names of scenarios that were interrupted; each is an error.
+    """
     missing = list(unflown)
     failed = sum(not r.verdict.passed for r in results)
     counts = {
@@ -157,27 +163,28 @@ def _testcase(suite: ElementTree.Element, result: Result) -> None:
         said = [_plain(line) for line in reasons(result)]
         failure = ElementTree.SubElement(case, "failure", {"message": said[0], "type": "smoke"})
         failure.text = "\n".join(said)
-    ElementTree.SubElement(case, "system-out").text = _plain("\n".join(story(result)))
+    ElementTree.SubElement(case, "system-out").text = _plain("\n".join(details(result)))
 
 
 def _line(result: Result) -> int:
-    """Of the first thing that failed."""
+    """Return the line of the first failure."""
     return next((place.line for place, _ in result.verdict.failures if place is not None), 1)
 
 
 def _plain(text: str) -> str:
-    """What XML may hold."""
+    """Replace characters that XML does not allow."""
     return _NO_XML.sub("?", text)
 
 
 def results_json(results: Sequence[Result]) -> str:
-    """`read_results` reads it back equal. `passed` is there for other readers."""
+    """Return JSON that `read_results` reads back as equal results. The key `passed` is for other readers."""
     return (
         json.dumps([{"passed": r.verdict.passed, **dataclasses.asdict(r)} for r in results], indent=1) + "\n"
     )
 
 
 def read_results(text: str) -> list[Result]:
+    """Return the results of a JSON text of `results_json`."""
     return [
         _result({key: value for key, value in raw.items() if key != "passed"}) for raw in json.loads(text)
     ]
@@ -191,7 +198,7 @@ def _result(raw: dict[str, Any]) -> Result:
         touchdowns=tuple(Touchdown(**t) for t in verdict["touchdowns"]),
         lasted_s=verdict["lasted_s"],
         ended=verdict["ended"],
-        troubles=tuple(verdict["troubles"]),
+        problems=tuple(verdict["problems"]),
     )
     return Result(**{**raw, "verdict": made, "pictures": tuple(raw["pictures"])})
 
@@ -200,7 +207,7 @@ def _result(raw: dict[str, Any]) -> Result:
 
 
 def draw(result: Result, rows: Sequence[Row], folder: Path) -> list[str]:
-    """Height, distance and mode over time into folder/plots/scenario.png; returns the paths, for `Result.pictures`."""
+    """Plot height, distance and mode over time to folder/plots/scenario.png. Return the paths of the plots."""
     if not rows:
         return []
     import numpy as np
@@ -224,7 +231,9 @@ def draw(result: Result, rows: Sequence[Row], folder: Path) -> list[str]:
 
 
 def _marks(verdict: Verdict) -> Iterator[tuple[float, str, bool]]:
-    """Instants, in order of the scenario; of a step that failed, when it began."""
+    """Yield (time [s], text, passed) of each step in order, and of broken rules; a failed step is marked at
+    its begin.
+    """
     for step in verdict.steps:
         at = step.done_s if step.outcome == "passed" else step.begun_s
         if at is not None:

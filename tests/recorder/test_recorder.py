@@ -171,7 +171,7 @@ def test_reference_of_another_program_is_ignored():
 
 
 def test_messages_of_another_vehicle_are_ignored():
-    assert fed(Recorder(2, None)).first_heard is None
+    assert fed(Recorder(2, None)).first_received is None
 
 
 def test_attitude_interpolation_is_used_for_the_captured_pose():

@@ -28,7 +28,7 @@ def test_the_figures_are_those_of_the_flight(whole):
     assert uav1["landing"] == {
         "landed": True,
         "error_m": pytest.approx(0.12, abs=1e-3),
-        "told_ne": [1.0, 0.0],
+        "target_ne": [1.0, 0.0],
     }
     assert uav1["estimator"]["pos_rms_m"] == pytest.approx(0.01, abs=1e-4)
     assert uav1["log_hz"] == pytest.approx(30, abs=0.1)
@@ -117,7 +117,7 @@ def test_a_real_vehicle_is_judged_by_the_cameras_where_they_see_it(tmp_path):
     assert uav1["landing"] == {
         "landed": True,
         "error_m": pytest.approx(0.12, abs=1e-3),
-        "told_ne": [1.0, 0.0],
+        "target_ne": [1.0, 0.0],
     }
     assert uav1["estimator"]["pos_rms_m"] == pytest.approx(0.01, abs=1e-4)
     assert uav1["estimator"]["yaw_rms_deg"] == pytest.approx(0.0, abs=1e-6)

@@ -1,6 +1,8 @@
-"""Carries out what a scenario does to its arena: signals by recorded pid, faults into the rooms' sockets, what a pilot would ask.
+"""Actions of a scenario, carried out on its arena: signals to recorded pids, faults to the processes'
+sockets, commands to vehicles.
 
-Nothing here waits: a deed is done while time stands still, and what comes of it is for the scenario to look at.
+Nothing here waits: an action is carried out while simulation time stands still, and a scenario observes its
+    effect.
 """
 
 from __future__ import annotations
@@ -21,42 +23,42 @@ from arena.plan.model import Plan, VehiclePlan
 from arena.run_dirs import RUNTIME_DIR_VARIABLE
 from arena.smoke.flying.run_log import RunLog
 from arena.smoke.flying.telemetry_listener import TelemetryListener
-from arena.smoke.language.model import Deed
+from arena.smoke.language.model import Action
 from arena.supervisor import Control, proc_fs
 from arena.wire.px4_mode import mode_numbers
 
 _SIGNALS = {"kill": signal.SIGKILL, "hang": signal.SIGSTOP, "resume": signal.SIGCONT}
-_PANIC = {
+_EMERGENCY = {
     "land all": ("arena.emergency.land_all",),
     "kill all": ("arena.cli", "kill-all", "--yes"),
     "down": ("arena.cli", "down"),
 }
 _DO_SET_MODE, _CUSTOM_MODE = 176, 1
-_CONTROL_S = 0.5  # wall time; the world waits for a second for one who is awake
+_CONTROL_S = 0.5  # wall time; below the 1 s that the world waits for its clients
 
 
 class ActionRunner:
-    """Of one running arena. run: its run folder; rt: its runtime folder."""
+    """The actions on one running arena. run: its run folder. rt: its runtime folder."""
 
-    def __init__(self, plan: Plan, run: Path, rt: Path, chronicle: RunLog, ears: TelemetryListener) -> None:
-        self._run, self._rt, self._chronicle, self._ears = run, rt, chronicle, ears
+    def __init__(self, plan: Plan, run: Path, rt: Path, run_log: RunLog, listener: TelemetryListener) -> None:
+        self._run, self._rt, self._run_log, self._listener = run, rt, run_log, listener
         self._vehicles = {v.name: v for v in plan.vehicles}
         self._commands: list[subprocess.Popen[bytes]] = []
         self._slices = {name.removesuffix(".json"): _slice(run, name) for name in plan.slices}
 
-    def do(self, deed: Deed) -> None:
-        """Raises RunError where it cannot be done."""
-        if deed.verb in _SIGNALS or deed.verb == "restart":
-            for process in deed.processes:
-                with contextlib.suppress(RunError) if deed.undo else contextlib.nullcontext():
-                    self._process("resume" if deed.undo else deed.verb, process)
-        elif deed.verb == "mode":
-            for vehicle in deed.vehicles:
-                self._mode(vehicle, deed.word)
-        elif deed.verb in ("land all", "kill all", "down"):
-            self._panic(deed.verb)
+    def do(self, action: Action) -> None:
+        """Carry out an action, or undo it. Raises RunError if that is not possible."""
+        if action.verb in _SIGNALS or action.verb == "restart":
+            for process in action.processes:
+                with contextlib.suppress(RunError) if action.undo else contextlib.nullcontext():
+                    self._process("resume" if action.undo else action.verb, process)
+        elif action.verb == "mode":
+            for vehicle in action.vehicles:
+                self._mode(vehicle, action.mode)
+        elif action.verb in ("land all", "kill all", "down"):
+            self._run_emergency(action.verb)
         else:
-            self._spoil(deed)
+            self._inject(action)
 
     # -- processes
 
@@ -66,23 +68,23 @@ class ActionRunner:
             control.ask(do="restart", name=process)
             control.close()
             return
-        member = self._chronicle.member(process)
+        member = self._run_log.member(process)
         if member is None or not member.alive:
-            raise RunError(f"{process} does not run")
-        # All but the supervisor lead a group of their own; a PX4 is in that of the process that started it.
+            raise RunError(f"{process} is not running")
+        # Every process but the supervisor leads a group of its own; a PX4 is in the group of its `px4.<v>`.
         for pid in [member.pid] if process == "supervisor" else proc_fs.group_members(member.pgid):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, _SIGNALS[verb])
 
-    # -- what a pilot or a person would ask
+    # -- commands of a pilot or a person
 
     def _mode(self, vehicle: str, word: str) -> None:
         main, sub = mode_numbers(word)
-        self._ears.command(vehicle, _DO_SET_MODE, _CUSTOM_MODE, main, sub)
+        self._listener.command(vehicle, _DO_SET_MODE, _CUSTOM_MODE, main, sub)
 
-    def _panic(self, verb: str) -> None:
-        """As a person does, by a command of its own; its words go into the run folder."""
-        module, *words = _PANIC[verb]
+    def _run_emergency(self, verb: str) -> None:
+        """Start the command that a person would type; its output goes into the run folder."""
+        module, *words = _EMERGENCY[verb]
         with (self._run / "logs" / f"{verb.replace(' ', '-')}.txt").open("ab") as out:
             self._commands.append(
                 subprocess.Popen(
@@ -96,22 +98,24 @@ class ActionRunner:
             )
 
     @property
-    def commanding(self) -> bool:
-        """A command that a person would have typed is still at work: it lives on wall time."""
+    def commands_running(self) -> bool:
+        """True while such a command runs. It runs on wall time."""
         return any(command.poll() is None for command in self._commands)
 
     # -- faults
 
-    def _spoil(self, deed: Deed) -> None:
-        for vehicle in deed.vehicles if deed.verb == "battery drain" else ():
+    def _inject(self, action: Action) -> None:
+        for vehicle in action.vehicles if action.verb == "battery drain" else ():
             if self._vehicles[vehicle].autopilot != "builtin":
-                self._ears.set_parameter(
-                    vehicle, "SIM_BAT_DRAIN", self._drain_s(vehicle) if deed.undo else max(1.0, deed.number)
+                self._listener.set_parameter(
+                    vehicle,
+                    "SIM_BAT_DRAIN",
+                    self._drain_s(vehicle) if action.undo else max(1.0, action.number),
                 )
-        for room, fault in faults(deed, self._vehicles, self._slices.get("world", {})):
+        for room, fault in faults(action, self._vehicles, self._slices.get("world", {})):
             path = self._slices.get(room, {}).get("faults")
             if not path:
-                raise RunError(f"{room} of this arena takes no faults")
+                raise RunError(f"{room} of this arena accepts no faults: its slice has no `faults` socket")
             inject(path, fault)
 
     def _drain_s(self, vehicle: str) -> float:
@@ -119,19 +123,25 @@ class ActionRunner:
 
 
 def faults(
-    deed: Deed, vehicles: Mapping[str, VehiclePlan], world: Mapping[str, Any]
+    action: Action, vehicles: Mapping[str, VehiclePlan], world: Mapping[str, Any]
 ) -> list[tuple[str, Fault]]:
-    """(room, fault) of a deed or of its taking back. vehicles: all of the arena, by name. world: its slice."""
-    hit = [vehicles[name] for name in deed.vehicles]
-    if deed.verb in _AT_ONCE:
-        room, made = _AT_ONCE[deed.verb]
-        return [(room, made(deed, hit, world))]
-    room, each = _EACH[deed.verb]
-    return [(room, each(deed, v)) for v in hit if deed.verb != "battery drain" or v.autopilot == "builtin"]
+    """Return (process, fault) pairs for an action, or for undoing it.
+
+    vehicles: all vehicles of the arena, by name.
+    world: the world's slice.
+    """
+    hit = [vehicles[name] for name in action.vehicles]
+    if action.verb in _AT_ONCE:
+        room, made = _AT_ONCE[action.verb]
+        return [(room, made(action, hit, world))]
+    room, each = _EACH[action.verb]
+    return [
+        (room, each(action, v)) for v in hit if action.verb != "battery drain" or v.autopilot == "builtin"
+    ]
 
 
 _STILL = [0.0, 0.0, 0.0]
-_AT_ONCE: dict[str, tuple[str, Callable[[Deed, list[VehiclePlan], Mapping[str, Any]], Fault]]] = {
+_AT_ONCE: dict[str, tuple[str, Callable[[Action, list[VehiclePlan], Mapping[str, Any]], Fault]]] = {
     "wind": (
         "world",
         lambda d, _, world: {
@@ -146,7 +156,7 @@ _AT_ONCE: dict[str, tuple[str, Callable[[Deed, list[VehiclePlan], Mapping[str, A
     "mocap delay": ("mocap", lambda d, *_: {"do": "delay", "ms": 0.0 if d.undo else d.number}),
     "ground station loss": ("router", lambda d, *_: {"do": "heartbeat", "on": d.undo}),
 }
-_EACH: dict[str, tuple[str, Callable[[Deed, VehiclePlan], Fault]]] = {
+_EACH: dict[str, tuple[str, Callable[[Action, VehiclePlan], Fault]]] = {
     "mocap dropout": ("mocap", lambda d, v: {"do": "dropout", "body": v.mocap_body, "on": not d.undo}),
     "mocap freeze": ("mocap", lambda d, v: {"do": "freeze", "body": v.mocap_body, "on": not d.undo}),
     "mocap jump": (
@@ -184,7 +194,7 @@ _EACH: dict[str, tuple[str, Callable[[Deed, VehiclePlan], Fault]]] = {
 
 
 def _slice(run: Path, name: str) -> dict[str, Any]:
-    """As the supervisor has filled it in."""
+    """Return a process's JSON slice, as the supervisor has filled it in; {} if it cannot be read."""
     try:
         found: dict[str, Any] = json.loads((run / "slices" / name).read_text())
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""One scenario flown and judged: the referee's decisions, carried out in a session."""
+"""A scenario flown and judged: the referee decides, a session carries it out."""
 
 from __future__ import annotations
 
@@ -16,45 +16,50 @@ from pathlib import Path
 
 from arena.errors import ArenaError, InputError, RunError
 from arena.schema import Arena
-from arena.smoke.flying.session import Session, Start
+from arena.smoke.flying.session import LaunchOptions, Session
 from arena.smoke.language.scenario import Scenario
 from arena.smoke.referee.referee import Referee
 from arena.smoke.referee.verdict import Result
 from arena.smoke.report import draw
 
-_WALL_S, _WALL_PER_S = (
-    60.0,
-    10.0,
-)  # wall time that a flight may take, and more for each second of its time limit
-_REPORT_S = 120.0
+# wall time: a flight may take WALL_LIMIT_S and WALL_LIMIT_PER_S for each second of its time limit
+WALL_LIMIT_S, WALL_LIMIT_PER_S = 60.0, 10.0
+REPORT_TIMEOUT_S = 120.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class How:
-    """results: where run folders go, one folder a scenario. speed: as `arena up --speed`. seed: None: as the YAMLs say."""
+class FlightOptions:
+    """How scenarios are flown.
+
+    results: the folder for run folders, one folder per scenario.
+    speed: as `arena up --speed`.
+    seed: None: as the YAML files say.
+    """
 
     results: Path
     speed: str = "max"
     seed: int | None = None
 
 
-def fly(scenario: Scenario, how: How) -> Result:
-    """Nothing of the arena runs when this returns or raises; its run folder stays."""
+def fly(scenario: Scenario, options: FlightOptions) -> Result:
+    """Fly one scenario. No process of the arena runs when this returns or raises; the run folder stays."""
     began, referee = time.monotonic(), Referee(scenario)
-    folder = how.results / slug(scenario.name)
+    folder = options.results / slug(scenario.name)
     folder.mkdir(parents=True, exist_ok=True)
-    session = Session(start_of(scenario, folder, how))
-    trouble = ""
+    session = Session(start_of(scenario, folder, options))
+    problem = ""
     try:
         with alone_if_px4(scenario.arena), session:
-            trouble = _referee(referee, session, began + _WALL_S + _WALL_PER_S * scenario.time_limit_s)
+            problem = _fly_until_over(
+                referee, session, began + WALL_LIMIT_S + WALL_LIMIT_PER_S * scenario.time_limit_s
+            )
     except RunError as error:
-        trouble = str(error)
-    referee.finish(session.outcome(), trouble)
+        problem = str(error)
+    referee.finish(session.outcome(), problem)
     result = Result(
         scenario=scenario.name,
         file=scenario.place.file,
-        seed=scenario.arena.world.seed if how.seed is None else how.seed,
+        seed=scenario.arena.world.seed if options.seed is None else options.seed,
         verdict=referee.verdict(),
         run=str(session.run or ""),
         facts=_facts(scenario.arena),
@@ -65,55 +70,59 @@ def fly(scenario: Scenario, how: How) -> Result:
     return replace(result, wall_s=time.monotonic() - began)
 
 
-def _referee(referee: Referee, session: Session, deadline: float) -> str:
-    """Until it is over; what went wrong beside the flight, in words. deadline: wall time [s]."""
+def _fly_until_over(referee: Referee, session: Session, deadline: float) -> str:
+    """Observe until the referee ends the flight. Return a failure of the flight itself, or "". deadline: wall
+    time [s].
+    """
     while not referee.over:
-        now = session.seat.look()
+        now = session.observer.observe()
         if now is None:
-            return session.seat.trouble
-        for deed in referee.look(now):
+            return session.observer.problem
+        for action in referee.observe(now):
             try:
-                session.seat.do(deed)
+                session.observer.do(action)
             except ArenaError as error:
-                referee.refused(deed, str(error))
+                referee.action_failed(action, str(error))
         if time.monotonic() > deadline:
-            return f"flown for too long in wall time, and had come to {now.time_s:.1f} s of simulation time"
+            return f"the flight took too long in wall time: it was at {now.time_s:.1f} s of simulation time"
     return ""
 
 
 def refuse_real(arena: Arena) -> None:
-    """Raises InputError: a real vehicle is not for spoiling."""
+    """Raise InputError if the arena has a real vehicle: scenarios inject faults."""
     if real := [v.name for v in arena.vehicles if not v.simulated]:
         raise InputError(
-            f"{arena.file}: {', '.join(real)}: got a real vehicle; smoke flights fly simulated ones only"
+            f"{arena.file}: got real vehicles ({', '.join(real)}), expected simulated ones: scenarios inject faults"
         )
 
 
-def start_of(scenario: Scenario, folder: Path, how: How) -> Start:
-    """An arena that is written inside the scenario is written down first, in `folder`."""
+def start_of(scenario: Scenario, folder: Path, options: FlightOptions) -> LaunchOptions:
+    """Return how the scenario's arena is started. An arena inside the scenario is written to a file in
+    `folder` first.
+    """
     if scenario.arena_file:
-        return Start(
+        return LaunchOptions(
             arena=Path(scenario.arena_file),
             runs=folder,
             overrides=scenario.overrides,
-            speed=how.speed,
-            seed=how.seed,
+            speed=options.speed,
+            seed=options.seed,
         )
     from arena.plan.resolved_yaml import arena_yaml
 
     file = folder / "arena.yaml"
     file.write_text(arena_yaml(scenario.arena))
-    return Start(arena=file, runs=folder, speed=how.speed, seed=how.seed)
+    return LaunchOptions(arena=file, runs=folder, speed=options.speed, seed=options.seed)
 
 
 def slug(name: str) -> str:
-    """A folder's name: `offboard loss lands [four]` -> offboard-loss-lands-four."""
+    """Return a folder's name: `offboard loss lands [four]` -> offboard-loss-lands-four."""
     return re.sub(r"[^\w.]+", "-", name).strip("-.") or "scenario"
 
 
 @contextlib.contextmanager
 def alone_if_px4(arena: Arena) -> Iterator[None]:
-    """A real PX4 binds its links on every address of the computer: one such arena flies at a time."""
+    """Hold a lock while an arena with a real PX4 flies: PX4 binds its ports on every address of the computer."""
     if not any(v.autopilot == "px4" for v in arena.vehicles):
         yield
         return
@@ -134,10 +143,10 @@ def _facts(arena: Arena) -> dict[str, str]:
 
 
 def _make_report(run: Path) -> None:
-    """The summary and plots that `arena up` was told to leave out: only of flights that somebody will look into."""
+    """Write the summary and plots that `arena up --no-report` left out, for flights that failed."""
     argv = [sys.executable, "-m", "arena.recorder.report", str(run)]
     with (
         (run / "logs" / "report.log").open("wb") as out,
         contextlib.suppress(OSError, subprocess.TimeoutExpired),
     ):
-        subprocess.run(argv, stdout=out, stderr=subprocess.STDOUT, timeout=_REPORT_S, check=False)
+        subprocess.run(argv, stdout=out, stderr=subprocess.STDOUT, timeout=REPORT_TIMEOUT_S, check=False)

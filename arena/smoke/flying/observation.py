@@ -1,4 +1,4 @@
-"""Truth, a vehicle's own words and the world's verdict -> what a referee sees of it. Pure."""
+"""Vehicle states for the referee, from the truth, the telemetry and the world's crash reports. Pure."""
 
 from __future__ import annotations
 
@@ -8,44 +8,52 @@ from typing import Any
 
 import numpy as np
 
-from arena.smoke.language.model import Vector, VehicleNow
+from arena.smoke.language.model import Vector, VehicleState
 from arena.wire.telemetry import Telemetry
 from arena.wire.truth_page import Array, Truth
 
 UP_M, DOWN_M = 0.10, 0.03
-"""Of its lowest point above the floor: higher, it is airborne; lower, it is not; between, it is what it was."""
-HEARD_S = 1.0
-STILL = 0.01
-"""Of a rotor, as a share of its full command: an armed one idles above it."""
+"""Heights of the lowest point above the floor: airborne above UP_M, on the floor below DOWN_M, unchanged in between [m]."""
+MAX_AGE_S = 1.0
+"""Older telemetry is unknown."""
+IDLE_ROTOR = 0.01
+"""Highest rotor command of a disarmed vehicle, 0..1: armed rotors idle above it."""
 
 
-class Eyes:
-    """vehicles: rows of the world's slice, in the order of the truth page."""
+class VehicleStates:
+    """The states of all vehicles, with what they need to remember. vehicles: rows of the world's slice, in
+    the order of the truth page.
+    """
 
     def __init__(self, vehicles: Sequence[Mapping[str, Any]]) -> None:
         self._names = [str(v["name"]) for v in vehicles]
         self._profiles = [v["profile"] for v in vehicles]
         self._airborne = dict.fromkeys(self._names, False)
 
-    def see(
-        self, truth: Truth | None, told: Mapping[str, Telemetry], crashed: Mapping[str, str], now: float
-    ) -> dict[str, VehicleNow]:
-        """told: what each vehicle said, heard by simulation time. crashed: vehicle -> how. now: simulation time [s]."""
+    def update(
+        self, truth: Truth | None, telemetry: Mapping[str, Telemetry], crashed: Mapping[str, str], now: float
+    ) -> dict[str, VehicleState]:
+        """Return the state of each vehicle.
+
+        telemetry: of each vehicle, received in simulation time.
+        crashed: vehicle -> crash report.
+        now: simulation time [s].
+        """
         if truth is None:
             return {}
         return {
-            name: self._vehicle(name, i, truth, told[name], crashed.get(name, ""), now)
+            name: self._vehicle(name, i, truth, telemetry[name], crashed.get(name, ""), now)
             for i, name in enumerate(self._names)
         }
 
     def _vehicle(
-        self, name: str, i: int, truth: Truth, told: Telemetry, crashed: str, now: float
-    ) -> VehicleNow:
+        self, name: str, i: int, truth: Truth, telemetry: Telemetry, crashed: str, now: float
+    ) -> VehicleState:
         p, v = _triple(truth.p_n[i]), _triple(truth.v_n[i])
         down = _cos_tilt(truth.q_nb[i])
         height = -p[2] - _reach_m(self._profiles[i], down)
         self._airborne[name] = height > (DOWN_M if self._airborne[name] else UP_M)
-        return VehicleNow(
+        return VehicleState(
             name=name,
             p_n=p,
             v_n=v,
@@ -53,21 +61,23 @@ class Eyes:
             height_m=max(0.0, height),
             airborne=self._airborne[name],
             crashed=crashed,
-            **_words(told, now, rotors=float(truth.motors[i].max())),
+            **_known_telemetry(telemetry, now, rotors=float(truth.motors[i].max())),
         )
 
 
-def _words(told: Telemetry, now: float, *, rotors: float) -> dict[str, Any]:
-    """What it said in the last second. One that is not heard and whose rotors stand still is not armed: see `rotors`, 0..1."""
+def _known_telemetry(telemetry: Telemetry, now: float, *, rotors: float) -> dict[str, Any]:
+    """Return the telemetry of the last second. A silent vehicle whose rotors (0..1) stand still counts as
+    disarmed.
+    """
 
     def fresh(group: Any) -> Any:
-        return group if group is not None and now - group.heard <= HEARD_S else None
+        return group if group is not None and now - group.heard <= MAX_AGE_S else None
 
-    heart, ground, local = fresh(told.heart), fresh(told.ground), fresh(told.local)
-    reference, status = fresh(told.reference), fresh(told.status)
+    heart, ground, local = fresh(telemetry.heart), fresh(telemetry.ground), fresh(telemetry.local)
+    reference, status = fresh(telemetry.reference), fresh(telemetry.status)
     return {
         "mode": heart.mode if heart else "",
-        "armed": heart.armed if heart else False if rotors < STILL else None,
+        "armed": heart.armed if heart else False if rotors < IDLE_ROTOR else None,
         "landed": ground.landed if ground else None,
         "est_p_n": _triple(local.pos) if local else None,
         "target_p_n": _triple(reference.pos) if reference and np.isfinite(reference.pos).all() else None,
@@ -76,7 +86,9 @@ def _words(told: Telemetry, now: float, *, rotors: float) -> dict[str, Any]:
 
 
 def _reach_m(profile: Mapping[str, Any], cos_tilt: float) -> float:
-    """Of the lowest point below the body's origin: bodies are cylinders, as the world has them."""
+    """Return the distance of the lowest point below the body's origin [m]. Bodies are cylinders, as in the
+    world.
+    """
     height = float(profile["height_m"])
     bottom = float(profile.get("ground_clearance_m", height / 2.0))
     rim = float(profile["radius_m"]) * math.sqrt(max(0.0, 1.0 - cos_tilt * cos_tilt))
@@ -84,7 +96,7 @@ def _reach_m(profile: Mapping[str, Any], cos_tilt: float) -> float:
 
 
 def _cos_tilt(q_nb: Array) -> float:
-    """Of the body's z axis from the vertical."""
+    """Return the cosine of the body z axis's angle from the vertical."""
     _, x, y, _ = q_nb.tolist()
     return float(1.0 - 2.0 * (x * x + y * y))
 

@@ -1,7 +1,7 @@
-"""A referee's seat in a running arena: it sees the truth, hears the vehicles, reads what the arena writes down, and spoils.
+"""Observation of a running arena: the truth, the vehicles' telemetry and the run folder, 50 times per simulated second.
 
-It is a client of the simulation clock: while it looks, time stands still, for a second of wall time at most. What fails to answer
-is unknown and nothing more: a router, a supervisor or a program may be dead or stopped. Only with the world all seeing ends.
+The observer is a client of the simulation clock: simulation time stands still during an observation, for at most 1 s of wall time.
+It needs only the world. A router, supervisor or program that does not reply leaves values unknown.
 """
 
 from __future__ import annotations
@@ -17,89 +17,97 @@ from arena.clock import SimClock
 from arena.errors import RunError
 from arena.plan.model import Plan
 from arena.smoke.flying.actions import ActionRunner
-from arena.smoke.flying.observation import Eyes
+from arena.smoke.flying.observation import VehicleStates
 from arena.smoke.flying.run_log import RunLog
 from arena.smoke.flying.telemetry_listener import TelemetryListener
-from arena.smoke.language.model import Deed, Now
+from arena.smoke.language.model import Action, Observation
 from arena.supervisor import RunState
 from arena.wire.truth_page import TruthReader
 
-LOOK_S = 0.02
-"""Of simulation time, between two looks."""
-_STILL_S, _PATIENCE_S = 30.0, 0.25  # wall time
+OBSERVATION_PERIOD_S = 0.02
+"""Simulation time between two observations."""
+CLOCK_TIMEOUT_S, _POLL_S = 30.0, 0.25  # wall time
 
 
 class Observer:
-    """plan, state: of the run, whose world serves the time. ended: why there is nothing more to see. trouble: the same, where no
-    scenario may bring it about. all_down: at the last look every vehicle was on the floor and disarmed.
+    """The observer of one run.
+
+    plan, state: of the run whose world serves the simulation time.
+    ended: the reason why there is nothing more to observe, "" before.
+    problem: that reason, if no scenario may cause it.
+    all_down: at the last observation every vehicle was on the floor and disarmed.
     """
 
     def __init__(self, plan: Plan, state: RunState) -> None:
         run, world = Path(state.run), slice_of(Path(state.run), "world")
-        self.ended = self.trouble = ""
+        self.ended = self.problem = ""
         self.all_down = False
-        self.chronicle = RunLog(run, [spec.name for spec in plan.processes])
+        self.run_log = RunLog(run, [spec.name for spec in plan.processes])
         self._supervisor = state.supervisor
         self._clock, self._truth = SimClock(world["clock"], "smoke"), TruthReader(world["truth"])
-        self._eyes = Eyes(world["vehicles"])
-        self._ears = TelemetryListener(plan.vehicles)
-        self._doer = ActionRunner(plan, run, Path(state.rt), self.chronicle, self._ears)
+        self._vehicle_states = VehicleStates(world["vehicles"])
+        self._listener = TelemetryListener(plan.vehicles)
+        self._actions = ActionRunner(plan, run, Path(state.rt), self.run_log, self._listener)
         self._next = self._clock.now()
 
-    def look(self) -> Now | None:
-        """The next look, LOOK_S later; None when there is nothing more to see, and `ended` says why."""
-        if self._doer.commanding:  # it lives on wall time, and should meet a world that keeps its pace
-            time.sleep(LOOK_S)
+    def observe(self) -> Observation | None:
+        """Wait OBSERVATION_PERIOD_S and observe; None when the arena has ended, with the reason in `ended`."""
+        if self._actions.commands_running:  # they run on wall time and need a world that keeps that pace
+            time.sleep(OBSERVATION_PERIOD_S)
         try:
-            self._next = max(self._next, self._clock.now()) + LOOK_S
+            self._next = max(self._next, self._clock.now()) + OBSERVATION_PERIOD_S
             self._clock.ask(self._next)
-            time_s = self._awaited()
+            time_s = self._wait_for_time()
         except RunError as error:
             self.ended = str(error)
             return None
         if time_s is None:
-            self.ended = self.trouble = (
-                f"simulation time has stood still at {self._clock.now():.2f} s for {_STILL_S:g} s"
+            stalled = (
+                f"simulation time has stood still at {self._clock.now():.2f} s for {CLOCK_TIMEOUT_S:g} s"
             )
+            self.ended = self.problem = stalled
             return None
-        return self._now(time_s)
+        return self._observation(time_s)
 
-    def do(self, deed: Deed) -> None:
-        """Carry it out, or take it back. Raises RunError where it cannot be done."""
-        self._doer.do(deed)
+    def do(self, action: Action) -> None:
+        """Carry out an action, or undo it. Raises RunError if that is not possible."""
+        self._actions.do(action)
 
-    def linger(self, wall_s: float) -> None:
-        """Let so much time pass, at the wall's pace and seen by nobody."""
+    def idle(self, wall_s: float) -> None:
+        """Wait for this time at the pace of the wall clock, without an observation."""
         with contextlib.suppress(RunError):
             self._clock.ask(self._clock.now() + wall_s)
             self._clock.told(wall_s)
         time.sleep(wall_s)
 
-    def leave(self) -> None:
-        """Time goes on without it."""
+    def close(self) -> None:
+        """Disconnect from the clock and the vehicles."""
         self._clock.close()
-        self._ears.close()
+        self._listener.close()
 
-    def _now(self, time_s: float) -> Now:
-        self._ears.listen(time_s)
-        events = tuple(self.chronicle.read())
+    def _observation(self, time_s: float) -> Observation:
+        self._listener.listen(time_s)
+        events = tuple(self.run_log.read())
         supervised = self._supervisor.alive
         if not supervised:
-            self.chronicle.look_who_is_left()
-        states = {**self.chronicle.states, "supervisor": "READY" if supervised else "EXITED"}
-        seen = self._eyes.see(self._truth.newest(), self._ears.told, self.chronicle.crashed, time_s)
-        self.all_down = all(vehicle.down for vehicle in seen.values())
-        return Now(time_s=time_s, vehicles=seen, processes=states, events=events)
+            self.run_log.update_without_supervisor()
+        states = {**self.run_log.states, "supervisor": "READY" if supervised else "EXITED"}
+        vehicles = self._vehicle_states.update(
+            self._truth.newest(), self._listener.telemetry, self.run_log.crashed, time_s
+        )
+        self.all_down = all(vehicle.down for vehicle in vehicles.values())
+        wall_s = time.monotonic()
+        return Observation(time_s=time_s, vehicles=vehicles, processes=states, events=events, wall_s=wall_s)
 
-    def _awaited(self) -> float | None:
-        """The time when it has come; None when the world stands still. Raises RunError when it has ended."""
-        deadline = time.monotonic() + _STILL_S
-        while (time_s := self._clock.told(_PATIENCE_S)) is None and time.monotonic() < deadline:
+    def _wait_for_time(self) -> float | None:
+        """Return the time when it has come; None when the world stands still. Raises RunError when it has ended."""
+        deadline = time.monotonic() + CLOCK_TIMEOUT_S
+        while (time_s := self._clock.told(_POLL_S)) is None and time.monotonic() < deadline:
             pass
         return time_s
 
 
 def slice_of(run: Path, name: str) -> Mapping[str, Any]:
-    """As the supervisor has filled it in."""
+    """Return the JSON slice of a process, as the supervisor has filled it in."""
     found: dict[str, Any] = json.loads((run / "slices" / f"{name}.json").read_text())
     return found

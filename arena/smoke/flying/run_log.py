@@ -1,4 +1,6 @@
-"""What a running arena writes down of itself, read as it grows: events.jsonl, and who is running by state.json."""
+"""The log of a running arena, read while it grows: events.jsonl, the world's log, and the recorded processes
+of state.json.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,13 @@ from arena.supervisor.run_folder import Member
 
 
 class Tail:
-    """The lines of a file that have been written since the last look, whole ones only."""
+    """A text file that grows. Only complete lines are read."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._at, self._rest = path, 0, b""
 
     def lines(self) -> list[str]:
+        """Return the lines written since the last call."""
         try:
             if self._path.stat().st_size <= self._at:
                 return []
@@ -32,9 +35,12 @@ class Tail:
 
 
 class RunLog:
-    """Of one run folder. states: process -> READY, EXITED, ... as the supervisor last wrote; crashed: vehicle -> how.
+    """The log of one run folder.
 
-    A supervisor that is dead or stopped writes nothing: then recorded pids tell who has gone, and the world's own log of crashes.
+    states: process -> READY, EXITED, ... as the supervisor last wrote.
+    crashed: vehicle -> crash report.
+    A supervisor that is dead or stopped writes nothing: then the recorded pids show which processes have
+        ended, and the world's own log has the crashes.
     """
 
     def __init__(self, run: Path, processes: Iterator[str] | list[str]) -> None:
@@ -45,30 +51,34 @@ class RunLog:
         self._members: dict[str, Member] = {}
 
     def read(self) -> list[str]:
-        """What was told since the last call: `program.uav1: EXITED: exit 1`, `world: uav1 crashed: touched a wall at 3.2 s`."""
-        told = [line for line in map(self._heed, self._events.lines()) if line]
+        """Return the events since the last call: `program.uav1: EXITED: exit 1`, `world: uav1 crashed:
+        touched a wall at 3.2 s`.
+        """
+        events = [line for line in map(self._parse, self._events.lines()) if line]
         for line in self._world.lines():
-            self._crash(line)
-        return told
+            self._take_crash(line)
+        return events
 
     @property
     def started(self) -> bool:
-        """Everything has been started: it serves, or it has ended already."""
+        """True when every process has been started, including those that have ended since."""
         return not any(state in ("STOPPED", "STARTING") for state in self.states.values())
 
     def member(self, process: str) -> Member | None:
-        """Who it is now: the newest record, or the last that was seen where the run is over. "supervisor" is one too."""
+        """Return the process's newest record; "supervisor" has one too. After the run the last known record
+        is returned.
+        """
         if (state := open_run(self._run)) is not None:
             self._members = {**self._members, **state.processes, "supervisor": state.supervisor}
         return self._members.get(process)
 
     def members(self) -> dict[str, Member]:
-        """Everybody on record, alive or not."""
+        """Return all recorded processes, alive or not."""
         self.member("")
         return dict(self._members)
 
-    def look_who_is_left(self) -> None:
-        """Without a supervisor: those that have gone have EXITED."""
+    def update_without_supervisor(self) -> None:
+        """Set the state EXITED for each process that has ended, when no supervisor does so."""
         members = self.members()
         for process, state in self.states.items():
             if state not in ("EXITED", "FATAL", "STOPPED") and not (
@@ -76,7 +86,7 @@ class RunLog:
             ):
                 self.states[process] = "EXITED"
 
-    def _heed(self, line: str) -> str:
+    def _parse(self, line: str) -> str:
         try:
             entry: dict[str, Any] = json.loads(line)
             process = str(entry["process"])
@@ -87,10 +97,10 @@ class RunLog:
             return f"{process}: {entry['to']}: {entry.get('reason', '')}"
         text = str(entry.get("event", ""))
         if process == "world":
-            self._crash(text)
+            self._take_crash(text)
         return f"{process}: {text}"
 
-    def _crash(self, text: str) -> None:
+    def _take_crash(self, text: str) -> None:
         vehicle, crashed, how = text.partition(" crashed: ")
         if crashed and " " not in vehicle:
             self.crashed.setdefault(vehicle, how)

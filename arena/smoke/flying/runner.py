@@ -1,7 +1,8 @@
-"""Several scenarios at a time, each in a process of its own that leads an arena of its own.
+"""Several scenarios at a time, each in a process of its own with an arena of its own.
 
-The workers are sessions of their own: a Ctrl-C in the terminal reaches this process alone. The first asks every worker to land
-its arena and end it, the second to end it at once. A worker that is killed takes its arena along, and so does a killed runner.
+Each worker is the leader of a session: a Ctrl-C in the terminal reaches only this process. The first Ctrl-C
+    asks every worker to land and end its arena, the second to end it at once. A killed worker ends its arena,
+    and so does a killed runner.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ from multiprocessing.process import BaseProcess
 from types import FrameType
 
 from arena.errors import ArenaError
-from arena.smoke.flying.fly_scenario import How, fly
+from arena.smoke.flying.fly_scenario import FlightOptions, fly
 from arena.smoke.language.scenario import Scenario
 from arena.smoke.referee.verdict import Result, Verdict
 
-_TURN_S = 0.2
+_POLL_S = 0.2
 _PR_SET_PDEATHSIG = 1
 _STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _libc = ctypes.CDLL(None)
-Tell = Callable[[Result], None]
-Fly = Callable[[Scenario, How], Result]
+OnResult = Callable[[Result], None]
+Fly = Callable[[Scenario, FlightOptions], Result]
 
 
 @dataclass(kw_only=True)
@@ -38,7 +39,7 @@ class _Worker:
 
 
 class Interrupted(KeyboardInterrupt):
-    """results: of the scenarios that had ended before."""
+    """Ctrl-C during the flights. results: of the scenarios that had ended before."""
 
     def __init__(self, results: Sequence[Result]) -> None:
         super().__init__()
@@ -46,22 +47,32 @@ class Interrupted(KeyboardInterrupt):
 
 
 def fly_all(
-    scenarios: Sequence[Scenario], how: How, *, jobs: int, tell: Tell, flown_by: Fly = fly
+    scenarios: Sequence[Scenario],
+    options: FlightOptions,
+    *,
+    jobs: int,
+    on_result: OnResult,
+    flown_by: Fly = fly,
 ) -> list[Result]:
-    """Results in the order of the scenarios. tell: called with each as it ends. Raises Interrupted when all arenas have gone."""
+    """Fly scenarios and return their results in the same order.
+
+    jobs: number of scenarios at a time.
+    on_result: called with each result as its flight ends.
+    Raises Interrupted when all arenas have ended after a Ctrl-C.
+    """
     results: dict[int, Result] = {}
     waiting, workers = list(range(len(scenarios))), list[_Worker]()
     with _stops() as stops:
         asked = 0
         while workers or (waiting and not stops):
             while waiting and len(workers) < jobs and not stops:
-                workers.append(_begin(waiting[0], scenarios[waiting[0]], how, flown_by))
+                workers.append(_begin(waiting[0], scenarios[waiting[0]], options, flown_by))
                 waiting.pop(0)
             for worker in _ended(workers):
                 workers.remove(worker)
-                if (result := _result(worker, scenarios[worker.index], how)) is not None:
+                if (result := _result(worker, scenarios[worker.index], options)) is not None:
                     results[worker.index] = result
-                    tell(result)
+                    on_result(result)
             if len(stops) > asked:
                 asked = len(stops)
                 for worker in workers:
@@ -74,7 +85,7 @@ def fly_all(
 
 @contextmanager
 def _stops() -> Iterator[list[int]]:
-    """The signals that arrive meanwhile; the loop looks at them when it can."""
+    """Collect the signals that arrive meanwhile, for a loop that polls them."""
     found: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -88,29 +99,29 @@ def _stops() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _begin(index: int, scenario: Scenario, how: How, flown_by: Fly) -> _Worker:
-    """A fork, for what has been imported and loaded need not be again."""
+def _begin(index: int, scenario: Scenario, options: FlightOptions, flown_by: Fly) -> _Worker:
+    """Fork a worker, which shares what has been imported and loaded."""
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(theirs, os.getpid(), scenario, how, flown_by))
+    process = context.Process(target=_work, args=(theirs, os.getpid(), scenario, options, flown_by))
     process.start()
     theirs.close()
     return _Worker(index=index, process=process, answer=ours)
 
 
-def _work(answer: Connection, runner: int, scenario: Scenario, how: How, flown_by: Fly) -> None:
+def _work(answer: Connection, runner: int, scenario: Scenario, options: FlightOptions, flown_by: Fly) -> None:
     os.setsid()
     for number in _STOPS:
         signal.signal(number, _interrupt)
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-    if os.getppid() != runner:  # it died before we asked
+    if os.getppid() != runner:  # the runner died before prctl
         return
     try:
-        answer.send(flown_by(scenario, how))
+        answer.send(flown_by(scenario, options))
     except KeyboardInterrupt:
         return
     except ArenaError as error:
-        answer.send(_failed(scenario, how, str(error)))
+        answer.send(_failed(scenario, options, str(error)))
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
@@ -118,13 +129,13 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _ended(workers: Sequence[_Worker]) -> list[_Worker]:
-    """Those that have answered, or closed their end without a word; none after a turn."""
-    ready = wait([worker.answer for worker in workers], _TURN_S) if workers else []
+    """Return the workers that have sent a result or closed their pipe; empty after _POLL_S without one."""
+    ready = wait([worker.answer for worker in workers], _POLL_S) if workers else []
     return [worker for worker in workers if worker.answer in ready]
 
 
-def _result(worker: _Worker, scenario: Scenario, how: How) -> Result | None:
-    """What it has answered; None of one that was interrupted."""
+def _result(worker: _Worker, scenario: Scenario, options: FlightOptions) -> Result | None:
+    """Return the worker's result; None if it was interrupted."""
     try:
         result: Result | None = worker.answer.recv()
     except EOFError:
@@ -133,12 +144,14 @@ def _result(worker: _Worker, scenario: Scenario, how: How) -> Result | None:
     worker.process.join()
     if result is None and worker.process.exitcode:
         return _failed(
-            scenario, how, f"the process that flew it ended without a word ({worker.process.exitcode})"
+            scenario,
+            options,
+            f"the process that flew the scenario ended without a result (exit code {worker.process.exitcode})",
         )
     return result
 
 
-def _failed(scenario: Scenario, how: How, trouble: str) -> Result:
-    seed = scenario.arena.world.seed if how.seed is None else how.seed
-    verdict = Verdict(steps=(), rules=(), troubles=(trouble,))
+def _failed(scenario: Scenario, options: FlightOptions, problem: str) -> Result:
+    seed = scenario.arena.world.seed if options.seed is None else options.seed
+    verdict = Verdict(steps=(), rules=(), problems=(problem,))
     return Result(scenario=scenario.name, file=scenario.place.file, seed=seed, verdict=verdict)

@@ -1,4 +1,4 @@
-"""One running arena, started as a user starts it and ended whatever happens."""
+"""A running arena, started like a user starts it, and ended for certain."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ from typing import Any, Self, TypeVar
 from arena.errors import RunError
 from arena.run_dirs import RUNTIME_DIR_VARIABLE
 from arena.schema.ports import LINK_BASE
-from arena.smoke.flying.observer import LOOK_S, Observer, slice_of
+from arena.smoke.flying.observer import OBSERVATION_PERIOD_S, Observer, slice_of
 from arena.supervisor import open_run, plan_of, proc_fs
 from arena.supervisor.child_process import RUN
 from arena.transport import open_udp
 
 T = TypeVar("T")
-_UP_S, _DOWN_S, _LEFT_S, _KILLED_S = 120.0, 120.0, 10.0, 20.0  # wall time: machines may be slow
+# wall time; machines may be slow
+START_TIMEOUT_S, STOP_TIMEOUT_S, SELF_END_TIMEOUT_S, KILL_TIMEOUT_S = 120.0, 120.0, 10.0, 20.0
 _POLL_S = 0.02
 _INTERRUPTIONS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 _PR_SET_PDEATHSIG = 1
@@ -35,10 +36,14 @@ _libc = ctypes.CDLL(None)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Start:
-    """How an arena is started. arena: its YAML. overrides: `key=value`, as `--set`. runs: where its run folder goes.
+class LaunchOptions:
+    """How an arena is started.
 
-    speed: as `arena up --speed`. seed: of the world and the motion capture, None: as the YAML says.
+    arena: its YAML file.
+    runs: the folder for its run folder.
+    overrides: `key=value` texts, as `--set`.
+    speed: as `arena up --speed`.
+    seed: of the world and the motion capture; None: as the YAML file says.
     """
 
     arena: Path
@@ -48,6 +53,7 @@ class Start:
     seed: int | None = None
 
     def argv(self, address: str) -> list[str]:
+        """Return the command line of `arena up` on this address."""
         seeds = [] if self.seed is None else [f"world.seed={self.seed}", f"mocap.seed={self.seed}"]
         sets = [
             part for value in (*self.overrides, f"address={address}", *seeds) for part in ("--set", value)
@@ -69,19 +75,20 @@ class Start:
 
 
 class Session:
-    """`with Session(start) as session: while now := session.look(): ...`. Raises RunError with the words of an arena that does
-    not come up. On leaving, the arena is landed and ended, and nothing of it runs.
+    """An arena: `with Session(options) as session: while observation := session.observer.observe(): ...`.
 
+    Entering raises RunError with the output of an arena that does not start. Leaving lands and ends the
+    arena; none of its processes is left.
     run: its run folder, None before there is one.
     """
 
-    def __init__(self, start: Start) -> None:
+    def __init__(self, start: LaunchOptions) -> None:
         self.run: Path | None = None
         self._start = start
         self._rt = Path(tempfile.mkdtemp(prefix="arena-smoke-"))  # short, for socket paths
-        self._said = self._rt / "up.txt"
-        self._up: subprocess.Popen[bytes] | None = None
-        self._seat: Observer | None = None
+        self._output = self._rt / "up.txt"
+        self._arena_up: subprocess.Popen[bytes] | None = None
+        self._observer: Observer | None = None
 
     def __enter__(self) -> Self:
         try:
@@ -98,32 +105,32 @@ class Session:
         self.close()
 
     @property
-    def seat(self) -> Observer:
-        """Raises RunError before there is an arena, and after."""
-        if self._seat is None:
+    def observer(self) -> Observer:
+        """The observer of the arena. Raises RunError while no arena is up."""
+        if self._observer is None:
             raise RunError("no arena is up")
-        return self._seat
+        return self._observer
 
     def outcome(self) -> dict[str, Any]:
-        """outcome.json of an arena that has ended; {} where a killed supervisor wrote none."""
+        """Return the content of outcome.json after the end; {} if a killed supervisor wrote none."""
         try:
             found = json.loads((self.run / "outcome.json").read_text()) if self.run else {}
         except (OSError, ValueError):
             return {}
         return found if isinstance(found, dict) else {}
 
-    # -- its beginning
+    # -- start
 
     def _begin(self) -> None:
-        with self._said.open("wb") as out:
-            self._up = subprocess.Popen(
+        with self._output.open("wb") as out:
+            self._arena_up = subprocess.Popen(
                 self._start.argv(free_address()),
                 stdout=out,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,
                 env=self._env(),
-                preexec_fn=_end_with_us,  # noqa: PLW1509  nothing else is done in it
+                preexec_fn=_end_with_parent,  # noqa: PLW1509  nothing else is done in it
             )
 
     def _connected(self) -> Observer:
@@ -135,116 +142,137 @@ class Session:
             raise RunError(f"{run}: its plan.json cannot be read")
         if real := [v.name for v in plan.vehicles if not v.simulated]:
             raise RunError(
-                f"{', '.join(real)}: real. Smoke flights spoil arenas on purpose: they fly simulated vehicles only"
+                f"got real vehicles ({', '.join(real)}), expected simulated ones: scenarios inject faults"
             )
         world = slice_of(run, "world")
         pages = (Path(f"{world['clock']}.sock"), Path(world["truth"]))
         self._until(lambda: all(page.exists() for page in pages), "has no world that serves the time")
-        self._seat = Observer(plan, state)
-        return self._seat
+        self._observer = Observer(plan, state)
+        return self._observer
 
-    def _wait_for_all(self, seat: Observer) -> None:
-        """Looks that nobody judges, at the wall's pace at most: what is starting has need of the machine."""
-        deadline = time.monotonic() + _UP_S
-        while not seat.chronicle.started:
+    def _wait_for_all(self, observer: Observer) -> None:
+        """Observe until all processes have started, at most at the pace of the wall clock: starting processes
+        need the machine.
+        """
+        deadline = time.monotonic() + START_TIMEOUT_S
+        while not observer.run_log.started:
             if time.monotonic() > deadline:
                 waiting = [
-                    name for name, state in seat.chronicle.states.items() if state in ("STOPPED", "STARTING")
+                    name
+                    for name, state in observer.run_log.states.items()
+                    if state in ("STOPPED", "STARTING")
                 ]
-                raise RunError(f"not everything has started within {_UP_S:g} s: {', '.join(waiting)}")
-            if seat.look() is None:
-                raise RunError(f"{seat.ended}; {self._last_words()}")
-            time.sleep(LOOK_S)
+                raise RunError(f"not started within {START_TIMEOUT_S:g} s: {', '.join(waiting)}")
+            if observer.observe() is None:
+                raise RunError(f"{observer.ended}; {self._last_output()}")
+            time.sleep(OBSERVATION_PERIOD_S)
 
     def _until(self, check: Callable[[], T | None], what: str) -> T:
-        """The first true value. Raises RunError with the arena's own words when it ends before that."""
-        deadline = time.monotonic() + _UP_S
+        """Return the first true value of `check`. Raises RunError with the arena's output when the arena ends
+        first.
+        """
+        deadline = time.monotonic() + START_TIMEOUT_S
         while not (value := check()):
-            if self._up is not None and self._up.poll() is not None:
+            if self._arena_up is not None and self._arena_up.poll() is not None:
                 raise RunError(
-                    f"the arena did not come up (exit {self._up.returncode}): {self._last_words()}"
+                    f"the arena did not come up (exit {self._arena_up.returncode}): {self._last_output()}"
                 )
             if time.monotonic() > deadline:
-                raise RunError(f"the arena {what} within {_UP_S:g} s: {self._last_words()}")
+                raise RunError(f"the arena {what} within {START_TIMEOUT_S:g} s: {self._last_output()}")
             time.sleep(_POLL_S)
         return value
 
-    def _last_words(self) -> str:
-        """The end of what `arena up` has said."""
+    def _last_output(self) -> str:
+        """Return the end of the output of `arena up`."""
         with contextlib.suppress(OSError):
-            return "\n".join(self._said.read_text(errors="replace").splitlines()[-8:])
+            return "\n".join(self._output.read_text(errors="replace").splitlines()[-8:])
         return ""
 
-    # -- its end
+    # -- end
 
     def close(self) -> None:
-        """Land, end, leave nothing. Interrupted meanwhile, it kills what is left and lets the interruption pass."""
+        """Land and end the arena. When interrupted, kill what is left and raise the interruption."""
         try:
             self._end()
         finally:
             before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTIONS)
-            self._leave()
-            self._kill_rest()
+            self._disconnect()
+            self._kill_remaining()
             self._tidy()
             shutil.rmtree(self._rt, ignore_errors=True)
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def _end(self) -> None:
-        """As a user would: what a scenario has stopped goes on, then SIGTERM, or `arena down` where the supervisor has died."""
-        if self._up is None:
+        """End the arena like a user: continue stopped processes, then SIGTERM, or `arena down` if the
+        supervisor is dead.
+        """
+        if self._arena_up is None:
             return
         for pid in self._processes():
             _signal(pid, signal.SIGCONT)
-        all_down = self._seat is not None and self._seat.all_down
+        all_down = self._observer is not None and self._observer.all_down
         if not all_down:
-            self._leave()  # for a landing time goes as fast as it can
-        if self._up.poll() is None:
-            self._up.send_signal(signal.SIGTERM)
-            self._linger(lambda: self._up is not None and self._up.poll() is None, _DOWN_S)
-        elif all_down:  # what is left ends by itself
-            self._linger(lambda: any(self._processes()), _LEFT_S)
+            self._disconnect()  # let the landing run at full speed
+        if self._arena_up.poll() is None:
+            self._arena_up.send_signal(signal.SIGTERM)
+            self._idle_while(
+                lambda: self._arena_up is not None and self._arena_up.poll() is None, STOP_TIMEOUT_S
+            )
+        elif all_down:  # the remaining processes end by themselves
+            self._idle_while(lambda: any(self._processes()), SELF_END_TIMEOUT_S)
         elif self.run is not None and open_run(self.run) is not None:
             argv = [sys.executable, "-m", "arena.cli", "down", "--run", str(self.run)]
-            with self._said.open("ab") as out, contextlib.suppress(subprocess.TimeoutExpired):
+            with self._output.open("ab") as out, contextlib.suppress(subprocess.TimeoutExpired):
                 subprocess.run(
-                    argv, stdout=out, stderr=subprocess.STDOUT, env=self._env(), timeout=_DOWN_S, check=False
+                    argv,
+                    stdout=out,
+                    stderr=subprocess.STDOUT,
+                    env=self._env(),
+                    timeout=STOP_TIMEOUT_S,
+                    check=False,
                 )
 
-    def _linger(self, check: Callable[[], bool], limit_s: float) -> None:
-        """While it holds, at the wall's pace where nobody flies any more: a world that races on would only take its core."""
+    def _idle_while(self, check: Callable[[], bool], limit_s: float) -> None:
+        """Wait while `check` holds, at the pace of the wall clock if nobody flies: a world that runs on would
+        only take CPU time.
+        """
         deadline = time.monotonic() + limit_s
         while check() and time.monotonic() < deadline:
-            if self._seat is not None:
-                self._seat.linger(_POLL_S)
+            if self._observer is not None:
+                self._observer.idle(_POLL_S)
             else:
                 time.sleep(_POLL_S)
 
-    def _leave(self) -> None:
-        if self._seat is not None:
-            self._seat.leave()
-            self._seat = None
+    def _disconnect(self) -> None:
+        if self._observer is not None:
+            self._observer.close()
+            self._observer = None
 
-    def _kill_rest(self) -> None:
-        """Until nobody is left: a killed process goes when the kernel finds time for it."""
-        if self._up is not None and self._up.poll() is None:
-            self._up.kill()
-            self._up.wait()
-        deadline = time.monotonic() + _KILLED_S
+    def _kill_remaining(self) -> None:
+        """Kill processes until none is left."""
+        if self._arena_up is not None and self._arena_up.poll() is None:
+            self._arena_up.kill()
+            self._arena_up.wait()
+        deadline = time.monotonic() + KILL_TIMEOUT_S
         while (left := list(self._processes())) and time.monotonic() < deadline:
             for pid in left:
                 _signal(pid, signal.SIGKILL)
             time.sleep(_POLL_S)
 
     def _tidy(self) -> None:
-        """What it said stays; nobody shall look for who was running."""
+        """Keep the output of `arena up` in the run folder and delete the record of running processes."""
         if self.run is not None:
             with contextlib.suppress(OSError):
-                shutil.copyfile(self._said, self.run / "logs" / "up.txt")
+                shutil.copyfile(self._output, self.run / "logs" / "up.txt")
                 (self.run / "state.json").unlink(missing_ok=True)
 
     def _processes(self) -> Iterator[int]:
-        """Everybody whom this run has started: those on record, and those who were started with its marks."""
-        recorded = {self._up.pid} if self._up is not None and self._up.poll() is None else set()
+        """Yield the pids of all processes that this run has started: recorded ones, and those that carry its
+        marks in their environment.
+        """
+        recorded = (
+            {self._arena_up.pid} if self._arena_up is not None and self._arena_up.poll() is None else set()
+        )
         if self.run is not None and (state := open_run(self.run)) is not None:
             recorded |= {pid for pids in state.survivors().values() for pid in pids}
         marks = {
@@ -257,7 +285,9 @@ class Session:
                 yield pid
 
     def _env(self) -> dict[str, str]:
-        """The mark comes last: a process that takes a title may write it over its environment."""
+        """Return the environment of `arena up`. The mark comes last: a process that sets its title may
+        overwrite the first variables.
+        """
         return {
             **{key: value for key, value in os.environ.items() if key != RUNTIME_DIR_VARIABLE},
             RUNTIME_DIR_VARIABLE: str(self._rt),
@@ -265,18 +295,20 @@ class Session:
 
 
 def free_address() -> str:
-    """127.99.x.y, on which no router listens. Begins at one that this process alone looks at first."""
+    """Return 127.99.x.y on which no router listens. The search begins at an address that depends on the
+    process id.
+    """
     first = os.getpid()
     for number in range(first, first + 1000):
         address = f"127.99.{number // 250 % 250}.{number % 250 + 1}"
         with contextlib.suppress(OSError):
             open_udp((address, LINK_BASE)).close()
             return address
-    raise RunError("no loopback address of 127.99.0.0/16 is free: are a thousand arenas up?")
+    raise RunError("no loopback address of 127.99.0.0/16 is free: do 1000 arenas run?")
 
 
-def _end_with_us() -> None:
-    """In the child: a referee that is killed ends its arena as a SIGTERM would."""
+def _end_with_parent() -> None:
+    """Ask the kernel to send SIGTERM to this child process when its parent is killed."""
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
 

@@ -1,1 +1,1 @@
-"""The scenario language: text to frozen data."""
+"""The scenario language: text to frozen data. Our own parser: see `tokens` and `grammar`."""

@@ -1,4 +1,8 @@
-"""What a scenario says and what a referee sees, as data: known to both halves of this room, those who judge and those who fly."""
+"""The data of the scenario language and of the referee: what a scenario asks for, and what is observed of a
+flight.
+
+The inner rooms `language`, `referee` and `flying` share it. It must not import any of them.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +13,20 @@ from typing import Literal
 Vector = tuple[float, float, float]
 
 
-# -- what a referee sees ------------------------------------------------------------------------------------------------------
+# -- what is observed of a flight
 
 
 @dataclass(frozen=True, kw_only=True)
-class VehicleNow:
-    """One vehicle at one instant. Truth: p_n of its origin [m] [NED], v_n [m/s] [NED], tilt of its z axis [rad], height of its
-    lowest point above the floor [m], airborne by that height. Its own words: mode as PX4 says it ("" unknown), armed and landed
-    (None unknown), estimate est_p_n and setpoint target_p_n [m] [NED], battery 0..1, None where not heard in the last second of
-    simulation time; one that is not heard and whose rotors stand still is not armed. crashed: the world's verdict, "" for none.
+class VehicleState:
+    """A vehicle at one instant.
+
+    From the truth: p_n: position of the body origin [m] [NED]; v_n: velocity [m/s] [NED]; tilt_rad: angle of
+        the body z axis from the vertical [rad]; height_m: lowest point above the floor [m]; airborne: off the
+        floor, by that height.
+    From its telemetry: mode: PX4's name, "" if unknown; armed, landed: None if unknown; est_p_n: estimated
+        position; target_p_n: position setpoint [m] [NED]; battery: 0..1. Telemetry older than 1 s of
+        simulation time is unknown. A silent vehicle whose rotors stand still is not armed.
+    crashed: the world's crash report, "" for none.
     """
 
     name: str
@@ -36,40 +45,45 @@ class VehicleNow:
 
     @property
     def down(self) -> bool:
-        """On the floor, and disarmed by its own word."""
+        """True when the vehicle is on the floor and disarmed."""
         return not self.airborne and self.armed is False
 
 
 @dataclass(frozen=True, kw_only=True)
-class Now:
-    """One look, at simulation time time_s [s]. processes: name -> READY, EXITED, ... as in `arena ps`; events: lines that the
-    arena has told since the last look.
+class Observation:
+    """A look at the flight.
+
+    time_s: simulation time [s].
+    processes: name -> READY, EXITED, ... as in `arena ps`.
+    events: lines that the arena logged since the last observation.
+    wall_s: wall time [s], for the real-time factor; None if not measured.
     """
 
     time_s: float
-    vehicles: Mapping[str, VehicleNow]
+    vehicles: Mapping[str, VehicleState]
     processes: Mapping[str, str] = field(default_factory=dict)
     events: tuple[str, ...] = ()
+    wall_s: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Box:
-    """Where vehicles may be: lowest and highest north, east, down [m] [NED]."""
+    """The volume that vehicles may use: lowest and highest north, east, down [m] [NED]."""
 
     low_n: Vector
     high_n: Vector
 
     def outside_m(self, p_n: Vector) -> float:
-        """How far p_n is outside [m]; negative inside: the distance to the nearest side."""
+        """Return how far p_n is outside [m]; inside, minus the distance to the nearest side."""
         return max(max(low - p, p - high) for low, p, high in zip(self.low_n, p_n, self.high_n, strict=True))
 
 
-# -- what a scenario says -----------------------------------------------------------------------------------------------------
+# -- what a scenario asks for
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where it was written."""
+    """The line of a scenario file that an entry was written on."""
 
     file: str
     line: int
@@ -101,10 +115,16 @@ Verb = Literal[
 
 
 @dataclass(frozen=True, kw_only=True)
-class Deed:
-    """One `do`. processes: plan names, or "supervisor"; vehicles: names, in order; number: in the unit of the verb (share 0..1 of
-    link loss, ms of a delay, s until empty, rotor from 1); by: metres of a jump or m/s of the wind [NED]; word: a mode.
-    for_s: taken back after so long [s], None: it stays. undo: this is the taking back of the same deed.
+class Action:
+    """An entry of `do`.
+
+    processes: plan names, or "supervisor".
+    vehicles: names, in the order of the text.
+    number: in the unit of the verb: lost share 0..1, delay [ms], time until empty [s], rotor from 1.
+    by: offset of a jump [m] or wind [m/s] [NED] (3,).
+    mode: a flight mode, "" for other verbs.
+    for_s: undone after this time [s]; None: it stays.
+    undo: True for the action that takes this one back.
     """
 
     verb: Verb
@@ -113,36 +133,46 @@ class Deed:
     vehicles: tuple[str, ...] = ()
     number: float = 0.0
     by: Vector = (0.0, 0.0, 0.0)
-    word: str = ""
+    mode: str = ""
     for_s: float | None = None
     undo: bool = False
 
 
-Sign = Literal["", "<", ">", "==", "!="]
+Operator = Literal["", "<", ">", "==", "!="]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What may hold or not at an instant. of: airborne, landed, mode, height, separation, ... as in the tables of `grammar`.
+    """A statement that holds or does not hold at an instant.
 
-    vehicles: of whom; for all of them it must hold. value: in SI (rad, m, m/s, 0..1). words: modes, a state of a process, or
-    what was told. processes: plan names. negated: `not`. rms: over the flight in OFFBOARD.
+    kind: airborne, mode, height, separation, ...: a key of the tables in `vocabulary`.
+    vehicles: it must hold for all of them.
+    processes: plan names.
+    operator, value: a comparison, in SI units (rad, m, m/s, 0..1).
+    texts: flight modes, a process state, or the text of an event.
+    negated: written with `not`.
+    rms: root mean square over the flight in OFFBOARD.
     """
 
     place: Place
-    of: str
+    kind: str
     vehicles: tuple[str, ...] = ()
     processes: tuple[str, ...] = ()
-    sign: Sign = ""
+    operator: Operator = ""
     value: float = 0.0
-    words: tuple[str, ...] = ()
+    texts: tuple[str, ...] = ()
     negated: bool = False
     rms: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class Moment:
-    """condition: when it becomes true; None with `then`: after the step before, else the start. after_s: so much later [s]."""
+class Trigger:
+    """The time at which a step begins: the entry `at`.
+
+    condition: the step begins when it becomes true. Without a condition, the step begins at the start of the
+        flight, or with `then` after the step before.
+    after_s: delay added to that time [s].
+    """
 
     place: Place
     condition: Condition | None = None
@@ -152,7 +182,11 @@ class Moment:
 
 @dataclass(frozen=True, kw_only=True)
 class Expectation:
-    """within_s: it must hold by then at one look; for_s: it must hold at every look until then. One of the two is given."""
+    """An entry of `expect`: a condition with exactly one of two times.
+
+    within_s: the condition must hold at one observation until then [s].
+    for_s: the condition must hold at every observation until then [s].
+    """
 
     place: Place
     condition: Condition
@@ -162,23 +196,27 @@ class Expectation:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One entry of `steps`. moment: None: at once, when the step before is done."""
+    """An entry of `steps`. trigger: None: at once, when the step before is done."""
 
     place: Place
-    moment: Moment | None = None
-    do: tuple[Deed, ...] = ()
+    trigger: Trigger | None = None
+    do: tuple[Action, ...] = ()
     expect: tuple[Expectation, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
+    """An entry of `always`."""
+
     place: Place
     condition: Condition
 
 
 @dataclass(frozen=True, kw_only=True)
 class Allowance:
-    """What is not counted as a failure: crashes of, failures of, and not having landed at the end."""
+    """Failures that a scenario accepts: crashes of these vehicles, failures of these processes, vehicles in
+    the air at the end.
+    """
 
     crash: frozenset[str] = field(default_factory=frozenset)
     fail: frozenset[str] = field(default_factory=frozenset)

@@ -1,4 +1,6 @@
-"""Scenario files: YAML -> frozen `Scenario`s, or an InputError with every problem and its line. Starts nothing."""
+"""Load scenario files: YAML -> frozen `Scenario`s, or an InputError with every problem and its line. Starts
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -21,27 +23,31 @@ from arena.schema.source import Source, near, show, with_overrides
 from arena.schema.validate import validate
 from arena.smoke.language.grammar import (
     Names,
+    read_action,
     read_allowance,
-    read_deed,
     read_expectation,
-    read_moment,
     read_rule,
+    read_trigger,
 )
 from arena.smoke.language.model import Allowance, Box, Place, Rule, Step
 from arena.smoke.language.tokens import WrongWordError
-from arena.smoke.language.vocabulary import OF_VEHICLES
+from arena.smoke.language.vocabulary import VEHICLE_PROCESSES
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """One scenario in one arena.
+    """A scenario in one arena.
 
-    name: with the arena's stem, `offboard loss lands [four]`, where the file names several. arena: as loaded, with overrides.
-    arena_file: what `arena up` is given, with `--set` for each of overrides; "" for an arena written inside the scenario: then
-    write `arena.plan.resolved_yaml.arena_yaml(scenario.arena)` to a file and fly that, its paths are absolute and overrides are in it.
-    fence: where vehicles may be. allowed: what is not counted as a failure.
+    name: with the arena's name, `offboard loss lands [four]`, if the file lists several arenas.
+    arena: as loaded, with overrides.
+    arena_file: the argument of `arena up`; each of `overrides` is a `--set`. "" for an arena inside the
+        scenario: write `arena.plan.resolved_yaml.arena_yaml(scenario.arena)` to a file, which has absolute paths and
+        the overrides.
+    time_limit_s: simulated time [s].
+    fence: the volume that vehicles may use.
+    allowed: accepted failures.
     """
 
     name: str
@@ -75,35 +81,36 @@ Entries = Annotated[tuple[Any, ...], BeforeValidator(_entries)]
 
 
 class ScenarioFile(Strict):
-    """A whole scenario."""
+    """A scenario file."""
 
     name: Annotated[str, Field(min_length=1, max_length=80)] | None = None
-    """What it is called. Default: the name of its file."""
+    """The scenario's name. Default: the name of the file."""
     arena: Annotated[Any, BeforeValidator(_arena)]
     """The arena's file, relative to the scenario's; a list flies the scenario once in each; a mapping is the arena itself."""
     set: tuple[str, ...] = ()
     """Overrides of the arena, as `--set`: `defaults.autopilot=px4`."""
     time_limit_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
-    """Simulated time after which the flight is over, and failed [s]."""
+    """Simulated time after which the flight ends and fails [s]."""
     may: Entries = ()
-    """What is not counted as a failure."""
+    """Failures that are accepted."""
     steps: Annotated[Entries, Field(min_length=1)]
-    """What happens, in order: each entry is a mapping of `at`, `do` and `expect`."""
+    """The steps, in order: each entry is a mapping of `at`, `do` and `expect`."""
     always: Entries = ()
-    """Rules that hold for whoever is in flight: from its first take-off until its landing."""
+    """Rules that hold for every vehicle in flight: from its first take-off until its landing."""
 
 
 STEP_KEYS = {
-    "at": "a moment; the step waits for it",
-    "do": "a deed, or a list of deeds",
-    "expect": "what must be seen, counted from the last `at` or `do`; or a list of that, all counted from there",
+    "at": "the time at which the step begins",
+    "do": "an action, or a list of actions",
+    "expect": "what must be observed, with a time counted from the last `at` or `do`; or a list of such entries",
 }
 
 
 def load_scenarios(path: str | Path, overrides: Sequence[str] = ()) -> list[Scenario]:
-    """One Scenario per arena that the file names. overrides: `key=value` texts laid over the file's own `set`.
+    """Return one Scenario per arena that the file names.
 
-    Raises InputError; its `problems` are those of the scenario and of its arenas.
+    overrides: `key=value` texts that override the file's own `set`.
+    Raises InputError with the problems of the scenario and of its arenas.
     """
     document = load_yaml(path, start="`arena:` and `steps:`")
     if (
@@ -111,10 +118,12 @@ def load_scenarios(path: str | Path, overrides: Sequence[str] = ()) -> list[Scen
         and "vehicles" in document.data
         and not {"arena", "steps"} & set(document.data)
     ):
-        said = (
-            f"is an arena, and a scenario is needed. One that names it, `arena: {Path(path).name}`, flies it"
+        message = (
+            f"got an arena, expected a scenario: write a file with `arena: {Path(path).name}` and `steps:`"
         )
-        raise InputError(Problem(file=str(path), line=document.line(("vehicles",)), field="", message=said))
+        raise InputError(
+            Problem(file=str(path), line=document.line(("vehicles",)), field="", message=message)
+        )
     found = validate(ScenarioFile, with_overrides(document, ()))
     problems = list(found.problems)
     if found.model is None:
@@ -130,19 +139,21 @@ def load_scenarios(path: str | Path, overrides: Sequence[str] = ()) -> list[Scen
 
 
 def stem(file: str) -> str:
-    """`flights/offboard_loss.smoke.yaml` -> offboard_loss."""
+    """Return the name of a scenario file without its endings: `flights/offboard_loss.smoke.yaml` ->
+    offboard_loss.
+    """
     return Path(file).stem.removesuffix(".smoke")
 
 
 def _files(arena: Any) -> tuple[str, ...]:
-    """Those that are named; "" for the arena itself."""
+    """Return the arena files that are named; "" for an arena inside the scenario."""
     if isinstance(arena, dict):
         return ("",)
     return (arena,) if isinstance(arena, str) else tuple(dict.fromkeys(arena))
 
 
 def _in_order(problems: Sequence[Problem]) -> list[Problem]:
-    """One for each place, though several arenas find it."""
+    """Return one problem for each place, in the order of the file."""
     first: dict[tuple[str, int, str], Problem] = {}
     for problem in problems:
         first.setdefault((problem.file, problem.line, problem.field), problem)
@@ -150,7 +161,7 @@ def _in_order(problems: Sequence[Problem]) -> list[Problem]:
 
 
 class _Reader:
-    """Reads one scenario for one arena, and keeps what is wrong."""
+    """Reads one scenario for one arena and collects its problems."""
 
     def __init__(self, document: Document, model: ScenarioFile, file: str, overrides: Sequence[str]) -> None:
         self._source = Source(document=document, data=document.data)
@@ -161,7 +172,7 @@ class _Reader:
         self.problems: list[Problem] = []
 
     def scenario(self) -> Scenario | None:
-        """None where something is wrong."""
+        """Return the scenario, or None if there are problems."""
         arena = self._load()
         names = names_of(arena) if arena is not None else self._likely_names()
         if names is None:
@@ -195,18 +206,20 @@ class _Reader:
             else:
                 arena = arena_of(_inside(self._source.document, ("arena",)), self._overrides)
         except InputError as error:
-            self.problems += [self._told_here(p) for p in error.problems]
+            self.problems += [self._at_scenario(p) for p in error.problems]
             return None
         real = [v.name for v in arena.vehicles if v.autopilot in {"hardware", "hitl"}]
         if real:
             self._wrong(
                 ("arena",),
-                f"{', '.join(real)}: a scenario flies simulated vehicles alone, and these are real.",
+                f"got real vehicles ({', '.join(real)}), expected simulated ones: scenarios inject faults.",
             )
         return arena
 
     def _likely_names(self) -> Names | None:
-        """Of an arena that is wrong: enough to find what else is. None when even that cannot be read."""
+        """Return the names of an arena that has problems, enough to check the scenario; None if they cannot
+        be read.
+        """
         try:
             data = load_yaml(self._folder / self._file).data if self._file else self._model.arena
             vehicles = tuple(data["vehicles"])
@@ -215,7 +228,11 @@ class _Reader:
         except (InputError, KeyError, TypeError, AttributeError):
             return None
         rooms = ("world", "mocap", "router", *copilot)
-        processes = (*rooms, *(form.format(v) for form in OF_VEHICLES.values() for v in vehicles), *tools)
+        processes = (
+            *rooms,
+            *(form.format(v) for form in VEHICLE_PROCESSES.values() for v in vehicles),
+            *tools,
+        )
         return Names(vehicles=vehicles, processes=processes) if vehicles else None
 
     def _found(self) -> Path:
@@ -224,43 +241,45 @@ class _Reader:
             near_it = sorted(p.name for p in path.parent.glob("*.yaml")) if path.parent.is_dir() else []
             hint = near(path.name, near_it) if near_it else ""
             raise InputError(
-                self._source.problem(("arena",), f"got {self._file!r}, which is not there. {hint}".rstrip())
+                self._source.problem(("arena",), f"got {self._file!r}, which does not exist. {hint}".rstrip())
             )
         return path
 
-    def _told_here(self, problem: Problem) -> Problem:
-        """A problem of the arena, with the place in the scenario where it comes from there."""
+    def _at_scenario(self, problem: Problem) -> Problem:
+        """Return a problem of the arena with its place in the scenario, if it comes from there."""
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
             for i, given in enumerate(self._model.set):
-                if given == text or self._gave(given, problem.field):
-                    said = (
+                if given == text or self._overrode(given, problem.field):
+                    message = (
                         f"{problem.field}: {problem.message}"
                         if problem.field
                         else f"got {given!r}: {problem.message}"
                     )
-                    return self._source.problem(("set", i), said)
+                    return self._source.problem(("set", i), message)
         if not self._file and problem.file == self._source.document.file:
             return replace(problem, field=f"arena.{problem.field}" if problem.field else "arena")
         return problem
 
-    def _gave(self, given: str, field: str) -> bool:
-        """Whether this override is the one that set the field: by its own name, or as the default of every vehicle."""
+    def _overrode(self, given: str, field: str) -> bool:
+        """Return whether this override set the field, by the field's own name or as the default of every
+        vehicle.
+        """
         key = given.partition("=")[0].strip()
         sets = [one.partition("=")[0].strip() for one in self._overrides]
         default = key.startswith("defaults.") and field.startswith("vehicles.") and sets.count(key) == 1
         return key == field or (default and field.split(".")[2:3] == key.split(".")[1:2])
 
-    # -- what is to happen
+    # -- the steps and rules
 
     def _steps(self, names: Names) -> Iterator[Step]:
-        """Entries that expect alone belong to the step before."""
+        """Yield the steps. An entry with only `expect` belongs to the step before."""
         last: Step | None = None
         for i, entry in enumerate(self._model.steps):
             step = self._step(("steps", i), entry, names)
             if step is None:
                 continue
-            if last is not None and step.moment is None and not step.do:
+            if last is not None and step.trigger is None and not step.do:
                 last = replace(last, expect=(*last.expect, *step.expect))
                 continue
             if last is not None:
@@ -275,11 +294,11 @@ class _Reader:
             return None
         for key in (key for key in entry if key not in STEP_KEYS):
             self._wrong((*path, key), f"unknown key. {near(key, list(STEP_KEYS))}")
-        moments = self._read(path, "at", entry, names, read_moment, single=True)
+        triggers = self._read(path, "at", entry, names, read_trigger, single=True)
         return Step(
-            place=self._place(path, _in_words(entry)),
-            moment=moments[0] if moments else None,
-            do=self._read(path, "do", entry, names, read_deed),
+            place=self._place(path, _step_text(entry)),
+            trigger=triggers[0] if triggers else None,
+            do=self._read(path, "do", entry, names, read_action),
             expect=self._read(path, "expect", entry, names, read_expectation),
         )
 
@@ -293,7 +312,7 @@ class _Reader:
         *,
         single: bool = False,
     ) -> tuple[T, ...]:
-        """All that stands under one key of a step; what is wrong is kept, and left out."""
+        """Return all entries under one key of a step; entries with problems are left out."""
         if key not in entry:
             return ()
         value, here = entry[key], (*path, key)
@@ -338,6 +357,7 @@ class _Reader:
 
 
 def names_of(arena: Arena) -> Names:
+    """Return the names of the vehicles and processes of an arena."""
     return Names(
         vehicles=tuple(v.name for v in arena.vehicles),
         processes=tuple(process_names(arena)),
@@ -345,15 +365,15 @@ def names_of(arena: Arena) -> Names:
     )
 
 
-def _in_words(entry: dict[str, Any]) -> str:
-    """A step for people, without what it expects."""
-    deeds = entry.get("do", ())
-    done = ", ".join(str(d) for d in deeds) if isinstance(deeds, tuple) else str(deeds)
+def _step_text(entry: dict[str, Any]) -> str:
+    """Return a step as text, without its expectations."""
+    actions = entry.get("do", ())
+    done = ", ".join(str(d) for d in actions) if isinstance(actions, tuple) else str(actions)
     return ": ".join(part for part in (f"at {entry['at']}" if "at" in entry else "", done) if part)
 
 
 def _inside(document: Document, path: YamlPath) -> Document:
-    """What stands at this path as a document of its own, with its lines."""
+    """Return the part of a document under a path as a document with the same line numbers."""
     data: Any = document.data
     for part in path:
         data = data[part]
@@ -362,7 +382,7 @@ def _inside(document: Document, path: YamlPath) -> Document:
 
 
 def fence_of(arena: Arena) -> Box:
-    """The arena's geofence, or the walls of its room where it draws none. The floor is no fence."""
+    """Return the arena's geofence, or the walls of its room. The floor is no fence."""
     north, east, height = arena.world.size
     fence = arena.geofence or Fence(
         north=(-north / 2.0, north / 2.0), east=(-east / 2.0, east / 2.0), up=height

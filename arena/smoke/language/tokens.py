@@ -1,4 +1,7 @@
-"""A line of a scenario as words, numbers and signs, read one after the other; whoever meets the wrong one says what it was."""
+"""Split one entry of a scenario into words, numbers and operators, and read them in order.
+
+A `WrongWordError` says what was found and what was expected.
+"""
 
 from __future__ import annotations
 
@@ -42,17 +45,21 @@ _SIGNS_INSTEAD = {
 
 
 class WrongWordError(Exception):
-    """What was found, what was expected and what to do; becomes a Problem with its place."""
+    """A wrong word in a scenario: what was found, what was expected and what to do. The loader adds file and
+    line.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Token:
+    """A word, number, unit, operator or quoted text."""
+
     kind: Kind
     text: str
 
 
-class Words:
-    """The tokens of one text, and where reading is."""
+class TokenReader:
+    """The tokens of one text and the position of the next one."""
 
     def __init__(self, text: str) -> None:
         self._tokens = [_token(found) for found in _TOKEN.finditer(text)]
@@ -60,24 +67,25 @@ class Words:
 
     @property
     def next(self) -> Token:
-        """Not taken yet."""
+        """The next token, not consumed."""
         return self._tokens[self._at] if self._at < len(self._tokens) else Token(kind="end", text="")
 
-    def take(self) -> Token:
+    def advance(self) -> Token:
+        """Consume and return the next token."""
         token = self.next
         self._at += 1
         return token
 
-    def took(self, *texts: str) -> bool:
-        """Whether these come next; they are taken then."""
+    def accept(self, *texts: str) -> bool:
+        """Consume these texts if they come next, and return whether they did."""
         ahead = [token.text for token in self._tokens[self._at : self._at + len(texts)]]
         if ahead != list(texts):
             return False
         self._at += len(texts)
         return True
 
-    def wrong(self, expected: str, known: Sequence[str] = ()) -> WrongWordError:
-        """About the token that comes next. known: words that would have been right."""
+    def error(self, expected: str, known: Sequence[str] = ()) -> WrongWordError:
+        """Return an error about the next token. known: words that would be right."""
         token = self.next
         got = f"got {token.text!r}" if token.kind != "end" else "got nothing"
         after = f" after {self._tokens[self._at - 1].text!r}" if 0 < self._at <= len(self._tokens) else ""
@@ -85,40 +93,41 @@ class Words:
         return WrongWordError(f"{got}{after}, expected {expected}." + (f" {hint}" if hint else ""))
 
     def one_of(self, known: Sequence[str], what: str) -> str:
-        """The next word, which must be one of these."""
+        """Consume and return the next word, which must be one of `known`."""
         if self.next.text not in known or self.next.kind not in {"word", "sign", "unit"}:
-            raise self.wrong(what, known)
-        return self.take().text
+            raise self.error(what, known)
+        return self.advance().text
 
-    def literal(self, text: str) -> None:
-        if not self.took(text):
-            raise self.wrong(text, [text])
+    def expect(self, text: str) -> None:
+        """Consume the next token, which must be this text."""
+        if not self.accept(text):
+            raise self.error(text, [text])
 
     def number(self, what: str) -> float:
-        """A plain number, finite."""
+        """Consume and return a finite number."""
         if self.next.kind != "number":
-            raise self.wrong(what)
+            raise self.error(what)
         value = float(self.next.text)
         if abs(value) > 1e6:
-            raise self.wrong(f"{what} below a million")
-        self.take()
+            raise self.error(f"{what} below a million")
+        self.advance()
         return value
 
-    def measure(self, kind: str, what: str, *, least: float | None = None) -> float:
-        """A number and a unit of this kind, in SI. least: it must be more than that."""
+    def quantity(self, kind: str, what: str, *, least: float | None = None) -> float:
+        """Consume a number with a unit of this kind and return it in SI units. least: exclusive lower limit."""
         before = self._at
         value = self.number(what)
         units = [unit for unit, (measures, _) in UNITS.items() if measures == kind]
         unit = self.one_of(units, f"the unit {' or '.join(units)}")
         if least is not None and value <= least:
             self._at = before
-            raise self.wrong(f"more than {least:g} {unit}")
+            raise self.error(f"more than {least:g} {unit}")
         return value * UNITS[unit][1]
 
     def end(self, might: str = "") -> None:
-        """Nothing may follow. might: what could have."""
+        """Check that nothing follows. might: what could have followed, for the message."""
         if self.next.kind != "end":
-            raise self.wrong(
+            raise self.error(
                 f"{might} or nothing more" if might else "nothing more", might.split(" ", maxsplit=1)[:1]
             )
 
@@ -132,7 +141,9 @@ def _token(found: re.Match[str]) -> Token:
 
 
 def _instead(token: Token, expected: str, known: Sequence[str]) -> str:
-    """A hint: the sign meant, the nearest of the known words, or all of them where they are not said yet."""
+    """Return a hint: the right operator, the nearest known word, or all known words if `expected` does not
+    list them.
+    """
     if token.text in _SIGNS_INSTEAD:
         return f"Write {_SIGNS_INSTEAD[token.text]} instead."
     if not known:

@@ -14,7 +14,10 @@ EACH = "each"
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """Of one vehicle. measures: a kind of unit; unit: the one that people are shown."""
+    """A measured value of one vehicle.
+
+    measures: a kind of unit. unit: the unit that users see.
+    """
 
     measures: str
     unit: str
@@ -22,15 +25,15 @@ class Quantity:
 
     @property
     def si(self) -> float:
-        """How much of the SI unit one of `unit` is."""
+        """The SI value of one `unit`."""
         return UNITS[self.unit][1]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """How one deed is written. Words in small letters are themselves, the others stand for something: see PARTS.
+    """The written form of one action. Words in small letters stand for themselves, others are explained in PARTS.
 
-    lasting: whether it may end in `for T s`.
+    lasting: the action may end in `for T` and is then undone after that time.
     """
 
     verb: Verb
@@ -54,70 +57,75 @@ always:
   - tracking(uav2) < 0.15 m rms
 """
 PHRASES: dict[str, str] = {
-    "at: start": "the first look at the flight, when the arena is up",
+    "at: start": "at the first observation of the flight, when the arena is up",
     "at: then": "when the step before is done",
-    "at: CONDITION": "when it became true last, though that was before it is this step's turn",
-    "+ T": "after any of these: so much later",
-    "expect: CONDITION within T": "it holds at one look by then at the latest",
-    "expect: CONDITION for T": "it holds at every look until then",
-    "always: CONDITION": "it holds for whoever is in flight: from its first take-off until its landing",
+    "at: CONDITION": "when the condition last became true, even if that was before this step's turn",
+    "+ T": "after any of these: a delay",
+    "expect: CONDITION within T": "the condition holds at one observation before the time is over",
+    "expect: CONDITION for T": "the condition holds at every observation until the time is over",
+    "always: CONDITION": "the condition holds for every vehicle in flight: from its first take-off until its landing",
 }
 STATES: dict[str, str] = {
-    "airborne": "its lowest point is off the floor (truth)",
-    "landed": "it has flown, is on the floor again (truth) and disarmed (its own word)",
-    "armed": "by its own word",
-    "crashed": "by the world's verdict: hit something, came down too hard or tilted too far",
+    "airborne": "the lowest point is off the floor (truth)",
+    "landed": "the vehicle has flown, is on the floor again (truth) and disarmed (telemetry)",
+    "armed": "armed (telemetry)",
+    "crashed": "the world reports a crash: hit something, came down too fast or tilted too far",
 }
 QUANTITIES: dict[str, Quantity] = {
-    "height": Quantity(measures="distance", unit="m", meaning="of its lowest point above the floor (truth)"),
-    "speed": Quantity(measures="speed", unit="m/s", meaning="in any direction (truth)"),
-    "tilt": Quantity(measures="angle", unit="deg", meaning="of its axis from the vertical (truth)"),
-    "estimate error": Quantity(
-        measures="distance", unit="m", meaning="from its own estimate of its position to the truth"
+    "height": Quantity(measures="distance", unit="m", meaning="lowest point above the floor (truth)"),
+    "speed": Quantity(measures="speed", unit="m/s", meaning="speed in any direction (truth)"),
+    "tilt": Quantity(
+        measures="angle", unit="deg", meaning="angle of the body z axis from the vertical (truth)"
     ),
-    "battery": Quantity(measures="share", unit="%", meaning="charge that is left, by its own word"),
+    "estimate error": Quantity(
+        measures="distance", unit="m", meaning="distance of the estimated position from the truth"
+    ),
+    "battery": Quantity(measures="share", unit="%", meaning="remaining charge (telemetry)"),
     "outside": Quantity(
-        measures="distance", unit="m", meaning="how far it is outside the geofence; negative inside"
+        measures="distance", unit="m", meaning="distance outside the geofence; negative inside"
     ),
     "touchdown": Quantity(
-        measures="speed", unit="m/s", meaning="its speed when it touched the floor last; unknown before"
+        measures="speed", unit="m/s", meaning="speed at the last touchdown; unknown before the first"
     ),
     "drift": Quantity(
         measures="distance",
         unit="m",
-        meaning="sideways from where it was at the last deed; unknown before one",
+        meaning="horizontal distance from the position at the last action; unknown before one",
     ),
 }
-OTHERS: dict[str, str] = {
-    "V.mode == M": "its mode by its own word, as PX4 names it; also `!=`, and `or` between several modes",
-    "separation > X m": "between the two nearest vehicles, of which one is in flight at least",
-    "tracking(V) < X m": "distance of its position from its setpoint (truth) while in OFFBOARD and in the air; "
-    "`rms` at the end: over the whole flight, in a rule alone",
-    "inside geofence": "each vehicle in flight; where the arena draws no geofence, the walls of the room",
-    'told "words"': "the arena has told an event that holds these words",
+REAL_TIME_FACTOR = "real time factor"
+OTHER_CONDITIONS: dict[str, str] = {
+    "V.mode == M": "flight mode (telemetry), by PX4's names; also `!=`, and `or` between several modes",
+    "separation > X m": "distance between the two nearest vehicles of which at least one is in flight",
+    "tracking(V) < X m": "distance of the position from its setpoint (truth) in OFFBOARD and in the air; "
+    "with `rms` at the end: over the whole flight, in a rule only",
+    "inside geofence": "every vehicle in flight is inside the geofence, or inside the walls of an arena without one",
+    'event "text"': "the arena logs an event that contains this text",
     "P is STATE": "a process is READY, EXITED, FATAL, ..., as in `arena ps`",
-    "arena ended": "its processes are gone",
+    "arena ended": "all processes of the arena have ended",
+    f"{REAL_TIME_FACTOR} > X": "simulated seconds per second of wall time, over the flight; in a rule only. "
+    "This is the one condition that depends on the speed of the machine",
 }
 MODES: tuple[str, ...] = (*(m for m in MAIN.values() if m != "AUTO"), *AUTO.values(), "HOLD")
 PROCESS_STATES = ("STOPPED", "STARTING", "READY", "BACKOFF", "STOPPING", "EXITED", "FATAL")
-OF_VEHICLES: dict[str, str] = {
+VEHICLE_PROCESSES: dict[str, str] = {
     "program": "program.{}",
     "forwarder": "forward.{}",
     "logger": "logger.{}",
     "px4": "px4.{}",
     "link": "link.{}",
 }
-ALONE = ("router", "mocap", "world", "supervisor", "copilot")
-UNPLANNED = ("supervisor",)
-"""Processes that are there without being in the plan."""
+SINGLE_PROCESSES = ("router", "mocap", "world", "supervisor", "copilot")
+UNPLANNED_PROCESSES = ("supervisor",)
+"""Processes that run without a row in the plan."""
 
 PARTS: dict[str, str] = {
     "V": "a vehicle's name, or `each`",
     "W": "another vehicle's name",
     "P": "a process: "
-    + ", ".join(f"`{p}`" for p in ALONE)
+    + ", ".join(f"`{p}`" for p in SINGLE_PROCESSES)
     + ", "
-    + ", ".join(f"`{p} V`" for p in OF_VEHICLES)
+    + ", ".join(f"`{p} V`" for p in VEHICLE_PROCESSES)
     + ", `tool NAME`, or its name in the plan",
     "M": "a mode: "
     + ", ".join(f"`{m}`" for m in MODES)
@@ -127,62 +135,76 @@ PARTS: dict[str, str] = {
     "N E D": "three numbers: north, east, down",
     "K": "a rotor, from 1",
 }
-DEEDS: tuple[Form, ...] = (
-    Form(verb="kill", form="kill P", meaning="SIGKILL"),
-    Form(verb="hang", form="hang P", meaning="SIGSTOP: it is there and does nothing", lasting=True),
-    Form(verb="resume", form="resume P", meaning="SIGCONT"),
-    Form(verb="restart", form="restart P", meaning="as `arena restart` does"),
-    Form(verb="mocap dropout", form="mocap dropout V", meaning="its body is not tracked", lasting=True),
+ACTIONS: tuple[Form, ...] = (
+    Form(verb="kill", form="kill P", meaning="send SIGKILL"),
+    Form(
+        verb="hang", form="hang P", meaning="send SIGSTOP: the process exists and does nothing", lasting=True
+    ),
+    Form(verb="resume", form="resume P", meaning="send SIGCONT"),
+    Form(verb="restart", form="restart P", meaning="the same as `arena restart`"),
+    Form(verb="mocap dropout", form="mocap dropout V", meaning="the rigid body is not tracked", lasting=True),
     Form(
         verb="mocap freeze",
         form="mocap freeze V",
-        meaning="its last pose again and again, as if tracked",
+        meaning="the last pose is repeated as if it was tracked",
         lasting=True,
     ),
     Form(
         verb="mocap jump",
         form="mocap jump V by N E D m",
-        meaning="its poses are off by so much",
+        meaning="an offset is added to the poses",
         lasting=True,
     ),
-    Form(verb="mocap swap", form="mocap swap V W", meaning="each gets the other's pose", lasting=True),
-    Form(verb="mocap delay", form="mocap delay T", meaning="poses of all come so much later", lasting=True),
+    Form(verb="mocap swap", form="mocap swap V W", meaning="two bodies get each other's pose", lasting=True),
+    Form(
+        verb="mocap delay", form="mocap delay T", meaning="the poses of all bodies are delayed", lasting=True
+    ),
     Form(
         verb="link loss",
         form="link loss X % V",
-        meaning="share of the datagrams between it and the router",
+        meaning="this share of the datagrams between vehicle and router is lost",
         lasting=True,
     ),
     Form(
-        verb="link delay", form="link delay T V", meaning="each way, between it and the router", lasting=True
+        verb="link delay",
+        form="link delay T V",
+        meaning="datagrams between vehicle and router are delayed, each way",
+        lasting=True,
     ),
-    Form(verb="ground station loss", form="ground station loss", meaning="its heartbeat stops", lasting=True),
-    Form(verb="rc loss", form="rc loss V", meaning="the pilot's radio is off", lasting=True),
+    Form(
+        verb="ground station loss",
+        form="ground station loss",
+        meaning="the ground station's heartbeat stops",
+        lasting=True,
+    ),
+    Form(verb="rc loss", form="rc loss V", meaning="the pilot's RC transmitter is off", lasting=True),
     Form(
         verb="battery drain",
         form="drain battery V in T",
-        meaning="at a pace that empties a full one in T",
+        meaning="the battery discharges at the rate that empties a full one in T",
         lasting=True,
     ),
     Form(
         verb="motor loss",
         form="motor loss V [rotor K]",
-        meaning="this rotor, else the first, gives no thrust",
+        meaning="this rotor gives no thrust; by default the first",
         lasting=True,
     ),
-    Form(verb="wind", form="wind N E D m/s", meaning="steady, in the whole room", lasting=True),
-    Form(verb="mode", form="mode V M", meaning="asks for a mode as a pilot would"),
-    Form(verb="land all", form="land all", meaning="as `arena land-all`"),
-    Form(verb="kill all", form="kill all", meaning="as `arena kill-all --yes`"),
-    Form(verb="down", form="down", meaning="as `arena down`"),
+    Form(verb="wind", form="wind N E D m/s", meaning="steady wind in the whole room", lasting=True),
+    Form(verb="mode", form="mode V M", meaning="request a flight mode, as a pilot would"),
+    Form(verb="land all", form="land all", meaning="the same as `arena land-all`"),
+    Form(verb="kill all", form="kill all", meaning="the same as `arena kill-all --yes`"),
+    Form(verb="down", form="down", meaning="the same as `arena down`"),
 )
 IN_MS: tuple[Verb, ...] = ("mocap delay", "link delay")
-"""Deeds whose number is in ms."""
-MAY: dict[str, str] = {
-    "crash V": "it may crash",
-    "fail P": "this process may end with an error, or for good",
+"""Actions with a number in ms."""
+ALLOWANCES: dict[str, str] = {
+    "crash V": "the vehicle may crash",
+    "fail P": "the process may end with an error, or become FATAL",
     "stay up": "vehicles need not have landed at the end",
 }
+OLD_WORDS: dict[str, str] = {"told": "event"}
+"""Words of older scenario files that are still accepted, and their present form."""
 
-if {form.verb for form in DEEDS} != set(get_args(Verb)):
-    raise ValueError("a verb without a form")
+if {form.verb for form in ACTIONS} != set(get_args(Verb)):
+    raise ValueError("every verb needs exactly one form")

@@ -1,4 +1,6 @@
-"""What a referee remembers of a flight: who has flown, who is in flight, how each came down, where each was at the last deed."""
+"""The memory of the referee: which vehicles have flown and are in flight, how each touched down, where each
+was at the last action.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +8,21 @@ import itertools
 import math
 from dataclasses import dataclass, field
 
-from arena.smoke.language.model import Box, Now, VehicleNow
+from arena.smoke.language.model import Box, Observation, VehicleState
 from arena.smoke.referee.verdict import Row, Touchdown
 
-_BOUNCE_S = 0.5  # in the air for less than this is not a further flight
-_ROW_S = 0.1
+_BOUNCE_S = 0.5  # a shorter time in the air is not a new flight
+_ROW_PERIOD_S = 0.1
+_MIN_TIMED_S = 1.0
 
 
 @dataclass(kw_only=True)
-class _Memory:
-    """Of one vehicle. in_flight: since its take-off, until it has landed, that look included. aloft_s: when it left the floor."""
+class _VehicleHistory:
+    """The history of one vehicle.
+
+    in_flight: from take-off until it has landed, including that observation.
+    aloft_s: time of the last take-off [s].
+    """
 
     flown: bool = False
     airborne: bool = False
@@ -23,101 +30,119 @@ class _Memory:
     landed: bool = False
     aloft_s: float = 0.0
     speed_m_s: float = 0.0
-    deed_p_n: tuple[float, float, float] | None = None
+    action_p_n: tuple[float, float, float] | None = None
     touchdown: Touchdown | None = None
 
 
 @dataclass(kw_only=True)
-class Flight:
-    """Fed with every look. fence: where vehicles may be."""
+class FlightHistory:
+    """The history of a flight, updated with every observation. fence: the volume that vehicles may use."""
 
     vehicles: tuple[str, ...]
     fence: Box
-    now: Now = field(default_factory=lambda: Now(time_s=0.0, vehicles={}))
+    now: Observation = field(default_factory=lambda: Observation(time_s=0.0, vehicles={}))
     ended: bool = False
-    deed_s: float | None = None
+    action_s: float | None = None
     rows: list[Row] = field(default_factory=list)
     crashes: dict[str, str] = field(default_factory=dict)
-    _of: dict[str, _Memory] = field(default_factory=dict)
+    _histories: dict[str, _VehicleHistory] = field(default_factory=dict)
     _row_s: float = -math.inf
+    _timed: list[tuple[float, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._of = {name: _Memory() for name in self.vehicles}
+        self._histories = {name: _VehicleHistory() for name in self.vehicles}
 
-    def see(self, now: Now) -> None:
+    def update(self, now: Observation) -> None:
+        """Take the next observation."""
         self.now = now
         for name in self.vehicles:
             if (vehicle := now.vehicles.get(name)) is not None:
-                self._see(self._of[name], vehicle)
-        if now.time_s >= self._row_s + _ROW_S - 1e-6:
+                self._update(self._histories[name], vehicle)
+        if now.wall_s is not None and self.in_flight:
+            self._timed[1:] = [(now.time_s, now.wall_s)]
+        if now.time_s >= self._row_s + _ROW_PERIOD_S - 1e-6:
             self._row_s = now.time_s
             self.rows.extend(self._rows())
 
-    def deed(self) -> None:
-        """Something is done to the arena now."""
-        self.deed_s = self.now.time_s
-        for name, memory in self._of.items():
+    def action(self) -> None:
+        """Keep the time and the positions: an action is carried out now."""
+        self.action_s = self.now.time_s
+        for name, history in self._histories.items():
             if name in self.now.vehicles:
-                memory.deed_p_n = self.now.vehicles[name].p_n
+                history.action_p_n = self.now.vehicles[name].p_n
 
-    def _see(self, memory: _Memory, vehicle: VehicleNow) -> None:
-        memory.in_flight = (memory.in_flight and not memory.landed) or vehicle.airborne
-        if vehicle.airborne and not memory.airborne:
-            memory.aloft_s = self.now.time_s
-        elif memory.airborne and not vehicle.airborne:
-            self._touches(memory, vehicle)
-        memory.flown = memory.flown or vehicle.airborne
-        memory.airborne = vehicle.airborne
-        memory.landed = memory.flown and vehicle.down
+    def _update(self, history: _VehicleHistory, vehicle: VehicleState) -> None:
+        history.in_flight = (history.in_flight and not history.landed) or vehicle.airborne
+        if vehicle.airborne and not history.airborne:
+            history.aloft_s = self.now.time_s
+        elif history.airborne and not vehicle.airborne:
+            self._touch_down(history, vehicle)
+        history.flown = history.flown or vehicle.airborne
+        history.airborne = vehicle.airborne
+        history.landed = history.flown and vehicle.down
         if vehicle.airborne:
-            memory.speed_m_s = math.hypot(*vehicle.v_n)
+            history.speed_m_s = math.hypot(*vehicle.v_n)
         if vehicle.crashed:
             self.crashes.setdefault(vehicle.name, vehicle.crashed)
 
-    def _touches(self, memory: _Memory, vehicle: VehicleNow) -> None:
-        if memory.touchdown is not None and self.now.time_s - memory.aloft_s < _BOUNCE_S:
+    def _touch_down(self, history: _VehicleHistory, vehicle: VehicleState) -> None:
+        if history.touchdown is not None and self.now.time_s - history.aloft_s < _BOUNCE_S:
             return
-        memory.touchdown = Touchdown(
+        history.touchdown = Touchdown(
             vehicle=vehicle.name,
             at_s=self.now.time_s,
-            after_s=None if self.deed_s is None else self.now.time_s - self.deed_s,
-            speed_m_s=memory.speed_m_s,
+            after_s=None if self.action_s is None else self.now.time_s - self.action_s,
+            speed_m_s=history.speed_m_s,
             drift_m=self.drift_m(vehicle.name),
         )
 
-    # -- what is known
+    # -- queries
+
+    @property
+    def real_time_factor(self) -> float | None:
+        """Simulated seconds per second of wall time since the first take-off; None in the first second."""
+        if not self._timed:
+            return None
+        (sim_0, wall_0), (sim_1, wall_1) = self._timed[0], self._timed[-1]
+        return (
+            (sim_1 - sim_0) / (wall_1 - wall_0) if sim_1 - sim_0 >= _MIN_TIMED_S and wall_1 > wall_0 else None
+        )
 
     @property
     def in_flight(self) -> tuple[str, ...]:
-        return tuple(name for name, memory in self._of.items() if memory.in_flight)
+        """The vehicles that are in flight."""
+        return tuple(name for name, history in self._histories.items() if history.in_flight)
 
     @property
     def still_up(self) -> tuple[str, ...]:
-        """Those that have flown and are not down; one that has crashed and lies there is."""
+        """The vehicles that have flown and are not down. A crashed vehicle on the floor counts as down."""
         return tuple(
             name
-            for name, memory in self._of.items()
-            if memory.flown and not memory.landed and (memory.airborne or name not in self.crashes)
+            for name, history in self._histories.items()
+            if history.flown and not history.landed and (history.airborne or name not in self.crashes)
         )
 
     @property
     def touchdowns(self) -> tuple[Touchdown, ...]:
-        return tuple(m.touchdown for m in self._of.values() if m.touchdown is not None)
+        """The last touchdown of each vehicle that has one."""
+        return tuple(m.touchdown for m in self._histories.values() if m.touchdown is not None)
 
     def flown(self, name: str) -> bool:
-        return self._of[name].flown
+        """Return whether the vehicle has taken off."""
+        return self._histories[name].flown
 
     def touchdown_m_s(self, name: str) -> float | None:
-        """None in the air, and before the first."""
-        memory = self._of[name]
-        return None if memory.touchdown is None or memory.airborne else memory.touchdown.speed_m_s
+        """Return the speed of the last touchdown [m/s]; None in the air and before the first."""
+        history = self._histories[name]
+        return None if history.touchdown is None or history.airborne else history.touchdown.speed_m_s
 
     def drift_m(self, name: str) -> float | None:
-        start, vehicle = self._of[name].deed_p_n, self.now.vehicles.get(name)
+        """Return the horizontal distance from the position at the last action [m]; None before one."""
+        start, vehicle = self._histories[name].action_p_n, self.now.vehicles.get(name)
         return None if start is None or vehicle is None else math.dist(start[:2], vehicle.p_n[:2])
 
     def separations(self) -> dict[tuple[str, str], float]:
-        """Distance of each pair of which one is in flight at least [m]."""
+        """Return the distance of each pair of vehicles of which at least one is in flight [m]."""
         here = [v for v in self.vehicles if v in self.now.vehicles]
         flying = set(self.in_flight)
         return {

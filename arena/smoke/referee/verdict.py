@@ -1,4 +1,4 @@
-"""What came of a scenario, as data."""
+"""The results of a scenario, as data."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ Outcome = Literal["passed", "failed", "not reached"]
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
-    """One moment, deed or expectation, in simulation time. begun_s: when its moment came, or it counts from [s]; done_s: when
-    it was carried out or fulfilled [s]; None: never. failure: why it failed, a sentence with what was seen; "" otherwise.
+    """A trigger, action or expectation, in simulation time.
+
+    begun_s: time of its trigger, or from which its time counts [s].
+    done_s: time at which it was carried out or fulfilled [s]; None: never.
+    failure: a sentence with the observed values; "" if it did not fail.
     """
 
     place: Place
@@ -26,14 +29,18 @@ class StepResult:
 
     @property
     def took_s(self) -> float | None:
-        """Its reaction time [s]."""
+        """The reaction time [s]."""
         return None if self.begun_s is None or self.done_s is None else self.done_s - self.begun_s
 
 
 @dataclass(frozen=True, kw_only=True)
 class RuleResult:
-    """One rule of `always`, or one that holds by default. worst: the value nearest to breaking it, or farthest beyond, in the
-    unit of the rule; at_s: when [s]; who: between or of whom; None and "" where nothing was measured.
+    """A rule of `always`, or one of the default rules.
+
+    worst: the value nearest to breaking the rule, or farthest beyond, in `unit`; None if nothing was
+        measured.
+    at_s: time of that value [s].
+    who: the vehicle, pair or process of that value.
     """
 
     place: Place
@@ -47,8 +54,12 @@ class RuleResult:
 
 @dataclass(frozen=True, kw_only=True)
 class Touchdown:
-    """How one vehicle came down for the last time. at_s: [s]; after_s: since the last deed [s], None without one;
-    speed_m_s: of the last look in the air [m/s]; drift_m: sideways from where it was at the last deed [m], else None.
+    """The last touchdown of one vehicle.
+
+    at_s: time [s].
+    after_s: time since the last action [s], None without one.
+    speed_m_s: speed at the last observation in the air [m/s].
+    drift_m: horizontal distance from the position at the last action [m], None without one.
     """
 
     vehicle: str
@@ -60,8 +71,11 @@ class Touchdown:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """troubles: what went wrong with the flight itself. lasted_s: simulation time from the first look to the last [s].
-    ended: why there were no more looks.
+    """The judgement of one flight.
+
+    lasted_s: simulation time from the first to the last observation [s].
+    ended: the reason why the flight ended.
+    problems: failures of the flight itself.
     """
 
     steps: tuple[StepResult, ...]
@@ -69,25 +83,28 @@ class Verdict:
     touchdowns: tuple[Touchdown, ...] = ()
     lasted_s: float = 0.0
     ended: str = ""
-    troubles: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
 
     @property
     def failures(self) -> tuple[tuple[Place | None, str], ...]:
-        """Where it was asked for (None: nowhere, the flight itself went wrong), and the sentence."""
+        """Each failure with its place in the scenario; the place is None for a failure of the flight itself."""
         judged: Sequence[StepResult | RuleResult] = (*self.steps, *self.rules)
         return (
             *((r.place, r.failure) for r in judged if r.outcome == "failed"),
-            *((None, t) for t in self.troubles),
+            *((None, t) for t in self.problems),
         )
 
     @property
     def passed(self) -> bool:
+        """True if nothing failed and every step passed."""
         return not self.failures and all(s.outcome == "passed" for s in self.steps)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What the referee kept of one look at one vehicle, for pictures. nearest_m: distance to the nearest other vehicle [m]."""
+    """Values of one vehicle at one observation, for plots. nearest_m: distance to the nearest other vehicle
+    [m].
+    """
 
     time_s: float
     vehicle: str
@@ -101,7 +118,9 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """One flight of one scenario. run: its run folder, "" where none came to be; wall_s: [s], for information alone."""
+    """A flight of one scenario. run: its run folder, "" if there is none. wall_s: duration [s], for
+    information.
+    """
 
     scenario: str
     file: str

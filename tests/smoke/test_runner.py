@@ -1,4 +1,4 @@
-"""Several scenarios at a time, and the command over them, with fakes in place of flights."""
+"""The runner of several scenarios and `arena smoke`, with fakes in place of flights."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from arena.cli import main
 from arena.cli.smoke import files, load
 from arena.errors import InputError, RunError
 from arena.smoke.flying import runner
-from arena.smoke.flying.fly_scenario import How, slug
+from arena.smoke.flying.fly_scenario import FlightOptions, slug
 from arena.smoke.language.scenario import Scenario
 from arena.smoke.referee.verdict import Result, Verdict
 
@@ -25,8 +25,8 @@ STEPS = "steps:\n  - expect: uav1.airborne within 20 s\n"
 
 
 @pytest.fixture
-def how(tmp_path: Path) -> How:
-    return How(results=tmp_path / "results")
+def options(tmp_path: Path) -> FlightOptions:
+    return FlightOptions(results=tmp_path / "results")
 
 
 def scenarios(folder: Path, *names: str) -> list[Scenario]:
@@ -36,43 +36,47 @@ def scenarios(folder: Path, *names: str) -> list[Scenario]:
     return load([folder / f"{name}.smoke.yaml" for name in names], [])
 
 
-def passed(scenario: Scenario, how: How) -> Result:
+def passed(scenario: Scenario, options: FlightOptions) -> Result:
     verdict = Verdict(steps=(), rules=(), ended=f"in {os.getpid()}")
-    return Result(scenario=scenario.name, file=scenario.place.file, seed=how.seed or 1, verdict=verdict)
+    return Result(scenario=scenario.name, file=scenario.place.file, seed=options.seed or 1, verdict=verdict)
 
 
-def test_results_come_in_the_order_of_the_scenarios_each_from_a_process_of_its_own(tmp_path: Path, how: How):
+def test_results_keep_the_order_of_the_scenarios(tmp_path: Path, options: FlightOptions):
     told: list[str] = []
     found = runner.fly_all(
         scenarios(tmp_path, "c", "a", "b"),
-        how,
+        options,
         jobs=2,
-        tell=lambda r: told.append(r.scenario),
+        on_result=lambda r: told.append(r.scenario),
         flown_by=passed,
     )
     assert [r.scenario for r in found] == ["c", "a", "b"] and sorted(told) == ["a", "b", "c"]
     assert len({r.verdict.ended for r in found} | {f"in {os.getpid()}"}) == 4
 
 
-def test_a_flight_that_goes_wrong_takes_no_other_along(tmp_path: Path, how: How):
-    def fly(scenario: Scenario, how: How) -> Result:
+def test_failed_flight_does_not_affect_others(tmp_path: Path, options: FlightOptions):
+    def fly(scenario: Scenario, options: FlightOptions) -> Result:
         if scenario.name == "killed":
             os.kill(os.getpid(), signal.SIGKILL)
         if scenario.name == "wrong":
             raise RunError("no run folder")
-        return passed(scenario, how)
+        return passed(scenario, options)
 
     killed, wrong, right = runner.fly_all(
-        scenarios(tmp_path, "killed", "wrong", "right"), how, jobs=1, tell=lambda _: None, flown_by=fly
+        scenarios(tmp_path, "killed", "wrong", "right"),
+        options,
+        jobs=1,
+        on_result=lambda _: None,
+        flown_by=fly,
     )
-    assert right.verdict.passed and wrong.verdict.troubles == ("no run folder",)
-    assert "ended without a word" in killed.verdict.troubles[0]
+    assert right.verdict.passed and wrong.verdict.problems == ("no run folder",)
+    assert "ended without a result" in killed.verdict.problems[0]
 
 
-def test_an_interruption_reaches_every_worker_and_nothing_more_is_begun(tmp_path: Path, how: How):
-    def fly(scenario: Scenario, how: How) -> Result:
+def test_interruption_ends_every_worker_and_starts_none(tmp_path: Path, options: FlightOptions):
+    def fly(scenario: Scenario, options: FlightOptions) -> Result:
         if scenario.name == "first":
-            return passed(scenario, how)
+            return passed(scenario, options)
         (tmp_path / f"{scenario.name}-began").touch()
         try:
             if scenario.name == "long":
@@ -85,7 +89,7 @@ def test_an_interruption_reaches_every_worker_and_nothing_more_is_begun(tmp_path
 
     given = scenarios(tmp_path, "first", "long", "never")
     with pytest.raises(runner.Interrupted) as interrupted:
-        runner.fly_all(given, how, jobs=1, tell=lambda _: None, flown_by=fly)
+        runner.fly_all(given, options, jobs=1, on_result=lambda _: None, flown_by=fly)
     assert [r.scenario for r in interrupted.value.results] == ["first"]
     assert (tmp_path / "long-landed").exists() and not (tmp_path / "never-began").exists()
 
@@ -93,7 +97,7 @@ def test_an_interruption_reaches_every_worker_and_nothing_more_is_begun(tmp_path
 # -- the command
 
 
-def test_a_folder_stands_for_the_scenarios_in_it(tmp_path: Path):
+def test_folder_stands_for_its_scenarios(tmp_path: Path):
     inner = tmp_path / "inner"
     inner.mkdir()
     scenarios(inner, "b", "a")
@@ -107,7 +111,7 @@ def test_a_folder_stands_for_the_scenarios_in_it(tmp_path: Path):
         files([tmp_path / "empty"])
 
 
-def test_all_problems_are_told_before_anything_flies(
+def test_all_problems_are_reported_before_any_flight(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ):
     monkeypatch.setattr(runner, "fly_all", None)
@@ -122,16 +126,16 @@ def test_all_problems_are_told_before_anything_flies(
 
 
 @pytest.mark.parametrize(("passes", "code"), [(True, 0), (False, 1)])
-def test_the_exit_code_and_the_files_tell_how_it_went(
+def test_exit_code_and_files_show_the_result(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     passes: bool,
     code: int,
 ):
-    def fly_all(given: list[Scenario], how: How, **_: Any) -> list[Result]:
-        assert how.seed == 7 and [s.arena.world.wind_m_s[0] for s in given] == [1.0, 1.0]
-        verdict = Verdict(steps=(), rules=(), troubles=() if passes else ("it fell",))
+    def fly_all(given: list[Scenario], options: FlightOptions, **_: Any) -> list[Result]:
+        assert options.seed == 7 and [s.arena.world.wind_m_s[0] for s in given] == [1.0, 1.0]
+        verdict = Verdict(steps=(), rules=(), problems=() if passes else ("it fell",))
         return [Result(scenario=s.name, file=s.place.file, seed=7, verdict=verdict) for s in given]
 
     monkeypatch.setattr(runner, "fly_all", fly_all)
@@ -153,7 +157,7 @@ def test_the_exit_code_and_the_files_tell_how_it_went(
         ("--results", "s.py", "s.py: cannot be made"),
     ],
 )
-def test_options_are_checked_before_anything_flies(
+def test_options_are_checked_before_any_flight(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -169,7 +173,7 @@ def test_options_are_checked_before_anything_flies(
     assert said in capsys.readouterr().err
 
 
-def test_listing_flies_nothing(
+def test_list_flies_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(runner, "fly_all", None)
@@ -178,7 +182,7 @@ def test_listing_flies_nothing(
     assert [line.rpartition(": ")[2] for line in capsys.readouterr().out.splitlines()] == ["a", "b"]
 
 
-def test_the_shipped_scenarios_are_right():
+def test_shipped_scenarios_are_valid():
     found = load(files([ROOT / "examples"]), ["defaults.autopilot=builtin"])
     assert {"hover [one]", "hover [four]", "offboard loss lands"} <= {s.name for s in found}
 
@@ -186,11 +190,11 @@ def test_the_shipped_scenarios_are_right():
 @pytest.mark.parametrize(
     ("name", "folder"), [("offboard loss lands [four]", "offboard-loss-lands-four"), ("../..", "scenario")]
 )
-def test_a_name_becomes_a_folder(name: str, folder: str):
+def test_name_becomes_a_folder(name: str, folder: str):
     assert slug(name) == folder
 
 
-def test_the_plugin_costs_who_does_not_use_it_nothing():
+def test_unused_plugin_imports_nothing():
     code = (
         "import sys, pytest; before = set(sys.modules); import arena.smoke.plugin; "
         "print(*sorted(set(sys.modules) - before))"

@@ -1,4 +1,4 @@
-"""Every kind of broken scenario gives one clear line, with its place; several give several."""
+"""Loading scenario files: each problem is one line with its place; several problems give several lines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ONE = "vehicles:\n  uav1: {program: fly.py}\n"
 HEAD = "arena: two.yaml\n"
 STEP = "steps:\n  - at: uav1.airborne\n    do: kill program uav1\n"
 
-# name of the breakage -> (the YAML, `line: field: ` it must be told at, words it must hold)
+# name of the problem -> (YAML, `line: field: ` of the message, words in the message)
 BROKEN: dict[str, tuple[str, str, str]] = {
     "unknown key": (
         HEAD + "tim_limit_s: 3\n" + STEP,
@@ -40,12 +40,12 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "arena that is not there": (
         "arena: tow.yaml\n" + STEP,
         "1: arena: ",
-        "got 'tow.yaml', which is not there. Did you mean two.yaml?",
+        "got 'tow.yaml', which does not exist. Did you mean two.yaml?",
     ),
     "arena of another folder that is not there": (
         "arena: ../x/two.yaml\n" + STEP,
         "1: arena: ",
-        "which is not there",
+        "which does not exist",
     ),
     "time limit of nothing": (
         HEAD + "time_limit_s: 0\n" + STEP,
@@ -84,19 +84,19 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "5: steps[1].expct: ",
         "unknown key. Did you mean expect?",
     ),
-    "deed as a number": (HEAD + "steps:\n  - do: 3\n", "3: steps[0].do: ", "got 3, expected text."),
-    "one of several deeds": (
+    "action as a number": (HEAD + "steps:\n  - do: 3\n", "3: steps[0].do: ", "got 3, expected text."),
+    "one of several actions": (
         HEAD + "steps:\n  - do:\n      - land all\n      - lnd all\n",
         "5: steps[0].do[1]: ",
         "Did you mean land?",
     ),
-    "no deed": (HEAD + "steps:\n  - do: []\n", "3: steps[0].do: ", "expected text"),
-    "two moments": (
+    "no action": (HEAD + "steps:\n  - do: []\n", "3: steps[0].do: ", "expected text"),
+    "two triggers": (
         HEAD + "steps:\n  - at: [start, start]\n    do: land all\n",
         "3: steps[0].at: ",
         "expected text",
     ),
-    "moment misspelt": (
+    "trigger misspelt": (
         HEAD + "steps:\n  - at: uav1.airbrne + 3 s\n    do: land all\n",
         "3: steps[0].at: ",
         "Did you mean uav1.airborne?",
@@ -106,7 +106,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "3: steps[0].at: ",
         "expected a vehicle of the arena, or each",
     ),
-    "deed on a vehicle that is not there": (
+    "action on a vehicle that is not there": (
         HEAD + "steps:\n  - do: rc loss uav3\n",
         "3: steps[0].do: ",
         "got 'uav3' after 'loss'",
@@ -160,7 +160,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "separation of one": (
         "arena: one.yaml\n" + STEP + "always: [separation > 1 m]\n",
         "5: always[0]: ",
-        "one vehicle alone",
+        "only one vehicle",
     ),
     "what may happen misspelt": (HEAD + "may: [crsh uav1]\n" + STEP, "2: may[0]: ", "Did you mean crash?"),
     "what may happen to nobody": (HEAD + "may: [crash]\n" + STEP, "2: may[0]: ", "got nothing after 'crash'"),
@@ -179,7 +179,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "an arena": (
         "name: lab\n" + TWO,
         "2: ",
-        "is an arena, and a scenario is needed. One that names it, `arena: s.yaml`, flies it",
+        "got an arena, expected a scenario: write a file with `arena: s.yaml` and `steps:`",
     ),
     "copilot that is not there": (
         HEAD + "steps: [do: kill copilot]\n",
@@ -207,7 +207,7 @@ def problems(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_scenario_gives_a_line_with_its_place(folder: Path, name: str) -> None:
+def test_broken_scenario_gives_a_line_with_its_place(folder: Path, name: str) -> None:
     text, place, words = BROKEN[name]
     told = problems(text)
     assert any(line.startswith(f"s.yaml:{place}") and words in line for line in told), told
@@ -215,7 +215,7 @@ def test_a_broken_scenario_gives_a_line_with_its_place(folder: Path, name: str) 
     assert "\n" not in told[0]
 
 
-def test_everything_wrong_is_told_at_once_in_the_order_of_the_file(folder: Path) -> None:
+def test_all_problems_are_reported_in_the_order_of_the_file(folder: Path) -> None:
     told = problems(
         "arena:\n  vehicles:\n    uav1: {program: gone.py}\nmay: [crash uav2]\nsteps:\n  - do: kil router\n"
         "  - expect: uav1.landed\n  - 3\nalways: [separation > 1 m]\n"
@@ -223,28 +223,28 @@ def test_everything_wrong_is_told_at_once_in_the_order_of_the_file(folder: Path)
     assert [line.split(":")[1] for line in told] == ["3", "4", "6", "7", "8", "9"]
 
 
-def test_a_fault_of_an_arenas_own_file_is_told_with_its_place(folder: Path) -> None:
+def test_problem_of_the_arena_file_has_its_place(folder: Path) -> None:
     Path("two.yaml").write_text("vehicles:\n  uav1: {prgram: fly.py}\n")
     assert problems(HEAD + "steps: [do: land all]\n") == [
         "two.yaml:2: vehicles.uav1.prgram: unknown key. Did you mean program?"
     ]
 
 
-def test_what_is_wrong_in_several_arenas_is_told_once(folder: Path) -> None:
+def test_problem_of_several_arenas_is_reported_once(folder: Path) -> None:
     assert len(problems("arena: [one.yaml, two.yaml]\nsteps:\n  - do: kil router\n")) == 1
 
 
-def test_a_scenario_that_one_of_its_arenas_cannot_fly_is_told_so(folder: Path) -> None:
+def test_scenario_that_one_arena_cannot_fly_is_refused(folder: Path) -> None:
     told = problems("arena: [one.yaml, two.yaml]\nsteps:\n  - do: rc loss uav2\n")
     assert len(told) == 1 and told[0].startswith("s.yaml:3: steps[0].do: got 'uav2'")
 
 
-def test_a_file_that_cannot_be_read(folder: Path) -> None:
+def test_missing_file_is_an_input_error(folder: Path) -> None:
     with pytest.raises(InputError, match=r"gone\.yaml: cannot be read"):
         load_scenarios("gone.yaml")
 
 
-def test_a_list_of_arenas_is_a_scenario_in_each(folder: Path) -> None:
+def test_list_of_arenas_is_one_scenario_each(folder: Path) -> None:
     Path("s.yaml").write_text("name: loss\narena: [one.yaml, two.yaml]\n" + STEP)
     one, two = load_scenarios("s.yaml", ["world.seed=7"])
     assert (one.name, two.name) == ("loss [one]", "loss [two]")
@@ -253,25 +253,25 @@ def test_a_list_of_arenas_is_a_scenario_in_each(folder: Path) -> None:
     assert one.arena.world.seed == 7 and one.overrides == ("world.seed=7",)
 
 
-def test_the_arena_is_looked_for_beside_the_scenario(folder: Path) -> None:
+def test_arena_path_is_relative_to_the_scenario(folder: Path) -> None:
     Path("deep").mkdir()
     Path("deep/s.yaml").write_text("arena: ../two.yaml\n" + STEP)
     (scenario,) = load_scenarios("deep/s.yaml")
     assert scenario.name == "s" and load_arena(scenario.arena_file).vehicles == scenario.arena.vehicles
 
 
-def test_the_default_name_is_the_files(folder: Path) -> None:
+def test_default_name_is_the_file_name(folder: Path) -> None:
     Path("rc_loss.smoke.yaml").write_text(HEAD + STEP)
     assert load_scenarios("rc_loss.smoke.yaml")[0].name == "rc_loss"
 
 
-def test_later_overrides_win(folder: Path) -> None:
+def test_later_override_wins(folder: Path) -> None:
     Path("s.yaml").write_text(HEAD + "set: [world.seed=3]\n" + STEP)
     assert load_scenarios("s.yaml")[0].arena.world.seed == 3
     assert load_scenarios("s.yaml", ["world.seed=4"])[0].arena.world.seed == 4
 
 
-def test_an_arena_inside_has_its_folder(folder: Path) -> None:
+def test_arena_inside_a_scenario_has_its_folder(folder: Path) -> None:
     Path("s.yaml").write_text("arena: {vehicles: {uav1: {program: fly.py}}}\n" + STEP)
     (scenario,) = load_scenarios("s.yaml")
     assert scenario.arena_file == ""
@@ -280,7 +280,7 @@ def test_an_arena_inside_has_its_folder(folder: Path) -> None:
     )
 
 
-def test_entries_that_only_expect_belong_to_the_step_before(folder: Path) -> None:
+def test_entry_with_only_expect_belongs_to_the_step_before(folder: Path) -> None:
     Path("s.yaml").write_text(
         HEAD
         + STEP
@@ -295,7 +295,7 @@ def test_entries_that_only_expect_belong_to_the_step_before(folder: Path) -> Non
     assert first.place.text == "at uav1.airborne: kill program uav1" and first.place.line == 3
 
 
-def test_the_fence_is_the_arenas_or_the_rooms_walls(folder: Path) -> None:
+def test_fence_is_the_geofence_or_the_walls(folder: Path) -> None:
     Path("two.yaml").write_text("world: {size: [8, 6, 3]}\n" + TWO)
     Path("s.yaml").write_text(HEAD + STEP)
     assert load_scenarios("s.yaml")[0].fence == Box(low_n=(-4, -3, -3), high_n=(4, 3, math.inf))
@@ -303,14 +303,14 @@ def test_the_fence_is_the_arenas_or_the_rooms_walls(folder: Path) -> None:
     assert drawn == Box(low_n=(-3.5, -2.5, -2.5), high_n=(3.5, 2.5, math.inf))
 
 
-def test_distance_to_the_fence() -> None:
+def test_distance_to_the_fence_is_negative_inside() -> None:
     box = Box(low_n=(-4, -3, -3), high_n=(4, 3, math.inf))
     assert box.outside_m((0, 0, -1)) == pytest.approx(-2)
     assert box.outside_m((4.5, 0, -1)) == pytest.approx(0.5)
     assert box.outside_m((0, 0, -3.25)) == pytest.approx(0.25)
 
 
-def test_every_key_has_its_line_for_the_reference() -> None:
+def test_every_key_is_documented() -> None:
     assert all(field.description for field in ScenarioFile.model_fields.values())
 
 
@@ -331,7 +331,7 @@ values = st.recursive(
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
 @given(st.dictionaries(st.sampled_from([*ScenarioFile.model_fields, "x"]), values, max_size=6))
-def test_whatever_is_written_is_loaded_or_refused_with_its_place(folder: Path, data) -> None:
+def test_any_mapping_is_loaded_or_refused(folder: Path, data) -> None:
     import json
 
     Path("s.yaml").write_text(json.dumps(data))

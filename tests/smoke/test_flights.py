@@ -1,4 +1,4 @@
-"""Arenas flown and judged from outside: what is shipped passes, what must fail fails with its reason, and nothing is left."""
+"""`arena smoke` with real arenas: shipped scenarios pass, failures have their reason, and no process is left."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class Smoke:
         return self.process.wait(_LIMIT_S)
 
     @property
-    def said(self) -> str:
+    def output(self) -> str:
         return self.out.read_text(errors="replace")
 
     @property
     def runs(self) -> list[Path]:
-        """Their run folders."""
+        """The run folders."""
         return sorted(path.parent for path in self.results.glob("*/*/plan.json"))
 
 
@@ -87,8 +87,8 @@ def assert_nothing_left(smoke: Smoke, temporary: Path) -> None:
 @pytest.mark.crowd
 def test_every_shipped_scenario_passes(smoke: Any, temporary: Path, tmp_path: Path):
     flown = smoke(*(str(folder) for folder in FOLDERS), "-j", "2", "--seed", "3", "--junit", "junit.xml")
-    assert flown.wait() == 0, flown.said
-    print(flown.said)
+    assert flown.wait() == 0, flown.output
+    print(flown.output)
     assert (
         f'tests="{len(flown.runs)}" failures="0"' in (tmp_path / "junit.xml").read_text()
         and len(flown.runs) >= 20
@@ -104,8 +104,8 @@ def test_every_failsafe_passes_on_a_real_px4(smoke: Any, temporary: Path):
     if find_px4() is None:
         pytest.skip("no PX4 is found: set PX4_HOME")
     flown = smoke(str(FAILSAFES), "--set", "defaults.autopilot=px4")
-    assert flown.wait() == 0, flown.said
-    print(flown.said)
+    assert flown.wait() == 0, flown.output
+    print(flown.output)
     assert_nothing_left(flown, temporary)
 
 
@@ -120,13 +120,13 @@ steps:
 
 
 @pytest.mark.flight
-def test_one_that_fails_says_why_and_keeps_pictures(smoke: Any, temporary: Path, tmp_path: Path):
+def test_failed_scenario_has_its_reason_and_plots(smoke: Any, temporary: Path, tmp_path: Path):
     for name in ("one.yaml", "square.py"):
         shutil.copy(SHIPPED / name, tmp_path)
     (tmp_path / "falls.smoke.yaml").write_text(FAILING)
     flown = smoke(str(tmp_path / "falls.smoke.yaml"))
-    assert flown.wait() == 1, flown.said
-    said = " ".join(flown.said.split())
+    assert flown.wait() == 1, flown.output
+    said = " ".join(flown.output.split())
     assert "falls.smoke.yaml:7: uav1.mode was" in said and "expected uav1.mode == RTL within 2 s" in said
     assert "uav1 crashed" in said
     assert list((flown.runs[0] / "plots").glob("*.png"))
@@ -135,8 +135,8 @@ def test_one_that_fails_says_why_and_keeps_pictures(smoke: Any, temporary: Path,
 
 @pytest.mark.flight
 @pytest.mark.parametrize("times", [1, 2])
-def test_an_interruption_leaves_nothing(smoke: Any, temporary: Path, times: int):
-    """The second one does not wait for the landing."""
+def test_interruption_leaves_no_process(smoke: Any, temporary: Path, times: int):
+    """A second interruption does not wait for the landing."""
     flown = smoke(str(SHIPPED / "hover.smoke.yaml"), "-j", "2")
 
     def airborne() -> bool:
@@ -147,7 +147,7 @@ def test_an_interruption_leaves_nothing(smoke: Any, temporary: Path, times: int)
         )
 
     eventually(
-        lambda: airborne() or flown.process.poll() is not None, 120, "one in the air", lambda: flown.said
+        lambda: airborne() or flown.process.poll() is not None, 120, "one in the air", lambda: flown.output
     )
     flown.process.send_signal(signal.SIGINT)
     if times == 2:
@@ -157,28 +157,26 @@ def test_an_interruption_leaves_nothing(smoke: Any, temporary: Path, times: int)
             "it begins to land",
         )
         flown.process.send_signal(signal.SIGINT)
-    assert flown.wait() == 130, flown.said
-    assert "interrupted: 2 of 2" in flown.said
+    assert flown.wait() == 130, flown.output
+    assert "interrupted: 2 of 2" in flown.output
     assert_nothing_left(flown, temporary)
 
 
 @pytest.mark.flight
-def test_an_arena_that_does_not_come_up_is_a_result_in_its_own_words(
-    smoke: Any, temporary: Path, tmp_path: Path
-):
+def test_arena_that_does_not_start_is_a_failed_result(smoke: Any, temporary: Path, tmp_path: Path):
     (tmp_path / "quits.smoke.yaml").write_text(
         "arena: {vehicles: {uav1: {autopilot: builtin, tools: {broken: {argv: [/does/not/exist]}}}}}\n"
         "steps:\n  - expect: uav1.airborne within 3 s\n"
     )
     flown = smoke(str(tmp_path / "quits.smoke.yaml"))
-    assert flown.wait() == 1, flown.said
-    said = " ".join(flown.said.split())
+    assert flown.wait() == 1, flown.output
+    said = " ".join(flown.output.split())
     assert "the arena did not come up (exit 2)" in said and "'/does/not/exist' is not on this machine" in said
     assert_nothing_left(flown, temporary)
 
 
 @pytest.mark.flight
-def test_a_test_may_lead_a_flight_itself(arena_run: Any):
+def test_scripted_flight_is_led_by_a_test(arena_run: Any):
     with arena_run.up(SHIPPED / "one.yaml") as flight:
         flight.always("inside geofence")
         flight.until("uav1.airborne + 2 s", 30)

@@ -1,4 +1,4 @@
-"""Results as people and machines read them."""
+"""Results as a table, JUnit XML, JSON and plots."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ BROKEN = replace(
                 failure="separation between uav1 and uav2 was 0.61 m at 6.50 s",
             ),
         ),
-        troubles=("router: <gone>",),
+        problems=("router: <gone>",),
         ended="a step failed",
     ),
 )
@@ -91,7 +91,7 @@ def shown(results: tuple[Result, ...]) -> str:
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
-def test_what_failed_is_told_with_its_place_and_what_passed_takes_a_row() -> None:
+def test_table_has_a_row_per_scenario_and_every_failure() -> None:
     text = shown(BOTH)
     assert (
         "offboard loss lands [one]" in text
@@ -109,12 +109,12 @@ def test_what_failed_is_told_with_its_place_and_what_passed_takes_a_row() -> Non
     assert shown((PASSED,)).count("\n") == 2
 
 
-def test_the_summary_counts() -> None:
+def test_summary_counts_scenarios() -> None:
     assert report.summary(BOTH) == "2 scenarios, 1 failed; 21 s of simulation"
     assert report.summary(BOTH[:1]) == "1 scenario, all passed; 10 s of simulation"
 
 
-def test_junit_has_a_testcase_a_scenario_and_a_failure_a_failed_one() -> None:
+def test_junit_has_a_testcase_per_scenario() -> None:
     root = ElementTree.fromstring(report.junit_xml(BOTH))
     assert root.tag == "testsuites"
     (suite,) = root
@@ -142,7 +142,7 @@ def test_junit_has_a_testcase_a_scenario_and_a_failure_a_failed_one() -> None:
     ]
 
 
-def test_junit_has_an_error_for_each_that_was_interrupted() -> None:
+def test_junit_has_an_error_per_interrupted_scenario() -> None:
     root = ElementTree.fromstring(report.junit_xml(BOTH, ["c", "d\x01"]))
     assert (root.get("tests"), root.get("errors")) == ("4", "2")
     assert [case.get("name") for case in root.iter("testcase") if case.find("error") is not None] == [
@@ -151,7 +151,7 @@ def test_junit_has_an_error_for_each_that_was_interrupted() -> None:
     ]
 
 
-def test_junit_tells_the_steps() -> None:
+def test_junit_lists_the_steps() -> None:
     out = ElementTree.fromstring(report.junit_xml((PASSED,))).find(".//system-out")
     assert out is not None and (out.text or "").splitlines() == [
         "seed 3, 10.50 s of simulation, over: all is done",
@@ -159,12 +159,11 @@ def test_junit_tells_the_steps() -> None:
         "passed      at uav1.airborne + 3 s: kill program uav1 at 6.00 s",
         "passed      uav1.mode == LAND within 2 s after 1.12 s, at 7.12 s",
         "passed      separation > 0.8 m (worst: 1.25 m, uav1 and uav2 at 6.50 s)",
-        "uav1 came down at 9.50 s, 3.50 s after the last deed, at 0.62 m/s, 0.12 m aside",
+        "uav1 came down at 9.50 s, 3.50 s after the last action, at 0.62 m/s, 0.12 m aside",
     ]
 
 
 def test_every_failed_result_has_a_reason() -> None:
-    """One that ended before its steps were reached, though nothing else was wrong."""
     step = replace(PASSED.verdict.steps[0], outcome="not reached", begun_s=None, done_s=None)
     bare = replace(PASSED, verdict=Verdict(steps=(step,), rules=(), ended="the time limit"))
     assert not bare.verdict.passed and report.reasons(bare) == [
@@ -180,7 +179,7 @@ def test_results_are_read_back_equal() -> None:
 
 
 @pytest.mark.parametrize("names", [("uav1",), ("uav1", "uav2")])
-def test_a_picture_is_drawn_of_whatever_was_seen(tmp_path: Path, names: tuple[str, ...]) -> None:
+def test_plot_is_drawn_of_any_rows(tmp_path: Path, names: tuple[str, ...]) -> None:
     rows = [
         Row(
             time_s=5 + k / 10,
@@ -200,5 +199,5 @@ def test_a_picture_is_drawn_of_whatever_was_seen(tmp_path: Path, names: tuple[st
     assert Path(picture).read_bytes().startswith(b"\x89PNG") and Path(picture).stat().st_size > 10_000
 
 
-def test_no_picture_of_nothing(tmp_path: Path) -> None:
+def test_no_plot_without_rows(tmp_path: Path) -> None:
     assert report.draw(BROKEN, [], tmp_path) == [] and not list(tmp_path.iterdir())

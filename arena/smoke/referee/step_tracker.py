@@ -1,0 +1,95 @@
+"""Tracking of one step of a scenario: when its trigger came, whether it has begun, and its expectations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+from arena.smoke.language.model import Step
+from arena.smoke.referee.conditions import holds
+from arena.smoke.referee.expectation import ExpectationTracker
+from arena.smoke.referee.flight_history import FlightHistory
+from arena.smoke.referee.verdict import Outcome, StepResult
+
+
+@dataclass(kw_only=True)
+class StepTracker:
+    """A step during a flight.
+
+    rose_s: time at which the trigger's condition last became true [s].
+    begun_s: time at which the step began [s].
+    failure: the reason why its actions failed.
+    """
+
+    step: Step
+    expectations: list[ExpectationTracker] = field(default_factory=list)
+    rose_s: float | None = None
+    held: bool = False
+    begun_s: float | None = None
+    failure: str = ""
+
+    def update(self, flight: FlightHistory) -> None:
+        """Evaluate the trigger. Call it for every observation: a trigger counts even before the step's turn."""
+        condition = self.step.trigger.condition if self.step.trigger is not None else None
+        if condition is None:
+            return
+        truth = holds(condition, flight)
+        if truth and not self.held:
+            self.rose_s = flight.now.time_s
+        self.held = self.held if truth is None else truth
+
+    def due_s(self, start_s: float, then_s: float) -> float | None:
+        """Return the time at which the step is to begin [s]; None if the trigger has not come.
+
+        start_s: time of the first observation [s]. then_s: time at which the step before was done [s].
+        """
+        trigger = self.step.trigger
+        if trigger is None or trigger.then:
+            return then_s + (trigger.after_s if trigger else 0.0)
+        since = self.rose_s if trigger.condition is not None else start_s
+        return None if since is None else since + trigger.after_s
+
+    def begin(self, now: float) -> None:
+        """Start the step and its expectations at this time [s]."""
+        self.begun_s = now
+        self.expectations = [ExpectationTracker(expectation=e, begun_s=now) for e in self.step.expect]
+
+    @property
+    def settled(self) -> bool:
+        """True when the step has begun and no expectation is open."""
+        return self.begun_s is not None and not any(e.open for e in self.expectations)
+
+    @property
+    def failed(self) -> bool:
+        """True when an action or an expectation has failed."""
+        return bool(self.failure) or any(e.outcome == "failed" for e in self.expectations)
+
+    @property
+    def done_s(self) -> float:
+        """The time at which the last expectation was fulfilled [s], else the time at which the step began."""
+        return max((e.done_s for e in self.expectations if e.done_s is not None), default=self.begun_s or 0.0)
+
+    @property
+    def results(self) -> Iterator[StepResult]:
+        """The results of the trigger or actions, and of each expectation."""
+        step = self.step
+        if step.trigger is not None or step.do or self.failure:
+            yield self._own_result()
+        if self.begun_s is None:
+            yield from (StepResult(place=e.place, outcome="not reached") for e in step.expect)
+        else:
+            yield from (e.result for e in self.expectations)
+
+    def _own_result(self) -> StepResult:
+        kind: Literal["do", "at"] = "do" if self.step.do else "at"
+        done = None if self.failure else self.begun_s
+        outcome: Outcome = "failed" if self.failure else "not reached" if done is None else "passed"
+        return StepResult(
+            place=self.step.place,
+            kind=kind,
+            outcome=outcome,
+            begun_s=self.begun_s,
+            done_s=done,
+            failure=self.failure,
+        )
