@@ -1,10 +1,10 @@
-"""How long sixty parameters take to be written: one vehicle and ten at once, on a clean link and on one that loses and delays.
+"""Time to write 60 parameters: to one vehicle and to ten at the same time, over a clean and over a lossy link.
 
 python benchmarks/params.py [--repeat N] [--params N] [--vehicles N] [--address 127.26.250.1]
 
-The vehicles are built-in autopilots in a world of their own process; a relay stands between them and the writer, loses a share of
-the packets each way and holds them back. Every push reads first, writes, and reads back: three exchanges a parameter. Seconds are
-of wall time, until the slowest vehicle has its values; packets are those of one vehicle: to it, and PARAM_VALUEs from it.
+The vehicles are built-in autopilots in a world process; a relay between them and the writer loses a share of the packets each way and
+delays them. Every push reads first, writes, and reads back: three exchanges per parameter. Times are wall time [s] until the slowest
+vehicle has its values; packets are those of one vehicle: frames sent to it, and PARAM_VALUEs received from it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pathlib import Path
 from statistics import mean
 
 from arena.autopilot.param_table import SPECS
-from arena.params.transfer.session import Report, Target, push
+from arena.params.transfer.session import ParamTarget, PushReport, push
 from arena.plan import make_plan
 from arena.schema import load_arena
 
@@ -37,7 +37,7 @@ Address = tuple[str, int]
 
 
 class Line:
-    """Where the router would be: the autopilot's partner on one side, a door for the writer on the other."""
+    """The place of the router: a socket for the autopilot (far) and one for the writer (near)."""
 
     def __init__(self, autopilot: Address, partner: Address) -> None:
         self.far, self.near = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
@@ -46,17 +46,18 @@ class Line:
         self.autopilot, self.writer = autopilot, autopilot
 
     def pass_on(self, way: str, data: bytes) -> None:
+        """Send a packet on. way: "up" to the autopilot, "down" to the writer."""
         with contextlib.suppress(OSError):
             self.far.sendto(data, self.autopilot) if way == "up" else self.near.sendto(data, self.writer)
 
 
 class Relay(threading.Thread):
-    """loss: share of the packets, each way.  delay_s: each way."""
+    """A thread that passes packets on with loss and delay. loss: share each way [-].  delay_s: each way [s]."""
 
     def __init__(self, lines: list[Line]) -> None:
         super().__init__(daemon=True)
         self.loss = self.delay_s = 0.0
-        self.over = threading.Event()
+        self.stopped = threading.Event()
         self._ends = {
             end: (line, way) for line in lines for end, way in ((line.near, "up"), (line.far, "down"))
         }
@@ -64,7 +65,7 @@ class Relay(threading.Thread):
     def run(self) -> None:
         rng, number = random.Random(1), itertools.count()
         flying: list[tuple[float, int, Line, str, bytes]] = []
-        while not self.over.is_set():
+        while not self.stopped.is_set():
             for end in select.select(list(self._ends), [], [], 0.002)[0]:
                 data, sender = end.recvfrom(65536)
                 line, way = self._ends[end]
@@ -78,8 +79,8 @@ class Relay(threading.Thread):
 
 
 @contextlib.contextmanager
-def world(vehicles: int, address: str) -> Iterator[tuple[Relay, dict[str, Target]]]:
-    """A world of built-in autopilots, and the relay that leads to them."""
+def world(vehicles: int, address: str) -> Iterator[tuple[Relay, dict[str, ParamTarget]]]:
+    """Start a world of built-in autopilots and yield the relay and the vehicles' targets."""
     with tempfile.TemporaryDirectory(prefix="p-") as name:
         folder = Path(name)
         file = folder / "arena.yaml"
@@ -101,38 +102,40 @@ def world(vehicles: int, address: str) -> Iterator[tuple[Relay, dict[str, Target
         relay = Relay(lines)
         try:
             if not select.select([line.far for line in lines], [], [], UP_S)[0]:
-                raise SystemExit(f"the world says nothing: {(folder / 'world.log').read_text()}")
+                raise SystemExit(
+                    f"no MAVLink from the world for {UP_S:g} s: {(folder / 'world.log').read_text()}"
+                )
             relay.start()
             pairs = zip(rows_, lines, strict=True)
             yield (
                 relay,
-                {v["name"]: Target(system=v["id"], remote=line.near.getsockname()) for v, line in pairs},
+                {v["name"]: ParamTarget(system=v["id"], remote=line.near.getsockname()) for v, line in pairs},
             )
         finally:
-            relay.over.set()
+            relay.stopped.set()
             child.terminate()
             child.wait()
 
 
 def two_values(number: int) -> tuple[dict[str, float], dict[str, float]]:
-    """So many parameters, integers and floats, and two values that each may have."""
+    """Return two sets of allowed values for this number of parameters, integers and floats."""
     pairs = {}
     for name, spec in SPECS.items():
-        tried = (spec.default + 1, spec.default - 1, spec.default * 0.9 + 0.01)
-        fit = [v for v in tried if spec.low <= v <= spec.high and (spec.type == "float" or v == int(v))]
+        candidates = (spec.default + 1, spec.default - 1, spec.default * 0.9 + 0.01)
+        fit = [v for v in candidates if spec.low <= v <= spec.high and (spec.type == "float" or v == int(v))]
         if fit and not name.startswith(("MAV_", "SYS_")):
             pairs[name] = (fit[0], spec.default)
     chosen = dict(list(pairs.items())[:number])
     return {n: a for n, (a, _) in chosen.items()}, {n: b for n, (_, b) in chosen.items()}
 
 
-def line_of(link: str, vehicles: int, runs: list[dict[str, Report]]) -> str:
+def result_line(link: str, vehicles: int, runs: list[dict[str, PushReport]]) -> str:
     seconds = [max(r.traffic.seconds for r in run.values()) for run in runs]
     reports = [r for run in runs for r in run.values()]
     right = sum(r.holds for r in reports)
-    sent, heard = (mean(getattr(r.traffic, what) for r in reports) for what in ("sent", "heard"))
+    sent, received = (mean(getattr(r.traffic, what) for r in reports) for what in ("sent", "received"))
     spread = f"{min(seconds):.2f} .. {max(seconds):.2f}"
-    return f"{link:<18} {vehicles:>8} {mean(seconds):>8.2f} {spread:>15} {sent:>8.0f} {heard:>8.0f} {right:>5} of {len(reports)}"
+    return f"{link:<18} {vehicles:>8} {mean(seconds):>8.2f} {spread:>15} {sent:>8.0f} {received:>8.0f} {right:>5} of {len(reports)}"
 
 
 def main() -> None:
@@ -144,7 +147,7 @@ def main() -> None:
     given = parser.parse_args()
     values = itertools.cycle(two_values(given.params))
     print(
-        f"{'link':<18} {'vehicles':>8} {'mean s':>8} {'least .. most':>15} {'sent':>8} {'heard':>8} {'right':>5}"
+        f"{'link':<18} {'vehicles':>8} {'mean s':>8} {'min .. max':>15} {'sent':>8} {'received':>8} {'right':>5}"
     )
     with world(given.vehicles, given.address) as (relay, targets):
         for link, (loss, delay_s) in LINKS.items():
@@ -154,11 +157,13 @@ def main() -> None:
                 for _ in range(given.repeat):
                     wanted = next(values)
                     runs.append(push(some, dict.fromkeys(some, wanted)))
-                    if len(some) == 1:  # the others shall have something to do as well, in the same order
+                    if (
+                        len(some) == 1
+                    ):  # write the same values to the other vehicles, so that the next push of all has something to write
                         relay.loss, relay.delay_s = 0.0, 0.0
                         push(targets, dict.fromkeys(targets, wanted))
                         relay.loss, relay.delay_s = loss, delay_s
-                print(line_of(link, len(some), runs), flush=True)
+                print(result_line(link, len(some), runs), flush=True)
 
 
 if __name__ == "__main__":

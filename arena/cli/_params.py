@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from arena.params.checks.findings import Environment, Finding
     from arena.params.facts.parameter_table import Parameter
     from arena.params.param_files import ParamSource
-    from arena.params.transfer.push_record import Record
-    from arena.params.transfer.session import Report, Target
+    from arena.params.transfer.push_record import PushRecord
+    from arena.params.transfer.session import ParamTarget, PushReport
     from arena.plan.firmware import Firmware
     from arena.schema import Arena, Vehicle
     from arena.supervisor import RunState
@@ -44,32 +44,32 @@ def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle
     return [known[name] for name in dict.fromkeys(names)] if names else list(arena.vehicles)
 
 
-def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> Record:
+def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> PushRecord:
     """Return the record of a new push. Raises InputError when an earlier push was interrupted and not resumed."""
-    from arena.params.transfer.push_record import Record
+    from arena.params.transfer.push_record import PushRecord
 
     path = Path(arena.folder) / RECORD
-    if path.exists() and Record.read(path).unfinished:
+    if path.exists() and PushRecord.read(path).unfinished:
         raise InputError(
             f"{path}: an earlier push was interrupted. Continue it with --resume, or remove the file and the old values in it"
         )
     wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}
-    return Record.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})
+    return PushRecord.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})
 
 
-def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> Record:
+def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
     """Return the record of an interrupted push. Raises InputError when there is none, or it is of other vehicles."""
-    from arena.params.transfer.push_record import Record
+    from arena.params.transfer.push_record import PushRecord
 
     if file is not None:
         raise InputError("--resume pushes the values of the record: leave --file out")
-    record = Record.read(Path(arena.folder) / RECORD)
+    record = PushRecord.read(Path(arena.folder) / RECORD)
     if not any(v.name in record.wanted for v in chosen):
         raise InputError(f"{record.path}: the interrupted push was of {', '.join(record.wanted)}")
     for v in chosen:
-        if v.name in record.wanted and record.entries[v.name].at != address_text(arena, v):
+        if v.name in record.wanted and record.vehicles[v.name].at != address_text(arena, v):
             raise InputError(
-                f"{record.path}: got {v.name} at {record.entries[v.name].at}, but this arena has it at {address_text(arena, v)}"
+                f"{record.path}: got {v.name} at {record.vehicles[v.name].at}, but this arena has it at {address_text(arena, v)}"
             )
     return record
 
@@ -83,7 +83,7 @@ def address_text(arena: Arena, v: Vehicle) -> str:
     return f"id {v.id}, {v.wire}"
 
 
-def reboot_vehicles(targets: Mapping[str, Target], *, without_asking: bool) -> bool:
+def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool) -> bool:
     """Restart the autopilots of vehicles, after a question on a terminal. Returns False when a vehicle refuses."""
     question = f"reboot {', '.join(targets)}, so that the new values take effect?"
     if not targets or not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
@@ -180,9 +180,9 @@ def refuse_beyond_limits(
         raise InputError("nothing is pushed, these values are outside PX4's limits:\n" + "\n".join(problems))
 
 
-def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, Target]:
+def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarget]:
     """Return how each vehicle is reached: through the router of the running arena, else directly for hardware."""
-    from arena.params.transfer.session import Target
+    from arena.params.transfer.session import ParamTarget
     from arena.supervisor import active_runs
 
     run = next((state for state in active_runs() if state.live and state.address == arena.address), None)
@@ -190,22 +190,22 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, Target]:
     if run is not None:
         _check_run_has(run, vehicles)
         print(f"through the running arena {run.name} ({run.run})", file=sys.stderr)
-    found: dict[str, Target] = {}
+    found: dict[str, ParamTarget] = {}
     for v in vehicles:
         if up:
-            found[v.name] = Target(system=v.id, remote=(arena.address, v.ports.tools))
+            found[v.name] = ParamTarget(system=v.id, remote=(arena.address, v.ports.tools))
         elif v.wire is None or v.simulated:
             raise InputError(
                 f"{v.name} is simulated, and no arena is running on {arena.address}: start it with arena up"
             )
         elif v.wire.kind == "serial":
-            found[v.name] = Target(system=v.id, device=v.wire.device, baud=v.wire.baud)
+            found[v.name] = ParamTarget(system=v.id, device=v.wire.device, baud=v.wire.baud)
         else:
             there = (v.wire.host, v.wire.port)
             found[v.name] = (
-                Target(system=v.id, local=there)
+                ParamTarget(system=v.id, local=there)
                 if v.wire.kind == "udpin"
-                else Target(system=v.id, remote=there)
+                else ParamTarget(system=v.id, remote=there)
             )
     return found
 
@@ -272,8 +272,10 @@ class ParamSources:
             )
         vehicle = known[name]
         pulled = pull_now(targets_of(self.arena, [vehicle]))[name]
-        if not pulled.whole:
-            raise InputError(f"{name}: its parameters could not be read: {pulled.why or pulled.ending}")
+        if not pulled.complete:
+            raise InputError(
+                f"{name}: its parameters could not be read: {ending_text(pulled.ending, pulled.why)}"
+            )
         values = {n: v.value for n, v in pulled.values.items()}
         return ParamSource(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
 
@@ -332,24 +334,37 @@ class ProgressBars:
         return update
 
 
-def push_report_lines(name: str, report: Report) -> list[str]:
+_ENDINGS = {
+    "armed": "the vehicle is armed, nothing more is written",
+    "no connection": "no MAVLink from the vehicle for 10 s, or no answer to any request",
+    "connection lost": "no MAVLink from the vehicle for 3 s",
+    "interrupted": "interrupted",
+}
+
+
+def ending_text(ending: str, why: str) -> str:
+    """Return why a transfer ended early. why: why the connection could not be opened, or ""."""
+    return why or _ENDINGS.get(ending, ending)
+
+
+def push_report_lines(name: str, report: PushReport) -> list[str]:
     """Return the report of a push: counts, then one line per parameter that changed or failed."""
     counts = Counter(r.outcome for r in report.results.values())
-    said = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n)
-    ending = "" if report.ending == "done" else f"{report.ending}{f': {report.why}' if report.why else ''}; "
-    lines = [f"{name}: {ending}{said or 'nothing'}, {report.traffic.seconds:.1f} s"]
+    summary = ", ".join(f"{n} {outcome}" for outcome, n in counts.items() if n) or "nothing to write"
+    ending = "" if report.ending == "done" else f"{ending_text(report.ending, report.why)}; "
+    lines = [f"{name}: {ending}{summary} ({report.traffic.seconds:.1f} s)"]
     for parameter, r in report.results.items():
-        if r.outcome in ("same", "untried"):
+        if r.outcome in ("same", "unread"):
             continue
         old = "?" if r.old is None else f"{r.old:g}"
-        what = {
+        detail = {
             "written": f"{old} -> {r.wanted:g}",
-            "differs": f"holds {old}, wanted {r.wanted:g}",
-            "refused": f"wanted {r.wanted:g}, it keeps {'?' if r.new is None else f'{r.new:g}'}",
+            "differs": f"the vehicle has {old}, wanted {r.wanted:g}",
+            "refused": f"wanted {r.wanted:g}, the vehicle keeps {'?' if r.new is None else f'{r.new:g}'}",
             "unknown": "the vehicle has no such parameter",
-            "lost": "no answer: it may or may not be set",
+            "unanswered": "no answer: the value may or may not be set",
         }[r.outcome]
-        lines.append(f"  {parameter}: {r.outcome}: {what}{f' ({r.why})' if r.why else ''}")
+        lines.append(f"  {parameter}: {r.outcome}: {detail}{f' ({r.why})' if r.why else ''}")
     if report.needs_reboot:
         lines.append(f"  {name} needs a reboot for {', '.join(report.needs_reboot)}")
     return lines

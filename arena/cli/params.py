@@ -14,6 +14,7 @@ from arena.cli._params import (
     ParamSources,
     ProgressBars,
     count_text,
+    ending_text,
     interrupted_record,
     new_record,
     not_applicable,
@@ -151,9 +152,9 @@ def pull(
         found = pull_now(targets_of(lab, chosen), on_progress=bars.show)
     for v in chosen:
         pulled = found[v.name]
-        if not pulled.whole:
+        if not pulled.complete:
             read = f"{len(pulled.values)} read, {len(pulled.missing)} missing"
-            print(f"{v.name}: {pulled.why or pulled.ending} ({read}): no file written")
+            print(f"{v.name}: {ending_text(pulled.ending, pulled.why)} ({read}): no file written")
             continue
         values = {name: value.value for name, value in sorted(pulled.values.items())}
         types = {name: value.kind for name, value in pulled.values.items()}
@@ -162,7 +163,7 @@ def pull(
         with writable(path):
             path.write_text(format_params(values, v.id, header=header, types=types))
         print(f"{path}: {len(values)} parameters")
-    if not all(found[v.name].whole for v in chosen):
+    if not all(found[v.name].complete for v in chosen):
         raise typer.Exit(EXIT_FAILED)
 
 

@@ -9,7 +9,7 @@ import typer
 
 import arena.cli as cli
 from arena.cli._params import ParamSources, new_record, params_file_text
-from arena.params.transfer.push_record import Record
+from arena.params.transfer.push_record import PushRecord
 from arena.plan.firmware import firmware
 from arena.schema import load_arena
 from arena.wire.qgc_params import parse_params
@@ -175,10 +175,10 @@ def test_wrong_input_is_refused_without_a_traceback(
 def test_interrupted_push_is_resumed_to_the_same_vehicles_only(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    record = Record.begin(
+    record = PushRecord.begin(
         folder / "push.json", {"uav1": {"MPC_XY_P": 0.9}}, {"uav1": "id 1, simulated on 127.0.0.9"}
     )
-    record.note("uav1", {"MPC_XY_P": 0.95}, {"MPC_XY_P": 0.9}, "interrupted")
+    record.update("uav1", {"MPC_XY_P": 0.95}, {"MPC_XY_P": 0.9}, "interrupted")
     record.save()
     kept = (folder / "push.json").read_text()
     for arguments, words in (

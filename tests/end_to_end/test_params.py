@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from arena.emergency.targets import from_plan
-from arena.params.transfer.session import Target, pull, push
+from arena.params.transfer.session import ParamTarget, pull, push
 from arena.schema.px4 import find_px4
 from arena.wire.mavlink_params import Value
 
@@ -26,10 +26,10 @@ A_SIGNALLING_NAN = -5_000_001
 """Return the float with the same bytes."""
 
 
-def targets_of(flight: Flight) -> dict[str, Target]:
+def targets_of(flight: Flight) -> dict[str, ParamTarget]:
     flight.until_event("router", "READY", 60)
     return {
-        t.name: Target(system=t.id, remote=t.tools)
+        t.name: ParamTarget(system=t.id, remote=t.tools)
         for t in from_plan((flight.folder / "plan.json").read_text())
     }
 
@@ -67,7 +67,7 @@ def test_parameters_are_listed_written_and_unknown_names_reported(hangar: Hangar
     flight = hangar.up(yaml(hangar.folder, "builtin" if autopilot == "builtin" else "px4"), *options)
     targets = targets_of(flight)
     before = pull(targets)["uav1"]
-    assert before.whole and len(before.values) == {v.total for v in before.values.values()}.pop(), (
+    assert before.complete and len(before.values) == {v.total for v in before.values.values()}.pop(), (
         before.ending,
         before.missing,
     )
@@ -76,13 +76,13 @@ def test_parameters_are_listed_written_and_unknown_names_reported(hangar: Hangar
     if autopilot == "real":
         wanted["COM_FLIGHT_UUID"] = A_SIGNALLING_NAN
     report = push(targets, {"uav1": {**wanted, "NO_SUCH_NAME": 1.0}})["uav1"]
-    assert report.ending == "done" and report.those("unknown") == ["NO_SUCH_NAME"], report
-    refused = report.those("refused")
-    assert set(report.those("written")) == set(wanted) - set(refused) and (
+    assert report.ending == "done" and report.with_outcome("unknown") == ["NO_SUCH_NAME"], report
+    refused = report.with_outcome("refused")
+    assert set(report.with_outcome("written")) == set(wanted) - set(refused) and (
         autopilot != "real" or not refused
     ), report
     after = pull(targets, names=list(wanted))["uav1"]
-    assert after.whole and all(
+    assert after.complete and all(
         after.values[n].value == pytest.approx(wanted[n]) for n in wanted if n not in refused
     )
     again = push(targets, {"uav1": {n: v for n, v in wanted.items() if n not in refused}})["uav1"]

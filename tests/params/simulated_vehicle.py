@@ -1,4 +1,7 @@
-"""A vehicle with parameters and the air between it and us, in simulated time. It speaks pymavlink, which we do not."""
+"""A simulated vehicle with parameters and a lossy link to it, in simulated time.
+
+The vehicle encodes with pymavlink, unlike the code under test.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.params.transfer.reader import Reader
+from arena.params.transfer.reader import ParamReader
 from arena.params.transfer.transfer import Transfer
-from arena.params.transfer.writer import Writer
+from arena.params.transfer.writer import ParamWriter
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import parse_frames
 
@@ -23,24 +26,29 @@ ME = 200  # our component
 STEP_S = 0.01
 
 
-def carried(value: float, kind: int) -> float:
+def wire_value(value: float, kind: int) -> float:
+    """Return the float whose bytes are those of an INT32 value, and a REAL32 value unchanged."""
     return struct.unpack("<f", struct.pack("<i", int(value)))[0] if kind == INT32 else value
 
 
-def sixty() -> dict[str, tuple[float, int]]:
-    """Name -> (value, type), half of them integers."""
+def sixty_params() -> dict[str, tuple[float, int]]:
+    """Return 60 parameters, name -> (value, type), half of them integers."""
     return {f"P_{i:02d}": ((i, INT32) if i % 2 else (i / 7, REAL32)) for i in range(60)}
 
 
 @dataclass(kw_only=True)
 class Vehicle:
-    """params: name -> (value, type).  clamp: name -> what a write becomes.  hidden: name -> the (name, value) that reveals it.
+    """A vehicle that answers parameter messages as PX4 does.
 
-    told: every name that was set, in order.  errors: answer unknown names with PARAM_ERROR.
+    params: name -> (value, type).
+    clamp: name -> function that changes a written value.
+    hidden: name -> the (name, value) of another parameter with which it exists.
+    written_names: every name that was written, in order.
+    errors: answer unknown names with PARAM_ERROR.
     """
 
     system: int = 1
-    params: dict[str, tuple[float, int]] = field(default_factory=sixty)
+    params: dict[str, tuple[float, int]] = field(default_factory=sixty_params)
     clamp: dict[str, Callable[[float], float]] = field(default_factory=dict)
     hidden: dict[str, tuple[str, float]] = field(default_factory=dict)
     armed: bool = False
@@ -48,19 +56,20 @@ class Vehicle:
     answers: bool = True
     errors: bool = False
     per_turn: int = 20
-    told: list[str] = field(default_factory=list)
+    written_names: list[str] = field(default_factory=list)
     requests: int = 0
     rebooted: int = 0
 
     def __post_init__(self) -> None:
-        self.voice = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=1)
-        self.ear = mavlink.MAVLink(None)
+        self.codec = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=1)
+        self.decoder = mavlink.MAVLink(None)
         self._left: list[str] = []
-        self._next_beat = 0.0
+        self._next_heartbeat = 0.0
         self._next_turn = 0.0
 
     def pack(self, message: Any) -> bytes:
-        return bytes(message.pack(self.voice))
+        """Return a message as a frame of this vehicle."""
+        return bytes(message.pack(self.codec))
 
     @property
     def names(self) -> list[str]:
@@ -70,8 +79,8 @@ class Vehicle:
         if not self.alive:
             return []
         out = []
-        if now >= self._next_beat:
-            self._next_beat = now + 1.0
+        if now >= self._next_heartbeat:
+            self._next_heartbeat = now + 1.0
             out.append(self.pack(mavlink.MAVLink_heartbeat_message(2, 12, 1 | 128 * self.armed, 0, 3, 3)))
         if now >= self._next_turn:
             self._next_turn = now + 0.05
@@ -79,12 +88,12 @@ class Vehicle:
             out += [self.hash() if name == "_HASH_CHECK" else self.value(name) for name in turn]
         return out
 
-    def hear(self, data: bytes) -> list[bytes]:
+    def receive(self, data: bytes) -> list[bytes]:
         if not self.alive:
             return []
         out = []
         for frame in parse_frames(data).frames:
-            m = self.ear.decode(bytearray(data[frame.start : frame.end]))
+            m = self.decoder.decode(bytearray(data[frame.start : frame.end]))
             if getattr(m, "target_system", None) == self.system and m.target_component == 1:
                 self.requests += 1
                 out += self._answer(m) if self.answers else []
@@ -117,7 +126,7 @@ class Vehicle:
     def set(self, name: str, raw: float) -> None:
         kind = self.params[name][1]
         value = struct.unpack("<i", struct.pack("<f", raw))[0] if kind == INT32 else raw
-        self.told.append(name)
+        self.written_names.append(name)
         self.params[name] = (self.clamp[name](value) if name in self.clamp else value, kind)
 
     def value(self, name: str) -> bytes:
@@ -125,7 +134,7 @@ class Vehicle:
         names = self.names
         return self.pack(
             mavlink.MAVLink_param_value_message(
-                name.encode(), carried(value, kind), kind, len(names), names.index(name)
+                name.encode(), wire_value(value, kind), kind, len(names), names.index(name)
             )
         )
 
@@ -133,7 +142,7 @@ class Vehicle:
         return self.pack(mavlink.MAVLink_param_value_message(b"_HASH_CHECK", 0.5, 5, len(self.names), 65535))
 
     def error(self, name: str, error: int = 1) -> bytes:
-        """PARAM_ERROR, which is not in every version's dialect."""
+        """Return a PARAM_ERROR frame; not every version of the dialect has the message."""
         return Codec(self.system, 1).frame(345, struct.pack("<hBB16sB", -1, 252, 200, name.encode(), error))
 
     def _exists(self, name: str) -> bool:
@@ -143,8 +152,15 @@ class Vehicle:
         return name in self.params
 
 
-class Air:
-    """Loses a share each way, holds back by delay_s, some longer, and gives some twice. counted: packets that went out."""
+class LossyLink:
+    """A link with loss, delay, duplicates and late packets.
+
+    loss: share of lost packets, each way [-].
+    delay_s: delay each way, within 10 % [s].
+    twice: share of packets delivered twice [-].
+    late: share of packets with four times the delay [-].
+    counted: packets sent, by direction.
+    """
 
     def __init__(
         self, *, seed: int = 1, loss: float = 0.0, delay_s: float = 0.0, twice: float = 0.0, late: float = 0.0
@@ -169,52 +185,57 @@ class Air:
         return found
 
 
-def rough(seed: int) -> Air:
-    """10 % loss each way and 100 ms of delay, a twentieth given twice, a twentieth late by 300 ms."""
-    return Air(seed=seed, loss=0.10, delay_s=0.10, twice=0.05, late=0.05)
+def lossy_link(seed: int) -> LossyLink:
+    """Return a link with 10 % loss each way, 100 ms delay, 5 % duplicates and 5 % of packets late by 300 ms."""
+    return LossyLink(seed=seed, loss=0.10, delay_s=0.10, twice=0.05, late=0.05)
 
 
 def run(
     core: Transfer,
     vehicle: Vehicle,
-    air: Air,
+    link: LossyLink,
     *,
     limit_s: float = 120.0,
     each: Callable[[float], None] | None = None,
 ) -> float:
-    """Until the core is done. Returns how long it took [s] of simulated time."""
+    """Run a transfer until it is done and return the simulated time that it took [s].
+
+    limit_s: fail after this time [s].
+    each: callback after every step.
+    """
     now = 0.0
     while not core.done:
         assert now < limit_s, f"not done within {limit_s} s: {core.progress}"
-        for way, data in air.arrived(now):
+        for way, data in link.arrived(now):
             if way == "up":
-                for answer in vehicle.hear(data):
-                    air.send("down", answer, now)
+                for answer in vehicle.receive(data):
+                    link.send("down", answer, now)
             else:
                 for frame in parse_frames(data).frames:
-                    core.hear(data, frame, now)
+                    core.receive(data, frame, now)
         for data in vehicle.step(now):
-            air.send("down", data, now)
+            link.send("down", data, now)
         for data in core.due(now):
-            air.send("up", data, now)
+            link.send("up", data, now)
         if each is not None:
             each(now)
         now += STEP_S
     return now
 
 
-def writer(wanted: dict[str, float], **more: Any) -> Writer:
-    return Writer(system=1, component=ME, now=0.0, wanted=wanted, **more)
+def writer(wanted: dict[str, float], **more: Any) -> ParamWriter:
+    return ParamWriter(system=1, component=ME, now=0.0, wanted=wanted, **more)
 
 
-def reader(names: list[str] | None = None) -> Reader:
-    return Reader(system=1, component=ME, now=0.0, names=names)
+def reader(names: list[str] | None = None) -> ParamReader:
+    return ParamReader(system=1, component=ME, now=0.0, names=names)
 
 
-def others() -> dict[str, float]:
-    """Other values for all sixty."""
+def new_values() -> dict[str, float]:
+    """Return another value for each of the 60 parameters."""
     return {
-        name: (value * 3 + 1 if kind == INT32 else value + 0.1) for name, (value, kind) in sixty().items()
+        name: (value * 3 + 1 if kind == INT32 else value + 0.1)
+        for name, (value, kind) in sixty_params().items()
     }
 
 
@@ -222,5 +243,5 @@ def holds(vehicle: Vehicle, wanted: dict[str, float]) -> bool:
     return all(math.isclose(vehicle.params[name][0], value, rel_tol=1e-6) for name, value in wanted.items())
 
 
-def outcomes(core: Writer) -> dict[str, str]:
+def outcomes(core: ParamWriter) -> dict[str, str]:
     return {name: result.outcome for name, result in core.result.items()}

@@ -1,4 +1,4 @@
-"""Writing one vehicle's parameters, over the air of simulated time."""
+"""Tests of writing one vehicle's parameters over a simulated link."""
 
 from __future__ import annotations
 
@@ -9,30 +9,42 @@ import pytest
 
 from arena.wire.mavlink_frame import parse_frames
 
-from .simulated_vehicle import INT32, Air, Vehicle, holds, others, outcomes, reader, rough, run, sixty, writer
+from .simulated_vehicle import (
+    INT32,
+    LossyLink,
+    Vehicle,
+    holds,
+    lossy_link,
+    new_values,
+    outcomes,
+    reader,
+    run,
+    sixty_params,
+    writer,
+)
 
 SEEDS = range(20)
 
 
-# -- over a rough wire ----------------------------------------------------------------------------------------------------------
+# -- over a lossy link ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_sixty_are_written_right_in_under_a_minute_with_a_tenth_lost_and_100_ms_of_delay(seed: int) -> None:
-    vehicle, core = Vehicle(), writer(others())
-    took = run(core, vehicle, rough(seed))
+def test_sixty_parameters_are_written_within_60_s_over_a_lossy_link(seed: int) -> None:
+    vehicle, core = Vehicle(), writer(new_values())
+    took = run(core, vehicle, lossy_link(seed))
     assert core.ending == "done" and set(outcomes(core).values()) == {"written"}
-    assert holds(vehicle, others())
+    assert holds(vehicle, new_values())
     assert took < 60.0
     old = {name: result.old for name, result in core.result.items()}
-    assert old == pytest.approx({name: value for name, (value, _) in sixty().items()})
+    assert old == pytest.approx({name: value for name, (value, _) in sixty_params().items()})
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_unknown_names_are_told_apart_from_lost_packets_on_a_rough_wire(seed: int) -> None:
-    wanted = {**others(), "NO_SUCH": 1.0, "NOR_THIS": 2.0}
+def test_unknown_names_differ_from_lost_packets(seed: int) -> None:
+    wanted = {**new_values(), "NO_SUCH": 1.0, "NOR_THIS": 2.0}
     vehicle, core = Vehicle(), writer(wanted)
-    assert run(core, vehicle, rough(seed)) < 60.0
+    assert run(core, vehicle, lossy_link(seed)) < 60.0
     assert {name for name, outcome in outcomes(core).items() if outcome == "unknown"} == {
         "NO_SUCH",
         "NOR_THIS",
@@ -41,44 +53,49 @@ def test_unknown_names_are_told_apart_from_lost_packets_on_a_rough_wire(seed: in
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_wire_that_loses_a_third_each_way_still_makes_no_name_unknown(seed: int) -> None:
-    vehicle, core = Vehicle(), writer(others())
-    run(core, vehicle, Air(seed=seed, loss=0.33, delay_s=0.1, late=0.1), limit_s=300)
+def test_a_third_lost_each_way_makes_no_name_unknown(seed: int) -> None:
+    vehicle, core = Vehicle(), writer(new_values())
+    run(core, vehicle, LossyLink(seed=seed, loss=0.33, delay_s=0.1, late=0.1), limit_s=300)
     if core.ending == "done":
-        assert set(outcomes(core).values()) == {"written"} and holds(vehicle, others())
+        assert set(outcomes(core).values()) == {"written"} and holds(vehicle, new_values())
     else:
-        assert core.ending == "vanished" and "unknown" not in outcomes(core).values()
+        assert core.ending == "connection lost" and "unknown" not in outcomes(core).values()
 
 
 # -- what is sent ---------------------------------------------------------------------------------------------------------------
 
 
-def test_what_the_vehicle_holds_already_is_not_written() -> None:
+def test_equal_values_are_not_written() -> None:
     vehicle = Vehicle()
-    core = writer({name: value for name, (value, _) in sixty().items()} | {"P_03": 5})
-    run(core, vehicle, Air())
-    assert vehicle.told == ["P_03"]
+    core = writer({name: value for name, (value, _) in sixty_params().items()} | {"P_03": 5})
+    run(core, vehicle, LossyLink())
+    assert vehicle.written_names == ["P_03"]
     assert outcomes(core).pop("P_03") == "written" and list(outcomes(core).values()).count("same") == 59
     assert core.before == {"P_03": 3} and core.written == {"P_03": 5}
 
 
-def test_everything_is_read_before_anything_is_written() -> None:
-    vehicle, core = Vehicle(), writer(others())
+def test_everything_is_read_before_the_first_write() -> None:
+    vehicle, core = Vehicle(), writer(new_values())
     seen = []
-    run(core, vehicle, Air(delay_s=0.02), each=lambda _: seen.append((len(core.before), len(vehicle.told))))
-    assert min(before for before, told in seen if told) == 60
+    run(
+        core,
+        vehicle,
+        LossyLink(delay_s=0.02),
+        each=lambda _: seen.append((len(core.before), len(vehicle.written_names))),
+    )
+    assert min(before for before, written in seen if written) == 60
 
 
-def test_a_clean_wire_costs_three_packets_a_parameter_and_a_few_heartbeats() -> None:
-    air, core = Air(delay_s=0.01), writer(others())
-    run(core, Vehicle(), air)
-    assert air.counted["up"] <= 3 * 60 + 5
+def test_clean_link_needs_three_packets_per_parameter() -> None:
+    link, core = LossyLink(delay_s=0.01), writer(new_values())
+    run(core, Vehicle(), link)
+    assert link.counted["up"] <= 3 * 60 + 5
 
 
-def test_a_dry_run_writes_nothing_even_on_an_armed_vehicle() -> None:
-    vehicle, core = Vehicle(armed=True), writer(others() | {"P_01": 1, "NO_SUCH": 1}, dry_run=True)
-    run(core, vehicle, Air())
-    assert vehicle.told == [] and core.ending == "done"
+def test_dry_run_writes_nothing_and_accepts_an_armed_vehicle() -> None:
+    vehicle, core = Vehicle(armed=True), writer(new_values() | {"P_01": 1, "NO_SUCH": 1}, dry_run=True)
+    run(core, vehicle, LossyLink())
+    assert vehicle.written_names == [] and core.ending == "done"
     assert (
         outcomes(core)["P_01"] == "same"
         and outcomes(core)["P_00"] == "differs"
@@ -87,56 +104,56 @@ def test_a_dry_run_writes_nothing_even_on_an_armed_vehicle() -> None:
 
 
 @pytest.mark.parametrize("value", [3.5, 2.0**31, math.nan, math.inf])
-def test_what_an_integer_cannot_be_is_refused_and_not_sent(value: float) -> None:
+def test_value_that_an_integer_cannot_hold_is_not_sent(value: float) -> None:
     vehicle, core = Vehicle(), writer({"P_01": value, "P_03": 7})
-    run(core, vehicle, Air())
+    run(core, vehicle, LossyLink())
     assert core.result["P_01"].outcome == "refused" and core.result["P_01"].why.endswith("not sent")
-    assert vehicle.told == ["P_03"]
+    assert vehicle.written_names == ["P_03"]
 
 
-def test_a_float_that_no_parameter_can_hold_is_refused() -> None:
+def test_too_large_float_is_refused() -> None:
     vehicle, core = Vehicle(), writer({"P_02": 1e39})
-    run(core, vehicle, Air())
+    run(core, vehicle, LossyLink())
     assert (
         core.result["P_02"].outcome == "refused"
         and "too large" in core.result["P_02"].why
-        and vehicle.told == []
+        and vehicle.written_names == []
     )
 
 
 @pytest.mark.parametrize("name", ["", "SEVENTEEN_LETTERS", "P\0", "GRÖSSE", "_HASH_CHECK"])
-def test_what_can_be_no_name_is_unknown_and_never_sent(name: str) -> None:
+def test_invalid_name_is_unknown_and_not_sent(name: str) -> None:
     vehicle, core = Vehicle(), writer({name: 1.0, "P_03": 7})
-    run(core, vehicle, Air())
+    run(core, vehicle, LossyLink())
     assert core.result[name].outcome == "unknown" and core.result["P_03"].outcome == "written"
     asked = reader([name, "P_03"])
-    run(asked, Vehicle(), Air())
+    run(asked, Vehicle(), LossyLink())
     assert asked.missing == {name: "unknown"} and set(asked.values) == {"P_03"}
 
 
 # -- what vehicles do -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_value_that_is_clamped_is_refused_with_what_was_kept() -> None:
+def test_clamped_value_is_refused_with_the_kept_value() -> None:
     vehicle, core = Vehicle(clamp={"P_03": lambda v: min(v, 10)}), writer({"P_03": 99, "P_05": 6})
-    run(core, vehicle, Air(delay_s=0.05))
+    run(core, vehicle, LossyLink(delay_s=0.05))
     assert core.result["P_03"][:4] == ("refused", 99, 3, 10) and core.result["P_05"].outcome == "written"
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_one_that_is_refused_is_told_on_a_rough_wire_and_no_other_is(seed: int) -> None:
-    vehicle, core = Vehicle(clamp={"P_03": lambda _: 3}), writer(others())
-    run(core, vehicle, rough(seed))
+def test_only_the_refused_parameter_is_refused_on_a_lossy_link(seed: int) -> None:
+    vehicle, core = Vehicle(clamp={"P_03": lambda _: 3}), writer(new_values())
+    run(core, vehicle, lossy_link(seed))
     assert [n for n, o in outcomes(core).items() if o != "written"] == ["P_03"]
-    assert core.result["P_03"][:4] == ("refused", others()["P_03"], 3, 3)
+    assert core.result["P_03"][:4] == ("refused", new_values()["P_03"], 3, 3)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_name_that_appears_only_after_another_was_set_is_written_in_a_later_pass(seed: int) -> None:
-    vehicle = Vehicle(params={**sixty(), "LATE": (0, INT32), "LATER": (0, INT32)})
+def test_parameter_that_appears_after_another_write_is_written(seed: int) -> None:
+    vehicle = Vehicle(params={**sixty_params(), "LATE": (0, INT32), "LATER": (0, INT32)})
     vehicle.hidden = {"LATE": ("P_01", 4), "LATER": ("LATE", 1)}
-    core = writer({"LATER": 2, "LATE": 1, **others(), "NEVER": 1})
-    run(core, vehicle, rough(seed))
+    core = writer({"LATER": 2, "LATE": 1, **new_values(), "NEVER": 1})
+    run(core, vehicle, lossy_link(seed))
     assert (
         outcomes(core)["LATE"] == outcomes(core)["LATER"] == "written"
         and outcomes(core)["NEVER"] == "unknown"
@@ -144,26 +161,29 @@ def test_a_name_that_appears_only_after_another_was_set_is_written_in_a_later_pa
     assert vehicle.params["LATER"] == (2, INT32)
 
 
-def test_a_write_of_another_type_which_px4_meets_with_silence_ends_as_refused() -> None:
-    class Stubborn(Vehicle):
+def test_unanswered_write_of_an_answering_vehicle_is_refused() -> None:
+    class IgnoresWrite(Vehicle):
         def _answer(self, m: Any) -> list[bytes]:
             return [] if m.get_type() == "PARAM_SET" and m.param_id == "P_03" else super()._answer(m)
 
     core = writer({"P_03": 9, "P_05": 6})
-    vehicle = Stubborn()
-    run(core, vehicle, Air(delay_s=0.02))
+    vehicle = IgnoresWrite()
+    run(core, vehicle, LossyLink(delay_s=0.02))
     assert core.result["P_03"][:4] == ("refused", 9, 3, 3) and core.result["P_05"].outcome == "written"
-    assert vehicle.requests < 35, "one silence that is believed is enough"
+    assert vehicle.requests < 35, "the write is not repeated after it counts as ignored"
 
 
-def test_a_vehicle_that_says_an_error_in_words_is_believed_at_once() -> None:
+def test_param_error_ends_a_request_at_once() -> None:
     slow, quick = writer({"NO_SUCH": 1, "P_03": 9}), writer({"NO_SUCH": 1, "P_03": 9})
-    assert run(quick, Vehicle(errors=True), Air(delay_s=0.02)) < run(slow, Vehicle(), Air(delay_s=0.02)) / 2
+    assert (
+        run(quick, Vehicle(errors=True), LossyLink(delay_s=0.02))
+        < run(slow, Vehicle(), LossyLink(delay_s=0.02)) / 2
+    )
     assert outcomes(slow) == outcomes(quick) == {"NO_SUCH": "unknown", "P_03": "written"}
 
 
-def test_a_write_that_is_refused_in_words_is_told_with_them() -> None:
-    class Strict(Vehicle):
+def test_param_error_of_a_write_gives_the_reason() -> None:
+    class RefusesWrite(Vehicle):
         def _answer(self, m: Any) -> list[bytes]:
             return (
                 [self.error(m.param_id, 2)]
@@ -172,70 +192,79 @@ def test_a_write_that_is_refused_in_words_is_told_with_them() -> None:
             )
 
     core = writer({"P_03": 9, "P_05": 6})
-    assert run(core, Strict(), Air(delay_s=0.02)) < 2.0
+    assert run(core, RefusesWrite(), LossyLink(delay_s=0.02)) < 2.0
     assert core.result["P_03"] == ("refused", 9, 3, 3, INT32, "the value is out of range")
     assert core.result["P_05"].outcome == "written"
 
 
-def test_nothing_but_unknown_names_is_found_out_with_a_probe() -> None:
+def test_only_unknown_names_are_found_with_a_probe() -> None:
     core = writer({"NO_SUCH": 1})
-    run(core, Vehicle(), Air(delay_s=0.02))
+    run(core, Vehicle(), LossyLink(delay_s=0.02))
     assert outcomes(core) == {"NO_SUCH": "unknown"}
 
 
-def test_a_vehicle_that_beats_and_answers_nothing_makes_names_lost_and_not_unknown() -> None:
+def test_vehicle_without_answers_makes_names_unanswered() -> None:
     core = writer({"P_03": 1, "NO_SUCH": 1})
-    run(core, Vehicle(answers=False), Air(delay_s=0.02))
-    assert outcomes(core) == {"P_03": "lost", "NO_SUCH": "lost"}
+    run(core, Vehicle(answers=False), LossyLink(delay_s=0.02))
+    assert outcomes(core) == {"P_03": "unanswered", "NO_SUCH": "unanswered"}
     asked = reader(["P_03"])
-    run(asked, Vehicle(answers=False), Air())
-    assert asked.missing == {"P_03": "lost"}
+    run(asked, Vehicle(answers=False), LossyLink())
+    assert asked.missing == {"P_03": "unanswered"}
     listed = reader()
-    run(listed, Vehicle(answers=False), Air())
-    assert listed.ending == "not heard"
+    run(listed, Vehicle(answers=False), LossyLink())
+    assert listed.ending == "no connection"
 
 
-def test_an_outage_of_two_seconds_makes_no_name_unknown() -> None:
-    air, core = Air(delay_s=0.02), writer(others())
+def test_outage_of_2_s_makes_no_name_unknown() -> None:
+    link, core = LossyLink(delay_s=0.02), writer(new_values())
 
     def cut_off(now: float) -> None:
-        air.loss = 1.0 if 0.2 < now < 2.2 else 0.0
+        link.loss = 1.0 if 0.2 < now < 2.2 else 0.0
 
-    run(core, Vehicle(), air, each=cut_off)
+    run(core, Vehicle(), link, each=cut_off)
     assert core.ending == "done" and set(outcomes(core).values()) == {"written"}
 
 
-def test_values_of_another_vehicle_and_of_another_component_are_not_taken_for_answers() -> None:
-    vehicle, stranger = Vehicle(), Vehicle(system=2, params={n: (9, k) for n, (_, k) in sixty().items()})
+def test_values_of_other_vehicles_and_components_are_ignored() -> None:
+    vehicle, other_vehicle = (
+        Vehicle(),
+        Vehicle(system=2, params={n: (9, k) for n, (_, k) in sixty_params().items()}),
+    )
     core = writer({"P_03": 9})
     camera = Vehicle(params={"P_03": (9, INT32)})
-    camera.voice.srcComponent = 100
+    camera.codec.srcComponent = 100
 
     def chatter(now: float) -> None:
         for data in (
-            stranger.value("P_03"),
+            other_vehicle.value("P_03"),
             camera.value("P_03"),
-            stranger.step(now)[0] if int(now * 100) % 100 == 0 else b"",
+            other_vehicle.step(now)[0] if int(now * 100) % 100 == 0 else b"",
         ):
             for frame in parse_frames(data).frames:
-                core.hear(data, frame, now)
+                core.receive(data, frame, now)
 
-    run(core, vehicle, Air(delay_s=0.02), each=chatter)
+    run(core, vehicle, LossyLink(delay_s=0.02), each=chatter)
     assert vehicle.params["P_03"] == (9, INT32) and core.result["P_03"][:3] == ("written", 9, 3)
 
 
-def test_what_another_program_overwrites_before_it_is_read_back_is_written_again_or_told() -> None:
+def test_value_overwritten_by_another_program_is_written_again() -> None:
     vehicle, core = Vehicle(), writer({"P_03": 9})
-    meddled = []
+    overwritten = []
 
-    def meddle(now: float, times: int) -> None:
-        if vehicle.params["P_03"][0] == 9 and len(meddled) < times and core.progress.phase == "reading back":
-            meddled.append(now)
+    def overwrite(now: float, times: int) -> None:
+        if (
+            vehicle.params["P_03"][0] == 9
+            and len(overwritten) < times
+            and core.progress.phase == "reading back"
+        ):
+            overwritten.append(now)
             vehicle.params["P_03"] = (4, INT32)
 
-    run(core, vehicle, Air(delay_s=0.05), each=lambda now: meddle(now, 1))
-    assert len(meddled) == 1 and core.result["P_03"].outcome == "written" and vehicle.params["P_03"][0] == 9
+    run(core, vehicle, LossyLink(delay_s=0.05), each=lambda now: overwrite(now, 1))
+    assert (
+        len(overwritten) == 1 and core.result["P_03"].outcome == "written" and vehicle.params["P_03"][0] == 9
+    )
     vehicle, core = Vehicle(), writer({"P_03": 9})
-    meddled.clear()
-    run(core, vehicle, Air(delay_s=0.05), each=lambda now: meddle(now, 99))
+    overwritten.clear()
+    run(core, vehicle, LossyLink(delay_s=0.05), each=lambda now: overwrite(now, 99))
     assert core.result["P_03"][:4] == ("refused", 9, 3, 4)

@@ -1,4 +1,4 @@
-"""Vehicles behind sockets of loopback, in a thread: simulated ones of a few lines, or built-in autopilots in their world."""
+"""Vehicles behind loopback sockets, served by a thread: simulated ones, or built-in autopilots in their world."""
 
 from __future__ import annotations
 
@@ -14,59 +14,59 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from arena.autopilot import Autopilots
-from arena.params.transfer.session import Target
+from arena.params.transfer.session import ParamTarget
 from arena.plan import make_plan
 from arena.schema import load_arena
 from arena.sim.world import World
 
-from .simulated_vehicle import Air, Vehicle
+from .simulated_vehicle import LossyLink, Vehicle
 
 _count = itertools.count(1)
 
 
 def own_address() -> str:
-    """127.26.x.y: no other test of this process, and hardly one of another, has it."""
+    """Return a loopback address that no other test of this process has: 127.26.x.y."""
     return f"127.26.{os.getpid() % 250 + 1}.{next(_count)}"
 
 
 class Served(Protocol):
-    """What stands behind the sockets. system: of the i-th vehicle."""
+    """Vehicles behind the sockets, by index."""
 
     def systems(self) -> Sequence[int]: ...
-    def hear(self, i: int, data: bytes) -> list[bytes]: ...
+    def receive(self, i: int, data: bytes) -> list[bytes]: ...
     def step(self) -> list[tuple[int, bytes]]: ...
 
 
 class Simulated:
-    """Each vehicle with its own air, if it has one."""
+    """Simulated vehicles, each with a link of its own."""
 
-    def __init__(self, vehicles: Sequence[Vehicle], airs: Sequence[Air] = ()) -> None:
+    def __init__(self, vehicles: Sequence[Vehicle], links: Sequence[LossyLink] = ()) -> None:
         self.vehicles = vehicles
-        self.airs = airs or [Air() for _ in vehicles]
+        self.links = links or [LossyLink() for _ in vehicles]
 
     def systems(self) -> Sequence[int]:
         return [v.system for v in self.vehicles]
 
-    def hear(self, i: int, data: bytes) -> list[bytes]:
-        self.airs[i].send("up", data, time.monotonic())
+    def receive(self, i: int, data: bytes) -> list[bytes]:
+        self.links[i].send("up", data, time.monotonic())
         return []
 
     def step(self) -> list[tuple[int, bytes]]:
         now, out = time.monotonic(), []
-        for i, (vehicle, air) in enumerate(zip(self.vehicles, self.airs, strict=True)):
+        for i, (vehicle, link) in enumerate(zip(self.vehicles, self.links, strict=True)):
             for data in vehicle.step(now):
-                air.send("down", data, now)
-            for way, data in air.arrived(now):
+                link.send("down", data, now)
+            for way, data in link.arrived(now):
                 if way == "down":
                     out.append((i, data))
                 else:
-                    for answer in vehicle.hear(data):
-                        air.send("down", answer, now)
+                    for answer in vehicle.receive(data):
+                        link.send("down", answer, now)
         return out
 
 
 class BuiltIn:
-    """Built-in autopilots on the floor of their world, which keeps the wall's pace where it can."""
+    """Built-in autopilots on the floor of their world, which follows wall time where it can."""
 
     def __init__(self, vehicles: int, folder: Path) -> None:
         file = folder / "arena.yaml"
@@ -84,7 +84,7 @@ class BuiltIn:
     def systems(self) -> Sequence[int]:
         return self._systems
 
-    def hear(self, i: int, data: bytes) -> list[bytes]:
+    def receive(self, i: int, data: bytes) -> list[bytes]:
         self.pilots.receive(i, "router", data)
         return []
 
@@ -97,8 +97,8 @@ class BuiltIn:
 
 
 @contextmanager
-def serve(fleet: Served) -> Iterator[dict[str, Target]]:
-    """Its vehicles' targets, by name. They speak to whoever spoke to them last, as through a router."""
+def serve(fleet: Served) -> Iterator[dict[str, ParamTarget]]:
+    """Serve vehicles and yield their targets by name. A vehicle sends to its last sender, as a router does."""
     host = own_address()
     sockets, partners = [], {}
     for system in fleet.systems():
@@ -117,7 +117,7 @@ def serve(fleet: Served) -> Iterator[dict[str, Target]]:
             for fd, _ in poll.poll(2):
                 i = rows[fd]
                 data, partners[i] = sockets[i].recvfrom(65536)
-                for answer in fleet.hear(i, data):
+                for answer in fleet.receive(i, data):
                     sockets[i].sendto(answer, partners[i])
             for i, data in fleet.step():
                 if i in partners:
@@ -127,7 +127,7 @@ def serve(fleet: Served) -> Iterator[dict[str, Target]]:
     thread.start()
     try:
         yield {
-            f"uav{s}": Target(system=s, remote=sock.getsockname())
+            f"uav{s}": ParamTarget(system=s, remote=sock.getsockname())
             for s, sock in zip(fleet.systems(), sockets, strict=True)
         }
     finally:

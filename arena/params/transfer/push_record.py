@@ -1,7 +1,7 @@
-"""The record of a push that may be interrupted: what is wanted, what stood there before, what is written. A small JSON file.
+"""The record of a push (push.json): the wanted values, the values before, the values written.
 
-It is written before the first value of a vehicle is, and as they go. Whoever resumes pushes `wanted` again: what the vehicle
-holds already is not written twice, and `before` keeps the values from before the first attempt.
+The record is saved before the first value of a vehicle is written, and while the push goes on. A resumed push writes `wanted` again:
+values that the vehicle already has are not written twice, and `before` keeps the values from before the first attempt.
 """
 
 from __future__ import annotations
@@ -20,10 +20,14 @@ _FORMAT = "arena params push 1"
 
 
 @dataclass(kw_only=True)
-class Entry:
-    """One vehicle, names -> values.  wanted: as the user gave them.  before: old values of what differed.  written: acknowledged.
+class VehicleRecord:
+    """The part of one vehicle, parameter -> value.
 
-    ending: why it ended, "" while it goes on.  at: which vehicle it is, in the caller's words.
+    wanted: as the user gave them.
+    before: old values of the parameters that differed.
+    written: values that the vehicle acknowledged.
+    ending: why the transfer ended; "" while it runs.
+    at: where the vehicle is reached, as text.
     """
 
     wanted: dict[str, float]
@@ -33,67 +37,70 @@ class Entry:
     at: str = ""
 
 
-class Record:
-    """The file at `path`, always whole: each state of it replaces the one before."""
+class PushRecord:
+    """The record file at `path`. Each saved state replaces the one before as a whole."""
 
-    def __init__(self, path: Path, entries: dict[str, Entry]) -> None:
-        self.path, self.entries = path, entries
+    def __init__(self, path: Path, vehicles: dict[str, VehicleRecord]) -> None:
+        self.path, self.vehicles = path, vehicles
 
     @classmethod
     def begin(
         cls, path: Path, wanted: Mapping[str, Mapping[str, float]], at: Mapping[str, str] | None = None
-    ) -> Record:
-        """A new one. wanted: of each vehicle."""
+    ) -> PushRecord:
+        """Return the record of a new push, not saved yet.
+
+        wanted: vehicle -> {parameter: value}.
+        at: vehicle -> where it is reached, as text.
+        """
         return cls(
             path,
             {
-                name: Entry(wanted=dict(values), at=(at or {}).get(name, ""))
+                name: VehicleRecord(wanted=dict(values), at=(at or {}).get(name, ""))
                 for name, values in wanted.items()
             },
         )
 
     @classmethod
-    def read(cls, path: Path) -> Record:
-        """To resume it. Raises InputError when there is none, or when the file is something else."""
+    def read(cls, path: Path) -> PushRecord:
+        """Read a record. Raises InputError when the file is missing or is no record."""
         try:
             raw = json.loads(path.read_text())
             if raw["format"] != _FORMAT:
                 raise ValueError(f"format {raw['format']!r}, expected {_FORMAT!r}")
-            return cls(path, {str(name): _entry(entry) for name, entry in raw["vehicles"].items()})
+            return cls(path, {str(name): _parse(vehicle) for name, vehicle in raw["vehicles"].items()})
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}: there is no push to resume") from error
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: is no record of a push: {error}") from error
+            raise InputError(f"{path}: is not the record of a push: {error}") from error
 
     @property
     def unfinished(self) -> bool:
-        """Something was written, and not all of it is done."""
-        return any(entry.written and entry.ending != "done" for entry in self.entries.values())
+        """True when values were written to a vehicle that is not done."""
+        return any(vehicle.written and vehicle.ending != "done" for vehicle in self.vehicles.values())
 
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
-        """What is left to push: of the vehicles that were not done."""
-        return {name: dict(entry.wanted) for name, entry in self.entries.items() if entry.ending != "done"}
+        """Vehicle -> {parameter: value} of the vehicles that are not done."""
+        return {name: dict(v.wanted) for name, v in self.vehicles.items() if v.ending != "done"}
 
-    def note(
+    def update(
         self, vehicle: str, before: Mapping[str, float], written: Mapping[str, float], ending: str
     ) -> bool:
-        """What is known now; True when that is news. The oldest value of before stays."""
-        entry = self.entries[vehicle]
-        before, written = {**before, **entry.before}, {**entry.written, **written}
-        new = Entry(
-            wanted=entry.wanted,
-            before=dict(before),
-            written=dict(written),
-            ending=ending or entry.ending,
-            at=entry.at,
+        """Update one vehicle and return whether anything changed. The oldest values in `before` stay."""
+        old = self.vehicles[vehicle]
+        new = VehicleRecord(
+            wanted=old.wanted,
+            before={**before, **old.before},
+            written={**old.written, **written},
+            ending=ending or old.ending,
+            at=old.at,
         )
-        self.entries[vehicle] = new
-        return new != entry
+        self.vehicles[vehicle] = new
+        return new != old
 
     def save(self) -> None:
-        """Raises OSError when it cannot be written."""
-        vehicles = {name: asdict(entry) for name, entry in self.entries.items()}
+        """Write the file. Raises OSError when it cannot be written."""
+        vehicles = {name: asdict(vehicle) for name, vehicle in self.vehicles.items()}
         text = json.dumps({"format": _FORMAT, "vehicles": vehicles}, indent=1)
         part = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         try:
@@ -107,21 +114,21 @@ class Record:
                 part.unlink()
             raise
 
-    def close(self) -> None:
-        """All is done: nothing is left to resume."""
+    def delete(self) -> None:
+        """Remove the file after a complete push."""
         self.path.unlink(missing_ok=True)
 
 
-def _entry(raw: Any) -> Entry:
+def _parse(raw: Any) -> VehicleRecord:
     wanted, before, written = (
         {str(n): _number(v) for n, v in raw[what].items()} for what in ("wanted", "before", "written")
     )
-    return Entry(
+    return VehicleRecord(
         wanted=wanted, before=before, written=written, ending=str(raw["ending"]), at=str(raw.get("at", ""))
     )
 
 
 def _number(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{value!r} is no number")
+        raise ValueError(f"{value!r} is not a number")
     return value

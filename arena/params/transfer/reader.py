@@ -1,6 +1,6 @@
-"""The parameters of one vehicle read: some by their names, or the whole list. Pure.
+"""Reading the parameters of one vehicle: some by name, or the whole list. Pure.
 
-The list comes unasked-for once it is asked for; what was lost of it is asked for by index.
+After PARAM_REQUEST_LIST the vehicle sends the whole list; parameters that were lost on the way are requested by index.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from arena.params.transfer.request_window import Asking, Pace
+from arena.params.transfer.request_window import LinkEstimate, RequestWindow
 from arena.params.transfer.transfer import PROBE, Outcome, Progress, Transfer
 from arena.wire.mavlink_params import (
     DOES_NOT_EXIST,
@@ -20,14 +20,16 @@ from arena.wire.mavlink_params import (
     request_read,
 )
 
-_QUIET_S = 1.0  # the list has stopped
-_LISTS = 5  # so often the whole list is asked for
+_LIST_PAUSE_S = 1.0  # after which the list counts as ended
+_MAX_LIST_REQUESTS = 5
 
 
-class Reader(Transfer):
-    """The parameters of these names, or all of the vehicle's list.
+class ParamReader(Transfer):
+    """A transfer that reads parameters.
 
-    values: what was read.  missing: name or index in the list -> unknown or lost, once it is done.
+    names: the parameters to read; None: the vehicle's whole list.
+    values: what was read, by name.
+    missing: name, or index in the list -> "unknown" or "unanswered", once the transfer is done.
     """
 
     def __init__(
@@ -36,102 +38,108 @@ class Reader(Transfer):
         super().__init__(system=system, component=component, now=now)
         self.values: dict[str, Value] = {}
         self.missing: dict[str | int, Outcome] = {}
-        self._pace = Pace()
+        self._link = LinkEstimate()
         self._names = None if names is None else dict.fromkeys(names)
-        self._list = _List() if self._names is None else None
-        self._asking: Asking[str | int] | None = None
+        self._list = _ParamList() if self._names is None else None
+        self._window: RequestWindow[str | int] | None = None
         if self._names is not None:
-            self._asking = Asking((n for n in self._names if is_name(n)), self._pace, PROBE)
+            self._window = RequestWindow((n for n in self._names if is_name(n)), self._link, PROBE)
 
     @property
     def progress(self) -> Progress:
-        """of: 0 while the length of the list is not known."""
         if self._list is None:
             return Progress("reading", len(self.values), len(self._names or ()))
-        return Progress("reading", len(self._list.seen), self._list.count)
+        return Progress("reading", len(self._list.received), self._list.count)
 
-    def _ask(self, now: float) -> Iterable[Message]:
-        if self._asking is not None:
-            keys = self._asking.due(now)
-            if self._asking.over:
-                self._end(self._asking)
+    def _requests(self, now: float) -> Iterable[Message]:
+        if self._window is not None:
+            keys = self._window.due(now)
+            if self._window.done:
+                self._finish(self._window)
             return [request_read(self.system, key) for key in keys]
         assert self._list is not None
-        if not self._list.is_quiet(now):
+        if not self._list.is_paused(now):
             return []
         missing = self._list.missing
         if self._list.count and not missing:
             self.ending = "done"
-        elif self._list.asked < _LISTS and len(missing) * 2 >= self._list.count:
-            self._list.begin(now)
+        elif self._list.requests < _MAX_LIST_REQUESTS and len(missing) * 2 >= self._list.count:
+            self._list.restart(now)
             return [request_list(self.system)]
         elif missing:
-            self._asking = Asking(missing, self._pace, next(iter(self._list.seen)))
+            self._window = RequestWindow(missing, self._link, next(iter(self._list.received)))
         else:
-            self.ending = "not heard"  # it speaks, and to all that we ask it says nothing
+            self.ending = "no connection"  # heartbeats arrive, and no request is answered
         return []
 
     def _on_value(self, value: Value, now: float) -> None:
         if self._list is not None:
             listed = value.place < value.total
-            if listed and self._list.hear(value, now):
-                self._asking = None  # the indices have moved: what was missing is asked for anew
+            if listed and self._list.add(value, now):
+                self._window = None  # indices have changed: request what is missing again
             if listed:
                 self.values[value.name] = value
         elif self._names is not None and value.name in self._names:
             self.values[value.name] = value
-        if self._asking is not None:
-            answer(self._asking, value, now)
+        if self._window is not None:
+            record_answer(self._window, value, now)
 
     def _on_error(self, name: str, error: int, why: str) -> None:
-        if self._asking is not None and name:
-            self._asking.refuse(name, "silent" if error == DOES_NOT_EXIST else "lost")
+        if self._window is not None and name:
+            self._window.refuse(name, "ignored" if error == DOES_NOT_EXIST else "lost")
 
-    def _end(self, asking: Asking[str | int]) -> None:
+    def _finish(self, window: RequestWindow[str | int]) -> None:
         unsendable = [name for name in self._names or () if not is_name(name)]
-        unknown: list[str | int] = [*unsendable, *asking.those("silent")] if self._list is None else []
+        unknown: list[str | int] = [*unsendable, *window.with_state("ignored")] if self._list is None else []
         self.missing = dict.fromkeys(unknown, "unknown")
-        for key in asking.those("lost", "silent"):
-            self.missing.setdefault(key, "lost")
+        for key in window.with_state("lost", "ignored"):
+            self.missing.setdefault(key, "unanswered")
         self.ending = "done"
 
 
-class _List:
-    """How far a vehicle's list has come. seen: by index.  asked: how often it was asked for."""
+class _ParamList:
+    """The part of a vehicle's parameter list that has arrived.
+
+    count: length of the list; 0 while unknown.
+    received: index -> name.
+    requests: how often the list was requested.
+    """
 
     def __init__(self) -> None:
-        self.count = self.asked = 0
-        self.seen: dict[int, str] = {}
-        self._news_at = -math.inf
+        self.count = self.requests = 0
+        self.received: dict[int, str] = {}
+        self._new_at = -math.inf
 
     @property
     def missing(self) -> list[str | int]:
-        return [index for index in range(self.count) if index not in self.seen]
+        """Indices that have not arrived."""
+        return [index for index in range(self.count) if index not in self.received]
 
-    def is_quiet(self, now: float) -> bool:
-        """Nothing new has come for a while, or nothing is missing."""
-        return now - self._news_at >= _QUIET_S * max(self.asked, 1) or (
-            self.count > 0 and len(self.seen) == self.count
+    def is_paused(self, now: float) -> bool:
+        """Return whether nothing new has arrived for a while, or the list is complete."""
+        return now - self._new_at >= _LIST_PAUSE_S * max(self.requests, 1) or (
+            self.count > 0 and len(self.received) == self.count
         )
 
-    def begin(self, now: float) -> None:
-        self.asked, self._news_at = self.asked + 1, now
+    def restart(self, now: float) -> None:
+        """Count a request for the list. now: time of the request [s]."""
+        self.requests, self._new_at = self.requests + 1, now
 
-    def hear(self, value: Value, now: float) -> bool:
-        """True when the list has another length than it had: its indices count from the beginning again."""
-        moved = self.count not in (0, value.total)
-        if moved:
-            self.seen.clear()
-            self.asked = min(self.asked, _LISTS - 1)
-        if value.place not in self.seen:
-            self._news_at = now
+    def add(self, value: Value, now: float) -> bool:
+        """Add a parameter. Returns True when the length of the list has changed, which makes earlier indices wrong."""
+        changed = self.count not in (0, value.total)
+        if changed:
+            self.received.clear()
+            self.requests = min(self.requests, _MAX_LIST_REQUESTS - 1)
+        if value.place not in self.received:
+            self._new_at = now
         self.count = value.total
-        self.seen[value.place] = value.name
-        return moved
+        self.received[value.place] = value.name
+        return changed
 
 
-def answer(asking: Asking[str | int], value: Value, now: float) -> None:
-    """A PARAM_VALUE answers a question by name, and one by index."""
-    asking.answer(value.name, now)
+def record_answer(window: RequestWindow[str | int], value: Value, now: float) -> None:
+    """Record a PARAM_VALUE as the answer to a request by name and to a request by index."""
+    window.answer(value.name, now)
     if value.place != NO_INDEX:
-        asking.answer(value.place, now)
+        window.answer(value.place, now)

@@ -1,8 +1,8 @@
-"""Questions to a vehicle over a wire that loses some: several in flight, asked again, and silence judged. Pure.
+"""Requests to a vehicle over a lossy link: several in flight, repeated until answered. Pure.
 
-PX4 answers a name that it does not know with silence, and a lost packet sounds the same. A silence is believed once it would be
-one chance in a million on this wire, by the share of packets it was seen to lose, and only of questions put in separate moments
-during which the vehicle answered others. When no others are left, it is asked something that always has an answer: a probe.
+PX4 does not answer a request for a parameter that it does not have, which looks like a lost packet. A request counts as ignored once
+its missing answers would be a chance of one in a million, given the share of packets that this link loses. Only tries during which
+the vehicle answered other requests count. When no other requests are left, a probe is sent: a request that is always answered.
 """
 
 from __future__ import annotations
@@ -12,122 +12,144 @@ from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
-WINDOW = 10  # in flight at a time: some 400 bytes
-_FEWEST, _MOST = 5, 30
-_UNHEARD = 10  # questions that met silence when nothing else was answered either
-_CHANCE = 1e-6
-_FIRST_S, _SHORTEST_S, _LONGEST_S = 0.5, 0.2, 3.0
-_BACK_OFF, _STEPS = 1.3, 2
+WINDOW = 10  # requests in flight, some 400 bytes
+_MIN_TRIES, _MAX_TRIES = 5, 30  # before a request counts as ignored
+_LOST_TRIES = 10  # tries without an answer to any request, before a request counts as lost
+_ACCIDENT_PROBABILITY = 1e-6
+_FIRST_TIMEOUT_S, _MIN_TIMEOUT_S, _MAX_TIMEOUT_S = 0.5, 0.2, 3.0
+_BACKOFF, _BACKOFF_STEPS = 1.3, 2
 
 Key = TypeVar("Key", bound=Hashable)
-Fate = Literal["open", "answered", "silent", "lost"]
+RequestState = Literal["open", "answered", "ignored", "lost"]
+"""open: an answer may still come.  ignored: the vehicle answers others, not this one.  lost: the link loses everything."""
 
 
 @dataclass(kw_only=True)
-class Pace:
-    """What has been learned of the wire: the time to an answer (by RFC 6298) and the share that gets none."""
+class LinkEstimate:
+    """The round-trip time (RFC 6298) and the share of unanswered requests, as measured on a link."""
 
     _mean_s: float = 0.0
-    _spread_s: float = 0.0
-    _patience_s: float = _FIRST_S
-    _asked: int = 1
-    _answered: int = 1
+    _deviation_s: float = 0.0
+    _timeout_s: float = _FIRST_TIMEOUT_S
+    _requests: int = 1
+    _answers: int = 1
 
-    def learn(self, tries: int, after_s: float) -> None:
-        """An answer came to a question that was put `tries` times, the last one `after_s` ago [s]."""
-        self._asked += tries
-        self._answered += 1
-        if tries > 1:  # to which of them is it the answer?
+    def add_answer(self, tries: int, delay_s: float) -> None:
+        """Add an answer to the measurement.
+
+        tries: how often the request was sent.
+        delay_s: time since it was last sent [s].
+        """
+        self._requests += tries
+        self._answers += 1
+        if tries > 1:  # the answer may belong to an earlier try
             return
         first = self._mean_s == 0.0
-        self._spread_s = after_s / 2 if first else 0.75 * self._spread_s + 0.25 * abs(self._mean_s - after_s)
-        self._mean_s = after_s if first else 0.875 * self._mean_s + 0.125 * after_s
-        self._patience_s = min(max(self._mean_s + 4.0 * self._spread_s, _SHORTEST_S), _LONGEST_S)
+        deviation = abs(self._mean_s - delay_s)
+        self._deviation_s = delay_s / 2 if first else 0.75 * self._deviation_s + 0.25 * deviation
+        self._mean_s = delay_s if first else 0.875 * self._mean_s + 0.125 * delay_s
+        self._timeout_s = min(max(self._mean_s + 4.0 * self._deviation_s, _MIN_TIMEOUT_S), _MAX_TIMEOUT_S)
 
-    def patience(self, tries: int) -> float:
-        """How long to wait for the answer to the `tries`-th of a question [s]."""
-        return self._patience_s * _BACK_OFF ** min(tries - 1, _STEPS)
+    def timeout_s(self, tries: int) -> float:
+        """Return how long to wait for an answer to the `tries`-th try of a request [s]."""
+        return self._timeout_s * _BACKOFF ** min(tries - 1, _BACKOFF_STEPS)
 
     @property
-    def enough(self) -> int:
-        """So many silences in a row are no accident."""
-        loss = (self._asked - self._answered + 1) / (self._asked + 2)
-        return min(max(math.ceil(math.log(_CHANCE) / math.log(loss)), _FEWEST), _MOST)
+    def tries_until_ignored(self) -> int:
+        """Number of unanswered tries that are no accident on this link."""
+        loss = (self._requests - self._answers + 1) / (self._requests + 2)
+        tries = math.ceil(math.log(_ACCIDENT_PROBABILITY) / math.log(loss))
+        return min(max(tries, _MIN_TRIES), _MAX_TRIES)
 
 
 @dataclass(kw_only=True)
-class _Question:
-    """asked: the last time.  until: an answer is waited for.  heard: answers to others by then.  silences: that count."""
+class _Request:
+    """A request.
+
+    tries: how often it was sent.
+    sent_at: time of the last try [s].
+    deadline: end of the wait for an answer [s].
+    answers_before: answers to any request up to the last try.
+    unanswered: tries without an answer while other requests were answered.
+    """
 
     tries: int = 0
-    asked: float = 0.0
-    until: float = -math.inf
-    heard: int = 0
-    silences: int = 0
-    fate: Fate = "open"
+    sent_at: float = 0.0
+    deadline: float = -math.inf
+    answers_before: int = 0
+    unanswered: int = 0
+    state: RequestState = "open"
 
 
-class Asking(Generic[Key]):
-    """A set of questions until each has its fate. probe: what always has an answer; it is not one of the questions."""
+class RequestWindow(Generic[Key]):
+    """A set of requests, until each is answered, ignored or lost.
 
-    def __init__(self, keys: Iterable[Key], pace: Pace, probe: Key) -> None:
-        self._questions = {key: _Question() for key in keys}
-        self._open = dict(self._questions)
-        self._pace, self._probe = pace, probe
-        self._heard = 0
+    keys: the requests.
+    link: measurement of the link, shared between windows.
+    probe: a request that is always answered; it is not one of `keys`.
+    """
+
+    def __init__(self, keys: Iterable[Key], link: LinkEstimate, probe: Key) -> None:
+        self._requests = {key: _Request() for key in keys}
+        self._open = dict(self._requests)
+        self._link, self._probe = link, probe
+        self._answers = 0
 
     @property
-    def over(self) -> bool:
+    def done(self) -> bool:
+        """True when no request is open."""
         return not self._open
 
-    def those(self, *fates: Fate) -> list[Key]:
-        """The questions with one of these fates."""
-        return [key for key, q in self._questions.items() if q.fate in fates]
+    def with_state(self, *states: RequestState) -> list[Key]:
+        """Return the requests in one of these states."""
+        return [key for key, request in self._requests.items() if request.state in states]
 
     def due(self, now: float) -> list[Key]:
-        """What to ask now; the probe among it where nothing else would show that the wire is alive."""
-        self._judge(now)
-        flying = sum(q.until > now for q in self._open.values())
+        """Return the requests to send now, with the probe where all of them were sent before."""
+        self._close_overdue(now)
+        in_flight = sum(request.deadline > now for request in self._open.values())
         waiting = sorted(
-            ((k, q) for k, q in self._open.items() if q.until <= now), key=lambda pair: pair[1].tries
+            ((key, request) for key, request in self._open.items() if request.deadline <= now),
+            key=lambda pair: pair[1].tries,
         )
-        chosen = waiting[: max(WINDOW - flying, 0)]
-        doubtful = bool(chosen) and all(q.tries >= 1 for _, q in chosen)
-        for _, q in chosen:
-            q.tries += 1
-            q.asked, q.until, q.heard = now, now + self._pace.patience(q.tries), self._heard
-        return [key for key, _ in chosen] + ([self._probe] if doubtful else [])
+        chosen = waiting[: max(WINDOW - in_flight, 0)]
+        needs_probe = bool(chosen) and all(request.tries >= 1 for _, request in chosen)
+        for _, request in chosen:
+            request.tries += 1
+            request.sent_at, request.answers_before = now, self._answers
+            request.deadline = now + self._link.timeout_s(request.tries)
+        return [key for key, _ in chosen] + ([self._probe] if needs_probe else [])
 
     def answer(self, key: Key, now: float) -> None:
-        """The answer to one of them, or the probe's, or what nobody asked here."""
-        q = self._question(key)
-        if q is not None:
-            self._pace.learn(q.tries, now - q.asked)
-            self._settle(key, q, "answered")
+        """Record an answer to a request or to the probe; an answer to anything else is ignored."""
+        request = self._sent(key)
+        if request is not None:
+            self._link.add_answer(request.tries, now - request.sent_at)
+            self._close(key, request, "answered")
 
-    def refuse(self, key: Key, fate: Fate) -> None:
-        """The vehicle has said in words what becomes of it."""
-        q = self._question(key)
-        if q is not None:
-            self._settle(key, q, fate)
+    def refuse(self, key: Key, state: RequestState) -> None:
+        """Record an error message of the vehicle. state: what becomes of the request."""
+        request = self._sent(key)
+        if request is not None:
+            self._close(key, request, state)
 
-    def _question(self, key: Key) -> _Question | None:
-        q = self._open.get(key)
-        if key == self._probe or (q is not None and q.tries):
-            self._heard += 1
-        return q if q is not None and q.tries else None
+    def _sent(self, key: Key) -> _Request | None:
+        """Count an answer and return its request, None where that is not open or was never sent."""
+        request = self._open.get(key)
+        sent = request is not None and request.tries > 0
+        self._answers += sent or key == self._probe
+        return request if sent else None
 
-    def _judge(self, now: float) -> None:
-        """Of those whose time is over: was it silence, or the wire?"""
-        for key, q in list(self._open.items()):
-            if q.tries and q.until <= now and q.until != -math.inf:
-                q.until = -math.inf
-                q.silences += self._heard > q.heard
-                if q.silences >= self._pace.enough:
-                    self._settle(key, q, "silent")
-                elif q.tries - q.silences >= _UNHEARD:
-                    self._settle(key, q, "lost")
+    def _close_overdue(self, now: float) -> None:
+        for key, request in list(self._open.items()):
+            if request.tries and request.deadline <= now and request.deadline != -math.inf:
+                request.deadline = -math.inf
+                request.unanswered += self._answers > request.answers_before
+                if request.unanswered >= self._link.tries_until_ignored:
+                    self._close(key, request, "ignored")
+                elif request.tries - request.unanswered >= _LOST_TRIES:
+                    self._close(key, request, "lost")
 
-    def _settle(self, key: Key, q: _Question, fate: Fate) -> None:
-        q.fate = fate
+    def _close(self, key: Key, request: _Request, state: RequestState) -> None:
+        request.state = state
         del self._open[key]

@@ -1,10 +1,10 @@
-"""The sockets of reading and writing parameters: many vehicles at once, one thread, one poll.
+"""Reading, writing and rebooting many vehicles at the same time: their sockets and serial devices, one thread, one poll.
 
-    pull(targets, names)        what the vehicles hold
-    push(targets, wanted)       make it what is wanted
-    reboot(targets)             so that what needs it takes effect
+    pull(targets, names)        read parameters
+    push(targets, wanted)       write parameters that differ
+    reboot(targets)             reboot autopilots, so that new values take effect
 
-A vehicle that cannot be reached ends its own part; the others' go on. Ctrl-C ends all of them, and what is known is given back.
+A vehicle that cannot be reached ends its own transfer only. Ctrl-C ends all transfers, and the results so far are returned.
 """
 
 from __future__ import annotations
@@ -17,29 +17,31 @@ from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 from arena.errors import RunError
-from arena.params.transfer.push_record import Record
-from arena.params.transfer.reader import Reader
-from arena.params.transfer.transfer import Ending, Outcome, Progress, Rebooter, Result, Transfer
-from arena.params.transfer.writer import Writer
+from arena.params.transfer.push_record import PushRecord
+from arena.params.transfer.reader import ParamReader
+from arena.params.transfer.transfer import Ending, Outcome, ParamResult, Progress, Rebooter, Transfer
+from arena.params.transfer.writer import ParamWriter
 from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, open_udp, receive_datagrams
 from arena.wire.mavlink_frame import Buffer, Frame, Stream, parse_frames
 from arena.wire.mavlink_minimal import own_component
 from arena.wire.mavlink_params import VALUE, Value
 
-_TURN_S = 0.02
-_TOLD_S = 0.1  # between two calls of on_progress
-_SAVED_S = 0.5  # between two states of the record, where nothing depends on it
+_POLL_PERIOD_S = 0.02
+_PROGRESS_PERIOD_S = 0.1
+_SAVE_PERIOD_S = 0.5  # of the record, while no old value is at risk
 
 OnProgress = Callable[[Mapping[str, Progress]], None]
-"""Called a few times a second, and once more at the end, with how far each vehicle is."""
+"""Callback with the progress by vehicle name, ten times per second and at the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
-    """Where a vehicle is reached: over UDP or by a serial device.
+class ParamTarget:
+    """The address of a vehicle: UDP, or a serial device.
 
-    system: its MAVLink id.  remote: where to send, and the only place that is listened to; None: wherever it speaks from.
-    local: our own end; None: any.  device: of a serial line; then the addresses are not used.  baud: of it.
+    system: MAVLink system id.
+    remote: address of the vehicle, the only one accepted; None: the first sender with this system id.
+    local: our own address; None: any.
+    device, baud: serial device; then the UDP addresses are not used.
     """
 
     system: int
@@ -51,36 +53,47 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Traffic:
-    """seconds: from the beginning to the end.  sent: frames.  heard: PARAM_VALUEs, whoever asked for them."""
+    """The traffic of one transfer. seconds: its duration [s].  sent: frames sent.  received: PARAM_VALUEs, answers to anybody."""
 
     seconds: float = 0.0
     sent: int = 0
-    heard: int = 0
+    received: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
-    """A push. ending: "done", or what cut it short.  why: where its wire did not open.  needs_reboot: of what was written."""
+class PushReport:
+    """The result of writing to one vehicle.
+
+    ending: "done", or why the transfer ended early.
+    results: parameter -> outcome.
+    needs_reboot: written parameters that take effect after a reboot only.
+    why: why the connection could not be opened.
+    """
 
     ending: Ending
-    results: Mapping[str, Result] = field(default_factory=dict)
+    results: Mapping[str, ParamResult] = field(default_factory=dict)
     needs_reboot: tuple[str, ...] = ()
     why: str = ""
     traffic: Traffic = field(default_factory=Traffic)
 
     @property
     def holds(self) -> bool:
-        """All is as wanted, as read from the vehicle."""
+        """True when the vehicle has every wanted value, as read back."""
         return self.ending == "done" and all(r.outcome in ("same", "written") for r in self.results.values())
 
-    def those(self, *outcomes: Outcome) -> list[str]:
-        """The names that came to this."""
+    def with_outcome(self, *outcomes: Outcome) -> list[str]:
+        """Return the parameters with one of these outcomes."""
         return [name for name, result in self.results.items() if result.outcome in outcomes]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pulled:
-    """ending, why: as in Report.  missing: name, or index in the list -> unknown or lost."""
+class PullReport:
+    """The result of reading one vehicle.
+
+    ending, why: as in `PushReport`.
+    values: what was read, by name.
+    missing: name, or index in the list -> "unknown" or "unanswered".
+    """
 
     ending: Ending
     values: Mapping[str, Value] = field(default_factory=dict)
@@ -89,88 +102,106 @@ class Pulled:
     traffic: Traffic = field(default_factory=Traffic)
 
     @property
-    def whole(self) -> bool:
+    def complete(self) -> bool:
+        """True when nothing is missing."""
         return self.ending == "done" and not self.missing
 
 
 def push(
-    targets: Mapping[str, Target],
+    targets: Mapping[str, ParamTarget],
     wanted: Mapping[str, Mapping[str, float]],
     *,
     dry_run: bool = False,
-    record: Record | None = None,
+    record: PushRecord | None = None,
     reboot_names: frozenset[str] = frozenset(),
     on_progress: OnProgress | None = None,
-) -> dict[str, Report]:
-    """Write what differs to every vehicle of `wanted`.
+) -> dict[str, PushReport]:
+    """Write the parameters that differ to every vehicle of `wanted`.
 
-    record: of the same vehicles; kept as it goes, and removed once all are done. To resume one, push its own `wanted` with it.
-    reboot_names: parameters that take effect only after the vehicle has started anew.
-    Raises OSError when the record cannot be written, before anything is sent that it should have told of.
+    wanted: vehicle -> {parameter: value}.
+    dry_run: read and compare only.
+    record: record of the same vehicles; saved while the push goes on, and deleted when all vehicles are done. To resume an interrupted
+        push, pass its own `wanted` with it.
+    reboot_names: parameters that take effect after a reboot only.
+    Raises OSError when the record cannot be written, before the values that it should contain are sent.
     """
     component = own_component()
 
-    def make(name: str, now: float) -> Writer:
-        return Writer(
+    def make(name: str, now: float) -> ParamWriter:
+        return ParamWriter(
             system=targets[name].system, component=component, now=now, wanted=wanted[name], dry_run=dry_run
         )
 
-    diary = None if record is None or dry_run else _Diary(record)
-    lines = _run({name: targets[name] for name in wanted}, make, on_progress, diary.keep if diary else None)
-    reports = {name: _report(line, reboot_names) for name, line in lines.items()}
-    if diary is not None:
-        diary.keep(lines, always=True)
+    keeper = None if record is None or dry_run else _RecordKeeper(record)
+    connections = _run(
+        {name: targets[name] for name in wanted}, make, on_progress, keeper.update if keeper else None
+    )
+    reports = {name: _push_report(connection, reboot_names) for name, connection in connections.items()}
+    if keeper is not None:
+        keeper.update(connections, always=True)
         if all(report.ending == "done" for report in reports.values()):
-            diary.record.close()
+            keeper.record.delete()
     return reports
 
 
 def pull(
-    targets: Mapping[str, Target],
+    targets: Mapping[str, ParamTarget],
     *,
     names: Sequence[str] | None = None,
     on_progress: OnProgress | None = None,
-) -> dict[str, Pulled]:
-    """Read these parameters of every vehicle, or all there are."""
+) -> dict[str, PullReport]:
+    """Read parameters of every vehicle. names: the parameters; None: the vehicles' whole lists."""
     component = own_component()
 
-    def make(name: str, now: float) -> Reader:
-        return Reader(system=targets[name].system, component=component, now=now, names=names)
+    def make(name: str, now: float) -> ParamReader:
+        return ParamReader(system=targets[name].system, component=component, now=now, names=names)
 
-    return {name: _pulled(line) for name, line in _run(targets, make, on_progress, None).items()}
+    return {
+        name: _pull_report(connection) for name, connection in _run(targets, make, on_progress, None).items()
+    }
 
 
-def reboot(targets: Mapping[str, Target]) -> dict[str, str]:
-    """Start the vehicles' autopilots anew. Name -> why not; "" where it does."""
+def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
+    """Send a reboot command to autopilots. Returns vehicle -> why it does not reboot, "" where it does."""
     component = own_component()
 
     def make(name: str, now: float) -> Rebooter:
         return Rebooter(system=targets[name].system, component=component, now=now)
 
     return {
-        name: line.why or line.core.refusal or ("" if line.core.ending == "done" else line.core.ending)
-        for name, line in _run(targets, make, None, None).items()
+        name: connection.why
+        or connection.transfer.refusal
+        or ("" if connection.transfer.ending == "done" else connection.transfer.ending)
+        for name, connection in _run(targets, make, None, None).items()
     }
 
 
-def _report(line: _Line[Writer], reboot_names: frozenset[str]) -> Report:
-    results = line.core.result
+def _push_report(connection: _Connection[ParamWriter], reboot_names: frozenset[str]) -> PushReport:
+    results = connection.transfer.result
     needs = tuple(
         name for name, result in results.items() if result.outcome == "written" and name in reboot_names
     )
-    return Report(
-        ending=line.core.ending, results=results, needs_reboot=needs, why=line.why, traffic=line.traffic
+    return PushReport(
+        ending=connection.transfer.ending,
+        results=results,
+        needs_reboot=needs,
+        why=connection.why,
+        traffic=connection.traffic,
     )
 
 
-def _pulled(line: _Line[Reader]) -> Pulled:
-    core = line.core
-    return Pulled(
-        ending=core.ending, values=core.values, missing=core.missing, why=line.why, traffic=line.traffic
+def _pull_report(connection: _Connection[ParamReader]) -> PullReport:
+    transfer = connection.transfer
+    return PullReport(
+        ending=transfer.ending,
+        values=transfer.values,
+        missing=transfer.missing,
+        why=connection.why,
+        traffic=connection.traffic,
     )
 
 
-# -- connections ---------------------------------------------------------------------------------------------------------------
+# -- transports ---------------------------------------------------------------------------------------------------------------
 
 
 class ParamTransport(Protocol):
@@ -193,7 +224,7 @@ class UdpParamTransport:
     Raises RunError when our own address cannot be bound.
     """
 
-    def __init__(self, target: Target) -> None:
+    def __init__(self, target: ParamTarget) -> None:
         self._remote, self._system = target.remote, target.system
         try:
             self._socket = open_udp(target.local)
@@ -226,7 +257,7 @@ class UdpParamTransport:
 class SerialParamTransport:
     """A serial device. Raises RunError when it cannot be opened."""
 
-    def __init__(self, target: Target) -> None:
+    def __init__(self, target: ParamTarget) -> None:
         try:
             self._port = SerialPort(target.device, target.baud)
         except OSError as error:
@@ -257,39 +288,39 @@ class SerialParamTransport:
 
 # -- the loop ------------------------------------------------------------------------------------------------------------------
 
-Core = TypeVar("Core", bound=Transfer)
+AnyTransfer = TypeVar("AnyTransfer", bound=Transfer)
 
 
-class _Line(Generic[Core]):
-    """One vehicle: its core and its wire, or why there is none."""
+class _Connection(Generic[AnyTransfer]):
+    """A vehicle: its transfer, and its socket or device, or why that could not be opened."""
 
-    def __init__(self, core: Core, target: Target) -> None:
-        self.core, self.why = core, ""
-        self.sent = self.heard = 0
+    def __init__(self, transfer: AnyTransfer, target: ParamTarget) -> None:
+        self.transfer, self.why = transfer, ""
+        self.sent = self.received = 0
         self.began = self.ended = time.monotonic()
         self.transport: ParamTransport | None = None
         try:
             self.transport = SerialParamTransport(target) if target.device else UdpParamTransport(target)
         except RunError as error:
             self.why = str(error)
-            core.ending = "not heard"
+            transfer.ending = "no connection"
 
     @property
     def traffic(self) -> Traffic:
-        return Traffic(seconds=self.ended - self.began, sent=self.sent, heard=self.heard)
+        return Traffic(seconds=self.ended - self.began, sent=self.sent, received=self.received)
 
     def read(self) -> None:
         for data, frames in self.transport.read() if self.transport else ():
             for frame in frames:
-                self.heard += frame.msgid == VALUE
-                self.core.hear(data, frame, time.monotonic())
+                self.received += frame.msgid == VALUE
+                self.transfer.receive(data, frame, time.monotonic())
 
     def send(self, frames: Sequence[bytes]) -> None:
         if self.transport is not None:
             self.sent += len(frames)
             for frame in frames:
                 self.transport.send(frame)
-        if not self.core.done:
+        if not self.transfer.done:
             self.ended = time.monotonic()
 
     def close(self) -> None:
@@ -297,66 +328,82 @@ class _Line(Generic[Core]):
             self.transport.close()
 
 
-class _Diary:
-    """Keeps the record: at once where old values are about to be overwritten, now and then otherwise."""
+class _RecordKeeper:
+    """Saves the record: at once before old values are overwritten, otherwise twice per second."""
 
-    def __init__(self, record: Record) -> None:
+    def __init__(self, record: PushRecord) -> None:
         self.record = record
         self._next = 0.0
         record.save()
 
-    def keep(self, lines: Mapping[str, _Line[Writer]], *, always: bool = False) -> None:
-        now, urgent, news = time.monotonic(), always, False
-        for name, line in lines.items():
-            known = len(self.record.entries[name].before)
-            news |= self.record.note(name, line.core.before, line.core.written, line.core.ending)
-            urgent |= len(self.record.entries[name].before) > known
-        if urgent or (news and now >= self._next):
-            self._next = now + _SAVED_S
+    def update(self, connections: Mapping[str, _Connection[ParamWriter]], *, always: bool = False) -> None:
+        now, urgent, changed = time.monotonic(), always, False
+        for name, connection in connections.items():
+            known = len(self.record.vehicles[name].before)
+            changed |= self.record.update(
+                name, connection.transfer.before, connection.transfer.written, connection.transfer.ending
+            )
+            urgent |= len(self.record.vehicles[name].before) > known
+        if urgent or (changed and now >= self._next):
+            self._next = now + _SAVE_PERIOD_S
             self.record.save()
 
 
-Keep = Callable[[Mapping[str, _Line[Core]]], None]
+BeforeSend = Callable[[Mapping[str, _Connection[AnyTransfer]]], None]
 
 
 def _run(
-    targets: Mapping[str, Target],
-    make: Callable[[str, float], Core],
+    targets: Mapping[str, ParamTarget],
+    make: Callable[[str, float], AnyTransfer],
     on_progress: OnProgress | None,
-    keep: Keep[Core] | None,
-) -> dict[str, _Line[Core]]:
-    """Until all are done. keep: called before anything is sent."""
+    before_send: BeforeSend[AnyTransfer] | None,
+) -> dict[str, _Connection[AnyTransfer]]:
+    """Run transfers until all are done.
+
+    make: (name, monotonic time [s]) -> the transfer of a vehicle.
+    before_send: callback before frames are sent.
+    """
     now = time.monotonic()
-    lines = {name: _Line(make(name, now), target) for name, target in targets.items()}
+    connections = {name: _Connection(make(name, now), target) for name, target in targets.items()}
     try:
-        _work(lines, on_progress or (lambda _: None), keep or (lambda _: None))
+        _loop(connections, on_progress or (lambda _: None), before_send or (lambda _: None))
     except KeyboardInterrupt:
-        for line in lines.values():
-            line.core.stop()
+        for connection in connections.values():
+            connection.transfer.stop()
     finally:
-        for line in lines.values():
-            line.close()
-    return lines
+        for connection in connections.values():
+            connection.close()
+    return connections
 
 
-def _work(lines: Mapping[str, _Line[Core]], on_progress: OnProgress, keep: Keep[Core]) -> None:
+def _loop(
+    connections: Mapping[str, _Connection[AnyTransfer]],
+    on_progress: OnProgress,
+    before_send: BeforeSend[AnyTransfer],
+) -> None:
     poll = select.poll()
-    owners = {line.transport.fileno(): line for line in lines.values() if line.transport is not None}
+    owners = {
+        connection.transport.fileno(): connection
+        for connection in connections.values()
+        if connection.transport is not None
+    }
     for fd in owners:
         poll.register(fd, select.POLLIN)
-    next_word = 0.0
+    next_progress = 0.0
     while True:
-        frames = [(line, line.core.due(time.monotonic())) for line in lines.values()]
-        keep(lines)
-        for line, due in frames:
-            line.send(due)
-        over = all(line.core.done for line in lines.values())
-        if over or time.monotonic() >= next_word:
-            next_word = time.monotonic() + _TOLD_S
-            on_progress({name: line.core.progress for name, line in lines.items()})
+        frames = [
+            (connection, connection.transfer.due(time.monotonic())) for connection in connections.values()
+        ]
+        before_send(connections)
+        for connection, due in frames:
+            connection.send(due)
+        over = all(connection.transfer.done for connection in connections.values())
+        if over or time.monotonic() >= next_progress:
+            next_progress = time.monotonic() + _PROGRESS_PERIOD_S
+            on_progress({name: connection.transfer.progress for name, connection in connections.items()})
         if over:
             return
-        for fd, event in poll.poll(_TURN_S * 1e3):
+        for fd, event in poll.poll(_POLL_PERIOD_S * 1e3):
             owners[fd].read()
-            if event & select.POLLHUP:  # unplugged: its silence ends it
+            if event & select.POLLHUP:  # unplugged: the vehicle's time-out ends the transfer
                 poll.unregister(fd)

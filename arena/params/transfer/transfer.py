@@ -1,7 +1,7 @@
-"""One vehicle spoken to about its parameters: frames and time in, frames and state out. No sockets, no clocks.
+"""Transfer of parameters with one vehicle: what reading, writing and rebooting share. Frames and time in, frames and state out.
 
-What reading (`reading.py`), writing (`writing.py`) and rebooting have in common. A vehicle is there while anything is heard of
-its autopilot; that it is not armed, only its heartbeats tell, of which there is one a second.
+No sockets, no clocks. The vehicle is connected while any message of its autopilot arrives. Only a heartbeat, one per second, shows that
+the vehicle is not armed.
 """
 
 from __future__ import annotations
@@ -28,25 +28,33 @@ from arena.wire.mavlink_params import (
 )
 
 SYSTEM = 252
-PATIENCE_S = 10.0  # for the first word of the vehicle
-SILENT_S = 3.0  # then it has vanished
-_HEARTBEAT_S = 1.0
-_KNOCK_S = 0.4
-_ARMED, _BASE_MODE = 128, 6
-_REBOOTING_S = 2.5
-PROBE = 0  # the index of a parameter that is always there
+CONNECT_TIMEOUT_S = 10.0  # for the first message of the vehicle
+VEHICLE_TIMEOUT_S = 3.0  # between two messages of the vehicle
+_HEARTBEAT_PERIOD_S = 1.0
+_PROBE_PERIOD_S = 0.4
+_ARMED_BIT, _BASE_MODE_OFFSET = 128, 6
+_REBOOT_TIMEOUT_S = 2.5
+PROBE = 0  # index of a parameter that every vehicle has
 
-Ending = Literal["", "done", "armed", "vanished", "not heard", "interrupted"]
-Outcome = Literal["same", "written", "refused", "unknown", "lost", "differs", "untried"]
+Ending = Literal["", "done", "armed", "no connection", "connection lost", "interrupted"]
+"""Why a transfer ended; "" while it runs."""
+Outcome = Literal["same", "written", "refused", "unknown", "unanswered", "differs", "unread"]
 
 
-class Result(NamedTuple):
-    """What became of one parameter.
+class ParamResult(NamedTuple):
+    """The outcome for one parameter.
 
-    same: held already.  written: set, and read back.  refused: the vehicle kept, or took, `new`.  unknown: no such parameter.
-    lost: no answer, so that it may or may not be set.  differs: to be written, but this was a dry run, or cut short.
-    untried: cut short before it was read.
-    wanted: as the vehicle's type holds it.  old: before.  new: as last heard.  why: in words, where there is more to say.
+    outcome: same: the vehicle already has the value.
+        written: set and read back.
+        refused: the vehicle kept, or set, another value (`new`).
+        unknown: the vehicle has no such parameter.
+        unanswered: no answer, so the value may or may not be set.
+        differs: not written yet: a dry run, or interrupted.
+        unread: interrupted before it was read.
+    wanted: the value as the vehicle's type holds it.
+    old, new: the values before and after, as far as they were read.
+    kind: MAV_PARAM_TYPE.
+    why: the reason, where there is one.
     """
 
     outcome: Outcome
@@ -58,7 +66,7 @@ class Result(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """phase: in words.  n, of: steps done and all of them."""
+    """Progress of a transfer. n, of: steps done and in total; of is 0 while the total is unknown."""
 
     phase: str
     n: int
@@ -66,22 +74,25 @@ class Progress(NamedTuple):
 
 
 class Transfer:
-    """What reading, writing and rebooting have in common: our heartbeat, and what the vehicle's tells.
+    """Base of all transfers: sends our heartbeat, follows the vehicle's, and ends on a time-out.
 
-    Ask `due` a few times a second and after whatever was heard, until `done`; then look at `ending`.
+    Call `due` a few times per second and after every received frame, until `done`; then read `ending`.
+
+    system: MAVLink system id of the vehicle.
+    component: our own component id.
+    now: monotonic time [s].
     """
 
     def __init__(self, *, system: int, component: int, now: float) -> None:
-        """system: of the vehicle.  component: ours.  now: monotonic [s]."""
         self.system = system
         self.ending: Ending = ""
         self.armed: bool | None = None
         self._codec = Codec(SYSTEM, component)
         self._component = component
         self._began = self._next_heartbeat = now
-        self._heard_at: float | None = None
-        self._pulse_at: float | None = None
-        self._knocked_at = now
+        self._received_at: float | None = None
+        self._heartbeat_at: float | None = None
+        self._probed_at = now
 
     @property
     def done(self) -> bool:
@@ -92,31 +103,31 @@ class Transfer:
         raise NotImplementedError
 
     def stop(self) -> None:
-        """Somebody has had enough of it."""
+        """Stop a running transfer: it ends as interrupted."""
         self.ending = self.ending or "interrupted"
 
     def due(self, now: float) -> list[bytes]:
-        """Frames to send now."""
-        self._look(now)
+        """Return the frames to send now. now: monotonic time [s]."""
+        self._update(now)
         if self.done:
             return []
         frames = []
         if now >= self._next_heartbeat:
-            self._next_heartbeat = now + _HEARTBEAT_S
+            self._next_heartbeat = now + _HEARTBEAT_PERIOD_S
             frames.append(self._codec.onboard_heartbeat())
-        if self._heard_at is not None:
-            frames += [self._codec.frame(*message) for message in (*self._ask(now), *self._knock(now))]
+        if self._received_at is not None:
+            frames += [self._codec.frame(*message) for message in (*self._requests(now), *self._probe(now))]
         return frames
 
-    def hear(self, data: Buffer, frame: Frame, now: float) -> None:
-        """A frame that stands in `data`, whoever sent it."""
+    def receive(self, data: Buffer, frame: Frame, now: float) -> None:
+        """Take a frame of any sender. data: the bytes that contain the frame."""
         if frame.sysid != self.system or frame.compid != AUTOPILOT or self.done:
             return
-        self._heard_at = now
+        self._received_at = now
         if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
-            self._pulse_at = now
-            self.armed = bool(byte_at(data, frame, _BASE_MODE) & _ARMED)
-            self._look(now)
+            self._heartbeat_at = now
+            self.armed = bool(byte_at(data, frame, _BASE_MODE_OFFSET) & _ARMED_BIT)
+            self._update(now)
         elif frame.msgid == VALUE:
             self._on_value(parse_value(data, frame), now)
         elif (
@@ -128,64 +139,66 @@ class Transfer:
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
             self._on_ack(data, frame)
 
-    def _look(self, now: float) -> None:
-        if self._heard_at is None and now - self._began > PATIENCE_S:
-            self.ending = self.ending or "not heard"
-        elif self._heard_at is not None and now - self._heard_at > SILENT_S:
-            self.ending = self.ending or "vanished"
+    def _update(self, now: float) -> None:
+        """End the transfer after a time-out."""
+        if self._received_at is None and now - self._began > CONNECT_TIMEOUT_S:
+            self.ending = self.ending or "no connection"
+        elif self._received_at is not None and now - self._received_at > VEHICLE_TIMEOUT_S:
+            self.ending = self.ending or "connection lost"
 
-    def _knock(self, now: float) -> Iterable[Message]:
-        """Is anybody there? Not every silence of a wire that loses some is a vehicle that has gone."""
-        if now - max(self._heard_at or now, self._knocked_at) < _KNOCK_S:
+    def _probe(self, now: float) -> Iterable[Message]:
+        """Return a request that is always answered, after a pause: a lossy link may drop several answers in a row."""
+        if now - max(self._received_at or now, self._probed_at) < _PROBE_PERIOD_S:
             return []
-        self._knocked_at = now
+        self._probed_at = now
         return [request_read(self.system, PROBE)]
 
-    def _pulse(self, now: float) -> bool:
-        """Is it known by a fresh heartbeat that the vehicle is not armed?"""
-        return self.armed is False and self._pulse_at is not None and now - self._pulse_at <= SILENT_S
+    def _disarmed(self, now: float) -> bool:
+        """Return whether a recent heartbeat shows that the vehicle is not armed."""
+        recent = self._heartbeat_at is not None and now - self._heartbeat_at <= VEHICLE_TIMEOUT_S
+        return self.armed is False and recent
 
-    def _ask(self, now: float) -> Iterable[Message]:
+    def _requests(self, now: float) -> Iterable[Message]:
         raise NotImplementedError
 
     def _on_value(self, value: Value, now: float) -> None:
-        """A PARAM_VALUE, whoever it answers."""
+        """Handle a PARAM_VALUE, an answer to anybody."""
 
     def _on_error(self, name: str, error: int, why: str) -> None:
-        """A PARAM_ERROR, to us."""
+        """Handle a PARAM_ERROR addressed to us."""
 
     def _on_ack(self, data: Buffer, frame: Frame) -> None:
-        """A COMMAND_ACK, to anybody."""
+        """Handle a COMMAND_ACK, addressed to anybody."""
 
 
 class Rebooter(Transfer):
-    """MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN of an autopilot that is not armed. refusal: its answer, where it was no."""
+    """Reboot of a disarmed autopilot with MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN. refusal: its answer where it refuses."""
 
     def __init__(self, *, system: int, component: int, now: float) -> None:
         super().__init__(system=system, component=component, now=now)
         self.refusal = ""
-        self._asked_at: float | None = None
+        self._sent_at: float | None = None
 
     @property
     def progress(self) -> Progress:
         return Progress("rebooting", int(self.done), 1)
 
-    def _look(self, now: float) -> None:
-        asked, heard = self._asked_at, self._heard_at
-        if asked is not None and heard is not None and now - max(asked, heard) > _REBOOTING_S:
-            self.ending = self.ending or "done"  # its acknowledgement was lost, and it is gone
-        super()._look(now)
+    def _update(self, now: float) -> None:
+        sent, received = self._sent_at, self._received_at
+        if sent is not None and received is not None and now - max(sent, received) > _REBOOT_TIMEOUT_S:
+            self.ending = self.ending or "done"  # the acknowledgement was lost, and the vehicle reboots
+        super()._update(now)
         if self.armed:
             self.ending = self.ending or "armed"
 
-    def _ask(self, now: float) -> Iterable[Message]:
-        if not self._pulse(now) or (self._asked_at is not None and now - self._asked_at < _REBOOTING_S):
+    def _requests(self, now: float) -> Iterable[Message]:
+        if not self._disarmed(now) or (self._sent_at is not None and now - self._sent_at < _REBOOT_TIMEOUT_S):
             return []
-        self._asked_at = now
+        self._sent_at = now
         return [reboot(self.system)]
 
     def _on_ack(self, data: Buffer, frame: Frame) -> None:
-        if uint_at(data, frame, 0, 2) != REBOOT or self._asked_at is None:
+        if uint_at(data, frame, 0, 2) != REBOOT or self._sent_at is None:
             return
         if frame.target_sys in (0, SYSTEM) and frame.target_comp in (0, self._component):
             result = byte_at(data, frame, 2)

@@ -1,9 +1,9 @@
-"""Parameters of one vehicle written: read first, only what differs, the right types, read back. Pure.
+"""Writing parameters to one vehicle: read first, write only what differs, with the right types, and read back. Pure.
 
-    reading -> writing -> (what was unknown again, once something else was written) -> reading back -> done
+    reading -> writing -> (reading parameters that were unknown, once others are written) -> reading back -> done
 
-What counts is what the vehicle says: a value is written once it has been read back. An armed vehicle is not written to, and one
-that arms meanwhile is left alone at once.
+A parameter counts as written only when it was read back. Nothing is written to an armed vehicle; the transfer ends at the first
+heartbeat that shows that the vehicle is armed.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from arena.params.transfer.reader import answer
-from arena.params.transfer.request_window import Asking, Fate, Pace
-from arena.params.transfer.transfer import PROBE, Outcome, Progress, Result, Transfer
+from arena.params.transfer.reader import record_answer
+from arena.params.transfer.request_window import LinkEstimate, RequestState, RequestWindow
+from arena.params.transfer.transfer import PROBE, Outcome, ParamResult, Progress, Transfer
 from arena.wire.mavlink_params import (
     DOES_NOT_EXIST,
     Message,
@@ -26,14 +26,23 @@ from arena.wire.mavlink_params import (
     set_value,
 )
 
-_ROUNDS = 3  # of writing what was read back otherwise
+_MAX_WRITES = 3  # of a parameter that is read back with another value
+
+Phase = Literal["reading", "writing", "reading back"]
+Step = Literal["unread", "differs", "sent", "acknowledged"]
 
 
 @dataclass(kw_only=True)
-class _Item:
-    """One parameter on its way. given: what the caller wants; wanted: that as the vehicle's type holds it, once it is known.
+class _ParamWrite:
+    """A parameter on its way to the vehicle.
 
-    rounds: how often it was written and read back.  refused: in words, or by silence.  verdict: "" while it is not settled.
+    given: the value as the caller gives it.
+    wanted: the value as the vehicle's type holds it, once the type is known.
+    old, new: the values before and as last read.
+    kind: MAV_PARAM_TYPE.
+    writes: how often it was written and read back.
+    refused: the vehicle refused it, by an error or by not answering.
+    outcome: "" while it is open.
     """
 
     given: float
@@ -41,195 +50,207 @@ class _Item:
     old: float | None = None
     new: float | None = None
     kind: int = 0
-    step: Literal["unread", "differs", "sent", "acknowledged"] = "unread"
-    rounds: int = 0
+    step: Step = "unread"
+    writes: int = 0
     refused: bool = False
-    verdict: Outcome | Literal[""] = ""
+    outcome: Outcome | Literal[""] = ""
     why: str = ""
 
-    def settle(self, verdict: Outcome, why: str = "") -> None:
-        self.verdict, self.why = verdict, why or self.why
+    def close(self, outcome: Outcome, why: str = "") -> None:
+        """Set the outcome."""
+        self.outcome, self.why = outcome, why or self.why
 
     @property
     def holds(self) -> bool:
+        """True when the vehicle has the wanted value."""
         return self.new is not None and alike(self.new, self.wanted, self.kind)
 
     @property
-    def result(self) -> Result:
-        outcome, why = (self.verdict, self.why) if self.verdict else _UNSETTLED[self.step]
-        return Result(outcome, self.wanted, self.old, self.new, self.kind, why)
+    def result(self) -> ParamResult:
+        outcome, why = (self.outcome, self.why) if self.outcome else _OPEN_OUTCOMES[self.step]
+        return ParamResult(outcome, self.wanted, self.old, self.new, self.kind, why)
 
 
-_UNSETTLED: dict[str, tuple[Outcome, str]] = {
-    "unread": ("untried", ""),
+_OPEN_OUTCOMES: Mapping[Step, tuple[Outcome, str]] = {
+    "unread": ("unread", ""),
     "differs": ("differs", ""),
-    "sent": ("lost", "sent, but not acknowledged"),
+    "sent": ("unanswered", "sent, but not acknowledged"),
     "acknowledged": ("written", "acknowledged, but not read back"),
 }
-_APPEARS = ("unknown", "lost")
-_DONE_STEPS = {"unread": 0, "differs": 1, "sent": 1, "acknowledged": 2}
+"""Outcome and reason of a parameter whose transfer ends early, by step."""
+_MAY_APPEAR_LATER: tuple[Outcome, ...] = ("unknown", "unanswered")
+_STEPS_DONE: Mapping[Step, int] = {"unread": 0, "differs": 1, "sent": 1, "acknowledged": 2}
 
 
-class Writer(Transfer):
-    """Makes the vehicle's parameters be as wanted. before: the old values of what is written, known before the first is.
+class ParamWriter(Transfer):
+    """A transfer that writes parameters.
 
-    dry_run: read and compare only; an armed vehicle is no obstacle then.
+    wanted: parameter -> value.
+    dry_run: read and compare only; an armed vehicle is accepted then.
     """
 
     def __init__(
         self, *, system: int, component: int, now: float, wanted: Mapping[str, float], dry_run: bool = False
     ) -> None:
         super().__init__(system=system, component=component, now=now)
-        self._items = {name: _Item(given=value, wanted=value) for name, value in wanted.items()}
+        self._params = {name: _ParamWrite(given=value, wanted=value) for name, value in wanted.items()}
         self._dry_run = dry_run
-        self._pace = Pace()
-        self._taken = 0
-        self._phase: Literal["reading", "writing", "reading back"] = "reading"
-        for name, item in self._items.items():
+        self._link = LinkEstimate()
+        self._acknowledged = 0
+        self._phase: Phase = "reading"
+        for name, param in self._params.items():
             if not is_name(name):
-                item.settle("unknown", "no parameter can be called that")
-        self._asking: Asking[str | int] = self._ask_for(self._open("unread"))
+                param.close("unknown", "not a valid parameter name")
+        self._window = self._new_window(self._open("unread"))
 
     @property
-    def result(self) -> dict[str, Result]:
-        """What has become of each so far, in the order wanted."""
-        return {name: item.result for name, item in self._items.items()}
+    def result(self) -> dict[str, ParamResult]:
+        """Outcome of each parameter so far, in the order of `wanted`."""
+        return {name: param.result for name, param in self._params.items()}
 
     @property
     def before(self) -> dict[str, float]:
-        """Name -> the old value of what differs or was written."""
-        return {n: i.old for n, i in self._items.items() if i.old is not None and i.step != "unread"}
+        """Old values of the parameters that differ or were written, complete before the first is written."""
+        return {n: p.old for n, p in self._params.items() if p.old is not None and p.step != "unread"}
 
     @property
     def written(self) -> dict[str, float]:
-        """Name -> the new value of what the vehicle has acknowledged."""
+        """New values that the vehicle has acknowledged."""
         return {
-            n: i.wanted
-            for n, i in self._items.items()
-            if i.step == "acknowledged" and i.verdict in ("", "written")
+            n: p.wanted
+            for n, p in self._params.items()
+            if p.step == "acknowledged" and p.outcome in ("", "written")
         }
 
     @property
     def progress(self) -> Progress:
-        """Three steps for each: read, written, read back. What may appear later has done none yet."""
-        settled = [i.verdict and (self.done or i.verdict not in _APPEARS) for i in self._items.values()]
+        """Progress with three steps per parameter: read, written, read back."""
+        closed = [
+            p.outcome and (self.done or p.outcome not in _MAY_APPEAR_LATER) for p in self._params.values()
+        ]
         n = sum(
-            3 if over else _DONE_STEPS[i.step] for over, i in zip(settled, self._items.values(), strict=True)
+            3 if over else _STEPS_DONE[p.step] for over, p in zip(closed, self._params.values(), strict=True)
         )
-        return Progress(self._phase, n, 3 * len(self._items))
+        return Progress(self._phase, n, 3 * len(self._params))
 
-    def _look(self, now: float) -> None:
-        super()._look(now)
+    def _update(self, now: float) -> None:
+        super()._update(now)
         if self.armed and not self._dry_run:
             self.ending = self.ending or "armed"
 
-    def _ask(self, now: float) -> Iterable[Message]:
-        while self._asking.over and not self.done:
+    def _requests(self, now: float) -> Iterable[Message]:
+        while self._window.done and not self.done:
             self._next_phase()
-        if self.done or (self._phase == "writing" and not self._pulse(now)):
+        if self.done or (self._phase == "writing" and not self._disarmed(now)):
             return []
-        return [self._message(key) for key in self._asking.due(now)]
+        return [self._message(key) for key in self._window.due(now)]
 
     def _message(self, key: str | int) -> Message:
         if self._phase != "writing" or isinstance(key, int):
             return request_read(self.system, key)
-        item = self._items[key]
-        if item.step == "differs":
-            item.step = "sent"
-        return set_value(self.system, key, item.wanted, item.kind)
+        param = self._params[key]
+        if param.step == "differs":
+            param.step = "sent"
+        return set_value(self.system, key, param.wanted, param.kind)
 
     def _on_value(self, value: Value, now: float) -> None:
-        item = self._items.get(value.name)
-        if item is not None and not item.verdict:
-            if item.step in ("unread", "differs") and self._phase == "reading":
-                self._compare(item, value)
-            elif item.step != "unread":
-                item.new = value.value
-                if item.step == "sent" and item.holds:
-                    item.step = "acknowledged"
-        answer(self._asking, value, now)
+        param = self._params.get(value.name)
+        if param is not None and not param.outcome:
+            if param.step in ("unread", "differs") and self._phase == "reading":
+                self._compare(param, value)
+            elif param.step != "unread":
+                param.new = value.value
+                if param.step == "sent" and param.holds:
+                    param.step = "acknowledged"
+        record_answer(self._window, value, now)
 
     def _on_error(self, name: str, error: int, why: str) -> None:
-        if name in self._items and self._phase == "writing":
-            self._items[name].why = why
-        self._asking.refuse(name, "silent" if error == DOES_NOT_EXIST or self._phase == "writing" else "lost")
+        writing = self._phase == "writing"
+        if name in self._params and writing:
+            self._params[name].why = why
+        self._window.refuse(name, "ignored" if error == DOES_NOT_EXIST or writing else "lost")
 
-    def _compare(self, item: _Item, value: Value) -> None:
-        """What was read with what is wanted."""
-        item.old = item.new = value.value
-        item.kind = value.kind
+    def _compare(self, param: _ParamWrite, value: Value) -> None:
+        """Compare the value read with the wanted one."""
+        param.old = param.new = value.value
+        param.kind = value.kind
         try:
-            item.wanted = fitted(item.given, value.kind)
+            param.wanted = fitted(param.given, value.kind)
         except ValueError as error:
-            item.settle("refused", f"{error}; not sent")
+            param.close("refused", f"{error}; not sent")
             return
-        if item.holds:
-            item.settle("same")
+        if param.holds:
+            param.close("same")
         else:
-            item.step = "differs"
+            param.step = "differs"
 
-    # one phase after the other
+    # --- phases
 
     def _next_phase(self) -> None:
-        asked = self._asking
+        window = self._window
         if self._phase == "reading":
-            self._unheard(asked, {"silent": "unknown", "lost": "lost"})
-            if not self._go("writing", [] if self._dry_run else self._open("differs")):
+            self._close_unanswered(window, {"ignored": "unknown", "lost": "unanswered"})
+            if not self._start("writing", [] if self._dry_run else self._open("differs")):
                 self._after_writing()
         elif self._phase == "writing":
-            for name in asked.those("silent"):
-                self._items[str(name)].refused = True
-            if not self._retry_unknown():
+            for name in window.with_state("ignored"):
+                self._params[str(name)].refused = True
+            if not self._read_unknown_again():
                 self._after_writing()
         else:
-            self._unheard(asked, {"silent": "lost", "lost": "lost"})
-            self._judge([str(name) for name in asked.those("answered")])
-            if not (self._go("writing", self._open("differs")) or self._retry_unknown()):
+            self._close_unanswered(window, {"ignored": "unanswered", "lost": "unanswered"})
+            self._check_read_back([str(name) for name in window.with_state("answered")])
+            if not (self._start("writing", self._open("differs")) or self._read_unknown_again()):
                 self.ending = "done"
 
     def _after_writing(self) -> None:
-        if not self._go("reading back", self._open("sent", "acknowledged")):
+        if not self._start("reading back", self._open("sent", "acknowledged")):
             self.ending = "done"
 
-    def _retry_unknown(self) -> bool:
-        """Some appear only once another has its value: when more have theirs than the last time, look again."""
-        taken = sum(item.step == "acknowledged" for item in self._items.values())
-        if taken <= self._taken:
+    def _read_unknown_again(self) -> bool:
+        """Read unknown parameters again when more have been written: some exist only once another has its value."""
+        acknowledged = sum(param.step == "acknowledged" for param in self._params.values())
+        if acknowledged <= self._acknowledged:
             return False
-        self._taken = taken
+        self._acknowledged = acknowledged
         again = [
-            n for n, i in self._items.items() if i.step == "unread" and i.verdict in _APPEARS and is_name(n)
+            n
+            for n, p in self._params.items()
+            if p.step == "unread" and p.outcome in _MAY_APPEAR_LATER and is_name(n)
         ]
         for name in again:
-            self._items[name].verdict = ""
-        return self._go("reading", again)
+            self._params[name].outcome = ""
+        return self._start("reading", again)
 
-    def _judge(self, names: Iterable[str]) -> None:
-        """What was read back."""
+    def _check_read_back(self, names: Iterable[str]) -> None:
+        """Close parameters that were read back with the wanted value, or too often with another one."""
         for name in names:
-            item = self._items[name]
-            item.rounds += 1
-            if item.holds:
-                item.step, item.why = "acknowledged", ""
-                item.settle("written")
-            elif item.refused or item.rounds >= _ROUNDS:
-                item.settle("refused", item.why)
+            param = self._params[name]
+            param.writes += 1
+            if param.holds:
+                param.step, param.why = "acknowledged", ""
+                param.close("written")
+            elif param.refused or param.writes >= _MAX_WRITES:
+                param.close("refused", param.why)
             else:
-                item.step = "differs"
+                param.step = "differs"
 
-    def _unheard(self, asked: Asking[str | int], verdicts: Mapping[Fate, Outcome]) -> None:
-        for fate, verdict in verdicts.items():
-            for name in asked.those(fate):
-                item = self._items[str(name)]
-                item.settle(verdict, _UNSETTLED[item.step][1] if verdict == "lost" else "")
+    def _close_unanswered(
+        self, window: RequestWindow[str | int], outcomes: Mapping[RequestState, Outcome]
+    ) -> None:
+        for state, outcome in outcomes.items():
+            for name in window.with_state(state):
+                param = self._params[str(name)]
+                param.close(outcome, _OPEN_OUTCOMES[param.step][1] if outcome == "unanswered" else "")
 
-    def _open(self, *steps: str) -> list[str]:
-        return [name for name, item in self._items.items() if not item.verdict and item.step in steps]
+    def _open(self, *steps: Step) -> list[str]:
+        return [name for name, param in self._params.items() if not param.outcome and param.step in steps]
 
-    def _go(self, phase: Literal["reading", "writing", "reading back"], names: list[str]) -> bool:
+    def _start(self, phase: Phase, names: list[str]) -> bool:
+        """Start a phase; return False when it has nothing to do."""
         if names:
-            self._phase, self._asking = phase, self._ask_for(names)
+            self._phase, self._window = phase, self._new_window(names)
         return bool(names)
 
-    def _ask_for(self, names: Iterable[str]) -> Asking[str | int]:
-        return Asking(names, self._pace, PROBE)
+    def _new_window(self, names: Iterable[str]) -> RequestWindow[str | int]:
+        return RequestWindow(names, self._link, PROBE)
