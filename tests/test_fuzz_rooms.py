@@ -137,13 +137,13 @@ def test_the_link_arms_on_nothing_that_fuzz_makes_it_believe():
     )
     rng, arming = Random(3), Fuzz(Random(1), 7).command(400, 1.0)
     for data, now in heard(7):
-        link.from_wire(data, parse_frames(data), now)
+        link.from_vehicle(data, parse_frames(data), now)
         for end in ("router", "vision", "panic"):
-            link.from_partner(end, data if rng.random() < 0.9 else arming, now)
+            link.from_link(end, data if rng.random() < 0.9 else arming, now)
         link.tick(now)
         while (frame := link.next_out(now)) is not None:
             assert len(parse_frames(frame).frames) == 1
-            assert link.gates.armed or frame != arming
+            assert link.checks.armed or frame != arming
         assert all(isinstance(words, str) for words in link.reasons(now))
 
 

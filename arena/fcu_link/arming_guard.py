@@ -1,7 +1,7 @@
-"""What asks a vehicle to arm, and the answer in its autopilot's name while a gate does not hold. Pure.
+"""Requests to arm a vehicle, and their refusal in the autopilot's name while a preflight check fails. Pure.
 
-PX4 arms on COMPONENT_ARM_DISARM (its force magic does not change that) and on MISSION_START, and a pilot's sticks arm by a
-gesture. DO_SET_MODE and SET_MODE never arm. Disarming is whatever rounds to 0, as PX4 reads it.
+PX4 arms on COMPONENT_ARM_DISARM (also with its force value) and on MISSION_START; a pilot's sticks arm by a gesture. DO_SET_MODE and
+SET_MODE never arm. Any value that rounds to 0 disarms, as PX4 reads it.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from arena.wire.mavlink_frame import Buffer, Frame, uint_at
 
 _COMMANDS = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 STICKS = (mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE)
-_COMMAND_AT = 28  # in both messages: seven numbers of four bytes stand before it
+_COMMAND_OFFSET = 28  # in both messages, after seven numbers of four bytes
 
 
 def command_of(data: Buffer, frame: Frame) -> int:
-    """The command that it carries, or 0."""
-    return uint_at(data, frame, _COMMAND_AT, 2) if frame.msgid in _COMMANDS else 0
+    """Return the MAV_CMD of a command message; 0 for another message."""
+    return uint_at(data, frame, _COMMAND_OFFSET, 2) if frame.msgid in _COMMANDS else 0
 
 
 def asks_to_arm(data: Buffer, frame: Frame, system: int) -> bool:
-    """Would this, let through, arm `system`? Broadcasts count."""
+    """Return whether a frame would arm vehicle `system`; broadcasts count."""
     if frame.target_sys not in (0, system):
         return False
     command = command_of(data, frame)
@@ -36,17 +36,24 @@ def asks_to_arm(data: Buffer, frame: Frame, system: int) -> bool:
     return command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM and not _disarms(data, frame)
 
 
-def _disarms(data: Buffer, frame: Frame) -> bool:
-    (wanted,) = struct.unpack("<f", uint_at(data, frame, 0, 4).to_bytes(4, "little"))
-    return not math.isfinite(wanted) or abs(wanted) < 0.5
+def pack_refusal(codec: Codec, data: Buffer, frame: Frame, reasons: Sequence[str]) -> bytes:
+    """Pack the answer to a request to arm: a STATUSTEXT per reason, then the COMMAND_ACK.
 
-
-def refusal(voice: Codec, data: Buffer, frame: Frame, reasons: Sequence[str]) -> bytes:
-    """The reasons, then the answer: whoever waits for the answer has them by then. reasons: none when they were told just now."""
-    severity, last = mavlink.MAV_SEVERITY_ERROR, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-    # Gravest last: clients that show the newest few, as arena's own programs do, show those.
+    codec: sends as the autopilot
+    reasons: most severe first; empty when they were sent a moment ago
+    The texts come first, so that a client has them when it reads the acknowledgement; the most severe is the newest.
+    """
+    severity = mavlink.MAV_SEVERITY_ERROR
     texts = [
         mavlink.MAVLink_statustext_message(severity, r.encode()[:TEXT_BYTES], 0, 0) for r in reversed(reasons)
     ]
-    ack = mavlink.MAVLink_command_ack_message(command_of(data, frame), last, 0, 0, frame.sysid, frame.compid)
-    return b"".join(voice.pack(m) for m in (*texts, ack))
+    rejected = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+    ack = mavlink.MAVLink_command_ack_message(
+        command_of(data, frame), rejected, 0, 0, frame.sysid, frame.compid
+    )
+    return b"".join(codec.pack(m) for m in (*texts, ack))
+
+
+def _disarms(data: Buffer, frame: Frame) -> bool:
+    (param1,) = struct.unpack("<f", uint_at(data, frame, 0, 4).to_bytes(4, "little"))
+    return not math.isfinite(param1) or abs(param1) < 0.5

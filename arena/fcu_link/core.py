@@ -1,10 +1,10 @@
-"""The link's core: frames of the wire and datagrams of the three links in, what goes where out. No sockets, no clocks.
+"""The core of the link to a flight controller: routes frames between the vehicle and its three UDP links. No sockets, no clocks.
 
 vehicle -> router     everything
-vehicle -> vision     what the forwarder listens to
-vehicle -> panic      everything, while land-all is there
-vehicle -> simulator  HIL_ACTUATOR_CONTROLS alone, of a controller in the loop
-partners -> vehicle   everything but TIMESYNC replies (they would move the stamps of the poses) and what a gate withholds
+vehicle -> vision     the messages that the pose forwarder reads
+vehicle -> panic      everything, while land-all sends
+vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, of a controller in the loop
+links -> vehicle      everything except TIMESYNC replies, which would shift the time stamps of poses, and refused requests to arm
 simulator -> vehicle  the sensors. Not HIL_STATE_QUATERNION: PX4 in HITL takes it for its own estimate (mavlink_receiver)
 """
 
@@ -17,12 +17,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.fcu_link.arming_guard import STICKS, asks_to_arm, command_of, refusal
+from arena.fcu_link.arming_guard import STICKS, asks_to_arm, command_of, pack_refusal
 from arena.fcu_link.param_check import ParamCheck
-from arena.fcu_link.preflight_checks import HEARD_S, Gates
-from arena.fcu_link.send_queue import Kind, Outbox
+from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks
+from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
-from arena.fcu_link.stream_requests import WIDE_BAUD, Streams
+from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Buffer, Frame, ParsedFrames, parse_frames
 from arena.wire.mavlink_params import parse_error, parse_value
@@ -30,11 +30,11 @@ from arena.wire.mavlink_params import parse_error, parse_value
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
 AUTOPILOT = 1
 SIMULATOR = "simulator"
-PANIC_LIFE_S = 5.0
+PANIC_TIMEOUT_S = 5.0  # after its last frame, land-all no longer receives telemetry
 _SILENT_S = 3.0
-_COMPLAIN_S = 10.0
-_REORDERED_MS = 500  # a time since boot that runs back by less came out of order
-_TEXT_AGAIN_S = 0.5
+_REPORT_SILENCE_S = 10.0
+_REORDERED_MS = 500  # a smaller step back of the time since boot is a reordered message, not a reboot
+_REPEAT_REASONS_S = 0.5
 _TIMESYNC = mavlink.MAVLINK_MSG_ID_TIMESYNC
 _ACTUATORS = mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
 _SENSORS = (
@@ -42,7 +42,7 @@ _SENSORS = (
     mavlink.MAVLINK_MSG_ID_HIL_GPS,
     mavlink.MAVLINK_MSG_ID_HIL_OPTICAL_FLOW,
 )
-_FOR_VISION = frozenset(
+_VISION_MESSAGES = frozenset(
     {
         mavlink.MAVLINK_MSG_ID_HEARTBEAT,
         mavlink.MAVLINK_MSG_ID_SYS_STATUS,
@@ -51,7 +51,7 @@ _FOR_VISION = frozenset(
         mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
     }
 )
-_READ = frozenset(
+_DECODED = frozenset(
     {
         mavlink.MAVLINK_MSG_ID_HEARTBEAT,
         mavlink.MAVLINK_MSG_ID_SYS_STATUS,
@@ -63,72 +63,79 @@ _READ = frozenset(
         mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
     }
 )
-_KINDS = {"panic": Kind.PANIC, "router": Kind.ROUTER, "vision": Kind.VISION}
+_PRIORITIES = {"panic": Priority.PANIC, "router": Priority.ROUTER, "vision": Priority.VISION}
 
 Out = list[tuple[str, bytes]]
 
 
 class FcuLink:
-    """Feed it with `from_wire`, `from_partner`, `from_simulator` and `tick`; write out what `next_out` gives."""
+    """Pass in received data with `from_vehicle`, `from_link` and `from_simulator`, call `tick`, and send what `next_out` returns.
+
+    counts: frames that were not passed on, by reason
+    flow: frames passed on, by direction
+    """
 
     def __init__(self, settings: Settings, now: float) -> None:
         s = settings
         self.system, self._s = s.id, s
         self.counts: Counter[str] = Counter()
         self.flow: Counter[str] = Counter()
-        self.outbox = Outbox(self.counts)
-        self.gates = Gates(s.preflight)
-        shown = "/".join(s.params_file.split("/")[-2:])
-        self.params = ParamCheck(s.params, shown)
-        self._streams = Streams(wide=s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD)
-        self._own, self._stead = Codec(s.id, COMPONENT), Codec(s.id, AUTOPILOT)
+        self.queue = SendQueue(self.counts)
+        self.checks = PreflightChecks(s.preflight)
+        display_path = "/".join(s.params_file.split("/")[-2:])
+        self.params = ParamCheck(s.params, display_path)
+        self._streams = StreamRequests(wide=s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD)
+        self._codec, self._autopilot_codec = Codec(s.id, COMPONENT), Codec(s.id, AUTOPILOT)
         self._events: list[str] = []
-        self._panic_heard = -math.inf
-        self._beat = -math.inf
+        self._panic_received_at = -math.inf
+        self._heartbeat_at = -math.inf
         self._boot_ms = 0
-        self._complained, self._bytes, self._foreign = now, 0, 0
-        self._texts_at: dict[str, float] = {}
-        self._withheld_told = -math.inf
+        self._silence_reported_at, self._bytes, self._foreign = now, 0, 0
+        self._reasons_sent_at: dict[str, float] = {}
+        self._refusal_reported_at = -math.inf
 
     # -- from the vehicle ----------------------------------------------------------------------------------------------
 
     @property
-    def ever_heard(self) -> bool:
-        """By its heartbeat."""
-        return self.gates.beat > -math.inf
+    def ever_connected(self) -> bool:
+        """True once a heartbeat was received."""
+        return self.checks.heartbeat_at > -math.inf
 
     def alive(self, now: float) -> bool:
-        return now - self.gates.heard <= HEARD_S
+        return now - self.checks.received_at <= CONNECTION_TIMEOUT_S
 
     def armed(self, now: float) -> bool:
-        """A real vehicle that fell silent while armed may be flying behind a lost radio; a simulated one has ended."""
-        return self.gates.armed and (not self._s.simulated or now - self.gates.heard < 5.0)
+        """Return whether the vehicle may be armed.
+
+        A real vehicle that fell silent while armed may still fly, with a lost radio; a simulated one has ended after 5 s.
+        """
+        return self.checks.armed and (not self._s.simulated or now - self.checks.received_at < 5.0)
 
     def has_autopilot_frame(self, frames: Sequence[Frame]) -> bool:
-        """Is one of them the vehicle's autopilot's own?"""
+        """Return whether a frame is from the vehicle's autopilot."""
         return any(f.sysid == self.system and f.compid == AUTOPILOT for f in frames)
 
-    def from_wire(self, data: Buffer, found: ParsedFrames, now: float) -> Out:
-        """What came in one piece. -> (router | vision | panic | simulator, datagram) for each that gets some of it."""
+    def from_vehicle(self, data: Buffer, found: ParsedFrames, now: float) -> Out:
+        """Take in data of the vehicle. Return (link or "simulator", datagram) for each link that receives some of it."""
         self._count_noise(data, found)
         parts: dict[str, list[Buffer]] = {}
         for frame in found.frames:
             if frame.sysid != self.system:
-                self.counts["from the wire: foreign system"] += 1
+                self.counts["from the vehicle: foreign system"] += 1
                 self._foreign = frame.sysid << 8 | frame.compid
                 continue
             self.flow["from_vehicle"] += 1
             if frame.compid == AUTOPILOT:
-                self._hear(data, frame, now)
-            elif frame.compid != COMPONENT:  # ours may come back
+                self._on_autopilot(data, frame, now)
+            elif frame.compid != COMPONENT:  # our own messages may be returned
                 self._foreign = frame.sysid << 8 | frame.compid
-            for end in self._listeners(frame, now):
+            for end in self._links_for(frame, now):
                 parts.setdefault(end, []).append(data[frame.start : frame.end])
         return [(end, b"".join(frames)) for end, frames in parts.items()]
 
     def on_foreign_datagram(self, data: Buffer, found: ParsedFrames) -> None:
-        """What came from another address than the partner's: nothing of it is used."""
-        self.counts["from the wire: stranger"] += 1
+        """Count a datagram from an address that is not the vehicle's."""
+        self.counts["from the vehicle: unknown sender"] += 1
         self._count_noise(data, found)
         for frame in found.frames:
             self._foreign = frame.sysid << 8 | frame.compid
@@ -136,35 +143,35 @@ class FcuLink:
     def _count_noise(self, data: Buffer, found: ParsedFrames) -> None:
         self._bytes += len(data)
         if found.garbage:
-            self.counts["from the wire: garbage bytes"] += found.garbage
+            self.counts["from the vehicle: garbage bytes"] += found.garbage
         if found.bad_crc:
-            self.counts["from the wire: wrong CRC"] += found.bad_crc
+            self.counts["from the vehicle: wrong CRC"] += found.bad_crc
 
-    def _listeners(self, frame: Frame, now: float) -> list[str]:
+    def _links_for(self, frame: Frame, now: float) -> list[str]:
         if frame.msgid == _ACTUATORS and self._s.simulator is not None:
             return [SIMULATOR]
-        panic = ["panic"] if now - self._panic_heard <= PANIC_LIFE_S else []
-        vision = ["vision"] if frame.msgid in _FOR_VISION and frame.compid == AUTOPILOT else []
+        panic = ["panic"] if now - self._panic_received_at <= PANIC_TIMEOUT_S else []
+        vision = ["vision"] if frame.msgid in _VISION_MESSAGES and frame.compid == AUTOPILOT else []
         return ["router", *vision, *panic]
 
-    def _hear(self, data: Buffer, frame: Frame, now: float) -> None:
-        """The autopilot itself."""
-        if now - self.gates.heard > _SILENT_S:
+    def _on_autopilot(self, data: Buffer, frame: Frame, now: float) -> None:
+        """Take in a frame of the vehicle's autopilot."""
+        if now - self.checks.received_at > _SILENT_S:
             self._streams.restart()
-            if not self.gates.armed:  # it may have been another one in between
+            if not self.checks.armed:  # another vehicle may have been connected meanwhile
                 self.params.restart()
-        self.gates.heard = now
-        self._streams.heard(frame.msgid, now)
+        self.checks.received_at = now
+        self._streams.on_message(frame.msgid, now)
         if frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
-            self.params.hear(parse_value(data, frame))
+            self.params.on_value(parse_value(data, frame))
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_ERROR and frame.target_comp == COMPONENT:
             name, error, _ = parse_error(data, frame)
-            self.params.refuse(name, error)
-        elif frame.msgid in _READ:
-            for m in self._own.parse(data[frame.start : frame.end]):
-                self._take(m, now)
+            self.params.on_error(name, error)
+        elif frame.msgid in _DECODED:
+            for m in self._codec.parse(data[frame.start : frame.end]):
+                self._on_message(m, now)
 
-    def _take(self, m: Any, now: float) -> None:
+    def _on_message(self, m: Any, now: float) -> None:
         kind = m.get_type()
         if kind == "SYSTEM_TIME":
             if m.time_boot_ms < self._boot_ms - _REORDERED_MS:
@@ -173,156 +180,162 @@ class FcuLink:
         elif kind == "COMMAND_ACK":
             ours = (m.target_system, m.target_component) == (self.system, COMPONENT)
             if ours and m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-                self._streams.answered(m.result, now)
+                self._streams.on_ack(m.result, now)
         else:
             if kind == "HEARTBEAT":
                 self._on_heartbeat(bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED), now)
-            self.gates.on_autopilot(m, now)
+            self.checks.on_autopilot(m, now)
 
     def _on_heartbeat(self, armed: bool, now: float) -> None:
-        if not self.ever_heard:
-            self._say("heard")
-        elif now - self.gates.beat > _SILENT_S:
-            self._say(f"heard again after {now - self.gates.beat:.0f} s")
-        if armed and not self.gates.armed and (reasons := self.reasons(now)):
-            self._say(f"is armed, though: {'; '.join(reasons)}")
+        if not self.ever_connected:
+            self._say("connected")
+        elif now - self.checks.heartbeat_at > _SILENT_S:
+            self._say(f"connected again after {now - self.checks.heartbeat_at:.0f} s")
+        if armed and not self.checks.armed and (reasons := self.reasons(now)):
+            self._say(f"is armed although a preflight check fails: {'; '.join(reasons)}")
 
     def _rebooted(self) -> None:
-        self._say("has started anew: its parameters are read again")
-        self.gates.forget()
+        self._say("has rebooted: reading its parameters again")
+        self.checks.reset()
         self.params.restart()
         self._streams.restart()
 
     # -- to the vehicle ------------------------------------------------------------------------------------------------
 
     def reasons(self, now: float) -> list[str]:
-        """Why it may not be armed now; empty when it may."""
-        return self.gates.reasons(now, self.params.reasons())
+        """Return why the vehicle may not be armed now; empty when it may be."""
+        return self.checks.reasons(now, self.params.reasons())
 
-    def from_partner(self, link: str, data: Buffer, now: float) -> Out:
-        """A datagram of a link's fixed partner. -> answers of ours."""
+    def from_link(self, link: str, data: Buffer, now: float) -> Out:
+        """Take in a datagram of the router, vision or panic link. Return our answers as (link, datagram)."""
         found = parse_frames(data)
         if found.garbage:
             self.counts[f"from {link}: garbage bytes"] += found.garbage
         if link == "panic" and found.frames:
-            self._panic_heard = now
+            self._panic_received_at = now
         out: Out = []
         for frame in found.frames:
             if frame.msgid == _TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
             elif asks_to_arm(data, frame, self.system):
                 out += self._guard(link, data, frame, now)
-            elif frame.msgid in STICKS and not self.gates.armed and self.reasons(now):
-                self.counts["to the vehicle: sticks withheld"] += 1
+            elif frame.msgid in STICKS and not self.checks.armed and self.reasons(now):
+                self.counts["to the vehicle: sticks refused"] += 1
             else:
                 self._pass(link, data, frame, now)
         return out
 
     def from_simulator(self, data: Buffer, found: ParsedFrames, now: float) -> None:
-        """A piece of the world's stream, cut."""
+        """Take in data of the world, and queue its sensor messages."""
         for frame in found.frames:
             if frame.msgid in _SENSORS:
-                self.outbox.put(Kind.SIMULATOR, bytes(data[frame.start : frame.end]), frame.msgid, now)
+                self.queue.put(Priority.SIMULATOR, bytes(data[frame.start : frame.end]), frame.msgid, now)
             else:
                 self.counts["from the simulator: not for a controller in the loop"] += 1
 
     def next_out(self, now: float) -> bytes | None:
-        """The next frame for the wire. A pose counts for the gates only when it leaves."""
-        waiting = self.outbox.take(now)
-        if waiting is None:
+        """Return the next frame for the vehicle; None when there is none. A pose counts for the checks when it leaves."""
+        queued = self.queue.take(now)
+        if queued is None:
             return None
         self.flow["to_vehicle"] += 1
-        if waiting.kind is Kind.VISION and waiting.msgid == mavlink.MAVLINK_MSG_ID_ODOMETRY:
-            for m in self._own.parse(waiting.frame):
+        if queued.priority is Priority.VISION and queued.msgid == mavlink.MAVLINK_MSG_ID_ODOMETRY:
+            for m in self._codec.parse(queued.frame):
                 self.flow["poses"] += 1
-                self.gates.on_pose(m, now)
-        return waiting.frame
+                self.checks.on_pose(m, now)
+        return queued.frame
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float) -> None:
-        self.outbox.put(_KINDS[link], bytes(data[frame.start : frame.end]), frame.msgid, now)
+        self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now)
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
-        """A request to arm: passed on, or withheld and answered."""
-        flies = self.gates.armed and self.alive(now)
+        """Pass on a request to arm, or refuse it. Return the refusal for its sender and for the router."""
+        flies = self.checks.armed and self.alive(now)
         in_flight = (
             flies and command_of(data, frame) == mavlink.MAV_CMD_MISSION_START
-        )  # then it is a change of mode
+        )  # then MISSION_START only changes the mode
         reasons = [] if in_flight else self.reasons(now)
         if not reasons:
             self._pass(link, data, frame, now)
             return []
-        self.counts["to the vehicle: arming withheld"] += 1
-        if now - self._withheld_told >= 1.0:
-            self._withheld_told = now
-            self._say(f"arming withheld (asked by {frame.sysid}/{frame.compid}): {'; '.join(reasons)}")
-        fresh = now - self._texts_at.get(link, -math.inf) >= _TEXT_AGAIN_S
+        self.counts["to the vehicle: arming refused"] += 1
+        if now - self._refusal_reported_at >= 1.0:
+            self._refusal_reported_at = now
+            self._say(f"arming refused (requested by {frame.sysid}/{frame.compid}): {'; '.join(reasons)}")
+        fresh = now - self._reasons_sent_at.get(link, -math.inf) >= _REPEAT_REASONS_S
         if fresh:
-            self._texts_at[link] = now
-        answer = refusal(self._stead, data, frame, reasons if fresh else ())
+            self._reasons_sent_at[link] = now
+        answer = pack_refusal(self._autopilot_codec, data, frame, reasons if fresh else ())
         return [(end, answer) for end in dict.fromkeys((link, "router"))]
 
-    # -- by the clock --------------------------------------------------------------------------------------------------
+    # -- periodic -----------------------------------------------------------------------------------------------------
 
     def greeting(self) -> bytes:
-        """What the world hears first, in the controller's name."""
+        """Return the first bytes for the world: a heartbeat of the controller."""
         quad, px4, hil = (
             mavlink.MAV_TYPE_QUADROTOR,
             mavlink.MAV_AUTOPILOT_PX4,
             mavlink.MAV_MODE_FLAG_HIL_ENABLED,
         )
-        return self._stead.pack(
+        return self._autopilot_codec.pack(
             mavlink.MAVLink_heartbeat_message(quad, px4, hil, 0, mavlink.MAV_STATE_STANDBY, 3)
         )
 
     def tick(self, now: float) -> None:
-        """Some twenty times a second: heartbeat, requests, complaints."""
-        if now - self._beat >= 1.0:
-            self._beat = now
-            heartbeat = self._own.onboard_heartbeat()
-            self.outbox.put(Kind.ROUTER, heartbeat, mavlink.MAVLINK_MSG_ID_HEARTBEAT, now)
+        """Queue the heartbeat and requests, and report a silent vehicle; call it some twenty times a second."""
+        if now - self._heartbeat_at >= 1.0:
+            self._heartbeat_at = now
+            heartbeat = self._codec.onboard_heartbeat()
+            self.queue.put(Priority.ROUTER, heartbeat, mavlink.MAVLINK_MSG_ID_HEARTBEAT, now)
         if self.alive(now):
-            self._complained, self._bytes, self._foreign = now, 0, 0
-            self._ask(now)
-        elif now - self._complained >= _COMPLAIN_S:
-            self._complain(now)
+            self._silence_reported_at, self._bytes, self._foreign = now, 0, 0
+            self._request(now)
+        elif now - self._silence_reported_at >= _REPORT_SILENCE_S:
+            self._report_silence(now)
 
-    def _ask(self, now: float) -> None:
+    def _request(self, now: float) -> None:
         for name in self.params.due(now):
-            self._speak(
+            self._queue_message(
                 mavlink.MAVLink_param_request_read_message(self.system, AUTOPILOT, name.encode(), -1), now
             )
         if (wanted := self._streams.due(now)) is not None:
             number = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-            self._speak(
+            self._queue_message(
                 mavlink.MAVLink_command_long_message(
                     self.system, AUTOPILOT, number, 0, float(wanted[0]), wanted[1], 0, 0, 0, 0, 0
                 ),
                 now,
             )
 
-    def _speak(self, message: Any, now: float) -> None:
-        self.outbox.put(Kind.ROUTER, self._own.pack(message), message.get_msgId(), now)
+    def _queue_message(self, message: Any, now: float) -> None:
+        self.queue.put(Priority.ROUTER, self._codec.pack(message), message.get_msgId(), now)
 
-    def _complain(self, now: float) -> None:
-        """What the wire has been like since it was last told."""
-        wire, since = self._s.connection, now - self._complained
+    def _report_silence(self, now: float) -> None:
+        """Report what was received since the last report: foreign systems, noise, or nothing."""
+        connection, since = self._s.connection, now - self._silence_reported_at
         if self._foreign:
             k, others = self.system, f"system {self._foreign >> 8} component {self._foreign & 0xFF}"
             self._say(
-                f"on {wire} {others} speaks, and no autopilot with id {k}: set the vehicle's MAV_SYS_ID to {k}"
+                f"{connection}: received {others}, but no autopilot with id {k}: set the vehicle's MAV_SYS_ID to {k}"
             )
         elif self._bytes:
-            baud = "is the baud rate right?" if wire.kind == "serial" else "does something else send here?"
-            self._say(f"on {wire} bytes come but no MAVLink: {baud}")
+            baud = (
+                "is the baud rate right?"
+                if connection.kind == "serial"
+                else "does another program send here?"
+            )
+            self._say(f"{connection}: received data, but no MAVLink: {baud}")
         else:
-            self._say(f"nothing heard on {wire} for {since:.0f} s: is it switched on, and does it send here?")
-        self._complained, self._bytes, self._foreign = now, 0, 0
+            self._say(
+                f"{connection}: no data for {since:.0f} s: is the vehicle switched on, and does it send to this address?"
+            )
+        self._silence_reported_at, self._bytes, self._foreign = now, 0, 0
 
     def _say(self, text: str) -> None:
         self._events.append(f"{self._s.vehicle}: {text}")
 
     def events(self) -> list[str]:
-        """Sentences since the last call, each with the vehicle's name."""
+        """Return the sentences for the user since the last call, each with the vehicle's name."""
         for source in (self.params, self._streams):
             for text in source.events:
                 self._say(text)

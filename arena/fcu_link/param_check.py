@@ -1,7 +1,7 @@
-"""The parameters that must hold before arming: read one by one, compared, told. It writes none on the vehicle. Pure.
+"""The check that a vehicle holds the required parameters: reads them one by one and compares. Writes none on the vehicle. Pure.
 
-PX4 answers a name that it does not know with silence. A silence is taken for that only while other parameters are answered: one
-that is known is asked in between, as a probe of the wire.
+PX4 does not answer a request for an unknown name. A name counts as unknown only while other parameters are answered: a known one is
+requested in between, to test the connection.
 """
 
 from __future__ import annotations
@@ -12,18 +12,28 @@ from dataclasses import dataclass
 
 from arena.wire.mavlink_params import DOES_NOT_EXIST, Value
 
-WINDOW = 8  # asked for and not answered yet
+MAX_PENDING = 8  # requests without an answer yet
 RETRY_S = 0.4
 TRIES = 5
-AGAIN_S = 5.0  # the wrong ones are read again, for somebody may be setting them
+RECHECK_S = 5.0  # wrong values are read again: somebody may be setting them
 _RELATIVE = 1e-5
 _ABSOLUTE = 1e-9
-_SHOWN = 3
+_MAX_SHOWN = 3
 
 
 @dataclass(kw_only=True)
 class _Param:
-    """wanted: must hold.  value: read.  asked: when.  tries: since it was read.  proofs: answers seen when first asked."""
+    """One parameter.
+
+    wanted: required value
+    value: value read from the vehicle; None before
+    kind: MAV_PARAM_TYPE; 0 before it was read
+    asked: time of the last request [s]
+    tries: requests since the last answer
+    unknown: the vehicle does not have it
+    due: it must be read
+    answers_before: answers to all requests when this one was requested first
+    """
 
     wanted: float
     value: float | None = None
@@ -32,7 +42,7 @@ class _Param:
     tries: int = 0
     unknown: bool = False
     due: bool = True
-    proofs: int = 0
+    answers_before: int = 0
 
     @property
     def holds(self) -> bool:
@@ -42,72 +52,77 @@ class _Param:
 
 
 class ParamCheck:
-    """shown: how the file of them is called where people look for it."""
+    """The required parameters and what is known of them.
 
-    def __init__(self, params: Mapping[str, float], shown: str) -> None:
+    params: name -> required value
+    display_path: path of the .params file as shown to the user
+    events: sentences for the user, to be taken and cleared by the caller
+    """
+
+    def __init__(self, params: Mapping[str, float], display_path: str) -> None:
         self._params = {name: _Param(wanted=value) for name, value in params.items()}
-        self._shown = shown
+        self._display_path = display_path
         self._answers = 0
-        self._next_round = math.inf
-        self._told = ""
+        self._next_recheck = math.inf
+        self._last_event = ""
         self.events: list[str] = []
 
     @property
     def complete(self) -> bool:
-        """Each has been read, or is known not to exist."""
+        """True once every parameter has been read, or is known not to exist."""
         return not any(p.value is None and not p.unknown for p in self._params.values())
 
     @property
     def types(self) -> dict[str, int]:
-        """MAV_PARAM_TYPE of those that were read."""
+        """MAV_PARAM_TYPE of each parameter that was read."""
         return {name: p.kind for name, p in self._params.items() if p.kind}
 
     def restart(self) -> None:
-        """The vehicle has started anew: what it holds must be read again."""
+        """Read all parameters again, because the vehicle has rebooted."""
         for p in self._params.values():
             p.value, p.unknown, p.due, p.tries, p.asked = None, False, True, 0, -math.inf
-        self._told = ""
+        self._last_event = ""
 
     def due(self, now: float) -> list[str]:
-        """Names to ask for now. To be asked only while the vehicle is heard."""
-        if self.complete and now >= self._next_round:
-            self._again(now)
+        """Return the names to request now. Call it only while the vehicle is connected."""
+        if self.complete and now >= self._next_recheck:
+            self._recheck(now)
         waiting = [p for p in self._params.values() if p.due and now - p.asked < RETRY_S]
-        free = WINDOW - len(waiting)
+        free = MAX_PENDING - len(waiting)
         found: list[str] = []
         for name, p in self._params.items():
             if len(found) >= free:
                 break
-            if p.due and now - p.asked >= RETRY_S and not self._give_up(p):
+            if p.due and now - p.asked >= RETRY_S and not self._mark_unknown(p):
                 found += [*([] if p.tries < 2 else self._probe(name)), name]
-                p.proofs = self._answers if p.tries == 0 else p.proofs
+                p.answers_before = self._answers if p.tries == 0 else p.answers_before
                 p.asked, p.tries = now, p.tries + 1
-        self._tell(now)
+        self._report(now)
         return list(dict.fromkeys(found))
 
-    def hear(self, said: Value) -> None:
-        """A PARAM_VALUE of the autopilot, whoever asked for it."""
-        p = self._params.get(said.name)
+    def on_value(self, received: Value) -> None:
+        """Take in a PARAM_VALUE of the autopilot, whoever requested it."""
+        p = self._params.get(received.name)
         if p is not None:
             self._answers += 1
-            p.value, p.kind, p.unknown, p.due, p.tries = said.value, said.kind, False, False, 0
+            p.value, p.kind, p.unknown, p.due, p.tries = received.value, received.kind, False, False, 0
 
-    def refuse(self, name: str, error: int) -> None:
-        """A PARAM_ERROR: newer autopilots say what older ones are silent about."""
+    def on_error(self, name: str, error: int) -> None:
+        """Take in a PARAM_ERROR, which only newer autopilots send."""
         p = self._params.get(name)
         if p is not None and error == DOES_NOT_EXIST:
             self._answers += 1
             p.unknown, p.due, p.value = True, False, None
 
     def reasons(self) -> list[str]:
-        """Without "Preflight: "; the first three, and how many more."""
+        """Return why the vehicle may not be armed: the first three reasons, and how many more."""
         found = list(self._differences())
         unread = sum(p.value is None and not p.unknown for p in self._params.values())
         if unread:
             found.append(f"{unread} of {len(self._params)} parameters not read yet")
-        if len(found) <= _SHOWN:
+        if len(found) <= _MAX_SHOWN:
             return found
-        return [*found[:_SHOWN], f"... and {len(found) - _SHOWN} more, see {self._shown}"]
+        return [*found[:_MAX_SHOWN], f"... and {len(found) - _MAX_SHOWN} more, see {self._display_path}"]
 
     def _differences(self) -> Iterator[str]:
         for name, p in self._params.items():
@@ -116,9 +131,9 @@ class ParamCheck:
             elif p.value is not None and not p.holds:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
-    def _give_up(self, p: _Param) -> bool:
-        """Asked often enough while others were answered: there is none of that name."""
-        if p.tries >= TRIES and self._answers - p.proofs >= 2:
+    def _mark_unknown(self, p: _Param) -> bool:
+        """Mark a parameter as unknown after enough requests, while others were answered. Return whether it was."""
+        if p.tries >= TRIES and self._answers - p.answers_before >= 2:
             p.unknown, p.due = True, False
             return True
         return False
@@ -126,29 +141,29 @@ class ParamCheck:
     def _probe(self, name: str) -> list[str]:
         return next(([n] for n, p in self._params.items() if p.value is not None and n != name), [])
 
-    def _again(self, now: float) -> None:
-        self._next_round = now + AGAIN_S
+    def _recheck(self, now: float) -> None:
+        self._next_recheck = now + RECHECK_S
         for p in self._params.values():
             if p.unknown or not p.holds:
                 p.due, p.tries, p.asked = True, 0, -math.inf
 
-    def _tell(self, now: float) -> None:
-        """When all have been read, and when what is wrong changes."""
+    def _report(self, now: float) -> None:
+        """Add an event once all are read, and whenever the differences change."""
         if not self.complete:
             return
-        if self._next_round == math.inf:
-            self._next_round = now + AGAIN_S
+        if self._next_recheck == math.inf:
+            self._next_recheck = now + RECHECK_S
         wrong = list(self._differences())
         all_ = len(self._params)
         words = (
-            f"{len(wrong)} of {all_} parameters do not hold: {'; '.join(wrong)}"
+            f"{len(wrong)} of {all_} parameters differ: {'; '.join(wrong)}"
             if wrong
-            else f"all {all_} parameters hold"
+            else f"all {all_} parameters are as required"
         )
-        if self._params and words != self._told:
-            self._told = words
+        if self._params and words != self._last_event:
+            self._last_event = words
             self.events.append(
                 words
                 if not wrong
-                else f"{words}. Load {self._shown} in QGroundControl, then reboot the vehicle"
+                else f"{words}. Load {self._display_path} in QGroundControl, then reboot the vehicle"
             )

@@ -1,6 +1,6 @@
-"""The preflight gates: whether the captured pose, the estimator and the battery agree that this vehicle may be armed. Pure.
+"""The preflight checks of a real vehicle: connection, poses, estimate, place and battery. Pure.
 
-Each reason is a sentence that fits one STATUSTEXT of 50 bytes, for it is shown wherever the request to arm came from.
+Each reason fits one STATUSTEXT of 50 bytes, because it is shown to whoever asked to arm.
 """
 
 from __future__ import annotations
@@ -16,34 +16,38 @@ from arena.fcu_link.settings import Preflight
 from arena.geometry import yaw_from_quat
 
 TEXT_BYTES = 50
-HEARD_S = 1.5
-_ESTIMATE_S = 0.5
-_BATTERY_S = 5.0
-_RATE_SHARE = 0.8
+CONNECTION_TIMEOUT_S = 1.5
+_ESTIMATE_MAX_AGE_S = 0.5
+_BATTERY_MAX_AGE_S = 5.0
+_MIN_RATE_SHARE = 0.8
 _WINDOW_S = 1.0
-_BELOW_FLOOR_M = 0.05
+_MAX_BELOW_FLOOR_M = 0.05
 
 Vector = tuple[float, float, float]
 
 
 def sentence(text: str) -> str:
-    """ "Preflight: ..." within a STATUSTEXT; a long text goes without the word, and is cut at last."""
+    """Return "Preflight: ..." within 50 bytes; a long text loses the prefix, and is cut when it is still too long."""
     full = f"Preflight: {text}"
     return full if len(full.encode()) <= TEXT_BYTES else text.encode()[:TEXT_BYTES].decode(errors="ignore")
 
 
-class Gates:
-    """Feed it what the autopilot says and the poses that reach it; ask `reasons`. All times are the caller's [s]."""
+class PreflightChecks:
+    """Pass the autopilot's messages to `on_autopilot` and each sent pose to `on_pose`; `reasons` returns what fails.
+
+    received_at: time of the last frame of the autopilot [s]
+    heartbeat_at: time of its last heartbeat [s]
+    """
 
     def __init__(self, preflight: Preflight) -> None:
         self._p = preflight
-        self.heard = -math.inf
-        self.beat = -math.inf
+        self.received_at = -math.inf
+        self.heartbeat_at = -math.inf
         self.armed = False
-        self.forget()
+        self.reset()
 
-    def forget(self) -> None:
-        """The autopilot has started anew: nothing that it said before counts."""
+    def reset(self) -> None:
+        """Forget all telemetry, because the autopilot has rebooted."""
         self._local: tuple[float, Vector] | None = None
         self._yaw: tuple[float, float] | None = None
         self._battery: tuple[float, int] | None = None
@@ -52,10 +56,10 @@ class Gates:
         self._poses: deque[float] = deque()
 
     def on_autopilot(self, m: Any, now: float) -> None:
-        """A message of the vehicle's autopilot, decoded."""
+        """Take in a decoded message of the vehicle's autopilot."""
         kind = m.get_type()
         if kind == "HEARTBEAT":
-            self.beat, self.armed = now, bool(m.base_mode & 128)
+            self.heartbeat_at, self.armed = now, bool(m.base_mode & 128)
         elif kind == "LOCAL_POSITION_NED":
             self._local = now, (m.x, m.y, m.z)
         elif kind == "ATTITUDE":
@@ -68,22 +72,22 @@ class Gates:
             self._packs[m.id] = now, m.battery_remaining
 
     def on_pose(self, m: Any, now: float) -> None:
-        """An ODOMETRY of the forwarder that goes out on the wire."""
+        """Take in an ODOMETRY that is sent to the vehicle."""
         self._pose = now, (m.x, m.y, m.z), _yaw(m.q)
         self._poses.append(now)
         self._trim(now)
 
     def reasons(self, now: float, more: Sequence[str] = ()) -> list[str]:
-        """Why it must not be armed, gravest first; empty when it may. more: further reasons, of the parameters."""
+        """Return why the vehicle must not be armed, most severe first; empty when it may be. more: reasons of the parameter check."""
         found = [
-            *self._link(now),
-            *(self._cameras(now) if self._p.poses else self._estimate(now)),
+            *self._connection(now),
+            *(self._poses_reasons(now) if self._p.poses else self._estimate(now)),
             *self._inside(now),
         ]
         return [sentence(text) for text in (*found, *self._charge(now), *more)]
 
     def pose_rate_hz(self, now: float) -> float:
-        """Over the last second."""
+        """Return the rate of the poses sent within the last second."""
         self._trim(now)
         return len(self._poses) / _WINDOW_S
 
@@ -91,18 +95,18 @@ class Gates:
         while self._poses and self._poses[0] <= now - _WINDOW_S:
             self._poses.popleft()
 
-    def _link(self, now: float) -> list[str]:
-        if self.heard == -math.inf:
-            return ["vehicle not heard yet"]
-        silent = now - self.heard
-        return [f"vehicle silent for {silent:.1f} s"] if silent > HEARD_S else []
+    def _connection(self, now: float) -> list[str]:
+        if self.received_at == -math.inf:
+            return ["no telemetry received yet"]
+        silent = now - self.received_at
+        return [f"no telemetry for {silent:.1f} s"] if silent > CONNECTION_TIMEOUT_S else []
 
-    def _cameras(self, now: float) -> list[str]:
-        """The poses that reach it, and whether they are where it believes to be."""
+    def _poses_reasons(self, now: float) -> list[str]:
+        """Check the poses sent to the vehicle, and that its estimate agrees with them."""
         if self._pose is None:
-            return ["no pose has come", *self._estimate(now)]
+            return ["no pose received", *self._estimate(now)]
         at, p_n, yaw = self._pose
-        age, rate, needs = now - at, self.pose_rate_hz(now), _RATE_SHARE * self._p.pose_rate_hz
+        age, rate, needs = now - at, self.pose_rate_hz(now), _MIN_RATE_SHARE * self._p.pose_rate_hz
         if age > self._p.pose_age_s:
             return [f"no pose for {age:.2f} s (limit {self._p.pose_age_s:g} s)", *self._estimate(now)]
         found = [f"{rate:.0f} poses/s, needs {needs:.0f}"] if rate < needs else []
@@ -111,7 +115,7 @@ class Gates:
         return found + (self._estimate(now) or self._agreement(p_n, yaw))
 
     def _agreement(self, p_n: Vector, yaw: float) -> list[str]:
-        """Pose against an estimate that is known to be fresh."""
+        """Compare the pose with the estimate, which `_estimate` has found fresh."""
         assert self._local is not None and self._yaw is not None
         apart = math.dist(p_n, self._local[1])
         turned = abs(math.degrees(math.remainder(yaw - self._yaw[1], math.tau)))
@@ -121,20 +125,20 @@ class Gates:
         )
 
     def _estimate(self, now: float) -> list[str]:
-        """Is there a fresh one?"""
+        """Check that there is a fresh position and attitude estimate."""
         if self._local is None:
             return ["no position estimate"]
         if self._yaw is None:
             return ["no attitude estimate"]
         age = now - min(self._local[0], self._yaw[0])
-        if age > _ESTIMATE_S:
-            return [f"estimate is {age:.1f} s old (limit {_ESTIMATE_S:g} s)"]
+        if age > _ESTIMATE_MAX_AGE_S:
+            return [f"estimate is {age:.1f} s old (limit {_ESTIMATE_MAX_AGE_S:g} s)"]
         return [] if all(map(math.isfinite, (*self._local[1], self._yaw[1]))) else ["estimate is not finite"]
 
     def _inside(self, now: float) -> list[str]:
         known = self._pose if self._p.poses else self._local
         if known is None or not all(map(math.isfinite, known[1])):
-            return []  # which is a reason already
+            return []  # reported by another check
         (north, east, down), (size_n, size_e, height) = known[1], self._p.size_m
         walls = [
             (letter, x, half)
@@ -143,7 +147,7 @@ class Gates:
         ]
         found = [f"{letter} {x:.2f} m is outside +-{half:g} m" for letter, x, half in walls]
         lowest = -down - self._p.height_m
-        if lowest < -_BELOW_FLOOR_M:
+        if lowest < -_MAX_BELOW_FLOOR_M:
             found.append(f"{-lowest:.2f} m below the floor")
         if -down > height:
             found.append(f"height {-down:.2f} m is over {height:g} m")
@@ -162,15 +166,21 @@ class Gates:
         )
 
     def _remaining(self, now: float) -> int | None:
-        """[%]; the autopilot's own sum, else the emptiest pack."""
-        if self._battery is not None and self._battery[1] >= 0 and now - self._battery[0] <= _BATTERY_S:
+        """Return the charge [%]: the autopilot's total, else of the emptiest battery; None when unknown."""
+        if (
+            self._battery is not None
+            and self._battery[1] >= 0
+            and now - self._battery[0] <= _BATTERY_MAX_AGE_S
+        ):
             return self._battery[1]
-        packs = [charge for at, charge in self._packs.values() if charge >= 0 and now - at <= _BATTERY_S]
+        packs = [
+            charge for at, charge in self._packs.values() if charge >= 0 and now - at <= _BATTERY_MAX_AGE_S
+        ]
         return min(packs, default=None)
 
 
 def _yaw(q: Sequence[float]) -> float:
-    """Of a wxyz quaternion; nan when it is none."""
+    """Return the yaw of a wxyz quaternion [rad]; nan for an invalid one."""
     norm = math.sqrt(sum(x * x for x in q))
     return (
         float(yaw_from_quat(np.asarray(q, float) / norm)) if math.isfinite(norm) and norm > 0.5 else math.nan

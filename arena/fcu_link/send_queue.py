@@ -1,6 +1,6 @@
-"""What waits to go out on the wire: little, by priority, and never old. Pure.
+"""The queue of frames to the flight controller: short, by priority, and never old. Pure.
 
-A pose or a setpoint that waited is not late, it is wrong: the autopilot takes it for now.
+A pose or a setpoint that has waited is wrong, not late: the autopilot takes it for a current one.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-LIMIT_BYTES = 8192
-OLDEST_S = 1.0
+MAX_BYTES = 8192
+MAX_AGE_S = 1.0
 
 
-class Kind(IntEnum):
-    """First things first."""
+class Priority(IntEnum):
+    """Where a frame comes from; a smaller number is sent first."""
 
     PANIC = 0
     ROUTER = 1
@@ -24,64 +24,68 @@ class Kind(IntEnum):
     VISION = 3
 
 
-# How many of a message may wait: a newer one takes the place of the oldest. PX4 stamps each on arrival, so two that arrive
-# together would stand at one instant.
-_NEWEST = {
+# Most frames of a message that may wait; a newer one replaces the oldest. PX4 stamps each frame on arrival, so two frames that
+# arrive together would have the same time.
+_MAX_WAITING = {
     mavlink.MAVLINK_MSG_ID_ODOMETRY: 1,
     mavlink.MAVLINK_MSG_ID_HIL_SENSOR: 1,
     mavlink.MAVLINK_MSG_ID_HIL_GPS: 1,
 }
 
 
-class Waiting(NamedTuple):
+class QueuedFrame(NamedTuple):
+    """A frame that waits since `since` [s]."""
+
     frame: bytes
     msgid: int
     since: float
-    kind: Kind
+    priority: Priority
 
 
-class Outbox:
-    """counts: what did not go out, by reason."""
+class SendQueue:
+    """Frames by priority. counts: frames that were not sent, by reason."""
 
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
-        self._queues: dict[Kind, deque[Waiting]] = {kind: deque() for kind in Kind}
+        self._queues: dict[Priority, deque[QueuedFrame]] = {priority: deque() for priority in Priority}
         self._bytes = 0
 
     def __len__(self) -> int:
         return sum(map(len, self._queues.values()))
 
-    def put(self, kind: Kind, frame: bytes, msgid: int, now: float) -> None:
-        queue = self._queues[kind]
-        if (most := _NEWEST.get(msgid)) is not None and sum(w.msgid == msgid for w in queue) >= most:
-            oldest = next(w for w in queue if w.msgid == msgid)
+    def put(self, priority: Priority, frame: bytes, msgid: int, now: float) -> None:
+        """Add a frame. When the queue is full, the oldest frame of the lowest priority is dropped."""
+        queue = self._queues[priority]
+        most = _MAX_WAITING.get(msgid)
+        if most is not None and sum(queued.msgid == msgid for queued in queue) >= most:
+            oldest = next(queued for queued in queue if queued.msgid == msgid)
             queue.remove(oldest)
-            self._lose(oldest, "overtaken by a newer one")
-        queue.append(Waiting(frame, msgid, now, kind))
+            self._drop(oldest, "replaced by a newer one")
+        queue.append(QueuedFrame(frame, msgid, now, priority))
         self._bytes += len(frame)
-        while self._bytes > LIMIT_BYTES:
-            last = next(k for k in reversed(Kind) if self._queues[k])
-            self._lose(self._queues[last].popleft(), "wire full")
+        while self._bytes > MAX_BYTES:
+            lowest = next(p for p in reversed(Priority) if self._queues[p])
+            self._drop(self._queues[lowest].popleft(), "queue full")
 
-    def take(self, now: float) -> Waiting | None:
-        """The next to go out, or None when nothing waits."""
+    def take(self, now: float) -> QueuedFrame | None:
+        """Remove and return the next frame to send; None when there is none. Frames older than `MAX_AGE_S` are dropped."""
         for queue in self._queues.values():
             while queue:
                 found = queue.popleft()
-                if now - found.since <= OLDEST_S:
+                if now - found.since <= MAX_AGE_S:
                     self._bytes -= len(found.frame)
                     return found
-                self._lose(found, "waited too long")
+                self._drop(found, "waited too long")
         return None
 
     def clear(self) -> None:
-        """The wire is away: nothing of now may be obeyed when it is back."""
+        """Drop all frames, because the connection is away: none may be sent when it is back."""
         for queue in self._queues.values():
-            for waiting in queue:
-                self._counts[f"to the vehicle: wire away ({waiting.kind.name.lower()})"] += 1
+            for queued in queue:
+                self._counts[f"to the vehicle: not connected ({queued.priority.name.lower()})"] += 1
             queue.clear()
         self._bytes = 0
 
-    def _lose(self, lost: Waiting, why: str) -> None:
-        self._bytes -= len(lost.frame)
-        self._counts[f"to the vehicle: {why} ({lost.kind.name.lower()})"] += 1
+    def _drop(self, dropped: QueuedFrame, why: str) -> None:
+        self._bytes -= len(dropped.frame)
+        self._counts[f"to the vehicle: {why} ({dropped.priority.name.lower()})"] += 1

@@ -1,4 +1,4 @@
-"""The `link` slice as frozen data."""
+"""The slice of a `link.<vehicle>` process as frozen data."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from arena.transport import Address, ConnectionUrl, url_from_json
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ends:
-    """One of the vehicle's three links: local is ours, remote its fixed partner."""
+class LinkAddresses:
+    """The two ends of a UDP link. local: our address; remote: the only address that is accepted."""
 
     local: Address
     remote: Address
@@ -22,11 +22,15 @@ class Ends:
 
 @dataclass(frozen=True, kw_only=True)
 class Preflight:
-    """What must hold before the vehicle may be armed.
+    """The limits that a vehicle must meet before it may be armed.
 
-    position_m, yaw_deg: farthest between captured pose and estimate.  pose_age_s, pose_rate_hz: of the poses that pass.
-    battery: least charge 0..1, 0 for one that is not measured.  size_m: N, E, height of the arena [m].
-    height_m: the body's lowest point below its origin [m].  poses: does a forwarder feed it?
+    position_m, yaw_deg: largest difference between the captured pose and the autopilot's estimate
+    pose_age_s: largest age of the last pose sent to the vehicle
+    pose_rate_hz: rate that poses are sent at
+    battery: smallest charge, 0 to 1 [-]; 0 for a battery that is not measured
+    size_m: size of the arena north, east and up [m]
+    height_m: distance from the body's origin down to its lowest point [m]
+    poses: a pose forwarder sends poses to the vehicle
     """
 
     position_m: float
@@ -41,15 +45,20 @@ class Preflight:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """simulator: the world's TCP address, for a controller in the loop.  params: what it must hold before arming.
+    """The settings of one link process.
 
-    wire_file: where the vehicle's last address is kept for land-all; "" for nowhere.
+    connection: to the flight controller
+    links: router, vision and panic link
+    simulator: TCP address of the world's simulator port, for a controller in the loop; None for a flying vehicle
+    params: parameters that the vehicle must hold before arming
+    params_file: file that they are written to, for QGroundControl; "" for none
+    wire_file: file that the vehicle's last address is written to, for land-all; "" for none
     """
 
     vehicle: str
     id: int
     connection: ConnectionUrl
-    links: Mapping[str, Ends]
+    links: Mapping[str, LinkAddresses]
     simulator: Address | None
     preflight: Preflight
     params: Mapping[str, float]
@@ -59,14 +68,14 @@ class Settings:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Settings:
-        """Raises InputError, naming what is missing or wrong: no gate is switched off by a value left out."""
+        """Read the slice. Raises InputError that names a missing or wrong key: a missing limit never switches a check off."""
         try:
             return cls(
                 vehicle=str(raw["vehicle"]),
                 id=int(raw["id"]),
                 connection=_connection(raw["wire"]),
                 links={
-                    n: Ends(
+                    n: LinkAddresses(
                         local=_address(raw["links"][n]["local"]), remote=_address(raw["links"][n]["remote"])
                     )
                     for n in ("router", "vision", "panic")
@@ -110,13 +119,13 @@ def _above(name: str, value: Any) -> float:
     number = _finite(name, value)
     if number <= 0.0:
         raise InputError(
-            f"the link's slice: {name}: got {value!r}, expected a number above 0: a gate is not switched off by it"
+            f"the link's slice: {name}: got {value!r}, expected a number above 0; 0 does not switch the check off"
         )
     return number
 
 
 def _finite(name: str, value: Any) -> float:
-    """The number as it is, so that whole ones stay whole."""
+    """Return a finite number unchanged: an int stays an int."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(f"the link's slice: {name}: got {value!r}, expected a finite number")
     return value

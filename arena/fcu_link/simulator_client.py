@@ -1,4 +1,4 @@
-"""The shell towards the world's simulator port, for a controller in the loop: a TCP client, as a PX4 SITL is one."""
+"""The TCP client of the world's simulator port, for a controller in the loop, as PX4 SITL is one."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ from collections.abc import Iterator
 from arena.transport import Address
 from arena.wire.mavlink_frame import Buffer, ParsedFrames, Stream
 
-_AGAIN_S = 0.5
-_PATIENCE = 10
+_RETRY_S = 0.5
+_REPORT_AFTER = 10  # refused connections
 _READ_BYTES = 65536
-_MOST = 16
+_MAX_READS = 16
 
 
-class World:
-    """Connected only while the vehicle is heard: a controller that has gone must not keep its motors turning in the world."""
+class SimulatorClient:
+    """The connection to the world, open only while the controller sends: the motors of an absent one must not keep turning.
+
+    greeting: the first bytes sent; the world accepts a controller that has sent something
+    events: sentences for the user, to be taken and cleared by the caller
+    """
 
     def __init__(self, address: Address, counts: Counter[str], greeting: bytes) -> None:
         self.events: list[str] = []
@@ -38,19 +42,21 @@ class World:
         return self._connected
 
     def tick(self, wanted: bool, now: float) -> None:
-        """wanted: is there a controller to connect?"""
+        """Connect, or disconnect when not wanted. wanted: the controller is connected to this process."""
         if not wanted:
             if self._connected:
-                self.events.append("its controller is silent: taken out of the world until it speaks again")
+                self.events.append(
+                    "no data from the flight controller: it leaves the world until it sends again"
+                )
             self.close()
         elif self._socket is None and now >= self._next_try:
-            self._next_try = now + _AGAIN_S
-            self._begin()
+            self._next_try = now + _RETRY_S
+            self._connect()
         elif self._socket is not None and not self._connected:
             self._finish()
 
     def read(self) -> Iterator[tuple[Buffer, ParsedFrames]]:
-        for _ in range(_MOST):
+        for _ in range(_MAX_READS):
             if self._socket is None or not self._connected:
                 return
             try:
@@ -60,58 +66,58 @@ class World:
             except OSError:
                 data = b""
             if not data:
-                return self._gone()
+                return self._on_closed()
             yield self._stream.feed(data)
 
     def write(self, data: bytes) -> None:
-        """Whole frames, or none: half a one would spoil the next."""
+        """Send whole frames or none: a half frame would break the next one."""
         if self._socket is None or not self._connected:
             return
         try:
             if self._socket.send(data) != len(data):
-                self._gone()
+                self._on_closed()
         except BlockingIOError:
-            self._counts["to the simulator: it does not read"] += 1
+            self._counts["to the simulator: not read"] += 1
         except OSError:
-            self._gone()
+            self._on_closed()
 
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()
         self._socket, self._connected = None, False
 
-    def _begin(self) -> None:
+    def _connect(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._socket.setblocking(False)
         with contextlib.suppress(OSError):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         number = self._socket.connect_ex(self._address)
         if number not in (0, errno.EINPROGRESS):
-            return self._refused(number)
+            return self._on_refused(number)
         self._finish()
 
     def _finish(self) -> None:
         assert self._socket is not None
         number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if number:
-            return self._refused(number)
+            return self._on_refused(number)
         try:
             self._socket.getpeername()
-        except OSError:  # still under way
+        except OSError:  # still connecting
             return
         self._connected, self._stream, self._refusals = True, Stream(), 0
-        self.write(self._greeting)  # the world takes for a controller who has spoken
+        self.write(self._greeting)
         self.events.append(f"connected to the world at {self._address[0]}:{self._address[1]}")
 
-    def _refused(self, number: int) -> None:
-        """The world is not there yet, or is being restarted: tried again, and told once."""
+    def _on_refused(self, number: int) -> None:
+        """Retry later: the world is not ready, or restarts. Reported once."""
         self.close()
         self._refusals += 1
-        if self._refusals == _PATIENCE:
+        if self._refusals == _REPORT_AFTER:
             self.events.append(
                 f"cannot reach the world at {self._address[0]}:{self._address[1]}: {os.strerror(number)}"
             )
 
-    def _gone(self) -> None:
+    def _on_closed(self) -> None:
         self.close()
-        self.events.append("the world has closed the simulator link: connecting again")
+        self.events.append("the world closed the simulator link; reconnecting")

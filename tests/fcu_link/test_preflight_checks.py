@@ -1,4 +1,4 @@
-"""The preflight gates, one by one: what they let pass, and the sentence when they do not."""
+"""The preflight checks one by one: what passes, and the sentence when a check fails."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import InputError
-from arena.fcu_link.preflight_checks import Gates, sentence
+from arena.fcu_link.preflight_checks import PreflightChecks, sentence
 from arena.fcu_link.settings import Settings
 
-from .parts import POSE, YAW, Rig, odometry, slice_of
+from .link_rig import POSE, YAW, Rig, odometry, slice_of
 
 
-def test_a_vehicle_with_everything_in_order_may_be_armed():
+def test_a_vehicle_without_faults_may_be_armed():
     rig = Rig()
     rig.fly(2.0)
     assert rig.reasons() == []
 
 
-def test_before_anything_is_heard_there_is_no_arming():
+def test_a_vehicle_without_telemetry_may_not_be_armed():
     found = Rig().reasons()
-    assert found[0] == "Preflight: vehicle not heard yet"
-    assert "Preflight: no pose has come" in found
+    assert found[0] == "Preflight: no telemetry received yet"
+    assert "Preflight: no pose received" in found
     assert "Preflight: no position estimate" in found
     assert "Preflight: battery level unknown" in found
 
@@ -60,59 +60,59 @@ def test_before_anything_is_heard_there_is_no_arming():
         ({"pose_n": (math.nan, 0, 0)}, ["Preflight: pose is not finite"]),
     ],
 )
-def test_what_is_wrong_is_said_with_its_numbers(state, sentences):
+def test_a_failed_check_is_reported_with_its_numbers(state, sentences):
     rig = Rig()
     rig.fly(2.0, **state)
     assert rig.reasons() == sentences
 
 
-def test_poses_that_come_too_seldom_are_a_reason():
+def test_a_low_pose_rate_is_a_reason():
     rig = Rig(preflight={"pose_rate_hz": 80.0})
     rig.fly(2.0)
     (reason,) = rig.reasons()
     assert reason in ("Preflight: 50 poses/s, needs 64", "Preflight: 51 poses/s, needs 64")
 
 
-def test_a_pose_that_grows_old_is_a_reason():
+def test_an_old_pose_is_a_reason():
     rig = Rig()
     rig.fly(2.0)
     rig.fly(0.2, poses=False)
     assert rig.reasons() == ["Preflight: no pose for 0.20 s (limit 0.1 s)"]
 
 
-def test_a_vehicle_that_falls_silent_is_a_reason_and_its_estimate_grows_old_first():
+def test_an_old_estimate_and_then_silence_are_reasons():
     rig = Rig()
     rig.fly(2.0)
     rig.fly(0.6, telemetry=False)
     assert rig.reasons() == ["Preflight: estimate is 0.6 s old (limit 0.5 s)"]
     rig.fly(1.0, telemetry=False)
-    assert rig.reasons()[0] == "Preflight: vehicle silent for 1.6 s"
+    assert rig.reasons()[0] == "Preflight: no telemetry for 1.6 s"
 
 
-def test_poses_that_never_leave_on_the_wire_do_not_count():
+def test_poses_that_are_not_sent_do_not_count():
     rig = Rig()
     rig.fly(2.0)
     for _ in range(60):
         rig.now += 0.02
-        rig.core.from_partner("vision", rig.forwarder.pack(odometry()), rig.now)
+        rig.core.from_link("vision", rig.forwarder.pack(odometry()), rig.now)
     assert any("no pose" in r for r in rig.reasons())
 
 
-def test_the_battery_pack_tells_what_the_sum_does_not():
+def test_the_emptiest_battery_counts_without_a_total():
     rig = Rig()
     rig.fly(2.0, battery=-1)
     for pack, charge in ((0, 60), (1, 15)):
-        rig.say(mavlink.MAVLink_battery_status_message(pack, 0, 0, 0, [65535] * 10, 0, 0, 0, charge))
+        rig.receive(mavlink.MAVLink_battery_status_message(pack, 0, 0, 0, [65535] * 10, 0, 0, 0, charge))
     assert rig.reasons() == ["Preflight: battery at 15 %, needs 20 %"]
 
 
-def test_a_battery_that_nobody_measures_is_let_pass_only_when_the_gate_is_zero():
+def test_an_unmeasured_battery_passes_only_with_limit_zero():
     rig = Rig(preflight={"battery": 0.0})
     rig.fly(2.0, battery=-1)
     assert rig.reasons() == []
 
 
-def test_without_a_forwarder_the_estimate_is_what_must_lie_inside():
+def test_without_poses_the_estimate_must_be_inside_the_room():
     rig = Rig(
         preflight={
             "poses": False,
@@ -132,23 +132,23 @@ def test_without_a_forwarder_the_estimate_is_what_must_lie_inside():
 
 @pytest.mark.parametrize("value", [None, 0, -1.0, float("nan"), "0.2", True])
 @pytest.mark.parametrize("gate", ["position_m", "yaw_deg", "pose_age_s", "pose_rate_hz"])
-def test_no_gate_is_switched_off_by_a_value_that_says_nothing(gate, value):
+def test_no_check_is_switched_off_by_an_empty_limit(gate, value):
     with pytest.raises(InputError, match=gate):
         Settings.from_slice(slice_of(preflight={gate: value}))
 
 
-def test_a_slice_that_lacks_something_says_what():
+def test_an_incomplete_slice_is_refused_with_the_missing_key():
     raw = slice_of()
     del raw["preflight"]
     with pytest.raises(InputError, match="preflight"):
         Settings.from_slice(raw)
 
 
-def test_every_reason_fits_a_statustext_however_large_its_numbers():
-    gates = Gates(Settings.from_slice(slice_of(preflight={"size_m": [1e-3] * 3})).preflight)
+def test_every_reason_fits_a_statustext():
+    checks = PreflightChecks(Settings.from_slice(slice_of(preflight={"size_m": [1e-3] * 3})).preflight)
     rig = Rig(preflight={"size_m": [1e-3, 1e-3, 1e-3]})
     rig.fly(2.0, p_n=(-1e9, 1e9, -1e9), pose_n=(1e9, -1e9, -1e9), battery=0)
-    found = [*gates.reasons(1e9), *rig.reasons()]
+    found = [*checks.reasons(1e9), *rig.reasons()]
     assert len(found) > 6
     assert all(len(r.encode()) <= 50 for r in found)
     assert len(sentence("é" * 60).encode()) <= 50

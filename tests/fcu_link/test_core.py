@@ -1,4 +1,4 @@
-"""What goes where, what goes first, and what is told of a wire that says nothing or nonsense."""
+"""Routing and priorities of the link, its requests, and its reports about a silent or noisy connection."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.fcu_link.send_queue import LIMIT_BYTES
+from arena.fcu_link.send_queue import MAX_BYTES
 from arena.fcu_link.transports import LearnedPeer
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Stream, parse_frames
 
-from .parts import ENDS, ID, Rig, arm, attitude, heartbeat, local, odometry, sys_status
+from .link_rig import ENDS, ID, Rig, arm, attitude, heartbeat, local, odometry, sys_status
 
 A, B = ("10.0.0.21", 14550), ("10.0.0.66", 14550)
 
@@ -33,9 +33,9 @@ def setpoint(i: int) -> mavlink.MAVLink_message:
 # -- routing ---------------------------------------------------------------------------------------------------------------
 
 
-def test_the_router_hears_everything_and_the_forwarder_what_it_listens_to():
+def test_the_router_gets_all_messages_and_the_forwarder_some():
     rig = Rig()
-    rig.say(
+    rig.receive(
         heartbeat(),
         sys_status(),
         mavlink.MAVLink_system_time_message(0, 5),
@@ -53,50 +53,50 @@ def test_the_router_hears_everything_and_the_forwarder_what_it_listens_to():
     assert rig.got["panic"] == rig.got["simulator"] == []
 
 
-def test_land_all_hears_everything_while_it_is_there():
+def test_land_all_gets_all_messages_while_it_sends():
     rig = Rig()
-    rig.ask("panic", mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+    rig.send("panic", mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
     rig.now += 4.9
-    rig.say(heartbeat(), attitude())
+    rig.receive(heartbeat(), attitude())
     assert len(rig.got["panic"]) == 2
     rig.now += 0.2
-    rig.say(heartbeat())
+    rig.receive(heartbeat())
     assert len(rig.got["panic"]) == 2
 
 
-def test_timesync_replies_never_reach_the_vehicle_and_its_own_requests_do():
+def test_timesync_replies_do_not_reach_the_vehicle():
     rig = Rig()
     for link in ENDS:
-        rig.ask(link, mavlink.MAVLink_timesync_message(123, 456), mavlink.MAVLink_timesync_message(0, 456))
+        rig.send(link, mavlink.MAVLink_timesync_message(123, 456), mavlink.MAVLink_timesync_message(0, 456))
     assert [m.tc1 for m in rig.sent("TIMESYNC")] == [0, 0, 0]
     assert rig.core.counts["to the vehicle: TIMESYNC reply"] == 3
 
 
 def test_frames_of_a_foreign_system_are_counted_and_dropped():
     rig = Rig()
-    rig.say(heartbeat(armed=True), local(), codec=Codec(ID + 1, 1))
+    rig.receive(heartbeat(armed=True), local(), codec=Codec(ID + 1, 1))
     assert rig.got["router"] == []
-    assert not rig.core.ever_heard
-    assert not rig.core.gates.armed
-    assert rig.core.counts["from the wire: foreign system"] == 2
+    assert not rig.core.ever_connected
+    assert not rig.core.checks.armed
+    assert rig.core.counts["from the vehicle: foreign system"] == 2
 
 
-def test_a_companion_on_the_vehicle_is_heard_and_is_not_the_autopilot():
+def test_a_companion_computer_is_not_the_autopilot():
     rig = Rig()
-    rig.say(heartbeat(armed=True), codec=Codec(ID, 191))
+    rig.receive(heartbeat(armed=True), codec=Codec(ID, 191))
     assert len(rig.got["router"]) == 1
     assert rig.got["vision"] == []
-    assert not rig.core.ever_heard
+    assert not rig.core.ever_connected
 
 
-def test_of_a_controller_in_the_loop_the_motors_go_to_the_world_and_the_rest_to_the_links():
+def test_motor_commands_in_the_loop_go_only_to_the_world():
     rig = Rig(simulator=["127.71.0.1", 24079], simulated=True)
-    rig.say(mavlink.MAVLink_hil_actuator_controls_message(1, [0.5] * 16, 128, 0), heartbeat())
+    rig.receive(mavlink.MAVLink_hil_actuator_controls_message(1, [0.5] * 16, 128, 0), heartbeat())
     assert [m.get_type() for m in rig.got["simulator"]] == ["HIL_ACTUATOR_CONTROLS"]
     assert [m.get_type() for m in rig.got["router"]] == ["HEARTBEAT"]
 
 
-def test_sensors_of_the_world_go_to_the_controller_and_its_truth_does_not():
+def test_the_controller_gets_sensors_and_no_truth():
     rig = Rig(simulator=["127.71.0.1", 24079], simulated=True)
     world = Codec(1, 200)
     truth = mavlink.MAVLink_hil_state_quaternion_message(1, [1, 0, 0, 0], *[0] * 14)
@@ -109,16 +109,16 @@ def test_sensors_of_the_world_go_to_the_controller_and_its_truth_does_not():
 
 
 def fill(rig: Rig, *what: tuple[str, mavlink.MAVLink_message]) -> None:
-    """Without the wire taking anything meanwhile."""
+    """Queue messages; nothing is sent meanwhile."""
     for link, message in what:
         if link == "simulator":
             data = rig.program.pack(message)
             rig.core.from_simulator(data, parse_frames(data), rig.now)
         else:
-            rig.core.from_partner(link, rig.program.pack(message), rig.now)
+            rig.core.from_link(link, rig.program.pack(message), rig.now)
 
 
-def test_panic_goes_before_commands_before_sensors_before_poses():
+def test_frames_are_sent_by_priority():
     rig = Rig(simulator=["127.71.0.1", 24079])
     fill(
         rig,
@@ -131,7 +131,7 @@ def test_panic_goes_before_commands_before_sensors_before_poses():
     assert kinds == ["COMMAND_LONG", "SET_POSITION_TARGET_LOCAL_NED", "HIL_SENSOR", "ODOMETRY"]
 
 
-def test_an_old_pose_makes_room_for_a_newer_one_and_old_sensors_too():
+def test_a_newer_pose_or_sensor_sample_replaces_the_waiting_one():
     rig = Rig(simulator=["127.71.0.1", 24079])
     for i in range(20):
         fill(rig, ("vision", odometry((i * 0.1, 0, -0.1))), ("simulator", sensor(i)))
@@ -140,7 +140,7 @@ def test_an_old_pose_makes_room_for_a_newer_one_and_old_sensors_too():
     assert [m.time_usec for m in out if m.get_type() == "HIL_SENSOR"] == [19]
 
 
-def test_a_full_wire_loses_poses_and_then_the_oldest_setpoints_but_no_landing():
+def test_a_full_queue_drops_poses_then_setpoints_never_landings():
     rig = Rig()
     fill(rig, ("panic", arm(param1=0.0)), ("vision", odometry()))
     for i in range(400):
@@ -149,12 +149,12 @@ def test_a_full_wire_loses_poses_and_then_the_oldest_setpoints_but_no_landing():
     assert out[0].get_type() == "COMMAND_LONG"
     assert out[-1].time_boot_ms == 399
     assert not [m for m in out if m.get_type() == "ODOMETRY"]
-    assert sum(len(m.get_msgbuf()) for m in out) <= LIMIT_BYTES
-    assert rig.core.counts["to the vehicle: wire full (vision)"] == 1
-    assert rig.core.counts["to the vehicle: wire full (router)"] == 400 - len(out) + 1
+    assert sum(len(m.get_msgbuf()) for m in out) <= MAX_BYTES
+    assert rig.core.counts["to the vehicle: queue full (vision)"] == 1
+    assert rig.core.counts["to the vehicle: queue full (router)"] == 400 - len(out) + 1
 
 
-def test_what_waited_for_over_a_second_is_never_obeyed():
+def test_a_frame_older_than_a_second_is_not_sent():
     rig = Rig()
     fill(rig, ("router", setpoint(1)))
     rig.now += 1.1
@@ -162,12 +162,12 @@ def test_what_waited_for_over_a_second_is_never_obeyed():
     assert [m.time_boot_ms for m in rig.flush()] == [2]
 
 
-def test_nothing_is_kept_for_a_wire_that_is_away():
+def test_frames_are_dropped_while_the_connection_is_away():
     rig = Rig()
     fill(rig, ("router", setpoint(1)), ("panic", arm(param1=0.0)))
-    rig.core.outbox.clear()
+    rig.core.queue.clear()
     assert rig.flush() == []
-    assert rig.core.counts["to the vehicle: wire away (panic)"] == 1
+    assert rig.core.counts["to the vehicle: not connected (panic)"] == 1
 
 
 # -- the vehicle's address on a listening socket ---------------------------------------------------------------------------------------
@@ -179,9 +179,7 @@ def test_the_peer_changes_only_after_silence():
     assert peer.address is None
     assert peer.accepts(A, True, 1.0)
     assert not peer.accepts(B, True, 3.9)
-    assert peer.accepts(
-        A, False, 3.9
-    )  # as a companion of the vehicle does: the same address, yet not its autopilot
+    assert peer.accepts(A, False, 3.9)  # a companion computer at the same address
     assert peer.accepts(B, True, 4.1)
     assert not peer.accepts(A, True, 4.2)
     assert peer.events == [
@@ -190,45 +188,45 @@ def test_the_peer_changes_only_after_silence():
     ]
 
 
-# -- what is told ----------------------------------------------------------------------------------------------------------
+# -- reports --------------------------------------------------------------------------------------------------------------
 
 
-def told_after(rig: Rig, seconds: float, *data: bytes) -> list[str]:
+def events_after(rig: Rig, seconds: float, *data: bytes) -> list[str]:
     for _ in range(round(seconds * 20)):
         rig.now += 0.05
         for piece in data:
-            rig.core.from_wire(piece, parse_frames(piece), rig.now)
+            rig.core.from_vehicle(piece, parse_frames(piece), rig.now)
         rig.core.tick(rig.now)
         rig.flush()
     return rig.core.events()
 
 
-def test_silence_garbage_and_a_wrong_id_are_told_apart_every_ten_seconds():
+def test_silence_noise_and_a_wrong_id_are_reported_differently():
     assert (
-        told_after(Rig(), 21.0)
+        events_after(Rig(), 21.0)
         == [
-            "uav7: nothing heard on udpin 127.71.0.1:14540 for 10 s: is it switched on, and does it send here?"
+            "uav7: udpin 127.71.0.1:14540: no data for 10 s: is the vehicle switched on, and does it send to this address?"
         ]
         * 2
     )
     serial = {"kind": "serial", "device": "/dev/ttyACM0", "baud": 57600}
-    assert told_after(Rig(wire=serial), 11.0, b"\x00\xff\x80noise") == [
-        "uav7: on /dev/ttyACM0 at 57600 baud bytes come but no MAVLink: is the baud rate right?"
+    assert events_after(Rig(wire=serial), 11.0, b"\x00\xff\x80noise") == [
+        "uav7: /dev/ttyACM0 at 57600 baud: received data, but no MAVLink: is the baud rate right?"
     ]
-    (text,) = told_after(Rig(), 11.0, Codec(1, 1).pack(heartbeat()))
-    assert "system 1 component 1 speaks" in text
+    (text,) = events_after(Rig(), 11.0, Codec(1, 1).pack(heartbeat()))
+    assert "received system 1 component 1" in text
     assert "set the vehicle's MAV_SYS_ID to 7" in text
 
 
-def test_a_vehicle_is_told_when_it_is_first_heard_and_when_it_is_back():
+def test_connecting_and_reconnecting_are_reported():
     rig = Rig()
-    rig.say(heartbeat())
+    rig.receive(heartbeat())
     rig.fly(5.0, telemetry=False)
-    rig.say(heartbeat())
-    assert rig.core.events() == ["uav7: heard", "uav7: heard again after 5 s"]
+    rig.receive(heartbeat())
+    assert rig.core.events() == ["uav7: connected", "uav7: connected again after 5 s"]
 
 
-def test_its_own_voice_is_an_onboard_computers_once_a_second():
+def test_the_heartbeat_is_of_an_onboard_computer():
     rig = Rig()
     rig.fly(5.0, telemetry=False)
     beats = [m for m in rig.sent("HEARTBEAT") if m.get_srcComponent() == 192]
@@ -240,19 +238,19 @@ def test_its_own_voice_is_an_onboard_computers_once_a_second():
 
 
 def answers(rig: Rig, asked: list[int], result: int) -> None:
-    """The vehicle answers each request for a stream."""
+    """Acknowledge each request for a stream."""
     for m in rig.flush():
         if m.get_type() == "COMMAND_LONG" and m.command == 511:
             asked.append(int(m.param1))
-            rig.say(mavlink.MAVLink_command_ack_message(511, result, 0, 0, ID, 192))
+            rig.receive(mavlink.MAVLink_command_ack_message(511, result, 0, 0, ID, 192))
 
 
 def run_thin(rig: Rig, seconds: float, result: int | None = 0) -> list[int]:
-    """A vehicle that says its heartbeat and 30 Hz of position alone."""
+    """Simulate a vehicle that sends only heartbeats and 30 Hz of position. Return the requested message ids."""
     asked: list[int] = []
     for i in range(round(seconds * 30)):
         rig.now += 1 / 30
-        rig.say(local(), *([heartbeat()] if i % 30 == 0 else []))
+        rig.receive(local(), *([heartbeat()] if i % 30 == 0 else []))
         rig.core.tick(rig.now)
         if result is None:
             asked += [
@@ -263,7 +261,7 @@ def run_thin(rig: Rig, seconds: float, result: int | None = 0) -> list[int]:
     return asked
 
 
-def test_what_is_missing_is_asked_for_once_and_what_comes_is_not():
+def test_only_missing_streams_are_requested_once():
     asked = run_thin(Rig(), 8.0)
     assert mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED not in asked
     for needed in (
@@ -277,28 +275,28 @@ def test_what_is_missing_is_asked_for_once_and_what_comes_is_not():
         assert asked.count(getattr(mavlink, f"MAVLINK_MSG_ID_{needed}")) == 1, needed
 
 
-def test_a_narrow_serial_wire_is_not_filled_with_what_only_logs_show():
+def test_streams_for_logs_are_not_requested_on_a_slow_serial_line():
     wire = {"kind": "serial", "device": "/dev/ttyUSB0", "baud": 57600}
     assert mavlink.MAVLINK_MSG_ID_HIGHRES_IMU in run_thin(Rig(), 6.0)
     assert mavlink.MAVLINK_MSG_ID_HIGHRES_IMU not in run_thin(Rig(wire=wire), 6.0)
 
 
-def test_requests_that_nobody_answers_are_tried_again_and_then_told():
+def test_unanswered_stream_requests_are_repeated_and_reported():
     rig = Rig()
     asked = run_thin(rig, 12.0, result=None)
     assert asked.count(mavlink.MAVLINK_MSG_ID_ATTITUDE) == 5
     assert any("no answer to 5 requests for ATTITUDE at 50 Hz" in e for e in rig.core.events())
 
 
-def test_after_a_reboot_everything_is_asked_for_again():
+def test_streams_are_requested_again_after_a_reboot():
     rig = Rig()
-    rig.say(mavlink.MAVLink_system_time_message(0, 60_000))
+    rig.receive(mavlink.MAVLink_system_time_message(0, 60_000))
     assert run_thin(rig, 6.0).count(mavlink.MAVLINK_MSG_ID_ATTITUDE) == 1
-    rig.say(mavlink.MAVLink_system_time_message(0, 59_900))  # out of order
+    rig.receive(mavlink.MAVLink_system_time_message(0, 59_900))  # out of order
     assert run_thin(rig, 3.0).count(mavlink.MAVLINK_MSG_ID_ATTITUDE) == 0
-    rig.say(mavlink.MAVLink_system_time_message(0, 900))
+    rig.receive(mavlink.MAVLink_system_time_message(0, 900))
     assert run_thin(rig, 6.0).count(mavlink.MAVLINK_MSG_ID_ATTITUDE) == 1
-    assert any("started anew" in e for e in rig.core.events())
+    assert any("has rebooted" in e for e in rig.core.events())
 
 
 # -- hostile bytes ---------------------------------------------------------------------------------------------------------
@@ -311,7 +309,7 @@ def test_after_a_reboot_everything_is_asked_for_again():
     )
 )
 @settings(max_examples=150, deadline=None)
-def test_random_bytes_from_anywhere_never_raise(pieces):
+def test_random_bytes_from_any_side_never_raise(pieces):
     rig, stream = Rig(simulator=["127.71.0.1", 24079], params={"SYS_HITL": 1}), Stream()
     feed(rig, stream, pieces)
 
@@ -320,20 +318,20 @@ def feed(rig: Rig, stream: Stream, pieces: list[tuple[str, bytes]]) -> None:
     for end, data in pieces:
         rig.now += 0.05
         if end == "wire":
-            rig.core.from_wire(data, parse_frames(data), rig.now)
+            rig.core.from_vehicle(data, parse_frames(data), rig.now)
         elif end == "stream":
-            rig.core.from_wire(*stream.feed(data), rig.now)
+            rig.core.from_vehicle(*stream.feed(data), rig.now)
         elif end == "simulator":
             rig.core.from_simulator(*stream.feed(data), rig.now)
         else:
-            rig.core.from_partner(end, data, rig.now)
+            rig.core.from_link(end, data, rig.now)
         rig.core.tick(rig.now)
         rig.flush()
 
 
 def test_whole_frames_with_any_payload_never_raise():
-    """As a wire that flips bits and mends the checksum would send: each message that is read, with random contents."""
-    rng, voice = random.Random(3), mavlink.MAVLink(None, srcSystem=ID, srcComponent=1)
+    """Every message that is read, with random contents and a correct checksum."""
+    rng, sender = random.Random(3), mavlink.MAVLink(None, srcSystem=ID, srcComponent=1)
     rig, stream = Rig(simulator=["127.71.0.1", 24079], params={"SYS_HITL": 1, "MPC_XY_P": 0.95}), Stream()
     kinds = (0, 1, 2, 22, 30, 31, 32, 69, 70, 75, 76, 77, 93, 107, 111, 147, 253, 331, 345)
     pieces = []
@@ -343,7 +341,7 @@ def test_whole_frames_with_any_payload_never_raise():
         payload = rng.choice([rng.randbytes(whole), b"\xff" * whole, b"", rng.randbytes(whole + 3)])
         message = mavlink.MAVLink_message(kind, "x")
         message._crc_extra = mavlink.mavlink_map[kind].crc_extra
-        frame = message._pack(voice, mavlink.mavlink_map[kind].crc_extra, payload)
+        frame = message._pack(sender, mavlink.mavlink_map[kind].crc_extra, payload)
         pieces.append((rng.choice(["wire", "stream", "simulator", *ENDS]), frame[: rng.choice([None, -3])]))
     feed(rig, stream, pieces)
     assert rig.core.flow["from_vehicle"] > 200

@@ -1,4 +1,4 @@
-"""What the tests of the link share: a slice, a vehicle's voice, a link in one process."""
+"""A slice, a vehicle's messages and a link in one process, for the tests of this folder."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ POSE = (0.4, -1.2, -0.13)
 
 
 def own_address() -> str:
-    """127.71.x.y: no other test of this process, and hardly one of another, has it."""
+    """Return an address 127.71.x.y that no other test of this process uses."""
     return f"127.71.{os.getpid() % 250 + 1}.{next(_count)}"
 
 
@@ -57,7 +57,7 @@ def slice_of(address: str = "127.71.0.1", **changes: Any) -> dict[str, Any]:
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> list[float]:
-    """wxyz, of roll, pitch and yaw [rad]."""
+    """Return the wxyz quaternion of roll, pitch and yaw [rad]."""
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in (roll, pitch, yaw))
     return [
         cr * cp * cy + sr * sp * sy,
@@ -94,7 +94,7 @@ def arm(param1: float = 1.0, magic: float = 0.0, target: int = ID, component: in
 
 
 class Rig:
-    """One link, its vehicle and its three partners, on a clock that the test moves."""
+    """A link, its vehicle and its three UDP links, on a clock that the test advances."""
 
     def __init__(self, **changes: Any) -> None:
         self.now = 100.0
@@ -106,19 +106,19 @@ class Rig:
         self.out: list[Any] = []
         self._reader = Codec(1, 1)
 
-    def say(self, *messages: Any, codec: Codec | None = None) -> None:
-        """The vehicle speaks."""
+    def receive(self, *messages: Any, codec: Codec | None = None) -> None:
+        """Pass messages of the vehicle to the link."""
         data = b"".join((codec or self.vehicle).pack(m) for m in messages)
-        self._share(self.core.from_wire(data, parse_frames(data), self.now))
+        self._share(self.core.from_vehicle(data, parse_frames(data), self.now))
 
-    def ask(self, link: str, *messages: Any, codec: Codec | None = None) -> None:
-        """A partner speaks."""
+    def send(self, link: str, *messages: Any, codec: Codec | None = None) -> None:
+        """Pass messages of a UDP link to the core, and send what is queued."""
         data = b"".join((codec or self.program).pack(m) for m in messages)
-        self._share(self.core.from_partner(link, data, self.now))
+        self._share(self.core.from_link(link, data, self.now))
         self.flush()
 
     def flush(self) -> list[Any]:
-        """What goes out on the wire now."""
+        """Return what is sent to the vehicle now."""
         found = []
         while (frame := self.core.next_out(self.now)) is not None:
             found += self._reader.parse(frame)
@@ -126,16 +126,16 @@ class Rig:
         return found
 
     def fly(self, seconds: float, *, poses: bool = True, telemetry: bool = True, **state: Any) -> None:
-        """Time passes, with everything in order but what `state` says: battery, armed, p_n, yaw, pose_n, pose_yaw."""
+        """Advance time with nominal messages, except for `state`: battery, armed, p_n, yaw, pose_n, pose_yaw."""
         p_n, yaw = state.get("p_n", POSE), state.get("yaw", YAW)
         for i in range(round(seconds * 50)):
             self.now += 0.02
             if telemetry:
-                self.say(local(p_n), attitude(yaw))
+                self.receive(local(p_n), attitude(yaw))
             if telemetry and i % 25 == 0:
-                self.say(heartbeat(state.get("armed", False)), sys_status(state.get("battery", 80)))
+                self.receive(heartbeat(state.get("armed", False)), sys_status(state.get("battery", 80)))
             if poses:
-                self.ask(
+                self.send(
                     "vision",
                     odometry(state.get("pose_n", POSE), state.get("pose_yaw", YAW)),
                     codec=self.forwarder,
@@ -149,7 +149,7 @@ class Rig:
     def arming_passed(self, command: int = 400) -> bool:
         return any(m.command == command for m in self.sent("COMMAND_LONG") + self.sent("COMMAND_INT"))
 
-    def heard(self, end: str, kind: str) -> list[Any]:
+    def received(self, end: str, kind: str) -> list[Any]:
         return [m for m in self.got[end] if m.get_type() == kind]
 
     def reasons(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""The link as a process: over UDP, and over a serial line with a controller in the loop between the world and the links."""
+"""The link as a process: on UDP, on a serial line, and with a controller in the loop."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Stream
 
-from .parts import ENDS, ID, arm, attitude, heartbeat, local, odometry, own_address, slice_of, sys_status
+from .link_rig import ENDS, ID, arm, attitude, heartbeat, local, odometry, own_address, slice_of, sys_status
 
 DEADLINE_S = 60.0
 BOARD = Path(__file__).parents[1] / "children" / "hitl_board.py"
 
 
 class Started:
-    """The room as a process, its line to a supervisor, and its three partners."""
+    """The link process, its line to the supervisor (this test), and its three UDP links."""
 
     def __init__(self, folder: Path, **changes: Any) -> None:
         self.address = own_address()
@@ -51,7 +51,7 @@ class Started:
             )
         theirs.close()
         self.line.setblocking(False)
-        self.told: list[dict[str, Any]] = []
+        self.packets: list[dict[str, Any]] = []
         self.got: dict[str, list[Any]] = {n: [] for n in ENDS}
         self._codec = Codec(ID, 191)
 
@@ -61,20 +61,20 @@ class Started:
             b"".join((codec or self._codec).pack(m) for m in messages), (self.address, to)
         )
 
-    def look(self) -> None:
+    def read(self) -> None:
         for name, link in self.links.items():
             self.got[name] += read_all(link, self._codec)
         with contextlib.suppress(BlockingIOError):
             while packet := self.line.recv(65536):
-                self.told.append(json.loads(packet))
+                self.packets.append(json.loads(packet))
 
     def until(self, done: Callable[[], Any], turn: Callable[[], None] = lambda: None) -> Any:
-        """turn: what the others do meanwhile, every few milliseconds."""
+        """Wait until `done` returns a true value. turn: called every few milliseconds meanwhile."""
         end = time.monotonic() + DEADLINE_S
         while time.monotonic() < end:
             turn()
             select.select([*self.links.values(), self.line], [], [], 0.004)
-            self.look()
+            self.read()
             if found := done():
                 return found
             assert self.process.poll() is None, self.out.read_text()
@@ -82,17 +82,17 @@ class Started:
 
     @property
     def events(self) -> list[str]:
-        return [t["event"] for t in self.told if "event" in t]
+        return [t["event"] for t in self.packets if "event" in t]
 
     @property
     def stats(self) -> dict[str, Any]:
-        return next((t["stats"] for t in reversed(self.told) if "stats" in t), {})
+        return next((t["stats"] for t in reversed(self.packets) if "stats" in t), {})
 
     @property
     def ready(self) -> bool:
-        return any("ready" in t for t in self.told)
+        return any("ready" in t for t in self.packets)
 
-    def heard(self, end: str, kind: str) -> list[Any]:
+    def received(self, end: str, kind: str) -> list[Any]:
         return [m for m in self.got[end] if m.get_type() == kind]
 
     def end(self) -> None:
@@ -119,7 +119,7 @@ def read_all(link: socket.socket, codec: Codec) -> list[Any]:
 
 
 class Vehicle:
-    """An autopilot at the other end of a UDP wire."""
+    """An autopilot on UDP."""
 
     def __init__(self, address: tuple[str, int], to: tuple[str, int] | None) -> None:
         self.link, self.to, self.codec, self.got = udp(address), to, Codec(ID, 1), []
@@ -138,7 +138,7 @@ class Vehicle:
             for m in (heartbeat(), sys_status(), attitude(), local()):
                 self.link.sendto(self.codec.pack(m), self.to)
 
-    def heard(self, kind: str) -> list[Any]:
+    def received(self, kind: str) -> list[Any]:
         return [m for m in self.got if m.get_type() == kind]
 
 
@@ -155,111 +155,110 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Started]]:
         one.end()
 
 
-def test_a_vehicle_that_speaks_first_is_met_armed_by_the_gates_and_left_when_told(start):
-    room = start()
-    vehicle = Vehicle((room.address, 14999), (room.address, 14540))
-    stranger = udp((room.address, 14998))
-    with vehicle.link, stranger:
-        room.until(lambda: room.ready and room.heard("router", "HEARTBEAT"), vehicle.turn)
-        stranger.sendto(Codec(ID, 1).pack(heartbeat(armed=True)), (room.address, 14540))
-        room.send("router", arm())
-        room.until(lambda: room.heard("router", "COMMAND_ACK"), vehicle.turn)
-        assert "Preflight: no pose has come" in {t.text for t in room.heard("router", "STATUSTEXT")}
-        assert not vehicle.heard("COMMAND_LONG") or all(
-            m.command == 511 for m in vehicle.heard("COMMAND_LONG")
+def test_a_vehicle_on_udpin_is_served_guarded_and_left_on_sigterm(start):
+    link = start()
+    vehicle = Vehicle((link.address, 14999), (link.address, 14540))
+    intruder = udp((link.address, 14998))
+    with vehicle.link, intruder:
+        link.until(lambda: link.ready and link.received("router", "HEARTBEAT"), vehicle.turn)
+        intruder.sendto(Codec(ID, 1).pack(heartbeat(armed=True)), (link.address, 14540))
+        link.send("router", arm())
+        link.until(lambda: link.received("router", "COMMAND_ACK"), vehicle.turn)
+        assert "Preflight: no pose received" in {t.text for t in link.received("router", "STATUSTEXT")}
+        assert not vehicle.received("COMMAND_LONG") or all(
+            m.command == 511 for m in vehicle.received("COMMAND_LONG")
         )
         forwarder = Codec(ID, 197)
 
         def flies() -> None:
             if time.monotonic() >= vehicle.next:
-                room.send("vision", odometry(), codec=forwarder)
+                link.send("vision", odometry(), codec=forwarder)
             vehicle.turn()
 
-        room.until(
+        link.until(
             lambda: (
-                room.stats.get("may_not_arm") == [] and "from the wire: stranger" in room.stats["dropped"]
+                link.stats.get("may_not_arm") == []
+                and "from the vehicle: unknown sender" in link.stats["dropped"]
             ),
             flies,
         )
-        room.send("router", arm())
-        room.until(lambda: any(m.command == 400 for m in vehicle.heard("COMMAND_LONG")), flies)
-        assert room.stats["partner"] == f"{room.address}:14999"
-        assert {m.get_srcSystem() for m in room.heard("vision", "HEARTBEAT")} == {ID}
-        assert not room.heard("panic", "HEARTBEAT")
-        assert not any(m.base_mode & 128 for m in room.heard("router", "HEARTBEAT")), (
-            "a stranger spoke as the vehicle"
+        link.send("router", arm())
+        link.until(lambda: any(m.command == 400 for m in vehicle.received("COMMAND_LONG")), flies)
+        assert link.stats["partner"] == f"{link.address}:14999"
+        assert {m.get_srcSystem() for m in link.received("vision", "HEARTBEAT")} == {ID}
+        assert not link.received("panic", "HEARTBEAT")
+        assert not any(m.base_mode & 128 for m in link.received("router", "HEARTBEAT")), (
+            "an intruder was taken for the vehicle"
         )
-        room.process.send_signal(signal.SIGTERM)
-        assert room.process.wait(30) == 0
+        link.process.send_signal(signal.SIGTERM)
+        assert link.process.wait(30) == 0
 
 
-def test_a_vehicle_that_waits_to_be_spoken_to_is_spoken_to(start):
+def test_a_vehicle_on_udpout_gets_the_first_message(start):
     address = own_address()
     vehicle = Vehicle((address, 14550), None)
     with vehicle.link:
-        room = start(wire={"kind": "udpout", "address": [address, 14550]})
-        room.until(lambda: room.ready, vehicle.turn)
-        assert vehicle.heard("HEARTBEAT")[0].type == 18
+        link = start(wire={"kind": "udpout", "address": [address, 14550]})
+        link.until(lambda: link.ready, vehicle.turn)
+        assert vehicle.received("HEARTBEAT")[0].type == 18
 
 
-def test_a_serial_device_that_is_absent_is_told_and_waited_for_and_one_unplugged_is_met_again(
-    start, tmp_path
-):
+def test_a_serial_device_may_be_absent_unplugged_and_back(start, tmp_path):
     device = tmp_path / "ttyACM0"
-    room = start(wire={"kind": "serial", "device": str(device), "baud": 921600})
-    room.until(lambda: any(f"there is no {device}" in e for e in room.events))
+    link = start(wire={"kind": "serial", "device": str(device), "baud": 921600})
+    link.until(lambda: any(f"there is no {device}" in e for e in link.events))
     for plugged in range(2):
         master, slave = pty.openpty()
         tty.setraw(master)
         os.set_blocking(master, False)
         device.unlink(missing_ok=True)
         device.symlink_to(os.ttyname(slave))
-        beat, before = Codec(ID, 1).pack(heartbeat()), len(room.heard("router", "HEARTBEAT"))
+        data, before = Codec(ID, 1).pack(heartbeat()), len(link.received("router", "HEARTBEAT"))
 
-        def speak(master: int = master, beat: bytes = beat) -> None:
+        def send(master: int = master, data: bytes = data) -> None:
             with contextlib.suppress(BlockingIOError):
-                os.write(master, beat[:9])
-                os.write(master, beat[9:])
+                os.write(master, data[:9])
+                os.write(master, data[9:])
 
-        room.until(lambda before=before: len(room.heard("router", "HEARTBEAT")) > before, speak)
-        gone = sum("is gone" in e for e in room.events)
+        link.until(lambda before=before: len(link.received("router", "HEARTBEAT")) > before, send)
+        gone = sum("is gone" in e for e in link.events)
         assert gone == plugged
         device.unlink()
         os.close(slave)
         os.close(master)
-        room.until(lambda gone=gone: sum("is gone" in e for e in room.events) > gone)
+        link.until(lambda gone=gone: sum("is gone" in e for e in link.events) > gone)
 
 
-def test_it_outlives_its_supervisor_while_the_vehicle_is_armed_and_ends_after(start):
-    room = start()
-    vehicle = Vehicle((room.address, 14999), (room.address, 14540))
+def test_an_orphan_serves_until_the_vehicle_is_disarmed(start):
+    link = start()
+    vehicle = Vehicle((link.address, 14999), (link.address, 14540))
     codec = Codec(ID, 1)
     with vehicle.link:
         armed = codec.pack(heartbeat(armed=True))
-        room.until(lambda: room.stats.get("armed"), lambda: vehicle.link.sendto(armed, vehicle.to))
-        room.line.close()
-        with pytest.raises(subprocess.TimeoutExpired):  # the radio is lost: silent, and armed
-            room.process.wait(3.0)
+        link.until(lambda: link.stats.get("armed"), lambda: vehicle.link.sendto(armed, vehicle.to))
+        link.line.close()
+        with pytest.raises(subprocess.TimeoutExpired):  # silent and armed, as after the loss of its radio
+            link.process.wait(3.0)
         end = time.monotonic() + DEADLINE_S
-        while room.process.poll() is None and time.monotonic() < end:
+        while link.process.poll() is None and time.monotonic() < end:
             vehicle.link.sendto(codec.pack(heartbeat()), vehicle.to)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                room.process.wait(0.1)
-        assert room.process.poll() == 0
+                link.process.wait(0.1)
+        assert link.process.poll() == 0
 
 
 # -- in the loop -----------------------------------------------------------------------------------------------------------
 
 
 class WorldPort:
-    """The world's simulator port: samples of a vehicle at rest, at 250 Hz at most, and what is answered."""
+    """The world's simulator port: sends samples of a vehicle at rest, at most 250 Hz, and stores the answers."""
 
     def __init__(self, address: str) -> None:
         self.listener = socket.create_server((address, 24079))
         self.listener.setblocking(False)
         self.connection: socket.socket | None = None
         self.answers: list[Any] = []
-        self.strange: list[int] = []
+        self.other_messages: list[int] = []
         self.gone = False
         self._codec, self._stream = Codec(1, 200), Stream()
         self.sent, self._last = 0, 0.0
@@ -270,9 +269,7 @@ class WorldPort:
                 self.connection, _ = self.listener.accept()
                 self.connection.setblocking(False)
             return
-        if (
-            time.monotonic() - self._last >= 0.004
-        ):  # one at a time: a busy machine slows the world's clock down
+        if time.monotonic() - self._last >= 0.004:  # one at a time: a busy machine slows the simulation down
             self.sent, self._last = self.sent + 1, time.monotonic()
             data = self._codec.pack(self._sample())
             if self.sent % 5 == 0:
@@ -288,7 +285,7 @@ class WorldPort:
             if not data:
                 return self._hang_up()
             buffer, found = self._stream.feed(data)
-            self.strange += [f.msgid for f in found.frames if f.msgid != 93]
+            self.other_messages += [f.msgid for f in found.frames if f.msgid != 93]
             for f in found.frames:
                 self.answers += self._codec.parse(buffer[f.start : f.end])
 
@@ -328,7 +325,7 @@ class WorldPort:
 def board(
     serial_cable: tuple[str, str], tmp_path: Path
 ) -> Iterator[tuple[str, Callable[[dict[str, float]], subprocess.Popen[bytes]]]]:
-    """(device, how to switch the controller on): a cable, the controller on one end and the link's device the other."""
+    """Return (device of the link, function that starts a controller at the other end of the cable)."""
     device, far_end = serial_cable
     running = []
 
@@ -344,11 +341,11 @@ def board(
         process.wait()
 
 
-def test_a_controller_in_the_loop_flies_the_worlds_body_and_speaks_to_the_router(start, board, tmp_path):
+def test_a_controller_in_the_loop_is_between_world_and_router(start, board, tmp_path):
     device, switch_on = board
     world = WorldPort(own_address())
     held = {"SYS_HITL": 1, "MPC_XY_P": 0.95}
-    room = start(
+    link = start(
         wire={"kind": "serial", "device": device, "baud": 921600},
         simulator=[world.listener.getsockname()[0], 24079],
         params={**held, "HIL_ACT_FUNC1": 101},
@@ -357,31 +354,31 @@ def test_a_controller_in_the_loop_flies_the_worlds_body_and_speaks_to_the_router
     )
     controller = switch_on(held)
     try:
-        room.until(lambda: room.ready and len(world.answers) > 100, world.turn)
-        assert set(world.strange) == {
-            mavlink.MAVLINK_MSG_ID_HEARTBEAT
-        }  # who has not spoken is no controller to the world
+        link.until(lambda: link.ready and len(world.answers) > 100, world.turn)
+        assert set(world.other_messages) == {mavlink.MAVLINK_MSG_ID_HEARTBEAT}
         assert {m.flags for m in world.answers if m.get_type() != "HEARTBEAT"} == {0}
-        assert not room.heard("router", "HIL_ACTUATOR_CONTROLS")
+        assert not link.received("router", "HIL_ACTUATOR_CONTROLS")
         rest = {"HEARTBEAT", "SYS_STATUS", "ATTITUDE", "SYSTEM_TIME"}
-        room.until(lambda: rest <= {m.get_type() for m in room.got["router"]}, world.turn)
-        room.send("router", arm())
+        link.until(lambda: rest <= {m.get_type() for m in link.got["router"]}, world.turn)
+        link.send("router", arm())
         armed = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-        room.until(lambda: any(m.command == armed for m in room.heard("router", "COMMAND_ACK")), world.turn)
-        answer = next(m for m in room.heard("router", "COMMAND_ACK") if m.command == armed)
+        link.until(
+            lambda: any(m.command == armed for m in link.received("router", "COMMAND_ACK")), world.turn
+        )
+        answer = next(m for m in link.received("router", "COMMAND_ACK") if m.command == armed)
         assert answer.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-        assert "Preflight: no pose has come" in {t.text for t in room.heard("router", "STATUSTEXT")}
-        room.until(
-            lambda: "Preflight: HIL_ACT_FUNC1 is unknown to the vehicle" in room.stats["may_not_arm"],
+        assert "Preflight: no pose received" in {t.text for t in link.received("router", "STATUSTEXT")}
+        link.until(
+            lambda: "Preflight: HIL_ACT_FUNC1 is unknown to the vehicle" in link.stats["may_not_arm"],
             world.turn,
         )
         assert "7\t1\tHIL_ACT_FUNC1\t101\t6" in (tmp_path / "params" / "uav7.params").read_text()
         answered = len(world.answers)
-        room.until(lambda: len(world.answers) > answered + 120, world.turn)
+        link.until(lambda: len(world.answers) > answered + 120, world.turn)
         world.gone = False
-        controller.kill()  # motors that nobody commands any more must stop: the world sees it hang up
-        room.until(lambda: world.gone, world.turn)
+        controller.kill()  # the link must disconnect from the world, so that the motors stop
+        link.until(lambda: world.gone, world.turn)
         switch_on(held)
-        room.until(lambda: world.connection is not None and len(world.answers) > 100, world.turn)
+        link.until(lambda: world.connection is not None and len(world.answers) > 100, world.turn)
     finally:
         world.close()

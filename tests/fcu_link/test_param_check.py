@@ -1,4 +1,4 @@
-"""The parameters that must hold: read by type, compared, told; a name that does not exist is not a lost link."""
+"""The check of required parameters: read by type, compared, reported; an unknown name is not a lost connection."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.fcu_link.param_check import WINDOW
+from arena.fcu_link.param_check import MAX_PENDING
 
-from .parts import ID, Rig, heartbeat
+from .link_rig import ID, Rig, heartbeat
 
 WANTED = {"SYS_HITL": 1, "MPC_XY_P": 0.95, "EKF2_EV_CTRL": 15, "EKF2_MIN_RNG": -7, "MPC_XY_VEL_MAX": 2}
 FLOATS = {"MPC_XY_P", "MPC_XY_VEL_MAX"}
@@ -17,23 +17,23 @@ LOST = object()
 
 
 def value_of(name: str, value: float, kind: int | None = None) -> mavlink.MAVLink_message:
-    """PARAM_VALUE as PX4 packs it: integers bytewise."""
+    """Return a PARAM_VALUE as PX4 packs it: integers bytewise."""
     kind = kind or (9 if name in FLOATS else 6)
     packed = value if kind == 9 else struct.unpack("<f", struct.pack("<i", int(value)))[0]
     return mavlink.MAVLink_param_value_message(name.encode(), packed, kind, 900, 3)
 
 
 class Board:
-    """A vehicle that holds parameters and answers as PX4 does: with silence to a name that it does not know."""
+    """A vehicle that holds parameters and, as PX4, does not answer requests for unknown names."""
 
     def __init__(self, rig: Rig, held: dict[str, float]) -> None:
-        self.rig, self.held, self.asked, self.deaf = rig, held, [], False
+        self.rig, self.held, self.asked, self.silent = rig, held, [], False
 
     def run(self, seconds: float) -> None:
         for i in range(round(seconds * 20)):
             self.rig.now += 0.05
             if i % 10 == 0:
-                self.rig.say(heartbeat())
+                self.rig.receive(heartbeat())
             self.rig.core.tick(self.rig.now)
             for m in self.rig.flush():
                 if m.get_type() == "PARAM_REQUEST_READ":
@@ -43,8 +43,8 @@ class Board:
         assert (m.target_system, m.target_component, m.param_index) == (ID, 1, -1)
         assert (m.get_srcSystem(), m.get_srcComponent()) == (ID, 192)
         self.asked.append(m.param_id)
-        if m.param_id in self.held and not self.deaf:
-            self.rig.say(value_of(m.param_id, self.held[m.param_id]))
+        if m.param_id in self.held and not self.silent:
+            self.rig.receive(value_of(m.param_id, self.held[m.param_id]))
 
 
 def board(held: dict[str, float] | None = None, wanted: dict[str, float] | None = None) -> Board:
@@ -55,17 +55,17 @@ def board(held: dict[str, float] | None = None, wanted: dict[str, float] | None 
 
 
 def params_reasons(b: Board) -> list[str]:
-    """The others, of a vehicle without poses and an estimate, stand before them."""
+    """Return the reasons after those for missing poses and estimates."""
     found = b.rig.reasons()
     return found[found.index("Preflight: battery level unknown") + 1 :]
 
 
-def test_parameters_that_hold_are_no_reason_and_are_told_once():
+def test_correct_parameters_are_no_reason_and_reported_once():
     b = board()
     assert params_reasons(b) == ["Preflight: 5 of 5 parameters not read yet"]
     b.run(12.0)
     assert params_reasons(b) == []
-    assert b.rig.core.events().count("uav7: all 5 parameters hold") == 1
+    assert b.rig.core.events().count("uav7: all 5 parameters are as required") == 1
     assert sorted(b.asked) == sorted(WANTED), "each is read once"
 
 
@@ -87,13 +87,13 @@ def test_a_difference_is_a_reason_with_both_values(name, held, words):
     )
 
 
-def test_a_float_that_went_through_32_bits_holds():
+def test_a_float_rounded_to_32_bits_is_equal():
     b = board({**WANTED, "MPC_XY_P": struct.unpack("<f", struct.pack("<f", 0.95))[0] * (1 + 4e-6)})
     b.run(2.0)
     assert params_reasons(b) == []
 
 
-def test_of_many_differences_three_are_named_and_the_rest_counted():
+def test_three_differences_are_named_and_the_others_counted():
     wanted = {f"P_{i:02}": i for i in range(15)}
     b = board(dict.fromkeys(wanted, 99), wanted)
     b.run(4.0)
@@ -103,39 +103,39 @@ def test_of_many_differences_three_are_named_and_the_rest_counted():
     assert all(len(r.encode()) <= 50 for r in found)
 
 
-def test_a_name_that_the_vehicle_does_not_know_is_told_apart_from_a_lost_link():
+def test_an_unknown_name_differs_from_a_lost_connection():
     held = {k: v for k, v in WANTED.items() if k != "EKF2_EV_CTRL"}
     b = board(held)
     b.run(6.0)
     assert params_reasons(b) == ["Preflight: EKF2_EV_CTRL is unknown to the vehicle"]
-    deaf = board()
-    deaf.deaf = True
-    deaf.run(20.0)
-    assert params_reasons(deaf) == ["Preflight: 5 of 5 parameters not read yet"]
-    deaf.deaf = False
-    deaf.run(2.0)
-    assert params_reasons(deaf) == []
+    silent = board()
+    silent.silent = True
+    silent.run(20.0)
+    assert params_reasons(silent) == ["Preflight: 5 of 5 parameters not read yet"]
+    silent.silent = False
+    silent.run(2.0)
+    assert params_reasons(silent) == []
 
 
-def test_an_autopilot_that_answers_unknown_names_is_believed_at_once():
+def test_a_param_error_marks_a_name_as_unknown_at_once():
     b = board({k: v for k, v in WANTED.items() if k != "SYS_HITL"})
-    b.rig.say(heartbeat())
-    b.rig.say(mavlink.MAVLink_param_error_message(ID, 192, b"SYS_HITL", -1, 1))
+    b.rig.receive(heartbeat())
+    b.rig.receive(mavlink.MAVLink_param_error_message(ID, 192, b"SYS_HITL", -1, 1))
     b.run(0.5)
     assert params_reasons(b) == ["Preflight: SYS_HITL is unknown to the vehicle"]
 
 
-def test_few_are_under_way_at_once():
+def test_the_number_of_pending_requests_is_limited():
     wanted = {f"P_{i:02}": i for i in range(60)}
     b = board(wanted, wanted)
-    b.rig.say(heartbeat())
+    b.rig.receive(heartbeat())
     b.rig.core.tick(b.rig.now)
-    assert len([m for m in b.rig.flush() if m.get_type() == "PARAM_REQUEST_READ"]) == WINDOW
+    assert len([m for m in b.rig.flush() if m.get_type() == "PARAM_REQUEST_READ"]) == MAX_PENDING
     b.run(1.5)
     assert params_reasons(b) == []
 
 
-def test_wrong_ones_are_read_again_until_they_are_right():
+def test_wrong_parameters_are_read_again_until_correct():
     b = board({**WANTED, "SYS_HITL": 0})
     b.run(2.0)
     b.held["SYS_HITL"] = 1
@@ -143,27 +143,27 @@ def test_wrong_ones_are_read_again_until_they_are_right():
     assert params_reasons(b) == []
 
 
-def test_a_value_that_somebody_sets_is_seen_at_once():
+def test_a_value_set_by_another_program_counts_at_once():
     b = board()
     b.run(2.0)
-    b.rig.say(value_of("SYS_HITL", 0))
+    b.rig.receive(value_of("SYS_HITL", 0))
     assert params_reasons(b) == ["Preflight: SYS_HITL is 0, needs 1"]
 
 
-def test_after_a_reboot_all_are_read_again():
+def test_parameters_are_read_again_after_a_reboot():
     b = board()
-    b.rig.say(mavlink.MAVLink_system_time_message(0, 50_000))
+    b.rig.receive(mavlink.MAVLink_system_time_message(0, 50_000))
     b.run(2.0)
     b.held["SYS_HITL"] = 0
     b.run(8.0)
     assert params_reasons(b) == [], "right ones are not read again and again"
-    b.rig.say(mavlink.MAVLink_system_time_message(0, 1_000))
+    b.rig.receive(mavlink.MAVLink_system_time_message(0, 1_000))
     assert params_reasons(b) == ["Preflight: 5 of 5 parameters not read yet"]
     b.run(2.0)
     assert params_reasons(b) == ["Preflight: SYS_HITL is 0, needs 1"]
 
 
-def test_nothing_is_asked_while_the_vehicle_is_not_heard():
+def test_nothing_is_requested_while_the_vehicle_is_silent():
     rig = Rig(params=WANTED)
     rig.fly(3.0, telemetry=False)
     assert rig.sent("PARAM_REQUEST_READ") == []

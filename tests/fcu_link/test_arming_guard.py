@@ -1,4 +1,4 @@
-"""What may arm a vehicle is withheld while a gate does not hold, and answered; what brings it down always passes."""
+"""Requests to arm are refused while a check fails; disarming and landing always pass."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from arena.uav.connection import COMPONENT as PROGRAM
 from arena.wire.mavlink_codec import Codec
 from arena.wire.telemetry import Telemetry
 
-from .parts import ENDS, ID, POSE, Rig, arm
+from .link_rig import ENDS, ID, POSE, Rig, arm
 
 LAND = (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 4, 6)
 
@@ -47,54 +47,54 @@ ARMING = {
 
 @pytest.mark.parametrize("link", ENDS)
 @pytest.mark.parametrize("message", ARMING.values(), ids=ARMING.keys())
-def test_arming_is_withheld_on_every_link_while_a_gate_does_not_hold(link, message):
+def test_arming_is_refused_on_every_link_while_a_check_fails(link, message):
     rig = rig_with_reasons()
-    rig.ask(link, message)
+    rig.send(link, message)
     assert not rig.sent("COMMAND_LONG")
     assert not rig.sent("COMMAND_INT")
 
 
 @pytest.mark.parametrize("link", ENDS)
 @pytest.mark.parametrize("message", ARMING.values(), ids=ARMING.keys())
-def test_arming_passes_once_all_gates_hold(link, message):
+def test_arming_passes_when_all_checks_pass(link, message):
     rig = Rig()
     rig.fly(2.0)
-    rig.ask(link, message)
+    rig.send(link, message)
     assert rig.arming_passed(message.command)
-    assert not rig.heard("router", "STATUSTEXT")
+    assert not rig.received("router", "STATUSTEXT")
 
 
 @pytest.mark.parametrize("link", ENDS)
-def test_who_asked_is_answered_with_the_reasons_in_the_autopilots_name(link):
+def test_a_refusal_has_the_reasons_in_the_autopilots_name(link):
     rig = rig_with_reasons()
-    rig.ask(link, arm())
+    rig.send(link, arm())
     for end in {link, "router"}:
-        (ack,) = rig.heard(end, "COMMAND_ACK")
+        (ack,) = rig.received(end, "COMMAND_ACK")
         assert (ack.command, ack.result) == (400, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
         assert (ack.target_system, ack.target_component) == (ID, 191)
         assert (ack.get_srcSystem(), ack.get_srcComponent()) == (ID, 1)
-        texts = rig.heard(end, "STATUSTEXT")
+        texts = rig.received(end, "STATUSTEXT")
         assert {t.text for t in texts} == set(rig.reasons())
         assert {t.severity for t in texts} == {mavlink.MAV_SEVERITY_ERROR}
-    assert not [end for end in ENDS if end not in (link, "router") and rig.heard(end, "COMMAND_ACK")]
+    assert not [end for end in ENDS if end not in (link, "router") and rig.received(end, "COMMAND_ACK")]
 
 
-def test_a_client_that_hammers_is_answered_each_time_and_told_the_reasons_now_and_then():
+def test_repeated_requests_get_the_reasons_only_now_and_then():
     rig = rig_with_reasons()
     for _ in range(10):
         rig.now += 0.01
-        rig.ask("router", arm())
-    assert len(rig.heard("router", "COMMAND_ACK")) == 10
-    assert len(rig.heard("router", "STATUSTEXT")) == len(rig.reasons())
+        rig.send("router", arm())
+    assert len(rig.received("router", "COMMAND_ACK")) == 10
+    assert len(rig.received("router", "STATUSTEXT")) == len(rig.reasons())
 
 
-def test_a_program_of_arena_reads_the_reasons_in_its_error():
-    """By the codec that the program's own link has: acknowledgement and texts, as `uav/pilot.py` collects them."""
+def test_a_program_reads_the_reasons_with_its_own_codec():
+    """Acknowledgement and texts, decoded as `arena.uav` does."""
     rig = rig_with_reasons()
     telemetry, now = Telemetry(ID), WallClock().now()
     data = b"".join(
         d
-        for end, d in rig.core.from_partner("router", Codec(ID, PROGRAM).pack(arm()), rig.now)
+        for end, d in rig.core.from_link("router", Codec(ID, PROGRAM).pack(arm()), rig.now)
         if end == "router"
     )
     telemetry.hear(data, now)
@@ -138,20 +138,20 @@ def test_a_program_of_arena_reads_the_reasons_in_its_error():
     ],
 )
 def test_disarming_landing_modes_and_setpoints_always_pass(link, message):
-    rig = Rig()  # nothing heard, no pose: every gate is closed
+    rig = Rig()  # no telemetry, no pose: every check fails
     assert rig.reasons()
-    rig.ask(link, message)
+    rig.send(link, message)
     assert [m.get_msgId() for m in rig.out] == [message.get_msgId()]
 
 
-def test_in_flight_with_dead_cameras_everything_but_a_new_arming_passes():
+def test_in_flight_without_poses_commands_pass():
     rig = Rig()
     rig.fly(1.0, armed=True)
     rig.fly(1.0, armed=True, poses=False)
     assert rig.reasons()
     rig.out.clear()
     stick = mavlink.MAVLink_manual_control_message(ID, 0, 0, 500, 0, 0)
-    rig.ask("router", command(176, *LAND), stick, command(300))
+    rig.send("router", command(176, *LAND), stick, command(300))
     assert [m.get_type() for m in rig.out] == ["COMMAND_LONG", "MANUAL_CONTROL", "COMMAND_LONG"]
 
 
@@ -162,40 +162,40 @@ def test_in_flight_with_dead_cameras_everything_but_a_new_arming_passes():
         mavlink.MAVLink_rc_channels_override_message(ID, 1, *[1500] * 8),
     ],
 )
-def test_sticks_that_could_arm_by_a_gesture_wait_for_the_gates(sticks):
+def test_sticks_are_refused_while_a_check_fails(sticks):
     rig = rig_with_reasons()
-    rig.ask("router", sticks)
+    rig.send("router", sticks)
     assert rig.out == []
-    assert rig.core.counts["to the vehicle: sticks withheld"] == 1
+    assert rig.core.counts["to the vehicle: sticks refused"] == 1
     rig.fly(1.5)
     rig.out.clear()
-    rig.ask("router", sticks)
+    rig.send("router", sticks)
     assert len(rig.out) == 1
 
 
-def test_arming_for_another_system_is_not_ours_to_answer():
+def test_arming_of_another_system_is_not_answered():
     rig = rig_with_reasons()
-    rig.ask("router", arm(target=ID + 1))
-    assert rig.heard("router", "COMMAND_ACK") == []
+    rig.send("router", arm(target=ID + 1))
+    assert rig.received("router", "COMMAND_ACK") == []
 
 
-def test_one_withheld_command_among_others_takes_none_of_them_along():
+def test_a_refused_command_does_not_stop_others_of_its_datagram():
     rig = rig_with_reasons()
-    rig.ask("router", command(176, *LAND), arm(), arm(param1=0.0))
+    rig.send("router", command(176, *LAND), arm(), arm(param1=0.0))
     assert [(m.command, m.param1) for m in rig.out] == [(176, 1.0), (400, 0.0)]
 
 
-def test_a_vehicle_armed_by_its_own_radio_in_spite_of_a_gate_is_told_once():
+def test_arming_by_radio_despite_a_failed_check_is_reported_once():
     rig = rig_with_reasons()
     rig.core.events()
     rig.fly(3.0, armed=True, battery=5)
-    told = [e for e in rig.core.events() if "is armed, though" in e]
+    told = [e for e in rig.core.events() if "is armed although" in e]
     assert len(told) == 1
     assert "battery at 5 %" in told[0]
     assert told[0].startswith("uav7: ")
 
 
-def test_a_real_vehicle_that_fell_silent_while_armed_counts_as_armed_and_a_simulated_one_has_ended():
+def test_a_silent_armed_vehicle_stays_armed_only_when_real():
     real, simulated = Rig(), Rig(simulated=True)
     for rig in (real, simulated):
         rig.fly(1.0, armed=True)
