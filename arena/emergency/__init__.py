@@ -1,4 +1,4 @@
-"""The panic path: land-all and kill-all. They need no supervisor, router, mocap or monitor alive.
+"""land-all and kill-all. They need no running supervisor, router, motion capture or monitor.
 
-This room stays light (no numpy, no schema): what it does must have left the computer well within a second.
+Only light modules are imported here (no numpy, no schema): the first command must be sent well within a second.
 """

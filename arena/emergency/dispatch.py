@@ -31,7 +31,7 @@ Say = Callable[[str], None]
 
 
 class TargetConnections:
-    """One vehicle: its landing sequence and every connection to it.
+    """A vehicle, its landing sequence and every connection to it.
 
     down: why the run records the vehicle as crashed or ended; "" when it does not
     """

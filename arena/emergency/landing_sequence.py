@@ -34,7 +34,7 @@ Action = Literal["land", "kill"]
 
 @dataclass(kw_only=True)
 class ReportedState:
-    """What the vehicle has reported since the start; None where it has not. Times are monotonic [s].
+    """The state that the vehicle has reported since the start; None where it has not. Times are monotonic [s].
 
     was_up: the vehicle was armed or off the ground at any time since the start
     """

@@ -1,4 +1,4 @@
-"""What a run folder records about a vehicle: a crash, its last address, the process of its link. Reads files only.
+"""The record of a vehicle in a run folder: a crash, its last address, the process of its link. Reads files only.
 
 <run>/events.jsonl    crashes of simulated vehicles and the end of PX4 processes
 <run>/wire/<v>.json   written by link.<v>: {"kind": "udpin", "local": [host, port], "vehicle": [host, port]}
@@ -24,7 +24,7 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessIdentity:
-    """A process as state.json records it. start_s [s since boot] tells it from a later process with the same pid."""
+    """A process as state.json records it. start_s [s since boot] distinguishes it from a later process with the same pid."""
 
     name: str
     pid: int
@@ -113,7 +113,7 @@ def _process(name: str, run: Path) -> ProcessIdentity | None:
 
 
 def _address(raw: Any) -> Address:
-    """Raises ValueError for a host name, which would need a working network, and for a port out of range."""
+    """Return an address. Raises ValueError for a host name, which would need a working network, and for a port out of range."""
     host, port = raw
     if not 0 <= int(port) <= 65535:
         raise ValueError(f"port: got {port}, expected 0 to 65535")

@@ -49,7 +49,7 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
 
 
 def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
-    """The vehicle's own keys win over the file's `defaults`."""
+    """Return the connection by the vehicle's own keys, else by the file's `defaults`."""
     defaults = root.get("defaults")
     own = {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
     if own.get("autopilot", "hardware") != "hardware":

@@ -23,7 +23,7 @@ _MAX_SHOWN = 3
 
 @dataclass(kw_only=True)
 class _Param:
-    """One parameter.
+    """A required parameter and what the vehicle has answered.
 
     wanted: required value
     value: value read from the vehicle; None before

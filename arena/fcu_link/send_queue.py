@@ -16,7 +16,7 @@ MAX_AGE_S = 1.0
 
 
 class Priority(IntEnum):
-    """Where a frame comes from; a smaller number is sent first."""
+    """The priority of a frame, by its source; a smaller number is sent first."""
 
     PANIC = 0
     ROUTER = 1
