@@ -56,7 +56,9 @@ _REPEATED = (": airborne", ": disarmed")
 
 def transition_text(after: State, reason: str) -> str:
     """Return a change of state in words: `ready`, `ended (exit 1)`."""
-    return _STATE_WORDS[after] + ("" if reason in _PLAIN_REASONS else f" ({reason})")
+    if reason in _PLAIN_REASONS:
+        return _STATE_WORDS[after]
+    return f"{_STATE_WORDS[after]}: {reason}" if "(" in reason else f"{_STATE_WORDS[after]} ({reason})"
 
 
 def transition_level(after: State, *, kind: str, starts: int, ending: bool) -> Level:

@@ -1,4 +1,4 @@
-"""The verbs that start nothing: init, check, plan, schema; and what `main` promises of every verb."""
+"""The verbs that start nothing (init, check, plan, schema), and help, errors and exit codes of every verb."""
 
 from __future__ import annotations
 
@@ -173,3 +173,57 @@ def test_land_all_starts_without_the_heavy_modules() -> None:
         [sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=30
     ).stdout
     assert told.strip() == "[]"
+
+
+@pytest.mark.parametrize("verb", cli.VERBS)
+def test_every_verb_has_help_and_refuses_an_unknown_option(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = run(verb, "--help", capsys=capsys)
+    assert code == 0 and f"arena {verb}" in out
+    code, out, err = run(verb, "--no-such-option", capsys=capsys)
+    assert code == 2 and "no-such-option" in out + err and "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (("ps",), 1, "no arena is up"),
+        (("down",), 1, "no arena is up"),
+        (("restart", "router"), 1, "no arena is up"),
+        (("logs", "router"), 1, "no arena is up"),
+        (("ps", "--run", "nowhere"), 2, "nowhere: no arena is running from this folder"),
+        (("logs", "router", "--run", "nowhere"), 2, "no log of 'router'"),
+        (("check", "none.yaml"), 2, "none.yaml: cannot be read"),
+        (("plan", "none.yaml"), 2, "none.yaml: cannot be read"),
+        (("up", "none.yaml"), 2, "none.yaml: cannot be read"),
+        (("up", "-q", "-v"), 2, "got both -q and -v"),
+        (("smoke", "none.smoke.yaml"), 2, "none.smoke.yaml"),
+        (("params", "generate", "none.yaml"), 2, "none.yaml: cannot be read"),
+        (("summary", "nowhere"), 2, "nowhere: not a run folder"),
+    ],
+    ids=lambda x: " ".join(x) if isinstance(x, tuple) else "",
+)
+def test_wrong_call_of_a_verb_is_one_line_and_an_exit_code(
+    arguments: tuple[str, ...],
+    code: int,
+    message: str,
+    folder: Path,
+    runtime_dir: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    got, _, err = run(*arguments, capsys=capsys)
+    assert (got, len(err.splitlines())) == (code, 1) and message in err
+
+
+def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    from arena import __version__
+
+    assert run("--version", capsys=capsys) == (0, f"arena {__version__}\n", "")
+
+
+def test_init_writes_a_gitignore_for_what_flights_write(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("init", "lab2", capsys=capsys)[0] == 0
+    assert {"runs/", "results/"} <= set(Path("lab2/.gitignore").read_text().splitlines())

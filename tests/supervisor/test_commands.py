@@ -27,6 +27,11 @@ class Terminal:
             command, capture_output=True, text=True, timeout=120, cwd=self.folder, check=False
         )
 
+    def up_and_wait(self, plan: Plan, *options: str) -> subprocess.CompletedProcess[str]:
+        """Run `arena up` in the foreground until it ends."""
+        (self.folder / "a.json").write_text(plan.to_json())
+        return self.run("up", "a.json", "--until-done", *options)
+
     def up(self, plan: Plan, name: str = "a.json", *options: str) -> subprocess.CompletedProcess[str]:
         (self.folder / name).write_text(plan.to_json())
         return self.run("up", name, "--detach", *options)
@@ -148,3 +153,38 @@ def test_following_a_log_ends_with_the_run(terminal):
     (run,) = terminal.folder.glob("runs/*")
     eventually(lambda: open_run(run) is None)
     assert terminal.run("logs", "p", "-f", "--run", str(run)).stdout.startswith("pid ")
+
+
+def test_up_prints_changes_and_a_verdict(terminal):
+    up = terminal.up_and_wait(plan_of(spec("a", "good"), program("p", "exits", "0", needs=("a",))))
+    lines = [line.partition(" s  ")[2] or line for line in up.stdout.splitlines()]
+    assert up.returncode == 0 and lines[0].startswith("test: starting 2 processes, run folder ")
+    assert "p: ended (exit 0)" in lines and not [line for line in lines if line.startswith("a: ")]
+    assert lines[-2].startswith("test: succeeded after ") and lines[-1].startswith("run folder: ")
+
+
+def test_up_verbose_prints_every_start_and_stop(terminal):
+    up = terminal.up_and_wait(plan_of(spec("a", "good"), program("p", "exits", "0", needs=("a",))), "-v")
+    for line in (
+        "a: starting",
+        "a: ready",
+        "a: stopping (the run ends: done)",
+        "a: ended: exit 0 (the run ends: done)",
+    ):
+        assert f" s  {line}\n" in up.stdout
+
+
+def test_up_quiet_prints_failures_and_the_verdict_only(terminal):
+    good = terminal.up_and_wait(plan_of(program("p", "exits", "0")), "-q")
+    (line,) = good.stdout.splitlines()
+    assert good.returncode == 0 and line.startswith("test: succeeded after ")
+    bad = terminal.up_and_wait(plan_of(program("a", "", argv=("/no/such",))), "-q")
+    assert bad.returncode == 1 and "a: failed (could not start: /no/such" in bad.stdout
+    assert "test: FAILED after " in bad.stdout
+
+
+def test_up_json_prints_one_object_per_line(terminal):
+    up = terminal.up_and_wait(plan_of(program("p", "exits", "3")), "--json")
+    *messages, result = map(json.loads, up.stdout.splitlines())
+    assert up.returncode == result["exit_code"] == 1 and result["failed"] == ["p: exit 3"]
+    assert "p" in {m["source"] for m in messages} and Path(result["run"]).is_dir()
