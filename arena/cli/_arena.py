@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,27 @@ File = Annotated[Path, typer.Argument(help="the arena's YAML, or its folder")]
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
 ]
+
+
+def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple[Arena, Plan, str]:
+    """Return the arena and its plan at the first free loopback address, and a sentence when that is not the default.
+
+    An arena whose YAML or command line names an address keeps it, and so does one with a real flight controller: two
+    arenas must not command the same vehicle.
+    """
+    if arena.source.given(("address",)) or any(v.wire is not None for v in arena.vehicles):
+        return arena, plan, ""
+    from arena.plan import make_plan
+    from arena.plan.machine import Machine, choose_address
+    from arena.schema import load_arena
+    from arena.supervisor import active_runs
+
+    runs = {run.address: f"run {run.run}" for run in active_runs() if run.live}
+    choice = choose_address(plan, runs, Machine())
+    if not choice.why:
+        return arena, plan, ""
+    moved = load_arena(arena.file, [*overrides, f"address={choice.address}"])
+    return moved, make_plan(moved), choice.why
 
 
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:

@@ -183,17 +183,15 @@ def refuse_beyond_limits(
 def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarget]:
     """Return how each vehicle is reached: through the router of the running arena, else directly for hardware."""
     from arena.params.transfer.session import ParamTarget
-    from arena.supervisor import active_runs
 
-    run = next((state for state in active_runs() if state.live and state.address == arena.address), None)
-    up = run is not None
+    run = _run_of(arena)
     if run is not None:
         _check_run_has(run, vehicles)
         print(f"through the running arena {run.name} ({run.run})", file=sys.stderr)
     found: dict[str, ParamTarget] = {}
     for v in vehicles:
-        if up:
-            found[v.name] = ParamTarget(system=v.id, remote=(arena.address, v.ports.tools))
+        if run is not None:
+            found[v.name] = ParamTarget(system=v.id, remote=(run.address, v.ports.tools))
         elif v.wire is None or v.simulated:
             raise InputError(
                 f"{v.name} is simulated, and no arena is running on {arena.address}: start it with arena up"
@@ -208,6 +206,24 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarg
                 else ParamTarget(system=v.id, remote=there)
             )
     return found
+
+
+def _run_of(arena: Arena) -> RunState | None:
+    """Return the running arena of this YAML: at its address, or when it names none, the one that was started from it.
+
+    Raises InputError when several were started from it.
+    """
+    from arena.supervisor.run_folder import active_runs, started_from
+
+    runs = [state for state in active_runs() if state.live]
+    if not arena.source.given(("address",)):
+        started = [state for state in runs if started_from(state) == Path(arena.file).resolve()]
+        if len(started) > 1:
+            choices = " or ".join(f"--set address={state.address}" for state in started)
+            raise InputError(f"{arena.file}: {len(started)} arenas run from this file. Choose one: {choices}")
+        if started:
+            return started[0]
+    return next((state for state in runs if state.address == arena.address), None)
 
 
 def _check_run_has(run: RunState, vehicles: Sequence[Vehicle]) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from arena.cli._arena import File, Set, what_would_run
+from arena.cli._arena import File, Set, at_free_address, what_would_run
 
 
 def register(app: typer.Typer) -> None:
@@ -29,7 +29,10 @@ def register(app: typer.Typer) -> None:
         arena = load_arena(file, set_ or [])
         plan = make_plan(arena)
         if machine:
+            arena, plan, moved = at_free_address(arena, plan, set_ or [])
             check_machine(arena, plan)
+            if moved:
+                print(moved)
         print(f"ok: {arena.name} ({arena.file})")
         for line in what_would_run(arena, plan):
             print(f"  {line}")

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from arena.cli._arena import copilot_notes, not_possible
+from arena.cli._arena import at_free_address, copilot_notes, not_possible
 from arena.cli._consent import ask_consent
 from arena.errors import EXIT_FAILED, EXIT_OK, InputError, RunError
 from arena.plan.model import Plan
@@ -139,6 +139,9 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
         print(line, file=sys.stderr)
     plan = make_plan(arena)
     sweep_all(_say, plan.address)
+    arena, plan, moved = at_free_address(arena, plan, overrides)
+    if moved:
+        _say(moved)
     _refuse_second(plan)
     check_machine(arena, plan)
     return plan

@@ -89,7 +89,7 @@ def choose_address(plan: Plan, runs: Mapping[str, str], probe: Probe) -> Address
     """Return the first loopback address from the plan's on (127.0.0.1, 127.0.0.2, ...) that is free.
 
     plan: the plan for the default address.
-    runs: address -> name of the arena that runs there.
+    runs: address -> words for the arena that runs there.
     Raises InputError when 50 addresses are taken. Binds ports for an instant; starts nothing.
     """
     first, why = plan.address, ""
@@ -106,9 +106,9 @@ def choose_address(plan: Plan, runs: Mapping[str, str], probe: Probe) -> Address
 def _use_of(plan: Plan, address: str, runs: Mapping[str, str], probe: Probe) -> str:
     """Return who uses an address, in words; "" when the arena can have it."""
     if address in runs:
-        return f"the arena {runs[address]}"
-    for _, _, port in _wanted(plan):
-        if probe.refusal(address, port):
+        return runs[address]
+    for _, bound_to, port in _wanted(plan):  # what is bound to every address is not moved by another one
+        if bound_to == plan.address and probe.refusal(address, port):
             return probe.holder(address, port) or f"another process (UDP port {port})"
     return ""
 

@@ -184,6 +184,15 @@ def active_runs() -> list[RunState]:
     return sorted(found, key=lambda state: state.supervisor.start_s)
 
 
+def started_from(state: RunState) -> Path | None:
+    """Return the YAML file that a run was started from, which its resolved YAML names in the first line."""
+    try:
+        with (Path(state.run) / "arena.yaml").open(errors="replace") as file:
+            return Path(file.readline().partition("# resolved from ")[2].strip()).resolve()
+    except OSError:
+        return None
+
+
 def plan_of(state: RunState) -> Plan | None:
     """Return the plan of a run, or None when it cannot be read."""
     try:

@@ -151,9 +151,9 @@ def test_default_address_is_kept_when_it_is_free() -> None:
 
 
 def test_address_of_another_run_is_skipped_with_its_name() -> None:
-    choice = choose_address(load()[1], {"127.0.0.1": "lab", "127.0.0.2": "lab2"}, Bench())
+    choice = choose_address(load()[1], {"127.0.0.1": "run /runs/lab", "127.0.0.2": "run /runs/lab2"}, Bench())
     assert choice == AddressChoice(
-        address="127.0.0.3", why="127.0.0.1 is in use by the arena lab: using 127.0.0.3"
+        address="127.0.0.3", why="127.0.0.1 is in use by run /runs/lab: using 127.0.0.3"
     )
 
 
