@@ -9,5 +9,5 @@ Real = TypeVar("Real", float, Any)  # or an array of them
 
 
 def pressure_hpa(height_m: Real) -> Real:
-    """Static pressure [hPa] at a height above mean sea level [m]."""
+    """Return the static pressure [hPa] at a height above mean sea level [m]."""
     return SEA_LEVEL_HPA * (1.0 - 2.25577e-5 * height_m) ** 5.25588  # type: ignore[no-any-return]

@@ -1,13 +1,13 @@
-"""Static thrust against normalised command, as the profiles give it. Pure; shared by the world, the autopilot and user programs.
+"""Thrust curves of the profiles: static thrust against normalised command. Pure; used by the world, the autopilot and user programs.
 
 Every curve is for the vehicle's TOTAL thrust; one of n equal rotors gives a share of 1/n. The command u is 0..1. Both
-directions clamp to what the vehicle has, so a tangent never wraps, and are exact inverses of each other at rest:
+directions are limited to what the vehicle can do, so a tangent never wraps, and are exact inverses of each other at rest:
     newtons(command(T)) = T   for 0 <= T <= max_newtons          command(newtons(u)) = u   for 0 <= u <= 1
-In flight at speed v the rotors give the share `1 - v / fade_speed_m_s` of it, where a profile has that figure.
+At airspeed v the rotors give the share `1 - v / fade_speed_m_s` of it, if the profile has that figure.
 
-The iris's two published formulas do not quite agree: T = 34.068 u^2 + 7.1202 u is the curve, and
+The iris's two published formulas differ slightly: T = 34.068 u^2 + 7.1202 u is the curve, and
 u = (T - 14.906) / 45.34 + 0.561 its tangent near hover (0.7 % of u off at hover, 0.14 off at full thrust, 0.23 at none).
-Here the first one rules and `command` inverts it; from the second comes the share lost at speed.
+`newtons` is the first one and `command` its inverse; the share lost at speed comes from the second one.
 """
 
 from __future__ import annotations
@@ -24,14 +24,18 @@ from arena.errors import InputError
 
 Array = NDArray[np.float64]
 
-_LEAST_SHARE = (
-    0.1  # of the static thrust, however fast: beyond that the model means nothing, and 1 / 0 must not happen
+_MIN_SHARE = (
+    0.1  # of the static thrust at any airspeed: the model is not valid beyond, and 1 / 0 must not happen
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThrustCurve:
-    """max_newtons: total static thrust at u = 1 [N].  fade_speed_m_s: speed at which the rotors would give nothing [m/s]."""
+    """Total thrust against command, both directions.
+
+    max_newtons: total static thrust at u = 1 [N]
+    fade_speed_m_s: airspeed at which the rotors would give no thrust [m/s]
+    """
 
     max_newtons: float
     fade_speed_m_s: float = math.inf
@@ -39,22 +43,22 @@ class ThrustCurve:
     _command: Callable[[Array], Array] = field(repr=False)
 
     def newtons(self, u: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """Total thrust [N] at the command u [-], clamped to 0..1, and the airspeed [m/s]. Any shapes that broadcast."""
+        """Return the total thrust [N] at a command [-], limited to 0..1, and an airspeed [m/s]. Any shapes that broadcast."""
         return self._newtons(np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)) * self._share(speed_m_s)
 
     def command(self, newtons: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """The command u [-], 0..1, that gives this total thrust [N], or the nearest there is, at the airspeed [m/s]."""
+        """Return the command 0..1 [-] that gives a total thrust [N], or the nearest possible one, at an airspeed [m/s]."""
         static = np.asarray(newtons, dtype=np.float64) / self._share(speed_m_s)
         return np.clip(self._command(np.clip(static, 0.0, self.max_newtons)), 0.0, 1.0)
 
     def _share(self, speed_m_s: ArrayLike) -> Array:
         return np.clip(
-            1.0 - np.abs(np.asarray(speed_m_s, dtype=np.float64)) / self.fade_speed_m_s, _LEAST_SHARE, 1.0
+            1.0 - np.abs(np.asarray(speed_m_s, dtype=np.float64)) / self.fade_speed_m_s, _MIN_SHARE, 1.0
         )
 
 
 def thrust_curve(settings: Mapping[str, Any]) -> ThrustCurve:
-    """The curve that a profile's `thrust_curve` describes. Raises InputError when its kind is not known."""
+    """Return the curve of a profile's `thrust_curve`. Raises InputError when its kind is not known."""
     maker = _KINDS.get(settings.get("kind", ""))
     if maker is None:
         raise InputError(
@@ -64,7 +68,7 @@ def thrust_curve(settings: Mapping[str, Any]) -> ThrustCurve:
 
 
 def _quadratic(s: Mapping[str, Any]) -> ThrustCurve:
-    """T = a u^2 + b u.  a, b [N], a > 0, b >= 0."""
+    """Return the curve T = a u^2 + b u. a, b [N], a > 0, b >= 0."""
     a, b = float(s["a"]), float(s["b"])
     return ThrustCurve(
         max_newtons=a + b,
@@ -76,9 +80,9 @@ def _quadratic(s: Mapping[str, Any]) -> ThrustCurve:
 
 
 def _tangent(s: Mapping[str, Any]) -> ThrustCurve:
-    """u = (tan((T - offset) / scale) + phase) / gain.  offset, scale [N]; phase, gain [-].
+    """Return the curve u = (tan((T - offset) / scale) + phase) / gain. offset, scale [N]; phase, gain [-].
 
-    Below the command `low_u` the fit means nothing (it gives thrust at u = 0), and a straight line from the origin replaces it.
+    Below the command `low_u` the fit is not valid (it gives thrust at u = 0); a straight line from the origin replaces it.
     """
     offset, scale, phase, gain, low = (float(s[k]) for k in ("offset_n", "scale_n", "phase", "gain", "low_u"))
 

@@ -21,6 +21,7 @@ GROUND = {
     "run_dirs",
     "thrust_curve",
     "atmosphere",
+    "vehicle_models",
     "transport",
 }
 MAY: dict[str, set[str]] = {
@@ -33,6 +34,7 @@ MAY: dict[str, set[str]] = {
     "process_context": {"errors"},
     "run_dirs": set(),
     "atmosphere": set(),
+    "vehicle_models": {"errors", "thrust_curve", "constants"},
     "transport": {"errors"},
     "wire": {"errors", "geometry"},
     "mocap": {"errors"},  # the table of vendors; their packages are found by name
@@ -50,6 +52,7 @@ MAY: dict[str, set[str]] = {
         "clock",
         "thrust_curve",
         "transport",
+        "vehicle_models",
         "params",
         "schema",
         "mocap",

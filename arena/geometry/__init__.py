@@ -1,4 +1,4 @@
-"""Frames and rotations: the one place where their conventions live. Pure numpy, batched over leading axes.
+"""Frames and rotations, and their conventions. Pure numpy, batched over leading axes.
 
 | letter | frame       | axes                                   |
 |--------|-------------|----------------------------------------|

@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 
 _TINY = 1e-8
 
-# Row 4 i + j: what the product of the i-th of a and the j-th of b adds to w, x, y, z (Hamilton: ij = k).
+# Row 4 i + j: what the product of a's i-th and b's j-th component adds to w, x, y, z (Hamilton: ij = k).
 _HAMILTON = np.zeros((16, 4))
 for _i, _j, _k, _sign in (
     (0, 0, 0, 1),
@@ -30,23 +30,23 @@ for _i, _j, _k, _sign in (
     (3, 0, 3, 1),
 ):
     _HAMILTON[4 * _i + _j, _k] = _sign
-# Likewise made of the products of a quaternion's components: conj(a) * b from those of a and b, and, of one quaternion's with
-# themselves, the entries of its matrix: the k-th column is q * e_k * conj(q).
+# The same for conj(a) * b, and for the rotation matrix of one quaternion, from the products of its own components: column k
+# of the matrix is q * e_k * conj(q).
 _CONJ = np.array([1.0, -1.0, -1.0, -1.0])
 _H = _HAMILTON.reshape(4, 4, 4)
 _BETWEEN = (_H * _CONJ[:, None, None]).reshape(16, 4)
 _MATRIX = np.einsum("akm,b,mbl->ablk", _H[:, 1:], _CONJ, _H[:, :, 1:]).reshape(16, 9)
-# From the products of cosine and sine of half the yaw, of half the pitch and of half the roll: q = q_yaw * q_pitch * q_roll.
+# From the products of cosine or sine of half the yaw, half the pitch and half the roll: q = q_yaw * q_pitch * q_roll.
 _EULER = np.einsum("ypm,mrk->yprk", _H[[0, 3]][:, [0, 2]], _H[:, [0, 1]]).reshape(8, 4)
 
 
 def wrap_pi(angle: ArrayLike) -> Array:
-    """angle [rad] (...) -> the same angle in [-pi, pi)."""
+    """Return an angle [rad] (...) wrapped to [-pi, pi)."""
     return np.asarray((np.asarray(angle, float) + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """Hamilton product a * b [-] wxyz (..., 4): rotate by b, then by a."""
+    """Return the Hamilton product a * b [-] wxyz (..., 4): the rotation by b, then by a."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     # All sixteen products at once, then their signed sums: three numpy calls instead of thirty.
     products = a[..., :, None] * b[..., None, :]
@@ -54,19 +54,19 @@ def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def quat_between(a: ArrayLike, b: ArrayLike) -> Array:
-    """conj(a) * b [-] wxyz (..., 4): of two attitudes, b as seen from the body axes of a."""
+    """Return conj(a) * b [-] wxyz (..., 4): for two attitudes, b as seen from the body axes of a."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     products = a[..., :, None] * b[..., None, :]
     return np.asarray(products.reshape(*products.shape[:-2], 16) @ _BETWEEN)
 
 
 def quat_conj(q: ArrayLike) -> Array:
-    """Conjugate, which is the inverse of a unit quaternion [-] wxyz (..., 4)."""
+    """Return the conjugate, which is the inverse of a unit quaternion [-] wxyz (..., 4)."""
     return np.asarray(np.asarray(q, float) * _CONJ)
 
 
 def quat_normalize(q: ArrayLike) -> Array:
-    """q scaled to unit length [-] wxyz (..., 4). Raises ValueError where the norm is zero or not finite."""
+    """Scale q to unit length [-] wxyz (..., 4). Raises ValueError when the norm is zero or not finite."""
     q = np.asarray(q, float)
     norm = np.sqrt((q * q).sum(-1, keepdims=True))
     if not np.all(np.isfinite(norm)) or np.any(norm < _TINY):
@@ -75,7 +75,7 @@ def quat_normalize(q: ArrayLike) -> Array:
 
 
 def matrix_from_quat(q: ArrayLike) -> Array:
-    """R [-] (..., 3, 3) with R @ v_b = q * v_b * conj(q)."""
+    """Return R [-] (..., 3, 3) with R @ v_b = q * v_b * conj(q)."""
     q = np.asarray(q, float)
     shape = q.shape[:-1]
     return np.asarray(
@@ -84,7 +84,7 @@ def matrix_from_quat(q: ArrayLike) -> Array:
 
 
 def quat_from_matrix(m: ArrayLike) -> Array:
-    """The quaternion of a rotation matrix, w >= 0 [-] wxyz (..., 4). Largest component first (Shepperd, 1978)."""
+    """Return the quaternion of a rotation matrix, w >= 0 [-] wxyz (..., 4). Largest component first (Shepperd, 1978)."""
     m = np.asarray(m, float)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     # Four times the outer product q q^T; the row of the largest diagonal entry is q up to scale and sign.
@@ -104,7 +104,7 @@ def quat_from_matrix(m: ArrayLike) -> Array:
 
 
 def quat_rotate(q: ArrayLike, v: ArrayLike) -> Array:
-    """q * v * conj(q): with q_nb it turns v_b into v_n; (..., 4), (..., 3) -> (..., 3)."""
+    """Return q * v * conj(q): q_nb rotates v_b into v_n; (..., 4), (..., 3) -> (..., 3)."""
     q, v = np.asarray(q, float), np.asarray(v, float)
     u, w = q[..., 1:], q[..., :1]
     t = 2.0 * _cross(u, v)
@@ -112,7 +112,7 @@ def quat_rotate(q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """np.cross without its overhead, which is ten times the arithmetic for small arrays."""
+    """Return the cross product, without np.cross's overhead, which is ten times the arithmetic for small arrays."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
@@ -121,7 +121,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def quat_exp(rotation_vector: ArrayLike) -> Array:
-    """rotation_vector: axis times angle [rad] (..., 3) -> unit quaternion wxyz (..., 4)."""
+    """Return the unit quaternion wxyz (..., 4) of a rotation vector: axis times angle [rad] (..., 3)."""
     v = np.asarray(rotation_vector, float)
     half = 0.5 * np.sqrt((v * v).sum(-1, keepdims=True))
     q = np.empty((*v.shape[:-1], 4))
@@ -132,7 +132,7 @@ def quat_exp(rotation_vector: ArrayLike) -> Array:
 
 
 def quat_log(q: ArrayLike) -> Array:
-    """The rotation vector of q, shortest way round [rad] (..., 3)."""
+    """Return the rotation vector of q, at most half a turn [rad] (..., 3)."""
     q = np.asarray(q, float)
     q = q * np.where(q[..., :1] < 0, -1.0, 1.0)
     v = q[..., 1:]
@@ -143,13 +143,13 @@ def quat_log(q: ArrayLike) -> Array:
 
 
 def quat_slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
-    """From a (fraction 0) to b (fraction 1) at constant rate, shortest way round [-] wxyz (..., 4)."""
+    """Interpolate from a (fraction 0) to b (fraction 1) at constant rate, by at most half a turn [-] wxyz (..., 4)."""
     step = quat_log(quat_multiply(quat_conj(a), b))
     return quat_multiply(a, quat_exp(np.asarray(fraction, float)[..., None] * step))
 
 
 def quat_from_euler(rpy: ArrayLike) -> Array:
-    """rpy: roll, pitch, yaw [rad] (..., 3), intrinsic z-y'-x'' as in aviation -> wxyz (..., 4)."""
+    """Return wxyz (..., 4) of roll, pitch, yaw [rad] (..., 3), intrinsic z-y'-x'' as in aviation."""
     half = 0.5 * np.asarray(rpy, float)
     cs = np.empty((*half.shape, 2))
     np.cos(half, out=cs[..., 0])
@@ -159,12 +159,12 @@ def quat_from_euler(rpy: ArrayLike) -> Array:
 
 
 def euler_from_quat(q: ArrayLike) -> Array:
-    """Roll, pitch, yaw [rad] (..., 3) of wxyz (..., 4), intrinsic z-y'-x''."""
+    """Return roll, pitch, yaw [rad] (..., 3) of wxyz (..., 4), intrinsic z-y'-x''."""
     return euler_from_matrix(matrix_from_quat(q))
 
 
 def euler_from_matrix(m: ArrayLike) -> Array:
-    """Roll, pitch, yaw [rad] (..., 3) of a rotation matrix (..., 3, 3), intrinsic z-y'-x''."""
+    """Return roll, pitch, yaw [rad] (..., 3) of a rotation matrix (..., 3, 3), intrinsic z-y'-x''."""
     m = np.asarray(m, float)
     out = np.empty(m.shape[:-1])
     out[..., 0] = np.arctan2(m[..., 2, 1], m[..., 2, 2])
@@ -174,7 +174,7 @@ def euler_from_matrix(m: ArrayLike) -> Array:
 
 
 def yaw_from_quat(q: ArrayLike) -> Array:
-    """Yaw alone [rad] (...) of wxyz (..., 4)."""
+    """Return the yaw [rad] (...) of wxyz (..., 4)."""
     q = np.asarray(q, float)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))

@@ -9,6 +9,7 @@ from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_
 from arena.plan.px4_startup import hitl_params, px4_params, px4_scripts, reset_by_startup
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE
+from arena.vehicle_models import VEHICLE_MODELS
 
 CLOCK, TRUTH = "{rt}/clock", "{rt}/truth"
 LOG_RATE_HZ = 30.0
@@ -91,7 +92,7 @@ def px4(job: Job) -> Json:
         "version": arena.px4.version,
         "stand_in": arena.px4.stand_in,
         "folder": f"{{run}}/px4/{v.name}",
-        "model": "none_iris",
+        "model": VEHICLE_MODELS[v.profile.vehicle_class].px4_sim_model,
         "links": autopilot_ends(arena, v),
         "clock": CLOCK,
         "params": params,

@@ -1,1 +1,1 @@
-"""The real PX4: finding it, its folder and startup, and the lockstep link between it and the world."""
+"""PX4 software in the loop: its process, folder and startup, and the lockstep link between PX4 and the world."""

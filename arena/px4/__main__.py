@@ -1,7 +1,7 @@
-"""`python -m arena.px4 slice.json`: one PX4 SITL, in a folder of its own, for as long as the world that simulates its sensors.
+"""`python -m arena.px4 slice.json`: runs one PX4 SITL, in a folder of its own, as long as the world that simulates its sensors.
 
-A real PX4 knows nothing of supervisors: left alone by its simulator it spins for ever on one core. So this process stays beside
-it, writes down what it says, tells when it is up, and ends it when the world has ended or the supervisor says so.
+PX4 has no supervisor of its own: without its simulator it loops for ever on one core. This process starts it, logs its
+output, reports when it is ready, and ends it when the world has ended or the supervisor asks for it.
 """
 
 from __future__ import annotations
@@ -25,39 +25,37 @@ from arena.process_context import ProcessContext, run_room
 from arena.transport import open_udp
 
 LOCK = "/tmp/px4_lock-{instance}"
-"""PX4's own lock file, whatever TMPDIR says."""
-UP = b"Startup script returned successfully"
+"""PX4's lock file. PX4 ignores TMPDIR."""
+READY_LINE = b"Startup script returned successfully"
 _PR_SET_PDEATHSIG = 1
-_STOP_S = 2.0
-_SLOW_S = 20.0  # not up for so long: say so
-_STOPPED_S = (
-    5.0  # by a signal for so long: its vehicle has long fallen, and it would believe for ever that it flies
-)
+_STOP_TIMEOUT_S = 2.0
+_START_WARNING_S = 20.0  # without READY_LINE: an event
+# Stopped by a signal for so long, its vehicle has fallen, and after it goes on it would still estimate that it flies.
+_MAX_STOPPED_S = 5.0
 _libc = ctypes.CDLL(None)
 
 
 def main() -> int:
-    return run_room("px4", lambda room: partial(serve, room))
+    """Run the process and return its exit code."""
+    return run_room("px4", lambda context: partial(serve, context))
 
 
-def serve(room: ProcessContext) -> int:
-    """Its exit code: 0 when told to stop or when the world ended, 1 when PX4 ended by itself."""
-    s = room.settings
+def serve(context: ProcessContext) -> int:
+    """Run PX4. Returns 0 when it was asked to stop or the world ended, 1 when PX4 ended by itself."""
+    s = context.settings
     check_free(s)
     folder = make_folder(s)
     world = None
-    with contextlib.suppress(
-        RunError
-    ):  # without a world PX4 waits for one; `_watch` then has nothing to end with
-        world = SimClock(s["clock"], room.name)
-        leave_its_core(world.server_pid)
+    with contextlib.suppress(RunError):  # without a world, PX4 waits for one
+        world = SimClock(s["clock"], context.name)
+        leave_core_of(world.server_pid)
     argv = [*s["argv"], "-d", "-i", str(s["instance"]), "-w", str(folder), str(folder / "etc")]
     env = {
         **os.environ,
-        **{f"PX4_PARAM_{name}": text(value) for name, value in s["params"].items()},
+        **{f"PX4_PARAM_{name}": param_text(value) for name, value in s["params"].items()},
         "PX4_SIM_MODEL": s["model"],
     }
-    env.pop("PX4_SIM_SPEED_FACTOR", None)  # it would rewrite the failsafes' times
+    env.pop("PX4_SIM_SPEED_FACTOR", None)  # PX4 would scale its failsafes' times by it
     print(" ".join(argv), flush=True)
     process = subprocess.Popen(
         argv,
@@ -66,17 +64,18 @@ def serve(room: ProcessContext) -> int:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        preexec_fn=_die_with_us,  # noqa: PLW1509 - this process has one thread
+        preexec_fn=_die_with_parent,  # noqa: PLW1509 - this process has one thread
     )
     try:
-        return _watch(room, process, world)
+        return _watch(context, process, world)
     finally:
         _end(process)
 
 
-def leave_its_core(world_pid: int) -> None:
-    """A world that keeps to one core (`arena/sim/pacing.py`) has it for itself: the kernel would wake PX4 on the very core that
-    sends its sensors, and push the world aside. What is started from here inherits it.
+def leave_core_of(world_pid: int) -> None:
+    """Give up the core of a world that keeps to one (`arena/sim/pacing.py`); PX4 inherits the choice.
+
+    The kernel would else wake PX4 on the core that sends its sensors, and interrupt the world.
     """
     with contextlib.suppress(OSError):  # it has ended
         others = os.sched_getaffinity(0) - os.sched_getaffinity(world_pid)
@@ -84,99 +83,101 @@ def leave_its_core(world_pid: int) -> None:
             os.sched_setaffinity(0, others)
 
 
-def _watch(room: ProcessContext, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
+def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
+    """Log PX4's output, report its state, and return the exit code when it or the world has ended."""
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)
     selector = selectors.DefaultSelector()
     selector.register(process.stdout, selectors.EVENT_READ)
-    tail, up, slow_at, ran_at = b"", False, time.monotonic() + _SLOW_S, time.monotonic()
-    while not room.stopping:
+    tail, ready, slow_at, ran_at = b"", False, time.monotonic() + _START_WARNING_S, time.monotonic()
+    while not context.stopping:
         for _ in selector.select(0.2):
-            said = process.stdout.read()
-            if said == b"":  # it has closed its output
+            output = process.stdout.read()
+            if output == b"":  # PX4 has closed it
                 selector.unregister(process.stdout)
-            sys.stdout.buffer.write(said or b"")
+            sys.stdout.buffer.write(output or b"")
             sys.stdout.flush()
-            tail = (tail + (said or b""))[-4096:]
-            if UP in tail and not up:
-                up = True
-                room.ready()
+            tail = (tail + (output or b""))[-4096:]
+            if READY_LINE in tail and not ready:
+                ready = True
+                context.ready()
         code = process.poll()
-        if code is not None and not room.stopping:
-            return _tell_end(room, end_of(code), None if up else last_words(tail))
+        if code is not None and not context.stopping:
+            return _report_end(context, end_of(code), None if ready else last_line(tail))
         if not is_stopped(process.pid):
             ran_at = time.monotonic()
-        elif time.monotonic() - ran_at > _STOPPED_S:
+        elif time.monotonic() - ran_at > _MAX_STOPPED_S:
             process.kill()
             process.wait()
-            return _tell_end(
-                room,
-                f"stopped by a signal for {_STOPPED_S:g} s, then killed",
-                None if up else last_words(tail),
+            return _report_end(
+                context,
+                f"stopped by a signal for {_MAX_STOPPED_S:g} s, then killed",
+                None if ready else last_line(tail),
             )
         if world is not None and world.ended():
             return 0
-        if not up and time.monotonic() > slow_at:
+        if not ready and time.monotonic() > slow_at:
             slow_at = float("inf")
-            _tell(room, f"PX4 has not come up for {_SLOW_S:g} s. {last_words(tail)}")
+            _report(context, f"PX4 has not come up for {_START_WARNING_S:g} s. {last_line(tail)}")
     return 0
 
 
 def is_stopped(pid: int) -> bool:
-    """A signal keeps this child from running. It is not one when a debugger holds it."""
+    """Return whether a signal has stopped this child. A child that a debugger holds does not count."""
     with contextlib.suppress(ChildProcessError):  # it has just ended
         return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
     return False
 
 
 def end_of(code: int) -> str:
+    """Describe an exit code."""
     return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
 
 
-def _tell_end(room: ProcessContext, why: str, before_up: str | None) -> int:
-    """before_up: its last words, when it was never up."""
-    if before_up is None:
-        _tell(room, f"PX4 has ended by itself ({why}); nothing flies this vehicle any more")
+def _report_end(context: ProcessContext, why: str, before_ready: str | None) -> int:
+    """Report that PX4 ended; return this process's exit code. before_ready: its last line, when it never was ready."""
+    if before_ready is None:
+        _report(context, f"PX4 has ended by itself ({why}); nothing flies this vehicle any more")
     else:
-        _tell(room, f"PX4 ended before it was up ({why}): try its binary by hand. {before_up}")
-    room.stats({"ended": why})
+        _report(context, f"PX4 ended before it was up ({why}): try its binary by hand. {before_ready}")
+    context.stats({"ended": why})
     return 1
 
 
-def _tell(room: ProcessContext, text: str) -> None:
-    text = f"{room.settings['vehicle']}: {text}"
+def _report(context: ProcessContext, text: str) -> None:
+    text = f"{context.settings['vehicle']}: {text}"
     print(f"px4: {text}", file=sys.stderr, flush=True)
-    room.event(text)
+    context.event(text)
 
 
-def last_words(output: bytes) -> str:
-    """The last line that PX4 wrote, as a sentence."""
+def last_line(output: bytes) -> str:
+    """Return the last line that PX4 printed, as a sentence."""
     lines = [line.strip() for line in output.decode(errors="replace").splitlines() if line.strip()]
-    return f"Its last words: {lines[-1]}" if lines else "It has said nothing"
+    return f"Its last line: {lines[-1]}" if lines else "It has printed nothing"
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """SIGINT saves its log; one that waits for a simulator ignores it."""
+    """End PX4. On SIGINT it saves its log; while it waits for a simulator it ignores the signal and is killed."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
         try:
-            process.wait(_STOP_S)
+            process.wait(_STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
 
 
-def _die_with_us() -> None:
+def _die_with_parent() -> None:
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
 
-def text(value: float) -> str:
-    """A parameter's value as `param set` reads it: integers without a point."""
+def param_text(value: float) -> str:
+    """Format a parameter's value for PX4's `param set`: integers without a point."""
     return str(int(value)) if float(value).is_integer() and not isinstance(value, float) else repr(value)
 
 
 def make_folder(s: dict[str, Any]) -> Path:
-    """PX4's working folder: its `etc` is the installed one by links, but for the scripts that this arena writes."""
+    """Create PX4's working folder and return it. Its `etc` links to the installed one, except the slice's scripts."""
     folder, data = Path(s["folder"]), Path(s["data"])
     scripts = folder / "etc" / "init.d-posix"
     scripts.mkdir(parents=True)
@@ -193,7 +194,7 @@ def make_folder(s: dict[str, Any]) -> Path:
 
 
 def check_free(s: dict[str, Any]) -> None:
-    """Raises RunError, naming who is there, when this instance's lock or ports are taken."""
+    """Check that this instance's lock and ports are free. Raises RunError that names the process which holds them."""
     stand_in = s.get("stand_in", False)
     if not stand_in and _is_locked(Path(LOCK.format(instance=s["instance"]))):
         owner = _lock_owner(s["instance"])
@@ -211,10 +212,10 @@ def check_free(s: dict[str, Any]) -> None:
 
 
 def _is_locked(lock: Path) -> bool:
-    """PX4 holds its lock while it runs. A file that nobody holds, left by one that was killed, is in nobody's way."""
+    """Return whether a running PX4 holds the lock. A file left by a PX4 that was killed does not count."""
     try:
         file = lock.open("rb")
-    except OSError:  # there is none; or it is another user's, and PX4 itself will say so
+    except OSError:  # no such file; or another user's, which PX4 itself will report
         return False
     with file:
         try:
@@ -225,7 +226,7 @@ def _is_locked(lock: Path) -> bool:
 
 
 def _holder(port: int) -> str:
-    """Who has a UDP port, where the system tells."""
+    """Return the process that holds a UDP port as ` by process ...`, "" if the kernel does not reveal it."""
     import psutil
 
     with contextlib.suppress(psutil.Error):
@@ -236,6 +237,7 @@ def _holder(port: int) -> str:
 
 
 def _lock_owner(instance: int) -> str:
+    """Return the PX4 of this instance as ` as process ...`, "" when it is not found."""
     import psutil
 
     for process in psutil.process_iter(["name", "cmdline", "pid"]):

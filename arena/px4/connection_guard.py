@@ -1,6 +1,7 @@
-"""The door of one vehicle's simulator port: who connects counts as PX4 once it has spoken MAVLink, which PX4 does at once.
+"""Admission to one vehicle's simulator port: a client counts as PX4 once it has sent valid MAVLink, which PX4 does at once.
 
-Anybody may knock on a TCP port: a scanner, a browser, a second PX4 with the same id. None of them may take the vehicle's place.
+Anything may connect to a TCP port: a scanner, a browser, a second PX4 with the same id. None of them may take the place
+of the vehicle's PX4.
 """
 
 from __future__ import annotations
@@ -12,46 +13,60 @@ from collections import Counter
 from arena.errors import RunError
 from arena.wire.mavlink_frame import Stream
 
-PROVE_S = 2.0
-"""Wall time in which a caller must have said something valid [s]."""
-_MOST_CALLERS = 4
+IDENTIFY_TIMEOUT_S = 2.0
+"""Wall time in which a client must have sent something valid [s]."""
+_MAX_CLIENTS = 4  # that have not identified themselves yet
 _BYTES = 4096
 
 
-class _Caller:
-    """A connection that has not proven anything yet. since: wall time [s]; said: all it has sent."""
+class _Client:
+    """A connection that has not identified itself yet. since: wall time of its start [s]; data: all it has sent."""
 
     def __init__(self, connection: socket.socket, peer: str, since: float) -> None:
         self.connection, self.peer, self.since = connection, peer, since
-        self.said = b""
+        self.data = b""
         self._stream = Stream()
 
-    def listen(self, now: float) -> str | None:
-        """None while it may still prove itself; "" once it has; else why it is sent away."""
+    def check(self, now: float) -> str | None:
+        """Return None while it may still identify itself, "" once it has, else why it is refused."""
+        waiting = (
+            None
+            if now - self.since < IDENTIFY_TIMEOUT_S
+            else f"sent nothing valid within {IDENTIFY_TIMEOUT_S:g} s"
+        )
         try:
             data = self.connection.recv(_BYTES)
         except BlockingIOError:
-            return None if now - self.since < PROVE_S else f"said nothing valid within {PROVE_S:g} s"
+            return waiting
         except OSError:
             data = b""
         if not data:
-            return "hung up without a word"
-        self.said += data
+            return "closed the connection before it sent anything valid"
+        self.data += data
         _, found = self._stream.feed(data)
         if len(found.frames) > found.unknown:
             return ""
         if found.garbage or found.unknown:
-            return "does not speak MAVLink"
-        return None if now - self.since < PROVE_S else f"said nothing valid within {PROVE_S:g} s"
+            return "does not send MAVLink"
+        return waiting
 
 
-class Door:
-    """Listens on the address. counts: strangers sent away, connections refused. Raises RunError when the port is taken."""
+class ConnectionGuard:
+    """Listens on a vehicle's simulator port.
+
+    name: of the vehicle
+    address: where it listens
+
+    counts: clients refused as "strangers", because they are no PX4, and "refused", because one is connected
+    events: new lines for the run's events
+
+    Raises RunError when the port is taken.
+    """
 
     def __init__(self, name: str, address: tuple[str, int]) -> None:
         self._name, self._address = name, address
-        self._callers: list[_Caller] = []
-        self._told: set[str] = set()
+        self._clients: list[_Client] = []
+        self._reported: set[str] = set()
         self.counts: Counter[str] = Counter()
         self.events: list[str] = []
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -63,71 +78,73 @@ class Door:
             raise RunError(
                 f"{name}: cannot serve the simulator API on {address[0]}:{address[1]}: {error.strerror}"
             ) from error
-        self._listener.listen(_MOST_CALLERS)
+        self._listener.listen(_MAX_CLIENTS)
         self._listener.setblocking(False)
 
-    def look(self, now: float, *, taken: bool) -> tuple[socket.socket, bytes] | None:
-        """Who has proven to be PX4, and what it has said already. now: wall time [s]. taken: a PX4 is there, nobody gets in."""
-        while (caller := self._accept(now)) is not None:
-            if caller.peer.rpartition(":")[0] not in (
-                self._address[0],
-                "127.0.0.1",
-            ):  # where our own PX4s connect from
-                self._callers.append(caller)
-                self._send_away(caller, "comes from another address than this computer's")
-            elif taken or len(self._callers) >= _MOST_CALLERS:
-                self._refuse(caller)
+    def accept(self, now: float, *, taken: bool) -> tuple[socket.socket, bytes] | None:
+        """Return the connection of a client that has proven to be PX4 and what it has sent, None while there is none.
+
+        now: wall time [s]
+        taken: a PX4 is connected, every other client is refused
+        """
+        while (client := self._next(now)) is not None:
+            # our own PX4s connect from one of these two
+            if client.peer.rpartition(":")[0] not in (self._address[0], "127.0.0.1"):
+                self._clients.append(client)
+                self._reject(client, "comes from another address than this computer's")
+            elif taken or len(self._clients) >= _MAX_CLIENTS:
+                self._refuse(client)
             else:
-                self._callers.append(caller)
-        for caller in list(self._callers):
-            verdict = caller.listen(now)
-            if verdict == "":
-                self._callers.remove(caller)
-                self._empty()
-                return caller.connection, caller.said
-            if verdict:
-                self._send_away(caller, verdict)
+                self._clients.append(client)
+        for client in list(self._clients):
+            refusal = client.check(now)
+            if refusal == "":
+                self._clients.remove(client)
+                self._refuse_all()
+                return client.connection, client.data
+            if refusal:
+                self._reject(client, refusal)
         return None
 
     def close(self) -> None:
+        """Close all sockets."""
         self._listener.close()
-        for caller in self._callers:
-            caller.connection.close()
+        for client in self._clients:
+            client.connection.close()
 
-    def _accept(self, now: float) -> _Caller | None:
+    def _next(self, now: float) -> _Client | None:
         try:
             connection, (host, port) = self._listener.accept()
         except OSError:
             return None
         connection.setblocking(False)
-        with contextlib.suppress(OSError):  # it has gone already
+        with contextlib.suppress(OSError):  # it is closed already
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return _Caller(connection, f"{host}:{port}", now)
+        return _Client(connection, f"{host}:{port}", now)
 
-    def _empty(self) -> None:
-        """PX4 is here: whoever else waits has come for nothing."""
-        for caller in self._callers:
-            self._refuse(caller)
-        self._callers = []
-        self._told.discard("refused")
+    def _refuse_all(self) -> None:
+        for client in self._clients:
+            self._refuse(client)
+        self._clients = []
+        self._reported.discard("refused")
 
-    def _refuse(self, caller: _Caller) -> None:
-        caller.connection.close()
+    def _refuse(self, client: _Client) -> None:
+        client.connection.close()
         self.counts["refused"] += 1
-        self._tell(
+        self._report(
             "refused",
-            f"a further connection from {caller.peer} was refused: one PX4 is connected or expected there",
+            f"a further connection from {client.peer} was refused: one PX4 is connected or expected there",
         )
 
-    def _send_away(self, caller: _Caller, why: str) -> None:
-        self._callers.remove(caller)
-        caller.connection.close()
+    def _reject(self, client: _Client, why: str) -> None:
+        self._clients.remove(client)
+        client.connection.close()
         self.counts["strangers"] += 1
-        self._tell(why, f"a connection from {caller.peer} was closed: it {why}, so it is no PX4")
+        self._report(why, f"a connection from {client.peer} was closed: it {why}, so it is no PX4")
 
-    def _tell(self, kind: str, text: str) -> None:
-        """Each kind of thing once: a scanner that comes every second is no news."""
-        if kind not in self._told:
-            self._told.add(kind)
+    def _report(self, kind: str, text: str) -> None:
+        """Add an event once per kind: a scanner that connects every second is reported once."""
+        if kind not in self._reported:
+            self._reported.add(kind)
             host, port = self._address
             self.events.append(f"{self._name}: simulator port {host}:{port}: {text}")

@@ -1,20 +1,19 @@
-"""PX4's simulator API for one vehicle, without its socket: samples in, HIL messages out, motor commands back.
+"""PX4's simulator API for one vehicle, without its socket: sensor samples -> HIL messages, replies -> motor commands.
 
-PX4 runs free until it has found its sensors and answers nothing; from its first HIL_ACTUATOR_CONTROLS on it answers each
-HIL_SENSOR with exactly one, and its clock is the time stamps it is sent. A group of fields_updated is sent whole or not at all,
-for a half one is refused.
+PX4 runs free until it has found its sensors and replies to nothing. From its first HIL_ACTUATOR_CONTROLS on it replies to
+each HIL_SENSOR with exactly one, and its clock is the time stamps of the messages. A sensor's group of fields_updated is
+sent whole or not at all: PX4 refuses a part of one.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.atmosphere import pressure_hpa
 from arena.constants import GRAVITY_M_S2
 from arena.geometry import globe_from_local
 from arena.wire import hil
@@ -23,63 +22,72 @@ from arena.wire.truth_page import Truth
 
 Array = NDArray[np.float64]
 
-_IMU, _MAG, _BARO = 0x03F, 0x1C0, 0x1A00
-_MAG_EVERY, _BARO_EVERY, _TRUTH_EVERY = 3, 5, 5
-_CELSIUS = 25.0
-_GPS_ACCURACY_CM, _SATELLITES = (80, 120), 14
-# Sticks in the middle, throttle too: they hold nothing up and take nothing over.
+_READINGS = 13  # of HIL_SENSOR
+_TRUTH_EVERY = 5  # samples
+# Sticks and throttle in the middle: the vehicle neither climbs nor moves by them, and PX4 takes them for no pilot's input.
 _STICKS_EVERY, _STICKS_US = 5, (1500,) * 8
-_LATELY = 256
+_SENT_TIMES = 256
 
 
 class SimulatorLink:
-    """One vehicle. rotors: how many commands it takes from the front of `controls`. sticks: a pilot's radio is on; may change.
+    """The world's side of the simulator API for one vehicle.
 
-    motors: its newest commands, 0..1 [-], one a rotor, all 0 while disarmed. owed: samples not answered yet, once in step.
+    rotors: number of motor commands, the first of `controls`
+    outputs: what each simulated sensor adds
+    sticks: whether a pilot's radio control is on; may change
+
+    motors: latest commands 0..1 [-], one per rotor, all 0 while disarmed
+    unanswered: samples sent and not answered yet, once in step
     """
 
-    def __init__(self, rotors: int, *, sticks: bool = False) -> None:
+    def __init__(self, rotors: int, outputs: Sequence[hil.HilOutput], *, sticks: bool = False) -> None:
         self._sender = hil.HilSender(1, 200)
         self._rotors, self.sticks = rotors, sticks
+        self._fields = [x for x in outputs if isinstance(x, hil.HilFields)]
+        self._messages = [x for x in outputs if isinstance(x, hil.HilMessage)]
         self.counts: Counter[str] = Counter()
         self.reset()
 
     def reset(self) -> None:
-        """A new PX4 has connected."""
+        """Start again, for a new connection."""
         self.motors = [0.0] * self._rotors
-        self.armed, self.in_step, self.owed = False, False, 0
+        self.armed, self.in_step, self.unanswered = False, False, 0
         self._samples, self._sent_us, self._stamped = 0, 0, False
-        self._sent_lately: deque[int] = deque(maxlen=_LATELY)
+        self._sent_times: deque[int] = deque(maxlen=_SENT_TIMES)
         self._stream = Stream()
 
     def sample(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
-        """The messages of one sensor period that ends at now [s]. sensors: as the world's `sense`; row: this vehicle's."""
-        fields = _IMU
-        fields |= _MAG if self._samples % _MAG_EVERY == 0 else 0
-        fields |= _BARO if self._samples % _BARO_EVERY == 0 else 0
-        height = float(sensors["baro_alt_m"][row])
+        """Return the messages of one sensor period.
+
+        now: simulation time at its end [s]
+        sensors: readings, as the world samples them
+        row: this vehicle's in the readings
+        """
+        values, bits = [0.0] * _READINGS, 0
+        for sensor in self._fields:
+            found = sensor.values(sensors, row)
+            values[sensor.first : sensor.first + len(found)] = found
+            bits |= sensor.bits if self._samples % sensor.every == 0 else 0
         self._sent_us = round(now * 1e6)
-        self._sent_lately.append(self._sent_us)
+        self._sent_times.append(self._sent_us)
         self._samples += 1
         if self.in_step:
-            self.owed += 1
-        inertial = (x for key in ("accel_b", "gyro_b", "mag_b") for x in sensors[key][row].tolist())
-        data = self._sender.sensor(
-            self._sent_us, (*inertial, pressure_hpa(height), 0.0, height, _CELSIUS), fields
-        )
+            self.unanswered += 1
+        data = self._sender.sensor(self._sent_us, values, bits)
         if self.sticks and self._samples % _STICKS_EVERY == 0:
             data += self._sender.sticks(round(now * 1e3), _STICKS_US)
         return data
 
-    def gps(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
-        """HIL_GPS. sensors: as the world's `gps`; row: this vehicle's."""
-        lat, lon, alt = (float(sensors[key][row]) for key in ("lat_deg", "lon_deg", "alt_m"))
-        v_cm_s = [_int16(100.0 * x) for x in sensors["v_true_n"][row].tolist()]
-        place = (round(lat * 1e7), round(lon * 1e7), round(alt * 1e3))
-        return self._sender.gps(round(now * 1e6), place, _GPS_ACCURACY_CM, v_cm_s, _SATELLITES)
+    def messages(self, now: float, sensors: Mapping[str, Array], row: int, carried: frozenset[str]) -> bytes:
+        """Return the sensors' own messages, such as HIL_GPS, of those sampled now that the vehicle carries."""
+        return b"".join(
+            m.pack(self._sender, round(now * 1e6), sensors, row)
+            for m in self._messages
+            if m.name in carried and m.reading in sensors
+        )
 
     def truth(self, now: float, truth: Truth, row: int, origin: tuple[float, float, float] | None) -> bytes:
-        """HIL_STATE_QUATERNION, at a fifth of the sensor rate: what PX4 logs as ground truth. b"" in between."""
+        """Return HIL_STATE_QUATERNION, which PX4 logs as ground truth, at a fifth of the sensor rate; else b""."""
         if self._samples % _TRUTH_EVERY:
             return b""
         lat, lon, alt = _global(truth.p_n[row], origin or (0.0, 0.0, 0.0))
@@ -91,28 +99,29 @@ class SimulatorLink:
             (lat, lon, round(alt * 1e3)),
             [_int16(100.0 * x) for x in v],
             _int16(100.0 * math.hypot(*v)),
-            [_int16(1e3 * x / GRAVITY_M_S2) for x in a],
+            [_int16(x / (1e-3 * GRAVITY_M_S2)) for x in a],
         )
 
-    def hear(self, data: bytes) -> None:
-        """A piece of PX4's byte stream."""
+    def receive(self, data: bytes) -> None:
+        """Process a piece of PX4's byte stream."""
         buffer, found = self._stream.feed(data)
         if found.garbage:
             self.counts["garbage"] += found.garbage
         for frame in found.frames:
             if frame.msgid == hil.HIL_ACTUATOR_CONTROLS:
-                self._obey(hil.controls(buffer, frame))
+                self._take_controls(hil.controls(buffer, frame))
 
-    def _obey(self, m: hil.Controls) -> None:
+    def _take_controls(self, m: hil.Controls) -> None:
         self.in_step = self.in_step or m.lockstep
-        # PX4 stamps an answer with the time of the sample it answers, which tells those to the free run's samples apart.
-        self._stamped = self._stamped or m.time_usec in self._sent_lately
+        # PX4 stamps a reply with the time of the sample it replies to. This separates replies to lockstep samples from
+        # those to samples of the free run.
+        self._stamped = self._stamped or m.time_usec in self._sent_times
         if not self._stamped:
-            self.owed = max(self.owed - 1, 0)
+            self.unanswered = max(self.unanswered - 1, 0)
         elif m.time_usec >= self._sent_us:
-            self.owed = 0
-        else:  # of an older one: those after it are owed
-            self.owed = min(self.owed, sum(sent > m.time_usec for sent in self._sent_lately))
+            self.unanswered = 0
+        else:  # to an older sample: those after it are still unanswered
+            self.unanswered = min(self.unanswered, sum(sent > m.time_usec for sent in self._sent_times))
         self.armed = m.armed
         outputs = m.controls[: self._rotors] if m.armed else (0.0,) * self._rotors
         self.motors = [min(max(x, 0.0), 1.0) if math.isfinite(x) else 0.0 for x in outputs]

@@ -1,4 +1,4 @@
-"""A vehicle's profile: its mass, rotors, thrust and noise, as data. Files in `profiles/`, each figure with its source."""
+"""The model of a vehicle's profile: mass, rotors, thrust, sensors. Profiles are files in `profiles/`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from arena.thrust_curve import ThrustCurve, thrust_curve
 
 
 class Rotor(Strict):
-    """One rotor, in PX4's motor order."""
+    """A rotor, in PX4's motor order."""
 
     position_m: Vector
-    """Where it is [m] [FRD], from the body origin."""
+    """Position [m] [FRD], from the body origin."""
     direction: Literal["cw", "ccw"]
-    """How it turns, seen from above; the reaction torque on the body is opposite."""
+    """Direction of rotation seen from above; the reaction torque on the body is opposite."""
 
 
 class QuadraticCurve(Strict):
@@ -28,11 +28,11 @@ class QuadraticCurve(Strict):
     a: Positive
     b: NotNegative
     fade_speed_m_s: Positive | None = None
-    """In flight at speed v the rotors give the share 1 - v / fade_speed of it [m/s]."""
+    """At airspeed v the rotors give the share 1 - v / fade_speed of it [m/s]."""
 
 
 class TangentCurve(Strict):
-    """u = (tan((T - offset) / scale) + phase) / gain, a line from the origin below low_u."""
+    """Command u = (tan((T - offset) / scale) + phase) / gain for a total thrust T [N]; a line from the origin below low_u."""
 
     kind: Literal["tangent"]
     offset_n: float
@@ -44,7 +44,7 @@ class TangentCurve(Strict):
 
 
 class Imu(Strict):
-    """Noise is rms per axis at 250 Hz; biases are drawn once per flight."""
+    """Inertial measurement unit: noise rms per axis at 250 Hz; biases are drawn once per flight."""
 
     accel_noise_m_s2: NotNegative
     accel_bias_m_s2: NotNegative
@@ -74,7 +74,7 @@ class Gps(Strict):
 
 
 class Sensors(Strict):
-    """What the vehicle carries."""
+    """The sensors that the vehicle carries, by their names in `arena.sim.sensors.SENSORS`."""
 
     imu: Imu
     baro: Baro
@@ -87,11 +87,11 @@ class GroundEffect(Strict):
 
     rotor_radius_m: Positive
     body_lift: NotNegative = 2.0
-    """Of the fountain between the rotors [-]."""
+    """Lift of the fountain between the rotors [-]."""
 
 
 class Battery(Strict):
-    """A simple pack: a voltage that falls with the charge and with the current through its resistance."""
+    """Battery: a voltage that drops with the charge and with the current through a resistance."""
 
     cells: Annotated[int, Field(ge=1, le=14)]
     capacity_mah: Positive
@@ -105,9 +105,11 @@ class Battery(Strict):
 
 
 class Profile(Strict):
-    """One vehicle type. `model_dump(mode="json")` is what the slices carry."""
+    """A vehicle type."""
 
     name: str
+    vehicle_class: Literal["multirotor"] = "multirotor"
+    """Model of its dynamics, a row of `arena.vehicle_models.VEHICLE_MODELS`."""
     mass_kg: Positive
     inertia_kg_m2: PositiveVector
     """Principal moments Ixx, Iyy, Izz [kg m2] about the body axes."""
@@ -124,9 +126,9 @@ class Profile(Strict):
     motor_down_s: Positive
     thrust_curve: Annotated[QuadraticCurve | TangentCurve, Field(discriminator="kind")]
     drag_kg_s: tuple[NotNegative, NotNegative, NotNegative]
-    """Of the rotors at hover: force per airspeed along x, y, z [N s/m] [FRD]."""
+    """Drag of the rotors at hover: force per airspeed along x, y, z [N s/m] [FRD]."""
     body_drag_kg_m: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
-    """Of the body: force per square of the airspeed along x, y, z [N s2/m2] [FRD]."""
+    """Drag of the body: force per square of the airspeed along x, y, z [N s2/m2] [FRD]."""
     ground_effect: GroundEffect | None = None
     sensors: Sensors
     battery: Battery
@@ -143,7 +145,7 @@ class Profile(Strict):
         return round(float(self.curve.command(self.mass_kg * GRAVITY_M_S2)), 4)
 
     def problems(self) -> list[str]:
-        """What no single field can tell."""
+        """Return what is wrong between several fields, a sentence each."""
         found = []
         if len(self.rotors) != self.num_rotors:
             found.append(f"num_rotors: got {self.num_rotors}, but {len(self.rotors)} rotors are listed")
@@ -152,5 +154,5 @@ class Profile(Strict):
         return found
 
     def slice(self) -> dict[str, Any]:
-        """As plain JSON."""
+        """Return the profile as JSON for the slices."""
         return self.model_dump(mode="json")

@@ -1,9 +1,9 @@
-"""Where PX4 SITL is on this machine, and which version. Looks; runs nothing and changes nothing.
+"""Search for PX4 SITL on this machine, and its version. Runs and changes nothing.
 
-The folder that the YAML's `px4.home` names; where it names none, $PX4_HOME, then `px4` on PATH. A folder may be a source
-tree, a build folder or an installation: what counts is a binary `bin/px4` with a folder `etc` that holds the startup scripts.
-The word `stand-in` in its place selects arena's own stand-in: the built-in autopilot behind PX4's simulator API and command
-line, for machines and tests without PX4.
+The search order is the folder in the YAML's `px4.home`, else $PX4_HOME, else `px4` on PATH. A folder may be a source tree,
+a build folder or an installation: it needs a binary `bin/px4` and a folder `etc` with the startup scripts. The value
+`stand-in` selects arena's own stand-in: the built-in autopilot behind PX4's simulator API and command line, for machines
+and tests without PX4.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ WAYS = (
 
 
 def find_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> Px4 | None:
-    """The first that is whole, or None. home: what the YAML names; then nothing else is looked at."""
+    """Return the first complete PX4 of the search order, or None. home: `px4.home` of the YAML, then the only place searched."""
     for folder, source in _candidates(home, os.environ if env is None else env):
         found = _stand_in(source) if str(folder) == STAND_IN else _at(folder, source)
         if found is not None:
@@ -43,7 +43,7 @@ def find_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> P
 
 
 def need_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> Px4:
-    """Raises NotInstalledError with the ways to get it."""
+    """Return the PX4 that `find_px4` finds. Raises NotInstalledError with the ways to install one."""
     found = find_px4(home, env)
     if found is None:
         places = _candidates(home, os.environ if env is None else env)
@@ -55,7 +55,7 @@ def need_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> P
 def _candidates(home: str | None, env: Mapping[str, str]) -> Iterator[tuple[Path, str]]:
     if home:
         yield Path(home).expanduser(), "px4.home of the YAML"
-        return  # whoever names one does not want another
+        return  # no other PX4 than the one that the YAML names
     if env.get(HOME):
         yield Path(env[HOME]).expanduser(), f"${HOME}"
     on_path = shutil.which("px4", path=env.get("PATH"))
@@ -77,7 +77,7 @@ def _at(folder: Path, source: str) -> Px4 | None:
 
 
 def _stand_in(source: str) -> Px4:
-    from arena.schema.library import data_folder  # which reads YAML, as nothing else here does
+    from arena.schema.library import data_folder  # it imports the YAML reader, which nothing else here needs
 
     argv = (sys.executable, "-m", "arena.autopilot.sitl_standin")
     data = data_folder("templates") / "px4" / "standin"
@@ -85,7 +85,7 @@ def _stand_in(source: str) -> Px4:
 
 
 def version_of(binary: Path) -> str:
-    """The release that stands in the binary itself, such as "1.16.0"; "" when none does."""
+    """Return the release that is written in the binary, such as "1.16.0"; "" when none is."""
     try:
         found = _TAG.search(binary.read_bytes())
     except OSError:

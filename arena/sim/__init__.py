@@ -1,5 +1,4 @@
-"""The simulated world: rigid bodies, rotors, wind, sensors, battery, verdicts. Its step loop is `python -m
-arena.sim`.
+"""The simulated world: bodies, actuators, wind, sensors, batteries, crash detection. `python -m arena.sim` runs it.
 
 The core (`World`) has no socket, clock or file; pybullet is imported in `bodies` alone.
 """

@@ -1,7 +1,6 @@
-"""`python -m arena.sim slice.json`: the world, and beside it the built-in autopilots of the vehicles it
-holds.
+"""`python -m arena.sim slice.json`: the world, and in the same process the built-in autopilots of its vehicles.
 
-The one place where the cores of two rooms meet.
+This is the one place where the cores of several rooms are put together.
 """
 
 from __future__ import annotations
@@ -12,50 +11,50 @@ from typing import Any
 import numpy as np
 
 from arena.errors import ArenaError
-from arena.sim.autopilot_interface import MakePilots, Pilots
-from arena.sim.composite_autopilot import Mixed
+from arena.sim.autopilot_interface import AutopilotSet, CompositeAutopilots, MakeAutopilots
 from arena.sim.loop import serve
+from arena.sim.sensors import hil_outputs
 
 
-def main(argv: list[str] | None = None, make_pilots: MakePilots | None = None) -> int:
-    """make_pilots: how to make the autopilots from the slice and the period [s]; the built-in ones unless
-    told otherwise.
-    """
+def main(argv: list[str] | None = None, make_autopilots: MakeAutopilots | None = None) -> int:
+    """Run the world and return its exit code. make_autopilots: the default makes what the slice asks for."""
     try:
-        serve(make_pilots or _by_kind, argv)
+        serve(make_autopilots or _by_kind, argv)
     except ArenaError as error:
         print(f"arena world: {error}", file=sys.stderr)
         return error.exit_code
     return 0
 
 
-def _by_kind(settings: dict[str, Any], dt: float) -> Pilots:
-    """The built-in autopilots for the rows that ask for them, the links to PX4s for the others."""
+def _by_kind(settings: dict[str, Any], dt: float) -> AutopilotSet:
+    """Make the built-in autopilots for the rows that ask for them, and links to PX4 for the others."""
     vehicles = settings["vehicles"]
     kinds = [v.get("autopilot", "builtin") for v in vehicles]
     for kind, make in (("builtin", _builtin), ("px4", _px4)):
         if all(k == kind for k in kinds):
             return make(settings, dt)
-    parts: list[tuple[Any, Pilots]] = []
+    parts: list[tuple[Any, AutopilotSet]] = []
     for kind, make in (("builtin", _builtin), ("px4", _px4)):
         rows = np.array([i for i, k in enumerate(kinds) if k == kind], int)
         if len(rows):
             parts.append((rows, make({**settings, "vehicles": [vehicles[i] for i in rows]}, dt)))
-    return Mixed(parts, len(vehicles), max(len(v["profile"]["rotors"]) for v in vehicles))
+    return CompositeAutopilots(parts, len(vehicles), max(len(v["profile"]["rotors"]) for v in vehicles))
 
 
-def _builtin(settings: dict[str, Any], dt: float) -> Pilots:
+def _builtin(settings: dict[str, Any], dt: float) -> AutopilotSet:
     from arena.autopilot import Autopilots
 
     return Autopilots(settings, dt)
 
 
-def _px4(settings: dict[str, Any], dt: float) -> Pilots:
+def _px4(settings: dict[str, Any], dt: float) -> AutopilotSet:
     from arena.px4.lockstep import Px4Links
 
     origin = settings.get("origin")
     return Px4Links(
-        settings["vehicles"], (origin["lat_deg"], origin["lon_deg"], origin["alt_m"]) if origin else None
+        settings["vehicles"],
+        (origin["lat_deg"], origin["lon_deg"], origin["alt_m"]) if origin else None,
+        hil_outputs(),
     )
 
 

@@ -1,34 +1,30 @@
-"""Batteries of a whole fleet: charge used by the motors, voltage that sags under load. Pure, batched, and
-simple on purpose.
+"""Batteries of V vehicles: charge used by the motors, voltage that drops under load. Pure, batched.
 
     current = idle + (hover - idle) * mean((spin / spin at hover)^2)
     voltage = cells * (empty + (full - empty) * remaining) - resistance * current
 
-Electrical power goes with thrust to the 3/2 (momentum theory: Leishman, "Principles of helicopter aerodynamics", 2006,
-chapter 2), which lies near the square of the command for the curves we have. The voltage is that of an ideal source behind
-an inner resistance, the first-order equivalent circuit of Chen and Rincon-Mora ("Accurate electrical battery model", IEEE
-Transactions on Energy Conversion 21(2), 2006) without its slow parts: it sags with the current and recovers with it.
-Where a profile has `thrust_at_v` the rotors feel it (see rotors.py).
+Electrical power is proportional to thrust^(3/2) (momentum theory: Leishman, "Principles of helicopter aerodynamics",
+2006, chapter 2), which is close to the square of the command for the thrust curves of our profiles. The voltage is that
+of an ideal source behind an inner resistance, the first-order equivalent circuit of Chen and Rincon-Mora ("Accurate
+electrical battery model", IEEE Transactions on Energy Conversion 21(2), 2006) without its slow parts.
+Where a profile has `thrust_at_v`, thrust depends on the voltage (see arena/vehicle_models/multirotor_dynamics.py).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.sim.vehicle_arrays import Fleet
-
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Pack:
-    """The `battery` of a profile: charge [mA h], voltages of a cell at no load [V], inner resistance [Ohm],
-    currents [A].
-    """
+    """The `battery` of a profile: charge [mA h], voltages of a cell at no load [V], inner resistance [Ohm], currents [A]."""
 
     cells: float = 4
     capacity_mah: float = 5000.0
@@ -42,41 +38,51 @@ class _Pack:
 
 
 class Battery:
-    """voltage [V], current [A], remaining 0..1 [-], each (V,). supply: of the rotors, per nominal [-] (V, 1)."""
+    """Charge and voltage of each vehicle's battery, updated by `step`.
 
-    def __init__(self, fleet: Fleet, *, step_s: float) -> None:
-        packs = [_Pack(**profile.get("battery", {})) for profile in fleet.profiles]
-        figures = [f.name for f in fields(_Pack) if f.name != "thrust_at_v"]
-        of: dict[str, Any] = {name: np.array([getattr(p, name) for p in packs], float) for name in figures}
-        rotors = np.array([len(profile["rotors"]) for profile in fleet.profiles], float)
+    profiles: of the vehicles
+    hover: command that carries each vehicle [-] (V,)
+    supply_per_volt: actuator supply per volt [1/V], 0 where thrust ignores the voltage (V,)
+    step_s: duration of a step [s]
+
+    After construction and each step: voltage [V], current [A] and remaining 0..1 [-], each (V,).
+    """
+
+    def __init__(
+        self, profiles: Sequence[Mapping[str, Any]], hover: Array, supply_per_volt: Array, *, step_s: float
+    ) -> None:
+        packs = [_Pack(**profile.get("battery", {})) for profile in profiles]
+        names = [f.name for f in fields(_Pack) if f.name != "thrust_at_v"]
+        of: dict[str, Any] = {name: np.array([getattr(p, name) for p in packs], float) for name in names}
+        rotors = np.array([len(profile["rotors"]) for profile in profiles], float)
         self._idle, self._resistance = of["idle_a"], of["resistance_ohm"]
-        self._per_square = (of["hover_a"] - of["idle_a"]) / (rotors * fleet.hover**2)
-        self._empty, self._span = (
-            of["cells"] * of["empty_cell_v"],
-            of["cells"] * (of["full_cell_v"] - of["empty_cell_v"]),
-        )
+        self._per_square = (of["hover_a"] - of["idle_a"]) / (rotors * hover**2)
+        self._empty = of["cells"] * of["empty_cell_v"]
+        self._span = of["cells"] * (of["full_cell_v"] - of["empty_cell_v"])
         self._used_per_a = step_s / (3.6 * of["capacity_mah"])
         self.remaining: Array = of["remaining"]
         self._step_s = step_s
-        self._pace: dict[int, float] = {}
-        self._per_volt = fleet.per_volt
-        self.step(np.zeros((fleet.size, 1)))
+        self._overrides: dict[int, float] = {}  # vehicle -> share of the charge used in one step
+        self._supply_per_volt = supply_per_volt
+        self.step(np.zeros((len(packs), 1)))
 
     def step(self, spin: Array) -> None:
-        """spin: what the rotors do, 0..1 (V, R), held for one step."""
+        """Advance by one step. spin: rotor state during the step, 0..1 [-] (V, R)."""
         self.current = self._idle + self._per_square * np.add.reduce(spin * spin, 1)
         used = self.current * self._used_per_a
-        for vehicle, share in self._pace.items():
+        for vehicle, share in self._overrides.items():
             used[vehicle] = share
         self.remaining = np.maximum(self.remaining - used, 0.0)
         self.voltage = self._empty + self._span * self.remaining - self._resistance * self.current
 
-    def drain(self, vehicle: int, empty_in_s: float | None) -> None:
-        """From now on it falls at the pace full to empty in so long, whatever the motors draw. None: as they draw."""
-        self._pace.pop(vehicle, None)
+    def override_discharge(self, vehicle: int, empty_in_s: float | None) -> None:
+        """Set the time in which a full battery empties [s], whatever the current; None restores the load model."""
+        self._overrides.pop(vehicle, None)
         if empty_in_s is not None:
-            self._pace[vehicle] = self._step_s / empty_in_s
+            self._overrides[vehicle] = self._step_s / empty_in_s
 
     @property
     def supply(self) -> Array:
-        return np.where(self._per_volt > 0.0, self.voltage * self._per_volt, 1.0)[:, None]
+        """Voltage per the voltage at which the thrust curve holds, 1 where thrust ignores it [-] (V, 1)."""
+        per_volt = self._supply_per_volt
+        return np.where(per_volt > 0.0, self.voltage * per_volt, 1.0)[:, None]

@@ -1,10 +1,9 @@
-"""pybullet and its conventions, undone here and nowhere else: vectors in and out are NED and FRD,
-quaternions wxyz.
+"""Rigid bodies in pybullet, behind our conventions: vectors in and out are NED and FRD, quaternions wxyz.
 
-pybullet's own: quaternions xyzw, a z-up world (the `w` frame), links in FLU, and angular velocity in *world*
-axes. It damps linear and angular velocity by 0.04 unless told not to, and computes inertia from the
-collision shape unless given one. There is a floor without end and a wall on each side, as high as the arena;
-there is no ceiling.
+pybullet's own conventions are converted here and nowhere else: quaternions xyzw, a z-up world (the `w` frame), links in
+FLU, and angular velocity in *world* axes. By default it damps linear and angular velocity by 0.04 and computes inertia
+from the collision shape; both are overridden. The room has an infinite floor and a wall on each side, as high as the
+arena; it has no ceiling.
 """
 
 from __future__ import annotations
@@ -39,11 +38,11 @@ Matrix = tuple[Triple, Triple, Triple]
 
 _FRICTION = 0.8
 _WALL_M = 1.0
-# Deeper than what bullet lets a resting body sink, less than anyone would call a gap.
+# Contacts with a larger distance are gaps [m]. A resting body stays within it.
 _TOUCH_M = 1e-3
 _ORIGIN = (0.0, 0.0, 0.0)
-# What bullet tells of a body, position, velocity, rate and attitude, becomes p_n, v_n, omega_n and q_nb by one product: each
-# conversion is linear, so it is the matrix of its action on a basis.
+# Converts bullet's position, velocity, rate and attitude of a body to p_n, v_n, omega_n and q_nb in one product: each
+# conversion is linear, so its matrix is what it makes of a basis.
 _NED = np.zeros((13, 13))
 for _at in (0, 3, 6):
     _NED[_at : _at + 3, _at : _at + 3] = ned_from_world(np.eye(3))
@@ -52,8 +51,10 @@ _NED[9:, 9:] = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
 
 @dataclass(frozen=True, kw_only=True)
 class Contacts:
-    """floor: does each vehicle touch the floor (V,) bool. others: what else it touches, by vehicle: a wall's
-    or vehicle's name.
+    """Contacts after one step.
+
+    floor: whether each vehicle touches the floor (V,)
+    others: name of the wall or vehicle that a vehicle touches, by vehicle
     """
 
     floor: NDArray[np.bool_]
@@ -63,8 +64,16 @@ class Contacts:
 class Bodies:
     """The rigid bodies of a fleet in a room.
 
-    After construction and each `step`: p_n [m] [NED] (V, 3), q_nb [-] wxyz (V, 4), r_nb: its matrix (V, 3,
-    3), v_n [m/s] [NED] (V, 3), omega_b [rad/s] [FRD] (V, 3).
+    fleet: bodies and where they start
+    size_m: north, east and height of the room [m]
+    step_s: physics step [s]
+    gui: open pybullet's window
+
+    After construction and each `step`:
+    p_n: position of the body origin [m] [NED] (V, 3)
+    q_nb: attitude [-] wxyz (V, 4); r_nb: its matrix (V, 3, 3)
+    v_n: velocity [m/s] [NED] (V, 3)
+    omega_b: angular velocity [rad/s] [FRD] (V, 3)
     """
 
     def __init__(self, fleet: Fleet, *, size_m: Sequence[float], step_s: float, gui: bool = False) -> None:
@@ -82,10 +91,8 @@ class Bodies:
         self._omega_b: Array | None = None
         self.read()
 
-    def push(self, force_b: Array, torque_b: Array) -> None:
-        """Apply to each body, at its centre of mass, for one step: force [N] [FRD] (V, 3) and torque [N m]
-        [FRD] (V, 3).
-        """
+    def apply_wrenches(self, force_b: Array, torque_b: Array) -> None:
+        """Apply force [N] and torque [N m] at each body's centre of mass for one step, both [FRD] (V, 3)."""
         bullet, client = self._bullet, self._client
         frame = bullet.LINK_FRAME
         apply_force, apply_torque = bullet.applyExternalForce, bullet.applyExternalTorque
@@ -94,34 +101,32 @@ class Bodies:
             apply_force(body, -1, force, _ORIGIN, frame, client)
             apply_torque(body, -1, torque, frame, client)
 
-    def push_one(self, i: int, force_b: Triple, torque_b: Triple) -> None:
-        """`push` for one vehicle."""
+    def apply_wrench(self, i: int, force_b: Triple, torque_b: Triple) -> None:
+        """Apply force [N] and torque [N m] at one body's centre of mass for one step, both [FRD]."""
         bullet, client, body = self._bullet, self._client, self._ids[i]
         (fx, fy, fz), (tx, ty, tz) = force_b, torque_b
         bullet.applyExternalForce(body, -1, (fx, -fy, -fz), _ORIGIN, bullet.LINK_FRAME, client)
         bullet.applyExternalTorque(body, -1, (tx, -ty, -tz), bullet.LINK_FRAME, client)
 
     def step(self) -> None:
-        """`advance`, then `read`."""
+        """Make one physics step and read the new state."""
         self.advance()
         self.read()
 
     def advance(self) -> None:
-        """One physics step, under the wrenches pushed since the last. Raises RunError when bullet's window
-        was closed.
-        """
+        """Make one physics step with the wrenches applied since the last one. Raises RunError when bullet has ended."""
         try:
             self._bullet.stepSimulation(self._client)
         except self._bullet.error as error:
-            raise RunError(f"the physics has ended ({error}): was its window closed?") from error
+            raise RunError(f"pybullet ended: {error}: was its window closed?") from error
 
     def motion(self, i: int) -> tuple[Triple, Matrix, float]:
-        """One vehicle as bullet has it now: v_n [m/s] [NED], r_nb, and its origin's height above the floor [m]."""
+        """Return one vehicle's v_n [m/s] [NED], r_nb and height of its origin above the floor [m], read from bullet now."""
         (_, _, height), (x, y, z, w) = self._bullet.getBasePositionAndOrientation(self._ids[i], self._client)
         (vx, vy, vz), _ = self._bullet.getBaseVelocity(self._ids[i], self._client)
         xx, yy, zz, ww = x * x, y * y, z * z, w * w
         xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
-        # The matrix of q_wf with its rows turned to NED and its columns to FRD, as `read` does by quaternions.
+        # The matrix of q_wf with its rows in NED and its columns in FRD: the same as `read` computes by quaternions.
         r_nb = (
             (2.0 * (xy + wz), xx + zz - yy - ww, 2.0 * (wx - yz)),
             (ww + xx - yy - zz, 2.0 * (wz - xy), -2.0 * (xz + wy)),
@@ -130,7 +135,7 @@ class Bodies:
         return (vy, vx, -vz), r_nb, height
 
     def contacts(self) -> Contacts:
-        """Who touches what, as the last step left it."""
+        """Return the contacts after the last step."""
         floor = np.zeros(self._fleet.size, bool)
         others: dict[int, str] = {}
         for point in self._bullet.getContactPoints(physicsClientId=self._client):
@@ -148,8 +153,12 @@ class Bodies:
     def place(
         self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
     ) -> None:
-        """Put one vehicle somewhere, for tests and experiments: p_n [m], q_nb [-], v_n [m/s], omega_b
-        [rad/s], (3,) or (4,).
+        """Place one vehicle, for tests and experiments.
+
+        p_n: [m] [NED] (3,)
+        q_nb: [-] wxyz (4,)
+        v_n: [m/s] [NED] (3,), None for rest
+        omega_b: [rad/s] [FRD] (3,), None for rest
         """
         body, client = self._ids[index], self._client
         r_nb = matrix_from_quat(q_nb)
@@ -164,17 +173,18 @@ class Bodies:
 
     @property
     def omega_b(self) -> Array:
-        """Body rates [rad/s] [FRD] (V, 3): turned into body axes when asked for, which is not after every step."""
+        """Angular velocity [rad/s] [FRD] (V, 3), computed when read."""
         if self._omega_b is None:  # a row vector times R is R^T times the vector: b from n
             self._omega_b = (self._omega_n[:, None, :] @ self.r_nb)[:, 0]
         return self._omega_b
 
     def close(self) -> None:
+        """Disconnect from the physics server."""
         if self._bullet.isConnected(self._client):
             self._bullet.disconnect(self._client)
 
     def read(self) -> None:
-        """Take the state of all vehicles over from bullet."""
+        """Read the state of all vehicles from bullet."""
         bullet, client = self._bullet, self._client
         pose, velocity = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
         rows: list[float] = []
@@ -255,7 +265,7 @@ class Bodies:
 
 
 def _import() -> Any:
-    """pybullet, without the line it prints when imported."""
+    """Import pybullet, without the line that it prints."""
     try:
         with _no_stderr():
             import pybullet
@@ -266,7 +276,7 @@ def _import() -> Any:
 
 @contextlib.contextmanager
 def _no_stderr() -> Iterator[None]:
-    """What C code writes there, too."""
+    """Discard what is written to stderr, by C code too."""
     kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:
@@ -278,8 +288,9 @@ def _no_stderr() -> Iterator[None]:
 
 
 def _connect(bullet: Any, gui: bool) -> int:
-    """A private physics server; with a window when asked. bullet would end the process where it finds no
-    display: ask first.
+    """Start a physics server and return its id. gui: with a window.
+
+    Raises InputError when no display answers: bullet would end the process there.
     """
     if gui and not display_answers(os.environ.get("DISPLAY", "")):
         shown = os.environ.get("DISPLAY") or "not set"
@@ -293,7 +304,7 @@ def _connect(bullet: Any, gui: bool) -> int:
 
 
 def display_answers(display: str) -> bool:
-    """display: what $DISPLAY says, `[host]:number[.screen]`. Is an X server listening there?"""
+    """Return whether an X server listens. display: value of $DISPLAY, `[host]:number[.screen]`."""
     host, colon, rest = display.rpartition(":")
     number = rest.split(".")[0]
     if not colon or not number.isdigit():

@@ -1,7 +1,7 @@
-"""The verdict on each vehicle, from the truth alone. Pure.
+"""Crash detection and flight record of each vehicle, from the true state alone. Pure.
 
-A crash is a contact with anything but the floor, a touchdown above 1.5 m/s, or a tilt above 60 degrees. The
-first one stands.
+A crash is a contact with anything but the floor, a touchdown that is too fast, or a tilt that is too large; the limits
+are those of the vehicle's class. The first crash of a vehicle is kept.
 """
 
 from __future__ import annotations
@@ -14,22 +14,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.vehicle_models import CrashLimits
+
 Array = NDArray[np.float64]
 
-TOUCHDOWN_M_S = 1.5
-TILT_RAD = math.radians(60.0)
-_COS_TILT = math.cos(TILT_RAD)
-# A standing body's contact flickers; that is not a flight.
-_FLIGHT_S = 0.1
+_MIN_FLIGHT_S = 0.1  # the contact of a standing body flickers: shorter gaps are not flights
 
 
 @dataclass(kw_only=True)
-class Verdict:
-    """One vehicle. crashed: the reason, with its time, or "".
+class FlightRecord:
+    """Crash, landings and limits of one vehicle's flight so far.
 
-    touchdown_m_s: speed at the last landing [m/s] and landed_p_n where that was, body origin [m] [NED]; None
-    before the first. airborne_s: time off the floor so far [s]. max_tilt_rad: of the body's z axis from the
-    vertical. max_height_m: of its origin.
+    crashed: reason and time of the first crash, "" without one
+    touchdown_m_s: speed at the last landing [m/s], None before the first
+    landed_p_n: body origin at the last landing [m] [NED], None before the first
+    p_n: body origin now [m] [NED]
+    airborne_s: time off the floor so far [s]
+    airborne: whether it is off the floor now
+    max_tilt_rad: largest angle between the body's z axis and the vertical [rad]
+    max_height_m: largest height of the body origin [m]
     """
 
     name: str
@@ -42,10 +45,10 @@ class Verdict:
     landings: int = 0
     max_tilt_rad: float = 0.0
     max_height_m: float = 0.0
-    _aloft_since: float = field(default=math.inf, repr=False)
+    _airborne_since: float = field(default=math.inf, repr=False)
 
     def to_json(self) -> dict[str, Any]:
-        """What the room tells of it: SI, rounded; the tilt in degrees."""
+        """Return the record for the process's stats, rounded: SI, the tilt in degrees."""
         return {
             "crashed": self.crashed,
             "airborne": self.airborne,
@@ -59,20 +62,26 @@ class Verdict:
         }
 
 
-class Judge:
-    """Watches the fleet, one call per sensor period."""
+class CrashDetector:
+    """Flight records of all vehicles, updated once per sensor period.
 
-    def __init__(self, names: Sequence[str], *, step_s: float) -> None:
-        self.verdicts = [Verdict(name=name) for name in names]
+    limits: of each vehicle
+    step_s: sensor period [s]
+    """
+
+    def __init__(self, names: Sequence[str], limits: Sequence[CrashLimits], *, step_s: float) -> None:
+        self.records = [FlightRecord(name=name) for name in names]
         self._step_s = step_s
-        self._told: list[str] = []
+        self._max_touchdown = [limit.touchdown_m_s for limit in limits]
+        self._min_cos_tilt: Array = np.cos([limit.tilt_rad for limit in limits])
+        self._new: list[str] = []
         self._cos_tilt, self._down = np.ones(len(names)), np.full(len(names), math.inf)
-        self._aloft_s = np.zeros(len(names))
+        self._airborne_s = np.zeros(len(names))
         self._floor = np.ones(len(names), bool)
         self._p_n: Array = np.full((len(names), 3), math.nan)
         self._v_n: Array = np.zeros((len(names), 3))
 
-    def watch(
+    def step(
         self,
         *,
         now: float,
@@ -82,14 +91,20 @@ class Judge:
         floor: NDArray[np.bool_],
         others: Mapping[int, str],
     ) -> None:
-        """now [s]; p_n [m] (V, 3), v_n [m/s] (V, 3), NED; cos_tilt: body z along down [-] (V,); floor: does
-        it touch the floor (V,); others: what else it touches, by vehicle. The arrays are kept, not copied.
+        """Update all records. The arrays are kept, not copied.
+
+        now: simulation time [s]
+        p_n: [m] [NED] (V, 3)
+        v_n: [m/s] [NED] (V, 3)
+        cos_tilt: cosine of the tilt [-] (V,)
+        floor: whether each vehicle touches the floor (V,)
+        others: name of another thing that a vehicle touches, by vehicle
         """
         for i, what in others.items():
             self._crash(i, now, f"touched {what}")
         np.minimum(self._cos_tilt, cos_tilt, out=self._cos_tilt)
         np.minimum(self._down, p_n[:, 2], out=self._down)
-        for i in (cos_tilt < _COS_TILT).nonzero()[0].tolist():
+        for i in (cos_tilt < self._min_cos_tilt).nonzero()[0].tolist():
             self._crash(
                 i, now, f"tilted {math.degrees(math.acos(max(-1.0, float(cos_tilt[i])))):.0f} degrees"
             )
@@ -97,37 +112,38 @@ class Judge:
             if floor[i]:
                 self._touch_down(i, now, p_n[i])
             else:
-                self.verdicts[i]._aloft_since = now
+                self.records[i]._airborne_since = now
         self._floor, self._p_n, self._v_n = floor, p_n, v_n
-        self._aloft_s += ~floor * self._step_s
+        self._airborne_s += ~floor * self._step_s
 
     def events(self) -> list[str]:
-        """Lines since the last call: one per crash."""
-        told, self._told = self._told, []
-        return told
+        """Return one line for each crash since the last call."""
+        new, self._new = self._new, []
+        return new
 
     def report(self) -> dict[str, dict[str, Any]]:
-        """Vehicle name -> its verdict as JSON."""
-        for i, v in enumerate(self.verdicts):
-            v.airborne, v.airborne_s = not bool(self._floor[i]), float(self._aloft_s[i])
-            v.p_n = _triple(self._p_n[i])
-            v.max_tilt_rad = math.acos(float(np.clip(self._cos_tilt[i], -1.0, 1.0)))
-            v.max_height_m = -float(self._down[i]) if math.isfinite(self._down[i]) else 0.0
-        return {v.name: v.to_json() for v in self.verdicts}
+        """Return each vehicle's record as JSON, by name."""
+        for i, record in enumerate(self.records):
+            record.airborne, record.airborne_s = not bool(self._floor[i]), float(self._airborne_s[i])
+            record.p_n = _triple(self._p_n[i])
+            record.max_tilt_rad = math.acos(float(np.clip(self._cos_tilt[i], -1.0, 1.0)))
+            record.max_height_m = -float(self._down[i]) if math.isfinite(self._down[i]) else 0.0
+        return {record.name: record.to_json() for record in self.records}
 
     def _touch_down(self, i: int, now: float, p_n: Array) -> None:
-        """The speed is that of the step before: the contact has already taken it out of this one's."""
-        verdict, speed = self.verdicts[i], math.sqrt(float((self._v_n[i] * self._v_n[i]).sum()))
-        if now - verdict._aloft_since >= _FLIGHT_S:
-            verdict.touchdown_m_s, verdict.landings = speed, verdict.landings + 1
-            verdict.landed_p_n = _triple(p_n)
-        if speed > TOUCHDOWN_M_S:
+        """Record a contact with the floor. Its speed is that of the step before: this step's contains the impact."""
+        record, speed = self.records[i], math.sqrt(float((self._v_n[i] * self._v_n[i]).sum()))
+        if now - record._airborne_since >= _MIN_FLIGHT_S:
+            record.touchdown_m_s, record.landings = speed, record.landings + 1
+            record.landed_p_n = _triple(p_n)
+        if speed > self._max_touchdown[i]:
             self._crash(i, now, f"touched down at {speed:.1f} m/s")
 
     def _crash(self, i: int, now: float, what: str) -> None:
-        if not self.verdicts[i].crashed:
-            self.verdicts[i].crashed = f"{what} at {now:.2f} s"
-            self._told.append(f"{self.verdicts[i].name} crashed: {self.verdicts[i].crashed}")
+        record = self.records[i]
+        if not record.crashed:
+            record.crashed = f"{what} at {now:.2f} s"
+            self._new.append(f"{record.name} crashed: {record.crashed}")
 
 
 def _triple(v: Array) -> tuple[float, float, float]:

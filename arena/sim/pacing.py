@@ -1,9 +1,8 @@
-"""Keeping a stepped world at the wall clock's pace, and telling how well that goes. Pure: `now` comes in,
-waits come out.
+"""Pacing of a stepped world against the wall clock, and how well that works. Pure: `now` is an argument.
 
-Deadlines are absolute, so an error never adds up. A debt above 20 ms is forgiven: a world that has stood
-still does not then rush to catch up under programs that live on the wall clock; the deadlines move, and how
-often and how far is counted.
+Deadlines are absolute, so errors do not add up. A delay above 20 ms is skipped: a world that has stood still does not
+then catch up in a burst under programs that use the wall clock; the deadlines move, and how often and how far is
+counted.
 """
 
 from __future__ import annotations
@@ -12,7 +11,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-FORGIVEN_ABOVE_S = 0.020
+MAX_DELAY_S = 0.020
+"""Longest delay that later steps catch up with; longer ones are skipped [s]."""
 _BIN_S = 1e-4
 _BINS = 1000
 _WINDOW_S = 1.0
@@ -20,20 +20,21 @@ _WINDOW_S = 1.0
 
 @dataclass(kw_only=True)
 class Lateness:
-    """How late steps began, in a histogram of fixed size: 0.1 ms bins, the last one open."""
+    """How late steps began: a histogram of 0.1 ms bins, the last one open."""
 
     worst_s: float = 0.0
     steps: int = 0
     _bins: list[int] = field(default_factory=lambda: [0] * _BINS, repr=False)
 
     def add(self, late_s: float) -> None:
+        """Count one step that began late_s after its deadline [s]."""
         late_s = max(0.0, late_s)
         self.steps += 1
         self.worst_s = max(self.worst_s, late_s)
         self._bins[min(int(late_s / _BIN_S), _BINS - 1)] += 1
 
     def percentile(self, percent: float) -> float:
-        """The upper edge of the bin below which `percent` of the steps lie [s]; 0 before the first."""
+        """Return the upper edge of the bin below which `percent` of the steps are [s]; 0 before the first step."""
         wanted, seen = self.steps * percent / 100.0, 0
         for i, count in enumerate(self._bins):
             seen += count
@@ -43,41 +44,41 @@ class Lateness:
 
 
 class Pacer:
-    """speed: simulated seconds per second of wall time, or inf for as fast as it goes. period_s: simulated
-    time per step.
+    """Deadlines of the steps. The loop waits for `wait_s(now)` until that is not positive, calls `begin(now)`, and steps.
 
-    The loop asks `wait_s(now)` until it is not positive, calls `begin(now)`, and steps.
-    rtf: real-time factor of the last full second of wall time; rtf_min and rtf_max over all of them; nan
-    before the first.
+    period_s: simulated time of a step [s]
+    speed: simulated seconds per second of wall time; inf for as fast as possible
+    now: wall time [s]
+
+    rtf: real-time factor in the last full second of wall time [-], NaN before the first; rtf_min and rtf_max over all
+    skipped, skipped_s: number and sum of the delays that were skipped [s]
     """
 
     def __init__(self, *, period_s: float, speed: float, now: float) -> None:
         self._sim_s, self._wall_s = period_s, period_s / speed
         self._deadline = now + self._wall_s
         self.lateness = Lateness()
-        self.forgiven, self.forgiven_s = 0, 0.0
+        self.skipped, self.skipped_s = 0, 0.0
         self.rtf, self.rtf_min, self.rtf_max = math.nan, math.inf, -math.inf
         self._window_from, self._window_steps = now, 0
 
     def wait_s(self, now: float) -> float:
-        """Wall time left before the next step may begin [s]."""
+        """Return the wall time left before the next step may begin [s]."""
         return self._deadline - now
 
     def begin(self, now: float) -> None:
-        """A step begins now: note how late, forgive a debt, move on to the next deadline, close the second's
-        window.
-        """
+        """Begin a step: record its lateness, skip a long delay, move to the next deadline, update `rtf`."""
         if self._wall_s > 0.0:
-            self._note(now)
+            self._record(now)
         self._window_steps += 1
         if now - self._window_from >= _WINDOW_S:
             self._close_window(now)
 
-    def _note(self, now: float) -> None:
+    def _record(self, now: float) -> None:
         late = now - self._deadline
         self.lateness.add(late)
-        if late > FORGIVEN_ABOVE_S:
-            self.forgiven, self.forgiven_s = self.forgiven + 1, self.forgiven_s + late
+        if late > MAX_DELAY_S:
+            self.skipped, self.skipped_s = self.skipped + 1, self.skipped_s + late
             self._deadline = now
         self._deadline += self._wall_s
 
@@ -87,7 +88,7 @@ class Pacer:
         self._window_from, self._window_steps = now, 0
 
     def stats(self) -> dict[str, float | int | None]:
-        """For the room's stats: times in ms; the factors are None before the first full second."""
+        """Return figures for the process's stats: times in ms; the factors are None before the first full second."""
         known = not math.isnan(self.rtf)
         late = self.lateness
         return {
@@ -96,22 +97,27 @@ class Pacer:
             "rtf": round(self.rtf, 4) if known else None,
             "rtf_min": round(self.rtf_min, 4) if known else None,
             "rtf_max": round(self.rtf_max, 4) if known else None,
-            "forgiven": self.forgiven,
-            "forgiven_ms": round(1e3 * self.forgiven_s, 1),
+            "skipped": self.skipped,
+            "skipped_ms": round(1e3 * self.skipped_s, 1),
         }
 
 
 def speed_of(value: float | str) -> float:
-    """The slice's `speed`, a number or "max", as a float: inf for max."""
+    """Return the slice's `speed`, a number or "max", as a float: inf for max."""
     return math.inf if value == "max" else float(value)
 
 
-def own_core(cores: Sequence[int], *, speed: float, outside: int, pid: int) -> int | None:
-    """The core that a world keeps to while it hurries with few autopilots in processes of their own; else None.
+def own_core(cores: Sequence[int], *, speed: float, external: int, pid: int) -> int | None:
+    """Return the core that the world should keep to, None for all.
 
-    Each step is a turn of the world's, then theirs: on two cores they overlap, and a world that stays where it is finds its
-    caches warm. Worth it only where every one of them has a core too. pid: so that several worlds do not choose the same.
+    cores: that the process may use
+    speed: simulated seconds per second of wall time
+    external: number of autopilots in processes of their own
+    pid: of the world, so that several worlds do not choose the same core
+
+    Faster than real time, the world and its external autopilots compute in turns. On two cores these overlap, and a
+    world that stays on one core keeps its caches. That helps only where every autopilot has a core too.
     """
-    if speed == 1.0 or outside == 0 or outside >= len(cores):
+    if speed == 1.0 or external == 0 or external >= len(cores):
         return None
     return sorted(cores)[pid % len(cores)]

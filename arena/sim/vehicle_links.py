@@ -1,9 +1,9 @@
-"""The UDP sockets of the vehicles' MAVLink links, drained without ever waiting.
+"""The UDP sockets of the vehicles' MAVLink links, read without waiting.
 
-On the loopback a link hears anyone, as PX4 does, and answers its fixed partner alone. On an address that other computers reach it
-hears this computer and its partner's; strangers are refused and counted. What is read per step is bounded, by
-count on each link and by time in all, so that a flood on one socket costs neither the other links nor the
-step: the rest stays in the kernel, which drops it.
+On the loopback a link accepts any sender, as PX4 does, and replies to its fixed partner alone. On an address that other
+computers reach it accepts this computer and its partner's; other senders are refused and counted. Reading is limited per
+step, by count on each link and by time in all, so that a flood on one socket delays neither the other links nor the
+step: the datagrams left stay in the kernel, which drops them.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from arena.errors import InputError, RunError
 from arena.transport import open_udp
 
 LINKS = ("panic", "vision", "router")
-_PER_TURN = 4
-_PER_STEP = 64
-_MOST_BYTES = 65_536
+_PER_TURN = 4  # datagrams of one link before the next link is read
+_PER_STEP = 64  # datagrams of one link in one step
+_MAX_BYTES = 65_536
 Receive = Callable[[int, str, bytes], None]
 
 
@@ -31,12 +31,14 @@ class _VehicleLink:
     link: str
     socket: socket.socket
     remote: tuple[str, int]
-    hosts: frozenset[str]  # who may speak; none named: everybody
+    hosts: frozenset[str]  # senders that are accepted; empty: all
 
 
 class VehicleLinks:
-    """All links of all vehicles. budget_s: wall time that one drain may take before it stops after the
-    current turn [s].
+    """All links of all vehicles.
+
+    vehicles: of the world slice
+    budget_s: wall time after which `drain` stops at the end of the current turn [s]
     """
 
     def __init__(self, vehicles: Sequence[Mapping[str, Any]], *, budget_s: float) -> None:
@@ -44,7 +46,7 @@ class VehicleLinks:
         self._epoll = select.epoll()
         self._by_fd: dict[int, _VehicleLink] = {}
         self._by_name: dict[tuple[int, str], _VehicleLink] = {}
-        self._page = memoryview(bytearray(_MOST_BYTES))
+        self._page = memoryview(bytearray(_MAX_BYTES))
         self.received = self.sent = self.not_sent = self.cut_short = self.strangers = 0
         for i, vehicle in enumerate(vehicles):
             for name in LINKS:
@@ -52,9 +54,7 @@ class VehicleLinks:
                     self._open(i, str(vehicle["name"]), name, vehicle["links"][name])
 
     def drain(self, receive: Receive) -> None:
-        """Hand over what has arrived: receive(vehicle, link, datagram). Links take turns, the panic links
-        first.
-        """
+        """Call receive(vehicle, link, datagram) for each datagram that has arrived. Links take turns, panic links first."""
         ready = [self._by_fd[fd] for fd, _ in self._epoll.poll(0)]
         if not ready:
             return
@@ -69,9 +69,7 @@ class VehicleLinks:
         self.cut_short += 1
 
     def send(self, messages: Sequence[tuple[int, str, bytes]]) -> None:
-        """(vehicle, link, datagram) each to the link's partner. A full buffer drops: MAVLink is sent
-        again.
-        """
+        """Send each (vehicle, link, datagram) to the link's partner. A full buffer drops it: MAVLink repeats."""
         for vehicle, name, data in messages:
             link = self._by_name.get((vehicle, name))
             if link is None:
@@ -83,6 +81,7 @@ class VehicleLinks:
                 self.not_sent += 1
 
     def stats(self) -> dict[str, int]:
+        """Return counts of datagrams for the process's stats."""
         return {
             "received": self.received,
             "sent": self.sent,
@@ -92,18 +91,17 @@ class VehicleLinks:
         }
 
     def close(self) -> None:
+        """Close all sockets."""
         for link in self._by_fd.values():
             link.socket.close()
         self._epoll.close()
 
     def _turn(self, link: _VehicleLink, receive: Receive) -> bool:
-        """A few datagrams of one link; True when there may be more."""
+        """Read a few datagrams of one link; return whether there may be more."""
         for _ in range(_PER_TURN):
             try:
                 size, sender = link.socket.recvfrom_into(self._page)
-            except (
-                OSError
-            ):  # nothing left, or an answer of the network to something sent before: neither is a datagram
+            except OSError:  # nothing left, or an ICMP error for a datagram sent before
                 return False
             if link.hosts and sender[0] not in link.hosts:
                 self.strangers += 1
@@ -121,17 +119,17 @@ class VehicleLinks:
             made = open_udp(local, receive_buffer_bytes=None)
         except OSError as error:
             raise RunError(
-                f"{vehicle}: {name} link: cannot bind {local[0]}:{local[1]} ({error.strerror}): does another arena run here?"
+                f"{vehicle}: {name} link: cannot bind UDP {local[0]}:{local[1]}: {error.strerror}: does another arena run on this address?"
             ) from error
         link = _VehicleLink(
-            vehicle=i, link=name, socket=made, remote=remote, hosts=hosts_heard(local[0], remote[0])
+            vehicle=i, link=name, socket=made, remote=remote, hosts=accepted_hosts(local[0], remote[0])
         )
         self._by_fd[made.fileno()] = self._by_name[i, name] = link
         self._epoll.register(made.fileno(), select.EPOLLIN)
 
 
-def hosts_heard(local: str, remote: str) -> frozenset[str]:
-    """Who may command on a link of these two ends. None are named on the loopback: only this computer reaches it."""
+def accepted_hosts(local: str, remote: str) -> frozenset[str]:
+    """Return the hosts that a link with these two ends accepts; empty for all, on the loopback, which only this computer reaches."""
     return frozenset() if local.startswith("127.") else frozenset({local, remote})
 
 

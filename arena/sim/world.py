@@ -1,14 +1,14 @@
 """The world: one object that turns motor commands into motion and measurements. No socket, no clock, no file.
 
-world = World(settings)            settings: the world slice of the plan
-world.step(motors)                 one sensor period, in physics steps of which it holds a whole number
-world.truth(), world.sense()       what is, and what the vehicles would measure
+world = World(settings)                 settings: the world slice of the plan
+world.step(motors)                      advance by one sensor period
+world.truth(), world.sense()            the true state, and one sample of every sensor
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,11 +18,11 @@ from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.sim.battery import Battery
 from arena.sim.bodies import Bodies
-from arena.sim.crash_detector import Judge
-from arena.sim.rotors import Rotors
-from arena.sim.scalar_step import MOST, Few
-from arena.sim.sensors import Origin, Sensors
-from arena.sim.vehicle_arrays import read_fleet
+from arena.sim.crash_detector import CrashDetector
+from arena.sim.scalar_step import MAX_SCALAR_VEHICLES, ScalarStep
+from arena.sim.sensors import SENSORS, GlobalOrigin, Motion, SensorSuite, Site
+from arena.sim.vehicle_arrays import Fleet, read_fleet
+from arena.vehicle_models import Dynamics, vehicle_model
 from arena.wire.truth_page import Truth
 
 Array = NDArray[np.float64]
@@ -31,8 +31,13 @@ _G_N = np.array([0.0, 0.0, GRAVITY_M_S2])
 
 
 class World:
-    """period_s: the sensor period [s]. steps: how many have passed. Raises InputError where the slice makes
-    no world.
+    """Bodies, actuators, batteries, sensors and crash detection of V simulated vehicles.
+
+    period_s: sensor period [s]
+    steps: sensor periods that have passed
+    wind_n: [m/s] [NED] (3,)
+
+    Raises InputError when the slice describes no possible world.
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
@@ -42,21 +47,27 @@ class World:
         self.bodies = Bodies(
             self.fleet, size_m=settings["size_m"], step_s=self._h, gui=bool(settings.get("gui"))
         )
-        self._rotors = Rotors(self.fleet, step_s=self._h)
-        few = self.fleet.size <= MOST
-        self._few = Few(self.fleet, self.bodies, self._rotors, step_s=self._h) if few else None
-        self._battery = Battery(self.fleet, step_s=self.period_s)
-        self._judge = Judge(self.fleet.names, step_s=self.period_s)
+        self._dynamics = _dynamics(self.fleet, self._h)
+        few = self.fleet.size <= MAX_SCALAR_VEHICLES
+        self._scalar = (
+            ScalarStep(self.bodies, self._dynamics, self.fleet.size, step_s=self._h) if few else None
+        )
+        self._battery = Battery(
+            self.fleet.profiles, self._dynamics.hover, self._dynamics.supply_per_volt, step_s=self.period_s
+        )
+        limits = [vehicle_model(p).crash_limits for p in self.fleet.profiles]
+        self._crashes = CrashDetector(self.fleet.names, limits, step_s=self.period_s)
         origin, heading = settings.get("origin"), math.radians(float(settings.get("heading_deg", 0.0)))
-        self._sensors = Sensors(
-            self.fleet,
+        self._sensors = SensorSuite(
+            SENSORS,
+            self.fleet.profiles,
+            self.fleet.ids,
             seed=int(settings["seed"]),
-            heading_rad=heading,
-            origin=Origin(**origin) if origin else None,
+            site=Site(heading_rad=heading, origin=GlobalOrigin(**origin) if origin else None),
         )
         self.wind_n: Array = np.array(settings.get("wind_m_s") or (0.0, 0.0, 0.0), float)
-        self.steps = self._watched = 0
-        # Before the first step every vehicle is held at its start, which feels like standing: 1 g.
+        self.steps = self._observed_steps = 0
+        # Before the first step every vehicle is held at its start: the specific force is that of standing, 1 g.
         self._accel_b = -(_G_N @ self.bodies.r_nb)
 
     @property
@@ -64,33 +75,46 @@ class World:
         """Simulation time [s]: a multiple of the period, without the error of a running sum."""
         return self.steps * self.period_s
 
-    def step(self, motors: Array) -> None:
-        """motors: commands 0..1 (V, R), held for one sensor period: `move`, then `watch`."""
-        self.move(motors)
-        self.watch()
+    @property
+    def hover(self) -> Array:
+        """The command that carries each vehicle at rest [-] (V,)."""
+        return self._dynamics.hover
 
-    def move(self, motors: Array) -> None:
-        """One sensor period passes for the bodies. Nothing else may be asked of the judge or the batteries before `watch`."""
-        motors = np.fmin(np.fmax(motors, 0.0), 1.0)  # what is no number becomes 0
-        if self._few is not None:
-            self._accel_b = self._few.move(motors, self.wind_n, self._substeps)
+    @property
+    def rotors(self) -> int:
+        """The number of commands per vehicle, R."""
+        return int(self._dynamics.spin.shape[1])
+
+    def step(self, motors: Array) -> None:
+        """Advance by one sensor period: `advance`, then `observe`. motors: commands 0..1 (V, R)."""
+        self.advance(motors)
+        self.observe()
+
+    def advance(self, motors: Array) -> None:
+        """Move the bodies by one sensor period. Batteries and crash detection are valid again after `observe`.
+
+        motors: commands held for the period, limited to 0..1; NaN counts as 0 [-] (V, R)
+        """
+        motors = np.fmin(np.fmax(motors, 0.0), 1.0)
+        if self._scalar is not None:
+            self._accel_b = self._scalar.advance(motors, self.wind_n, self._substeps)
         else:
-            felt = self._substep(motors)
+            accel_b = self._substep(motors)
             for _ in range(self._substeps - 1):
-                felt += self._substep(motors)
-            self._accel_b = felt / self._substeps
+                accel_b += self._substep(motors)
+            self._accel_b = accel_b / self._substeps
         self.steps += 1
 
-    def watch(self) -> None:
-        """What a step means for batteries and verdicts: once after each `move`, when there is time for it."""
-        if self._watched == self.steps:
+    def observe(self) -> None:
+        """Update batteries and crash detection, once after each `advance`."""
+        if self._observed_steps == self.steps:
             return
-        self._watched = self.steps
-        self._battery.step(self._rotors.spin)
-        if self._rotors.sags:
-            self._rotors.supply = self._battery.supply
+        self._observed_steps = self.steps
+        self._battery.step(self._dynamics.spin)
+        if self._dynamics.voltage_matters:
+            self._dynamics.supply = self._battery.supply
         bodies, contacts = self.bodies, self.bodies.contacts()
-        self._judge.watch(
+        self._crashes.step(
             now=self.now,
             p_n=bodies.p_n,
             v_n=bodies.v_n,
@@ -100,38 +124,38 @@ class World:
         )
 
     def _substep(self, motors: Array) -> Array:
-        """Returns the specific force: all that moved the body but gravity, contacts too [m/s2] [FRD] (V,
-        3).
-        """
+        """Make one physics step and return the specific force, contacts included [m/s2] [FRD] (V, 3)."""
         bodies = self.bodies
         r_nb, v_n = bodies.r_nb, bodies.v_n
-        bodies.push(*self._rotors.step(motors, _b_from_n(r_nb, v_n - self.wind_n), -bodies.p_n[:, 2]))
+        force_b, torque_b = self._dynamics.step(motors, _b_from_n(r_nb, v_n - self.wind_n), -bodies.p_n[:, 2])
+        bodies.apply_wrenches(force_b, torque_b)
         bodies.step()
         return _b_from_n(r_nb, (bodies.v_n - v_n) / self._h - _G_N)
 
-    # -- spoiled on purpose ----------------------------------------------------------------------------------------------
+    # -- fault injection ---------------------------------------------------------------------------------------------
 
-    def weaken(self, vehicle: int, rotor: int, share: float) -> None:
-        """Of a rotor's thrust (0..) that share is left, 0..1 [-]; it turns on as it is told."""
-        self._rotors.weaken(vehicle, rotor, share)
-        if self._few is not None:
-            self._few.fit(vehicle)
+    def scale_rotor_thrust(self, vehicle: int, rotor: int, share: float) -> None:
+        """Scale the thrust of one rotor (0..) to a share 0..1 [-]; its speed still follows commands."""
+        self._dynamics.scale_thrust(vehicle, rotor, share)
+        if self._scalar is not None:
+            self._scalar.update(vehicle)
 
-    def drain(self, vehicle: int, empty_in_s: float | None) -> None:
-        """The battery falls at the pace full to empty in so long; None: as the motors draw."""
-        self._battery.drain(vehicle, empty_in_s)
+    def override_discharge(self, vehicle: int, empty_in_s: float | None) -> None:
+        """Set the time in which a full battery empties [s]; None restores the load model."""
+        self._battery.override_discharge(vehicle, empty_in_s)
 
-    def blow(self, wind_n: Sequence[float]) -> None:
-        """The wind from now on [m/s] [NED] (3,)."""
+    def set_wind(self, wind_n: Sequence[float]) -> None:
+        """Set the wind [m/s] [NED] (3,)."""
         self.wind_n = np.array(wind_n, float)
 
-    # -- what is to be known ---------------------------------------------------------------------------------------------
+    # -- results -----------------------------------------------------------------------------------------------------
 
     def truth(self) -> Truth:
-        bodies, motors = self.bodies, self._rotors.spin
-        if self.fleet.rotors != 4:
+        """Return the true state now; of a vehicle with more than four rotors the first four."""
+        bodies, motors = self.bodies, self._dynamics.spin
+        if self.rotors != 4:
             motors = np.zeros((self.fleet.size, 4))
-            motors[:, : min(4, self.fleet.rotors)] = self._rotors.spin[:, :4]
+            motors[:, : min(4, self.rotors)] = self._dynamics.spin[:, :4]
         return Truth(
             time_s=self.now,
             p_n=bodies.p_n,
@@ -142,36 +166,38 @@ class World:
             motors=motors,
         )
 
-    def sense(self) -> dict[str, Array]:
-        """One draw of every sensor; call it once a step. See Sensors.sense, and battery_v [V],
-        battery_current_a [A], battery_remaining 0..1 [-], each (V,).
+    def sense(self, requested: Collection[str] = ()) -> dict[str, Array]:
+        """Return one sample of every sensor; call it once a step.
+
+        requested: sensors to sample too that are sampled on request only, such as "gps"
+
+        Returns the readings of `arena.sim.sensors`, and battery_v [V], battery_current_a [A],
+        battery_remaining 0..1 [-], each (V,).
         """
         bodies, battery = self.bodies, self._battery
-        found = self._sensors.sense(
-            accel_b=self._accel_b, omega_b=bodies.omega_b, r_nb=bodies.r_nb, p_n=bodies.p_n
+        motion = Motion(
+            accel_b=self._accel_b, omega_b=bodies.omega_b, r_nb=bodies.r_nb, p_n=bodies.p_n, v_n=bodies.v_n
         )
+        found = self._sensors.sample(motion, requested)
         found["battery_v"], found["battery_current_a"] = battery.voltage, battery.current
         found["battery_remaining"] = battery.remaining
         return found
 
-    def gps(self) -> dict[str, Array]:
-        """One draw of the satellite receivers, for those who want it at their own rate. See Sensors.gps."""
-        return self._sensors.gps(p_n=self.bodies.p_n, v_n=self.bodies.v_n)
-
-    def judge(self) -> dict[str, dict[str, Any]]:
-        """Vehicle name -> its verdict so far. See judge.Verdict."""
-        return self._judge.report()
+    def flights(self) -> dict[str, dict[str, Any]]:
+        """Return each vehicle's flight so far, by name: crash, landings, limits. See `crash_detector.FlightRecord`."""
+        return self._crashes.report()
 
     def events(self) -> list[str]:
-        """Crashes since the last call, one line each."""
-        return self._judge.events()
+        """Return one line for each crash since the last call."""
+        return self._crashes.events()
 
     def close(self) -> None:
+        """Close the physics server."""
         self.bodies.close()
 
 
 def substeps(physics_hz: float, sensor_hz: float) -> int:
-    """Physics steps in a sensor period. Raises InputError when that is not a whole number of at least one."""
+    """Return the physics steps in a sensor period. Raises InputError when that is not a whole number of at least 1."""
     ratio = physics_hz / sensor_hz if sensor_hz > 0 else 0.0
     if ratio < 1.0 or abs(ratio - round(ratio)) > 1e-9:
         raise InputError(
@@ -181,7 +207,18 @@ def substeps(physics_hz: float, sensor_hz: float) -> int:
     return round(ratio)
 
 
+def _dynamics(fleet: Fleet, step_s: float) -> Dynamics:
+    """Return the dynamics of a fleet. Raises InputError when it has vehicles of different classes."""
+    models = {model.name: model for model in map(vehicle_model, fleet.profiles)}
+    if len(models) > 1:
+        raise InputError(
+            f"vehicles of different classes in one world are not available yet: got {', '.join(sorted(models))}"
+        )
+    (model,) = models.values()
+    return model.dynamics(fleet.profiles, step_s=step_s)
+
+
 def _b_from_n(r_nb: Array, v_n: Array) -> Array:
-    """Body axes from NED (V, 3): as a row vector, v R is R^T v."""
-    turned: Array = (v_n[:, None, :] @ r_nb)[:, 0]
-    return turned
+    """Rotate vectors from NED to body axes (V, 3): as a row vector, v R is R^T v."""
+    v_b: Array = (v_n[:, None, :] @ r_nb)[:, 0]
+    return v_b

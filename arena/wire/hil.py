@@ -15,8 +15,9 @@ takes tens. What comes rarely (heartbeats, requests) is cut by `mavframe` and le
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, pack_frame
 
@@ -106,3 +107,42 @@ def controls(data: Buffer, found: Frame) -> Controls:
     payload = bytes(data[found.payload : found.payload + found.size]).ljust(_CONTROLS.size, b"\0")
     time_usec, flags, *outputs, mode = _CONTROLS.unpack_from(payload)
     return Controls(time_usec, tuple(outputs), mode, flags)
+
+
+Sensors = Mapping[str, Any]
+"""Readings of the simulated sensors: name -> array over vehicles."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HilFields:
+    """One simulated sensor's fields of HIL_SENSOR.
+
+    bits: of fields_updated; PX4 refuses a group of which only a part is set
+    every: sensor periods between two updates
+    first: place of the first value among HIL_SENSOR's 13 readings
+    values: (readings, row of the vehicle) -> the values, in the units of HIL_SENSOR
+    """
+
+    bits: int
+    every: int
+    first: int
+    values: Callable[[Sensors, int], Sequence[float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class HilMessage:
+    """One simulated sensor's own message of the simulator API, such as HIL_GPS.
+
+    name: key of the vehicle's row in the world slice that says whether it carries the sensor
+    every: sensor periods between two messages
+    reading: without it among the readings there is no message
+    pack: (sender, time [us], readings, row of the vehicle) -> the frame
+    """
+
+    name: str
+    every: int
+    reading: str
+    pack: Callable[[HilSender, int, Sensors, int], bytes]
+
+
+HilOutput = HilFields | HilMessage

@@ -42,7 +42,7 @@ def test_setpoints_are_reached_and_the_landing_is_soft_and_where_it_was_told():
     assert flight.command(0, mavlink.MAV_CMD_NAV_LAND) == 0
     flight.until(lambda f: not f.armed(0), 15)
     assert np.hypot(*(flight.position(0)[:2] - [0.5, -0.5])) < 0.1
-    verdict = flight.world.judge()["uav1"] if isinstance(flight.world.judge(), dict) else flight.world.judge()
+    verdict = flight.world.flights()["uav1"]
     assert "crashed" not in verdict or not verdict["crashed"]
 
 
@@ -171,7 +171,7 @@ def test_velocity_attitude_and_rate_setpoints_move_the_right_way():
 @pytest.mark.parametrize("breaker", [0, 121212])
 def test_with_a_rotor_lost_the_motors_stop_in_the_air_only_where_the_breaker_is_open(breaker):
     flight, stream = airborne(height=12.0, params={"CBRK_FLIGHTTERM": breaker})
-    flight.world.weaken(0, 0, 0.0)
+    flight.world.scale_rotor_thrust(0, 0, 0.0)
     stopped = []
 
     def fall(f: Flight) -> None:

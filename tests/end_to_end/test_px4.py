@@ -146,7 +146,7 @@ def test_px4_that_never_connects_is_reported_and_others_fly(hangar: Hangar, scri
     flight.until_said("uav2: in the air", 40)
     exits = "exit 127" in script
     if not exits:
-        flight.until_said("uav1: PX4 has not come up for 20 s. It has said nothing", 40)
+        flight.until_said("uav1: PX4 has not come up for 20 s. It has printed nothing", 40)
     assert flight.cli("down", "--run", str(flight.folder)).returncode == 1
     assert flight.wait(60) == 1 and landed_all(flight.said())
     why = "its PX4 has ended" if exits else "its PX4 has never connected to the world"

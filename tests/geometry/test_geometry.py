@@ -53,35 +53,35 @@ def test_products_associate_and_have_inverses(a, b, c):
 
 
 @given(rotation, rotation)
-def test_between_is_the_product_with_the_conjugate(a, b):
+def test_quat_between_is_conjugate_times_second(a, b):
     assert np.allclose(quat_between(a, b), quat_multiply(quat_conj(a), b), atol=1e-15)
 
 
 @given(rotation, rotation, vector)
-def test_rotating_by_a_product_is_rotating_twice(a, b, v):
+def test_rotation_by_a_product_is_two_rotations(a, b, v):
     assert np.allclose(quat_rotate(quat_multiply(a, b), v), quat_rotate(a, quat_rotate(b, v)), atol=1e-7)
 
 
 @given(rotation, vector)
-def test_the_matrix_rotates_as_the_quaternion_and_gives_it_back(q, v):
+def test_matrix_and_quaternion_rotate_the_same(q, v):
     assert np.allclose(matrix_from_quat(q) @ v, quat_rotate(q, v), atol=1e-7)
     assert same(quat_from_matrix(matrix_from_quat(q)), q, atol=1e-7)
 
 
 @given(rotation)
-def test_log_and_exp_are_inverses_near_identity_too(q):
+def test_log_and_exp_are_inverses_also_near_identity(q):
     assert same(quat_exp(quat_log(q)), q, atol=1e-8)
 
 
 @given(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
-def test_euler_angles_come_back(roll, pitch, yaw):
+def test_euler_angles_round_trip(roll, pitch, yaw):
     q = quat_from_euler([roll, pitch, yaw])
     assert np.allclose(euler_from_quat(q), [roll, pitch, yaw], atol=1e-6)
     assert np.isclose(yaw_from_quat(q), yaw, atol=1e-6)
 
 
 @given(rotation, rotation, st.floats(0, 1))
-def test_slerp_goes_from_one_to_the_other_at_constant_rate(a, b, f):
+def test_slerp_interpolates_at_constant_rate(a, b, f):
     whole, part = (
         quat_log(quat_multiply(quat_conj(a), b)),
         quat_log(quat_multiply(quat_conj(a), quat_slerp(a, b, f))),
@@ -89,27 +89,27 @@ def test_slerp_goes_from_one_to_the_other_at_constant_rate(a, b, f):
     assert np.allclose(part, f * whole, atol=1e-6)
 
 
-def test_the_quaternion_turns_body_vectors_into_ned():
+def test_q_nb_rotates_body_vectors_to_ned():
     """Nose east by yaw 90 degrees; nose up by a positive pitch; right wing down by a positive roll."""
     assert np.allclose(quat_rotate(quat_from_euler([0, 0, np.pi / 2]), [1, 0, 0]), [0, 1, 0])
     assert quat_rotate(quat_from_euler([0, 0.3, 0]), [1, 0, 0])[2] < 0
     assert quat_rotate(quat_from_euler([0.3, 0, 0]), [0, 1, 0])[2] > 0
 
 
-def test_world_axes_turn_into_ned_as_promised():
+def test_world_axes_convert_to_ned():
     assert np.allclose(ned_from_world([1.0, 2.0, 3.0]), [2.0, 1.0, -3.0])
     assert np.allclose(world_from_ned(ned_from_world([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])
 
 
 @given(rotation, vector)
-def test_a_vector_is_the_same_by_either_way_round_the_frames(q_wf, v_f):
+def test_both_ways_around_the_frames_agree(q_wf, v_f):
     by_world = ned_from_world(quat_rotate(q_wf, v_f))
     by_body = quat_rotate(q_nb_from_q_wf(q_wf), frd_from_flu(v_f))
     assert np.allclose(by_world, by_body, atol=1e-7)
     assert same(q_wf_from_q_nb(q_nb_from_q_wf(q_wf)), q_wf)
 
 
-def test_a_generic_attitude_in_capture_axes():
+def test_a_generic_attitude_converts_from_mocap_axes():
     """Forward axis of roll 10, pitch -20, yaw 35 degrees, worked out by hand: heading 35 from north, nose down."""
     q_wf = q_wf_from_q_nb(quat_from_euler(GENERIC_RPY))
     east, north, up = quat_rotate(q_wf, [1.0, 0.0, 0.0])
@@ -117,13 +117,13 @@ def test_a_generic_attitude_in_capture_axes():
     assert np.isclose(up, np.sin(np.radians(-20.0)))
 
 
-def test_scalar_first_and_last():
+def test_scalar_first_and_last_orders_convert():
     assert np.allclose(wxyz_from_xyzw([1, 2, 3, 4]), [4, 1, 2, 3])
     assert np.allclose(xyzw_from_wxyz(wxyz_from_xyzw([1, 2, 3, 4])), [1, 2, 3, 4])
 
 
 @given(st.floats(-1e3, 1e3))
-def test_wrapped_angles_lie_in_one_turn_and_point_the_same_way(a):
+def test_wrap_pi_keeps_the_direction_within_one_turn(a):
     w = wrap_pi(a)
     assert -np.pi <= w < np.pi + 1e-12
     assert np.isclose(np.cos(w), np.cos(a), atol=1e-6)
@@ -140,12 +140,12 @@ def test_a_zero_or_broken_quaternion_is_refused():
 
 
 @given(lat0=st.floats(-80, 80), lon0=st.floats(-180, 180), n=st.floats(-500, 500), e=st.floats(-500, 500))
-def test_a_place_on_the_globe_and_back_is_where_it_was(lat0: float, lon0: float, n: float, e: float) -> None:
+def test_global_position_round_trip(lat0: float, lon0: float, n: float, e: float) -> None:
     assert local_from_globe(lat0, lon0, *globe_from_local(lat0, lon0, n, e)) == pytest.approx(
         (n, e), abs=1e-6
     )
 
 
-def test_a_degree_north_is_111_km_and_east_shrinks_with_the_latitude() -> None:
+def test_a_degree_is_111_km_and_east_shrinks_with_latitude() -> None:
     north, east = local_from_globe(60.0, 179.5, 61.0, -179.5)  # across the date line
     assert north == pytest.approx(111_195, abs=1) and east == pytest.approx(111_195 / 2, abs=1)

@@ -14,10 +14,12 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.px4.lockstep import Px4Links
+from arena.sim.sensors import hil_outputs
 
 _count = itertools.count(1)
 LOCKSTEP, ARMED = 1, 128
 PERIOD_S = 0.004
+HIL = hil_outputs()
 
 
 def own_address() -> str:
@@ -126,7 +128,9 @@ class World:
             [
                 {"name": f"uav{k}", "simulator": list(place), "profile": profile}
                 for k, place in enumerate(self.places, 1)
-            ]
+            ],
+            None,
+            HIL,
         )
         self.said: list[str] = []
         self.now = 0.0

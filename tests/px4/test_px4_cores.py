@@ -9,8 +9,8 @@ import sys
 import pytest
 
 ASK = """import os, sys
-from arena.px4.__main__ import leave_its_core
-leave_its_core(int(sys.argv[1]))
+from arena.px4.__main__ import leave_core_of
+leave_core_of(int(sys.argv[1]))
 print(*sorted(os.sched_getaffinity(0)))"""
 CORES = os.sched_getaffinity(0)
 
@@ -28,10 +28,10 @@ def left_by(world_cores: set[int]) -> set[int]:
 
 
 @pytest.mark.skipif(len(CORES) < 2, reason="one core")
-def test_px4_leaves_the_core_of_a_world_that_keeps_to_one() -> None:
+def test_px4_leaves_the_core_of_a_world_that_keeps_one() -> None:
     core = max(CORES)
     assert left_by({core}) == CORES - {core}
 
 
-def test_px4_may_run_anywhere_beside_a_world_that_does() -> None:
+def test_px4_uses_all_cores_when_the_world_does() -> None:
     assert left_by(CORES) == CORES

@@ -20,7 +20,7 @@ from arena.plan.px4_startup import reset_by_startup
 from arena.px4.simulator_link import SimulatorLink
 from arena.schema import load_arena
 
-from .fake import PERIOD_S, own_address, sensors
+from .fake import HIL, PERIOD_S, own_address, sensors
 
 PARAMS = {
     "MAV_SYS_ID": 7.0,
@@ -53,7 +53,7 @@ def scripts(folder: Path, **texts: str) -> Path:
     return folder / "rcS"
 
 
-def test_it_reads_the_scripts_that_the_plan_writes(tmp_path: Path) -> None:
+def test_stand_in_reads_the_plans_scripts(tmp_path: Path) -> None:
     address = own_address()
     made = slice_of(tmp_path, address)
     for name, text in made["scripts"].items():
@@ -72,7 +72,7 @@ def test_it_reads_the_scripts_that_the_plan_writes(tmp_path: Path) -> None:
     }
 
 
-def test_the_environment_wins_over_a_default_and_a_script_over_the_environment(tmp_path: Path) -> None:
+def test_parameter_order_is_default_environment_script(tmp_path: Path) -> None:
     text = "param set-default A 1\nparam set-default B 1\nparam set C 1\nsimulator_mavlink start -c 4560\n"
     found = read_startup(
         scripts(tmp_path, mavlinksim=text, mavlink=""), {"PX4_PARAM_A": "5", "PX4_PARAM_C": "5"}
@@ -80,7 +80,7 @@ def test_the_environment_wins_over_a_default_and_a_script_over_the_environment(t
     assert found.params == {"A": 5.0, "B": 1.0, "C": 1.0} and found.simulator == ("127.0.0.1", 4560)
 
 
-def test_what_it_does_not_understand_is_told_and_never_guessed(tmp_path: Path) -> None:
+def test_unknown_startup_lines_are_reported(tmp_path: Path) -> None:
     text = "simulator_mavlink start -t 127.0.0.9 4561\nif true; then\nmavlink start -u 14550\n"
     found = read_startup(scripts(tmp_path, mavlinksim=text, mavlink="mavlink stream -r 5 -s X -u 1"), {})
     assert found.skipped == ["if true; then", "mavlink start -u 14550"] and found.links == []
@@ -95,7 +95,7 @@ def test_what_it_does_not_understand_is_told_and_never_guessed(tmp_path: Path) -
         (". none", "none: No such file"),
     ],
 )
-def test_a_startup_that_cannot_be_is_an_error_in_words(tmp_path: Path, text: str, said: str) -> None:
+def test_an_invalid_startup_is_an_error(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         read_startup(scripts(tmp_path, mavlinksim=text, mavlink=""), {})
 
@@ -118,7 +118,7 @@ def decoded(data: bytes) -> list[Any]:
     return found
 
 
-def test_it_greets_as_px4_does() -> None:
+def test_stand_in_connects_with_px4s_first_messages() -> None:
     wanted, beat = decoded(StandIn("x", PARAMS).greeting())
     assert (wanted.get_type(), wanted.command, wanted.param1, wanted.param2) == (
         "COMMAND_LONG",
@@ -129,16 +129,16 @@ def test_it_greets_as_px4_does() -> None:
     assert beat.get_type() == "HEARTBEAT" and beat.get_srcSystem() == 7
 
 
-def test_it_runs_free_at_first_then_answers_each_sample_with_one() -> None:
-    link, px4 = SimulatorLink(4), StandIn("x", PARAMS)
+def test_stand_in_runs_free_then_replies_once_per_sample() -> None:
+    link, px4 = SimulatorLink(4, HIL), StandIn("x", PARAMS)
     answers = [decoded(px4.receive_simulator(link.sample(PERIOD_S * k, sensors(1), 0))) for k in range(1, 61)]
     assert [len(a) for a in answers] == [0] * FREE_RUN + [1] * (60 - FREE_RUN)
     for k, (m,) in enumerate(answers[FREE_RUN:], FREE_RUN + 1):
         assert m.time_usec == 4000 * k and m.flags == 1 and not m.mode & 128 and m.controls == [0.0] * 16
 
 
-def test_a_sample_that_comes_in_pieces_is_answered_once_it_is_whole() -> None:
-    link, px4 = SimulatorLink(4), StandIn("x", PARAMS)
+def test_a_sample_in_pieces_is_answered_once_complete() -> None:
+    link, px4 = SimulatorLink(4, HIL), StandIn("x", PARAMS)
     for k in range(1, FREE_RUN + 1):
         px4.receive_simulator(link.sample(PERIOD_S * k, sensors(1), 0))
     data = link.sample(1.0, sensors(1), 0)
@@ -146,7 +146,7 @@ def test_a_sample_that_comes_in_pieces_is_answered_once_it_is_whole() -> None:
     assert len(decoded(px4.receive_simulator(data[-1:]))) == 1
 
 
-def test_magnetometer_and_barometer_are_held_between_their_samples() -> None:
+def test_magnetometer_and_barometer_keep_their_last_sample() -> None:
     px4, codec = StandIn("x", PARAMS), mavlink.MAVLink(None)
     for k, (fields, mag, height) in enumerate(
         ((0x1FFF, 0.3, 100.0), (0x03F, 9.0, 900.0), (0x03F, 9.0, 900.0)), 1
@@ -158,8 +158,8 @@ def test_magnetometer_and_barometer_are_held_between_their_samples() -> None:
     ]
 
 
-def test_it_speaks_on_its_links_as_the_vehicle_it_was_told_to_be() -> None:
-    link, px4 = SimulatorLink(4), StandIn("x", PARAMS)
+def test_stand_in_sends_with_its_configured_system_id() -> None:
+    link, px4 = SimulatorLink(4, HIL), StandIn("x", PARAMS)
     said: dict[str, set[str]] = {}
     for k in range(1, 400):
         px4.receive_simulator(link.sample(PERIOD_S * k, sensors(1), 0))
@@ -174,8 +174,8 @@ def test_it_speaks_on_its_links_as_the_vehicle_it_was_told_to_be() -> None:
     ] & said["panic"]
 
 
-def test_samples_without_a_period_and_garbage_do_not_start_it() -> None:
-    link, px4 = SimulatorLink(4), StandIn("x", PARAMS)
+def test_invalid_samples_do_not_start_the_stand_in() -> None:
+    link, px4 = SimulatorLink(4, HIL), StandIn("x", PARAMS)
     px4.receive_simulator(np.random.default_rng(1).bytes(5000))
     for _ in range(30):
         assert px4.receive_simulator(link.sample(1.0, sensors(1), 0)) == b""
@@ -185,9 +185,7 @@ def test_samples_without_a_period_and_garbage_do_not_start_it() -> None:
     ("arguments", "said"),
     [(["-w", "none", "."], "no such folder"), (["."], "rcS: No such file"), (["-d"], "ROOTFS")],
 )
-def test_a_command_line_that_cannot_be_ends_with_2_and_says_that_it_is_no_px4(
-    tmp_path: Path, arguments: list[str], said: str
-) -> None:
+def test_an_invalid_command_line_exits_with_2(tmp_path: Path, arguments: list[str], said: str) -> None:
     argv = [sys.executable, "-m", "arena.autopilot.sitl_standin", "-d", "-i", "0", *arguments]
     env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     done = subprocess.run(

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from sim_slices import slice_of
 
 from arena.sim.world import World
+
+from .sim_slices import slice_of
 
 
 @pytest.fixture

@@ -1,6 +1,4 @@
-"""`python stub_world.py slice.json`: the world with autopilots that hover from the start and echo what they
-hear.
-"""
+"""`python stub_world.py slice.json`: the world with autopilots that hover from the start and echo each datagram."""
 
 from __future__ import annotations
 
@@ -13,17 +11,17 @@ from arena.sim.__main__ import main
 
 
 class Echo:
-    """Answers each datagram on the link it came by. Armed while the slice says so."""
+    """Autopilots that send each datagram back on its link. Armed if the slice sets `stub_armed`."""
 
     def __init__(self, settings: dict[str, Any], dt: float) -> None:
         self._count = len(settings["vehicles"])
         self._command = float(settings.get("stub_command", 0.0))
         self.armed = np.full(self._count, bool(settings.get("stub_armed", False)))
         self._out: list[tuple[int, str, bytes]] = []
-        self._heard = 0
+        self._received = 0
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        self._heard += 1
+        self._received += 1
         self._out.append((vehicle, link, data))
 
     def step(self, now: float, sensors: dict[str, Any]) -> Any:
@@ -34,16 +32,18 @@ class Echo:
         return out
 
     def stats(self) -> dict[str, Any]:
-        return {"heard": self._heard}
+        return {"received": self._received}
 
     def events(self) -> list[str]:
         return []
 
 
-class Outside(Echo):
-    """The same as autopilots in processes of their own look like: a step in two halves."""
+class ExternalEcho(Echo):
+    """The same, with a step in two halves as autopilots in processes of their own have."""
 
-    def see(self, truth: Any) -> None:
+    requested = ()
+
+    def receive_truth(self, truth: Any) -> None:
         pass
 
     def begin(self, now: float, sensors: dict[str, Any]) -> None:
@@ -54,8 +54,8 @@ class Outside(Echo):
 
 
 def make(settings: dict[str, Any], dt: float) -> Echo:
-    return (Outside if settings.get("stub_outside") else Echo)(settings, dt)
+    return (ExternalEcho if settings.get("stub_external") else Echo)(settings, dt)
 
 
 if __name__ == "__main__":
-    sys.exit(main(make_pilots=make))
+    sys.exit(main(make_autopilots=make))

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from arena.errors import InputError, RunError
-from arena.sim.vehicle_links import VehicleLinks, hosts_heard
+from arena.sim.vehicle_links import VehicleLinks, accepted_hosts
 
 HOST = "127.55.2.1"
 
@@ -59,7 +59,7 @@ def test_datagrams_arrive_with_their_vehicle_and_link():
         assert drained(links) == []
 
 
-def test_anyone_is_heard_but_only_the_partner_is_answered():
+def test_any_sender_is_received_but_only_the_partner_gets_replies():
     with (
         opened() as (links, partners, vehicles),
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
@@ -74,14 +74,14 @@ def test_anyone_is_heard_but_only_the_partner_is_answered():
             stranger.recv(100)
 
 
-def test_an_empty_datagram_is_a_datagram():
+def test_an_empty_datagram_is_received():
     with opened() as (links, partners, vehicles):
         partners[0, "router"].sendto(b"", local(vehicles, 0, "router"))
         partners[0, "router"].sendto(b"after", local(vehicles, 0, "router"))
         assert [data for _, _, data in drained(links)] == [b"", b"after"]
 
 
-def test_a_flood_is_read_in_bounded_bites_and_the_other_link_is_heard_at_once():
+def test_a_flood_does_not_delay_the_other_link():
     with opened() as (links, partners, vehicles):
         for _ in range(150):
             partners[0, "router"].sendto(b"flood", local(vehicles, 0, "router"))
@@ -92,7 +92,7 @@ def test_a_flood_is_read_in_bounded_bites_and_the_other_link_is_heard_at_once():
         assert links.stats()["cut_short"] == 1
 
 
-def test_slow_readers_are_cut_off_by_time_after_every_link_had_a_turn():
+def test_reading_stops_when_its_time_budget_is_used():
     with opened(budget_s=0.01) as (links, partners, vehicles):
         for _ in range(50):
             partners[0, "router"].sendto(b"flood", local(vehicles, 0, "router"))
@@ -118,7 +118,7 @@ def test_a_partner_that_is_not_there_is_no_error():
         assert links.stats()["sent"] == 6
 
 
-def test_where_other_computers_reach_it_a_link_hears_this_one_and_its_partners_alone():
+def test_a_reachable_link_accepts_only_its_own_and_partner_host():
     port, udp = free_port(), (socket.AF_INET, socket.SOCK_DGRAM)
     with socket.socket(*udp) as partner, socket.socket(*udp) as stranger:
         partner.bind((HOST, 0))
@@ -143,19 +143,19 @@ def test_where_other_computers_reach_it_a_link_hears_this_one_and_its_partners_a
         ("10.0.0.2", "10.0.0.9", {"10.0.0.2", "10.0.0.9"}),
     ],
 )
-def test_who_is_heard_goes_by_the_address(local, remote, heard):
-    assert hosts_heard(local, remote) == heard
+def test_accepted_hosts_depend_on_the_address(local, remote, heard):
+    assert accepted_hosts(local, remote) == heard
 
 
-def test_a_port_in_use_is_a_sentence_that_names_it():
+def test_a_port_in_use_is_an_error_that_names_it():
     with (
         opened() as (_, _, vehicles),
-        pytest.raises(RunError, match=f"uav1: vision link: cannot bind {HOST}:"),
+        pytest.raises(RunError, match=f"uav1: vision link: cannot bind UDP {HOST}:"),
     ):
         VehicleLinks([{"name": "uav1", "links": {"vision": vehicles[0]["links"]["vision"]}}], budget_s=1.0)
 
 
-def test_an_address_that_is_none_is_a_sentence():
+def test_an_invalid_address_is_an_error():
     with pytest.raises(InputError, match=r"links of uav1.router: local: got 'x', expected \[host, port\]"):
         VehicleLinks(
             [{"name": "uav1", "links": {"router": {"local": "x", "remote": [HOST, 1]}}}], budget_s=1.0

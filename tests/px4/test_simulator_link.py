@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.px4.simulator_link import SimulatorLink
 from arena.wire.truth_page import Truth
 
-from .fake import answer, sensors
+from .fake import HIL, answer, sensors
 
 IMU, MAG, BARO = 0x03F, 0x1C0, 0x1A00
 SENSORS = sensors(1)
@@ -27,12 +27,12 @@ def decoded(data: bytes) -> list[Any]:
 
 
 def in_step(link: SimulatorLink) -> SimulatorLink:
-    link.hear(answer([0.0] * 4, armed=False))
+    link.receive(answer([0.0] * 4, armed=False))
     return link
 
 
 def test_a_sample_is_a_hil_sensor_with_these_bytes() -> None:
-    data = SimulatorLink(4).sample(1.5, SENSORS, 0)
+    data = SimulatorLink(4, HIL).sample(1.5, SENSORS, 0)
     assert data[0] == 0xFD and data[7:10] == bytes([107, 0, 0]) and len(data) == 10 + data[1] + 2
     payload = data[10 : 10 + data[1]].ljust(65, b"\0")
     time_usec, *floats = struct.unpack("<Q13f", payload[:60])
@@ -51,8 +51,8 @@ def test_a_sample_is_a_hil_sensor_with_these_bytes() -> None:
     assert fields == IMU | MAG | BARO
 
 
-def test_a_group_of_fields_is_sent_whole_or_not_at_all_and_each_at_its_rate() -> None:
-    link = SimulatorLink(4)
+def test_each_group_of_fields_is_sent_whole_at_its_rate() -> None:
+    link = SimulatorLink(4, HIL)
     fields = [decoded(link.sample(0.004 * k, SENSORS, 0))[0].fields_updated for k in range(1, 61)]
     for one in fields:
         rest = one
@@ -65,112 +65,114 @@ def test_a_group_of_fields_is_sent_whole_or_not_at_all_and_each_at_its_rate() ->
 
 def test_each_vehicle_gets_its_own_row() -> None:
     three = sensors(3)
-    heights = [decoded(SimulatorLink(4).sample(1.0, three, row))[0].pressure_alt for row in range(3)]
+    heights = [decoded(SimulatorLink(4, HIL).sample(1.0, three, row))[0].pressure_alt for row in range(3)]
     assert heights == [488.0, 488.5, 489.0]
 
 
-def test_nothing_is_owed_before_px4_is_in_step_and_one_answer_a_sample_after() -> None:
-    link = SimulatorLink(4)
+def test_one_reply_per_sample_is_awaited_once_in_step() -> None:
+    link = SimulatorLink(4, HIL)
     for k in range(1, 21):
         link.sample(0.004 * k, SENSORS, 0)
-    assert link.owed == 0 and not link.in_step
+    assert link.unanswered == 0 and not link.in_step
     in_step(link)
-    assert link.in_step and link.owed == 0
+    assert link.in_step and link.unanswered == 0
     link.sample(0.1, SENSORS, 0)
-    assert link.owed == 1
-    link.hear(answer([0.5] * 4))
-    assert link.owed == 0
-    link.hear(answer([0.5] * 4))  # one too many is no credit
+    assert link.unanswered == 1
+    link.receive(answer([0.5] * 4))
+    assert link.unanswered == 0
+    link.receive(answer([0.5] * 4))  # one too many is no credit
     link.sample(0.104, SENSORS, 0)
-    assert link.owed == 1
+    assert link.unanswered == 1
 
 
-def test_an_answer_to_an_older_sample_settles_nothing() -> None:
-    link = SimulatorLink(4)
+def test_a_reply_to_an_older_sample_is_not_the_awaited_one() -> None:
+    link = SimulatorLink(4, HIL)
     for k in (1, 2, 3):
         link.sample(0.004 * k, SENSORS, 0)
-    link.hear(answer([0.5] * 4, time_usec=8000))  # the free run's: two behind, and the first of all answers
+    link.receive(
+        answer([0.5] * 4, time_usec=8000)
+    )  # the free run's: two behind, and the first of all answers
     link.sample(0.016, SENSORS, 0)
-    link.hear(answer([0.5] * 4, time_usec=12000))
-    assert link.owed == 1
-    link.hear(answer([0.5] * 4, time_usec=16000))
-    assert link.owed == 0
+    link.receive(answer([0.5] * 4, time_usec=12000))
+    assert link.unanswered == 1
+    link.receive(answer([0.5] * 4, time_usec=16000))
+    assert link.unanswered == 0
 
 
-def test_answers_of_a_px4_with_stamps_of_its_own_are_counted() -> None:
-    link = SimulatorLink(4)
+def test_replies_with_own_time_stamps_are_counted() -> None:
+    link = SimulatorLink(4, HIL)
     link.sample(0.002, SENSORS, 0)
     in_step(link)
     for k in range(1, 4):
         link.sample(0.004 * k, SENSORS, 0)
-        link.hear(answer([0.5] * 4, time_usec=3))
-        assert link.owed == 0
+        link.receive(answer([0.5] * 4, time_usec=3))
+        assert link.unanswered == 0
 
 
-def test_an_answer_without_the_lockstep_flag_does_not_begin_lockstep() -> None:
-    link = SimulatorLink(4)
+def test_a_reply_without_lockstep_flag_starts_no_lockstep() -> None:
+    link = SimulatorLink(4, HIL)
     m = mavlink.MAVLink_hil_actuator_controls_message(0, [0.0] * 16, 0, 0)
-    link.hear(m.pack(mavlink.MAVLink(None)))
+    link.receive(m.pack(mavlink.MAVLink(None)))
     assert not link.in_step
 
 
-def test_armed_motors_are_the_first_controls_held_to_0_and_1() -> None:
-    link = SimulatorLink(4)
-    link.hear(answer([0.1, 0.9, 1.7, -0.3, 0.8, 0.8]))
+def test_motors_are_the_first_controls_limited_to_0_and_1() -> None:
+    link = SimulatorLink(4, HIL)
+    link.receive(answer([0.1, 0.9, 1.7, -0.3, 0.8, 0.8]))
     assert link.armed and link.motors == pytest.approx([0.1, 0.9, 1.0, 0.0])
 
 
-def test_a_disarmed_px4_has_motors_at_zero_whatever_it_says() -> None:
-    link = SimulatorLink(4)
-    link.hear(answer([0.6] * 4))
-    link.hear(answer([0.6] * 4, armed=False))
+def test_a_disarmed_px4_has_motors_at_zero() -> None:
+    link = SimulatorLink(4, HIL)
+    link.receive(answer([0.6] * 4))
+    link.receive(answer([0.6] * 4, armed=False))
     assert not link.armed and link.motors == [0.0] * 4
 
 
-def test_controls_that_are_no_numbers_are_zero() -> None:
-    link = SimulatorLink(4)
-    link.hear(answer([math.nan, 0.5, math.inf, -math.inf]))
+def test_nan_and_infinite_controls_are_zero() -> None:
+    link = SimulatorLink(4, HIL)
+    link.receive(answer([math.nan, 0.5, math.inf, -math.inf]))
     assert link.motors == [0.0, 0.5, 0.0, 0.0]
 
 
-def test_an_answer_in_pieces_counts_once_it_is_whole() -> None:
-    link, data = SimulatorLink(4), answer([0.5] * 4)
+def test_a_reply_in_pieces_counts_once_complete() -> None:
+    link, data = SimulatorLink(4, HIL), answer([0.5] * 4)
     for i in range(len(data)):
         assert not link.in_step
-        link.hear(data[i : i + 1])
+        link.receive(data[i : i + 1])
     assert link.in_step and link.counts["answers"] == 1
 
 
 @settings(deadline=None)
 @given(st.binary(max_size=200))
-def test_garbage_never_raises_and_an_answer_behind_it_is_understood(rubbish: bytes) -> None:
-    link = SimulatorLink(4)
-    link.hear(rubbish)
+def test_garbage_never_raises_and_the_next_reply_is_decoded(rubbish: bytes) -> None:
+    link = SimulatorLink(4, HIL)
+    link.receive(rubbish)
     # what looks like the head of a long frame swallows up to 280 bytes; after that the stream is itself again
     for _ in range(10):
-        link.hear(answer([0.25] * 4))
+        link.receive(answer([0.25] * 4))
     assert link.in_step and link.motors == pytest.approx([0.25] * 4)
 
 
-def test_other_messages_than_answers_change_nothing() -> None:
-    link, codec = SimulatorLink(4), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-    link.hear(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3).pack(codec))
-    link.hear(mavlink.MAVLink_command_long_message(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0).pack(codec))
+def test_other_messages_change_nothing() -> None:
+    link, codec = SimulatorLink(4, HIL), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    link.receive(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3).pack(codec))
+    link.receive(mavlink.MAVLink_command_long_message(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0).pack(codec))
     assert not link.in_step and link.counts["answers"] == 0
 
 
-def test_a_new_connection_begins_anew() -> None:
-    link = SimulatorLink(4)
-    link.hear(answer([0.5] * 4))
-    link.hear(answer([0.5] * 4)[:20])
+def test_a_new_connection_resets_the_state() -> None:
+    link = SimulatorLink(4, HIL)
+    link.receive(answer([0.5] * 4))
+    link.receive(answer([0.5] * 4)[:20])
     link.reset()
-    assert (link.in_step, link.armed, link.owed, link.motors) == (False, False, 0, [0.0] * 4)
-    link.hear(answer([0.25] * 4))
+    assert (link.in_step, link.armed, link.unanswered, link.motors) == (False, False, 0, [0.0] * 4)
+    link.receive(answer([0.25] * 4))
     assert link.counts["garbage"] == 0 and link.in_step
 
 
-def test_the_truth_goes_out_with_every_fifth_sample_in_the_units_of_the_message() -> None:
-    link = SimulatorLink(4)
+def test_truth_is_sent_every_fifth_sample_in_message_units() -> None:
+    link = SimulatorLink(4, HIL)
     row = {
         "q_nb": [0.5, 0.5, -0.5, 0.5],
         "p_n": [10.0, -20.0, -3.0],
@@ -196,8 +198,8 @@ def test_the_truth_goes_out_with_every_fifth_sample_in_the_units_of_the_message(
     assert (m.xacc, m.yacc, m.zacc) == (0, 1000, -32768)  # milli-g, held to what the message can say
 
 
-def test_a_pilots_radio_is_heard_fifty_times_a_second_only_where_there_is_one() -> None:
-    with_sticks, without = SimulatorLink(4, sticks=True), SimulatorLink(4)
+def test_rc_channels_are_sent_at_50_hz_with_sticks_only() -> None:
+    with_sticks, without = SimulatorLink(4, HIL, sticks=True), SimulatorLink(4, HIL)
     samples = [link.sample(i / 250, SENSORS, 0) for link in (with_sticks, without) for i in range(1, 251)]
     heard = [[m.get_type() for m in decoded(sample)] for sample in samples]
     assert sum("RC_CHANNELS" in kinds for kinds in heard[:250]) == 50

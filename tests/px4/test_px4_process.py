@@ -21,7 +21,7 @@ import pytest
 from arena.autopilot.sitl_standin import BANNER, UP
 from arena.errors import RunError
 from arena.px4 import __main__ as room
-from arena.px4.__main__ import check_free, make_folder, text
+from arena.px4.__main__ import check_free, make_folder, param_text
 
 from .fake import World
 from .test_standin import slice_of
@@ -94,9 +94,7 @@ def until_ready(started: Started, world: World) -> None:
     world.until(lambda: {"ready": True} in started.hear() and world.status() == ["in step"], 30.0)
 
 
-def test_it_runs_the_stand_in_is_ready_once_that_is_up_and_ends_it_when_told(
-    started: Started, world: World
-) -> None:
+def test_process_is_ready_with_the_stand_in_and_ends_it(started: Started, world: World) -> None:
     until_ready(started, world)
     assert BANNER in started.said and UP in started.said
     child = started.standin()
@@ -109,9 +107,7 @@ def test_it_runs_the_stand_in_is_ready_once_that_is_up_and_ends_it_when_told(
     assert not [t for t in started.hear() if "event" in t]
 
 
-def test_one_that_is_killed_is_told_by_name_and_signal_and_the_room_fails(
-    started: Started, world: World
-) -> None:
+def test_a_killed_px4_is_an_event_and_exit_code_1(started: Started, world: World) -> None:
     until_ready(started, world)
     started.standin().kill()
     world.until(lambda: started.process.poll() is not None)
@@ -136,7 +132,7 @@ def until_ended(started: Started) -> list[str]:
     return [t["event"] for t in started.hear() if "event" in t]
 
 
-def test_one_that_ends_before_it_is_up_is_told_with_its_last_words(
+def test_a_px4_that_ends_early_is_reported_with_its_last_line(
     tmp_path: Path, settings: dict[str, Any]
 ) -> None:
     started = Started(
@@ -147,15 +143,15 @@ def test_one_that_ends_before_it_is_up_is_told_with_its_last_words(
     finally:
         started.end()
     assert told.startswith("uav1: PX4 ended before it was up (exit 127): try its binary by hand.")
-    assert told.endswith("Its last words: libfoo.so.1: no such file")
+    assert told.endswith("Its last line: libfoo.so.1: no such file")
     assert started.process.returncode == 1
 
 
-def test_one_that_hangs_is_told_before_it_is_given_up(
+def test_a_px4_that_does_not_start_is_reported(
     tmp_path: Path, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
-    monkeypatch.setattr(room, "_SLOW_S", 0.1)
+    monkeypatch.setattr(room, "_START_WARNING_S", 0.1)
     hanging = SimpleNamespace(
         settings=settings,
         stopping=False,
@@ -164,12 +160,10 @@ def test_one_that_hangs_is_told_before_it_is_given_up(
     with subprocess.Popen(["sleep", "60"], stdout=subprocess.PIPE) as process:
         assert room._watch(hanging, process, None) == 0
         process.kill()
-    assert told == ["uav1: PX4 has not come up for 0.1 s. It has said nothing"]
+    assert told == ["uav1: PX4 has not come up for 0.1 s. It has printed nothing"]
 
 
-def test_one_that_is_stopped_is_late_and_not_gone_and_goes_on_when_continued(
-    started: Started, world: World
-) -> None:
+def test_a_stopped_px4_is_late_and_goes_on_when_continued(started: Started, world: World) -> None:
     until_ready(started, world)
     child = started.standin()
     child.suspend()
@@ -182,11 +176,11 @@ def test_one_that_is_stopped_is_late_and_not_gone_and_goes_on_when_continued(
     ]
 
 
-def test_one_that_stays_stopped_has_ended(
+def test_a_px4_that_stays_stopped_is_killed(
     tmp_path: Path, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[str] = []
-    monkeypatch.setattr(room, "_STOPPED_S", 0.1)
+    monkeypatch.setattr(room, "_MAX_STOPPED_S", 0.1)
     given = SimpleNamespace(settings=settings, stopping=False, event=told.append, stats=told.append)
     with subprocess.Popen(["sleep", "60"], stdout=subprocess.PIPE) as process:
         process.send_signal(signal.SIGSTOP)
@@ -198,27 +192,25 @@ def test_one_that_stays_stopped_has_ended(
     )
 
 
-def test_the_killed_room_takes_its_px4_along(started: Started, world: World) -> None:
+def test_px4_dies_with_its_killed_parent(started: Started, world: World) -> None:
     until_ready(started, world)
     child = started.standin()
     started.process.kill()
     world.until(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE)
 
 
-def test_a_second_stand_in_of_one_instance_and_address_is_refused_by_its_lock(
+def test_a_second_stand_in_is_refused_by_the_lock(
     started: Started, world: World, settings: dict[str, Any]
 ) -> None:
     until_ready(started, world)
     folder = Path(settings["folder"])
-    env = {**os.environ, **{f"PX4_PARAM_{k}": text(v) for k, v in settings["params"].items()}}
+    env = {**os.environ, **{f"PX4_PARAM_{k}": param_text(v) for k, v in settings["params"].items()}}
     argv = [*settings["argv"], "-d", "-i", "6", "-w", str(folder), str(folder / "etc")]
     second = subprocess.run(argv, env=env, capture_output=True, text=True, timeout=120, check=False)
     assert second.returncode == 1 and f"stand-in 6 of {world.address} is already running" in second.stderr
 
 
-def test_its_folder_is_the_installed_one_by_links_but_for_what_the_arena_writes(
-    tmp_path: Path, settings: dict[str, Any]
-) -> None:
+def test_px4_folder_links_all_but_the_arenas_scripts(tmp_path: Path, settings: dict[str, Any]) -> None:
     data = tmp_path / "etc"
     for name in (
         "init.d-posix/rcS",
@@ -242,8 +234,8 @@ def test_its_folder_is_the_installed_one_by_links_but_for_what_the_arena_writes(
 @pytest.mark.parametrize(
     ("value", "words"), [(4, "4"), (4.0, "4.0"), (0.25, "0.25"), (1_000_000, "1000000"), (-1, "-1")]
 )
-def test_a_parameter_is_written_as_its_type_is_read(value: float, words: str) -> None:
-    assert text(value) == words
+def test_a_parameter_is_formatted_by_its_type(value: float, words: str) -> None:
+    assert param_text(value) == words
 
 
 def with_free_ports(settings: dict[str, Any]) -> dict[str, Any]:
@@ -257,9 +249,7 @@ def with_free_ports(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("stand_in", [False, True])
-def test_a_port_that_is_taken_is_an_error_that_names_link_port_and_holder(
-    settings: dict[str, Any], stand_in: bool
-) -> None:
+def test_a_taken_link_port_is_an_error_with_its_holder(settings: dict[str, Any], stand_in: bool) -> None:
     given = {**with_free_ports(settings), "stand_in": stand_in}
     check_free(given)
     host, port = given["links"]["vision"]["local"]
@@ -270,7 +260,7 @@ def test_a_port_that_is_taken_is_an_error_that_names_link_port_and_holder(
             check_free(given)
 
 
-def test_a_held_lock_of_the_instance_is_an_error_and_a_left_one_is_in_nobodys_way(
+def test_only_a_held_instance_lock_is_an_error(
     settings: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(room, "LOCK", str(tmp_path / "px4_lock-{instance}"))

@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sim_slices import PROFILE, slice_of, vehicle
 
 from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
 from arena.geometry import euler_from_quat, matrix_from_quat, quat_from_euler
 from arena.sim.world import World, substeps
+
+from .sim_slices import PROFILE, slice_of, vehicle
 
 ALOFT = [0.0, 0.0, -2.5]
 GENERIC_RPY = np.radians([10.0, -20.0, 35.0]).tolist()
@@ -24,7 +25,7 @@ QUIET = {
 
 def hover(world, add=0.0):
     """The command that carries every vehicle, and a little more on some rotors (V, R)."""
-    return np.repeat(world.fleet.hover[:, None], world.fleet.rotors, axis=1) + np.array(add)
+    return np.repeat(world.hover[:, None], world.rotors, axis=1) + np.array(add)
 
 
 def fly(world, motors, seconds):
@@ -70,7 +71,7 @@ def test_torque_signs(build, more, axis):
     assert world.truth().omega_b[0, axis] > 0.01
 
 
-def test_the_imu_feels_thrust_along_its_own_axis_at_a_generic_attitude(build):
+def test_accelerometer_measures_thrust_in_body_axes(build):
     world = settled(build(vehicle(position=ALOFT, rpy=GENERIC_RPY, sensors=QUIET)))
     fly(world, hover(world), 0.02)
     assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY_M_S2], abs=1e-4)
@@ -85,7 +86,7 @@ def test_gyro_is_in_body_axes_at_a_generic_attitude(build):
     assert world.sense()["gyro_b"][0] == pytest.approx(omega_b)
 
 
-def test_before_and_after_the_first_steps_a_standing_vehicle_feels_one_g_upwards(build):
+def test_a_standing_vehicle_measures_one_g(build):
     world = build(vehicle(sensors=QUIET))
     assert world.sense()["accel_b"][0] == pytest.approx([0, 0, -GRAVITY_M_S2])
     fly(world, np.zeros((1, 4)), 1.0)
@@ -93,14 +94,14 @@ def test_before_and_after_the_first_steps_a_standing_vehicle_feels_one_g_upwards
 
 
 @pytest.mark.parametrize("command", [0.0, 0.15])
-def test_standing_for_ten_seconds_neither_moves_nor_turns(build, command):
+def test_a_standing_vehicle_does_not_drift(build, command):
     world = build(vehicle(position=[1, 2, 0], rpy=[0, 0, 0.7]), vehicle("uav2", 2, position=[-1, 0, 0]))
     before, attitude = world.bodies.p_n.copy(), world.bodies.q_nb.copy()
     fly(world, np.full((2, 4), command), 10.0)
     assert world.bodies.p_n == pytest.approx(before, abs=1e-3)
     assert np.abs((world.bodies.q_nb * attitude).sum(axis=1)) == pytest.approx([1.0, 1.0], abs=1e-7)
-    assert world.judge()["uav1"]["crashed"] == ""
-    assert world.judge()["uav1"]["airborne_s"] < 0.1
+    assert world.flights()["uav1"]["crashed"] == ""
+    assert world.flights()["uav1"]["airborne_s"] < 0.1
 
 
 def test_start_position_is_that_of_the_lowest_point(build):
@@ -110,17 +111,17 @@ def test_start_position_is_that_of_the_lowest_point(build):
     assert world.bodies.p_n[1, 2] == pytest.approx(-1 - leaning, abs=1e-3)
 
 
-def test_ground_clearance_below_a_tall_body_is_where_it_stands(build):
+def test_a_tall_body_stands_at_its_ground_clearance(build):
     world = build(vehicle(height_m=0.3, ground_clearance_m=0.1))
     fly(world, np.zeros((1, 4)), 1.0)
     assert world.bodies.p_n[0, 2] == pytest.approx(-0.1, abs=1e-3)
 
 
-def test_two_vehicles_that_meet_have_both_crashed_and_each_names_the_other(build):
+def test_a_collision_crashes_both_and_names_the_other(build):
     world = settled(build(vehicle(position=ALOFT), vehicle("uav2", 2, position=[1.0, 0.1, -2.5])))
     world.bodies.place(0, p_n=np.array(ALOFT), q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([2.0, 0, 0]))
     fly(world, hover(world), 0.5)
-    verdicts = world.judge()
+    verdicts = world.flights()
     assert "touched uav2 at" in verdicts["uav1"]["crashed"]
     assert "touched uav1 at" in verdicts["uav2"]["crashed"]
     assert world.bodies.v_n[1, 0] > 0.5, "it was pushed"
@@ -137,7 +138,7 @@ def test_a_wall_stops_a_vehicle_and_is_named(build, towards, wall):
     start = np.array([*(edge - 0.6 * np.array(towards)), -2.5])
     world.bodies.place(0, p_n=start, q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([*towards, 0]) * 3.0)
     fly(world, hover(world), 0.5)
-    assert f"touched the {wall} wall" in world.judge()["uav1"]["crashed"]
+    assert f"touched the {wall} wall" in world.flights()["uav1"]["crashed"]
     assert np.abs(world.bodies.p_n[0, :2]).max() < 6.0
 
 
@@ -148,8 +149,8 @@ def test_touchdown_speed_decides(build, speed, crashes):
         0, p_n=np.array([0.5, 0.2, -0.5]), q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([0, 0, speed])
     )
     for _ in range(500):
-        world.step(hover(world) if not world.judge()["uav1"]["landings"] else np.zeros((1, 4)))
-    verdict = world.judge()["uav1"]
+        world.step(hover(world) if not world.flights()["uav1"]["landings"] else np.zeros((1, 4)))
+    verdict = world.flights()["uav1"]
     assert verdict["touchdown_m_s"] == pytest.approx(speed, abs=0.05)
     assert bool(verdict["crashed"]) is crashes
     assert verdict["landed_p_n"] == pytest.approx([0.5, 0.2, -0.05], abs=0.01)
@@ -162,7 +163,7 @@ def test_tilt_is_a_crash(build):
         0, p_n=np.array([0, 0, -4.0]), q_nb=quat_from_euler([0, 0, 0]), omega_b=np.array([6.0, 0, 0])
     )
     fly(world, np.zeros((1, 4)), 0.3)
-    assert "tilted 6" in world.judge()["uav1"]["crashed"]
+    assert "tilted 6" in world.flights()["uav1"]["crashed"]
 
 
 def test_wind_pushes_what_has_drag(build):
@@ -189,14 +190,14 @@ def test_rotors_follow_the_command_with_their_lag(build):
     assert world.truth().motors[0] == pytest.approx([0.8 * np.exp(-0.004 / 0.025)] * 4, rel=1e-4)
 
 
-def test_commands_beyond_reason_are_clamped(build):
+def test_commands_are_clamped_to_0_and_1(build):
     world = build(vehicle(position=[0, 0, -4]))
     world.step(np.array([[np.nan, np.inf, -3.0, 7.0]]))
     assert np.isfinite(world.truth().p_n).all()
     assert (world.truth().motors >= 0).all() and (world.truth().motors <= 1).all()
 
 
-def test_the_same_seed_gives_the_same_world_bit_for_bit():
+def test_the_same_seed_gives_an_identical_world():
     def run(seed):
         world = World(slice_of(vehicle(), vehicle("uav2", 2, position=[0.7, 0, 0]), seed=seed))
         heard = []
@@ -213,7 +214,7 @@ def test_the_same_seed_gives_the_same_world_bit_for_bit():
     assert (first != other).any()
 
 
-def test_vehicles_of_different_rotor_counts_live_together(build):
+def test_vehicles_may_have_different_rotor_counts(build):
     six = [
         {"position_m": [0.2 * np.cos(a), 0.2 * np.sin(a), 0], "direction": "cw" if i % 2 else "ccw"}
         for i, a in enumerate(np.radians(np.arange(30, 390, 60)))
@@ -221,7 +222,7 @@ def test_vehicles_of_different_rotor_counts_live_together(build):
     world = settled(
         build(vehicle(position=ALOFT), vehicle("hexa", 2, position=[2, 0, -2.5], rotors=six, num_rotors=6))
     )
-    assert world.fleet.rotors == 6
+    assert world.rotors == 6
     fly(world, hover(world), 1.0)
     assert world.bodies.p_n[:, 2] == pytest.approx([-2.55, -2.55], abs=2e-3)
     assert world.truth().motors.shape == (2, 4)
@@ -237,7 +238,7 @@ def test_the_battery_empties_as_the_profile_says(build):
     assert before - sensed["battery_remaining"][0] == pytest.approx(20.0 / 3600 / 5.1, rel=1e-3)
 
 
-def test_physics_must_divide_into_sensor_periods_and_the_error_shows_both():
+def test_physics_rate_must_be_a_multiple_of_the_sensor_rate():
     assert substeps(500, 250) == 2
     with pytest.raises(
         InputError, match=r"physics_hz: got 600, must be a whole multiple of sensor_hz \(250\)\. Try 500"

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sim_slices import PROFILE, slice_of, vehicle
 
 from arena.constants import GRAVITY_M_S2
 from arena.errors import InputError
@@ -14,6 +13,8 @@ from arena.geometry import matrix_from_quat, quat_from_euler, quat_multiply
 from arena.sim.bodies import Bodies, display_answers
 from arena.sim.vehicle_arrays import read_fleet
 from arena.sim.world import World
+
+from .sim_slices import PROFILE, slice_of, vehicle
 
 GENERIC = quat_from_euler(np.radians([10.0, -20.0, 35.0]))
 H = 0.002
@@ -27,7 +28,7 @@ def bodies():
     made.close()
 
 
-def test_what_is_placed_is_read_back(bodies):
+def test_a_placed_body_is_read_back_where_it_was_placed(bodies):
     v_n, omega_b = np.array([0.3, -0.4, 0.5]), np.array([0.7, -1.1, 1.9])
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC, v_n=v_n, omega_b=omega_b)
     assert bodies.p_n[0] == pytest.approx(ALOFT)
@@ -37,7 +38,7 @@ def test_what_is_placed_is_read_back(bodies):
     assert bodies.omega_b[0] == pytest.approx(omega_b)
 
 
-def test_a_velocity_moves_the_position_and_a_body_rate_the_attitude_the_same_way(bodies):
+def test_velocity_and_body_rate_integrate_to_position_and_attitude(bodies):
     omega_b = np.array([0.7, -1.1, 0.9])
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC, v_n=np.array([1.0, 2.0, -0.5]), omega_b=omega_b)
     bodies.step()
@@ -50,7 +51,7 @@ def test_a_velocity_moves_the_position_and_a_body_rate_the_attitude_the_same_way
 def test_a_force_acts_in_body_axes_on_the_given_mass(bodies):
     force_b = np.array([1.0, 2.0, -3.0])
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC)
-    bodies.push(force_b[None], np.zeros((1, 3)))
+    bodies.apply_wrenches(force_b[None], np.zeros((1, 3)))
     bodies.step()
     expected = matrix_from_quat(GENERIC) @ force_b / PROFILE["mass_kg"] + [0, 0, GRAVITY_M_S2]
     assert bodies.v_n[0] / H == pytest.approx(expected)
@@ -60,14 +61,14 @@ def test_a_force_acts_in_body_axes_on_the_given_mass(bodies):
 def test_a_torque_acts_in_body_axes_on_the_given_inertia(bodies):
     torque_b = np.array([0.1, -0.2, 0.3])
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC)
-    bodies.push(np.zeros((1, 3)), torque_b[None])
+    bodies.apply_wrenches(np.zeros((1, 3)), torque_b[None])
     bodies.step()
     assert bodies.omega_b[0] / H == pytest.approx(torque_b / PROFILE["inertia_kg_m2"], rel=1e-3)
 
 
 def test_a_wrench_lasts_one_step(bodies):
     bodies.place(0, p_n=ALOFT, q_nb=GENERIC)
-    bodies.push(np.array([[5.0, 0.0, 0.0]]), np.zeros((1, 3)))
+    bodies.apply_wrenches(np.array([[5.0, 0.0, 0.0]]), np.zeros((1, 3)))
     bodies.step()
     v_n = bodies.v_n[0].copy()
     bodies.step()
@@ -88,12 +89,12 @@ def test_nothing_damps_a_fall_or_a_spin(bodies):
     assert bodies.omega_b[0] == pytest.approx([0, 0, 4.0], abs=1e-6)
 
 
-def test_a_window_without_a_display_is_refused_in_a_sentence(monkeypatch):
+def test_gui_without_a_display_is_refused(monkeypatch):
     monkeypatch.setenv("DISPLAY", "")
     with pytest.raises(InputError, match="--gui needs an X display"):
         World(slice_of(gui=True))
 
 
 @pytest.mark.parametrize("display", ["", "nonsense", ":", ":x", ":4217", "127.55.0.9:217.0"])
-def test_a_display_that_is_not_there_does_not_answer(display):
+def test_a_missing_display_does_not_answer(display):
     assert not display_answers(display)

@@ -13,20 +13,20 @@ from arena.errors import RunError
 from arena.px4 import lockstep as module
 from arena.px4.lockstep import Px4Links
 
-from .fake import FakePx4, World
+from .fake import HIL, FakePx4, World
 
 LATE_S = 1.5
 
 
 @pytest.fixture
 def soon_late(patient: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "LATE_S", LATE_S)
+    monkeypatch.setattr(module, "REPLY_TIMEOUT_S", LATE_S)
 
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where nobody should be late, a busy machine must not make them so."""
-    monkeypatch.setattr(module, "LATE_S", 5.0)
+    monkeypatch.setattr(module, "REPLY_TIMEOUT_S", 5.0)
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def connect(world: World) -> list[FakePx4]:
     return px4s
 
 
-def test_two_go_in_step_and_each_gets_every_sample_once_and_flies_its_own_motors(two: World) -> None:
+def test_two_px4s_get_every_sample_once_and_fly_their_motors(two: World) -> None:
     px4s = connect(two)
     two.step()  # now nothing of the free run is under way
     before = [len(p.samples) for p in px4s]
@@ -56,16 +56,14 @@ def test_two_go_in_step_and_each_gets_every_sample_once_and_flies_its_own_motors
     assert two.said == ["uav1: PX4 connected", "uav2: PX4 connected"]
 
 
-def test_the_world_steps_on_before_anybody_has_connected(two: World) -> None:
+def test_the_world_steps_before_any_px4_connects(two: World) -> None:
     began = time.monotonic()
     assert two.step(500).tolist() == [[0.0] * 4] * 2
     assert time.monotonic() - began < 500 * LATE_S / 2  # nobody is waited for
     assert two.status() == ["never connected"] * 2
 
 
-def test_a_late_one_is_named_and_left_out_while_the_other_flies_on_then_it_rejoins(
-    two: World, soon_late: None
-) -> None:
+def test_a_late_px4_is_reported_and_rejoins(two: World, soon_late: None) -> None:
     px4s = connect(two)
     px4s[0].mute()
     began = time.monotonic()
@@ -87,7 +85,7 @@ def test_a_late_one_is_named_and_left_out_while_the_other_flies_on_then_it_rejoi
     assert two.step(50).tolist() == [[0.25] * 4, [0.5] * 4]
 
 
-def test_one_that_hangs_up_is_named_its_motors_stop_and_the_other_flies_on(two: World) -> None:
+def test_a_disconnected_px4_is_reported_and_its_motors_stop(two: World) -> None:
     px4s = connect(two)
     px4s[0].hang_up()
     two.until(lambda: two.status()[0] == "gone")
@@ -98,7 +96,7 @@ def test_one_that_hangs_up_is_named_its_motors_stop_and_the_other_flies_on(two: 
     ]
 
 
-def test_one_that_hangs_up_disarmed_as_at_the_end_of_every_run_is_no_alarm(two: World) -> None:
+def test_a_px4_that_disconnects_disarmed_is_no_alarm(two: World) -> None:
     px4 = FakePx4(two.places[0], [0.5] * 4, armed=False)
     two.until(lambda: two.status()[0] == "in step")
     px4.hang_up()
@@ -106,7 +104,7 @@ def test_one_that_hangs_up_disarmed_as_at_the_end_of_every_run_is_no_alarm(two: 
     assert two.said[-1] == "uav1: PX4 has closed the simulator link: it was not armed"
 
 
-def test_one_that_connects_again_begins_anew_and_is_told(two: World) -> None:
+def test_a_px4_that_reconnects_starts_again(two: World) -> None:
     px4s = connect(two)
     px4s[0].hang_up()
     two.until(lambda: two.status()[0] == "gone")
@@ -116,9 +114,7 @@ def test_one_that_connects_again_begins_anew_and_is_told(two: World) -> None:
     assert two.step(10)[0] == pytest.approx([0.75] * 4) and len(again.samples) >= 10
 
 
-def test_one_that_hangs_up_while_it_is_waited_for_does_not_hold_the_world(
-    two: World, soon_late: None
-) -> None:
+def test_a_disconnect_during_the_wait_does_not_block_the_world(two: World, soon_late: None) -> None:
     px4s = connect(two)
     px4s[0].mute()
     two.step()
@@ -127,12 +123,12 @@ def test_one_that_hangs_up_while_it_is_waited_for_does_not_hold_the_world(
     assert two.step(20)[1] == pytest.approx([0.5] * 4)
 
 
-def test_one_that_never_connects_is_told_once_with_its_port(
+def test_a_px4_that_never_connects_is_reported_once_with_its_port(
     two: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     FakePx4(two.places[1], [0.5] * 4)
     two.until(lambda: two.status()[1] == "in step")
-    monkeypatch.setattr(module, "_NEVER_S", 0.0)
+    monkeypatch.setattr(module, "_CONNECT_TIMEOUT_S", 0.0)
     two.step(20)
     host, port = two.places[0]
     told = [text for text in two.said if "has not connected" in text]
@@ -141,15 +137,15 @@ def test_one_that_never_connects_is_told_once_with_its_port(
     ]
 
 
-def test_a_port_that_is_taken_is_an_error_that_names_vehicle_and_address(two: World) -> None:
+def test_a_taken_port_is_an_error_with_vehicle_and_address(two: World) -> None:
     host, port = two.places[0]
     with pytest.raises(
         RunError, match=f"uav9: cannot serve the simulator API on {host}:{port}: Address already in use"
     ):
-        Px4Links([{"name": "uav9", "simulator": [host, port], "profile": {"rotors": [{}] * 4}}])
+        Px4Links([{"name": "uav9", "simulator": [host, port], "profile": {"rotors": [{}] * 4}}], None, HIL)
 
 
-def test_closing_lets_go_of_ports_and_connections(two: World) -> None:
+def test_closing_frees_ports_and_connections(two: World) -> None:
     connect(two)
     two.links.close()
     for place in two.places:

@@ -26,14 +26,14 @@ def build(folder: Path, version: str = "1.16.0", where: str = "build/px4_sitl_de
 
 
 @pytest.mark.parametrize("where", ["", "build/px4_sitl_default", "build/px4_sitl_nolockstep"])
-def test_a_source_tree_a_build_folder_and_an_installation_are_found(tmp_path: Path, where: str) -> None:
+def test_source_build_and_installation_folders_are_found(tmp_path: Path, where: str) -> None:
     found = find_px4(str(build(tmp_path / "PX4", where=where)), {})
     assert found is not None and found.version == "1.16.0" and found.source == "px4.home of the YAML"
     assert found.argv == (str(tmp_path / "PX4" / where / "bin" / "px4"),)
     assert found.data == str(tmp_path / "PX4" / where / "etc") and not found.stand_in
 
 
-def test_the_yaml_comes_first_then_the_environment_then_the_path(tmp_path: Path) -> None:
+def test_search_order_is_yaml_environment_path(tmp_path: Path) -> None:
     home, env, path = (
         build(tmp_path / name, version)
         for name, version in (("a", "1.16.0"), ("b", "1.15.4"), ("c", "1.17.0"))
@@ -50,12 +50,12 @@ def test_the_yaml_comes_first_then_the_environment_then_the_path(tmp_path: Path)
     assert version(None, {"PATH": str(tmp_path)}) == ""
 
 
-def test_who_names_a_folder_in_the_yaml_is_not_given_another_px4(tmp_path: Path) -> None:
+def test_a_home_in_the_yaml_is_the_only_place_searched(tmp_path: Path) -> None:
     other = build(tmp_path / "other")
     assert find_px4(str(tmp_path / "empty"), {"PX4_HOME": str(other)}) is None
 
 
-def test_a_binary_that_may_not_be_run_or_has_no_startup_scripts_is_none(tmp_path: Path) -> None:
+def test_a_binary_without_startup_scripts_is_not_px4(tmp_path: Path) -> None:
     first = build(tmp_path / "a")
     (first / "build/px4_sitl_default/bin/px4").chmod(0o644)
     second = build(tmp_path / "b")
@@ -75,7 +75,7 @@ def test_a_binary_that_may_not_be_run_or_has_no_startup_scripts_is_none(tmp_path
         (b"", ""),
     ],
 )
-def test_the_version_is_what_the_binary_says(tmp_path: Path, content: bytes, version: str) -> None:
+def test_version_is_read_from_the_binary(tmp_path: Path, content: bytes, version: str) -> None:
     (tmp_path / "px4").write_bytes(content)
     assert version_of(tmp_path / "px4") == version
 
@@ -84,7 +84,7 @@ def test_a_missing_binary_has_no_version(tmp_path: Path) -> None:
     assert version_of(tmp_path / "px4") == ""
 
 
-def test_the_error_of_a_missing_px4_tells_where_it_looked_and_every_way_to_get_it(tmp_path: Path) -> None:
+def test_error_for_missing_px4_lists_places_and_ways(tmp_path: Path) -> None:
     with pytest.raises(NotInstalledError) as error:
         need_px4(None, {"PX4_HOME": str(tmp_path), "PATH": ""})
     assert f"$PX4_HOME ({tmp_path})" in str(error.value) and error.value.exit_code == 2
@@ -97,7 +97,7 @@ def arena_file(folder: Path, more: str) -> Path:
     return file
 
 
-def test_the_word_stand_in_selects_the_stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_home_stand_in_selects_the_stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     named = load_arena(arena_file(tmp_path, "px4: {home: stand-in}\n")).px4
     assert named is not None and named.stand_in and named.argv[1:] == ("-m", "arena.autopilot.sitl_standin")
     monkeypatch.setenv("PX4_HOME", "stand-in")
@@ -105,7 +105,7 @@ def test_the_word_stand_in_selects_the_stand_in(tmp_path: Path, monkeypatch: pyt
     assert found is not None and found.stand_in and found.source == "$PX4_HOME" and "stand-in" in found.words
 
 
-def test_a_home_in_the_yaml_is_read_from_where_the_yaml_is(tmp_path: Path) -> None:
+def test_a_relative_home_is_relative_to_the_yaml(tmp_path: Path) -> None:
     build(tmp_path / "PX4")
     found = load_arena(arena_file(tmp_path, "px4: {home: ./PX4}\n")).px4
     assert found is not None and found.version == "1.16.0"
@@ -114,9 +114,7 @@ def test_a_home_in_the_yaml_is_read_from_where_the_yaml_is(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("binary", "names"), [("1.14.3", "1.14.3"), ("1.16.0-2-g0123abc", "1.16"), ("1.99.0", "1.16")]
 )
-def test_the_parameters_of_a_vehicle_have_the_names_of_the_px4_that_flies_it(
-    tmp_path: Path, binary: str, names: str
-) -> None:
+def test_parameters_have_the_names_of_the_flown_px4_version(tmp_path: Path, binary: str, names: str) -> None:
     build(tmp_path / "PX4", binary)
     arena = load_arena(arena_file(tmp_path, "px4: {home: ./PX4}\ndefaults: {px4_version: '1.13'}\n"))
     assert firmware(arena, arena.vehicles[0]).version == names
@@ -124,7 +122,7 @@ def test_the_parameters_of_a_vehicle_have_the_names_of_the_px4_that_flies_it(
     assert (origin.value, origin.source) == (names, f"rule: PX4 {binary}")
 
 
-def test_a_home_without_px4_is_a_problem_of_that_line_and_names_the_doctor(tmp_path: Path) -> None:
+def test_a_home_without_px4_is_an_error_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"arena.yaml:2: px4.home: got \./PX4, and no PX4 is there") as error:
         load_arena(arena_file(tmp_path, "px4: {home: ./PX4}\n"))
     assert "arena doctor" in str(error.value)
@@ -140,7 +138,7 @@ def test_the_resolved_arena_flies_the_same_px4(tmp_path: Path, monkeypatch: pyte
     assert make_plan(load_arena(again)).slices["px4.uav1.json"] == plan.slices["px4.uav1.json"]
 
 
-def test_on_another_loopback_address_a_real_px4_is_met_at_127_0_0_1_where_the_kernel_lets_it_speak_from(
+def test_real_px4_links_are_at_127_0_0_1_on_any_loopback_address(
     tmp_path: Path,
 ) -> None:
     build(tmp_path / "PX4")

@@ -34,7 +34,7 @@ def lives_of(plan: Plan, **others: ProcessStatus) -> dict[str, ProcessStatus]:
     return {**{p.name: READY for p in plan.processes}, **{k.replace("_", "."): v for k, v in others.items()}}
 
 
-def test_a_vehicle_whose_px4_has_ended_stands_still_and_the_others_are_what_they_say(plan: Plan) -> None:
+def test_a_vehicle_whose_px4_ended_counts_as_grounded(plan: Plan) -> None:
     armed = {f"uav{k}.armed": True for k in (1, 2, 3)}
     lives = lives_of(plan, px4_uav1=DIED)
     assert grounded(plan, lives) == {"uav1": "its PX4 has ended"}
@@ -42,7 +42,7 @@ def test_a_vehicle_whose_px4_has_ended_stands_still_and_the_others_are_what_they
     assert may_fly(plan, lives_of(plan), armed, armed) == ["uav1", "uav2", "uav3"]
 
 
-def test_a_run_ends_though_a_killed_px4_never_said_that_it_is_disarmed(plan: Plan) -> None:
+def test_a_run_ends_though_a_killed_px4_never_disarmed(plan: Plan) -> None:
     facts = {"uav1.armed": True, "uav2.armed": False, "uav3.armed": False}
     assert not is_done(plan, lives_of(plan), facts)
     assert is_done(plan, lives_of(plan, px4_uav1=DIED), facts)
@@ -50,7 +50,7 @@ def test_a_run_ends_though_a_killed_px4_never_said_that_it_is_disarmed(plan: Pla
     assert is_done(plan, lives_of(plan, px4_uav1=DIED), {"uav2.armed": False, "uav3.armed": False})
 
 
-def test_a_px4_that_ended_before_the_end_makes_the_run_a_failed_one_and_one_that_was_stopped_does_not(
+def test_a_px4_that_ended_early_fails_the_run(
     plan: Plan,
 ) -> None:
     def failed(then: ProcessStatus) -> list[str]:
@@ -90,9 +90,7 @@ def write_run(folder: Path, plan: Plan, ended: str) -> Path:
     return folder
 
 
-def test_the_summary_tells_which_px4_flew_where_its_logs_are_and_which_ended_by_itself(
-    plan: Plan, tmp_path: Path
-) -> None:
+def test_summary_names_px4_its_logs_and_its_end(plan: Plan, tmp_path: Path) -> None:
     run = write_run(tmp_path / "run", plan, "killed by SIGKILL")
     text = report(run)
     assert (
@@ -110,7 +108,7 @@ def test_the_summary_tells_which_px4_flew_where_its_logs_are_and_which_ended_by_
     assert set(found) == {"uav1", "uav2"} and found["uav2"]["ended"] == ""
 
 
-def test_the_version_of_a_real_one_is_told(plan: Plan, tmp_path: Path) -> None:
+def test_summary_has_the_version_of_a_real_px4(plan: Plan, tmp_path: Path) -> None:
     run = write_run(tmp_path / "run", plan, "")
     whole = json.loads((run / "plan.json").read_text())
     whole["slices"]["px4.uav1.json"] |= {"version": "1.16.0", "stand_in": False}

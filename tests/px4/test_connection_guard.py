@@ -16,7 +16,7 @@ from .fake import FakePx4, World, greeting
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lockstep, "LATE_S", 5.0)
+    monkeypatch.setattr(lockstep, "REPLY_TIMEOUT_S", 5.0)
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def hung_up(connection: socket.socket) -> bool:
         return True
 
 
-def test_a_stranger_who_is_silent_gets_no_samples_and_does_not_stand_in_the_way_of_px4(one: World) -> None:
+def test_a_silent_client_does_not_block_px4(one: World) -> None:
     with knock(one) as stranger:
         one.step(5)
         assert one.status() == ["never connected"]
@@ -53,7 +53,7 @@ def test_a_stranger_who_is_silent_gets_no_samples_and_does_not_stand_in_the_way_
         assert one.step(20).tolist() == [[0.5] * 4]
 
 
-def test_one_from_another_address_is_sent_away_whatever_it_says(one: World) -> None:
+def test_a_client_from_another_address_is_refused(one: World) -> None:
     host, port = one.places[0]
     with socket.create_connection((host, port), source_address=("127.66.31.9", 0)) as stranger:
         stranger.sendall(greeting())
@@ -62,10 +62,10 @@ def test_one_from_another_address_is_sent_away_whatever_it_says(one: World) -> N
     assert "it comes from another address than this computer's, so it is no PX4" in one.said[0]
 
 
-def test_one_who_says_nothing_in_time_is_sent_away_counted_and_told_once(
+def test_a_silent_client_is_closed_counted_and_reported_once(
     one: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "PROVE_S", 0.05)
+    monkeypatch.setattr(module, "IDENTIFY_TIMEOUT_S", 0.05)
     for n in (1, 2):
         with knock(one) as stranger:
             one.until(lambda: hung_up(stranger))
@@ -74,21 +74,21 @@ def test_one_who_says_nothing_in_time_is_sent_away_counted_and_told_once(
     assert len(one.said) == 1 and one.said[0].startswith(
         f"uav1: simulator port {host}:{port}: a connection from "
     )
-    assert one.said[0].endswith("was closed: it said nothing valid within 0.05 s, so it is no PX4")
+    assert one.said[0].endswith("was closed: it sent nothing valid within 0.05 s, so it is no PX4")
 
 
 @pytest.mark.parametrize("rubbish", [b"GET / HTTP/1.0\r\n\r\n", b"\0" * 40, greeting()[1:20] + b"\xff" * 300])
-def test_one_who_speaks_something_else_is_sent_away_at_once(
+def test_a_client_that_sends_no_mavlink_is_closed_at_once(
     one: World, rubbish: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "PROVE_S", 3600.0)
+    monkeypatch.setattr(module, "IDENTIFY_TIMEOUT_S", 3600.0)
     with knock(one) as stranger:
         stranger.sendall(rubbish)
         one.until(lambda: hung_up(stranger))
-        assert "does not speak MAVLink" in one.said[0] and one.status() == ["never connected"]
+        assert "does not send MAVLink" in one.said[0] and one.status() == ["never connected"]
 
 
-def test_a_greeting_in_pieces_is_a_greeting(one: World) -> None:
+def test_px4_is_recognised_by_a_heartbeat_in_pieces(one: World) -> None:
     with knock(one) as px4:
         for byte in greeting():
             px4.sendall(bytes([byte]))
@@ -96,7 +96,7 @@ def test_a_greeting_in_pieces_is_a_greeting(one: World) -> None:
         one.until(lambda: one.status() == ["booting"])
 
 
-def test_while_a_px4_is_connected_others_are_refused_and_told_once(one: World) -> None:
+def test_further_clients_are_refused_and_reported_once(one: World) -> None:
     px4 = FakePx4(one.places[0], [0.5] * 4)
     one.until_in_step()
     for _ in range(3):
@@ -109,12 +109,12 @@ def test_while_a_px4_is_connected_others_are_refused_and_told_once(one: World) -
     assert one.step(20).tolist() == [[0.5] * 4] and len(px4.samples) >= before + 19
 
 
-def test_a_flight_controller_in_the_loop_is_flown_and_never_waited_for(one: World) -> None:
+def test_a_hitl_controller_flies_and_is_never_awaited(one: World) -> None:
     controller = FakePx4(one.places[0], [0.5] * 4, free_run=0, flags=0)
     one.until(lambda: one.step().tolist() == [[0.5] * 4])
     controller.mute()
     began = time.monotonic()
     one.step(200)
-    assert time.monotonic() - began < 200 * lockstep.LATE_S / 2, "it was waited for"
+    assert time.monotonic() - began < 200 * lockstep.REPLY_TIMEOUT_S / 2, "it was waited for"
     assert one.status() == ["booting"] and one.said == ["uav1: PX4 connected"]
     controller.hang_up()

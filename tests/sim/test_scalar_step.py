@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sim_slices import PROFILE, slice_of, vehicle
 
 from arena.sim import world as module
 from arena.sim.world import World
+
+from .sim_slices import PROFILE, slice_of, vehicle
 
 CURVE = {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 40.0}
 PACK = {**PROFILE["battery"], "thrust_at_v": 12.0}
@@ -17,7 +18,7 @@ PACK = {**PROFILE["battery"], "thrust_at_v": 12.0}
 
 def flown(most: int, height_m: float, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Two vehicles under changing commands in wind, leaning and turning. -> all that is true of them, step by step."""
-    monkeypatch.setattr(module, "MOST", most)
+    monkeypatch.setattr(module, "MAX_SCALAR_VEHICLES", most)
     fleet = [
         vehicle(
             f"uav{k}",
@@ -33,9 +34,9 @@ def flown(most: int, height_m: float, monkeypatch: pytest.MonkeyPatch) -> Any:
         for k in (1, 2)
     ]
     world, rng, seen = World(slice_of(*fleet, wind_m_s=[0.5, -0.2, 0.1])), np.random.default_rng(1), []
-    assert (world._few is None) == (most == 0)
+    assert (world._scalar is None) == (most == 0)
     for _ in range(200):
-        world.step(world.fleet.hover[:, None] + 0.02 * rng.standard_normal((2, 4)))
+        world.step(world.hover[:, None] + 0.02 * rng.standard_normal((2, 4)))
         t = world.truth()
         seen.append(np.hstack([t.p_n, t.q_nb, t.v_n, t.omega_b, t.accel_b, t.motors]))
     world.close()
@@ -43,7 +44,7 @@ def flown(most: int, height_m: float, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.mark.parametrize(("height_m", "within"), [(3.0, 1e-9), (0.0, 1e-6)])
-def test_a_small_fleet_flies_as_it_would_in_a_batch(
+def test_scalar_and_batched_steps_agree(
     height_m: float, within: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     few, batched = flown(2, height_m, monkeypatch), flown(0, height_m, monkeypatch)

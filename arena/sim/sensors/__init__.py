@@ -1,0 +1,25 @@
+"""Simulated sensors, one module per kind. `SENSORS` names them by their key under a profile's `sensors:`.
+
+A new sensor is one module here with a class that implements `Sensor`, one row in this table, and the model of its
+profile keys in `arena/schema/profile.py`. Pure: no sockets, no clocks; random numbers come from seeded generators.
+"""
+
+from __future__ import annotations
+
+from arena.sim.sensors.barometer import Barometer
+from arena.sim.sensors.gps import Gps
+from arena.sim.sensors.imu import Imu
+from arena.sim.sensors.magnetometer import Magnetometer
+from arena.sim.sensors.sensor import Channel, GlobalOrigin, Motion, Sensor, Site
+from arena.sim.sensors.suite import SensorSuite
+from arena.wire.hil import HilOutput
+
+__all__ = ["SENSORS", "Channel", "GlobalOrigin", "Motion", "Sensor", "SensorSuite", "Site", "hil_outputs"]
+
+SENSORS: dict[str, type[Sensor]] = {"imu": Imu, "mag": Magnetometer, "baro": Barometer, "gps": Gps}
+"""Sensors that draw from the same random stream take their numbers in the order of this table."""
+
+
+def hil_outputs() -> list[HilOutput]:
+    """Return what each sensor adds to the simulator API, in the order of the table."""
+    return [sensor.hil for sensor in SENSORS.values()]

@@ -1,0 +1,38 @@
+"""Barometer, as the pressure altitude above mean sea level."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from arena.atmosphere import pressure_hpa
+from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
+from arena.wire.hil import HilFields
+
+_TEMPERATURE_DEG_C = 25.0
+
+
+def _hil_values(sensors: Mapping[str, Array], row: int) -> tuple[float, float, float, float]:
+    """Return pressure [hPa], differential pressure [hPa], altitude [m] and temperature [deg C]."""
+    altitude = float(sensors["baro_alt_m"][row])
+    return pressure_hpa(altitude), 0.0, altitude, _TEMPERATURE_DEG_C
+
+
+class Barometer(Sensor):
+    """Altitude above mean sea level [m] (V,)."""
+
+    stream = 1
+    channels = (Channel(axes=1, noise="noise_m", default_noise=0.05, bias="bias_m", default_bias=0.2),)
+    readings = ("baro_alt_m",)
+    on_request = False
+    log_columns = ("baro",)
+    hil = HilFields(bits=0x1A00, every=5, first=9, values=_hil_values)
+
+    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
+        self._altitude_m = site.origin.alt_m if site.origin else 0.0
+
+    def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
+        """Return baro_alt_m, above mean sea level [m] (V,)."""
+        altitude = noise[:, 0]
+        altitude += self._altitude_m - motion.p_n[:, 2]
+        return {"baro_alt_m": altitude}

@@ -1,0 +1,71 @@
+"""Satellite receiver: global position and velocity, with a position error that wanders.
+
+The position error is a Gauss-Markov process of 60 s, as in the simulators that PX4 is tested in. The arena's heading
+turns position and velocity to true north.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from arena.geometry import globe_from_local
+from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
+from arena.wire.hil import HilMessage, HilSender
+
+_CORRELATION_S, _DEFAULT_RATE_HZ = 60.0, 10.0
+_ACCURACY_CM, _SATELLITES = (80, 120), 14  # reported, horizontal and vertical
+
+
+def _hil_message(sender: HilSender, time_usec: int, sensors: Mapping[str, Array], row: int) -> bytes:
+    """Return HIL_GPS with a 3-D fix."""
+    lat, lon, alt = (float(sensors[key][row]) for key in ("lat_deg", "lon_deg", "alt_m"))
+    v_cm_s = [round(min(max(100.0 * x, -32768.0), 32767.0)) for x in sensors["v_true_n"][row].tolist()]
+    place = (round(lat * 1e7), round(lon * 1e7), round(alt * 1e3))
+    return sender.gps(time_usec, place, _ACCURACY_CM, v_cm_s, _SATELLITES)
+
+
+class Gps(Sensor):
+    """Latitude, longitude [deg], altitude [m] (V,) and velocity to true north [m/s] (V, 3)."""
+
+    stream = 2
+    channels = (
+        Channel(axes=2, noise="horizontal_noise_m", default_noise=0.8),
+        Channel(axes=1, noise="vertical_noise_m", default_noise=1.8),
+        Channel(axes=3, noise="velocity_noise_m_s", default_noise=0.1),
+    )
+    readings = ("lat_deg", "lon_deg", "alt_m", "v_true_n")
+    on_request = True
+    log_columns = ()
+    hil = HilMessage(name="gps", every=25, reading="lat_deg", pack=_hil_message)
+
+    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
+        self._origin, self._heading = site.origin, site.heading_rad
+        rate_hz = np.array(
+            [p.get("sensors", {}).get("gps", {}).get("rate_hz", _DEFAULT_RATE_HZ) for p in profiles], float
+        )
+        self._keep: Array = np.exp(-1.0 / (_CORRELATION_S * rate_hz))[:, None]
+        self._error: Array | None = None  # of the position [m] (V, 3)
+
+    def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
+        """Return lat_deg, lon_deg, alt_m (V,) and v_true_n: velocity, true north, east, down [m/s] (V, 3).
+
+        Each call is the next fix of every receiver. Returns {} when the arena has no global origin.
+        """
+        if self._origin is None:
+            return {}
+        keep, fresh = self._keep, noise[:, :3]
+        self._error = fresh if self._error is None else keep * self._error + np.sqrt(1.0 - keep**2) * fresh
+        position = self._true_north(motion.p_n) + self._error
+        velocity = self._true_north(motion.v_n) + noise[:, 3:]
+        origin = self._origin
+        lat, lon = globe_from_local(origin.lat_deg, origin.lon_deg, position[:, 0], position[:, 1])
+        return {"lat_deg": lat, "lon_deg": lon, "alt_m": origin.alt_m - position[:, 2], "v_true_n": velocity}
+
+    def _true_north(self, v_n: Array) -> Array:
+        """Rotate vectors from the arena's north, `heading` clockwise of true north, to true north (V, 3)."""
+        c, s = math.cos(self._heading), math.sin(self._heading)
+        return np.stack([c * v_n[:, 0] - s * v_n[:, 1], s * v_n[:, 0] + c * v_n[:, 1], v_n[:, 2]], axis=-1)

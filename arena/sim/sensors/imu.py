@@ -1,0 +1,54 @@
+"""Inertial measurement unit: accelerometer and gyroscope."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
+from arena.wire.hil import HilFields
+
+
+class Imu(Sensor):
+    """Accelerometer [m/s2] and gyroscope [rad/s], both [FRD] (V, 3)."""
+
+    stream = 1
+    channels = (
+        Channel(
+            axes=3,
+            noise="accel_noise_m_s2",
+            default_noise=0.05,
+            bias="accel_bias_m_s2",
+            default_bias=0.03,
+            range="accel_range_m_s2",
+            default_range=156.9,
+        ),
+        Channel(
+            axes=3,
+            noise="gyro_noise_rad_s",
+            default_noise=0.003,
+            bias="gyro_bias_rad_s",
+            default_bias=0.002,
+            range="gyro_range_rad_s",
+            default_range=34.9,
+        ),
+    )
+    readings = ("accel_b", "gyro_b")
+    on_request = False
+    log_columns = ("imu.acc_body", "imu.ang_vel")
+    hil = HilFields(
+        bits=0x03F,
+        every=1,
+        first=0,
+        values=lambda sensors, row: (*sensors["accel_b"][row].tolist(), *sensors["gyro_b"][row].tolist()),
+    )
+
+    def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
+        pass
+
+    def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
+        """Return accel_b [m/s2] and gyro_b [rad/s], both [FRD] (V, 3)."""
+        accel_b, gyro_b = noise[:, 0:3], noise[:, 3:6]
+        accel_b += motion.accel_b
+        gyro_b += motion.omega_b
+        return {"accel_b": accel_b, "gyro_b": gyro_b}

@@ -1,0 +1,28 @@
+"""Vehicle classes: all that the world, the plan and the built-in autopilot must know about one class of vehicle.
+
+`VEHICLE_MODELS` names them by the profile's `vehicle_class`. A new class is one module here that implements
+`VehicleModel`, and one row in this table. No sockets, no clocks, no simulator here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from arena.errors import InputError
+from arena.vehicle_models.model import CrashLimits, Dynamics, ScalarDynamics, VehicleModel
+from arena.vehicle_models.multirotor import Multirotor
+
+__all__ = ["VEHICLE_MODELS", "CrashLimits", "Dynamics", "ScalarDynamics", "VehicleModel", "vehicle_model"]
+
+DEFAULT_CLASS = "multirotor"
+
+VEHICLE_MODELS: dict[str, VehicleModel] = {"multirotor": Multirotor()}
+
+
+def vehicle_model(profile: Mapping[str, Any]) -> VehicleModel:
+    """Return the model of a profile's `vehicle_class`. Raises InputError when no such class exists."""
+    name = str(profile.get("vehicle_class", DEFAULT_CLASS))
+    if name not in VEHICLE_MODELS:
+        raise InputError(f"vehicle_class: got {name!r}, expected one of {', '.join(sorted(VEHICLE_MODELS))}")
+    return VEHICLE_MODELS[name]

@@ -1,0 +1,233 @@
+"""Rotors of multirotors: motor lag, thrust, reaction torque, air drag, ground effect. Pure, batched over vehicles.
+
+Lag: first order, faster up than down, as in PX4's Gazebo models (RotorS: Furrer, Burri, Achtelik and Siegwart, 2016).
+Thrust: the profile's static curve at the lagged command; it fades with airspeed as that curve defines.
+Supply: a speed controller without feedback turns its motor at command times voltage, so the lagged command follows
+    motors * volts / thrust_at_v of the profile's battery; without that figure thrust does not depend on the voltage.
+Rotor drag: linear in the airspeed (blade flapping and induced drag: Mahony, Kumar and Corke, "Multirotor aerial
+    vehicles", 2012, section III-B), and in proportion to the rotors' speed, which is proportional to the square root of
+    the thrust; the profile's figure holds at hover. Faessler, Franchi and Scaramuzza (2018) found such a constant to be
+    enough up to 5 m/s.
+Body drag: quadratic in the airspeed, along each body axis.
+Ground effect: thrust grows near the floor; see `ground_effect.py`.
+Not modelled: the rotors' own angular momentum, the wake of one vehicle on another, walls and ceilings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from arena.constants import GRAVITY_M_S2
+from arena.errors import InputError
+from arena.thrust_curve import thrust_curve
+from arena.vehicle_models.ground_effect import CELLS, ground_table
+from arena.vehicle_models.model import Array, Profile, Triple
+
+MIN_THRUST_SHARE = 0.1  # as in the thrust curve: no airspeed takes more than the rest away
+GRID = 1024
+"""Cells of the thrust table between the commands 0 and 1."""
+_SPIN = {"ccw": 1.0, "cw": -1.0}
+
+
+class Rotors:
+    """Dynamics of V multirotors with at most R rotors each; missing rotors have no effect.
+
+    spin: rotor state, as the command that would hold it at nominal voltage, 0..1 [-] (V, R)
+    wrench: thrusts (R,) -> torque x, y, z [N m] and force z [N] [FRD] (V, 4, R)
+    supply: battery voltage per nominal voltage, 1 where thrust does not depend on it [-] (V, 1)
+    hover: command that carries each vehicle at rest [-] (V,)
+    supply_per_volt: `supply` per volt of the battery [1/V] (V,)
+    """
+
+    def __init__(self, profiles: Sequence[Profile], *, step_s: float) -> None:
+        self.size, self.rotors = len(profiles), max(len(p["rotors"]) for p in profiles)
+        self.spin: Array = np.zeros((self.size, self.rotors))
+        self.supply: Array = np.ones((self.size, 1))
+        self.hover: Array = np.array([_hover(p) for p in profiles])
+        self.supply_per_volt: Array = np.array([_supply_per_volt(p) for p in profiles])
+        self.voltage_matters = bool(self.supply_per_volt.any())
+        self._wrench_intact = np.stack([wrench_matrix(p, self.rotors) for p in profiles])
+        self.wrench: Array = self._wrench_intact.copy()
+        self._read_motors(profiles, step_s)
+        self._read_drag(profiles)
+        self._read_ground(profiles)
+
+    def _read_motors(self, profiles: Sequence[Profile], step_s: float) -> None:
+        # Share of the gap to the command that one step closes (V, 1).
+        self._rise = (
+            1.0 - np.exp(-step_s / np.maximum(_column(profiles, "motor_up_s", 0.0125), 1e-6))[:, None]
+        )
+        self._fall = (
+            1.0 - np.exp(-step_s / np.maximum(_column(profiles, "motor_down_s", 0.025), 1e-6))[:, None]
+        )
+        curves = [_curve(p) for p in profiles]
+        thrust = np.stack([table for table, _ in curves])
+        # All tables in one array, and the slope of each cell: a look-up is one `take`, not one per vehicle.
+        self._table, self._slope = thrust.ravel(), np.diff(thrust, axis=1, append=thrust[:, -1:]).ravel()
+        self._row = np.arange(self.size)[:, None] * (GRID + 1)
+        self._speed_loss: Array = np.array([loss for _, loss in curves])  # share lost per airspeed [s/m]
+        self._fades = bool(self._speed_loss.any())
+
+    def _read_drag(self, profiles: Sequence[Profile]) -> None:
+        self._drag = -np.array([p.get("drag_kg_s", (0.2, 0.2, 0.2)) for p in profiles], float)
+        self._body_drag = -np.array([p.get("body_drag_kg_m", (0.0, 0.0, 0.0)) for p in profiles], float)
+        self._has_body_drag = bool(self._body_drag.any())
+        self._per_weight = -1.0 / (np.array([p["mass_kg"] for p in profiles], float) * GRAVITY_M_S2)
+
+    def _read_ground(self, profiles: Sequence[Profile]) -> None:
+        grounds = [ground_table(p) for p in profiles]
+        self._ground = np.concatenate([table for table, _, _ in grounds])
+        self._ground_scale = np.array([scale for _, scale, _ in grounds])
+        self._ground_reach = np.array([reach for _, _, reach in grounds])
+        self._reach = float(self._ground_reach.max())
+
+    def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
+        """Scale one rotor's thrust and torque to a share 0..1 [-]; its speed still follows commands."""
+        self.wrench[vehicle, :, rotor] = share * self._wrench_intact[vehicle, :, rotor]
+
+    def step(self, motors: Array, air_b: Array, height: Array) -> tuple[Array, Array]:
+        """Advance by one physics step.
+
+        motors: commands 0..1 [-] (V, R)
+        air_b: velocity through the air [m/s] [FRD] (V, 3)
+        height: of the body origins above the floor [m] (V,)
+
+        Returns force [N] and torque about the centre of mass [N m], both [FRD] (V, 3).
+        """
+        gap = (np.minimum(motors * self.supply, 1.0) if self.voltage_matters else motors) - self.spin
+        self.spin = self.spin + gap * np.where(gap > 0.0, self._rise, self._fall)
+        wrench = (self.wrench @ self._thrust(air_b, height)[:, :, None])[:, :, 0]
+        lift = wrench[:, 3]
+        force = air_b * self._drag
+        force *= np.sqrt(lift * self._per_weight)[:, None]  # lift and per_weight are both negative
+        if self._has_body_drag:
+            force += air_b * np.abs(air_b) * self._body_drag
+        force[:, 2] += lift
+        return force, wrench[:, :3]
+
+    def scalar(self, vehicle: int) -> ScalarRotors:
+        """Return the same dynamics for one vehicle in plain floats."""
+        return ScalarRotors(self, vehicle)
+
+    def _thrust(self, air_b: Array, height: Array) -> Array:
+        """Return each rotor's thrust [N] (V, R)."""
+        place = self.spin * GRID
+        cell = place.astype(np.intp)
+        at = cell + self._row
+        thrust: Array = self._table.take(at) + (place - cell) * self._slope.take(at)
+        if self._fades:
+            lost = np.sqrt(np.add.reduce(air_b * air_b, 1)) * self._speed_loss
+            thrust *= np.maximum(1.0 - lost, MIN_THRUST_SHARE)[:, None]
+        if height.min() < self._reach:
+            thrust *= self._ground_share(height)[:, None]
+        return thrust
+
+    def _ground_share(self, height: Array) -> Array:
+        """Return the thrust here per thrust far from the floor [-] (V,)."""
+        place = np.minimum(np.maximum(height * self._ground_scale, 0.0), CELLS - 1e-9)
+        cell = place.astype(np.intp)
+        at = cell + np.arange(self.size) * (CELLS + 1)
+        low, high = self._ground.take(at), self._ground.take(at + 1)
+        return np.asarray(low + (place - cell) * (high - low))
+
+
+class ScalarRotors:
+    """A single vehicle of `Rotors` in plain floats: the same equations, equal but for rounding; a test compares the two."""
+
+    def __init__(self, rotors: Rotors, vehicle: int) -> None:
+        i, first = vehicle, vehicle * (GRID + 1)
+        self._rotors, self._vehicle = rotors, vehicle
+        self._rise, self._fall = float(rotors._rise[i, 0]), float(rotors._fall[i, 0])
+        self._table: list[float] = rotors._table[first : first + GRID + 1].tolist()
+        self._slope: list[float] = rotors._slope[first : first + GRID + 1].tolist()
+        self._drag, self._body_drag = (
+            tuple((-rotors._drag[i]).tolist()),
+            tuple((-rotors._body_drag[i]).tolist()),
+        )
+        self._loss, self._per_weight = float(rotors._speed_loss[i]), float(rotors._per_weight[i])
+        self._ground: list[float] = rotors._ground[i * (CELLS + 1) : (i + 1) * (CELLS + 1)].tolist()
+        self._scale, self._reach = float(rotors._ground_scale[i]), float(rotors._ground_reach[i])
+        self.update()
+
+    def update(self) -> None:
+        """Read the wrench matrix again, after `Rotors.scale_thrust`."""
+        self._wrench = [tuple(column) for column in self._rotors.wrench[self._vehicle].T.tolist()]
+
+    def step(
+        self, spin: list[float], motors: list[float], air_b: Triple, height: float
+    ) -> tuple[Triple, Triple]:
+        """Advance by one physics step and update `spin` in place. Returns force [N] and torque [N m], both [FRD]."""
+        ax, ay, az = air_b
+        share = (
+            max(1.0 - math.sqrt(ax * ax + ay * ay + az * az) * self._loss, MIN_THRUST_SHARE)
+            if self._loss
+            else 1.0
+        )
+        if height < self._reach:
+            share *= self._ground_share(height)
+        tx = ty = tz = fz = 0.0
+        for k, (command, (wx, wy, wz, wf)) in enumerate(zip(motors, self._wrench, strict=True)):
+            gap = command - spin[k]
+            spin[k] = at = spin[k] + gap * (self._rise if gap > 0.0 else self._fall)
+            place = at * GRID
+            cell = int(place)
+            thrust = (self._table[cell] + (place - cell) * self._slope[cell]) * share
+            tx, ty, tz, fz = tx + wx * thrust, ty + wy * thrust, tz + wz * thrust, fz + wf * thrust
+        (dx, dy, dz), (bx, by, bz) = self._drag, self._body_drag
+        speed = math.sqrt(fz * self._per_weight)  # of the rotors, per that at hover
+        dx, dy, dz = dx * speed + bx * abs(ax), dy * speed + by * abs(ay), dz * speed + bz * abs(az)
+        return (-dx * ax, -dy * ay, fz - dz * az), (tx, ty, tz)
+
+    def _ground_share(self, height: float) -> float:
+        place = max(height * self._scale, 0.0)
+        cell = int(place)
+        low = self._ground[cell]
+        return low + (place - cell) * (self._ground[cell + 1] - low)
+
+
+def actuator_effect(rotor: Mapping[str, Any], *, moment_ratio_m: float) -> tuple[float, float, float, float]:
+    """Return torque x, y, z [m] and force z [-] per thrust of one rotor [FRD].
+
+    The thrust T pushes along -z at r: torque r x (0, 0, -T) = (-y T, x T, 0). The air turns a body against its
+    propellers: one that turns counter-clockwise seen from above turns the body clockwise, +z.
+
+    Raises InputError when the direction is not cw or ccw.
+    """
+    x, y, _ = rotor["position_m"]
+    if rotor["direction"] not in _SPIN:
+        raise InputError(f"direction: got {rotor['direction']!r}, expected cw or ccw")
+    return -y, x, moment_ratio_m * _SPIN[rotor["direction"]], -1.0
+
+
+def wrench_matrix(profile: Profile, columns: int) -> Array:
+    """Return the matrix that turns thrusts (R,) into torque x, y, z [N m] and force z [N] [FRD] (4, columns)."""
+    out = np.zeros((4, columns))
+    for i, rotor in enumerate(profile["rotors"]):
+        try:
+            out[:, i] = actuator_effect(rotor, moment_ratio_m=float(profile.get("moment_ratio_m", 0.016)))
+        except InputError as error:
+            raise InputError(f"rotor {i + 1}: {error}") from error
+    return out
+
+
+def _column(profiles: Sequence[Profile], key: str, default: float) -> Array:
+    return np.array([p.get(key, default) for p in profiles], float)
+
+
+def _curve(profile: Profile) -> tuple[Array, float]:
+    """Return one rotor's thrust at each command of the grid [N] (GRID + 1,), and the share lost per airspeed [s/m]."""
+    curve = thrust_curve(profile["thrust_curve"])
+    return curve.newtons(np.linspace(0.0, 1.0, GRID + 1)) / len(profile["rotors"]), 1.0 / curve.fade_speed_m_s
+
+
+def _supply_per_volt(profile: Profile) -> float:
+    nominal = profile.get("battery", {}).get("thrust_at_v")
+    return 1.0 / float(nominal) if nominal else 0.0
+
+
+def _hover(profile: Profile) -> float:
+    return float(thrust_curve(profile["thrust_curve"]).command(float(profile["mass_kg"]) * GRAVITY_M_S2))
