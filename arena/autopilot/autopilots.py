@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from arena.autopilot.commander import Commander, Mode
 from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
-from arena.autopilot.control.control_allocator import ControlAllocator, allocation_rows
+from arena.autopilot.control.control_allocator import ControlAllocator
 from arena.autopilot.control.controllers import Cascade
 from arena.autopilot.control.flight_tasks import FlightTask, stop_motors
 from arena.autopilot.control.setpoints import Level, Setpoints
@@ -27,6 +27,7 @@ from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.navigation.auto_modes import AutoModes
 from arena.autopilot.param_table import Params
 from arena.autopilot.vehicle import Vehicle
+from arena.vehicle_models import vehicle_model
 
 Array = NDArray[np.float64]
 
@@ -318,9 +319,10 @@ def _landed_state(c: Commander, s: CommanderInputs) -> int:
 
 
 def _allocator(vehicles: Any) -> ControlAllocator:
-    rotors = [v["profile"]["rotors"] for v in vehicles]
-    most = max((len(r) for r in rotors), default=4)
-    rows, present = np.zeros((len(rotors), most, 3)), np.zeros((len(rotors), most), bool)
-    for i, r in enumerate(rotors):
-        rows[i, : len(r)], present[i, : len(r)] = allocation_rows(r), True
+    profiles = [v["profile"] for v in vehicles]
+    most = max((len(p["rotors"]) for p in profiles), default=4)
+    rows, present = np.zeros((len(profiles), most, 3)), np.zeros((len(profiles), most), bool)
+    for i, p in enumerate(profiles):
+        count = len(p["rotors"])
+        rows[i, :count], present[i, :count] = vehicle_model(p).allocation(p["rotors"]), True
     return ControlAllocator(rows, present)

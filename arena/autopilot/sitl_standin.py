@@ -29,6 +29,7 @@ from arena.autopilot.autopilots import Autopilots
 from arena.autopilot.px4_startup import Startup, read_startup, rotors
 from arena.errors import ArenaError, InputError, RunError
 from arena.transport import listen_udp
+from arena.vehicle_models import DEFAULT_CLASS, VEHICLE_MODELS
 
 Array = NDArray[np.float64]
 
@@ -76,7 +77,12 @@ class StandIn:
             0,
         )
         heartbeat = mavlink.MAVLink_heartbeat_message(
-            mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_MODE_FLAG_HIL_ENABLED, 0, 0, 3
+            VEHICLE_MODELS[DEFAULT_CLASS].mav_type,
+            mavlink.MAV_AUTOPILOT_PX4,
+            mavlink.MAV_MODE_FLAG_HIL_ENABLED,
+            0,
+            0,
+            3,
         )
         return self._pack(request) + self._pack(heartbeat)
 

@@ -13,7 +13,15 @@ from arena.errors import InputError
 from arena.vehicle_models.model import CrashLimits, Dynamics, ScalarDynamics, VehicleModel
 from arena.vehicle_models.multirotor import Multirotor
 
-__all__ = ["VEHICLE_MODELS", "CrashLimits", "Dynamics", "ScalarDynamics", "VehicleModel", "vehicle_model"]
+__all__ = [
+    "DEFAULT_CLASS",
+    "VEHICLE_MODELS",
+    "CrashLimits",
+    "Dynamics",
+    "ScalarDynamics",
+    "VehicleModel",
+    "vehicle_model",
+]
 
 DEFAULT_CLASS = "multirotor"
 

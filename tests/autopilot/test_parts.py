@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.autopilot.control.control_allocator import ControlAllocator, allocation_rows
+from arena.autopilot.control.control_allocator import ControlAllocator
 from arena.autopilot.control.controllers import AttitudeControl, attitude_from_thrust
 from arena.autopilot.control.setpoints import Level
 from arena.autopilot.mavlink.offboard_setpoints import from_attitude_target, from_position_target
@@ -21,6 +21,7 @@ from arena.geometry import (
     quat_multiply,
     quat_rotate,
 )
+from arena.vehicle_models import VEHICLE_MODELS
 
 QUAD_X = [
     {"position_m": [0.2, 0.2, 0.0], "direction": "ccw"},
@@ -28,15 +29,16 @@ QUAD_X = [
     {"position_m": [0.2, -0.2, 0.0], "direction": "cw"},
     {"position_m": [-0.2, 0.2, 0.0], "direction": "cw"},
 ]
+ALLOCATION = VEHICLE_MODELS["multirotor"].allocation
 GENERIC_RPY = np.radians([10.0, -20.0, 35.0])
 
 
 def mixer() -> ControlAllocator:
-    return ControlAllocator(allocation_rows(QUAD_X)[None], np.ones((1, 4), bool))
+    return ControlAllocator(ALLOCATION(QUAD_X)[None], np.ones((1, 4), bool))
 
 
 def test_the_rows_of_a_symmetric_quad_are_px4s():
-    assert np.allclose(np.abs(allocation_rows(QUAD_X)), [[0.7071, 0.7071, 1.0]] * 4, atol=1e-4)
+    assert np.allclose(np.abs(ALLOCATION(QUAD_X)), [[0.7071, 0.7071, 1.0]] * 4, atol=1e-4)
 
 
 def test_roll_lifts_the_left_rotors_pitch_the_front_and_yaw_the_ccw_ones():
@@ -54,7 +56,7 @@ def test_commands_stay_in_range_and_yaw_gives_way_to_tilt(torque, thrust):
     u, _ = mixer().allocate(np.array([torque]), np.array([thrust]))
     assert np.all((u >= 0) & (u <= 1))
     no_yaw, _ = mixer().allocate(np.array([[*torque[:2], 0.0]]), np.array([thrust]))
-    rows = allocation_rows(QUAD_X)[:, :2]
+    rows = ALLOCATION(QUAD_X)[:, :2]
     assert np.allclose(u @ rows, no_yaw @ rows, atol=1e-9)
 
 

@@ -1,15 +1,10 @@
 """Control allocation: torques and thrust to motor commands, batched over vehicles. Pure.
 
-The rows are normalised as on PX4, so that its gains have the same effect. For a symmetric quadrotor X: u =
-    thrust +- 0.707 roll +- 0.707 pitch +- yaw
-When motors saturate, first the thrust is reduced, then roll and pitch by a common factor, then yaw: tilt has
-    priority over heading.
+The weights come from the vehicle's class (`arena.vehicle_models`). When motors saturate, first the thrust is reduced,
+then roll and pitch by a common factor, then yaw: tilt has priority over heading.
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,27 +12,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def allocation_rows(rotors: Sequence[dict[str, Any]]) -> Array:
-    """Return the weights of roll, pitch and yaw for each rotor (R, 3).
-
-    rotors: each with `position_m` [m] [FRD] and `direction`, cw or ccw seen from above
-    """
-    position = np.array([r["position_m"] for r in rotors], float)
-    spin = np.array([1.0 if r["direction"] == "ccw" else -1.0 for r in rotors])
-    # Thrust pulls up (-z): torque = r x (0, 0, -T) = (-y, x, 0) T. A rotor turning ccw from above turns the
-    # body cw: +yaw.
-    effect = np.stack([-position[:, 1], position[:, 0], spin], axis=-1)
-    inverse = np.linalg.pinv(np.column_stack([effect, np.ones(len(effect))]).T)[:, :3]
-    count = max(int((np.abs(inverse[:, 0]) > 1e-6).sum()), 1)
-    tilt_scale = max(float(np.sqrt((inverse[:, a] ** 2).sum() / (count / 2.0))) for a in (0, 1))
-    scale = np.array([tilt_scale, tilt_scale, float(np.abs(inverse[:, 2]).max())])
-    return np.asarray(inverse / np.maximum(scale, 1e-9))
-
-
 class ControlAllocator:
     """Control allocation of V vehicles.
 
-    rows: weights from `allocation_rows`, zero for rotors that a vehicle does not have (V, R, 3)
+    rows: weights from `VehicleModel.allocation`, zero for rotors that a vehicle does not have (V, R, 3)
     present: which rotors exist (V, R)
     """
 

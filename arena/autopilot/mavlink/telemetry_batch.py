@@ -22,6 +22,7 @@ from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
 from arena.constants import INT32_MAX, INT32_MIN
 from arena.geometry import globe_from_local
+from arena.vehicle_models import DEFAULT_CLASS, VEHICLE_MODELS
 from arena.wire import mavlink_records
 from arena.wire.mavlink_records import Records
 
@@ -280,7 +281,11 @@ def _batched(msgid: int, fill: Any, available: Any = None, **constants: Any) -> 
     return msgid, BatchedMessage(mavlink_records.record(msgid, **constants), fill, available)
 
 
-_HEART = {"type": mavlink.MAV_TYPE_QUADROTOR, "autopilot": mavlink.MAV_AUTOPILOT_PX4, "version": 3}
+_HEART = {
+    "type": VEHICLE_MODELS[DEFAULT_CLASS].mav_type,
+    "autopilot": mavlink.MAV_AUTOPILOT_PX4,
+    "version": 3,
+}
 # PX4 sends the velocity in NED and declares it in child_frame_id.
 _FRAMES = {"frame": mavlink.MAV_FRAME_LOCAL_NED, "child": mavlink.MAV_FRAME_LOCAL_NED}
 _UNKNOWN = {
