@@ -99,8 +99,8 @@ def test_the_router_passes_whole_frames_and_to_no_vehicle_that_was_not_named(who
 def test_the_telemetry_of_a_program_takes_anything_and_keeps_what_it_can_tell():
     telemetry = Telemetry(1)
     for data, now in heard(1):
-        telemetry.hear(data, now)
-    assert telemetry.heart is not None
+        telemetry.on_datagram(data, now)
+    assert telemetry.heartbeat is not None
 
 
 def test_the_link_arms_on_nothing_that_fuzz_makes_it_believe():

@@ -18,7 +18,15 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.geometry import Array, euler_from_quat, quat_conj, quat_log, quat_multiply, quat_rotate
 from arena.recorder.columns import columns
 from arena.recorder.samples import MAX_GAP_S, Held, Series, leading_quaternion, position_velocity
-from arena.wire.telemetry import Actuators, AttitudeReference, Ground, Heart, Reference, Status, Telemetry
+from arena.wire.telemetry import (
+    Actuators,
+    AttitudeReference,
+    Ground,
+    HeartbeatState,
+    Reference,
+    Status,
+    Telemetry,
+)
 from arena.wire.truth_page import Truth
 
 SETPOINT_MAX_AGE_S, STATE_MAX_AGE_S, BATTERY_MAX_AGE_S = 0.5, 3.0, 10.0
@@ -53,7 +61,7 @@ class Recorder:
         self._local = Series(position_velocity)
         self._attitude, self._pose = Series(leading_quaternion), Series(leading_quaternion)
         self._imu, self._mag, self._baro = Series(), Series(), Series()
-        self._heart, self._ground = Held[Heart](STATE_MAX_AGE_S), Held[Ground](STATE_MAX_AGE_S)
+        self._heart, self._ground = Held[HeartbeatState](STATE_MAX_AGE_S), Held[Ground](STATE_MAX_AGE_S)
         self._status = Held[Status](BATTERY_MAX_AGE_S)
         self._setpoint = Held[Reference](SETPOINT_MAX_AGE_S)
         self._program_reference = Held[Reference](SETPOINT_MAX_AGE_S)
@@ -69,18 +77,18 @@ class Recorder:
     @property
     def armed(self) -> bool:
         """The armed flag of the last heartbeat."""
-        heart = self.telemetry.heart
+        heart = self.telemetry.heartbeat
         return heart is not None and heart.armed
 
     # -- what is received
 
     def receive(self, datagram: bytes, now: float) -> None:
         """Take one datagram from the vehicle, or from its program. now: local time of reception [s]."""
-        if datagram[6:7] == _PROGRAM_BYTES and self._program.hear(datagram, now):
+        if datagram[6:7] == _PROGRAM_BYTES and self._program.on_datagram(datagram, now):
             self._take_program_reference(now)
             return
         self.datagrams += 1
-        if not self.telemetry.hear(datagram, now):
+        if not self.telemetry.on_datagram(datagram, now):
             return
         if self.first_received is None:
             self.first_received = now
@@ -100,32 +108,32 @@ class Recorder:
 
     def _take_measurements(self, now: float) -> None:
         telemetry = self.telemetry
-        if (local := telemetry.local) is not None and local.heard == now:
+        if (local := telemetry.local) is not None and local.received_at == now:
             self._local.receive(local.boot_s, now, np.concatenate([local.pos, local.vel]))
-        if (attitude := telemetry.attitude) is not None and attitude.heard == now:
+        if (attitude := telemetry.attitude) is not None and attitude.received_at == now:
             self._attitude.receive(attitude.boot_s, now, np.concatenate([attitude.q_nb, attitude.ang_vel]))
-        if (imu := telemetry.imu) is None or imu.heard != now:
+        if (imu := telemetry.imu) is None or imu.received_at != now:
             return
         self._imu.receive(imu.boot_s, now, np.concatenate([imu.acc_body, imu.ang_vel]))
-        if (mag := telemetry.mag) is not None and mag.heard == now:
+        if (mag := telemetry.mag) is not None and mag.received_at == now:
             self._mag.receive(imu.boot_s, now, mag.mag)
-        if (baro := telemetry.baro) is not None and baro.heard == now:
+        if (baro := telemetry.baro) is not None and baro.received_at == now:
             air = np.array([baro.pressure, baro.temperature, baro.alt])
             self._baro.receive(imu.boot_s, now, air)
 
     def _take_states(self, now: float) -> None:
         telemetry = self.telemetry
-        if (heart := telemetry.heart) is not None and heart.heard == now:
+        if (heart := telemetry.heartbeat) is not None and heart.received_at == now:
             self._heart.add(now, heart)
-        if (ground := telemetry.ground) is not None and ground.heard == now:
+        if (ground := telemetry.ground) is not None and ground.received_at == now:
             self._ground.add(now, ground)
-        if (status := telemetry.status) is not None and status.heard == now:
+        if (status := telemetry.status) is not None and status.received_at == now:
             self._status.add(now, status)
-        if (setpoint := telemetry.reference) is not None and setpoint.heard == now:
+        if (setpoint := telemetry.reference) is not None and setpoint.received_at == now:
             self._setpoint.receive(setpoint.boot_s, now, setpoint)
-        if (wanted := telemetry.attitude_reference) is not None and wanted.heard == now:
+        if (wanted := telemetry.attitude_reference) is not None and wanted.received_at == now:
             self._attitude_setpoint.receive(wanted.boot_s, now, wanted)
-        if (actuators := telemetry.actuators) is not None and actuators.heard == now:
+        if (actuators := telemetry.actuators) is not None and actuators.received_at == now:
             self._actuators.add(now, actuators)
 
     def _take_program_reference(self, now: float) -> None:

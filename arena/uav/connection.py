@@ -112,14 +112,14 @@ class Connection:
 
     def _hear_autopilot(self, now: float) -> None:
         for datagram, sender in receive_datagrams(self._socket, _MOST):
-            if self.telemetry.hear(datagram, now):
+            if self.telemetry.on_datagram(datagram, now):
                 self._partner = sender
 
     def _hear_capture(self, receiver: MocapClient, now: float) -> None:
         try:
             for frame in receiver.poll(now):
                 for pose in frame.poses:
-                    self.poses.hear(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
+                    self.poses.on_pose(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
         except (ArenaError, OSError) as error:
             self.fault = str(error)
 

@@ -33,7 +33,7 @@ class Stamped(Protocol):
     """Anything heard at a time [s]."""
 
     @property
-    def heard(self) -> float: ...
+    def received_at(self) -> float: ...
 
 
 S = TypeVar("S", bound=Stamped)
@@ -82,7 +82,7 @@ class Source:
         """value, if it was ever heard and is young enough; else StaleDataError."""
         if value is None:
             raise StaleDataError(f"{self.ns}: no {what} has been heard yet")
-        age, limit = self.now() - value.heard, self.limit_s(what)
+        age, limit = self.now() - value.received_at, self.limit_s(what)
         if age > limit:
             raise StaleDataError(
                 f"{self.ns}: {what} is {age:.2f} s old, more than {limit:g} s is too old to fly by"
@@ -90,7 +90,7 @@ class Source:
         return value
 
     def age(self, value: Stamped | None) -> float:
-        return math.inf if value is None else max(0.0, self.now() - value.heard)
+        return math.inf if value is None else max(0.0, self.now() - value.received_at)
 
 
 class Ekf:
@@ -351,13 +351,13 @@ class Info:
     def age_s(self) -> float:
         """Age of the last heartbeat [s]."""
         self._source.refresh()
-        return self._source.age(self._source.telemetry.heart)
+        return self._source.age(self._source.telemetry.heartbeat)
 
     @property
     def flight_mode(self) -> str:
         """PX4's words: "OFFBOARD", "AUTO.LAND", ..."""
         self._source.refresh()
-        return self._source.fresh(self._source.telemetry.heart, "heartbeat").mode
+        return self._source.fresh(self._source.telemetry.heartbeat, "heartbeat").mode
 
     @property
     def is_connected(self) -> bool:
@@ -367,7 +367,7 @@ class Info:
     @property
     def is_armed(self) -> bool:
         self._source.refresh()
-        return self._source.fresh(self._source.telemetry.heart, "heartbeat").armed
+        return self._source.fresh(self._source.telemetry.heartbeat, "heartbeat").armed
 
     @property
     def is_landed(self) -> bool:

@@ -14,12 +14,12 @@ _TRAIL = 9  # at 180 Hz and 0.3 mm of noise a slope over nine poses is good to s
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pose:
-    """heard: when it arrived [s]; place [m] [NED]; turn [-] wxyz; trail: (time [s], place) of the last poses.
+    """received_at: when it arrived [s]; place [m] [NED]; turn [-] wxyz; trail: (time [s], place) of the last poses.
 
     Plain numbers, 180 times a second; arrays only where somebody looks.
     """
 
-    heard: float
+    received_at: float
     place: Sequence[float]
     turn: Sequence[float]
     trail: tuple[tuple[float, Sequence[float]], ...]
@@ -58,7 +58,9 @@ class Poses:
         """The bodies worth asking the capture system for."""
         return [*([] if self._body is None else [self._body]), *self._rows]
 
-    def hear(self, body: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float) -> None:
+    def on_pose(
+        self, body: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float
+    ) -> None:
         """One tracked pose. time_s: when it was taken, by the capture system's clock [s]; now: when it arrived [s]."""
         if body == self._body:
             self.own = _next(self.own, p_n, q_nb, time_s, now)
@@ -72,4 +74,4 @@ def _next(last: Pose | None, p_n: Sequence[float], q_nb: Sequence[float], time_s
     trail = () if last is None else last.trail[1 - _TRAIL :]
     if trail and not trail[-1][0] < time_s < trail[-1][0] + 0.25:
         trail = ()  # the capture system restarted, or lost the body: the old slope says nothing
-    return Pose(heard=now, place=p_n, turn=q_nb, trail=(*trail, (time_s, p_n)))
+    return Pose(received_at=now, place=p_n, turn=q_nb, trail=(*trail, (time_s, p_n)))

@@ -55,7 +55,7 @@ class Pilot:
     def guard(self) -> None:
         """Raise if OFFBOARD or arming was taken away, or the autopilot fell silent, since the program had them."""
         self._link.refresh()
-        heart, heard = self._source.telemetry.heart, self._source.telemetry.heard
+        heart, heard = self._source.telemetry.heartbeat, self._source.telemetry.received_at
         if self._lost:
             raise OffboardLostError(self._lost)
         if heart is None or heard is None:
@@ -102,7 +102,7 @@ class Pilot:
     def take(self) -> None:
         """Ready, OFFBOARD, armed: each confirmed, with setpoints flowing throughout."""
         self._begin()
-        if self._wait(lambda: self._source.telemetry.heard is not None, READY_TIMEOUT_S):
+        if self._wait(lambda: self._source.telemetry.received_at is not None, READY_TIMEOUT_S):
             # two programs that start on two sides of a heartbeat would take off a second apart
             self._ask_for_heartbeat()
         if not self._wait(self._is_ready, READY_TIMEOUT_S):
@@ -230,7 +230,7 @@ class Pilot:
     def _stream_hold(self) -> None:
         """One setpoint: stay where you are. On the ground that place follows the estimate; in the air it is fixed."""
         telemetry, stale = self._source.telemetry, self._source.stale_s
-        local, attitude, heart = telemetry.local, telemetry.attitude, telemetry.heart
+        local, attitude, heart = telemetry.local, telemetry.attitude, telemetry.heartbeat
         if local is None or attitude is None or heart is None:
             return
         if (self._hold is None or not heart.armed) and self._source.age(local) <= stale:
@@ -243,13 +243,13 @@ class Pilot:
         t, limit = self._source.telemetry, self._source.limit_s
         if self._source.age(t.local) > limit("") or self._source.age(t.attitude) > limit(""):
             return False
-        if t.heart is None or self._source.age(t.heart) > limit("heartbeat"):
+        if t.heartbeat is None or self._source.age(t.heartbeat) > limit("heartbeat"):
             return False
-        return t.heart.armed or (t.status is not None and t.status.prearm)
+        return t.heartbeat.armed or (t.status is not None and t.status.prearm)
 
     def _why_not_ready(self) -> str:
         t = self._source.telemetry
-        if t.heart is None:
+        if t.heartbeat is None:
             return "no heartbeat of the autopilot has been heard" + (
                 f" ({self._link.fault})" if self._link.fault else ""
             )
@@ -258,7 +258,7 @@ class Pilot:
         return f"the autopilot's pre-arm checks fail{self._texts(READY_TIMEOUT_S + _TEXTS_S)}"
 
     def _heart_says(self, *, mode: str | None = None, armed: bool | None = None) -> bool:
-        heart = self._source.telemetry.heart
+        heart = self._source.telemetry.heartbeat
         return heart is not None and mode in (None, heart.mode) and armed in (None, heart.armed)
 
     def _is_down(self) -> bool:
@@ -271,11 +271,12 @@ class Pilot:
 
     def _state(self) -> str:
         t = self._source.telemetry
-        if t.heart is None:
+        if t.heartbeat is None:
             return "no heartbeat has been heard"
         ground = "unknown" if t.ground is None else "on the ground" if t.ground.landed else "in the air"
-        age = self._source.age(t.heart)
-        return f"mode {t.heart.mode}, {'armed' if t.heart.armed else 'disarmed'}, {ground}, heard {age:.1f} s ago{self._texts()}"
+        age = self._source.age(t.heartbeat)
+        armed = "armed" if t.heartbeat.armed else "disarmed"
+        return f"mode {t.heartbeat.mode}, {armed}, {ground}, last telemetry {age:.1f} s ago{self._texts()}"
 
     def _texts(self, seconds: float = _TEXTS_S) -> str:
         worst = mavlink.MAV_SEVERITY_WARNING

@@ -1,7 +1,6 @@
-"""PX4's simulator API: the messages that cross it at every step, values <-> MAVLink 2 frames.
+"""PX4's simulator API: the messages of every simulation step, values <-> MAVLink 2 frames. No sockets, no clocks.
 
-A step of the world waits for these, so they are packed and read by their layout: some microseconds each, where a generic codec
-takes tens. What comes rarely (heartbeats, requests) is cut by `mavframe` and left alone. No sockets, no clocks.
+Every step of the world waits for them, so they are packed by their layout: some microseconds each, where pymavlink takes tens.
 
     HIL_SENSOR (107)             <Q 13f I B             time_usec, accel, gyro, mag, pressure, its difference, height, degrees,
                                                         fields, id
@@ -34,7 +33,11 @@ _UNKNOWN_COURSE, _FIX_3D, _UNUSED_CHANNEL, _RSSI = 65535, 3, 65535, 100
 
 
 class Controls(NamedTuple):
-    """What PX4 answers. time_usec: of the sample it answers [us]. controls: the first four are motors, 0..1 [-] (16,)."""
+    """HIL_ACTUATOR_CONTROLS: PX4's answer to a sensor sample.
+
+    time_usec: time of that sample [us]
+    controls: 0..1 [-] (16,); the first four are motors
+    """
 
     time_usec: int
     controls: tuple[float, ...]
@@ -51,14 +54,17 @@ class Controls(NamedTuple):
 
 
 class HilSender:
-    """Frames as one system and component, numbered."""
+    """Packs the messages of one system and component, with increasing sequence numbers."""
 
     def __init__(self, system: int, component: int) -> None:
         self.srcSystem, self.srcComponent, self.seq = system, component, 0
 
     def sensor(self, time_usec: int, readings: Sequence[float], fields: int) -> bytes:
-        """HIL_SENSOR. readings: accel [m/s2], gyro [rad/s], mag [gauss], each FRD (3,), then pressure [hPa], its difference,
-        height [m], temperature [deg C]. fields: which of them are new.
+        """Pack a HIL_SENSOR.
+
+        readings: accel [m/s2], gyro [rad/s] and mag [gauss], each [FRD] (3,), then absolute and differential pressure [hPa],
+            height [m] and temperature [deg C]
+        fields: bits of the readings that are new
         """
         return self._frame(HIL_SENSOR, _SENSOR.pack(time_usec, *readings, fields, 0))
 
@@ -72,7 +78,12 @@ class HilSender:
         airspeed_cm_s: int,
         accel_mg: Sequence[int],
     ) -> bytes:
-        """HIL_STATE_QUATERNION. q_nb: wxyz. place: lat, lon [1e-7 deg], alt [mm]. airspeed: both indicated and true."""
+        """Pack a HIL_STATE_QUATERNION.
+
+        q_nb: wxyz [-] (4,)
+        place: latitude, longitude [1e-7 deg], altitude [mm]
+        airspeed_cm_s: indicated and true airspeed
+        """
         payload = _STATE.pack(
             time_usec, *q_nb, *omega_b, *place, *v_n_cm_s, airspeed_cm_s, airspeed_cm_s, *accel_mg
         )
@@ -86,13 +97,18 @@ class HilSender:
         v_cm_s: Sequence[int],
         satellites: int,
     ) -> bytes:
-        """HIL_GPS with a 3-D fix. place: lat, lon [1e-7 deg], alt [mm]. accuracy: horizontal, vertical. v_cm_s: true NED (3,)."""
+        """Pack a HIL_GPS with a 3-D fix.
+
+        place: latitude, longitude [1e-7 deg], altitude [mm]
+        accuracy_cm: horizontal and vertical
+        v_cm_s: true velocity [NED] (3,)
+        """
         speed = min(round(sum(v * v for v in v_cm_s) ** 0.5), 65534)
         rest = (*place, *accuracy_cm, speed, *v_cm_s, _UNKNOWN_COURSE, _FIX_3D, satellites)
         return self._frame(HIL_GPS, _GPS.pack(time_usec, *rest))
 
     def sticks(self, time_ms: int, channels: Sequence[int]) -> bytes:
-        """RC_CHANNELS. channels: pulses [us], up to 18."""
+        """Pack an RC_CHANNELS. channels: pulse widths [us], up to 18."""
         pulses = (*channels, *(_UNUSED_CHANNEL,) * (18 - len(channels)))
         return self._frame(RC_CHANNELS, _RC.pack(time_ms, *pulses, len(channels), _RSSI))
 
@@ -103,7 +119,7 @@ class HilSender:
 
 
 def controls(data: Buffer, found: Frame) -> Controls:
-    """The HIL_ACTUATOR_CONTROLS that stands in `data`, as `mavframe` has cut it."""
+    """Decode a HIL_ACTUATOR_CONTROLS frame of `data`."""
     payload = bytes(data[found.payload : found.payload + found.size]).ljust(_CONTROLS.size, b"\0")
     time_usec, flags, *outputs, mode = _CONTROLS.unpack_from(payload)
     return Controls(time_usec, tuple(outputs), mode, flags)

@@ -1,12 +1,11 @@
-"""Cuts datagrams into MAVLink 1 and 2 frames by their headers, and makes frames of payloads. Decodes nothing but the bytes that
-name a target.
+"""MAVLink 1 and 2 frames: datagrams -> frames by their headers, payloads -> frames. Of a payload, only the target is read.
 
     MAVLink 1   FE len seq sys comp id                          payload  crc lo, hi
     MAVLink 2   FD len incompat compat seq sys comp id id id    payload  crc lo, hi  [13 bytes of signature]
 
-The CRC is X.25 (mcrf4xx) over what stands between the magic byte and the CRC, then the message's own seed byte.
-A datagram holds whole frames: a tail that is not complete is garbage. MAVLink 2 cuts trailing zeros off the payload,
-so a byte beyond its end is 0. Work is bounded: after `TRIES` false starts the rest of a datagram is given up.
+The CRC is X.25 (mcrf4xx) over all bytes between the magic byte and the CRC, then the message's seed byte (CRC_EXTRA).
+A datagram holds whole frames: an incomplete tail is garbage. MAVLink 2 cuts zeros off the end of a payload, so a byte beyond its
+end is 0. Work is bounded: after `TRIES` false starts the rest of a datagram is skipped.
 """
 
 from __future__ import annotations
@@ -25,10 +24,10 @@ _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
 _SIGNED = 0x01
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 SEEDS = {number: bytes([extra]) for number, extra in CRC_EXTRA.items()}
-"""What ends the CRC of each message."""
+"""Message id -> the byte that the CRC ends with."""
 _HEAD, _LITTLE = struct.Struct("<BBBBBBHB"), struct.Struct("<H")
 _crc = crc16.mcrf4xx
-_new = tuple.__new__  # a NamedTuple's own constructor costs twice as much, and there is one per message
+_new = tuple.__new__  # a NamedTuple's constructor costs twice as much, and there is one call per message
 
 Buffer = bytes | bytearray | memoryview
 
@@ -42,7 +41,7 @@ class MavlinkSender(Protocol):
 
 
 def pack_frame(msgid: int, payload: bytes, sender: MavlinkSender, crc_extra: bytes) -> bytes:
-    """The MAVLink 2 frame of a payload, which loses the zeros at its end."""
+    """Pack a payload into a MAVLink 2 frame; zeros at its end are cut off. The sequence number is not advanced."""
     if not payload[-1]:
         payload = payload.rstrip(b"\0") or b"\0"
     body = (
@@ -55,11 +54,12 @@ def pack_frame(msgid: int, payload: bytes, sender: MavlinkSender, crc_extra: byt
 
 
 class Frame(NamedTuple):
-    """Where one frame stands in its buffer, who sent it and to whom.
+    """The position of a frame in its buffer, its sender and its target.
 
-    start, end: byte range with magic, CRC and signature.
-    payload, size: offset and length of the payload as sent.
-    target_sys, target_comp: 0 when the message names none, or means everybody.
+    start, end: byte range with magic, CRC and signature
+    payload, size: offset and length of the payload as sent
+    sysid, compid: sender
+    target_sys, target_comp: 0 when the message names no target, or all
     """
 
     start: int
@@ -74,11 +74,11 @@ class Frame(NamedTuple):
 
 
 class ParsedFrames(NamedTuple):
-    """All frames of one datagram.
+    """All frames of a datagram.
 
-    garbage: bytes that belong to no frame.
-    bad_crc: false starts whose message is known but whose CRC is wrong.
-    unknown: frames of messages that are not in the table, passed on their lengths alone.
+    garbage: bytes that belong to no frame
+    bad_crc: frames of a known message with a wrong CRC
+    unknown: frames of messages that are not in the table, accepted by their length
     """
 
     frames: list[Frame]
@@ -88,7 +88,7 @@ class ParsedFrames(NamedTuple):
 
 
 def parse_frames(data: Buffer) -> ParsedFrames:
-    """Every frame of a datagram, in order. Never raises, whatever the bytes."""
+    """Return every frame of a datagram, in order. Never raises."""
     frames: list[Frame] = []
     size, at, used, bad_crc, unknown, tries = len(data), 0, 0, 0, 0, 0
     while at < size:
@@ -111,18 +111,18 @@ def parse_frames(data: Buffer) -> ParsedFrames:
 
 
 class Stream:
-    """Cuts what comes in pieces of any length, from a serial line: the same frames however it is chopped.
+    """A parser for a byte stream in pieces of any length, as from a serial line: the frames do not depend on the pieces.
 
-    A frame is given out once it is whole and its CRC fits; a false start costs one byte and the search goes on behind it, so that
-    at most one frame's length is ever kept back. A message that is not in the table is believed only between two others.
+    A frame is returned once it is complete and its CRC is correct. A false start costs one byte, then the search goes on, so that
+    at most one frame's length is kept. A message that is not in the table is accepted only between two other frames.
     """
 
     def __init__(self) -> None:
         self._kept = b""
-        self._clean = True  # does what is kept begin where a frame ended?
+        self._clean = True  # the kept bytes begin at the end of a frame
 
     def feed(self, data: Buffer) -> tuple[bytes, ParsedFrames]:
-        """The next piece -> a buffer, and the frames that stand in it. Never raises."""
+        """Parse the next piece. Return a buffer, and the frames in it. Never raises."""
         buffer = self._kept + bytes(data)
         frames: list[Frame] = []
         size, at, garbage, bad_crc, unknown = len(buffer), 0, 0, 0, 0
@@ -134,7 +134,7 @@ class Stream:
             frame = _frame_at(buffer, at, size)
             seed = None if frame is None else SEEDS.get(frame[6])
             if frame is None or (seed is None and frame[1] == size):
-                break  # not whole yet; or one whose end only the next byte can prove
+                break  # incomplete, or an unknown message that only the next byte can confirm
             if (
                 _plausible(buffer, frame, self._clean, size)
                 if seed is None
@@ -156,23 +156,23 @@ class Stream:
 
 
 def byte_at(data: Buffer, frame: Frame, offset: int) -> int:
-    """One byte of the payload; 0 beyond its end."""
+    """Return one byte of the payload; 0 beyond its end."""
     return data[frame.payload + offset] if offset < frame.size else 0
 
 
 def uint_at(data: Buffer, frame: Frame, offset: int, width: int) -> int:
-    """A little-endian unsigned number of the payload; zeros beyond its end."""
+    """Return a little-endian unsigned number of the payload; bytes beyond its end are 0."""
     end = frame.payload + min(offset + width, frame.size)
     return int.from_bytes(data[frame.payload + offset : end], "little")
 
 
 def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
-    """The frame whose magic byte stands at `at`, by its lengths alone; None when there is none or it is cut off."""
+    """Return the frame that begins at `at`, by its length fields only; None when there is none or it is incomplete."""
     magic = data[at]
     if magic == _V2 and at + _V2_HEAD + _CRC <= size:
         length, flags, payload = data[at + 1], data[at + 2], at + _V2_HEAD
         end = payload + length + _CRC + (_SIGNATURE if flags & _SIGNED else 0)
-        if flags & ~_SIGNED or end > size:  # a frame with a flag one does not know must not be read
+        if flags & ~_SIGNED or end > size:  # the standard: a frame with an unknown flag must not be read
             return None
         sysid, compid = data[at + 5], data[at + 6]
         msgid = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
@@ -194,7 +194,7 @@ def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
 
 
 def _begins(data: Buffer, at: int, size: int) -> bool:
-    """May a frame begin here, by as much of its header as has come?"""
+    """Return whether a frame may begin here, by the header bytes received so far."""
     if data[at] == _V2:
         return at + 2 >= size or not data[at + 2] & ~_SIGNED
     return data[at] == _V1
@@ -208,8 +208,8 @@ def _crc_fits(data: Buffer, frame: Frame, seed: bytes) -> bool:
 
 
 def _plausible(data: Buffer, frame: Frame, clean: bool, size: int) -> bool:
-    """Without its seed a CRC proves nothing: only frames that leave no byte over on either side are believed.
+    """Return whether a frame of an unknown message is accepted: its CRC cannot be checked, so its neighbours must be frames.
 
-    clean: everything before it in the datagram was frames.
+    clean: all bytes before it in the datagram belong to frames
     """
     return clean and frame.sysid != 0 and (frame.end == size or data[frame.end] in (_V1, _V2))

@@ -39,7 +39,7 @@ _ONBOARD_HEARTBEAT = _HEARTBEAT.pack(0, TYPE_ONBOARD, AUTOPILOT_INVALID, 0, STAT
 
 
 class HeartbeatFields(NamedTuple):
-    """The two fields of a HEARTBEAT that tell the flight mode and whether the vehicle is armed."""
+    """The flight mode and the armed bit of a HEARTBEAT."""
 
     custom_mode: int
     base_mode: int
@@ -109,5 +109,5 @@ def _pack(sender: MavlinkSender, msgid: int, payload: bytes) -> bytes:
 
 
 def _payload(data: Buffer, at: Frame, size: int) -> bytes:
-    """The first `size` bytes of a payload; MAVLink 2 cuts zeros off its end, they are put back."""
+    """Return the first `size` bytes of a payload, with the zeros that MAVLink 2 cuts off."""
     return bytes(data[at.payload : at.payload + min(at.size, size)]).ljust(size, b"\0")

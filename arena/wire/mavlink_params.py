@@ -7,8 +7,8 @@
     PARAM_ERROR (345)         <h B B 16s B   index, system, component, name, error
     COMMAND_LONG (76)         <7f H B B B    parameters, command, system, component, confirmation
 
-The four bytes of a value are a float, or an integer as it lies in memory. They are never handled as the float that they are not:
-many an integer is the pattern of a signalling NaN, which a float's copy would change.
+The four bytes of a value are a float, or an integer as it is in memory. An integer is never copied as a float: some integers are
+the bit pattern of a signalling NaN, which a copy would change.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ REQUEST_READ, REQUEST_LIST, VALUE, SET, COMMAND_LONG, ERROR = 20, 21, 22, 23, 76
 REBOOT = 246
 HASH = "_HASH_CHECK"
 NO_INDEX = 65535
-"""What PX4 gives for a parameter that exists and that nothing uses yet: it is not in the list."""
+"""Index of a parameter that exists but is not in PX4's list, because no module uses it yet."""
 DOES_NOT_EXIST = 1
 AUTOPILOT = 1
 NAME_BYTES = 16
@@ -32,7 +32,7 @@ NAME_BYTES = 16
 _READ, _LIST, _VALUE, _SET, _ERROR, _COMMAND = (
     struct.Struct(s) for s in ("<hBB16s", "<BB", "<4sHH16sB", "<4sBB16sB", "<hBB16sB", "<7fHBBB")
 )
-_WIDTH = {1: 1, 2: 1, 3: 2, 4: 2}  # of MAV_PARAM_TYPE, in bytes; elsewhere 4. Odd integer types are unsigned
+_WIDTH = {1: 1, 2: 1, 3: 2, 4: 2}  # MAV_PARAM_TYPE -> bytes; 4 for the others. Odd integer types are unsigned
 _SAME = 1e-6
 _ERRORS = {
     1: "it does not exist",
@@ -41,16 +41,22 @@ _ERRORS = {
     4: "the component is not found",
     5: "it is read-only",
     6: "the type is not supported",
-    7: "the type is another one",
+    7: "the type is different",
     8: "it could not be read",
 }
 
 Message = tuple[int, bytes]
-"""The id and the payload of a message to be framed."""
+"""Message id and payload."""
 
 
 class Value(NamedTuple):
-    """value: an int where the type is one.  kind: MAV_PARAM_TYPE.  place: in the list, or NO_INDEX.  total: its length."""
+    """A PARAM_VALUE.
+
+    value: an int for an integer type
+    kind: MAV_PARAM_TYPE
+    place: index in the vehicle's list, or NO_INDEX
+    total: length of the list
+    """
 
     name: str
     value: float
@@ -60,13 +66,13 @@ class Value(NamedTuple):
 
 
 def parse_value(data: Buffer, frame: Frame) -> Value:
-    """A PARAM_VALUE that stands in `data`."""
+    """Decode a PARAM_VALUE."""
     raw, count, index, name, kind = _VALUE.unpack(_payload(data, frame, _VALUE.size))
     return Value(_text(name), _from_bytes(raw, kind), kind, index, count)
 
 
 def parse_error(data: Buffer, frame: Frame) -> tuple[str, int, str]:
-    """A PARAM_ERROR: (name, error, the error in words)."""
+    """Decode a PARAM_ERROR: (name, error, the error in words)."""
     *_, name, error = _ERROR.unpack(_payload(data, frame, _ERROR.size))
     return _text(name), error, _ERRORS.get(error, f"error {error}")
 
@@ -76,24 +82,24 @@ def request_list(system: int) -> Message:
 
 
 def request_read(system: int, what: str | int) -> Message:
-    """what: a name, or an index in the list."""
+    """Return a request for one parameter. what: its name, or its index in the list."""
     if isinstance(what, int):
         return REQUEST_READ, _READ.pack(what, system, AUTOPILOT, b"")
     return REQUEST_READ, _READ.pack(-1, system, AUTOPILOT, what.encode())
 
 
 def set_value(system: int, name: str, value: float, kind: int) -> Message:
-    """value: as `fitted` gives it."""
+    """Return a PARAM_SET. value: as `fitted` returns it."""
     return SET, _SET.pack(_to_bytes(value, kind), system, AUTOPILOT, name.encode(), kind)
 
 
 def reboot(system: int) -> Message:
-    """MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: the autopilot starts anew."""
+    """Return MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: reboot the autopilot."""
     return COMMAND_LONG, _COMMAND.pack(1.0, *(0.0,) * 6, REBOOT, system, AUTOPILOT, 0)
 
 
 def fitted(value: float, kind: int) -> float:
-    """The value as a parameter of this type holds it. Raises ValueError with the reason why it cannot."""
+    """Return the value as a parameter of this type stores it. Raises ValueError with the reason when it cannot."""
     if not math.isfinite(value):
         raise ValueError("it must be a finite number")
     if kind in INTEGERS and value != int(value):
@@ -105,12 +111,12 @@ def fitted(value: float, kind: int) -> float:
 
 
 def alike(a: float, b: float, kind: int) -> bool:
-    """Integers are equal; floats agree to the digits that a file of them keeps."""
+    """Return whether two values are equal: floats to the digits that a .params file keeps."""
     return a == b if kind in INTEGERS else math.isclose(a, b, rel_tol=_SAME)
 
 
 def is_name(name: str) -> bool:
-    """Could it be sent at all?"""
+    """Return whether a name can be sent in a MAVLink message."""
     return 0 < len(name) <= NAME_BYTES and name.isascii() and name.isprintable() and name != HASH
 
 
@@ -128,7 +134,7 @@ def _from_bytes(raw: bytes, kind: int) -> float:
 
 
 def _payload(data: Buffer, frame: Frame, size: int) -> bytes:
-    """With the zeros that MAVLink 2 leaves away, and without what a later version adds."""
+    """Return `size` bytes of a payload: with the zeros that MAVLink 2 cuts off, without fields of later versions."""
     return bytes(data[frame.payload : frame.payload + min(frame.size, size)]).ljust(size, b"\0")
 
 

@@ -1,8 +1,8 @@
-"""What an autopilot says and hears many times a second, as plain records: no message object in between.
+"""The messages that an autopilot sends and receives many times a second, as plain records instead of pymavlink's objects.
 
-Said: one numpy record per vehicle, in wire order; `payloads` cuts a fleet's records into payloads. Fields that follow each other
-and belong together are one: `p_n` is x, y, z. Heard: `Odometry` and `PositionTarget`, as much of them as is read. Tests hold
-both against pymavlink.
+Sent: one numpy record per vehicle, in wire order; `payloads` splits the records of all vehicles. Fields that belong together are
+one field: `p_n` is x, y, z. Received: `Odometry` and `PositionTarget`, with the fields that are read. Tests compare both with
+pymavlink.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ LAYOUTS: dict[int, Any] = {
 
 
 def record(msgid: int, **constants: Any) -> Records:
-    """One record of a message, zero but for what is given: (1,), to be repeated."""
+    """Return one record of a message (1,), zero except for the given fields."""
     blank = np.zeros(1, np.dtype(LAYOUTS[msgid]))
     for name, value in constants.items():
         blank[name] = value
@@ -136,7 +136,7 @@ def record(msgid: int, **constants: Any) -> Records:
 
 
 def payloads(records: Records) -> list[bytes]:
-    """The payload of each record."""
+    """Return the payload of each record."""
     data, size = records.tobytes(), records.itemsize
     return [data[at : at + size] for at in range(0, len(data), size)]
 
@@ -158,7 +158,7 @@ class Odometry(NamedTuple):
 
 
 class PositionTarget(NamedTuple):
-    """SET_POSITION_TARGET_LOCAL_NED, its fields named and ordered as on the wire."""
+    """SET_POSITION_TARGET_LOCAL_NED, fields named and ordered as in the message."""
 
     time_boot_ms: int
     x: float
@@ -184,13 +184,13 @@ class PositionTarget(NamedTuple):
 
 
 _new: Any = tuple.__new__
-# Past the time, the velocities and what lies beside the diagonal of the pose's covariance.
+# Without the time, the velocities and the off-diagonal elements of the pose covariance.
 _ODOMETRY = struct.Struct("<8x 7f 24x f20x f16x f12x f8x f4x f 84x BxxBx")
 _POSITION_TARGET = struct.Struct("<I11fHBBB")
 
 
 def _unpacked(layout: struct.Struct, data: Buffer, at: Frame) -> tuple[Any, ...]:
-    """The payload's values; what was cut off or has not been sent is zero."""
+    """Return the payload's values; bytes that MAVLink 2 cuts off are 0."""
     if at.size >= layout.size:
         return layout.unpack_from(data, at.payload)
     return layout.unpack(bytes(data[at.payload : at.payload + at.size]).ljust(layout.size, b"\0"))

@@ -1,9 +1,9 @@
-"""What the reader of a frame needs to know of each MAVLink message: its CRC seed and where its target stands.
+"""The CRC seed and the position of the target of each MAVLink message.
 
 CRC_EXTRA: message id -> the seed byte that ends the frame's CRC.
 TARGETS: message id -> (payload offset of target_system, of target_component or -1), in wire order.
 
-Facts of the `common` dialect, printed from pymavlink by `python -m arena.wire.mavlink_targets`; a test compares.
+Tables of the `common` dialect, printed from pymavlink by `python -m arena.wire.mavlink_targets`; a test compares.
 """
 
 from __future__ import annotations
@@ -294,11 +294,11 @@ TARGETS: dict[int, tuple[int, int]] = {
     12919: (16, 17),
 }
 
-_MANUAL_CONTROL = 69  # its `target` is a system too, under a name of its own
+_MANUAL_CONTROL = 69  # its target system is called `target`
 
 
 def tables_of(dialect: ModuleType) -> tuple[dict[int, int], dict[int, tuple[int, int]]]:
-    """(CRC_EXTRA, TARGETS) of a pymavlink dialect."""
+    """Return (CRC_EXTRA, TARGETS) of a pymavlink dialect."""
     crc_extra: dict[int, int] = {}
     targets: dict[int, tuple[int, int]] = {}
     for number, message in sorted(dialect.mavlink_map.items()):
@@ -325,7 +325,7 @@ def _wrapped(name: str, kind: str, entries: list[str]) -> str:
 
 
 def source() -> str:
-    """The two tables as they stand above."""
+    """Return the source code of the two tables above."""
     from pymavlink.dialects.v20 import common
 
     crc_extra, targets = tables_of(common)

@@ -3,7 +3,7 @@
     # a comment
     sysid <TAB> component <TAB> NAME <TAB> value <TAB> type        MAV_PARAM_TYPE: 6 int32, 9 float
 
-Plain lines `NAME value` are read as well. Lines of other components than the autopilot (a camera, a gimbal) are passed over.
+Plain lines `NAME value` are read as well. Lines of other components than the autopilot (a camera, a gimbal) are ignored.
 """
 
 from __future__ import annotations
@@ -29,7 +29,11 @@ _LAYOUT = "expected five columns (system, component, NAME, value, type), or `NAM
 
 
 class Entry(NamedTuple):
-    """One parameter as a line gives it. kind: MAV_PARAM_TYPE, or None where the line has no type.  line: 1-based."""
+    """A parameter of one line.
+
+    kind: MAV_PARAM_TYPE; None for a line without a type
+    line: line number, from 1
+    """
 
     name: str
     value: float
@@ -38,7 +42,7 @@ class Entry(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """One line that is wrong: what was found and what is expected."""
+    """A wrong line. message: the text found and what is expected."""
 
     line: int
     name: str
@@ -46,7 +50,7 @@ class Fault(NamedTuple):
 
 
 def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
-    """Every parameter of the autopilot, and every line that is wrong, in the order of the text."""
+    """Return every parameter of the autopilot, and every wrong line, in the order of the text."""
     entries: dict[str, Entry] = {}
     faults: list[Fault] = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -65,7 +69,7 @@ def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
                 Fault(
                     number,
                     found.name,
-                    f"{found.name} stands on line {there} already; expected each name once",
+                    f"{found.name} is on line {there} already; expected each name once",
                 )
             )
         elif found is not None:
@@ -74,7 +78,7 @@ def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
 
 
 def parse_params(text: str) -> dict[str, float]:
-    """-> {name: value}; whole numbers as int. Raises WireError with the number of the first line that is wrong."""
+    """Return {name: value}; whole numbers as int. Raises WireError with the number of the first wrong line."""
     entries, faults = parse_entries(text)
     for fault in faults:
         raise WireError(f"line {fault.line}: {fault.message}")
@@ -89,9 +93,11 @@ def format_params(
     types: Mapping[str, int] | None = None,
     comments: Mapping[str, str] | None = None,
 ) -> str:
-    """types: MAV_PARAM_TYPE by name where it is known; elsewhere an int is INT32 and a float REAL32.
+    """Return the text of a .params file.
 
-    comments: by name, each on a line before its own.
+    system: MAVLink id of the vehicle
+    types: name -> MAV_PARAM_TYPE; without it an int is INT32 and a float REAL32
+    comments: name -> comment, on the line before the parameter
     """
     lines = [f"# {line}".rstrip() for line in header]
     for name, value in values.items():
@@ -104,7 +110,7 @@ def format_params(
 
 
 def _line(words: list[str], number: int) -> Entry | None:
-    """None for another component's. Raises ValueError with what is wrong."""
+    """Parse the words of a line; None for a line of another component. Raises ValueError with the reason."""
     if len(words) == 2:
         return Entry(_name(words[0]), _value(words[1], None), None, number)
     if len(words) != 5:
@@ -121,17 +127,17 @@ def _line(words: list[str], number: int) -> Entry | None:
 
 def _name(word: str) -> str:
     if not _NAME.fullmatch(word):
-        raise ValueError(f"{word!r} is no parameter's name (1 to 16 letters, digits and _), {_LAYOUT}")
+        raise ValueError(f"{word!r} is not a parameter name (1 to 16 letters, digits and _), {_LAYOUT}")
     return word
 
 
 def _value(word: str, kind: int | None) -> float:
     whole = _WHOLE.fullmatch(word) is not None
     if not _NUMBER.fullmatch(word):  # float() would take 1_000 and the digits of other scripts
-        raise ValueError(f"{word!r} is no number, expected one such as 4 or 0.5")
+        raise ValueError(f"{word!r} is not a number, expected one such as 4 or 0.5")
     value = float(word)
     if not math.isfinite(value):
-        raise ValueError(f"{word} is no value for a parameter, expected a finite number")
+        raise ValueError(f"{word} is not a value for a parameter, expected a finite number")
     if kind is not None and kind in INTEGERS and not whole:
-        raise ValueError(f"{word} is no whole number, and type {kind} is one")
+        raise ValueError(f"{word} is not a whole number, but type {kind} is an integer")
     return int(word) if whole and kind != REAL32 else value

@@ -1,7 +1,7 @@
-"""What a PX4-style autopilot tells of itself: MAVLink datagrams -> values, by group. No sockets, no clocks.
+"""Telemetry of a PX4-style autopilot: MAVLink datagrams -> values, by group. No sockets, no clocks.
 
-Only the messages of `_HEARD` are decoded: of the rest, more than half of an onboard stream, no more than the checksum is read.
-Units are SI and radians, frames NED and FRD, quaternions wxyz; each value keeps the time at which it was heard.
+Only the messages of `_HANDLERS` are decoded; of all others, more than half of an onboard stream, only the checksum is checked.
+Units are SI and radians, frames NED and FRD, quaternions wxyz. Each value keeps the time at which it was received.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _AUTOPILOT = 1
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Local:
-    """LOCAL_POSITION_NED. heard: time [s]; boot_s: the autopilot's time [s]; pos [m] [NED] (3,); vel [m/s] [NED] (3,)."""
+    """LOCAL_POSITION_NED. received_at: time [s]; boot_s: the autopilot's time [s]; pos [m] [NED] (3,); vel [m/s] [NED] (3,)."""
 
-    heard: float
+    received_at: float
     boot_s: float
     pos: Array
     vel: Array
@@ -41,7 +41,7 @@ class Local:
 class Attitude:
     """ATTITUDE_QUATERNION. q_nb [-] wxyz (4,); ang_vel: body rates [rad/s] [FRD] (3,)."""
 
-    heard: float
+    received_at: float
     boot_s: float
     q_nb: Array
     ang_vel: Array
@@ -51,7 +51,7 @@ class Attitude:
 class Imu:
     """HIGHRES_IMU. boot_s: the autopilot's time [s]; acc_body: specific force [m/s2] [FRD] (3,); ang_vel [rad/s] [FRD] (3,)."""
 
-    heard: float
+    received_at: float
     boot_s: float
     acc_body: Array
     ang_vel: Array
@@ -61,7 +61,7 @@ class Imu:
 class Mag:
     """HIGHRES_IMU. mag: magnetic field [T] [FRD] (3,)."""
 
-    heard: float
+    received_at: float
     mag: Array
 
 
@@ -69,7 +69,7 @@ class Mag:
 class Baro:
     """HIGHRES_IMU. pressure [Pa], temperature [deg C], alt: pressure altitude [m]."""
 
-    heard: float
+    received_at: float
     pressure: float
     temperature: float
     alt: float
@@ -79,50 +79,50 @@ class Baro:
 class Gps:
     """GPS_RAW_INT. pos: latitude [deg], longitude [deg], altitude above mean sea level [m] (3,)."""
 
-    heard: float
+    received_at: float
     pos: Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Actuators:
-    """What the motors are told. group: mixer group or output port; output: 0..1 [-] (8,), unused ones zero."""
+    """SERVO_OUTPUT_RAW or ACTUATOR_CONTROL_TARGET. group: output port or mixer group; output: 0..1 [-] (8,), unused ones zero."""
 
-    heard: float
+    received_at: float
     group: int
     output: Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Heart:
-    """HEARTBEAT. mode: PX4's words."""
+class HeartbeatState:
+    """HEARTBEAT. mode: name of the flight mode, as `mode_words` returns it."""
 
-    heard: float
+    received_at: float
     mode: str
     armed: bool
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Status:
-    """SYS_STATUS. prearm: may it be armed in its present mode. battery: remaining [%], or nan."""
+    """SYS_STATUS. prearm: the vehicle can be armed in its present mode. battery: remaining [%], or nan."""
 
-    heard: float
+    received_at: float
     prearm: bool
     battery: float
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ground:
-    """EXTENDED_SYS_STATE. landed: on the ground, by the land detector."""
+    """EXTENDED_SYS_STATE. landed: on the ground, as the land detector reports."""
 
-    heard: float
+    received_at: float
     landed: bool
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Reference:
-    """POSITION_TARGET_LOCAL_NED: pos [m] (3,), vel [m/s] (3,) [NED], yaw [rad]; nan where it is not controlled."""
+    """POSITION_TARGET_LOCAL_NED: pos [m] (3,), vel [m/s] (3,) [NED], yaw [rad]; nan for what is not controlled."""
 
-    heard: float
+    received_at: float
     boot_s: float
     pos: Array
     vel: Array
@@ -133,7 +133,7 @@ class Reference:
 class AttitudeReference:
     """ATTITUDE_TARGET: q_nb [-] wxyz (4,), ang_vel [rad/s] [FRD] (3,), thrust: normalised 0..1 [-]."""
 
-    heard: float
+    received_at: float
     boot_s: float
     q_nb: Array
     ang_vel: Array
@@ -144,34 +144,38 @@ class AttitudeReference:
 class Text:
     """STATUSTEXT. severity: 0 emergency .. 7 debug."""
 
-    heard: float
+    received_at: float
     severity: int
     text: str
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ack:
-    """COMMAND_ACK, and whom it answers."""
+    """COMMAND_ACK. target: (system, component) that sent the command."""
 
-    heard: float
+    received_at: float
     command: int
     result: int
     target: tuple[int, int]
 
 
 class Telemetry:
-    """The newest of each group, None before the first. Feed it with `hear`; each value is replaced as a whole."""
+    """The newest value of each group, None before the first. Each value is replaced as a whole.
+
+    system_id, component_id: of the autopilot; other senders are ignored
+    only: message ids to decode; None decodes all that have a group
+    refused: frames with a wrong checksum or layout
+    """
 
     def __init__(
         self, system_id: int, only: Collection[int] | None = None, component_id: int = _AUTOPILOT
     ) -> None:
-        """only: the messages that are wanted, all that it knows when None. component_id: the sender, the autopilot by default."""
         self._system, self._component = system_id, component_id
         self._handlers = {
-            number: handler for number, handler in _HEARD.items() if only is None or number in only
+            number: handler for number, handler in _HANDLERS.items() if only is None or number in only
         }
         self._codec = mavlink.MAVLink(None)
-        self.heard: float | None = None
+        self.received_at: float | None = None
         self.local: Local | None = None
         self.attitude: Attitude | None = None
         self.imu: Imu | None = None
@@ -179,7 +183,7 @@ class Telemetry:
         self.baro: Baro | None = None
         self.gps: Gps | None = None
         self.actuators: Actuators | None = None
-        self.heart: Heart | None = None
+        self.heartbeat: HeartbeatState | None = None
         self.status: Status | None = None
         self.ground: Ground | None = None
         self.reference: Reference | None = None
@@ -190,9 +194,9 @@ class Telemetry:
         self.refused = 0
         self._text_id = 0
 
-    def hear(self, datagram: bytes, now: float) -> bool:
-        """now: [s], of any clock. True when the vehicle's autopilot spoke in it."""
-        spoke = False
+    def on_datagram(self, datagram: bytes, now: float) -> bool:
+        """Decode a datagram. Return whether it holds a message of the autopilot. now: [s], of any clock."""
+        received = False
         found = parse_frames(datagram)
         self.refused += found.bad_crc
         for frame in found.frames:
@@ -201,33 +205,35 @@ class Telemetry:
                 continue
             try:
                 handler(self, self._codec.decode(bytearray(datagram[frame.start : frame.end])), now)
-                spoke = True
+                received = True
             except (mavlink.MAVError, ValueError, TypeError, struct.error):
-                self.refused += 1  # whole, yet not the layout its number stands for
-        if spoke:
-            self.heard = now
-        return spoke
+                self.refused += 1  # a correct checksum, but another layout
+        if received:
+            self.received_at = now
+        return received
 
     def recent_texts(self, since: float, worst: int = mavlink.MAV_SEVERITY_INFO) -> list[str]:
-        """What the autopilot has said since then, of this severity or a graver one, each sentence once."""
-        return list(dict.fromkeys(t.text for t in self.texts if t.heard >= since and t.severity <= worst))
+        """Return the STATUSTEXTs received since a time [s], each text once. worst: largest severity number that is returned."""
+        return list(
+            dict.fromkeys(t.text for t in self.texts if t.received_at >= since and t.severity <= worst)
+        )
 
     def _heartbeat(self, m: mavlink.MAVLink_heartbeat_message, now: float) -> None:
         armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.heart = Heart(heard=now, mode=mode_words(m.custom_mode), armed=armed)
+        self.heartbeat = HeartbeatState(received_at=now, mode=mode_words(m.custom_mode), armed=armed)
 
     def _sys_status(self, m: mavlink.MAVLink_sys_status_message, now: float) -> None:
         battery = float(m.battery_remaining) if m.battery_remaining >= 0 else np.nan
-        # PX4 sets this bit in the health alone, never among the sensors present.
+        # PX4 sets this bit only in the health field, never in the sensors present.
         prearm = bool(m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
-        self.status = Status(heard=now, prearm=prearm, battery=battery)
+        self.status = Status(received_at=now, prearm=prearm, battery=battery)
 
     def _extended(self, m: mavlink.MAVLink_extended_sys_state_message, now: float) -> None:
-        self.ground = Ground(heard=now, landed=m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND)
+        self.ground = Ground(received_at=now, landed=m.landed_state == mavlink.MAV_LANDED_STATE_ON_GROUND)
 
     def _local(self, m: mavlink.MAVLink_local_position_ned_message, now: float) -> None:
         self.local = Local(
-            heard=now,
+            received_at=now,
             boot_s=m.time_boot_ms * 1e-3,
             pos=np.array((m.x, m.y, m.z)),
             vel=np.array((m.vx, m.vy, m.vz)),
@@ -235,7 +241,7 @@ class Telemetry:
 
     def _attitude(self, m: mavlink.MAVLink_attitude_quaternion_message, now: float) -> None:
         self.attitude = Attitude(
-            heard=now,
+            received_at=now,
             boot_s=m.time_boot_ms * 1e-3,
             q_nb=np.array((m.q1, m.q2, m.q3, m.q4)),
             ang_vel=np.array((m.rollspeed, m.pitchspeed, m.yawspeed)),
@@ -243,40 +249,45 @@ class Telemetry:
 
     def _highres(self, m: mavlink.MAVLink_highres_imu_message, now: float) -> None:
         self.imu = Imu(
-            heard=now,
+            received_at=now,
             boot_s=m.time_usec * 1e-6,
             acc_body=np.array((m.xacc, m.yacc, m.zacc)),
             ang_vel=np.array((m.xgyro, m.ygyro, m.zgyro)),
         )
         if m.fields_updated & _HIGHRES_MAG or self.mag is None:
-            self.mag = Mag(heard=now, mag=np.array((m.xmag, m.ymag, m.zmag)) * _GAUSS_T)
+            self.mag = Mag(received_at=now, mag=np.array((m.xmag, m.ymag, m.zmag)) * _GAUSS_T)
         if m.fields_updated & _HIGHRES_BARO or self.baro is None:
             self.baro = Baro(
-                heard=now, pressure=m.abs_pressure * _HPA_PA, temperature=m.temperature, alt=m.pressure_alt
+                received_at=now,
+                pressure=m.abs_pressure * _HPA_PA,
+                temperature=m.temperature,
+                alt=m.pressure_alt,
             )
 
     def _gps(self, m: mavlink.MAVLink_gps_raw_int_message, now: float) -> None:
         if m.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX:
-            self.gps = Gps(heard=now, pos=np.array((m.lat * 1e-7, m.lon * 1e-7, m.alt * 1e-3)))
+            self.gps = Gps(received_at=now, pos=np.array((m.lat * 1e-7, m.lon * 1e-7, m.alt * 1e-3)))
 
     def _servos(self, m: mavlink.MAVLink_servo_output_raw_message, now: float) -> None:
         raw = np.array([getattr(m, f"servo{i}_raw") for i in range(1, 9)], float)
-        self.actuators = Actuators(heard=now, group=m.port, output=np.clip((raw - 1000.0) / 1000.0, 0.0, 1.0))
+        self.actuators = Actuators(
+            received_at=now, group=m.port, output=np.clip((raw - 1000.0) / 1000.0, 0.0, 1.0)
+        )
 
     def _controls(self, m: mavlink.MAVLink_actuator_control_target_message, now: float) -> None:
-        self.actuators = Actuators(heard=now, group=m.group_mlx, output=np.array(m.controls, float))
+        self.actuators = Actuators(received_at=now, group=m.group_mlx, output=np.array(m.controls, float))
 
     def _reference(self, m: mavlink.MAVLink_position_target_local_ned_message, now: float) -> None:
         ignored = [bool(m.type_mask & 1 << bit) for bit in range(12)]
         pos = np.where(ignored[0:3], np.nan, (m.x, m.y, m.z))
         vel = np.where(ignored[3:6], np.nan, (m.vx, m.vy, m.vz))
         yaw = np.nan if ignored[10] else m.yaw
-        self.reference = Reference(heard=now, boot_s=m.time_boot_ms * 1e-3, pos=pos, vel=vel, yaw=yaw)
+        self.reference = Reference(received_at=now, boot_s=m.time_boot_ms * 1e-3, pos=pos, vel=vel, yaw=yaw)
 
     def _attitude_reference(self, m: mavlink.MAVLink_attitude_target_message, now: float) -> None:
         rates = np.array((m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate))
         self.attitude_reference = AttitudeReference(
-            heard=now, boot_s=m.time_boot_ms * 1e-3, q_nb=np.array(m.q), ang_vel=rates, thrust=m.thrust
+            received_at=now, boot_s=m.time_boot_ms * 1e-3, q_nb=np.array(m.q), ang_vel=rates, thrust=m.thrust
         )
 
     def _text(self, m: mavlink.MAVLink_statustext_message, now: float) -> None:
@@ -284,18 +295,18 @@ class Telemetry:
         if m.id and m.id == self._text_id and m.chunk_seq and self.texts:
             text = self.texts.pop().text + text
         self._text_id = m.id
-        self.texts.append(Text(heard=now, severity=m.severity, text=text.rstrip("\0")))
+        self.texts.append(Text(received_at=now, severity=m.severity, text=text.rstrip("\0")))
 
     def _ack(self, m: mavlink.MAVLink_command_ack_message, now: float) -> None:
         target = m.target_system, m.target_component
-        self.acks.append(Ack(heard=now, command=m.command, result=m.result, target=target))
+        self.acks.append(Ack(received_at=now, command=m.command, result=m.result, target=target))
 
     def _version(self, m: mavlink.MAVLink_autopilot_version_message, now: float) -> None:
         number = m.flight_sw_version
         self.version = number >> 24 & 0xFF, number >> 16 & 0xFF, number >> 8 & 0xFF
 
 
-_HEARD: dict[int, Callable[[Telemetry, mavlink.MAVLink_message, float], None]] = {
+_HANDLERS: dict[int, Callable[[Telemetry, mavlink.MAVLink_message, float], None]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: Telemetry._heartbeat,
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: Telemetry._sys_status,
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: Telemetry._gps,

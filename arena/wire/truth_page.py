@@ -1,14 +1,14 @@
-"""The truth page: what the simulated world knows, in shared memory, for the rooms that may look at it.
+"""The truth page: the true state of the simulated vehicles, in shared memory.
 
-A ring of samples, so that a reader can interpolate to an instant between two of them. One writer (the world), any number
-of readers (motion-capture emulator, logger, judge). Layout, native doubles:
+A ring of samples, so that a reader can interpolate between two of them. One writer (the world), any number of readers
+(motion capture emulator, logger, referee). Layout, native doubles:
 
     [0] samples written so far   [1] vehicles V   [2] ring length K   [3] unused
     K rows of: time [s], then per vehicle 20 numbers:
         p_n (3) [m] [NED], q_nb (4) [-] wxyz, v_n (3) [m/s] [NED], omega_b (3) [rad/s] [FRD],
-        accel_b (3) specific force [m/s2] [FRD], motors (4) what the first four rotors do, 0..1 [-]
+        accel_b (3) specific force [m/s2] [FRD], motors (4) output of the first four rotors, 0..1 [-]
 
-The writer fills a row, then raises the count; a reader that finds the count K - 1 or more ahead of what it read, reads again.
+The writer fills a row, then increases the count. A reader that finds the count K - 1 or more ahead of its row reads again.
 """
 
 from __future__ import annotations
@@ -33,11 +33,15 @@ _NEARLY_ONE = 0.9999
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """One instant of the world, batched over its V vehicles.
+    """The state of V vehicles at one time.
 
-    time_s: simulation time [s].  p_n: position of the body origin [m] [NED] (V, 3).  q_nb: attitude [-] wxyz (V, 4).
-    v_n: velocity [m/s] [NED] (V, 3).  omega_b: body rates [rad/s] [FRD] (V, 3).
-    accel_b: specific force [m/s2] [FRD] (V, 3).  motors: what the first four rotors do, 0..1 [-] (V, 4).
+    time_s: simulation time [s]
+    p_n: position of the body origin [m] [NED] (V, 3)
+    q_nb: attitude [-] wxyz (V, 4)
+    v_n: velocity [m/s] [NED] (V, 3)
+    omega_b: body rates [rad/s] [FRD] (V, 3)
+    accel_b: specific force [m/s2] [FRD] (V, 3)
+    motors: output of the first four rotors, 0..1 [-] (V, 4)
     """
 
     time_s: float
@@ -63,11 +67,11 @@ class Truth:
 
 
 class TruthWriter:
-    """Owned by the world. path: the page's file, made anew."""
+    """The writing side, of the world. path: file of the page; an existing one is replaced."""
 
     def __init__(self, path: str | Path, vehicles: int) -> None:
         width = 1 + vehicles * _PER_VEHICLE
-        part = Path(f"{path}.new")  # a reader finds the page whole or not at all
+        part = Path(f"{path}.new")  # a reader finds a complete page or none
         with part.open("w+b") as file:
             file.truncate(8 * (_HEAD + _RING * width))
             self._all = np.frombuffer(mmap.mmap(file.fileno(), 0), dtype=np.float64)
@@ -105,7 +109,7 @@ class TruthReader:
         self._rows, self._ring = self._all[_HEAD:].reshape(ring, width), ring
 
     def newest(self) -> Truth | None:
-        """The last sample written, or None before the first."""
+        """Return the newest sample; None before the first."""
         while count := int(self._all[0]):
             row = self._rows[(count - 1) % self._ring].copy()
             if int(self._all[0]) - count < self._ring - 1:
@@ -113,17 +117,17 @@ class TruthReader:
         return None
 
     def at(self, time_s: float) -> Truth | None:
-        """The world at time_s [s], interpolated between its two neighbours; None when they are not both in the ring."""
+        """Return the state at time_s [s], interpolated between its two neighbours; None when they are not both in the ring."""
         count = int(self._all[0])
         held = min(count, self._ring - 1)
         found = self._around(time_s, count, held)
-        # What was overwritten while it was looked at is not to be believed; the writer is rarely a whole ring ahead.
+        # Samples that were overwritten during the search are wrong: search again.
         if int(self._all[0]) - count >= 1 + self._ring - held:
             return self.at(time_s) if held >= 2 else None
         return None if found is None else _between(*found, time_s)
 
     def _around(self, time_s: float, count: int, held: int) -> tuple[Array, Array] | None:
-        """The samples before and after time_s; it is a few behind the newest, so look from there."""
+        """Return the samples before and after time_s, searched from the newest backwards."""
         rows, ring = self._rows, self._ring
         if held < 2 or time_s > rows[(count - 1) % ring, 0] + 1e-9:
             return None
@@ -139,7 +143,7 @@ def _between(before: Array, after: Array, time_s: float) -> Truth:
     a, b = before[1:].reshape(-1, _PER_VEHICLE)[:, 3:7], after[1:].reshape(-1, _PER_VEHICLE)[:, 3:7]
     if (
         np.add.reduce(a * b, 1) > _NEARLY_ONE
-    ).all():  # turned by less than 1.6 degrees: the chord's error is below 1e-7 rad
+    ).all():  # rotated by less than 1.6 degrees: linear interpolation is exact to 1e-7 rad
         mixed.q_nb[:] /= np.sqrt(np.add.reduce(mixed.q_nb * mixed.q_nb, 1))[:, None]
     else:
         mixed.q_nb[:] = quat_slerp(a, b, np.full(len(a), fraction))

@@ -7,8 +7,8 @@
       'A', 'L' or 'C': the first of them ends the definitions; a 'P' after it is a parameter that was changed
       'S' synchronisation, to find a message again after damaged ones
 
-A parameter is an int32_t or a float. A log that ends amid its data is how most of them end; one that ends or breaks amid its
-definitions has lost parameters, and is refused.
+A parameter is an int32_t or a float. Most logs end within their data, which is no error. A log that ends or breaks within its
+definitions has lost parameters and is refused.
 """
 
 from __future__ import annotations
@@ -33,9 +33,13 @@ _NAME = re.compile(r"[A-Za-z0-9_]{1,16}")
 
 @dataclass
 class Log:
-    """initial: at the start of the log.  changed: afterwards, the last of each.  types: "INT32" or "FLOAT" by name.
+    """The parameters and information messages of a log.
 
-    info: the information messages that are text or a number.  damaged: places [byte] from which a part could not be read.
+    initial: name -> value at the start of the log
+    changed: name -> last value that was set after the start
+    types: name -> "INT32" or "FLOAT"
+    info: information messages that are text or a number
+    damaged: positions [byte] from which a part could not be read
     """
 
     initial: dict[str, float] = field(default_factory=dict)
@@ -46,9 +50,9 @@ class Log:
 
 
 def parse_ulog(data: bytes) -> Log:
-    """Raises WireError with the byte where it is no ULog any more, or its definitions end too early."""
+    """Read a ULog. Raises WireError with the byte where it is not a ULog, or where its definitions end too early."""
     if not data.startswith(MAGIC) or len(data) < _START:
-        raise WireError("byte 0: no header of a ULog, expected 55 4C 6F 67 01 12 35")
+        raise WireError("byte 0: not a ULog header, expected 55 4C 6F 67 01 12 35")
     return _Reader(data).read()
 
 
@@ -63,7 +67,7 @@ class _Reader:
             whole = self._next()
             if whole is None and self.defining:
                 raise WireError(
-                    f"byte {self.at}: the log ends amid its definitions; its parameters are not all there"
+                    f"byte {self.at}: the log ends within its definitions; some parameters are missing"
                 )
             if whole is None:
                 break
@@ -73,7 +77,7 @@ class _Reader:
                 self._take(kind, body, place)
             elif self.defining:
                 raise WireError(
-                    f"byte {place}: got a message of type {kind} and {len(body)} bytes amid the definitions,"
+                    f"byte {place}: got a message of type {kind} and {len(body)} bytes within the definitions,"
                     f" expected one of {_KNOWN.decode()}"
                 )
             elif not self._recover(place):
@@ -81,12 +85,12 @@ class _Reader:
         return self.log
 
     def _next(self) -> tuple[int, bytes] | None:
-        """The message that begins here; None when the log ends first."""
+        """Return the message that begins here; None when the log ends before it is complete."""
         if len(self.data) - self.at < _HEAD.size:
             return None
         size, kind = _HEAD.unpack_from(self.data, self.at)
         end = self.at + _HEAD.size + size
-        # what was appended later begins where a last message was cut off
+        # data appended later begins where the last message was cut off
         if self.appended and end > self.appended[0]:
             self.at = self.appended.pop(0)
             return self._next()
@@ -111,7 +115,7 @@ class _Reader:
         _, incompatible, *offsets = _FLAGS.unpack_from(body)
         if incompatible[0] & ~1 or any(incompatible[1:]):
             raise WireError(
-                f"byte {_START}: the log says that it is of a newer kind (incompatible flags {incompatible.hex()})"
+                f"byte {_START}: the log has a newer format (incompatible flags {incompatible.hex()})"
             )
         self.appended = sorted(o for o in offsets if _START < o <= len(self.data))
 
@@ -138,12 +142,12 @@ class _Reader:
         if isinstance(value, str) or form == "uint32_t":
             raise ValueError(f"got a parameter {name!r} of type {form!r}, expected int32_t or float")
         if not _NAME.fullmatch(name):
-            raise ValueError(f"{name!r} is no parameter's name (1 to 16 letters, digits and _)")
+            raise ValueError(f"{name!r} is not a parameter name (1 to 16 letters, digits and _)")
         (self.log.initial if self.defining else self.log.changed)[name] = value
         self.log.types[name] = "FLOAT" if form == "float" else "INT32"
 
     def _recover(self, place: int) -> bool:
-        """Go on behind the next synchronisation message. False when there is none."""
+        """Continue after the next synchronisation message. Return False when there is none."""
         self.log.damaged.append(place)
         found = self.data.find(_SYNC, place)
         self.at = found + len(_SYNC)

@@ -149,7 +149,7 @@ def test_check_takes_the_arena_as_an_argument(folder: Path, capsys: pytest.Captu
         (("push", "--file", "none.params"), "none.params"),
         (("push", "--file", "range.params"), "MPC_XY_P: got 99, expected from 0 to 2"),
         (("push", "--file", "range.params"), "COM_OBL_RC_ACT: got 1.5, expected a whole number"),
-        (("push", "--file", "huge.params"), "huge.params:1: MPC_Z_P: 1e999 is no value for a parameter"),
+        (("push", "--file", "huge.params"), "huge.params:1: MPC_Z_P: 1e999 is not a value for a parameter"),
         (("pull",), "no arena is running"),
         (
             ("diff", "nowhere", "uav1"),

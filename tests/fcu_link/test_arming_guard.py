@@ -97,7 +97,7 @@ def test_a_program_reads_the_reasons_with_its_own_codec():
         for end, d in rig.core.from_link("router", Codec(ID, PROGRAM).pack(arm()), rig.now)
         if end == "router"
     )
-    telemetry.hear(data, now)
+    telemetry.on_datagram(data, now)
     assert [(a.command, a.result, a.target) for a in telemetry.acks] == [(400, 1, (ID, PROGRAM))]
     said = telemetry.recent_texts(now - 1.0, mavlink.MAV_SEVERITY_WARNING)
     assert said == list(reversed(rig.reasons()))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from arena.smoke.flying.observation import VehicleStates
-from arena.wire.telemetry import Heart, Local, Telemetry
+from arena.wire.telemetry import HeartbeatState, Local, Telemetry
 from arena.wire.truth_page import Truth
 
 PROFILE = {"height_m": 0.1, "radius_m": 0.25}
@@ -52,8 +52,8 @@ def test_airborne_has_a_hysteresis():
 
 def test_old_telemetry_is_unknown_and_still_rotors_are_disarmed():
     states, told = VehicleStates([{"name": "a", "profile": PROFILE}]), Telemetry(1)
-    told.heart = Heart(heard=1.0, mode="OFFBOARD", armed=True)
-    told.local = Local(heard=1.0, boot_s=1.0, pos=np.array([1.0, 2.0, 3.0]), vel=np.zeros(3))
+    told.heartbeat = HeartbeatState(received_at=1.0, mode="OFFBOARD", armed=True)
+    told.local = Local(received_at=1.0, boot_s=1.0, pos=np.array([1.0, 2.0, 3.0]), vel=np.zeros(3))
     fresh = state_of(states, truth(1.0), told, now=2.0)
     assert (fresh.mode, fresh.armed, fresh.est_p_n, fresh.landed) == ("OFFBOARD", True, (1.0, 2.0, 3.0), None)
     stale = state_of(states, truth(1.0), told, now=2.02)

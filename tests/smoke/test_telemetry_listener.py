@@ -33,7 +33,7 @@ def test_heartbeats_and_missing_rates_are_requested(plan: Plan):
         for message in told:
             tools[0].sendto(message.pack(voice), sender)
         listener.listen(1.04)
-        heart, ground = listener.telemetry["uav1"].heart, listener.telemetry["uav1"].ground
+        heart, ground = listener.telemetry["uav1"].heartbeat, listener.telemetry["uav1"].ground
         assert heart and heart.mode == "OFFBOARD" and heart.armed and ground and not ground.landed
         assert [m.command for m in _asked(tools[0], 1)[0]] == [512]  # the rates are right
     finally:

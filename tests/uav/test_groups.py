@@ -35,14 +35,14 @@ class Bench:
         self.uav = Snapshot.of(self.source, BODY)
         self._out = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 
-    def hear(self, *messages: mavlink.MAVLink_message, prefix: bytes = b"") -> None:
-        self.telemetry.hear(prefix + b"".join(m.pack(self._out) for m in messages), self.now)
+    def receive(self, *messages: mavlink.MAVLink_message, prefix: bytes = b"") -> None:
+        self.telemetry.on_datagram(prefix + b"".join(m.pack(self._out) for m in messages), self.now)
 
 
 @pytest.fixture
 def bench() -> Bench:
     found = Bench()
-    found.hear(
+    found.receive(
         mavlink.MAVLink_local_position_ned_message(1, 1.0, 2.0, -3.0, 0.1, 0.2, 0.3),
         mavlink.MAVLink_attitude_quaternion_message(1, *Q_NB, 0.4, 0.5, 0.6),
         mavlink.MAVLink_highres_imu_message(
@@ -127,7 +127,7 @@ def test_what_was_never_heard_raises(read):
 @pytest.mark.parametrize(("read", "age"), [*((r, 0.6) for r in FAST), *((r, 10.5) for r in SLOW)])
 def test_what_is_old_raises_and_says_how_old(bench, read, age):
     for body in ("aero2", "b2", "b3"):
-        bench.poses.hear(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
+        bench.poses.on_pose(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
     read(bench.uav)
     bench.now += age
     with pytest.raises(StaleDataError, match=f"{age:.2f} s old"):
@@ -147,9 +147,9 @@ def test_is_connected_never_raises():
 def test_neighbours_are_seen_from_oneself(bench):
     for i in range(12):
         t = i / 180
-        bench.poses.hear("aero2", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
-        bench.poses.hear("b2", (1.0 + 0.5 * t, 2.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
-        bench.poses.hear("b3", (-1.0, 0.0, -2.0 - t), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+        bench.poses.on_pose("aero2", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+        bench.poses.on_pose("b2", (1.0 + 0.5 * t, 2.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+        bench.poses.on_pose("b3", (-1.0, 0.0, -2.0 - t), (1.0, 0.0, 0.0, 0.0), t, bench.now)
     emu = bench.uav.sen.emu
     assert emu.rel_pos.shape == (2, 3)
     assert emu.rel_pos[0] == pytest.approx([1.0 + 0.5 * 11 / 180, 2.0, 0.0])
@@ -158,7 +158,7 @@ def test_neighbours_are_seen_from_oneself(bench):
 
 def test_a_neighbour_that_is_hidden_makes_the_sensor_stale(bench):
     for body in ("aero2", "b3"):
-        bench.poses.hear(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
+        bench.poses.on_pose(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
     with pytest.raises(StaleDataError, match="uav2"):
         _ = bench.uav.sen.emu.rel_pos
 
@@ -166,7 +166,7 @@ def test_a_neighbour_that_is_hidden_makes_the_sensor_stale(bench):
 def test_a_snapshot_stays_as_it_was(bench):
     fixed = Snapshot.of(bench.source.fixed(), BODY)
     bench.now += 0.3
-    bench.hear(mavlink.MAVLink_local_position_ned_message(1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0))
+    bench.receive(mavlink.MAVLink_local_position_ned_message(1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0))
     assert fixed.ekf.pos[0] == 1.0 and bench.uav.ekf.pos[0] == 9.0
     assert fixed.ekf.age_s == 0.0
 
@@ -179,7 +179,7 @@ def test_writing_into_a_vector_does_not_change_the_next_one(bench):
 def test_other_vehicles_and_other_components_are_not_heard(bench):
     for system, component in ((2, 1), (1, 191)):
         stranger = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-        bench.telemetry.hear(
+        bench.telemetry.on_datagram(
             mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3).pack(stranger), bench.now
         )
     assert bench.uav.info.flight_mode == "AUTO.LAND"
@@ -189,30 +189,30 @@ def test_a_damaged_frame_says_nothing(bench):
     out = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     data = bytearray(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3).pack(out))
     data[12] ^= 0xFF
-    assert bench.telemetry.hear(bytes(data), bench.now) is False
+    assert bench.telemetry.on_datagram(bytes(data), bench.now) is False
     assert bench.uav.info.flight_mode == "AUTO.LAND" and bench.telemetry.refused == 1
 
 
 def test_random_bytes_do_no_harm_and_what_follows_them_is_heard(bench):
     rng = np.random.default_rng(6)
     for size in rng.integers(1, 400, 500):
-        bench.telemetry.hear(rng.bytes(int(size)), bench.now)
-        bench.telemetry.hear(b"\xfd" + rng.bytes(int(size)), bench.now)
-    bench.hear(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3), prefix=b"\x00\x01\x02")
+        bench.telemetry.on_datagram(rng.bytes(int(size)), bench.now)
+        bench.telemetry.on_datagram(b"\xfd" + rng.bytes(int(size)), bench.now)
+    bench.receive(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3), prefix=b"\x00\x01\x02")
     assert bench.uav.info.flight_mode == "OFFBOARD"
 
 
 def test_a_damaged_frame_does_not_hide_the_next_one_of_its_datagram(bench):
     torn = bytearray(mavlink.MAVLink_extended_sys_state_message(0, 1).pack(bench._out))
     torn[-1] ^= 0xFF
-    bench.hear(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3), prefix=bytes(torn))
+    bench.receive(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3), prefix=bytes(torn))
     assert bench.uav.info.flight_mode == "OFFBOARD"
     assert not bench.uav.info.is_landed
     assert bench.telemetry.refused == 1
 
 
 def test_long_texts_come_in_chunks(bench):
-    bench.hear(
+    bench.receive(
         mavlink.MAVLink_statustext_message(3, b"x" * 50, 9, 0),
         mavlink.MAVLink_statustext_message(3, b"end", 9, 1),
         mavlink.MAVLink_statustext_message(3, b"another", 10, 0),
@@ -231,6 +231,6 @@ def test_modes_go_both_ways(words):
 
 def test_a_neighbour_that_comes_back_has_no_speed_from_before():
     poses = Poses(None, [("uav2", "b2")])
-    poses.hear("b2", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, 1.0)
-    poses.hear("b2", (3.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 2.0, 2.0)
+    poses.on_pose("b2", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, 1.0)
+    poses.on_pose("b2", (3.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 2.0, 2.0)
     assert poses.neighbours[0] is not None and poses.neighbours[0].v_n.tolist() == [0.0, 0.0, 0.0]

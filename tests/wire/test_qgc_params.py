@@ -36,10 +36,10 @@ def test_plain_lines_are_read():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("A 1\nB 2\nA 3", ("line 3", "A stands on line 1")),
+        ("A 1\nB 2\nA 3", ("line 3", "A is on line 1")),
         ("A 1\nB nan", ("line 2", "nan")),
         ("B inf", ("line 1", "finite")),
-        ("B x", ("line 1", "'x' is no number")),
+        ("B x", ("line 1", "'x' is not a number")),
         ("A 1\n\n1 1 B", ("line 3", "3 columns")),
         ("1\t1\tB\t2.5\t6", ("line 1", "whole")),
         ("1\t1\tB\t2.5\t77", ("line 1", "type")),

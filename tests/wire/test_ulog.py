@@ -32,7 +32,7 @@ def test_the_place_of_what_is_wrong_is_its_byte():
     place = GOLDEN.index(b"\x19\x00P")
     with pytest.raises(WireError, match=f"byte {place}: "):
         parse_ulog(GOLDEN.replace(b"int32_t EKF2", b"int64_t EKF2", 1))
-    with pytest.raises(WireError, match=f"byte {place}: .*amid its definitions"):
+    with pytest.raises(WireError, match=f"byte {place}: .*within its definitions"):
         parse_ulog(GOLDEN[: place + 10])
 
 

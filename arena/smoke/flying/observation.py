@@ -71,9 +71,9 @@ def _known_telemetry(telemetry: Telemetry, now: float, *, rotors: float) -> dict
     """
 
     def fresh(group: Any) -> Any:
-        return group if group is not None and now - group.heard <= MAX_AGE_S else None
+        return group if group is not None and now - group.received_at <= MAX_AGE_S else None
 
-    heart, ground, local = fresh(telemetry.heart), fresh(telemetry.ground), fresh(telemetry.local)
+    heart, ground, local = fresh(telemetry.heartbeat), fresh(telemetry.ground), fresh(telemetry.local)
     reference, status = fresh(telemetry.reference), fresh(telemetry.status)
     return {
         "mode": heart.mode if heart else "",

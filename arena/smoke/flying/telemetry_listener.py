@@ -93,7 +93,7 @@ class TelemetryListener:
         for name, sock in self._sockets.items():
             while True:
                 try:
-                    self.telemetry[name].hear(sock.recv(_DATAGRAM_BYTES), now)
+                    self.telemetry[name].on_datagram(sock.recv(_DATAGRAM_BYTES), now)
                 except OSError:  # nothing received, or no router that listens
                     break
 
@@ -109,7 +109,7 @@ class TelemetryListener:
             self._next_heartbeat[name] = now + _HEARTBEAT_PERIOD_S
             self.command(name, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HEARTBEAT)
         ground = self.telemetry[name].ground
-        if (ground is None or now - ground.heard > _MISSING_S) and now >= self._next_rates[name]:
+        if (ground is None or now - ground.received_at > _MISSING_S) and now >= self._next_rates[name]:
             self._next_rates[name] = now + _RETRY_S
             for message in _REQUESTED:
                 self.command(name, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message, _INTERVAL_US)
