@@ -19,7 +19,7 @@ class RealTimeMeter:
     """Reads the simulated time of a run and measures the real-time factor: simulated seconds per second."""
 
     def __init__(self, plan: Plan, folder: RunFolder) -> None:
-        world = plan.slices.get("world", {})
+        world = plan.slices.get("world.json", {})
         stem, asked = world.get("clock"), world.get("speed", 1.0)
         self._stem = folder.fill(stem) if isinstance(stem, str) else None
         self._asked = float(asked) if isinstance(asked, int | float) else None

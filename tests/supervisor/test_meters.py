@@ -27,7 +27,7 @@ class Page:
 
 
 def meter(folder: Path, **slice_: Any) -> RealTimeMeter:
-    plan = plan_of(world(), slices={"world": {"clock": "{rt}/clock", **slice_}})
+    plan = plan_of(world(), slices={"world.json": {"clock": "{rt}/clock", **slice_}})
     return RealTimeMeter(plan, RunFolder(path=folder, rt=folder))
 
 
