@@ -58,10 +58,12 @@ class RouterShell:
         """Wait for datagrams, at most `timeout_s`, route them, and do what is due."""
         for fd, _ in self._poll.poll(timeout_s):
             self._read(fd)
+        for (
+            warning
+        ) in self._router.warnings():  # first, so that a failsafe is shown before the mode that it enters
+            self._process.event(warning)
         if changed := self._router.changed_facts():
             self._process.facts(changed)
-        for warning in self._router.warnings():
-            self._process.event(warning)
         now = time.monotonic()
         if self._world_time is not None and self._world_time.now() >= self._next_heartbeat:
             self._heartbeat(now)
