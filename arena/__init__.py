@@ -5,20 +5,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from arena.uav import UAV, Heart
+    from arena.uav import UAV, Heart, Heartbeat
 
-__all__ = ["UAV", "Heart"]
+__all__ = ["UAV", "Heart", "Heartbeat"]
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """`from arena import UAV`, or `Heart`, without making every room that imports arena pay for it."""
-    if name == "UAV":
-        from arena.uav import UAV
+    """Import `UAV` and `Heartbeat` when a program asks for them, so that other processes do not load them.
 
-        return UAV
-    if name == "Heart":
-        from arena.uav.heartbeat import Heart
+    `Heart` is the deprecated name of `Heartbeat`.
+    """
+    if name in __all__:
+        from arena import uav
 
-        return Heart
+        return getattr(uav, name)
     raise AttributeError(f"module 'arena' has no attribute {name!r}")

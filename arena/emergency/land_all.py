@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from arena.emergency.dispatch import bring_down
+from arena.emergency.run_record import record_command
 from arena.emergency.targets import Found, Target, choose, find
 from arena.errors import EXIT_FAILED, EXIT_OK, ArenaError, InputError
 
@@ -30,6 +31,7 @@ def land_all(
         _say("no vehicle to land")
         return EXIT_OK
     _say(f"landing {', '.join(t.name for t in targets)} (addresses from {found.source})")
+    _record("land-all", targets)
     return _worst(found, bring_down(targets, action="land", timeout_s=timeout_s, say=_say))
 
 
@@ -52,7 +54,13 @@ def kill_all(
         _say("no vehicle to stop")
         return EXIT_OK
     _say(f"STOPPING THE MOTORS of {', '.join(t.name for t in targets)} (addresses from {found.source})")
+    _record("kill-all", targets)
     return _worst(found, bring_down(targets, action="kill", timeout_s=timeout_s, say=_say))
+
+
+def _record(command: str, targets: Sequence[Target]) -> None:
+    for folder in {t.run for t in targets if t.run is not None}:
+        record_command(folder, command, [t.name for t in targets if t.run == folder])
 
 
 def _worst(found: Found, code: int) -> int:

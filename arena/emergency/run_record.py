@@ -1,9 +1,10 @@
-"""The record of a vehicle in a run folder: a crash, its last address, the process of its link. Reads files only.
+"""The record of a vehicle in a run folder: a crash, its last address, the process of its link.
 
 <run>/events.jsonl    crashes of simulated vehicles and the end of PX4 processes
 <run>/wire/<v>.json   written by link.<v>: {"kind": "udpin", "local": [host, port], "vehicle": [host, port]}
                       or {"kind": "serial", "device": "/dev/...", "baud": 57600}
 <run>/state.json      process ids and start times, written by the supervisor
+<run>/emergency.jsonl what land-all and kill-all have commanded, written here for the programs of the run
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import json
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -79,6 +81,13 @@ def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
         if vehicle != process and vehicle in names and "to" in event:
             _apply_state(found, vehicle, str(event["to"]), str(event.get("reason", "")))
     return found
+
+
+def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
+    """Record a command in the run folder, so that programs can report why they lost their vehicle. Never raises OSError."""
+    entry = {"mono": time.monotonic(), "command": command, "vehicles": list(vehicles)}
+    with contextlib.suppress(OSError), (run / "emergency.jsonl").open("a") as file:
+        file.write(json.dumps(entry) + "\n")
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:

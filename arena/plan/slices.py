@@ -279,7 +279,11 @@ def program(job: Job) -> Json:
         "profile": {k: x for k, x in v.profile.slice().items() if k in kept},
         "neighbours": neighbours,
         "stale_s": PROGRAM_STALE_S,
-        "heart": heartbeat_address(arena),
+        "heartbeat": heartbeat_address(arena),
+        "log": [arena.address, v.ports.logger],
+        "run": "{run}",
+        "barriers": "{rt}/barriers",
+        "programs": [x.name for x in arena.vehicles if x.program is not None],
     }
 
 

@@ -1,6 +1,6 @@
-"""What a user program imports: one vehicle's data, commands and setpoints.
+"""The package for user programs: one vehicle's data, commands and setpoints.
 
-It must not send a setpoint outside the caller's own call, and not know whether the vehicle is simulated.
+It must not send a setpoint outside the caller's own call, and not depend on whether the vehicle is simulated.
 """
 
 from arena.errors import (
@@ -12,13 +12,16 @@ from arena.errors import (
     VehicleError,
 )
 from arena.uav.data_groups import Snapshot
-from arena.uav.heartbeat import Heart
+from arena.uav.heartbeat import Heartbeat
 from arena.uav.vehicle import UAV
+
+Heart = Heartbeat  # deprecated name
 
 __all__ = [
     "UAV",
     "CommandRefusedError",
     "Heart",
+    "Heartbeat",
     "NotConfirmedError",
     "OffboardLostError",
     "SetpointError",

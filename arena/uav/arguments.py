@@ -1,4 +1,4 @@
-"""How a program learns which vehicle it flies: the supervisor's slice, or arguments typed by hand."""
+"""Arguments of a program: which vehicle it flies, from the supervisor's slice or typed by hand."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from arena.mocap.vendors import VENDORS, vendor_settings
 
 
 def read_arguments(argv: Sequence[str] | None = None) -> dict[str, Any]:
-    """Keyword arguments of `UAV`. argv: without the program's name; None takes the process's own. Raises InputError."""
-    known, others = _parser().parse_known_args(argv)
-    found = _from_slice(known.uav) if known.uav else _by_hand(known)
+    """Return the keyword arguments of `UAV`.
+
+    argv: without the program's name; None for those of this process. Raises InputError.
+    """
+    given, others = _parser().parse_known_args(argv)
+    found = _from_slice(given.uav) if given.uav else _by_hand(given)
     return {**found, "args": others}
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument(
-        "--uav", metavar="FILE", help="what the supervisor passes: a JSON file that holds all the rest"
-    )
+    parser.add_argument("--uav", metavar="FILE", help="JSON file with all settings, passed by the supervisor")
     parser.add_argument("--ns", default="uav1", help="name of the vehicle")
     parser.add_argument("--id", type=int, help="its MAV_SYS_ID; by default the number that ends its name")
     parser.add_argument("--link", help="udpin:HOST:PORT; by default udpin:127.0.0.1:16000+id")
@@ -35,7 +36,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="VENDOR:ADDRESS",
         help=f"read the vehicle's pose from this motion capture; vendors: {', '.join(VENDORS)}",
     )
-    parser.add_argument("--body", help="one's own name in the motion capture; by default the vehicle's name")
+    parser.add_argument("--body", help="name of the vehicle's rigid body; by default the vehicle's name")
     return parser
 
 
@@ -52,7 +53,11 @@ def _from_slice(file: str) -> dict[str, Any]:
             "clock": _clock(settings.get("clock"), settings["vehicle"]),
             "neighbours": [(n["name"], n["body"]) for n in settings.get("neighbours", ())],
             "stale_s": settings.get("stale_s", 0.5),
-            "heart": _heart(settings.get("heart")),
+            "heartbeat": _address(settings.get("heartbeat", settings.get("heart"))),
+            "log": _address(settings.get("log")),
+            "run": settings.get("run"),
+            "barriers": settings.get("barriers"),
+            "programs": settings.get("programs", ()),
         }
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"--uav {file}: {error}") from error
@@ -60,23 +65,23 @@ def _from_slice(file: str) -> dict[str, Any]:
         raise InputError(f"--uav {file}: the key {error} is missing; `arena up` writes this file") from error
 
 
-def _by_hand(known: argparse.Namespace) -> dict[str, Any]:
-    from arena.schema.library import load_profile  # only a program started by hand needs the profiles' files
+def _by_hand(given: argparse.Namespace) -> dict[str, Any]:
+    from arena.schema.library import load_profile  # only a program started by hand needs the profile files
 
-    digits = known.ns[len(known.ns.rstrip("0123456789")) :]
-    if known.id is None and not digits:
-        raise InputError(f"--id: missing, and the name {known.ns!r} does not end in a number to take it from")
-    number = int(digits) if known.id is None else known.id
-    profile = load_profile(known.profile).slice()
-    link = known.link or f"udpin:127.0.0.1:{16000 + number}"
+    digits = given.ns[len(given.ns.rstrip("0123456789")) :]
+    if given.id is None and not digits:
+        raise InputError(f"--id: missing, and the name {given.ns!r} does not end in a number to take it from")
+    number = int(digits) if given.id is None else given.id
+    profile = load_profile(given.profile).slice()
+    link = given.link or f"udpin:127.0.0.1:{16000 + number}"
     return {
         **_profile(profile),
-        "ns": known.ns,
+        "ns": given.ns,
         "link": link,
         "system_id": number,
-        "clock": _clock(known.clock, known.ns),
-        "capture": _capture(known.capture, known.body or known.ns) if known.capture else None,
-        "body": known.body,
+        "clock": _clock(given.clock, given.ns),
+        "capture": _capture(given.capture, given.body or given.ns) if given.capture else None,
+        "body": given.body,
     }
 
 
@@ -89,7 +94,7 @@ def _capture(text: str, body: str) -> dict[str, Any]:
         raise InputError(f"--capture: {error}") from error
 
 
-def _heart(address: Sequence[Any] | None) -> tuple[str, int] | None:
+def _address(address: Sequence[Any] | None) -> tuple[str, int] | None:
     return None if address is None else (str(address[0]), int(address[1]))
 
 

@@ -1,7 +1,7 @@
-"""The sockets of a program: what the autopilot and the cameras say comes in here, what the program says goes out.
+"""The sockets of a program: telemetry and motion capture come in, setpoints and commands go out.
 
-A background thread receives and sends the 1 Hz heartbeat that tells the vehicle "a computer is on board". It never sends a
-setpoint: those leave in the caller's own call, so that a hung program goes silent and meets the offboard failsafe.
+A background thread receives, and sends the 1 Hz heartbeat that announces an onboard computer to the vehicle. It never sends a
+setpoint: setpoints leave in the caller's own call, so that a program that hangs meets the offboard failsafe.
 """
 
 from __future__ import annotations
@@ -25,18 +25,21 @@ if TYPE_CHECKING:
     from arena.mocap.client import MocapClient
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-_WAKE_S = 0.02  # wall time between looks at the sockets: fifty wake-ups a second instead of six hundred
-_FRESH_S = 0.001
+_POLL_PERIOD_S = 0.02  # wall time between two polls: 50 wake-ups a second instead of 600
+_MIN_REFRESH_S = 0.001
 _HEARTBEAT_S = 1.0
-_MOST = 2000  # datagrams at a look: a flood must not keep the caller
-
+_MAX_DATAGRAMS = 2000  # in one poll: a flood must not keep the caller
 
 Capture = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
 class Connection:
-    """url: "udpin:HOST:PORT" (wait to be spoken to) or "udpout:HOST:PORT". capture: settings of `arena.mocap.client`, one or several
-    where different servers see different bodies, or None.
+    """One program's connection to its vehicle and to motion capture.
+
+    url: "udpin:HOST:PORT" (the vehicle sends first) or "udpout:HOST:PORT".
+    system_id: MAV_SYS_ID of the vehicle.
+    poses: where captured poses are kept.
+    capture: settings for `arena.mocap.client`; several where different servers see different bodies; None without capture.
     """
 
     def __init__(
@@ -48,78 +51,78 @@ class Connection:
         self.fault = ""
         self._clock = clock
         self._codec = Codec(system_id, COMPONENT)
-        self._socket, self._partner = _open(url)
-        self._captures = _captures(capture, poses.bodies)
+        self._socket, self._vehicle = _open(url)
+        self._captures = _open_captures(capture, poses.bodies)
         self._receiving, self._sending = threading.Lock(), threading.Lock()
-        self._looked = -1.0
+        self._polled = -1.0
         self._heartbeat_due = 0.0
         self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="arena.uav link", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="arena.uav connection", daemon=True)
         self._thread.start()
 
     def refresh(self) -> None:
         """Take in what has arrived, unless that was done in the last millisecond."""
-        if time.monotonic() - self._looked > _FRESH_S:
-            self._look()
+        if time.monotonic() - self._polled > _MIN_REFRESH_S:
+            self.poll()
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Raises NotConfirmedError while nobody has spoken here yet, so that there is no address to answer."""
-        if self._partner is None:
+        """Send a message to the vehicle. Raises NotConfirmedError before the vehicle's first message, as its address is unknown."""
+        if self._vehicle is None:
             raise NotConfirmedError(
-                "nothing has been heard on the vehicle's link yet, so there is nobody to send to"
+                "no message from the vehicle has arrived yet, so its address is not known: is the arena up?"
             )
+        self.send_to(message, self._vehicle)
+
+    def send_to(self, message: mavlink.MAVLink_message, address: Address) -> None:
+        """Send a message to any address, such as the vehicle's logger."""
         with self._sending:
             data = self._codec.pack(message)
-        self._send_frame(data, self._partner)
-
-    def _send_frame(self, data: bytes, to: Address) -> None:
-        try:
-            self._socket.sendto(data, to)
-        except (
-            OSError
-        ):  # a full buffer or a network that is away: the silence that follows is what gets reported
-            self.unsent += 1
+        self._send_frame(data, address)
 
     def close(self) -> None:
-        """Nothing is commanded: a vehicle in the air meets its failsafe."""
+        """Close the sockets. Nothing is commanded: a vehicle in the air meets its failsafe."""
         self._ending.set()
         if threading.current_thread() is not self._thread:
             self._thread.join(1.0)
         with self._receiving:
             self._socket.close()
-            for receiver in self._captures:
-                receiver.close()
+            for client in self._captures:
+                client.close()
 
-    def _run(self) -> None:
-        while not self._ending.wait(_WAKE_S):
-            self._look()
-            now = self._clock.now()
-            if self._partner is not None and not 0.0 <= self._heartbeat_due - now <= _HEARTBEAT_S:
-                self._heartbeat_due = now + _HEARTBEAT_S
-                with self._sending:
-                    data = self._codec.onboard_heartbeat()
-                self._send_frame(data, self._partner)
-
-    def _look(self) -> None:
+    def poll(self) -> None:
+        """Read all sockets."""
         with self._receiving:
             if self._ending.is_set():
                 return
-            self._looked = time.monotonic()
+            self._polled = time.monotonic()
             now = self._clock.now()
-            self._hear_autopilot(now)
-            for receiver in self._captures:
-                self._hear_capture(receiver, now)
+            for datagram, sender in receive_datagrams(self._socket, _MAX_DATAGRAMS):
+                if self.telemetry.on_datagram(datagram, now):
+                    self._vehicle = sender
+            for client in self._captures:
+                self._poll_capture(client, now)
 
-    def _hear_autopilot(self, now: float) -> None:
-        for datagram, sender in receive_datagrams(self._socket, _MOST):
-            if self.telemetry.on_datagram(datagram, now):
-                self._partner = sender
+    def _run(self) -> None:
+        while not self._ending.wait(_POLL_PERIOD_S):
+            self.poll()
+            now = self._clock.now()
+            if self._vehicle is not None and not 0.0 <= self._heartbeat_due - now <= _HEARTBEAT_S:
+                self._heartbeat_due = now + _HEARTBEAT_S
+                with self._sending:
+                    data = self._codec.onboard_heartbeat()
+                self._send_frame(data, self._vehicle)
 
-    def _hear_capture(self, receiver: MocapClient, now: float) -> None:
+    def _send_frame(self, data: bytes, to: Address) -> None:
         try:
-            for frame in receiver.poll(now):
+            self._socket.sendto(data, to)
+        except OSError:  # a full buffer or a network that is away: the vehicle's silence is reported instead
+            self.unsent += 1
+
+    def _poll_capture(self, client: MocapClient, now: float) -> None:
+        try:
+            for frame in client.poll(now):
                 for pose in frame.poses:
-                    self.poses.on_pose(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
+                    self.poses.receive(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
         except (ArenaError, OSError) as error:
             self.fault = str(error)
 
@@ -141,22 +144,24 @@ def _open(url: str) -> tuple[socket.socket, Address | None]:
     except OSError as error:
         where = f"{connection.host}:{connection.port}"
         raise InputError(
-            f"link: cannot listen on {where}: {error.strerror}. Does another program hold it?"
+            f"link: cannot listen on {where}: {error.strerror}. Does another program use this port?"
         ) from error
 
 
-def _captures(settings: Capture | None, bodies: Sequence[str]) -> list[MocapClient]:
-    """A receiver for each server that is to see one of the bodies. A body is taken from one server only: the first, so that no
-    two systems' axes are mixed. A server that stands alone sees them all.
+def _open_captures(settings: Capture | None, bodies: Sequence[str]) -> list[MocapClient]:
+    """Open a client for each server that sees one of the bodies.
+
+    Each body is taken from the first server that has it, so that the axes of two systems are not mixed. A single server is
+    asked for all bodies.
     """
     from arena.mocap.client import open_client
 
     each = [{**settings, "bodies": None}] if isinstance(settings, Mapping) else settings or ()
-    made, left = [], list(bodies)
+    opened, left = [], list(bodies)
     for one in each:
         wanted = one.get("bodies")
         own = [b for b in left if wanted is None or b in wanted]
         left = [b for b in left if b not in own]
         if own:
-            made.append(open_client({**one, "bodies": own}))
-    return made
+            opened.append(open_client({**one, "bodies": own}))
+    return opened

@@ -1,6 +1,7 @@
-"""What a program reads: `uav.ekf.pos`, `uav.sen.imu.acc_body`, ... Each value is one whole message's, and never a stale one.
+"""Data groups that a program reads: `uav.ekf.pos`, `uav.sen.imu.acc_body`, ...
 
-A group reads the newest values at each access. `uav.snapshot()` gives the same groups fixed at one instant.
+A group returns the newest values at each access; the values of one access come from one message. Stale values raise
+StaleDataError. `uav.snapshot()` returns the same groups fixed at one instant.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from arena.geometry import Array, euler_from_quat, quat_conj, quat_rotate
 from arena.uav.poses import Pose, Poses
 from arena.wire.telemetry import Attitude, Baro, Imu, Local, Telemetry
 
-# How long a group stays good, in multiples of `stale_s`: what PX4 sends slowly grows old slowly.
-_SLOW = {
+# Age limit of a group, in multiples of `stale_s`: longer for what PX4 sends at a low rate.
+_AGE_LIMITS = {
     "heartbeat": 6.0,
     "landed state": 6.0,
     "actuators": 2.0,
@@ -30,7 +31,7 @@ _SLOW = {
 
 
 class Stamped(Protocol):
-    """Anything heard at a time [s]."""
+    """A value with its time of arrival [s]."""
 
     @property
     def received_at(self) -> float: ...
@@ -41,7 +42,7 @@ S = TypeVar("S", bound=Stamped)
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """What a program is told of its vehicle. mass [kg], radius [m], height [m]; thrust_curve: as in the profile."""
+    """Fixed data of the vehicle. mass: [kg]. radius, height: [m]. thrust_curve: as in the profile."""
 
     ns: str
     mass: float
@@ -53,7 +54,10 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Where groups read: refresh() brings the newest in; now() is the time their ages are counted to [s]."""
+    """Source of all groups.
+
+    refresh: receives what has arrived. now: returns the time that ages are measured at [s].
+    """
 
     ns: str
     stale_s: float
@@ -63,7 +67,7 @@ class Source:
     refresh: Callable[[], None]
 
     def fixed(self) -> Source:
-        """The same values, fixed at this instant."""
+        """Return the same values, fixed at this instant."""
         self.refresh()
         instant = self.now()
         return Source(
@@ -76,20 +80,20 @@ class Source:
         )
 
     def limit_s(self, what: str) -> float:
-        return self.stale_s * _SLOW.get(what, 1.0)
+        """Return the age limit of a group [s]."""
+        return self.stale_s * _AGE_LIMITS.get(what, 1.0)
 
     def fresh(self, value: S | None, what: str) -> S:
-        """value, if it was ever heard and is young enough; else StaleDataError."""
+        """Return a value that has arrived and is not too old. Raises StaleDataError."""
         if value is None:
-            raise StaleDataError(f"{self.ns}: no {what} has been heard yet")
+            raise StaleDataError(f"{self.ns}: no {what} has arrived yet")
         age, limit = self.now() - value.received_at, self.limit_s(what)
         if age > limit:
-            raise StaleDataError(
-                f"{self.ns}: {what} is {age:.2f} s old, more than {limit:g} s is too old to fly by"
-            )
+            raise StaleDataError(f"{self.ns}: {what} is {age:.2f} s old (limit {limit:g} s)")
         return value
 
     def age(self, value: Stamped | None) -> float:
+        """Return the age of a value [s]; infinite before the first one."""
         return math.inf if value is None else max(0.0, self.now() - value.received_at)
 
 
@@ -109,7 +113,7 @@ class Ekf:
 
     @property
     def age_s(self) -> float:
-        """Age of the older of position and attitude [s]; infinite before both were heard."""
+        """Age of the older of position and attitude [s]; infinite before both have arrived."""
         self._source.refresh()
         return max(
             self._source.age(self._source.telemetry.local), self._source.age(self._source.telemetry.attitude)
@@ -179,7 +183,7 @@ class ImuSensor:
 
 
 class MocapSensor:
-    """The motion capture's own measurement of this vehicle, past the autopilot."""
+    """The vehicle's pose as measured by motion capture, without the autopilot."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -208,7 +212,7 @@ class MocapSensor:
 
 
 class GpsSensor:
-    """The autopilot's satellite receiver, where it has one."""
+    """The autopilot's satellite receiver, if it has one."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -257,27 +261,27 @@ class BaroSensor:
 
 
 class EmulatedSensor:
-    """Where the neighbours are, as a sensor on board would tell it: made from motion capture."""
+    """Relative positions of the neighbours, computed from motion capture."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
 
     @property
     def age_s(self) -> float:
-        """Age of the oldest pose among own and neighbours [s]."""
+        """Age of the oldest pose of the vehicle and its neighbours [s]."""
         self._source.refresh()
         poses = self._source.poses
         return max(self._source.age(p) for p in (poses.own, *poses.neighbours))
 
     @property
     def rel_pos(self) -> Array:
-        """Neighbours' positions minus one's own [m] [NED] (n, 3), in the order of `neighbours`."""
+        """Neighbours' positions minus the vehicle's [m] [NED] (n, 3), in the order of `neighbours`."""
         own, others = self._all()
         return np.array([o.p_n - own.p_n for o in others]).reshape(-1, 3)
 
     @property
     def rel_vel(self) -> Array:
-        """Neighbours' velocities minus one's own [m/s] [NED] (n, 3): the slope of the last nine poses, so some 25 ms late."""
+        """Neighbours' velocities minus the vehicle's [m/s] [NED] (n, 3): slope of the last nine poses, about 25 ms late."""
         own, others = self._all()
         return np.array([o.v_n - own.v_n for o in others]).reshape(-1, 3)
 
@@ -294,7 +298,7 @@ class EmulatedSensor:
 
 @dataclass(frozen=True)
 class Sensors:
-    """uav.sen"""
+    """The sensors, `uav.sen`."""
 
     source: Source = field(repr=False)
     imu: ImuSensor = field(init=False, repr=False)
@@ -316,7 +320,7 @@ class Sensors:
 
 
 class Actuation:
-    """What the autopilot tells its motors."""
+    """Actuator outputs of the autopilot, `uav.act`."""
 
     def __init__(self, source: Source, num_rotors: int) -> None:
         self._source, self._rotors = source, num_rotors
@@ -328,19 +332,19 @@ class Actuation:
 
     @property
     def group(self) -> int:
-        """Mixer group, or output port where the autopilot tells motors."""
+        """Mixer group, or the output port of SERVO_OUTPUT_RAW."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.actuators, "actuators").group
 
     @property
     def output(self) -> Array:
-        """One number for each rotor, 0..1 [-] (num_rotors,)."""
+        """Output of each rotor, 0..1 [-] (num_rotors,)."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.actuators, "actuators").output[: self._rotors].copy()
 
 
 class Info:
-    """Which vehicle this is and how it is."""
+    """Identity and state of the vehicle, `uav.info`."""
 
     def __init__(self, source: Source, body: Body) -> None:
         self._source = source
@@ -355,13 +359,13 @@ class Info:
 
     @property
     def flight_mode(self) -> str:
-        """PX4's words: "OFFBOARD", "AUTO.LAND", ..."""
+        """PX4's name of the flight mode: "OFFBOARD", "AUTO.LAND", ..."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.heartbeat, "heartbeat").mode
 
     @property
     def is_connected(self) -> bool:
-        """Is the autopilot heard? Never raises."""
+        """Whether heartbeats of the autopilot arrive. Never raises."""
         return self.age_s <= self._source.limit_s("connection")
 
     @property
@@ -376,7 +380,7 @@ class Info:
 
     @property
     def battery(self) -> float:
-        """What is left [%]; nan where the autopilot does not know."""
+        """Remaining charge [%]; NaN when the autopilot does not measure it."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.status, "battery").battery
 
@@ -392,6 +396,7 @@ class Snapshot:
 
     @classmethod
     def of(cls, source: Source, body: Body) -> Snapshot:
+        """Return all groups of a source."""
         return cls(
             ekf=Ekf(source),
             sen=Sensors(source),

@@ -1,5 +1,6 @@
-"""The program's heartbeat to the copilot: sent in the program's own calls alone, so that one that hangs falls silent, whatever
-a thread of its SDK goes on to send.
+"""The program's heartbeat to the copilot.
+
+It is sent only inside the program's own calls, so that a program that hangs stops sending, whatever the threads of its SDK do.
 """
 
 from __future__ import annotations
@@ -16,40 +17,45 @@ from arena.wire.mavlink_codec import Codec
 _PERIOD_S = 0.1
 
 
-class Heart:
-    """address: where the copilot listens, None where there is none: beating is free then. clock: what the rate is counted by.
+class Heartbeat:
+    """The sender of one program's heartbeats.
 
-    `arena.UAV` has one of its own and beats it. A program that flies with an SDK calls `beat` in its main loop:
+    address: where the copilot receives them; None without a copilot, and then nothing is sent.
+    system_id: MAV_SYS_ID of the vehicle.
+    clock: the clock that the rate is measured on; the wall clock by default.
 
-        heart = Heart.from_args()
+    `arena.UAV` has a heartbeat of its own. A program that flies with an SDK calls `beat` in its main loop:
+
+        heartbeat = Heartbeat.from_args()
         while flying:
-            heart.beat()
+            heartbeat.beat()
     """
 
     def __init__(self, address: tuple[str, int] | None, system_id: int, clock: Clock | None = None) -> None:
         self._address, self._clock = address, WallClock() if clock is None else clock
         self._codec = Codec(system_id, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
-        self._socket = open_udp()
+        self._socket = open_udp(receive_buffer_bytes=None)
         self._due = -1e18
 
     @classmethod
-    def from_args(cls, argv: Sequence[str] | None = None) -> Heart:
-        """For the vehicle that the supervisor passes (`--uav FILE`); other arguments are the program's own."""
+    def from_args(cls, argv: Sequence[str] | None = None) -> Heartbeat:
+        """Return the heartbeat for the vehicle in `--uav FILE`; other arguments are left to the program."""
         from arena.uav.arguments import read_arguments
 
         found = read_arguments(argv)
-        return cls(found.get("heart"), found["system_id"], found["clock"])
+        return cls(found.get("heartbeat"), found["system_id"], found["clock"])
 
     def beat(self) -> None:
-        """I am alive, and so is my loop. Ten times a second at most: call it as often as you like."""
+        """Send a heartbeat, unless the last one is less than 0.1 s old: calling it more often costs nothing."""
         if self._address is None:
             return
         now = self._clock.now()
         if now < self._due:
             return
         self._due = now + _PERIOD_S
-        with contextlib.suppress(OSError):  # no copilot there now: it watches nobody
+        with contextlib.suppress(OSError):  # no copilot is there now
             self._socket.sendto(self._codec.onboard_heartbeat(), self._address)
 
     def close(self) -> None:
+        """Close the socket."""
         self._socket.close()

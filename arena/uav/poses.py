@@ -1,4 +1,4 @@
-"""The newest motion-capture pose of one's own body and of each neighbour's. Pure."""
+"""The newest motion-capture poses of the program's own body and of its neighbours. Pure."""
 
 from __future__ import annotations
 
@@ -9,34 +9,37 @@ import numpy as np
 
 from arena.geometry import Array
 
-_TRAIL = 9  # at 180 Hz and 0.3 mm of noise a slope over nine poses is good to some 7 mm/s
+_TRAIL_LENGTH = 9  # at 180 Hz and 0.3 mm of noise a slope over nine poses is good to some 7 mm/s
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pose:
-    """received_at: when it arrived [s]; place [m] [NED]; turn [-] wxyz; trail: (time [s], place) of the last poses.
+    """One pose, as plain numbers: it is made 180 times a second, and arrays only where a program reads them.
 
-    Plain numbers, 180 times a second; arrays only where somebody looks.
+    received_at: time of arrival [s].
+    position: [m] [NED] (3,).
+    quaternion: q_nb [-] wxyz (4,).
+    trail: (time [s], position) of the last poses.
     """
 
     received_at: float
-    place: Sequence[float]
-    turn: Sequence[float]
+    position: Sequence[float]
+    quaternion: Sequence[float]
     trail: tuple[tuple[float, Sequence[float]], ...]
 
     @property
     def p_n(self) -> Array:
         """Position of the body origin [m] [NED] (3,)."""
-        return np.array(self.place, dtype=np.float64)
+        return np.array(self.position, dtype=np.float64)
 
     @property
     def q_nb(self) -> Array:
         """Attitude [-] wxyz (4,)."""
-        return np.array(self.turn, dtype=np.float64)
+        return np.array(self.quaternion, dtype=np.float64)
 
     @property
     def v_n(self) -> Array:
-        """Velocity [m/s] [NED] (3,): least-squares slope of the trail; zero while there is one pose only."""
+        """Velocity [m/s] [NED] (3,): least-squares slope of the trail; zero after the first pose."""
         times = np.array([t for t, _ in self.trail])
         times -= times.mean()
         spread = float(times @ times)
@@ -44,7 +47,11 @@ class Pose:
 
 
 class Poses:
-    """own, neighbours: the newest poses, None before the first. body: one's own name in the capture system."""
+    """own, neighbours: the newest poses, None before the first one arrives.
+
+    body: name of the program's own rigid body in the capture system, None without one.
+    neighbours: (vehicle, rigid body) of each neighbour.
+    """
 
     def __init__(self, body: str | None, neighbours: Sequence[tuple[str, str]] = ()) -> None:
         self.neighbour_names = tuple(name for name, _ in neighbours)
@@ -55,13 +62,16 @@ class Poses:
 
     @property
     def bodies(self) -> list[str]:
-        """The bodies worth asking the capture system for."""
+        """The rigid bodies to request from motion capture."""
         return [*([] if self._body is None else [self._body]), *self._rows]
 
-    def on_pose(
+    def receive(
         self, body: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float
     ) -> None:
-        """One tracked pose. time_s: when it was taken, by the capture system's clock [s]; now: when it arrived [s]."""
+        """Store one tracked pose.
+
+        time_s: exposure, by the capture system's clock [s]. now: arrival [s].
+        """
         if body == self._body:
             self.own = _next(self.own, p_n, q_nb, time_s, now)
         row = self._rows.get(body)
@@ -71,7 +81,7 @@ class Poses:
 
 
 def _next(last: Pose | None, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float) -> Pose:
-    trail = () if last is None else last.trail[1 - _TRAIL :]
+    trail = () if last is None else last.trail[1 - _TRAIL_LENGTH :]
     if trail and not trail[-1][0] < time_s < trail[-1][0] + 0.25:
-        trail = ()  # the capture system restarted, or lost the body: the old slope says nothing
-    return Pose(received_at=now, place=p_n, turn=q_nb, trail=(*trail, (time_s, p_n)))
+        trail = ()  # the capture system restarted or lost the body: the old slope is not valid
+    return Pose(received_at=now, position=p_n, quaternion=q_nb, trail=(*trail, (time_s, p_n)))

@@ -1,6 +1,6 @@
-"""What a program may ask for -> the MAVLink message that asks for it. Pure.
+"""Setpoints of a program as MAVLink messages. Pure.
 
-Vectors come in as (3,) or (3, 1); anything else, or a value that is not finite, is a SetpointError that tells what was found.
+Vectors have the shape (3,) or (3, 1). Any other shape, or a value that is not finite, raises SetpointError with what was found.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ AttitudeKind = Literal["euler", "quaternion"]
 
 
 class Ignore(IntFlag):
-    """POSITION_TARGET_TYPEMASK: a bit says what the autopilot shall not look at."""
+    """POSITION_TARGET_TYPEMASK: fields that the autopilot ignores."""
 
     POSITION = 0x007
     VELOCITY = 0x038
@@ -30,7 +30,7 @@ class Ignore(IntFlag):
 
 
 class IgnoreAttitude(IntFlag):
-    """ATTITUDE_TARGET_TYPEMASK."""
+    """ATTITUDE_TARGET_TYPEMASK: fields that the autopilot ignores."""
 
     RATES = 0x07
     THRUST = 0x40
@@ -38,7 +38,10 @@ class IgnoreAttitude(IntFlag):
 
 
 def vector(value: ArrayLike, what: str, size: int = 3) -> Array:
-    """value: (size,) or (size, 1) -> float64 (size,). Raises SetpointError on any other shape and on nan or infinity."""
+    """Return a vector as float64 (size,).
+
+    value: (size,) or (size, 1). Raises SetpointError for any other shape, NaN and infinity.
+    """
     try:
         found = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -51,7 +54,7 @@ def vector(value: ArrayLike, what: str, size: int = 3) -> Array:
 
 
 def scalar(value: ArrayLike, what: str) -> float:
-    """value: one finite number, also as (1,) or (1, 1). Raises SetpointError on anything else."""
+    """Return one finite number, given as a number, (1,) or (1, 1). Raises SetpointError for anything else."""
     try:
         found = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -62,7 +65,7 @@ def scalar(value: ArrayLike, what: str) -> float:
 
 
 def period_s(freq: ArrayLike) -> float:
-    """freq: how often the caller will call [Hz], above 0 -> the period [s]."""
+    """Return the period [s] of a rate `freq` [Hz]. Raises SetpointError unless 0 < freq <= 1000."""
     hz = scalar(freq, "freq")
     if not 0.0 < hz <= 1000.0:
         raise SetpointError(
@@ -72,7 +75,7 @@ def period_s(freq: ArrayLike) -> float:
 
 
 def duration_s(time: ArrayLike) -> float:
-    """time: [s], not negative."""
+    """Return a duration [s]. Raises SetpointError for a negative one."""
     seconds = scalar(time, "time")
     if seconds < 0.0:
         raise SetpointError(f"time: got {seconds:g} s, expected 0 or more")
@@ -80,7 +83,10 @@ def duration_s(time: ArrayLike) -> float:
 
 
 def attitude(att: ArrayLike, kind: AttitudeKind) -> Array:
-    """att: roll, pitch, yaw [rad] (3,) when kind is "euler"; wxyz (4,) when "quaternion" -> q_nb [-] wxyz (4,)."""
+    """Return an attitude as q_nb [-] wxyz (4,).
+
+    att: roll, pitch, yaw [rad] (3,) for the kind "euler"; wxyz (4,) for "quaternion".
+    """
     if kind == "euler":
         return quat_from_euler(vector(att, "att"))
     if kind != "quaternion":
@@ -89,48 +95,108 @@ def attitude(att: ArrayLike, kind: AttitudeKind) -> Array:
     try:
         return quat_normalize(q_nb)
     except ValueError as error:
-        raise SetpointError(f"att: got {q_nb.tolist()}, which is no rotation") from error
+        raise SetpointError(f"att: got {q_nb.tolist()}, whose norm is zero") from error
 
 
 class Encoder:
-    """Messages for one vehicle. system_id: MAV_SYS_ID; each method takes the program's own time [s]."""
+    """MAVLink messages for one vehicle.
+
+    system_id: MAV_SYS_ID. now, in every method: the program's time [s].
+    """
 
     def __init__(self, system_id: int) -> None:
         self._to = system_id, mavlink.MAV_COMP_ID_AUTOPILOT1
 
     def pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, now: float) -> mavlink.MAVLink_message:
-        """pos [m] [NED] (3,); yaw [rad], 0 is north, clockwise from above."""
+        """Return a position setpoint. pos: [m] [NED] (3,). yaw: [rad], 0 is north, clockwise from above."""
         mask = Ignore.VELOCITY | Ignore.ACCELERATION | Ignore.YAW_RATE
         return self._local(now, mask, pos=vector(pos, "pos"), yaw=scalar(yaw, "yaw"))
 
     def vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, now: float) -> mavlink.MAVLink_message:
-        """vel [m/s] [NED] (3,); yaw [rad]."""
+        """Return a velocity setpoint. vel: [m/s] [NED] (3,). yaw: [rad]."""
         mask = Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW_RATE
         return self._local(now, mask, vel=vector(vel, "vel"), yaw=scalar(yaw, "yaw"))
+
+    def pos_vel_yaw(
+        self,
+        pos: ArrayLike,
+        vel: ArrayLike,
+        yaw: ArrayLike,
+        now: float,
+        *,
+        acc: ArrayLike | None = None,
+        yaw_rate: ArrayLike | None = None,
+    ) -> mavlink.MAVLink_message:
+        """Return a trajectory setpoint: a position with feed-forward.
+
+        pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad].
+        acc: [m/s2] [NED] (3,), None to leave it to the autopilot. yaw_rate: [rad/s], None likewise.
+        """
+        mask = (Ignore.ACCELERATION if acc is None else Ignore(0)) | (
+            Ignore.YAW_RATE if yaw_rate is None else Ignore(0)
+        )
+        return self._local(
+            now,
+            mask,
+            pos=vector(pos, "pos"),
+            vel=vector(vel, "vel"),
+            acc=None if acc is None else vector(acc, "acc"),
+            yaw=scalar(yaw, "yaw"),
+            yaw_rate=0.0 if yaw_rate is None else scalar(yaw_rate, "yaw_rate"),
+        )
+
+    def reference(
+        self, p: ArrayLike | None, v: ArrayLike | None, yaw: ArrayLike | None, now: float
+    ) -> mavlink.MAVLink_message:
+        """Return a program's own reference for the log, POSITION_TARGET_LOCAL_NED.
+
+        p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. None for what the reference does not have.
+        Raises SetpointError when all three are None.
+        """
+        if p is None and v is None and yaw is None:
+            raise SetpointError("reference: got nothing, expected at least one of p, v and yaw")
+        mask = Ignore.ACCELERATION | Ignore.YAW_RATE
+        mask |= Ignore.POSITION if p is None else Ignore(0)
+        mask |= Ignore.VELOCITY if v is None else Ignore(0)
+        mask |= Ignore.YAW if yaw is None else Ignore(0)
+        zero = [0.0, 0.0, 0.0]
+        return mavlink.MAVLink_position_target_local_ned_message(
+            _ms(now),
+            mavlink.MAV_FRAME_LOCAL_NED,
+            int(mask),
+            *(zero if p is None else vector(p, "p").tolist()),
+            *(zero if v is None else vector(v, "v").tolist()),
+            *zero,
+            0.0 if yaw is None else math.remainder(scalar(yaw, "yaw"), math.tau),
+            0.0,
+        )
 
     def vel_body_yaw_rate(
         self, vel_body: ArrayLike, yaw_rate: ArrayLike, now: float
     ) -> mavlink.MAVLink_message:
-        """vel_body: forward, right, down [m/s] (3,), turned by the yaw alone: level, however the body tilts; yaw_rate [rad/s]."""
+        """Return a velocity setpoint in level body axes.
+
+        vel_body: forward, right, down [m/s] (3,), rotated by the yaw only, whatever the tilt. yaw_rate: [rad/s].
+        """
         mask = Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW
         vel, rate = vector(vel_body, "vel_body"), scalar(yaw_rate, "yaw_rate")
         return self._local(now, mask, vel=vel, yaw_rate=rate, frame=mavlink.MAV_FRAME_BODY_NED)
 
     def att_thrust(self, q_nb: Array, thrust: float, now: float) -> mavlink.MAVLink_message:
-        """q_nb [-] wxyz (4,), unit; thrust: normalised 0..1 [-]."""
+        """Return an attitude setpoint. q_nb: [-] wxyz (4,), unit. thrust: normalised 0..1 [-]."""
         return mavlink.MAVLink_set_attitude_target_message(
             _ms(now), *self._to, int(IgnoreAttitude.RATES), q_nb.tolist(), 0.0, 0.0, 0.0, thrust
         )
 
     def ang_vel_thrust(self, ang_vel: ArrayLike, thrust: float, now: float) -> mavlink.MAVLink_message:
-        """ang_vel: body rates [rad/s] [FRD] (3,); thrust: normalised 0..1 [-]."""
+        """Return a rate setpoint. ang_vel: body rates [rad/s] [FRD] (3,). thrust: normalised 0..1 [-]."""
         rates = vector(ang_vel, "ang_vel").tolist()
         return mavlink.MAVLink_set_attitude_target_message(
             _ms(now), *self._to, int(IgnoreAttitude.ATTITUDE), [1.0, 0.0, 0.0, 0.0], *rates, thrust
         )
 
     def act(self, group: int, output: ArrayLike, now: float) -> mavlink.MAVLink_message:
-        """group: 0..3; output: -1..1 [-], up to 8 of them. PX4 takes it up to v1.13 only."""
+        """Return an actuator setpoint, for PX4 up to v1.13. group: 0..3. output: up to 8 numbers -1..1 [-]."""
         if not isinstance(group, int) or not 0 <= group <= 3:
             raise SetpointError(f"group: got {group!r}, expected 0, 1, 2 or 3")
         found = np.asarray(output, dtype=np.float64).ravel()
@@ -142,7 +208,7 @@ class Encoder:
         )
 
     def command(self, number: int, params: tuple[float, ...], confirmation: int) -> mavlink.MAVLink_message:
-        """number: MAV_CMD; params: up to 7; confirmation: 0, then 1, 2, ... when it is sent again."""
+        """Return COMMAND_LONG. number: MAV_CMD. params: up to 7. confirmation: 0, then 1, 2, ... for repetitions."""
         return mavlink.MAVLink_command_long_message(
             *self._to, number, confirmation, *params, *[0.0] * (7 - len(params))
         )
@@ -154,19 +220,20 @@ class Encoder:
         *,
         pos: Array | None = None,
         vel: Array | None = None,
+        acc: Array | None = None,
         yaw: float = 0.0,
         yaw_rate: float = 0.0,
         frame: int = mavlink.MAV_FRAME_LOCAL_NED,
     ) -> mavlink.MAVLink_message:
-        nothing = [0.0, 0.0, 0.0]
+        zero = [0.0, 0.0, 0.0]
         return mavlink.MAVLink_set_position_target_local_ned_message(
             _ms(now),
             *self._to,
             frame,
             int(mask),
-            *(nothing if pos is None else pos.tolist()),
-            *(nothing if vel is None else vel.tolist()),
-            *nothing,
+            *(zero if pos is None else pos.tolist()),
+            *(zero if vel is None else vel.tolist()),
+            *(zero if acc is None else acc.tolist()),
             math.remainder(yaw, math.tau),
             yaw_rate,
         )

@@ -1,8 +1,9 @@
-"""The class a program flies with. Its data are groups (`groups.py`), its commands a `Pilot`, its wire a `Connection`."""
+"""`UAV`, the class that a program flies with: its data groups, commands, setpoints and connection."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -11,30 +12,40 @@ from numpy.typing import ArrayLike
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import Clock, WallClock
-from arena.errors import CommandRefusedError, StaleDataError
+from arena.errors import CommandRefusedError, NotConfirmedError, StaleDataError
 from arena.thrust_curve import thrust_curve as curve_of
 from arena.uav.connection import Capture, Connection
 from arena.uav.data_groups import Actuation, Body, Ekf, Info, Sensors, Snapshot, Source
-from arena.uav.heartbeat import Heart
+from arena.uav.heartbeat import Heartbeat
 from arena.uav.poses import Poses
 from arena.uav.setpoints import AttitudeKind, attitude, duration_s, period_s, scalar, vector
-from arena.uav.vehicle_control import STREAM_HZ, Pilot
+from arena.uav.start_barrier import StartBarrier
+from arena.uav.vehicle_control import STREAM_HZ, VehicleControl
 
 _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
 
 class UAV:
-    """One vehicle, simulated or real: the program cannot tell which.
+    """One vehicle, simulated or real: for the program there is no difference.
 
-    ns: the vehicle's name; mass [kg]; radius, height [m]; thrust_curve: the profile's settings (see `arena.thrust_curve`).
-    link: "udpin:HOST:PORT", where the vehicle's MAVLink comes in; system_id: its MAV_SYS_ID.
-    capture: settings of the motion capture, or of several; body: its own name there (default: ns).
-    neighbours: names, or (name, body) pairs.
-    clock: what `time` and `freq` are counted by; the wall clock by default. stale_s: data older than this raise.
-    heart: where a copilot listens for heartbeats, which leave in calls of its methods alone.
+    ns: the vehicle's name.
+    mass: [kg]. radius, height: [m].
+    thrust_curve: the profile's settings, see `arena.thrust_curve`.
+    link: "udpin:HOST:PORT", where the vehicle's MAVLink arrives.
+    system_id: MAV_SYS_ID of the vehicle.
+    capture: settings of the motion capture, one or several.
+    body: name of the vehicle's rigid body there; by default `ns`.
+    clock: the clock of `time` and `freq`; the wall clock by default.
+    neighbours: names of vehicles, or (name, rigid body) pairs.
+    stale_s: age at which data are too old to use [s].
+    heartbeat: address of the copilot, None without one; heartbeats leave only in calls of this object.
+    log: address of the vehicle's logger, None without one.
+    run: folder of the run, None for a program started by hand.
+    barriers: folder in which `wait_for` meets the other programs of the run. programs: vehicles that have a program.
+    args: arguments of the program itself.
 
-    Setpoints leave only while one of its methods runs. A program that stops calling them goes silent, and the autopilot's
-    offboard failsafe lands the vehicle. Nothing is commanded when it is closed.
+    Setpoints leave only while one of its methods runs. A program that stops calling them sends nothing, and the autopilot's
+    offboard failsafe lands the vehicle. Closing commands nothing.
     """
 
     def __init__(  # noqa: PLR0913 the thesis's signature, and where to find the vehicle
@@ -53,7 +64,11 @@ class UAV:
         clock: Clock | None = None,
         neighbours: Sequence[str | tuple[str, str]] = (),
         stale_s: float = 0.5,
-        heart: tuple[str, int] | None = None,
+        heartbeat: tuple[str, int] | None = None,
+        log: tuple[str, int] | None = None,
+        run: str | None = None,
+        barriers: str | None = None,
+        programs: Sequence[str] = (),
         args: Sequence[str] = (),
     ) -> None:
         self.clock: Clock = WallClock() if clock is None else clock
@@ -61,20 +76,28 @@ class UAV:
         self._curve = curve_of(thrust_curve)
         pairs = [(n, n) if isinstance(n, str) else n for n in neighbours]
         poses = Poses((body or ns) if capture else None, pairs if capture else ())
-        self._link = Connection(link, system_id, self.clock, poses, capture)
+        self._connection = Connection(link, system_id, self.clock, poses, capture)
         self._source = Source(
             ns=ns,
             stale_s=stale_s,
-            telemetry=self._link.telemetry,
+            telemetry=self._connection.telemetry,
             poses=poses,
             now=self.clock.now,
-            refresh=self._link.refresh,
+            refresh=self._connection.refresh,
         )
         self._body = Body(
             ns=ns, mass=mass, radius=radius, height=height, num_rotors=num_rotors, thrust_curve=thrust_curve
         )
-        self._heart = Heart(heart, system_id, self.clock)
-        self._pilot = Pilot(self._source, self._link, self.clock, system_id, self._heart)
+        self._heartbeat, self._log = Heartbeat(heartbeat, system_id, self.clock), log
+        self._barrier = StartBarrier(ns, None if barriers is None else Path(barriers), programs)
+        self._control = VehicleControl(
+            self._source,
+            self._connection,
+            self.clock,
+            system_id,
+            self._heartbeat,
+            None if run is None else Path(run),
+        )
         live = Snapshot.of(self._source, self._body)
         self.ekf: Ekf = live.ekf
         self.sen: Sensors = live.sen
@@ -84,93 +107,164 @@ class UAV:
 
     @classmethod
     def from_args(cls, argv: Sequence[str] | None = None) -> UAV:
-        """What the supervisor passes, or what one types: `--ns uav1 --id 1 --link udpin:127.0.0.1:16001 --profile iris`.
+        """Return the vehicle of the command line.
 
-        Arguments that it does not know are the program's own: `uav.args`.
+        `arena up` passes `--uav FILE`. By hand: `--ns uav1 --id 1 --link udpin:127.0.0.1:16001 --profile iris`. Other arguments
+        are left to the program, in `uav.args`.
         """
         from arena.uav.arguments import read_arguments
 
         return cls(**read_arguments(argv))
 
     def snapshot(self) -> Snapshot:
-        """The same groups, fixed at this instant: values that belong together."""
+        """Return the data groups fixed at this instant, so that values of several groups belong together."""
         return Snapshot.of(self._source.fixed(), self._body)
 
     def arm_drone(self) -> None:
-        """Arm, confirmed. Raises CommandRefusedError with the autopilot's reasons."""
-        self._pilot.arm()
+        """Arm the vehicle, confirmed. Raises CommandRefusedError with the autopilot's reasons."""
+        self._control.arm()
 
     def disarm_drone(self) -> None:
-        """Disarm, confirmed. The autopilot refuses in the air."""
-        self._pilot.disarm()
+        """Disarm the vehicle, confirmed. The autopilot refuses in the air."""
+        self._control.disarm()
 
     def start_offboard_mode(self) -> None:
-        """OFFBOARD, confirmed, at the place where the vehicle is; setpoints flow throughout."""
-        self._pilot.enter_offboard()
+        """Enter OFFBOARD at the present position, confirmed; setpoints are streamed throughout."""
+        self._control.enter_offboard()
 
     def start_offboard_mission(self) -> None:
-        """Wait until the vehicle is ready (20 s at most), then OFFBOARD, then armed: each confirmed, never silent."""
-        self._pilot.take()
+        """Wait until the vehicle is ready (at most 20 s), enter OFFBOARD and arm: each confirmed, with setpoints throughout."""
+        self._control.start_mission()
 
     def auto_land(self) -> None:
-        """Land here; returns when the vehicle is on the ground and disarmed. Raises NotConfirmedError after 60 s."""
-        self._pilot.land()
+        """Land at the present position; return on the ground and disarmed. Raises NotConfirmedError after 60 s."""
+        self._control.land()
 
     def set_pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, time: ArrayLike) -> None:
-        """Fly to pos [m] [NED] (3,) at yaw [rad]; blocks for `time` [s], streaming at 50 Hz."""
+        """Fly to a position: stream it at 50 Hz for `time` [s].
+
+        pos: [m] [NED] (3,). yaw: [rad].
+        """
         end = self.clock.now() + duration_s(time)
         rate = self.clock.rate(STREAM_HZ)
         while True:
             now = self.clock.now()
-            self._pilot.send(self._pilot.encoder.pos_yaw(pos, yaw, now))
+            self._control.send(self._control.encoder.pos_yaw(pos, yaw, now))
             if now + 1.0 / STREAM_HZ >= end:
                 break
             rate.sleep()
         self.clock.sleep_until(end)
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """vel [m/s] [NED] (3,); yaw [rad]. Sends once, then waits until 1/freq has passed since the last send."""
-        self._send(self._pilot.encoder.vel_yaw(vel, yaw, self.clock.now()), freq)
+        """Send a velocity setpoint, then wait until 1/freq has passed since the last one.
+
+        vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
+        """
+        self._send(self._control.encoder.vel_yaw(vel, yaw, self.clock.now()), freq)
+
+    def set_pos_vel_yaw(
+        self,
+        pos: ArrayLike,
+        vel: ArrayLike,
+        yaw: ArrayLike,
+        freq: ArrayLike,
+        *,
+        acc: ArrayLike | None = None,
+        yaw_rate: ArrayLike | None = None,
+    ) -> None:
+        """Send a trajectory setpoint, then wait until 1/freq has passed since the last one.
+
+        The autopilot flies to `pos` with `vel` and `acc` as feed-forward, so that it does not lag behind a moving position.
+        pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
+        acc: [m/s2] [NED] (3,), without gravity; None sends no acceleration. yaw_rate: [rad/s]; None sends none.
+        """
+        now = self.clock.now()
+        self._send(self._control.encoder.pos_vel_yaw(pos, vel, yaw, now, acc=acc, yaw_rate=yaw_rate), freq)
+
+    def reference(
+        self, p: ArrayLike | None = None, v: ArrayLike | None = None, yaw: ArrayLike | None = None
+    ) -> None:
+        """Publish the program's own reference to the log, for flights whose setpoints do not contain it. Returns at once.
+
+        p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. Leave out what the reference does not have.
+        The log holds it for 0.5 s in `pos_ref`, `vel_ref` and `pos_ref.yaw`. Without a logger nothing is sent.
+        """
+        message = self._control.encoder.reference(p, v, yaw, self.clock.now())
+        if self._log is not None:
+            self._connection.send_to(message, self._log)
+
+    def wait_for(self, name: str, n: int | None = None, timeout: ArrayLike = 30.0) -> float:
+        """Wait for the other programs of the run, and return the common start time [s] of `clock`, when it has come.
+
+        name: the barrier; all programs that wait for the same name start together. A name may be used again: the second call
+        meets the second call of the others.
+        n: how many programs take part, this one included; None for all programs of the arena.
+        timeout: [s]. In OFFBOARD the vehicle holds its position meanwhile.
+        Raises NotConfirmedError after the timeout, with the programs that are missing.
+        """
+        limit = duration_s(timeout)
+        waiting = self._barrier.arrive(name, self.clock.now(), n)
+        start = self._control.wait_until(lambda: waiting.arrivals().start_s, limit)
+        if start is None:
+            raise NotConfirmedError(
+                f"{self.info.drone_ns}: wait_for({name!r}) after {limit:g} s: {waiting.withdraw()}"
+            )
+        self._control.wait_until(lambda: self.clock.now() + 1.0 / STREAM_HZ > start, start - self.clock.now())
+        self.clock.sleep_until(start)
+        return start
 
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """vel_body: forward, right, down [m/s] (3,), level whatever the tilt; yaw_rate [rad/s]. Sends once, waits 1/freq."""
-        self._send(self._pilot.encoder.vel_body_yaw_rate(vel_body, yaw_rate, self.clock.now()), freq)
+        """Send a velocity setpoint in level body axes, then wait until 1/freq has passed since the last one.
+
+        vel_body: forward, right, down [m/s] (3,), rotated by the yaw only. yaw_rate: [rad/s]. freq: [Hz].
+        """
+        self._send(self._control.encoder.vel_body_yaw_rate(vel_body, yaw_rate, self.clock.now()), freq)
 
     def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """att: "euler" roll, pitch, yaw [rad] (3,) or "quaternion" wxyz (4,); thrust [N], clamped. Sends once, waits 1/freq."""
+        """Send an attitude setpoint, then wait until 1/freq has passed since the last one.
+
+        att: for att_type "euler" roll, pitch, yaw [rad] (3,), for "quaternion" q_nb wxyz (4,).
+        thrust: [N], clamped to what the vehicle has. freq: [Hz].
+        """
         q_nb = attitude(att, att_type)
-        self._send(self._pilot.encoder.att_thrust(q_nb, self._normalised(thrust), self.clock.now()), freq)
+        self._send(self._control.encoder.att_thrust(q_nb, self._normalised(thrust), self.clock.now()), freq)
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """ang_vel: body rates [rad/s] [FRD] (3,); thrust [N], clamped. Sends once, waits 1/freq."""
+        """Send a rate setpoint, then wait until 1/freq has passed since the last one.
+
+        ang_vel: body rates [rad/s] [FRD] (3,). thrust: [N], clamped to what the vehicle has. freq: [Hz].
+        """
         rates = vector(ang_vel, "ang_vel")
         self._send(
-            self._pilot.encoder.ang_vel_thrust(rates, self._normalised(thrust), self.clock.now()), freq
+            self._control.encoder.ang_vel_thrust(rates, self._normalised(thrust), self.clock.now()), freq
         )
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """output: up to 8 numbers, -1..1, for a mixer group. PX4 up to v1.13 only: others would ignore it in silence."""
-        message = self._pilot.encoder.act(group, output, self.clock.now())
+        """Send an actuator setpoint for PX4 up to v1.13, then wait 1/freq. Raises CommandRefusedError for other autopilots.
+
+        group: mixer group 0..3. output: up to 8 numbers -1..1 [-]. freq: [Hz].
+        """
+        message = self._control.encoder.act(group, output, self.clock.now())
         period_s(freq)
-        version = self._source.telemetry.version or self._pilot.ask_version()
+        version = self._source.telemetry.version or self._control.request_version()
         if version is None or version[:2] > _LAST_WITH_ACTUATOR_CONTROL:
             who = (
-                "does not tell its version"
+                "does not report its version"
                 if version is None
                 else f"is v{version[0]}.{version[1]}.{version[2]}"
             )
             raise CommandRefusedError(
-                f"{self.info.drone_ns}: set_act needs PX4 v1.13 or older, which take SET_ACTUATOR_CONTROL_TARGET; this autopilot "
+                f"{self.info.drone_ns}: set_act needs PX4 v1.13 or older, which accepts SET_ACTUATOR_CONTROL_TARGET; this autopilot "
                 f"{who}. Use set_ang_vel_thrust"
             )
         self._send(message, freq)
 
     def close(self) -> None:
-        """Close the link. Commands nothing: a vehicle in the air meets its offboard failsafe."""
-        self._link.close()
-        self._heart.close()
+        """Close the connection. Nothing is commanded: a vehicle in the air meets its offboard failsafe."""
+        self._connection.close()
+        self._heartbeat.close()
 
     def __enter__(self) -> Self:
         return self
@@ -182,14 +276,14 @@ class UAV:
 
     def _send(self, message: mavlink.MAVLink_message, freq: ArrayLike) -> None:
         period = period_s(freq)
-        self._pilot.send(message)
+        self._control.send(message)
         now = self.clock.now()
         # absolute deadlines, so that the rate does not drift; a pause of more than a period starts them anew
         self._due = self._due + period if 0.0 <= now - self._due < period else now + period
         self.clock.sleep_until(self._due)
 
     def _normalised(self, thrust: ArrayLike) -> float:
-        """thrust [N] -> 0..1 at the present speed; at rest where the speed is not known."""
+        """Return a thrust [N] as 0..1 at the present speed, or at rest when the speed is unknown."""
         newtons = max(0.0, scalar(thrust, "thrust"))
         try:
             speed = float(np.linalg.norm(self.ekf.vel))

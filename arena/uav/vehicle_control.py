@@ -1,9 +1,11 @@
-"""Commands, confirmations and the watch over OFFBOARD: how a program takes a vehicle, and notices when it is taken away."""
+"""Commands with confirmation, and the check that the program still has its vehicle."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -19,7 +21,8 @@ from arena.errors import (
 from arena.geometry import Array, yaw_from_quat
 from arena.uav.connection import COMPONENT, Connection
 from arena.uav.data_groups import Source
-from arena.uav.heartbeat import Heart
+from arena.uav.heartbeat import Heartbeat
+from arena.uav.loss_cause import cause_of_loss
 from arena.uav.setpoints import Encoder
 from arena.wire.mavlink_minimal import result_words
 from arena.wire.px4_mode import mode_numbers
@@ -34,18 +37,28 @@ _RETRY_S = 0.5
 _TRIES = 5
 _STREAM_FIRST_S = 0.5  # PX4 enters OFFBOARD only where setpoints already flow
 _TEXTS_S = 10.0
-_SILENCE = (
-    2.0  # in multiples of stale_s: 1 s by default, when the autopilot itself gives up on a silent program
-)
+_MAX_SILENCE = 2.0  # in multiples of stale_s: 1 s by default, as the autopilot's limit for a silent program
 
 
-class Pilot:
-    """One vehicle's commands. Everything here runs in the caller's own call."""
+class VehicleControl:
+    """Commands and setpoints of one vehicle. Everything here runs in the caller's own call.
 
-    def __init__(self, source: Source, link: Connection, clock: Clock, system_id: int, heart: Heart) -> None:
+    heartbeat: sent in each call. run: the run folder, which records who took the vehicle; None without one.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        connection: Connection,
+        clock: Clock,
+        system_id: int,
+        heartbeat: Heartbeat,
+        run: Path | None = None,
+    ) -> None:
         self.encoder = Encoder(system_id)
-        self._source, self._link, self._clock, self._me = source, link, clock, (system_id, COMPONENT)
-        self._heart = heart
+        self._source, self._connection, self._clock = source, connection, clock
+        self._own_address = system_id, COMPONENT
+        self._heartbeat, self._run = heartbeat, run
         self._offboard = False
         self._armed = False
         self._lost = ""
@@ -53,17 +66,20 @@ class Pilot:
         self._holding_since = math.inf
 
     def guard(self) -> None:
-        """Raise if OFFBOARD or arming was taken away, or the autopilot fell silent, since the program had them."""
-        self._link.refresh()
-        heart, heard = self._source.telemetry.heartbeat, self._source.telemetry.received_at
+        """Raise OffboardLostError when the vehicle has left OFFBOARD or was disarmed since the program took it.
+
+        Raises StaleDataError when the autopilot is silent.
+        """
+        self._connection.refresh()
+        heart, last = self._source.telemetry.heartbeat, self._source.telemetry.received_at
         if self._lost:
             raise OffboardLostError(self._lost)
-        if heart is None or heard is None:
+        if heart is None or last is None:
             return
         self._offboard = self._offboard or heart.mode == "OFFBOARD"
         if not self._offboard:
             return
-        silent, limit = self._source.now() - heard, _SILENCE * self._source.stale_s
+        silent, limit = self._source.now() - last, _MAX_SILENCE * self._source.stale_s
         if silent > limit:
             raise StaleDataError(
                 f"{self._source.ns}: the autopilot has been silent for {silent:.2f} s (limit {limit:g} s)"
@@ -75,68 +91,78 @@ class Pilot:
         self._armed = heart.armed
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """A setpoint, if the vehicle is still the program's."""
-        self._heart.beat()
+        """Send a setpoint, if the program still has the vehicle."""
+        self._heartbeat.beat()
         self.guard()
-        self._link.send(message)
+        self._connection.send(message)
 
     def arm(self) -> None:
+        """Arm, confirmed by the heartbeat."""
         self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arming")
-        self._confirm(lambda: self._heart_says(armed=True), "armed")
+        self._confirm(lambda: self._has_state(armed=True), "armed")
         self._armed = True
 
     def disarm(self) -> None:
-        offboard, self._offboard = (
-            self._offboard,
-            False,
-        )  # what we ask for ourselves is not taken away from us
+        """Disarm, confirmed by the heartbeat."""
+        offboard, self._offboard = self._offboard, False  # a disarming that was requested is no loss
         self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,), "disarming")
-        self._confirm(lambda: self._heart_says(armed=False), "disarmed")
+        self._confirm(lambda: self._has_state(armed=False), "disarmed")
         self._offboard, self._armed = offboard, False
 
     def enter_offboard(self) -> None:
-        """Stream the place where the vehicle is, then ask for OFFBOARD until it is confirmed; the stream never pauses."""
+        """Stream the present position, then request OFFBOARD until it is confirmed. The stream never pauses."""
         self._begin()
         self._enter()
 
-    def take(self) -> None:
-        """Ready, OFFBOARD, armed: each confirmed, with setpoints flowing throughout."""
+    def start_mission(self) -> None:
+        """Wait until the vehicle is ready, enter OFFBOARD, arm: each confirmed, with setpoints throughout."""
         self._begin()
         if self._wait(lambda: self._source.telemetry.received_at is not None, READY_TIMEOUT_S):
-            # two programs that start on two sides of a heartbeat would take off a second apart
-            self._ask_for_heartbeat()
+            # heartbeats come once a second: without this, two programs could take off a second apart
+            self._request_heartbeat()
         if not self._wait(self._is_ready, READY_TIMEOUT_S):
             raise NotConfirmedError(
                 f"{self._source.ns}: not ready after {READY_TIMEOUT_S:g} s: {self._why_not_ready()}"
             )
         self._enter()
-        if not self._heart_says(armed=True):
+        if not self._has_state(armed=True):
             self.arm()
 
+    def wait_until(self, done: Callable[[], T], timeout_s: float) -> T | None:
+        """Wait until done() is true and return its value; None after the timeout [s].
+
+        In OFFBOARD the vehicle holds its present position meanwhile. Raises OffboardLostError when the program loses it.
+        """
+        self._hold = None
+        return self._wait(done, timeout_s, stream=self._offboard)
+
     def land(self) -> None:
-        """AUTO.LAND, then wait until the vehicle is on the ground and disarmed."""
+        """Enter AUTO.LAND and wait until the vehicle is on the ground and disarmed.
+
+        Raises NotConfirmedError after 60 s, OffboardLostError when the vehicle leaves AUTO.LAND in the air.
+        """
         if self._is_down():
             return
         self._hold, self._lost = None, ""
         self._offboard = self._armed = False
         self._command(mavlink.MAV_CMD_DO_SET_MODE, _mode("AUTO.LAND"), "landing")
-        self._confirm(lambda: self._heart_says(mode="AUTO.LAND") or self._is_down(), "in AUTO.LAND")
-        if not self._wait(
-            lambda: self._is_down() or self._taken_from_landing(), LAND_TIMEOUT_S, stream=False
-        ):
+        self._confirm(lambda: self._has_state(mode="AUTO.LAND") or self._is_down(), "in AUTO.LAND")
+        if not self._wait(lambda: self._is_down() or self._has_left_landing(), LAND_TIMEOUT_S, stream=False):
             raise NotConfirmedError(
                 f"{self._source.ns}: landing not confirmed in {LAND_TIMEOUT_S:g} s: {self._state()}"
             )
         if not self._is_down():
-            raise OffboardLostError(f"{self._source.ns}: something else ended the landing: {self._state()}")
+            raise OffboardLostError(
+                f"{self._source.ns}: the vehicle left AUTO.LAND before the ground ({self._cause()}): {self._state()}"
+            )
 
-    def ask_version(self) -> tuple[int, int, int] | None:
-        """The autopilot's release, or None when it does not tell."""
+    def request_version(self) -> tuple[int, int, int] | None:
+        """Return the autopilot's release, None when it does not report one."""
         telemetry = self._source.telemetry
         if telemetry.version is None:
             request = (float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),)
             try:
-                self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, request, "telling its version", stream=False)
+                self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, request, "the version request", stream=False)
             except VehicleError:
                 return None
             self._wait(lambda: telemetry.version is not None, _RETRY_S, stream=False)
@@ -148,21 +174,16 @@ class Pilot:
         )
         self._source.fresh(self._source.telemetry.local, "estimated position")
         self._wait(lambda: self._clock.now() - self._holding_since >= _STREAM_FIRST_S, READY_TIMEOUT_S)
-        self._ask_for_offboard()
-        self._confirm(lambda: self._heart_says(mode="OFFBOARD"), "in OFFBOARD")
+        self._request_offboard()
+        self._confirm(lambda: self._has_state(mode="OFFBOARD"), "in OFFBOARD")
         self._offboard = True
 
     def _begin(self) -> None:
-        """The program asks for the vehicle anew: what was lost before is past."""
-        self._lost, self._hold, self._holding_since, self._offboard, self._armed = (
-            "",
-            None,
-            math.inf,
-            False,
-            False,
-        )
+        """Forget an earlier loss: the program takes the vehicle again."""
+        self._lost, self._hold, self._holding_since = "", None, math.inf
+        self._offboard = self._armed = False
 
-    def _ask_for_offboard(self) -> None:
+    def _request_offboard(self) -> None:
         end = self._clock.now() + _CONFIRM_TIMEOUT_S
         while True:
             try:
@@ -172,53 +193,56 @@ class Pilot:
                     raise
 
     def _command(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> None:
-        """Send until it is answered, with MAVLink's confirmation counter; judge the answer."""
-        self._link.refresh()
+        """Send a command until it is answered, with MAVLink's confirmation counter. Raises CommandRefusedError."""
+        self._connection.refresh()
         self._source.telemetry.acks.clear()
         for confirmation in range(_TRIES):
-            self._link.send(self.encoder.command(number, params, confirmation))
+            self._connection.send(self.encoder.command(number, params, confirmation))
             result = self._wait(lambda: self._answer(number), _RETRY_S, stream=stream)
             if result is not None:
-                return self._judge(result - 1, what)
+                return self._check_result(result - 1, what)
         raise NotConfirmedError(
-            f"{self._source.ns}: the autopilot did not answer to {what}, asked {_TRIES} times{self._texts()}"
+            f"{self._source.ns}: no answer of the autopilot to {what} after {_TRIES} tries{self._texts()}"
         )
 
     def _answer(self, number: int) -> int | None:
-        """The result of our command plus one (so that accepted is true), or None while there is none."""
+        """Return the result of the command plus one, so that ACCEPTED is true; None before the answer."""
         for ack in list(self._source.telemetry.acks):
-            ours = ack.command == number and ack.target == self._me
-            if ours and ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
+            for_us = ack.command == number and ack.target == self._own_address
+            if for_us and ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
                 return ack.result + 1
         return None
 
-    def _judge(self, result: int, what: str) -> None:
+    def _check_result(self, result: int, what: str) -> None:
         if result == mavlink.MAV_RESULT_ACCEPTED:
             return
-        self._wait(lambda: False, 0.3)  # the reason may come after the answer
+        self._wait(lambda: False, 0.3)  # the reason may arrive after the answer
         words = result_words(result)
         raise CommandRefusedError(f"{self._source.ns}: the autopilot refused {what} ({words}){self._texts()}")
 
     def _confirm(self, done: Callable[[], bool], what: str) -> None:
-        self._ask_for_heartbeat()
+        self._request_heartbeat()
         if not self._wait(done, _CONFIRM_TIMEOUT_S):
-            late = f"accepted, but not {what} after {_CONFIRM_TIMEOUT_S:g} s"
+            late = f"command accepted, but the vehicle is not {what} after {_CONFIRM_TIMEOUT_S:g} s"
             raise NotConfirmedError(f"{self._source.ns}: {late}: {self._state()}")
 
-    def _ask_for_heartbeat(self) -> None:
-        """They come once a second; asked for, one comes at once. What is acknowledged of it is no matter."""
+    def _request_heartbeat(self) -> None:
+        """Request a heartbeat now, instead of waiting up to 1 s for the next one. The acknowledgement is not used."""
         heartbeat = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
-        self._link.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
+        self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> T | None:
-        """Until done() is true, streaming; its value, or None when the time is over. `_lost` ends it with an error."""
+        """Wait until done() is true, streaming setpoints, and return its value; None after the timeout.
+
+        Raises OffboardLostError when the program loses the vehicle meanwhile.
+        """
         rate = self._clock.rate(STREAM_HZ)
         end = self._clock.now() + timeout_s
         while True:
-            self._heart.beat()
+            self._heartbeat.beat()
             if self._offboard:
                 self.guard()
-            self._link.refresh()
+            self._connection.refresh()
             if stream:
                 self._stream_hold()
             found = done()
@@ -228,7 +252,7 @@ class Pilot:
                 return None
 
     def _stream_hold(self) -> None:
-        """One setpoint: stay where you are. On the ground that place follows the estimate; in the air it is fixed."""
+        """Send one setpoint that holds the position. On the ground it follows the estimate; in the air it is fixed."""
         telemetry, stale = self._source.telemetry, self._source.stale_s
         local, attitude, heart = telemetry.local, telemetry.attitude, telemetry.heartbeat
         if local is None or attitude is None or heart is None:
@@ -237,7 +261,7 @@ class Pilot:
             self._hold = local.pos, float(yaw_from_quat(attitude.q_nb))
             self._holding_since = min(self._holding_since, self._clock.now())
         if self._hold is not None:
-            self._link.send(self.encoder.pos_yaw(*self._hold, self._clock.now()))
+            self._connection.send(self.encoder.pos_yaw(*self._hold, self._clock.now()))
 
     def _is_ready(self) -> bool:
         t, limit = self._source.telemetry, self._source.limit_s
@@ -250,43 +274,46 @@ class Pilot:
     def _why_not_ready(self) -> str:
         t = self._source.telemetry
         if t.heartbeat is None:
-            return "no heartbeat of the autopilot has been heard" + (
-                f" ({self._link.fault})" if self._link.fault else ""
+            return "no heartbeat of the autopilot has arrived" + (
+                f" ({self._connection.fault})" if self._connection.fault else ""
             )
         if self._source.age(t.local) > self._source.stale_s:
             return f"the autopilot has no position estimate{self._texts()}"
         return f"the autopilot's pre-arm checks fail{self._texts(READY_TIMEOUT_S + _TEXTS_S)}"
 
-    def _heart_says(self, *, mode: str | None = None, armed: bool | None = None) -> bool:
+    def _has_state(self, *, mode: str | None = None, armed: bool | None = None) -> bool:
         heart = self._source.telemetry.heartbeat
         return heart is not None and mode in (None, heart.mode) and armed in (None, heart.armed)
 
     def _is_down(self) -> bool:
         ground = self._source.telemetry.ground
         fresh = self._source.age(ground) <= self._source.limit_s("landed state")
-        return fresh and ground is not None and ground.landed and self._heart_says(armed=False)
+        return fresh and ground is not None and ground.landed and self._has_state(armed=False)
 
-    def _taken_from_landing(self) -> bool:
-        return self._heart_says(armed=True) and not self._heart_says(mode="AUTO.LAND")
+    def _has_left_landing(self) -> bool:
+        return self._has_state(armed=True) and not self._has_state(mode="AUTO.LAND")
 
     def _state(self) -> str:
         t = self._source.telemetry
         if t.heartbeat is None:
-            return "no heartbeat has been heard"
+            return "no heartbeat has arrived"
         ground = "unknown" if t.ground is None else "on the ground" if t.ground.landed else "in the air"
         age = self._source.age(t.heartbeat)
-        armed = "armed" if t.heartbeat.armed else "disarmed"
-        return f"mode {t.heartbeat.mode}, {armed}, {ground}, last telemetry {age:.1f} s ago{self._texts()}"
+        return f"mode {t.heartbeat.mode}, {'armed' if t.heartbeat.armed else 'disarmed'}, {ground}, {age:.1f} s ago{self._texts()}"
 
     def _texts(self, seconds: float = _TEXTS_S) -> str:
         worst = mavlink.MAV_SEVERITY_WARNING
-        said = self._source.telemetry.recent_texts(self._source.now() - seconds, worst)
-        return f"; it says: {'; '.join(said[-3:])}" if said else ""
+        texts = self._source.telemetry.recent_texts(self._source.now() - seconds, worst)
+        return f"; autopilot: {'; '.join(texts[-3:])}" if texts else ""
+
+    def _cause(self) -> str:
+        """Return who or what took the vehicle, in words."""
+        worst = mavlink.MAV_SEVERITY_WARNING
+        texts = self._source.telemetry.recent_texts(self._source.now() - _TEXTS_S, worst)
+        return cause_of_loss(self._source.ns, texts, self._run, time.monotonic())
 
     def _lose(self, what: str) -> None:
-        self._lost = (
-            f"{self._source.ns}: {what}: the pilot wins, and the program does not take it back{self._texts()}"
-        )
+        self._lost = f"{self._source.ns}: {what}: {self._cause()}. The program does not take the vehicle back{self._texts()}"
         raise OffboardLostError(self._lost)
 
 

@@ -99,4 +99,4 @@ def test_copilot_does_not_interfere_with_a_correct_flight(hangar: Hangar) -> Non
     assert [e["event"] for e in flight.events("copilot") if "event" in e] == []
     stats = flight.stats("copilot")
     assert not any(key.startswith("sent") for key in stats) and stats["heard program heartbeats"] > 10
-    assert flight.json("slices/program.uav1.json")["heart"] == [hangar.address, 24001]
+    assert flight.json("slices/program.uav1.json")["heartbeat"] == [hangar.address, 24001]

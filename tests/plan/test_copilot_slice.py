@@ -31,14 +31,14 @@ def process(plan: Plan, name: str) -> ProcessSpec:
 
 def test_without_the_section_there_is_none(tmp_path: Path) -> None:
     plan = planned(tmp_path, "")
-    assert "copilot.json" not in plan.slices and plan.slices["program.uav1.json"]["heart"] is None
+    assert "copilot.json" not in plan.slices and plan.slices["program.uav1.json"]["heartbeat"] is None
     assert all("copilot" not in p.needs for p in plan.processes)
 
 
 def test_an_empty_section_is_all_its_defaults(tmp_path: Path) -> None:
     plan = planned(tmp_path, "copilot: {}")
     made = plan.slices["copilot.json"]
-    assert made["listen"] == plan.slices["program.uav1.json"]["heart"] == ["127.0.0.1", 24001]
+    assert made["listen"] == plan.slices["program.uav1.json"]["heartbeat"] == ["127.0.0.1", 24001]
     assert made["rules"]["separation"] == {"do": "hold", "at_m": 0.8, "ahead_s": 3.0}
     assert made["at_most"] == "land" and made["clock"] == "{rt}/clock" and len(made["captures"]) == 1
     one, two = made["vehicles"]

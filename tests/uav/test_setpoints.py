@@ -1,4 +1,4 @@
-"""What leaves for the autopilot, as pymavlink's decoder reads it back; and what does not leave."""
+"""Setpoints as pymavlink decodes them, and values that are refused."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ENCODER = Encoder(7)
 NOW = 12.3456
 
 
-def on_the_wire(message):
+def encoded(message):
     data = message.pack(mavlink.MAVLink(None, srcSystem=7, srcComponent=191))
     return mavlink.MAVLink(None).decode(bytearray(data)), bytes(data)
 
@@ -28,8 +28,8 @@ def mask(*names: str) -> int:
     return sum(IGNORE[f"{name}_IGNORE"] for name in names)
 
 
-def test_a_position_is_in_local_ned_and_ignores_all_but_position_and_yaw():
-    m, _ = on_the_wire(ENCODER.pos_yaw([1, 2, -3], 0.5, NOW))
+def test_position_setpoint_ignores_all_but_position_and_yaw():
+    m, _ = encoded(ENCODER.pos_yaw([1, 2, -3], 0.5, NOW))
     assert (m.get_type(), m.coordinate_frame, m.target_system, m.target_component) == (
         "SET_POSITION_TARGET_LOCAL_NED",
         1,
@@ -41,14 +41,40 @@ def test_a_position_is_in_local_ned_and_ignores_all_but_position_and_yaw():
     assert m.time_boot_ms == 12345
 
 
-def test_a_velocity_is_in_local_ned_and_ignores_all_but_velocity_and_yaw():
-    m, _ = on_the_wire(ENCODER.vel_yaw([1, 2, -3], -0.5, NOW))
+def test_velocity_setpoint_ignores_all_but_velocity_and_yaw():
+    m, _ = encoded(ENCODER.vel_yaw([1, 2, -3], -0.5, NOW))
     assert (m.coordinate_frame, m.type_mask) == (1, mask("X", "Y", "Z", "AX", "AY", "AZ", "YAW_RATE"))
     assert (m.vx, m.vy, m.vz, m.yaw) == pytest.approx((1, 2, -3, -0.5))
 
 
-def test_a_body_velocity_is_in_body_ned_and_ignores_the_yaw():
-    m, _ = on_the_wire(ENCODER.vel_body_yaw_rate([1, 2, -3], 0.7, NOW))
+def test_trajectory_setpoint_ignores_acceleration_and_yaw_rate_by_default():
+    m, _ = encoded(ENCODER.pos_vel_yaw([1, 2, -3], [0.1, 0.2, 0.3], 0.5, NOW))
+    assert (m.coordinate_frame, m.type_mask) == (1, mask("AX", "AY", "AZ", "YAW_RATE"))
+    assert (m.x, m.y, m.z, m.vx, m.vy, m.vz, m.yaw) == pytest.approx((1, 2, -3, 0.1, 0.2, 0.3, 0.5))
+
+
+def test_trajectory_setpoint_carries_acceleration_and_yaw_rate():
+    m, _ = encoded(ENCODER.pos_vel_yaw([1, 2, -3], [0, 0, 0], 0.5, NOW, acc=[4, 5, 6], yaw_rate=0.7))
+    assert m.type_mask == 0
+    assert (m.afx, m.afy, m.afz, m.yaw_rate) == pytest.approx((4, 5, 6, 0.7))
+
+
+def test_reference_ignores_what_it_does_not_have():
+    m, _ = encoded(ENCODER.reference([1, 2, -3], None, 0.5, NOW))
+    assert (m.get_type(), m.coordinate_frame, m.time_boot_ms) == ("POSITION_TARGET_LOCAL_NED", 1, 12345)
+    assert m.type_mask == mask("VX", "VY", "VZ", "AX", "AY", "AZ", "YAW_RATE")
+    assert (m.x, m.y, m.z, m.yaw) == pytest.approx((1, 2, -3, 0.5))
+    m, _ = encoded(ENCODER.reference(None, [1, 2, 3], None, NOW))
+    assert m.type_mask == mask("X", "Y", "Z", "AX", "AY", "AZ", "YAW", "YAW_RATE")
+
+
+def test_empty_reference_is_refused():
+    with pytest.raises(SetpointError, match="at least one of p, v and yaw"):
+        ENCODER.reference(None, None, None, NOW)
+
+
+def test_body_velocity_setpoint_is_in_body_ned_and_ignores_yaw():
+    m, _ = encoded(ENCODER.vel_body_yaw_rate([1, 2, -3], 0.7, NOW))
     assert (m.coordinate_frame, m.type_mask) == (
         mavlink.MAV_FRAME_BODY_NED,
         mask("X", "Y", "Z", "AX", "AY", "AZ", "YAW"),
@@ -56,25 +82,25 @@ def test_a_body_velocity_is_in_body_ned_and_ignores_the_yaw():
     assert (m.vx, m.vy, m.vz, m.yaw_rate) == pytest.approx((1, 2, -3, 0.7))
 
 
-def test_an_attitude_ignores_the_rates_and_keeps_the_order_wxyz():
+def test_attitude_setpoint_is_wxyz_and_ignores_the_rates():
     q_nb = quat_from_euler(np.radians([10, -20, 35]))
-    m, _ = on_the_wire(ENCODER.att_thrust(q_nb, 0.6, NOW))
+    m, _ = encoded(ENCODER.att_thrust(q_nb, 0.6, NOW))
     ignored = ("BODY_ROLL_RATE", "BODY_PITCH_RATE", "BODY_YAW_RATE")
     assert m.type_mask == sum(getattr(mavlink, f"ATTITUDE_TARGET_TYPEMASK_{name}_IGNORE") for name in ignored)
     assert list(m.q) == pytest.approx(q_nb.tolist(), abs=1e-6)
     assert m.thrust == pytest.approx(0.6)
 
 
-def test_body_rates_ignore_the_attitude():
-    m, _ = on_the_wire(ENCODER.ang_vel_thrust([0.1, 0.2, 0.3], 0.6, NOW))
+def test_rate_setpoint_ignores_the_attitude():
+    m, _ = encoded(ENCODER.ang_vel_thrust([0.1, 0.2, 0.3], 0.6, NOW))
     assert m.type_mask == mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
     assert (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate, m.thrust) == pytest.approx(
         (0.1, 0.2, 0.3, 0.6)
     )
 
 
-def test_golden_bytes_of_a_position():
-    data = on_the_wire(ENCODER.pos_yaw([1.0, 0.0, -1.5], 0.25, 1.0))[1]
+def test_golden_bytes_of_a_position_setpoint():
+    data = encoded(ENCODER.pos_yaw([1.0, 0.0, -1.5], 0.25, 1.0))[1]
     assert data == bytes.fromhex(
         "fd 35 00 00 00 07 bf 54 00 00"  # MAVLink 2, 53 bytes, from 7/191, message 84
         "e8 03 00 00"  # 1000 ms
@@ -90,7 +116,7 @@ def test_golden_bytes_of_a_position():
 @pytest.mark.parametrize(
     "good", [[1, 2, 3], (1, 2, 3), np.array([1, 2, 3]), np.array([[1], [2], [3]]), [[1], [2], [3]]]
 )
-def test_rows_and_columns_are_both_vectors(good):
+def test_vectors_may_be_rows_or_columns(good):
     assert vector(good, "pos").tolist() == [1.0, 2.0, 3.0]
 
 
@@ -109,14 +135,14 @@ def test_rows_and_columns_are_both_vectors(good):
         ([1, 2, "x"], "x"),
     ],
 )
-def test_anything_else_is_refused_with_what_was_found(bad, found):
+def test_wrong_shape_is_refused_with_what_was_found(bad, found):
     with pytest.raises(SetpointError, match=found) as caught:
         vector(bad, "pos")
     assert str(caught.value).startswith("pos: got")
 
 
 @given(arrays(np.float64, (3,), elements=st.floats(allow_nan=True, allow_infinity=True)))
-def test_nothing_that_is_not_finite_ever_leaves(value):
+def test_value_that_is_not_finite_is_refused(value):
     try:
         m = ENCODER.pos_yaw(value, 0.0, 0.0)
     except SetpointError:
@@ -126,27 +152,27 @@ def test_nothing_that_is_not_finite_ever_leaves(value):
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, [1, 2], "fast", None])
-def test_a_yaw_is_one_finite_number(bad):
+def test_yaw_must_be_one_finite_number(bad):
     with pytest.raises(SetpointError, match=r"^yaw: got"):
         scalar(bad, "yaw")
 
 
-def test_a_number_in_a_column_is_a_number():
+def test_number_may_be_a_column():
     assert scalar(np.array([[0.5]]), "yaw") == 0.5
 
 
 @pytest.mark.parametrize("bad", [0, -1, np.nan, 1e6])
-def test_a_rate_that_is_none_is_refused(bad):
+def test_invalid_rate_is_refused(bad):
     with pytest.raises(SetpointError, match=r"^freq: got"):
         period_s(bad)
 
 
-def test_a_time_does_not_run_backwards():
+def test_negative_duration_is_refused():
     with pytest.raises(SetpointError, match=r"^time: got -1"):
         duration_s(-1)
 
 
-def test_attitudes_by_angles_and_by_quaternion_agree():
+def test_euler_and_quaternion_attitudes_agree():
     rpy = np.radians([10, -20, 35])
     assert attitude(rpy, "euler") == pytest.approx(attitude(2.0 * quat_from_euler(rpy), "quaternion"))
 
@@ -154,17 +180,17 @@ def test_attitudes_by_angles_and_by_quaternion_agree():
 @pytest.mark.parametrize(
     ("att", "kind", "found"),
     [
-        ([0] * 4, "quaternion", "no rotation"),
+        ([0] * 4, "quaternion", "norm is zero"),
         ([0] * 3, "degrees", "'degrees'"),
         ([0] * 3, "quaternion", r"\(3,\)"),
     ],
 )
-def test_what_is_no_attitude_is_refused(att, kind, found):
+def test_invalid_attitude_is_refused(att, kind, found):
     with pytest.raises(SetpointError, match=found):
         attitude(att, kind)
 
 
 @pytest.mark.parametrize("output", [[2.0], [0.1] * 9, [], [np.nan]])
-def test_motor_commands_beyond_their_range_are_refused(output):
+def test_actuator_values_out_of_range_are_refused(output):
     with pytest.raises(SetpointError, match=r"^output: got"):
         ENCODER.act(0, output, 0.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from arena import UAV, Heart
+from arena import UAV, Heartbeat
 from arena.clock import SimClock
 
 uav = UAV.from_args()
@@ -26,15 +26,15 @@ def resend() -> None:
     )
     rate = clock.rate(20.0)
     while True:
-        uav._link.send(uav._pilot.encoder.pos_yaw(place, 0.0, clock.now()))
+        uav._connection.send(uav._control.encoder.pos_yaw(place, 0.0, clock.now()))
         rate.sleep()
 
 
-heart = Heart.from_args()
+heartbeat = Heartbeat.from_args()
 threading.Thread(target=resend, daemon=True).start()
 loop = uav.clock.rate(20.0)
 for _ in range(60):
-    heart.beat()
+    heartbeat.beat()
     loop.sleep()
 print("hangs", flush=True)
 threading.Event().wait()

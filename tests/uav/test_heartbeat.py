@@ -1,4 +1,4 @@
-"""The program's heartbeat to the copilot: in its own calls, ten times a second, and never from a thread."""
+"""The program's heartbeat to the copilot: sent in the program's own calls, at most ten times a second."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena import Heart
+from arena import Heartbeat
 from arena.wire.mavlink_codec import Codec
 
 from .conftest import make_uav
 from .fake import FakeAutopilot, until
 
 
-class Ear:
-    """Where a copilot would listen."""
+class Copilot:
+    """The socket of a copilot."""
 
     def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -28,7 +28,7 @@ class Ear:
         self.address: tuple[str, int] = self._socket.getsockname()
         self._codec = Codec(0, 0)
 
-    def heard(self) -> list[Any]:
+    def received(self) -> list[Any]:
         found: list[Any] = []
         while True:
             try:
@@ -41,47 +41,47 @@ class Ear:
 
 
 @pytest.fixture
-def ear() -> Iterator[Ear]:
-    made = Ear()
+def copilot() -> Iterator[Copilot]:
+    made = Copilot()
     yield made
     made.close()
 
 
-class HandClock:
+class SteppedClock:
     t = 5.0
 
     def now(self) -> float:
         return self.t
 
 
-def test_it_beats_ten_times_a_second_of_its_clock_at_most(ear: Ear) -> None:
-    clock = HandClock()
-    heart = Heart(ear.address, 7, clock)  # type: ignore[arg-type]
+def test_heartbeat_is_sent_at_most_ten_times_a_second(copilot: Copilot) -> None:
+    clock = SteppedClock()
+    heartbeat = Heartbeat(copilot.address, 7, clock)  # type: ignore[arg-type]
     for k in range(100):
         clock.t = 5.0 + 0.0101 * k
-        heart.beat()
-    heard = ear.heard()
-    assert len(heard) == 10
-    assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in heard} == {
+        heartbeat.beat()
+    received = copilot.received()
+    assert len(received) == 10
+    assert {(m.get_srcSystem(), m.get_srcComponent(), m.type) for m in received} == {
         (7, 191, mavlink.MAV_TYPE_ONBOARD_CONTROLLER)
     }
-    heart.close()
+    heartbeat.close()
 
 
-def test_without_a_copilot_beating_is_nothing() -> None:
-    Heart(None, 1).beat()
+def test_without_a_copilot_nothing_is_sent() -> None:
+    Heartbeat(None, 1).beat()
 
 
-def test_a_copilot_that_is_not_there_is_no_error(ear: Ear) -> None:
-    gone = ear.address
-    ear.close()
-    heart, clock = Heart(gone, 1, HandClock()), HandClock()  # type: ignore[arg-type]
+def test_missing_copilot_is_no_error(copilot: Copilot) -> None:
+    gone = copilot.address
+    copilot.close()
+    heartbeat, clock = Heartbeat(gone, 1, SteppedClock()), SteppedClock()  # type: ignore[arg-type]
     for _ in range(3):
         clock.t += 1.0
-        heart.beat()
+        heartbeat.beat()
 
 
-def test_a_foreign_program_takes_it_from_the_supervisors_arguments(tmp_path: Path, ear: Ear) -> None:
+def test_heartbeat_is_made_from_the_supervisors_arguments(tmp_path: Path, copilot: Copilot) -> None:
     profile = {
         "mass_kg": 1.5,
         "radius_m": 0.3,
@@ -99,25 +99,25 @@ def test_a_foreign_program_takes_it_from_the_supervisors_arguments(tmp_path: Pat
         "profile": profile,
         "neighbours": [],
         "stale_s": 0.5,
-        "heart": list(ear.address),
+        "heartbeat": list(copilot.address),
     }
     (tmp_path / "slice.json").write_text(json.dumps(slice_))
-    Heart.from_args(["--uav", str(tmp_path / "slice.json"), "own", "words"]).beat()
-    assert [m.get_srcSystem() for m in ear.heard()] == [3]
+    Heartbeat.from_args(["--uav", str(tmp_path / "slice.json"), "own", "words"]).beat()
+    assert [m.get_srcSystem() for m in copilot.received()] == [3]
 
 
-def test_a_program_beats_while_its_methods_run_and_never_between(autopilot: FakeAutopilot, ear: Ear) -> None:
-    with make_uav(autopilot.to, heart=ear.address) as uav:
+def test_heartbeats_leave_only_while_methods_run(autopilot: FakeAutopilot, copilot: Copilot) -> None:
+    with make_uav(autopilot.to, heartbeat=copilot.address) as uav:
         until(lambda: uav.ekf.age_s < 0.5 and uav.info.is_connected)
-        ear.heard()
+        copilot.received()
         links = len(autopilot.heartbeats)
-        until(lambda: len(autopilot.heartbeats) >= links + 1)  # its thread lives
-        assert ear.heard() == []  # looking alone is no sign of a loop that flies
+        until(lambda: len(autopilot.heartbeats) >= links + 1)  # the background thread runs
+        assert copilot.received() == []  # receiving data is no sign that the main loop runs
         uav.start_offboard_mission()
-        assert len(ear.heard()) >= 1
+        assert len(copilot.received()) >= 1
         for _ in range(3):
             uav.set_vel_yaw([0, 0, -1], 0.0, 5)
-        assert len(ear.heard()) >= 2
+        assert len(copilot.received()) >= 2
         links = len(autopilot.heartbeats)
         until(lambda: len(autopilot.heartbeats) >= links + 1)
-        assert ear.heard() == []
+        assert copilot.received() == []

@@ -1,4 +1,4 @@
-"""What a program reads: units, frames, ages, and that stale is not data."""
+"""Data groups of a program: units, frames and ages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Q_NB = quat_from_euler(np.radians([10, -20, 35]))
 
 
 class Bench:
-    """Groups over a telemetry that is fed by hand, at a time that is set by hand."""
+    """Data groups over telemetry and a time that the test sets."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -57,7 +57,7 @@ def bench() -> Bench:
     return found
 
 
-def test_the_estimate_is_in_ned_and_the_body_in_frd(bench):
+def test_estimate_is_in_ned_and_body_values_in_frd(bench):
     ekf = bench.uav.ekf
     assert ekf.pos.tolist() == pytest.approx([1, 2, -3]) and ekf.pos.shape == (3,)
     assert ekf.att_q == pytest.approx(Q_NB, abs=1e-6)
@@ -66,7 +66,7 @@ def test_the_estimate_is_in_ned_and_the_body_in_frd(bench):
     assert ekf.ang_vel.tolist() == pytest.approx([0.4, 0.5, 0.6])
 
 
-def test_sensors_are_in_si(bench):
+def test_sensor_values_are_in_si_units(bench):
     sen = bench.uav.sen
     assert sen.imu.acc_body.tolist() == pytest.approx([1, 2, -9.8])
     assert sen.imu.ang_vel.tolist() == pytest.approx([0.1, 0.2, 0.3])
@@ -77,7 +77,7 @@ def test_sensors_are_in_si(bench):
     assert sen.gps.pos.tolist() == pytest.approx([47.397742, 8.545594, 488.0])
 
 
-def test_info_and_actuators(bench):
+def test_info_and_actuator_values(bench):
     info = bench.uav.info
     assert (info.flight_mode, info.is_armed, info.is_landed, info.is_connected) == (
         "AUTO.LAND",
@@ -119,22 +119,22 @@ SLOW = [
 
 
 @pytest.mark.parametrize("read", FAST + SLOW)
-def test_what_was_never_heard_raises(read):
-    with pytest.raises(StaleDataError, match=r"uav1: no .* heard yet"):
+def test_value_that_never_arrived_raises(read):
+    with pytest.raises(StaleDataError, match=r"uav1: no .* arrived yet"):
         read(Bench().uav)
 
 
 @pytest.mark.parametrize(("read", "age"), [*((r, 0.6) for r in FAST), *((r, 10.5) for r in SLOW)])
-def test_what_is_old_raises_and_says_how_old(bench, read, age):
+def test_stale_value_raises_with_its_age(bench, read, age):
     for body in ("aero2", "b2", "b3"):
-        bench.poses.on_pose(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
+        bench.poses.receive(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
     read(bench.uav)
     bench.now += age
     with pytest.raises(StaleDataError, match=f"{age:.2f} s old"):
         read(bench.uav)
 
 
-def test_slow_messages_may_be_older(bench):
+def test_slow_messages_have_a_longer_age_limit(bench):
     bench.now += 1.5
     assert bench.uav.info.is_armed and bench.uav.info.battery == 42.0
     assert bench.uav.ekf.age_s == pytest.approx(1.5)
@@ -144,26 +144,26 @@ def test_is_connected_never_raises():
     assert Bench().uav.info.is_connected is False
 
 
-def test_neighbours_are_seen_from_oneself(bench):
+def test_neighbours_are_relative_to_the_vehicle(bench):
     for i in range(12):
         t = i / 180
-        bench.poses.on_pose("aero2", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
-        bench.poses.on_pose("b2", (1.0 + 0.5 * t, 2.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
-        bench.poses.on_pose("b3", (-1.0, 0.0, -2.0 - t), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+        bench.poses.receive("aero2", (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+        bench.poses.receive("b2", (1.0 + 0.5 * t, 2.0, -1.0), (1.0, 0.0, 0.0, 0.0), t, bench.now)
+        bench.poses.receive("b3", (-1.0, 0.0, -2.0 - t), (1.0, 0.0, 0.0, 0.0), t, bench.now)
     emu = bench.uav.sen.emu
     assert emu.rel_pos.shape == (2, 3)
     assert emu.rel_pos[0] == pytest.approx([1.0 + 0.5 * 11 / 180, 2.0, 0.0])
     assert emu.rel_vel == pytest.approx(np.array([[0.5, 0, 0], [0, 0, -1.0]]), abs=1e-9)
 
 
-def test_a_neighbour_that_is_hidden_makes_the_sensor_stale(bench):
+def test_hidden_neighbour_makes_the_sensor_stale(bench):
     for body in ("aero2", "b3"):
-        bench.poses.on_pose(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
+        bench.poses.receive(body, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, bench.now)
     with pytest.raises(StaleDataError, match="uav2"):
         _ = bench.uav.sen.emu.rel_pos
 
 
-def test_a_snapshot_stays_as_it_was(bench):
+def test_snapshot_does_not_change(bench):
     fixed = Snapshot.of(bench.source.fixed(), BODY)
     bench.now += 0.3
     bench.receive(mavlink.MAVLink_local_position_ned_message(1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0))
@@ -171,12 +171,12 @@ def test_a_snapshot_stays_as_it_was(bench):
     assert fixed.ekf.age_s == 0.0
 
 
-def test_writing_into_a_vector_does_not_change_the_next_one(bench):
+def test_returned_vectors_are_copies(bench):
     bench.uav.ekf.pos[:] = 7.0
     assert bench.uav.ekf.pos[0] == 1.0
 
 
-def test_other_vehicles_and_other_components_are_not_heard(bench):
+def test_messages_of_other_systems_and_components_are_ignored(bench):
     for system, component in ((2, 1), (1, 191)):
         stranger = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         bench.telemetry.on_datagram(
@@ -185,7 +185,7 @@ def test_other_vehicles_and_other_components_are_not_heard(bench):
     assert bench.uav.info.flight_mode == "AUTO.LAND"
 
 
-def test_a_damaged_frame_says_nothing(bench):
+def test_damaged_frame_is_dropped(bench):
     out = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     data = bytearray(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3).pack(out))
     data[12] ^= 0xFF
@@ -193,7 +193,7 @@ def test_a_damaged_frame_says_nothing(bench):
     assert bench.uav.info.flight_mode == "AUTO.LAND" and bench.telemetry.refused == 1
 
 
-def test_random_bytes_do_no_harm_and_what_follows_them_is_heard(bench):
+def test_messages_after_random_bytes_are_received(bench):
     rng = np.random.default_rng(6)
     for size in rng.integers(1, 400, 500):
         bench.telemetry.on_datagram(rng.bytes(int(size)), bench.now)
@@ -202,7 +202,7 @@ def test_random_bytes_do_no_harm_and_what_follows_them_is_heard(bench):
     assert bench.uav.info.flight_mode == "OFFBOARD"
 
 
-def test_a_damaged_frame_does_not_hide_the_next_one_of_its_datagram(bench):
+def test_frame_after_a_damaged_one_is_received(bench):
     torn = bytearray(mavlink.MAVLink_extended_sys_state_message(0, 1).pack(bench._out))
     torn[-1] ^= 0xFF
     bench.receive(mavlink.MAVLink_heartbeat_message(2, 12, 0, 6 << 16, 4, 3), prefix=bytes(torn))
@@ -211,7 +211,7 @@ def test_a_damaged_frame_does_not_hide_the_next_one_of_its_datagram(bench):
     assert bench.telemetry.refused == 1
 
 
-def test_long_texts_come_in_chunks(bench):
+def test_chunks_of_a_long_text_are_joined(bench):
     bench.receive(
         mavlink.MAVLink_statustext_message(3, b"x" * 50, 9, 0),
         mavlink.MAVLink_statustext_message(3, b"end", 9, 1),
@@ -224,13 +224,13 @@ def test_long_texts_come_in_chunks(bench):
 
 
 @pytest.mark.parametrize("words", ["OFFBOARD", "AUTO.LAND", "AUTO.LOITER", "AUTO.TAKEOFF", "POSCTL"])
-def test_modes_go_both_ways(words):
+def test_mode_names_and_numbers_agree(words):
     main, sub = mode_numbers(words)
     assert mode_words(main << 16 | sub << 24) == words
 
 
-def test_a_neighbour_that_comes_back_has_no_speed_from_before():
+def test_neighbour_after_a_gap_has_no_velocity():
     poses = Poses(None, [("uav2", "b2")])
-    poses.on_pose("b2", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, 1.0)
-    poses.on_pose("b2", (3.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 2.0, 2.0)
+    poses.receive("b2", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 1.0, 1.0)
+    poses.receive("b2", (3.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), 2.0, 2.0)
     assert poses.neighbours[0] is not None and poses.neighbours[0].v_n.tolist() == [0.0, 0.0, 0.0]

@@ -1,0 +1,94 @@
+"""A barrier for programs of one arena that must start together: files in the run's private folder, and a common start time.
+
+Each program leaves a file with the time of its arrival. When all files are there, every program reads the same times and waits
+for the same start: 0.5 s after the last arrival, on the clock that they share.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from arena.errors import InputError, RunError
+
+START_DELAY_S = 0.5  # after the last arrival: longer than the 0.02 s between two looks at the folder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arrivals:
+    """Which programs have arrived. times: vehicle -> time of arrival [s]. count: how many are to come."""
+
+    times: dict[str, float]
+    count: int
+
+    @property
+    def start_s(self) -> float | None:
+        """The common start time [s]; None while a program is missing."""
+        if len(self.times) < self.count:
+            return None
+        return sorted(self.times.values())[self.count - 1] + START_DELAY_S
+
+
+class StartBarrier:
+    """One program's side of the barriers of a run.
+
+    vehicle: name of the program's vehicle. folder: where all programs of the run leave their files; None without a run.
+    programs: vehicles of the run that have a program.
+    """
+
+    def __init__(self, vehicle: str, folder: Path | None, programs: Sequence[str]) -> None:
+        self._vehicle, self._folder, self._programs = vehicle, folder, tuple(programs)
+        self._uses: Counter[str] = Counter()
+
+    def arrive(self, name: str, now: float, count: int | None = None) -> _Waiting:
+        """Record the arrival at a barrier. The k-th arrival of one program meets the k-th of the others.
+
+        count: how many programs take part, this one included; None for all programs of the run.
+        Raises InputError when there are not so many programs, or for a program that `arena up` did not start.
+        """
+        if self._folder is None:
+            raise InputError(
+                "wait_for: needs a program that `arena up` started, as it waits for the others of the run"
+            )
+        if not name.replace("-", "").replace("_", "").isalnum():
+            raise InputError(f"wait_for: got the name {name!r}, expected letters, digits, - and _")
+        count = len(self._programs) if count is None else count
+        if not 1 <= count <= len(self._programs):
+            programs = ", ".join(self._programs)
+            raise InputError(
+                f"wait_for: got n={count}, expected 1 to {len(self._programs)}: the programs of {programs}"
+            )
+        self._uses[name] += 1
+        folder = self._folder / f"{name}.{self._uses[name]}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            part = folder / f".{self._vehicle}"
+            part.write_text(json.dumps(now))
+            part.replace(folder / self._vehicle)
+        except OSError as error:
+            raise RunError(f"wait_for: cannot write in {folder}: {error.strerror}") from error
+        return _Waiting(self._vehicle, folder, count, self._programs)
+
+
+class _Waiting:
+    """One arrival at one barrier."""
+
+    def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
+        self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs
+
+    def arrivals(self) -> Arrivals:
+        times = {}
+        for file in self._folder.iterdir():
+            if not file.name.startswith("."):
+                times[file.name] = float(json.loads(file.read_text()))
+        return Arrivals(times=times, count=self._count)
+
+    def withdraw(self) -> str:
+        """Remove the arrival, so that no other program starts with it; return who was there and who was not."""
+        here = self.arrivals().times
+        (self._folder / self._vehicle).unlink(missing_ok=True)
+        missing = [name for name in self._programs if name not in here]
+        return f"{len(here)} of {self._count} programs have arrived ({', '.join(sorted(here))}; missing: {', '.join(missing)})"

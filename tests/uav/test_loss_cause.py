@@ -1,0 +1,65 @@
+"""The cause of a lost vehicle: failsafe, land-all, the arena's end, the copilot, a pilot."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from arena.emergency.run_record import record_command
+from arena.errors import OffboardLostError
+from arena.uav.loss_cause import UNKNOWN, cause_of_loss
+
+from .conftest import make_uav
+from .fake import until
+
+NOW = 1000.0
+
+
+def write_event(run, process: str, event: str, mono: float = NOW - 1.0) -> None:
+    with (run / "events.jsonl").open("a") as file:
+        file.write(json.dumps({"t": "x", "mono": mono, "process": process, "event": event}) + "\n{broken\n")
+
+
+def test_failsafe_is_named_with_the_autopilots_text(tmp_path):
+    texts = ["Takeoff detected", "Failsafe activated: offboard control lost: AUTO.LAND"]
+    assert cause_of_loss("uav1", texts, tmp_path, NOW) == f"failsafe of the autopilot ({texts[1]})"
+
+
+def test_stopping_arena_is_named(tmp_path):
+    write_event(tmp_path, "arena", "Ctrl-C: landing, then stopping")
+    assert cause_of_loss("uav1", [], tmp_path, NOW) == "the arena is stopping and lands its vehicles (Ctrl-C)"
+
+
+def test_copilot_is_named_for_its_own_vehicle_only(tmp_path):
+    write_event(tmp_path, "copilot", "uav1: closer than 0.5 m to uav2: hold")
+    assert "the copilot commanded it (closer than" in cause_of_loss("uav1", [], tmp_path, NOW)
+    assert cause_of_loss("uav2", [], tmp_path, NOW) == UNKNOWN
+
+
+def test_land_all_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr("time.monotonic", lambda: NOW - 0.5)
+    record_command(tmp_path, "land-all", ["uav1"])
+    assert cause_of_loss("uav1", [], tmp_path, NOW) == "arena land-all commanded it"
+    assert cause_of_loss("uav2", [], tmp_path, NOW) == UNKNOWN
+
+
+def test_pilot_who_uses_the_sticks_is_named():
+    texts = ["Pilot took over using sticks"]
+    assert cause_of_loss("uav1", texts, None, NOW) == "a pilot (Pilot took over using sticks)"
+
+
+def test_old_records_and_unreadable_folders_are_ignored(tmp_path):
+    write_event(tmp_path, "arena", "Ctrl-C: landing, then stopping", mono=NOW - 60.0)
+    assert cause_of_loss("uav1", [], tmp_path, NOW) == UNKNOWN
+    assert cause_of_loss("uav1", [], tmp_path / "missing", NOW) == UNKNOWN
+
+
+def test_exception_names_land_all_and_not_a_pilot(autopilot, tmp_path):
+    with make_uav(autopilot.to, run=str(tmp_path)) as uav:
+        until(lambda: uav.ekf.age_s < 0.5 and uav.info.is_connected)
+        uav.start_offboard_mission()
+        record_command(tmp_path, "land-all", ["uav1"])
+        autopilot.mode = "AUTO.LAND"
+        with pytest.raises(OffboardLostError, match=r"is now in AUTO\.LAND: arena land-all commanded it\."):
+            uav.set_pos_yaw([0, 0, -1], 0.0, 60.0)

@@ -1,0 +1,94 @@
+"""The barrier for programs that start together: common start time, missing programs, repeated use."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from arena.errors import InputError, NotConfirmedError
+from arena.uav.start_barrier import START_DELAY_S, StartBarrier
+
+from .conftest import make_uav
+from .fake import FakeAutopilot, until
+
+PROGRAMS = ["uav1", "uav2", "uav3"]
+
+
+@pytest.fixture
+def barriers(tmp_path):
+    return [StartBarrier(name, tmp_path / "barriers", PROGRAMS) for name in PROGRAMS]
+
+
+def test_all_programs_get_the_same_start_time(barriers):
+    waiting = []
+    for k, barrier in enumerate(barriers):
+        assert all(w.arrivals().start_s is None for w in waiting)
+        waiting.append(barrier.arrive("start", 10.0 + k))
+    assert {w.arrivals().start_s for w in waiting} == {12.0 + START_DELAY_S}
+
+
+def test_barrier_may_be_for_some_of_the_programs(barriers):
+    one, two = (b.arrive("pair", 5.0, 2) for b in barriers[:2])
+    assert one.arrivals().start_s == two.arrivals().start_s == 5.0 + START_DELAY_S
+
+
+def test_second_use_of_a_name_is_a_barrier_of_its_own(barriers):
+    for barrier in barriers:
+        barrier.arrive("lap", 1.0)
+    again = [barrier.arrive("lap", 20.0) for barrier in barriers[:2]]
+    assert all(w.arrivals().start_s is None for w in again)
+    again.append(barriers[2].arrive("lap", 21.0))
+    assert {w.arrivals().start_s for w in again} == {21.0 + START_DELAY_S}
+
+
+def test_withdrawn_program_starts_nobody(barriers):
+    one, two = barriers[0].arrive("start", 1.0), barriers[1].arrive("start", 1.0)
+    assert one.withdraw() == "2 of 3 programs have arrived (uav1, uav2; missing: uav3)"
+    barriers[2].arrive("start", 40.0)
+    assert two.arrivals().start_s is None
+
+
+@pytest.mark.parametrize("count", [0, 4])
+def test_impossible_number_of_programs_is_refused(barriers, count):
+    with pytest.raises(InputError, match=f"got n={count}, expected 1 to 3"):
+        barriers[0].arrive("start", 1.0, count)
+
+
+def test_name_that_is_no_file_name_is_refused(barriers):
+    with pytest.raises(InputError, match="letters, digits"):
+        barriers[0].arrive("../start", 1.0)
+
+
+def test_program_started_by_hand_has_no_barrier(autopilot, uav):
+    with pytest.raises(InputError, match="needs a program that `arena up` started"):
+        uav.wait_for("start", n=2)
+
+
+def test_missing_program_is_named_after_the_timeout(autopilot: FakeAutopilot, tmp_path):
+    with (
+        make_uav(autopilot.to, barriers=str(tmp_path), programs=["uav1", "uav2"]) as uav,
+        pytest.raises(NotConfirmedError, match=r"after 0.1 s: 1 of 2 programs .* missing: uav2"),
+    ):
+        uav.wait_for("start", timeout=0.1)
+
+
+def test_flying_vehicle_holds_its_position_while_it_waits(autopilot: FakeAutopilot, tmp_path):
+    with make_uav(autopilot.to, barriers=str(tmp_path), programs=["uav1", "uav2"]) as uav:
+        until(lambda: uav.ekf.age_s < 0.5 and uav.info.is_connected)
+        uav.start_offboard_mission()
+        autopilot.pos = (3.0, 4.0, -1.5)
+        until(lambda: uav.ekf.pos[2] == -1.5)
+        other, sent = StartBarrier("uav2", tmp_path, ["uav1", "uav2"]), len(autopilot.setpoints)
+        arrival = threading.Thread(
+            target=lambda: (
+                until(lambda: len(autopilot.setpoints) > sent + 5),
+                other.arrive("start", uav.clock.now()),
+            )
+        )
+        arrival.start()
+        start = uav.wait_for("start")
+        assert uav.clock.now() - start >= 0.0
+        arrival.join()
+    held = [m for _, m in autopilot.setpoints[sent + 1 :]]
+    assert {(round(m.x, 6), round(m.y, 6), round(m.z, 6)) for m in held} == {(3.0, 4.0, -1.5)}
