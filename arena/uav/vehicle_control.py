@@ -66,7 +66,7 @@ class VehicleControl:
         self._holding_since = math.inf
 
     def guard(self) -> None:
-        """Raise OffboardLostError when the vehicle has left OFFBOARD or was disarmed since the program took it.
+        """Raise OffboardLostError after a change out of OFFBOARD, or a disarming, that the program did not command.
 
         Raises StaleDataError when the autopilot is silent.
         """
