@@ -1,4 +1,4 @@
-"""Autopilots of a few lines, for land-all to talk to: they speak pymavlink on a panic link and behind a router."""
+"""Minimal autopilots for land-all: they use pymavlink, on a panic link and behind a router."""
 
 import random
 import select
@@ -29,9 +29,12 @@ def target(k, host, name=""):
 
 @dataclass(kw_only=True)
 class Fake:
-    """One vehicle's behaviour: pure. Commands in, acknowledgements out, state by time.
+    """The behaviour of a vehicle, without sockets: commands in, acknowledgements out, state by time.
 
-    obeys: accepts land commands.  disarms: by itself after the landing.  told: every command it got.
+    obeys: accepts land commands
+    disarms: by itself after the landing
+    commands: every received command
+    received: (system, component, type) of every received message
     """
 
     system: int
@@ -41,17 +44,17 @@ class Fake:
     obeys: bool = True
     disarms: bool = True
     land_s: float = 0.2
-    told: list = field(default_factory=list)
+    commands: list = field(default_factory=list)
     landing_since: float | None = None
-    heard: set = field(default_factory=set)
+    received: set = field(default_factory=set)
 
     def __post_init__(self):
-        self.voice = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=1)
-        self.ear = mavlink.MAVLink(None)
-        self.ear.robust_parsing = True
+        self._sender = mavlink.MAVLink(None, srcSystem=self.system, srcComponent=1)
+        self._parser = mavlink.MAVLink(None)
+        self._parser.robust_parsing = True
 
     def pack(self, message):
-        return bytes(message.pack(self.voice))
+        return bytes(message.pack(self._sender))
 
     def step(self, now):
         if self.mode == LAND and self.landing_since is None:
@@ -66,14 +69,14 @@ class Fake:
             self.pack(mavlink.MAVLink_extended_sys_state_message(0, GROUND if self.landed else AIR)),
         ]
 
-    def hear(self, data):
-        """Returns the answers."""
+    def receive(self, data):
+        """Take in a datagram. Return the answers."""
         answers = []
-        for m in self.ear.parse_buffer(data) or []:
-            self.heard.add((m.get_srcSystem(), m.get_srcComponent(), m.get_type()))
+        for m in self._parser.parse_buffer(data) or []:
+            self.received.add((m.get_srcSystem(), m.get_srcComponent(), m.get_type()))
             if m.get_type() == "COMMAND_LONG" and m.target_system == self.system:
                 result = self.obey(m)
-                self.told.append((m.command, m.param1, m.param2))
+                self.commands.append((m.command, m.param1, m.param2))
                 answers.append(
                     self.pack(
                         mavlink.MAVLink_command_ack_message(
@@ -99,8 +102,8 @@ class Fake:
 class Fleet:
     """Fakes on sockets, in one thread.
 
-    paths: "panic", "tools" (as its router would), "router" (the link of a real router), "wire" (a real vehicle's own).
-    loss: of datagrams, each way.
+    paths: "panic" link, "tools" (in place of the router), "router" (link of a real router), "wire" (a real vehicle on UDP)
+    loss: share of datagrams that are lost in each direction
     """
 
     def __init__(self, fakes, host, paths=("panic", "tools"), loss=0.0):
@@ -148,7 +151,7 @@ class Fleet:
                     self.read(way)
             if (now := time.monotonic()) > due:
                 due = now + 0.05
-                self.tell(now)
+                self.send_state(now)
 
     def read(self, way):
         s, k, partner = way
@@ -157,14 +160,14 @@ class Fleet:
                 data, sender = s.recvfrom(4096)
             except OSError:
                 return
-            for answer in () if self.lost() else self.fakes[k].hear(data):
+            for answer in () if self.lost() else self.fakes[k].receive(data):
                 self.send(s, answer, partner or sender)
-            if self.fakes[k].told:
+            if self.fakes[k].commands:
                 self.first_command.setdefault(k, time.monotonic())
             if partner is None:
                 self.guests[s.fileno(), sender] = s, k
 
-    def tell(self, now):
+    def send_state(self, now):
         for fake in self.fakes.values():
             fake.step(now)
         for s, k, partner in self.ways:

@@ -1,6 +1,6 @@
-"""A real vehicle with a single wire: through its link, beside it, and in its place when it is dead or stopped.
+"""A real vehicle: landed through its link process, beside it, and in its place when it has ended or hangs.
 
-The link is the real process; the vehicle is a fake at the other end of a UDP port or of a serial cable.
+The link is the real process; the vehicle is a fake on UDP or at the other end of a serial cable.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ DEADLINE_S = 60.0
 
 
 class SerialFake:
-    """A fake at the far end of a cable."""
+    """A fake vehicle at the far end of a serial cable."""
 
     def __init__(self, fake, device):
         self.fake, self.fd = fake, os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -51,7 +51,7 @@ class SerialFake:
             ready, _, _ = select.select([self.wake, self.fd], [], [], 0.02)
             if self.wake in ready:
                 return
-            out = self.fake.hear(os.read(self.fd, 4096)) if self.fd in ready else []
+            out = self.fake.receive(os.read(self.fd, 4096)) if self.fd in ready else []
             if (now := time.monotonic()) > due:
                 due = now + 0.1
                 self.fake.step(now)
@@ -61,7 +61,7 @@ class SerialFake:
 
 
 class Lab:
-    """The run folder of one real vehicle, and its link as a process."""
+    """The run folder of a real vehicle, and its link process."""
 
     def __init__(self, folder, host, wire):
         self.folder, self.host = folder, host
@@ -116,7 +116,7 @@ class Lab:
         self.link = None
 
     def start(self):
-        """The link, until it knows where its vehicle is; and state.json, as a supervisor keeps it."""
+        """Start the link, wait until it has the vehicle's address, and write state.json as a supervisor does."""
         self.link = subprocess.Popen(
             [sys.executable, "-m", "arena.fcu_link", str(self.slice)], stdout=subprocess.DEVNULL
         )
@@ -173,16 +173,16 @@ def lines(capsys):
     return capsys.readouterr().out.splitlines()
 
 
-def test_the_link_keeps_the_vehicles_address_and_lands_it_while_it_works(lab, capsys):
+def test_a_working_link_records_the_address_and_carries_the_landing(lab, capsys):
     host = "127.66.1.1"
     with Fleet([Fake(system=K)], host, paths=("wire",)) as fleet:
-        room = lab(host, udpin(host))
-        room.start()
-        assert room.seen() == {"kind": "udpin", "local": [host, 14541], "vehicle": [host, 25001]}
-        assert land_all(run=room.folder) == 0
-        assert fleet.fakes[K].mode == LAND and room.link.poll() is None
-    said = lines(capsys)
-    assert said[1].startswith("uav1: landed and disarmed") and len(said) == 2, "nothing straight"
+        site = lab(host, udpin(host))
+        site.start()
+        assert site.seen() == {"kind": "udpin", "local": [host, 14541], "vehicle": [host, 25001]}
+        assert land_all(run=site.folder) == 0
+        assert fleet.fakes[K].mode == LAND and site.link.poll() is None
+    printed = lines(capsys)
+    assert printed[1].startswith("uav1: landed and disarmed") and len(printed) == 2, "no direct connection"
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
@@ -190,52 +190,52 @@ def test_the_link_keeps_the_vehicles_address_and_lands_it_while_it_works(lab, ca
 def test_a_stopped_or_dead_link_is_replaced(lab, capsys, number, verb):
     host = f"127.66.2.{number + 10 * len(verb)}"
     with Fleet([Fake(system=K)], host, paths=("wire",)) as fleet:
-        room = lab(host, udpin(host))
-        room.start()
-        room.signal(number)
-        assert command(verb, ["--run", str(room.folder), *(["--yes"] if verb == "kill-all" else [])]) == 0
+        site = lab(host, udpin(host))
+        site.start()
+        site.signal(number)
+        assert command(verb, ["--run", str(site.folder), *(["--yes"] if verb == "kill-all" else [])]) == 0
         assert not fleet.fakes[K].armed
-    said = lines(capsys)
-    assert any(f"sending on udpin {host}:14541 instead" in line for line in said)
-    assert any(f"process {room.link.pid}" in line and "was killed" in line for line in said) is (
+    printed = lines(capsys)
+    assert any(f"sending on udpin {host}:14541 instead" in line for line in printed)
+    assert any(f"process {site.link.pid}" in line and "was killed" in line for line in printed) is (
         number == signal.SIGSTOP
     )
-    assert room.link.wait(10) == -signal.SIGKILL
+    assert site.link.wait(10) == -signal.SIGKILL
 
 
-def test_a_vehicle_whose_address_was_never_learned_is_found_by_its_voice(lab, capsys):
+def test_a_vehicle_without_known_address_is_found_by_its_telemetry(lab, capsys):
     host = "127.66.3.1"
-    room = lab(host, udpin(host))
+    site = lab(host, udpin(host))
     with Fleet([Fake(system=K)], host, paths=("wire",)):
-        assert land_all(run=room.folder) == 0, "the arena has gone, and only the run folder is left"
+        assert land_all(run=site.folder) == 0, "only the run folder is left"
 
 
-def test_one_spoken_to_first_is_spoken_to_in_the_links_place(lab):
+def test_a_vehicle_on_udpout_is_commanded_in_place_of_its_link(lab):
     host = "127.66.4.1"
-    with Fleet([Fake(system=K)], host, paths=("tools",)) as fleet:  # answers whoever speaks to it
-        room = lab(host, {"kind": "udpout", "address": list(fleet.targets[0].tools)})
-        room.start()
-        room.signal(signal.SIGSTOP)
-        (room.folder / "plan.json").write_text(
-            (room.folder / "plan.json").read_text().replace("24016", "24019")
+    with Fleet([Fake(system=K)], host, paths=("tools",)) as fleet:  # answers every sender
+        site = lab(host, {"kind": "udpout", "address": list(fleet.targets[0].tools)})
+        site.start()
+        site.signal(signal.SIGSTOP)
+        (site.folder / "plan.json").write_text(
+            (site.folder / "plan.json").read_text().replace("24016", "24019")
         )  # no router
-        assert land_all(run=room.folder) == 0
+        assert land_all(run=site.folder) == 0
 
 
-def test_a_link_that_reads_is_never_ended_however_silent_its_vehicle(lab, capsys):
+def test_a_link_that_reads_is_never_killed(lab, capsys):
     host = "127.66.5.1"
     with Fleet([Fake(system=K)], host, paths=("wire",)):
-        room = lab(host, udpin(host))
-        room.start()
-    assert land_all(run=room.folder, timeout_s=4.0) == 1
-    assert room.link.poll() is None
-    said = lines(capsys)
-    assert said[-1].startswith("uav1: NOT CONFIRMED")
-    assert any(f"sending directly to {host}:25001 too" in line for line in said)
-    assert not any(" instead" in line for line in said)
+        site = lab(host, udpin(host))
+        site.start()
+    assert land_all(run=site.folder, timeout_s=2.5) == 1
+    assert site.link.poll() is None
+    printed = lines(capsys)
+    assert printed[-1].startswith("uav1: NOT CONFIRMED")
+    assert any(f"sending directly to {host}:25001 too" in line for line in printed)
+    assert not any(" instead" in line for line in printed)
 
 
-def test_another_process_with_the_recorded_number_is_not_ended():
+def test_another_process_with_the_recorded_pid_is_not_killed():
     bystander = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     try:
         assert link_process.kill(ProcessIdentity(name="link.uav1", pid=bystander.pid, start_s=1.0))
@@ -250,10 +250,10 @@ def test_on_a_serial_line_the_device_is_taken_over(lab, serial_cable, capsys, nu
     near, far = serial_cable
     fake = Fake(system=K)
     with SerialFake(fake, far):
-        room = lab(f"127.66.6.{number}", {"kind": "serial", "device": near, "baud": 115200})
-        room.start()
-        room.signal(number)
-        assert land_all(run=room.folder) == 0
+        site = lab(f"127.66.6.{number}", {"kind": "serial", "device": near, "baud": 115200})
+        site.start()
+        site.signal(number)
+        assert land_all(run=site.folder) == 0
     assert fake.mode == LAND and not fake.armed
     assert any(f"sending on {near} at 115200 baud instead" in line for line in lines(capsys))
 
@@ -272,15 +272,15 @@ def test_from_the_yaml_alone(tmp_path, monkeypatch, serial_cable):
     assert not other.armed and not fleet.fakes[1].armed
 
 
-def test_a_second_land_all_is_heard_by_the_link_too(lab):
-    """The first holds the panic link's own end and was stopped, and there is no router."""
+def test_a_second_land_all_is_obeyed_by_the_link_too(lab):
+    """The first one holds our end of the panic link and hangs; there is no router."""
     host = "127.66.8.1"
     with (
         Fleet([Fake(system=K)], host, paths=("wire",)) as fleet,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
     ):
-        room = lab(host, udpin(host))
-        room.start()
+        site = lab(host, udpin(host))
+        site.start()
         other.bind((host, 24015))
-        assert land_all(run=room.folder, timeout_s=3.0) == 1, "unheard"
+        assert land_all(run=site.folder, timeout_s=2.0) == 1, "no telemetry"
         assert fleet.fakes[K].landed and not fleet.fakes[K].armed

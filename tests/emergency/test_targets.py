@@ -1,4 +1,4 @@
-"""Whom land-all lands: the running plan, else a YAML however broken."""
+"""The vehicles that land-all finds: in the plan of a run, else in a YAML that may be broken."""
 
 import dataclasses
 import json
@@ -56,7 +56,7 @@ def plan(ids=(1, 2), host=HOST):
 
 @pytest.fixture
 def runtime(tmp_path, monkeypatch):
-    """An empty runtime folder, and a function that makes an active run."""
+    """Return a function that makes an active run; the runtime folder is empty."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "rt"))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
@@ -75,7 +75,7 @@ def runtime(tmp_path, monkeypatch):
     return make
 
 
-def test_the_rule_of_ports_is_the_schemas():
+def test_the_port_rule_equals_the_schemas():
     for k in (1, 7, 250):
         ports, t = vehicle_ports(k), target(k, HOST)
         assert (t.autopilot[1], t.partner[1], t.tools[1]) == (
@@ -85,13 +85,13 @@ def test_the_rule_of_ports_is_the_schemas():
         )
 
 
-def test_a_plan_and_the_yaml_it_came_from_name_the_same_addresses(tmp_path):
+def test_a_plan_and_its_yaml_give_the_same_addresses(tmp_path):
     file = tmp_path / "arena.yaml"
     file.write_text(f"address: {HOST}\nvehicles:\n  uav1: {{}}\n  uav2: {{id: 2}}\n")
     assert from_yaml(file).targets == from_plan(plan().to_json()) == (target(1, HOST), target(2, HOST))
 
 
-def test_only_of_a_simulated_vehicle_is_the_record_of_its_run_believed(tmp_path):
+def test_only_a_simulated_vehicle_uses_the_record_of_its_run(tmp_path):
     raw = json.loads(plan().to_json())
     raw["vehicles"][1]["simulated"] = False
     assert [t.run for t in from_plan(json.dumps(raw), tmp_path)] == [tmp_path, None]
@@ -111,7 +111,7 @@ def test_every_active_run_is_landed(runtime):
     assert find().targets == (target(1, HOST), target(1, "127.54.20.2"))
 
 
-def test_a_yaml_takes_the_running_plan_of_its_address_and_no_other(runtime, tmp_path):
+def test_a_yaml_selects_the_run_on_its_address(runtime, tmp_path):
     runtime("a", plan((3,)))
     same, other = tmp_path / "same.yaml", tmp_path / "other.yaml"
     same.write_text(f"address: {HOST}\nvehicles: {{x: }}\n")
@@ -120,8 +120,8 @@ def test_a_yaml_takes_the_running_plan_of_its_address_and_no_other(runtime, tmp_
     assert find(arena=other).targets == (target(1, "127.54.20.9", "x"),)
 
 
-def test_the_running_plan_wins_over_the_yaml_as_it_is_by_now(runtime, tmp_path):
-    """Started from it, then edited: another address, another vehicle, and broken."""
+def test_the_running_plan_wins_over_the_edited_yaml(runtime, tmp_path):
+    """The YAML was edited after the start: another address, another vehicle, or broken."""
     file = tmp_path / "lab.yaml"
     for number, edited in enumerate(("address: 127.54.20.9\nvehicles: {x: {id: 9}}\n", "", "vehicles: [")):
         folder = runtime(f"a{number}", plan((3,)))
@@ -132,7 +132,7 @@ def test_the_running_plan_wins_over_the_yaml_as_it_is_by_now(runtime, tmp_path):
         assert find(arena=file).targets == (target(3, HOST),)
 
 
-def test_a_plan_that_cannot_be_read_at_all_keeps_nobody_else_from_landing(runtime):
+def test_an_unreadable_plan_does_not_stop_other_landings(runtime):
     (runtime("a", plan((1,))) / "plan.json").write_text("{")
     runtime("b", plan((2,), host="127.54.20.2"))
     found = find()
@@ -140,7 +140,7 @@ def test_a_plan_that_cannot_be_read_at_all_keeps_nobody_else_from_landing(runtim
     assert len(found.unread) == 1 and "runs/a" in found.unread[0]
 
 
-def test_a_run_that_was_not_read_is_told_and_is_no_success(runtime, monkeypatch, capsys):
+def test_an_unread_run_is_reported_and_fails_the_command(runtime, monkeypatch, capsys):
     (runtime("a", plan((1,))) / "plan.json").write_text("{")
     runtime("b", plan((2,), host="127.54.20.2"))
     monkeypatch.setattr("arena.emergency.land_all.bring_down", lambda *_, **__: 0)
@@ -176,7 +176,7 @@ def test_a_yaml_gives_the_connection_of_a_real_vehicle(url, connection):
     assert (a.connection, b.connection) == (connection, None)
 
 
-def test_also_where_it_is_broken_or_in_the_defaults():
+def test_a_connection_is_read_from_a_broken_yaml_and_from_defaults():
     _, (a,) = vehicles_of(read_yaml('vehicles:\n  a: {id: 4, url: "udpin:0.0.0.0:14540", start: [}\n'))
     assert (a.id, a.connection) == (4, UDPIN_URL)
     _, (a, b) = vehicles_of(
@@ -186,13 +186,13 @@ def test_also_where_it_is_broken_or_in_the_defaults():
 
 
 def real(host=HOST):
-    """Of one real vehicle, as its run was started."""
+    """Return the plan of one real vehicle."""
     slices = {"link.uav1.json": {"wire": {"kind": "udpin", "address": ["0.0.0.0", 14540]}}}
     vehicles = tuple(dataclasses.replace(v, simulated=False) for v in plan((1,), host).vehicles)
     return Plan(name="lab", address=host, vehicles=vehicles, processes=(), slices=slices)
 
 
-def test_a_run_tells_a_real_vehicles_last_address_and_who_holds_its_wire(runtime):
+def test_a_run_records_the_last_address_and_the_link_process(runtime):
     folder = runtime("a", real())
     assert find().targets[0].direct == UDPIN
     (folder / "wire").mkdir()
@@ -215,7 +215,7 @@ def test_a_run_tells_a_real_vehicles_last_address_and_who_holds_its_wire(runtime
         assert find(run=folder).targets[0].direct == UDPIN
 
 
-def test_a_run_of_which_nothing_runs_is_no_active_run(runtime):
+def test_a_run_without_processes_is_not_active(runtime):
     gone = next(pid for pid in range(2**22 - 1, 0, -1) if not Path(f"/proc/{pid}").exists())
     runtime("a", plan(), pid=gone)
     assert active_runs() == []
@@ -260,7 +260,7 @@ def test_the_yaml_of_this_folder_is_the_last_resort(runtime, tmp_path):
         "\ufeffvehicles:\r\n  a:\r\n  b: {\r\n",
     ],
 )
-def test_a_yaml_wrong_anywhere_else_still_names_its_vehicles(text):
+def test_a_yaml_with_errors_still_names_its_vehicles(text):
     assert named(text) == ("127.0.0.1", [("a", 1), ("b", 2)])
 
 
@@ -272,7 +272,7 @@ def test_a_yaml_wrong_anywhere_else_still_names_its_vehicles(text):
         ("vehicles: {a: {id: many}, b: {id: true}, c: {id: 999}}", [("a", 1), ("b", 2), ("c", 3)]),
     ],
 )
-def test_ids_are_those_written_and_else_the_lowest_free_in_order(text, found):
+def test_ids_are_as_written_or_the_lowest_free(text, found):
     assert named(text)[1] == found
 
 
@@ -281,7 +281,7 @@ def test_a_broken_yaml_keeps_its_address():
 
 
 @pytest.mark.parametrize("text", ["", "vehicles:", "vehicles: 3", "[1, 2]", "\x00\x01", "{{{{", "a: b: c: d"])
-def test_a_file_without_vehicles_is_told_so(tmp_path, text):
+def test_a_file_without_vehicles_is_refused(tmp_path, text):
     file = tmp_path / "arena.yaml"
     file.write_text(text)
     with pytest.raises(InputError, match="it names no vehicle"):
@@ -293,7 +293,7 @@ def test_any_text_is_read_without_an_error(text):
     vehicles_of(read_yaml(text))
 
 
-def test_only_and_except_choose_and_refuse_strangers():
+def test_only_and_except_select_and_refuse_unknown_names():
     all_ = tuple(target(k, HOST) for k in (1, 2, 3))
     assert choose(all_, only=["uav2"]) == (all_[1],)
     assert choose(all_, spared=["uav2"]) == (all_[0], all_[2])
@@ -301,7 +301,7 @@ def test_only_and_except_choose_and_refuse_strangers():
         choose(all_, only=["uav9"])
 
 
-def test_a_plan_from_the_model_survives_a_field_more():
+def test_a_plan_with_an_additional_field_is_read():
     raw = dataclasses.asdict(plan())
     raw["vehicles"][0]["new"] = 1
     assert len(from_plan(json.dumps(raw))) == 2
@@ -311,12 +311,12 @@ def test_a_plan_from_the_model_survives_a_field_more():
     "url",
     ["udpin:0.0.0.0:99999", "udpout:10.0.0.1:65536", "udpout:drone.lab:14550", "udpin:::1:5", "udpin::5"],
 )
-def test_a_url_that_no_socket_takes_is_no_wire_and_its_vehicle_is_landed_all_the_same(tmp_path, url):
+def test_a_vehicle_with_an_invalid_url_is_still_landed(tmp_path, url):
     file = tmp_path / "arena.yaml"
     file.write_text(f'address: {HOST}\nvehicles:\n  uav1: {{autopilot: hardware, url: "{url}"}}\n  uav2:\n')
     assert from_yaml(file).targets == (target(1, HOST), target(2, HOST))
     assert from_yaml(file).targets[0].direct is None
 
 
-def test_an_address_that_is_none_is_not_asked_for_by_name():
+def test_an_invalid_address_is_not_looked_up_as_a_name():
     assert named("address: 999.1.1.1\nvehicles:\n  uav1:\n") == ("127.0.0.1", [("uav1", 1)])

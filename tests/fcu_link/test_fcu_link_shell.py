@@ -238,7 +238,7 @@ def test_an_orphan_serves_until_the_vehicle_is_disarmed(start):
         link.until(lambda: link.stats.get("armed"), lambda: vehicle.link.sendto(armed, vehicle.to))
         link.line.close()
         with pytest.raises(subprocess.TimeoutExpired):  # silent and armed, as after the loss of its radio
-            link.process.wait(3.0)
+            link.process.wait(2.3)
         end = time.monotonic() + DEADLINE_S
         while link.process.poll() is None and time.monotonic() < end:
             vehicle.link.sendto(codec.pack(heartbeat()), vehicle.to)
@@ -354,7 +354,7 @@ def test_a_controller_in_the_loop_is_between_world_and_router(start, board, tmp_
     )
     controller = switch_on(held)
     try:
-        link.until(lambda: link.ready and len(world.answers) > 100, world.turn)
+        link.until(lambda: link.ready and len(world.answers) > 40, world.turn)
         assert set(world.other_messages) == {mavlink.MAVLINK_MSG_ID_HEARTBEAT}
         assert {m.flags for m in world.answers if m.get_type() != "HEARTBEAT"} == {0}
         assert not link.received("router", "HIL_ACTUATOR_CONTROLS")
@@ -374,11 +374,11 @@ def test_a_controller_in_the_loop_is_between_world_and_router(start, board, tmp_
         )
         assert "7\t1\tHIL_ACT_FUNC1\t101\t6" in (tmp_path / "params" / "uav7.params").read_text()
         answered = len(world.answers)
-        link.until(lambda: len(world.answers) > answered + 120, world.turn)
+        link.until(lambda: len(world.answers) > answered + 50, world.turn)
         world.gone = False
         controller.kill()  # the link must disconnect from the world, so that the motors stop
         link.until(lambda: world.gone, world.turn)
         switch_on(held)
-        link.until(lambda: world.connection is not None and len(world.answers) > 100, world.turn)
+        link.until(lambda: world.connection is not None and len(world.answers) > 40, world.turn)
     finally:
         world.close()

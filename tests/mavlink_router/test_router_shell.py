@@ -161,13 +161,13 @@ def next_heartbeat(running, who, deadline_s):
 
 @at(2)
 def test_the_ground_station_heartbeat_is_sent_once_a_second(running):
-    beats = [next_heartbeat(running, "autopilot2", DEADLINE_S) for _ in range(3)]
+    beats = [next_heartbeat(running, "autopilot2", DEADLINE_S) for _ in range(2)]
     times = [time.monotonic()]
     beats.append(next_heartbeat(running, "autopilot2", DEADLINE_S))
     assert time.monotonic() - times[0] > 0.7
     assert {(m.get_srcComponent(), m.type) for m in beats} == {(190, mavlink.MAV_TYPE_GCS)}
     sequence = [m.get_seq() for m in beats]
-    assert sequence == list(range(sequence[0], sequence[0] + 4))
+    assert sequence == list(range(sequence[0], sequence[0] + 3))
 
 
 @at(3)
@@ -177,8 +177,8 @@ def test_an_orphan_serves_armed_vehicles_without_a_heartbeat(running):
     running.wait_reported(lambda: running.facts.get("uav1.armed"), "armed")
     running.line.close()
     with pytest.raises(AssertionError):
-        for _ in range(4):  # one may be under way; then there is silence
-            next_heartbeat(running, "autopilot2", 2.5)
+        for _ in range(4):  # one may have been sent already; then there is silence
+            next_heartbeat(running, "autopilot2", 1.6)
     assert running.process.poll() is None
     running.send_as("program1", command(1, (1, 191)))
     running.wait_received("autopilot1", command(1, (1, 191)))

@@ -113,26 +113,26 @@ def test_controls_are_read_as_the_other_codec_packs_them(
     assert found.armed == bool(mode & 128) and found.lockstep == bool(flags & 1)
 
 
-def test_controls_of_nothing_but_zeros_are_cut_to_a_byte_on_the_wire_and_whole_again_here() -> None:
+def test_zero_controls_are_one_byte_in_the_message_and_decoded() -> None:
     data = oracle(mavlink.MAVLink_hil_actuator_controls_message(0, [0.0] * 16, 0, 0))
     assert data[1] == 1
     assert read(data) == hil.Controls(0, (0.0,) * 16, 0, 0)
 
 
-def test_messages_are_numbered_so_that_a_lost_one_is_seen() -> None:
+def test_sequence_numbers_increase_and_wrap() -> None:
     sender = hil.HilSender(1, 200)
     assert [sender.sensor(0, [0.0] * 13, 1)[4] for _ in range(257)] == [*range(256), 0]
 
 
 @pytest.mark.parametrize("at", range(10, 70))
-def test_a_bit_that_flips_on_the_way_is_noticed(at: int) -> None:
+def test_a_flipped_bit_is_detected(at: int) -> None:
     data = bytearray(hil.HilSender(1, 200).sensor(1, [1.0] * 13, 0x1FFF))
     assert len(parse_frames(data).frames) == 1
     data[at] ^= 0x10
     assert parse_frames(data).frames == []
 
 
-def test_satellites_and_sticks_are_read_by_the_reference_codec_as_they_were_meant() -> None:
+def test_gps_and_rc_messages_are_decoded_by_pymavlink() -> None:
     codec, sender = mavlink.MAVLink(None), hil.HilSender(1, 200)
     (gps,) = codec.parse_buffer(
         sender.gps(5_000_000, (387_000_001, -91_000_002, 103_456), (80, 120), [30, -40, 5], 14)

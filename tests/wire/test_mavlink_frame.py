@@ -90,7 +90,7 @@ def test_mavlink_1_is_understood_beside_mavlink_2():
     assert frames[1].start == len(old)
 
 
-def test_trailing_zeros_that_mavlink_2_left_out_read_as_zero():
+def test_zeros_that_mavlink_2_cut_off_read_as_zero():
     data = bytes(mavlink.MAVLink_command_long_message(9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0).pack(speaker()))
     frame = parse_frames(data).frames[0]
     assert frame.size == 31
@@ -109,7 +109,7 @@ def test_a_signed_frame_ends_after_its_signature():
 
 
 @pytest.mark.parametrize("byte", range(1, len(attitude())))
-def test_one_wrong_bit_keeps_a_frame_out(byte):
+def test_a_frame_with_a_wrong_bit_is_dropped(byte):
     """All but one way out: a message id that becomes an unknown one cannot be checked."""
     for bit in range(8):
         data = bytearray(attitude())
@@ -118,13 +118,13 @@ def test_one_wrong_bit_keeps_a_frame_out(byte):
         assert not frames or (byte in (7, 8, 9) and frames[0].msgid not in mavlink_targets.CRC_EXTRA)
 
 
-def test_a_frame_with_an_incompatibility_it_does_not_know_is_dropped():
+def test_a_frame_with_an_unknown_incompatibility_flag_is_dropped():
     data = bytearray(attitude())
     data[2] = 0x02
     assert parse_frames(data).frames == []
 
 
-def test_frames_are_found_again_after_garbage_and_a_torn_tail_is_dropped():
+def test_frames_after_garbage_and_a_torn_tail_are_found():
     noise = b"\x00\xfd\x01\xfe\xff"
     data = noise + attitude() + noise + command() + attitude()[:20]
     found = parse_frames(data)
@@ -137,7 +137,7 @@ def unknown_frame(msgid=54321):
     return b"\xfd\x03\x00\x00\x05\x01\x01" + msgid.to_bytes(3, "little") + b"abc" + b"\x12\x34"
 
 
-def test_an_unknown_message_passes_only_where_it_leaves_no_byte_over():
+def test_an_unknown_message_passes_only_without_leftover_bytes():
     assert parse_frames(unknown_frame()).unknown == 1
     assert [f.msgid for f in parse_frames(attitude() + unknown_frame() + attitude()).frames] == [
         30,
@@ -149,7 +149,7 @@ def test_an_unknown_message_passes_only_where_it_leaves_no_byte_over():
 
 
 @given(st.binary(max_size=600))
-def test_any_bytes_are_cut_without_an_error_into_parts_that_add_up(data):
+def test_any_bytes_are_parsed_into_parts_that_add_up(data):
     frames, garbage, _, _ = parse_frames(data)
     assert sum(f.end - f.start for f in frames) + garbage == len(data)
     assert all(a.end <= b.start for a, b in itertools.pairwise(frames))
@@ -157,7 +157,7 @@ def test_any_bytes_are_cut_without_an_error_into_parts_that_add_up(data):
 
 
 @given(st.lists(st.sampled_from([attitude(), command(), unknown_frame()]), max_size=20), st.data())
-def test_a_cut_off_datagram_yields_just_the_whole_frames_of_it(parts, data):
+def test_a_truncated_datagram_gives_its_complete_frames(parts, data):
     whole = b"".join(parts)
     length = data.draw(st.integers(0, len(whole)))
     kept, at = [], 0
@@ -174,7 +174,7 @@ def test_a_cut_off_datagram_yields_just_the_whole_frames_of_it(parts, data):
 @pytest.mark.parametrize(
     "filler", [b"\xfd", b"\xfe", b"\xfe\xf0\x00\x00\x00\x00", b"\xfd\xff\x00\x00\x00\x00\x00\x1e\x00\x00"]
 )
-def test_a_datagram_made_to_be_slow_is_given_up_early(filler):
+def test_a_datagram_with_many_false_starts_is_skipped_early(filler):
     data = (filler * 65507)[:65507]
     began = time.perf_counter()
     for _ in range(20):
@@ -182,7 +182,7 @@ def test_a_datagram_made_to_be_slow_is_given_up_early(filler):
     assert (time.perf_counter() - began) / 20 < 0.005
 
 
-def test_random_bytes_almost_never_pass_for_a_frame():
+def test_random_bytes_rarely_pass_as_a_frame():
     rng = random.Random(4)
     passed = sum(len(parse_frames(rng.randbytes(rng.randrange(1, 300))).frames) for _ in range(20000))
     assert passed <= 2
@@ -200,5 +200,5 @@ def test_random_bytes_almost_never_pass_for_a_frame():
         (0, "mode 0"),
     ],
 )
-def test_modes_are_told_in_px4s_words(number, words):
+def test_modes_have_px4s_names(number, words):
     assert mode_words(number) == words

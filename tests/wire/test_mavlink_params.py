@@ -62,7 +62,7 @@ def test_our_frames_are_pymavlinks(message: mavlink_params.Message, expected: An
     ("kind", "bits", "signed"),
     [(1, 8, False), (2, 8, True), (3, 16, False), (4, 16, True), (5, 32, False), (6, 32, True)],
 )
-def test_an_integer_type_holds_its_range_and_no_more(kind: int, bits: int, signed: bool) -> None:
+def test_an_integer_type_holds_exactly_its_range(kind: int, bits: int, signed: bool) -> None:
     lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
     assert [mavlink_params.fitted(x, kind) for x in (lowest, highest)] == [lowest, highest]
     for beyond in (lowest - 1, highest + 1):
@@ -70,7 +70,7 @@ def test_an_integer_type_holds_its_range_and_no_more(kind: int, bits: int, signe
             mavlink_params.fitted(beyond, kind)
 
 
-def test_an_error_is_read_with_its_words_and_the_zeros_that_mavlink_leaves_away() -> None:
+def test_a_param_error_without_its_zeros_is_decoded() -> None:
     codec = Codec(1, 1)
     for error, words in ((1, "it does not exist"), (5, "it is read-only"), (0, "error 0"), (99, "error 99")):
         data = codec.pack(mavlink.MAVLink_param_error_message(252, 200, b"ABC", -1, error))

@@ -111,7 +111,7 @@ def test_frames_are_pymavlinks_to_the_byte(msgid):
         assert ours.frame(msgid, *mavlink_records.payloads(record)) == theirs.pack(told(msgid, record))
 
 
-def test_a_fleets_records_are_cut_into_its_payloads():
+def test_records_of_many_vehicles_become_one_payload_each():
     records = mavlink_records.record(mavlink_records.EXTENDED_SYS_STATE, vtol=3).repeat(3)
     records["landed"] = [1, 2, 4]
     assert mavlink_records.payloads(records) == [bytes((3, 1)), bytes((3, 2)), bytes((3, 4))]
@@ -148,7 +148,7 @@ def test_odometry_is_read_as_pymavlink_reads_it():
         assert (heard.frame_id, heard.estimator_type) == (sent.frame_id, sent.estimator_type)
 
 
-def test_an_odometry_that_is_mostly_cut_off_is_zero_there():
+def test_a_shortened_odometry_reads_as_zero():
     data = Codec(9, 197).pack(
         mavlink.MAVLink_odometry_message(1, 0, 0, 2.0, 0, 0, [0] * 4, *[0] * 6, [0] * 21, [0] * 21)
     )

@@ -43,26 +43,26 @@ def chopped(data: bytes, cuts: list[int]) -> list[bytes]:
 
 @given(st.lists(st.integers(0, 10_000), max_size=40), st.binary(max_size=60), st.sampled_from([1, 2]))
 @settings(max_examples=150, deadline=None)
-def test_any_chopping_gives_the_same_frames(cuts, noise, version):
+def test_any_split_of_a_stream_gives_the_same_frames(cuts, noise, version):
     data = noise + b"".join(frames_of(6, version)) + noise + b"".join(frames_of(6, version))
     assert fed(chopped(data, cuts)) == fed([data])
 
 
 @given(st.binary(max_size=400).filter(lambda b: b"\xfd" not in b and b"\xfe" not in b))
 @settings(max_examples=60, deadline=None)
-def test_frames_behind_garbage_are_found_and_the_garbage_is_counted(noise):
+def test_frames_after_garbage_are_found_and_garbage_is_counted(noise):
     sent = frames_of(4)
     assert fed([noise + b"".join(sent)]) == (sent, len(noise))
 
 
-def test_a_frame_cut_off_in_the_middle_costs_itself_and_no_other():
+def test_an_incomplete_frame_costs_no_other_frame():
     sent = frames_of(8)
     broken = [*sent[:3], sent[3][:-5], *sent[4:]]
     found, _ = fed([bytes([b]) for b in b"".join(broken)])
     assert found == [*sent[:3], *sent[4:]]
 
 
-def test_a_wrong_checksum_is_no_frame():
+def test_a_frame_with_a_wrong_checksum_is_dropped():
     sent = frames_of(3)
     bent = bytearray(sent[1])
     bent[-1] ^= 0x55
@@ -72,7 +72,7 @@ def test_a_wrong_checksum_is_no_frame():
     assert result.bad_crc >= 1
 
 
-def test_a_message_that_is_not_in_the_table_is_believed_between_two_others_only():
+def test_an_unknown_message_passes_only_between_two_frames():
     foreign = bytes([0xFD, 4, 0, 0, 9, 7, 1, 0x50, 0xC3, 0, 1, 2, 3, 4, 0xAA, 0xBB])  # message 50000
     before, after = frames_of(2)
     assert fed([before + foreign, after]) == ([before, foreign, after], 0)
@@ -82,14 +82,14 @@ def test_a_message_that_is_not_in_the_table_is_believed_between_two_others_only(
 
 @given(st.lists(st.binary(max_size=300), max_size=20))
 @settings(max_examples=150, deadline=None)
-def test_random_bytes_never_raise_and_little_is_kept_back(pieces):
+def test_random_bytes_never_raise_and_few_are_kept(pieces):
     stream = Stream()
     for piece in pieces:
         stream.feed(piece)
         assert len(stream._kept) <= 10 + 255 + 2 + 13
 
 
-def test_a_stream_of_whole_frames_is_cut_as_datagrams_are():
+def test_a_stream_of_whole_frames_is_parsed_as_datagrams_are():
     rng = random.Random(5)
     data = b"".join(rng.choices(frames_of(10), k=200))
     assert len(fed([data])[0]) == len(parse_frames(data).frames) == 200

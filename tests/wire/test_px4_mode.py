@@ -27,13 +27,13 @@ def test_available_modes_is_read_by_the_development_dialect():
     assert (m.mode_index, m.number_modes, m.properties, m.mode_name) == (3, 9, 1, "Offboard")
 
 
-def test_sequence_numbers_go_on_between_these_and_pymavlinks_messages():
+def test_sequence_numbers_are_shared_with_pymavlinks_messages():
     codec = Codec(7, 1)
     one = codec.pack(px4_mode.CurrentMode(custom_mode=0, intended=0))
     two = codec.pack(common.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3))
     assert (one[4], two[4]) == (0, 1)
 
 
-def test_the_common_dialect_still_lacks_them():
+def test_the_common_dialect_still_lacks_the_messages():
     """When it does not any more, this module has done its work."""
     assert not {px4_mode.AVAILABLE_MODES, px4_mode.CURRENT_MODE} & set(common.mavlink_map)

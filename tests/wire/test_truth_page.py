@@ -41,7 +41,7 @@ def test_position_and_attitude_are_interpolated_between_two_samples(tmp_path):
     assert reader.newest().time_s == pytest.approx(0.396)
 
 
-def test_what_has_left_the_ring_or_has_not_happened_is_none(tmp_path):
+def test_a_time_outside_the_ring_gives_none(tmp_path):
     writer = TruthWriter(tmp_path / "truth", 1)
     reader = TruthReader(tmp_path / "truth")
     assert reader.newest() is None
@@ -52,7 +52,7 @@ def test_what_has_left_the_ring_or_has_not_happened_is_none(tmp_path):
     assert reader.at(0.4) is None
 
 
-def test_a_missing_or_foreign_page_is_a_sentence(tmp_path):
+def test_a_missing_or_foreign_page_is_an_error_in_one_sentence(tmp_path):
     with pytest.raises(RunError, match="is the world up"):
         TruthReader(tmp_path / "truth")
     (tmp_path / "truth").write_bytes(bytes(800))
@@ -60,7 +60,7 @@ def test_a_missing_or_foreign_page_is_a_sentence(tmp_path):
         TruthReader(tmp_path / "truth")
 
 
-def test_a_reader_finds_a_page_whole_however_often_it_is_made_anew(tmp_path):
+def test_a_reader_never_finds_an_incomplete_page(tmp_path):
     page = tmp_path / "truth"
     TruthWriter(page, 3)
     over = threading.Event()

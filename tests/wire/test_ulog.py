@@ -28,7 +28,7 @@ def test_the_golden_bytes_are_read():
     assert log.info == {"ver_sw_release": 0x011000FF} and log.damaged == []
 
 
-def test_the_place_of_what_is_wrong_is_its_byte():
+def test_an_error_names_its_byte():
     place = GOLDEN.index(b"\x19\x00P")
     with pytest.raises(WireError, match=f"byte {place}: "):
         parse_ulog(GOLDEN.replace(b"int32_t EKF2", b"int64_t EKF2", 1))
@@ -36,5 +36,5 @@ def test_the_place_of_what_is_wrong_is_its_byte():
         parse_ulog(GOLDEN[: place + 10])
 
 
-def test_what_is_wrong_behind_the_definitions_is_passed_over_and_told():
+def test_damage_after_the_definitions_is_skipped_and_recorded():
     assert parse_ulog(GOLDEN + b"\x02\x00P\xffA").damaged == [len(GOLDEN)]
