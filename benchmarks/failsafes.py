@@ -1,10 +1,10 @@
-"""What an arena's `failsafe:` section does in flight: each loss and each action flown, and held against what the YAML says.
+"""The `failsafe:` section in flight: each loss with each action, compared with the YAML.
 
 python benchmarks/failsafes.py [--autopilot px4|builtin|both] [--case PATTERN ...]
 
-Each flight boots one vehicle in a world of its own from the plan of an arena.yaml with the section under test, so that what flies
-is what is generated. It hovers in OFFBOARD two metres north of its home and 1.5 m high; then something is lost. All times are
-simulated. Prints a table in Markdown. Exit code 1: a flight that does not do what the YAML says.
+Each flight starts one vehicle in its own world, from the plan of an arena.yaml with the section under test: the generated parameters
+fly. The vehicle hovers in OFFBOARD 2 m north of its home and 1.5 m high; then the loss happens. All times are simulated. Prints
+a table in Markdown. Exit code 1: a flight does not react as the YAML says.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from arena.schema.px4 import find_px4
 HEIGHT_M, NORTH_M = 1.5, 2.0
 FLOOR_M = 0.1
 STOPPED = 0.05
-"""Motor command below which nothing is flown any more."""
+"""Motor command below which the motors count as stopped."""
 NEAR_M = 0.7
 BOX_M, CEILING_M = 3.0, 2.0
-"""Of the fence's cases: from the floor's centre to its walls, and its height."""
+"""Geofence of its cases: distance of the walls from the centre, and height."""
 HIGH_M = 10.0
-"""Where a rotor is lost."""
+"""Height at which a rotor is lost."""
 EARLY_S, LATE_S = 0.6, 1.2
-"""The ground station's last heartbeat is up to half a second old when it falls silent, and PX4 1.16 gives up poses that stop
-altogether 0.4 s before EKF2_NOAID_TOUT."""
+"""Tolerances of the reaction time: the last heartbeat of a ground station is up to 0.5 s old, and PX4 1.16 reacts to
+missing poses 0.4 s before EKF2_NOAID_TOUT."""
 WATCHED_S = 30.0
 CURRENT_MODE, SYS_STATUS, SET_INTERVAL = 436, 1, 511
 
 
 @dataclass(kw_only=True)
-class Seen:
-    """From the loss on. Times [s], None when it did not come; charge: battery at the reaction [%], or at the end without one.
+class Reaction:
+    """The observed reaction. Times count from the loss [s]; None: it did not happen.
 
-    modes: in order, as long as it flies; cut_s: motors stopped in the air; highest_m: it came above the floor; moved_m,
-    from_home_m: sideways, in the end.
+    modes: in order, while in the air. cut_s: motors stopped in the air. highest_m: greatest height. moved_m, from_home_m:
+    horizontal distances at the end. charge: battery at the reaction [%], or at the end without one.
     """
 
     modes: list[str] = field(default_factory=list)
@@ -66,10 +66,10 @@ class Seen:
         return min(times) if times else None
 
 
-Wanted = Callable[[Seen], bool]
+Wanted = Callable[[Reaction], bool]
 
 
-def _lands(s: Seen) -> bool:
+def _lands(s: Reaction) -> bool:
     return (
         s.modes == ["AUTO.LAND"]
         and s.cut_s is None
@@ -79,50 +79,50 @@ def _lands(s: Seen) -> bool:
     )
 
 
-def _descends(s: Seen) -> bool:
-    """Blind: it may drift."""
-    return _lands(Seen(**{**s.__dict__, "moved_m": min(s.moved_m, s.moved_m / 4)}))
+def _descends(s: Reaction) -> bool:
+    """Return whether it landed; a blind landing may drift."""
+    return _lands(Reaction(**{**s.__dict__, "moved_m": min(s.moved_m, s.moved_m / 4)}))
 
 
-def _holds(s: Seen) -> bool:
+def _holds(s: Reaction) -> bool:
     return s.modes == ["AUTO.LOITER"] and s.armed and abs(s.height_m - HEIGHT_M) < 0.3 and s.moved_m < NEAR_M
 
 
-def _returns(s: Seen) -> bool:
+def _returns(s: Reaction) -> bool:
     return s.modes[:1] == ["AUTO.RTL"] and s.down_s is not None and not s.armed and s.from_home_m < NEAR_M
 
 
-def _stops(s: Seen) -> bool:
-    """It falls: motors off in the air, on the floor within a second."""
+def _stops(s: Reaction) -> bool:
+    """Return whether it fell: motors off in the air, on the floor within 1 s."""
     return s.cut_s is not None and s.down_s is not None and s.down_s - s.cut_s < 1.0
 
 
-def _disarms(s: Seen) -> bool:
+def _disarms(s: Reaction) -> bool:
     return _stops(s) and not s.armed
 
 
-def _goes_on(s: Seen) -> bool:
+def _goes_on(s: Reaction) -> bool:
     return not s.modes and s.cut_s is None and s.armed and abs(s.height_m - HEIGHT_M) < 0.3
 
 
-def _climbs_on(s: Seen) -> bool:
+def _climbs_on(s: Reaction) -> bool:
     return not s.modes and s.cut_s is None and s.armed and s.height_m > CEILING_M + 0.3
 
 
-def _holds_there(s: Seen) -> bool:
+def _holds_there(s: Reaction) -> bool:
     return s.modes == ["AUTO.LOITER"] and s.cut_s is None and s.armed and s.down_s is None
 
 
-def _lands_there(s: Seen) -> bool:
-    """From a flight: it brakes first."""
-    return _lands(Seen(**{**s.__dict__, "moved_m": s.moved_m / 4.0}))
+def _lands_there(s: Reaction) -> bool:
+    """Return whether it landed after braking."""
+    return _lands(Reaction(**{**s.__dict__, "moved_m": s.moved_m / 4.0}))
 
 
-def _tumbles(s: Seen) -> bool:
+def _tumbles(s: Reaction) -> bool:
     return not s.modes and s.cut_s is None and s.down_s is not None
 
 
-def _warns(s: Seen) -> bool:
+def _warns(s: Reaction) -> bool:
     return _goes_on(s) and s.warned
 
 
@@ -139,7 +139,7 @@ ACTIONS: dict[str, Wanted] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """lost: what; action: of the YAML; after_s: when the reaction is due, None when it has none; yaml: the section's lines."""
+    """One case. lost: the loss. action: of the YAML. after_s: expected time of the reaction, None without one. yaml: the section."""
 
     lost: str
     action: str
@@ -159,7 +159,7 @@ class Flight:
 class Row(NamedTuple):
     flight: Flight
     autopilot: str
-    seen: Seen | None
+    seen: Reaction | None
     why: str
 
     @property
@@ -170,7 +170,7 @@ class Row(NamedTuple):
         return due is None or (s.reaction_s is not None and due - EARLY_S <= s.reaction_s <= due + LATE_S)
 
 
-# -- what is lost --------------------------------------------------------------------------------------------------------------
+# -- losses --------------------------------------------------------------------------------------------------------------
 
 
 def _setpoints(r: Rig) -> None:
@@ -197,20 +197,20 @@ def _charge(percent: int) -> Callable[[Rig], None]:
             )
             is None
         ):
-            raise Unfit("the battery does not empty")
+            raise Unfit("the battery does not discharge")
 
     return lose
 
 
 def _climb(r: Rig) -> None:
-    """Through the ceiling of the fence, as a program would."""
+    """Fly through the ceiling of the fence."""
     r.each[:] = [r.position(NORTH_M, 0.0, -2.0 * CEILING_M)]
     if r.until(lambda r: -r.p_n[2] >= CEILING_M, 10.0) is None:
         raise Unfit("it does not reach the ceiling")
 
 
 def _go_north(r: Rig) -> None:
-    """Through the circle that the fence's box has become."""
+    """Fly through the circle around the fence's box."""
     r.each[:] = [r.position(2.0 * BOX_M, 0.0, -HEIGHT_M)]
     if r.until(lambda r: r.p_n[0] >= math.hypot(BOX_M, BOX_M), 15.0) is None:
         raise Unfit("it does not reach the circle")
@@ -221,7 +221,7 @@ def _rotor(r: Rig) -> None:
 
 
 SMALL = {"params": {"SIM_BAT_DRAIN": 100.0}, "profile": {"battery": {"capacity_mah": 550.0}}}
-"""Empty in 100 s of hover, in either simulation."""
+"""Battery that is empty after 100 s of hover, in both simulations."""
 
 
 def flights() -> list[Flight]:
@@ -300,7 +300,7 @@ def flights() -> list[Flight]:
     ]
     found += [
         Flight(
-            lost="sticks",
+            lost="RC",
             action=action,
             after_s=None if action == "none" else 0.5,
             yaml=section("rc_loss", action),
@@ -324,7 +324,7 @@ def flights() -> list[Flight]:
     box = f"geofence: {{north: [-{BOX_M}, {BOX_M}], east: [-{BOX_M}, {BOX_M}], up: {CEILING_M}}}\n"
     found += [
         Flight(
-            lost="under the fence's ceiling",
+            lost="through the fence's ceiling",
             action=action,
             after_s=None if action == "warn" else 0.0,
             yaml=box + section("geofence", action),
@@ -341,7 +341,7 @@ def flights() -> list[Flight]:
     ]
     found += [
         Flight(
-            lost="inside the fence's circle",
+            lost="out of the fence's circle",
             action=action,
             after_s=0.0,
             yaml=box + section("geofence", action),
@@ -381,7 +381,7 @@ def fly(flight: Flight, autopilot: str, given: argparse.Namespace) -> Row:
             begin = r.now
             flight.lose(r)
             level = r.state["SYS_STATUS"].battery_remaining
-            if r.now > begin:  # what is lost by and by is lost now
+            if r.now > begin:  # a gradual loss counts from its end
                 begin = r.now
             return Row(
                 flight, autopilot, watch(r, begin, 4.0 if flight.lost == "charge" else 14.0, level), ""
@@ -390,9 +390,9 @@ def fly(flight: Flight, autopilot: str, given: argparse.Namespace) -> Row:
         return Row(flight, autopilot, None, str(error)[-300:])
 
 
-def watch(r: Rig, begin: float, quiet_s: float, level: int) -> Seen:
-    """Until it is disarmed and down, or quiet_s after the last thing that happened, or WATCHED_S."""
-    s, start, last, down = Seen(charge=level), r.p_n.copy(), r.now, False
+def watch(r: Rig, begin: float, quiet_s: float, level: int) -> Reaction:
+    """Observe until the vehicle is disarmed and down, for quiet_s after the last change, or for WATCHED_S."""
+    s, start, last, down = Reaction(charge=level), r.p_n.copy(), r.now, False
     mode = "OFFBOARD"
     while r.now - begin < WATCHED_S and r.now - last < quiet_s:
         at, truth = r.now - begin, r.truth()
@@ -418,14 +418,14 @@ def watch(r: Rig, begin: float, quiet_s: float, level: int) -> Seen:
     return s
 
 
-# -- telling -------------------------------------------------------------------------------------------------------------------
+# -- report -------------------------------------------------------------------------------------------------------------------
 
 
-def told(row: Row) -> str:
-    """A line of the table."""
+def table_line(row: Row) -> str:
+    """Return one line of the table."""
     s, f = row.seen, row.flight
     if s is None:
-        cells = [f.lost, f.action, row.autopilot, "never flew", "", "", "no"]
+        cells = [f.lost, f.action, row.autopilot, "did not fly", "", "", "no"]
     else:
         happened = ", ".join(s.modes) or ("goes on" if s.cut_s is None else "")
         happened += "" if s.cut_s is None else (", " if happened else "") + "motors off"
@@ -442,16 +442,16 @@ def told(row: Row) -> str:
 
 def main() -> int:
     given = _arguments()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the world and PX4 are ended too
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # end the world and PX4 too
     autopilots = ("px4", "builtin") if given.autopilot == "both" else (given.autopilot,)
     chosen = [f for f in flights() if not given.case or any(fnmatchcase(f.name, p) for p in given.case)]
-    print("| lost | the YAML says | autopilot | what it does | after [s] | in the end | as the YAML says |")
+    print("| loss | action in the YAML | autopilot | reaction | after [s] | end | as configured |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     wrong = []
     for flight in chosen:
         for autopilot in autopilots:
             row = fly(flight, autopilot, given)
-            print(told(row), flush=True)
+            print(table_line(row), flush=True)
             if not row.right:
                 wrong.append(row)
     for row in wrong:
@@ -464,10 +464,10 @@ def _arguments() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     options.add_argument(
-        "--autopilot", choices=("px4", "builtin", "both"), help="default: both where PX4 is found"
+        "--autopilot", choices=("px4", "builtin", "both"), help="default: both if a PX4 is found"
     )
     options.add_argument(
-        "--case", action="append", default=[], metavar="PATTERN", help="only these, as `poses: *`"
+        "--case", action="append", default=[], metavar="PATTERN", help="fly only these, such as `poses: *`"
     )
     options.add_argument("--speed", default="5", help="of the simulation; the script is in lockstep with it")
     options.add_argument("--address", default="127.77.0.2")

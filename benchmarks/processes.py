@@ -1,9 +1,9 @@
-"""What every process's end does to a flight: process x {SIGKILL, SIGSTOP} x {ground, air}, flown and measured.
+"""Effects of every failed process on a flight, measured: process x {SIGKILL, SIGSTOP} x {ground, air}.
 
 python benchmarks/processes.py [--autopilot stand-in|px4] [--sortie PATTERN ...]
 
-The table of `tests/end_to_end/process_table.py`, a sortie at a time, and Markdown of it on stdout, sorties as they end on stderr.
-Run it on a quiet machine: a new start takes wall time. Exit code 1: a cell that does not end as the table says.
+Flies the table of `tests/end_to_end/process_table.py`, one sortie after the other. Prints the table in Markdown to stdout and each
+result to stderr. Run it on a quiet machine: a restart takes wall time. Exit code 1: a cell does not end as the table says.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
         "--autopilot",
         choices=("stand-in", "px4"),
         default="stand-in",
-        help="what flies where the cell is PX4's",
+        help="autopilot of the cells with a PX4",
     )
     parser.add_argument("--sortie", nargs="*", default=["*"], metavar="PATTERN")
     given = parser.parse_args(argv)
@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
             continue
         found = problems(flown, hit)
         wrong += bool(found)
-        print(f"{hit.cell}: {'; '.join(found) or 'as it should'}", file=sys.stderr, flush=True)
+        print(f"{hit.cell}: {'; '.join(found) or 'as expected'}", file=sys.stderr, flush=True)
         rows[hit.cell] = measured(hit, flown)
     for cell in CELLS:
         if cell in rows:
@@ -80,11 +80,11 @@ def _fly(patterns: list[str], *, real: bool) -> Iterator[tuple[Hit, Flown | str]
 
 
 def measured(hit: Hit, flown: Flown) -> str:
-    """One row. Of an arena's process the worst of all vehicles; of a vehicle's own the vehicle's."""
+    """Return one row: the worst of all vehicles for a process of the arena, else the values of its vehicle."""
     own = [flown.tracks[hit.vehicle]] if hit.vehicle else list(flown.tracks.values())
     rest = _bystanders(hit, flown)
     cell: Cell = hit.cell
-    # a person's command comes when it comes; an exit code of several cells is judged, and told as the table has it
+    # A typed command has no fixed time; with several hits the expected exit code is printed.
     sank = [t.sank_s for t in own if t.end is not End.COMMANDED or cell.process == "copilot"]
     code = flown.code if len(flown.sortie.hits) == 1 else cell.code
     return row(
@@ -104,7 +104,7 @@ def measured(hit: Hit, flown: Flown) -> str:
 
 
 def _bystanders(hit: Hit, flown: Flown) -> list[Track]:
-    """Vehicles that no hit was aimed at."""
+    """Return the vehicles whose processes were not hit."""
     aimed = {h.vehicle for h in flown.sortie.hits}
     return [track for name, track in flown.tracks.items() if name not in aimed]
 

@@ -1,11 +1,11 @@
-"""How soon failsafes acted and how vehicles came down, of scenarios that have been flown: a table in Markdown.
+"""Reaction times and touchdowns of flown scenarios, as a table in Markdown.
 
     arena smoke examples/06_failsafes --set defaults.autopilot=builtin --results results/builtin
     arena smoke examples/06_failsafes --set defaults.autopilot=px4 --results results/px4
     python benchmarks/scenarios.py results/builtin/results.json results/px4/results.json
 
-All times are simulated, from the deed or the moment after which the vehicles are to react: to the mode that is expected of all of
-them, or else to the first thing expected, and to the last touchdown.
+All times are simulated. They count from the action or trigger: until all vehicles have the expected mode, or else until the first
+expectation is fulfilled, and until the last touchdown.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def main() -> int:
 
 
 def table(flown: Sequence[Result]) -> Iterator[str]:
-    yield "| scenario | autopilot | verdict | first expected | after s | down after s | touchdown m/s | drift m |"
+    yield "| scenario | autopilot | result | first expectation | after s | down after s | touchdown m/s | drift m |"
     yield "|---|---|---|---|---|---|---|---|"
     for result in sorted(
         flown, key=lambda r: (r.scenario.partition(" [")[0], r.facts.get("autopilot", ""), r.scenario)
@@ -39,14 +39,14 @@ def table(flown: Sequence[Result]) -> Iterator[str]:
 
 def row(result: Result) -> list[str]:
     verdict, downs = result.verdict, result.verdict.touchdowns
-    deed = next((i for i, step in enumerate(verdict.steps) if step.kind == "do"), -1)
-    within = [s for s in verdict.steps[deed + 1 :] if s.kind == "expect" and " within " in s.place.text]
+    action = next((i for i, step in enumerate(verdict.steps) if step.kind == "do"), -1)
+    within = [s for s in verdict.steps[action + 1 :] if s.kind == "expect" and " within " in s.place.text]
     expected = next((s for s in within if ".mode ==" in s.place.text), within[0] if within else None)
     took, begun_s = (None, None) if expected is None else (expected.took_s, expected.begun_s)
     return [
         result.scenario,
         result.facts.get("autopilot", ""),
-        "as it says" if verdict.passed else "NOT",
+        "passed" if verdict.passed else "FAILED",
         "" if expected is None else expected.place.text.partition(" within ")[0],
         _number(took),
         _number(max((d.at_s - begun_s for d in downs), default=None) if begun_s is not None else None),

@@ -17,7 +17,18 @@ from arena.recorder.analysis import analyse
 from arena.recorder.flight_log import Flight, read_flight
 from arena.recorder.summary import as_text
 
-_OUTCOME = ("name", "start", "end", "duration_s", "cause", "reason", "exit_code", "failed", "landing")
+_OUTCOME = (
+    "name",
+    "start",
+    "end",
+    "duration_s",
+    "cause",
+    "reason",
+    "exit_code",
+    "failed",
+    "landing",
+    "real_time",
+)
 _PROCESS = (
     "state",
     "reason",
@@ -85,7 +96,7 @@ def summarise(
         found["verdict"] = judged.get(name)
         found["crashed"] = (
             judged[name].get("crashed", "") if judged.get(name) else None
-        )  # nobody judges a real one
+        )  # only the simulated world reports crashes
         found["rates"] = _rates(name, stats)
         vehicles[name] = found
     return {

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+SLOW_FACTOR = 0.98
+"""Below this share of the requested speed a flight was too slow."""
+
 
 def as_text(summary: Mapping[str, Any]) -> str:
     """Return the text. summary: as `report.summarise` returns it."""
     lines = [
         _head(summary),
+        *_real_time(summary),
         *_vehicles(summary["vehicles"]),
         *_px4(summary.get("px4") or {}),
         *_world(summary),
@@ -17,7 +21,7 @@ def as_text(summary: Mapping[str, Any]) -> str:
     lines += _processes(summary["processes"])
     lines += [f"missing: {what}" for what in summary["missing"]]
     if summary["plots"]:
-        lines.append(f"pictures: {summary['plots'][0]} and {len(summary['plots']) - 1} more")
+        lines.append(f"plots: {summary['plots'][0]} and {len(summary['plots']) - 1} more")
     return "\n".join(lines)
 
 
@@ -26,6 +30,18 @@ def _head(s: Mapping[str, Any]) -> str:
         return "no outcome was recorded: the supervisor did not end this run"
     ended = f"exit {s['exit_code']}" + (f": {'; '.join(s['failed'])}" if s.get("failed") else "")
     return f"{s['name']}: {_n(s['duration_s'], 1)} s, ended because {s['reason'] or s['cause']}, {ended}"
+
+
+def _real_time(s: Mapping[str, Any]) -> list[str]:
+    """Return a line if the simulation ran slower than was asked for."""
+    measured = s.get("real_time") or {}
+    factor, asked = measured.get("factor"), measured.get("asked")
+    if factor is None or asked is None or factor >= SLOW_FACTOR * asked:
+        return []
+    return [
+        f"SLOWER THAN REAL TIME: {factor:.2f} simulated seconds per second, {asked:g} was asked for:"
+        " results that depend on wall time do not hold"
+    ]
 
 
 def _vehicles(vehicles: Mapping[str, Any]) -> list[str]:
@@ -88,8 +104,8 @@ def _world(s: Mapping[str, Any]) -> list[str]:
     w = s["world"]
     if w.get("lateness_p99_ms") is None:
         return []
-    late = f"steps late p99 {_n(w['lateness_p99_ms'], 2)} ms, worst {_n(w['lateness_worst_ms'], 2)} ms"
-    return [f"world: {late}; real-time factor {_n(w['rtf_min'], 3)} to {_n(w['rtf_max'], 3)} in every second"]
+    late = f"step lateness p99 {_n(w['lateness_p99_ms'], 2)} ms, worst {_n(w['lateness_worst_ms'], 2)} ms"
+    return [f"world: {late}; real-time factor {_n(w['rtf_min'], 3)} to {_n(w['rtf_max'], 3)} in each second"]
 
 
 def _processes(processes: Mapping[str, Any]) -> list[str]:

@@ -78,7 +78,7 @@ def _complaints(result: Result) -> list[str]:
     if result.verdict.passed:
         return []
     where = [
-        f"{place.file}:{place.line}: {said}" if place else said for place, said in result.verdict.failures
+        f"{place.file}:{place.line}: {text}" if place else text for place, text in result.verdict.failures
     ]
     return [f"{result.scenario}: run folder {result.run or 'none'}", *(f"  {line}" for line in where)]
 

@@ -118,8 +118,8 @@ def summary(results: Sequence[Result]) -> str:
     """Return one line: how many scenarios flew and failed, and for how long."""
     failed = sum(not r.verdict.passed for r in results)
     flown = sum(r.verdict.lasted_s for r in results)
-    said = f"{len(results)} scenario{'s' if len(results) != 1 else ''}, "
-    return said + (f"{failed} failed" if failed else "all passed") + f"; {flown:.0f} s of simulation"
+    text = f"{len(results)} scenario{'s' if len(results) != 1 else ''}, "
+    return text + (f"{failed} failed" if failed else "all passed") + f"; {flown:.0f} s of simulation"
 
 
 # -- for machines -------------------------------------------------------------------------------------------------------------
@@ -160,9 +160,9 @@ def _testcase(suite: ElementTree.Element, result: Result) -> None:
     }
     case = ElementTree.SubElement(suite, "testcase", {key: _plain(value) for key, value in about.items()})
     if not result.verdict.passed:
-        said = [_plain(line) for line in reasons(result)]
-        failure = ElementTree.SubElement(case, "failure", {"message": said[0], "type": "smoke"})
-        failure.text = "\n".join(said)
+        text = [_plain(line) for line in reasons(result)]
+        failure = ElementTree.SubElement(case, "failure", {"message": text[0], "type": "smoke"})
+        failure.text = "\n".join(text)
     ElementTree.SubElement(case, "system-out").text = _plain("\n".join(details(result)))
 
 

@@ -1,9 +1,9 @@
-"""Take off, fly a slow square, come back, land: what the scenarios of this folder disturb.
+"""Take off, fly a slow square, return, land. The scenarios of this folder disturb this flight.
 
     program: {path: square.py, args: [--laps, 3]}      # more laps for a longer flight; one by default
 
-Places are counted from where the vehicle stands, so that every vehicle of an arena can fly this program at once: they stay as
-far from each other as they started. It needs 1 m of room to the north and east, and 1.5 m above.
+Positions are relative to the start, so all vehicles of an arena can fly this program at the same time and keep their
+distances. The square needs 1 m of free space to the north and east, and 1.5 m above.
 """
 
 import argparse

@@ -1,6 +1,6 @@
-"""Up to each of the heights above the start that are given [m], eight seconds each; then the last for as long as it may.
+"""Climb to each of the given heights above the start [m], 8 s each, then hold the last one.
 
-What stands above a vehicle, or how far it may fall, decides what the scenarios make of it.
+program: {path: climb.py, args: ['1.5', '3']}
 """
 
 from arena import UAV

@@ -1,7 +1,6 @@
-"""Up, then straight on at V_N V_E [m/s] until something takes OFFBOARD away, or SECONDS are over (60 by default); then land
-wherever that is.
+"""Climb, then fly straight at V_N V_E [m/s] until OFFBOARD is lost or SECONDS are over (60 by default); then land there.
 
-    program: {path: straight.py, args: ['1.5', '0', '6']}
+program: {path: straight.py, args: ['1.5', '0', '6']}
 """
 
 from arena.uav import UAV, OffboardLostError

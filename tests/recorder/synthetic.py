@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 
@@ -47,6 +48,7 @@ def stream(t: float, pos: np.ndarray, ref: tuple[float, ...], mode: int, armed: 
     )
 
 
+@functools.cache
 def flight_csv(*, real: bool = False, captured: bool = True) -> str:
     """Return a log of two steps of 3 s, each reached with an error of 0.05 m to the east, and a landing 0.12
     m north of the last.

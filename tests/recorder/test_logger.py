@@ -105,8 +105,8 @@ def test_log_begins_with_the_first_message_and_ends_on_sigterm(start):
     stamps = np.array([float(row[0]) for row in rows[1:]])
     assert np.median(np.diff(stamps)) == pytest.approx(1 / 30, abs=0.004)
     assert abs(stamps[-1] - time.time()) < 60  # of a real vehicle: unix time
-    told = [json.loads(p)["stats"] for p in iter_packets(logger) if b"stats" in p]
-    assert told[-1]["rows"] == len(rows) - 1
+    stats = [json.loads(p)["stats"] for p in iter_packets(logger) if b"stats" in p]
+    assert stats[-1]["rows"] == len(rows) - 1
 
 
 def test_log_of_a_killed_logger_is_continued_after_its_last_row(start):

@@ -1,4 +1,4 @@
-"""A report of whole runs, of parts of runs, and of next to nothing."""
+"""Reports of complete and of incomplete runs."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ from arena.recorder.summary import as_text
 from .synthetic import flight_csv, make_run
 
 
+@pytest.fixture
+def without_plots(monkeypatch):
+    """Leave out the plots, which take most of a report's time."""
+    monkeypatch.setattr("arena.recorder.report._plots", lambda *_: [])
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     run = make_run(tmp_path_factory.mktemp("whole") / "run", vehicles=2)
@@ -21,7 +27,7 @@ def whole(tmp_path_factory):
     return run, text, json.loads((run / "summary.json").read_text())
 
 
-def test_the_figures_are_those_of_the_flight(whole):
+def test_figures_are_those_of_the_flight(whole):
     uav1 = whole[2]["vehicles"]["uav1"]
     assert uav1["tracking"]["rms_m"] == pytest.approx(0.05, abs=1e-3)
     assert (uav1["setpoints"]["count"], uav1["setpoints"]["worst_m"]) == (2, pytest.approx(0.05, abs=1e-3))
@@ -41,7 +47,7 @@ def test_the_figures_are_those_of_the_flight(whole):
     assert whole[2]["vehicles"]["uav2"]["airborne_after_s"] == 7.0
 
 
-def test_every_picture_is_there(whole):
+def test_every_plot_is_written(whole):
     run = whole[0]
     names = {p.name for p in (run / "plots").iterdir()}
     groups = ("position", "velocity", "attitude", "rates", "estimator_error")
@@ -49,14 +55,14 @@ def test_every_picture_is_there(whole):
     assert all((run / "plots" / name).read_bytes().startswith(b"\x89PNG") for name in names)
 
 
-def test_the_text_tells_what_matters(whole):
+def test_text_has_the_main_figures(whole):
     assert whole[1] == (whole[0] / "summary.txt").read_text().rstrip("\n")
     for words in ("uav2", "0.050", "landed", "p99 0.40 ms", "0.998", "exit 0", "AUTO.LAND"):
         assert words in whole[1]
     assert "missing" not in whole[1]
 
 
-def test_a_killed_supervisor_leaves_a_report_that_says_so(tmp_path):
+def test_killed_supervisor_is_named(without_plots, tmp_path):
     run = make_run(tmp_path / "run")
     (run / "outcome.json").unlink()
     text = report(run)
@@ -64,14 +70,14 @@ def test_a_killed_supervisor_leaves_a_report_that_says_so(tmp_path):
     assert json.loads((run / "summary.json").read_text())["vehicles"]["uav1"]["tracking"]["rms_m"]
 
 
-def test_a_vehicle_without_a_log_is_named(tmp_path):
+def test_vehicle_without_a_log_is_named(without_plots, tmp_path):
     run = make_run(tmp_path / "run", vehicles=2)
     (run / "csv" / "uav2.csv").write_text("")
     text = report(run)
     assert "csv/uav2.csv" in text and "no log" in text and "0.050" in text
 
 
-def test_a_crash_is_in_the_text(tmp_path):
+def test_crash_is_in_the_text(without_plots, tmp_path):
     run = make_run(tmp_path / "run")
     outcome = json.loads((run / "outcome.json").read_text())
     outcome["processes"]["world"]["stats"]["vehicles"]["uav1"]["crashed"] = "touched a wall at 7.10 s"
@@ -80,21 +86,31 @@ def test_a_crash_is_in_the_text(tmp_path):
     assert "crashed: touched a wall at 7.10 s" in report(run)
 
 
+@pytest.mark.parametrize(
+    ("factor", "asked", "slow"),
+    [(0.65, 1.0, True), (0.99, 1.0, False), (3.0, None, False), (None, 1.0, False)],
+)
+def test_flight_below_real_time_is_in_the_text(factor, asked, slow):
+    outcome = {"real_time": {"factor": factor, "asked": asked}}
+    expected = "SLOWER THAN REAL TIME: 0.65 simulated seconds per second, 1 was asked for"
+    assert (expected in as_text(summarise([], {}, outcome, [], []))) is slow
+
+
 @pytest.mark.parametrize("broken", ["", "{", "[]", '{"processes": {}}'])
-def test_broken_records_are_no_traceback(tmp_path, broken):
+def test_broken_records_are_no_traceback(without_plots, tmp_path, broken):
     (tmp_path / "outcome.json").write_text(broken)
     (tmp_path / "plan.json").write_text(broken)
     assert main([str(tmp_path)]) == 0
     assert (tmp_path / "summary.json").exists()
 
 
-def test_something_that_is_no_run_folder_is_an_input_error(tmp_path, capsys):
+def test_missing_run_folder_is_an_input_error(tmp_path, capsys):
     assert main([str(tmp_path / "nowhere")]) == 2
     assert "run folder" in capsys.readouterr().err
 
 
 def make_real_run(folder, *, captured: bool):
-    """A hardware vehicle that flew and one that was never switched on; no world."""
+    """Write a run of a real vehicle that flew and one that was never switched on."""
     run = make_run(folder, vehicles=2)
     (run / "csv" / "uav1.csv").write_text(flight_csv(real=True, captured=captured))
     (run / "csv" / "uav2.csv").write_text(Recorder(2, None).header)
@@ -108,7 +124,7 @@ def make_real_run(folder, *, captured: bool):
     return run
 
 
-def test_a_real_vehicle_is_judged_by_the_cameras_where_they_see_it(tmp_path):
+def test_real_vehicle_is_judged_by_motion_capture(tmp_path):
     run = make_real_run(tmp_path / "run", captured=True)
     text = report(run)
     uav1 = json.loads((run / "summary.json").read_text())["vehicles"]["uav1"]
@@ -127,7 +143,7 @@ def test_a_real_vehicle_is_judged_by_the_cameras_where_they_see_it(tmp_path):
     assert "csv/uav2.csv" in text and "no log" in text
 
 
-def test_a_real_vehicle_without_cameras_is_judged_by_its_own_estimate(tmp_path):
+def test_real_vehicle_without_cameras_is_judged_by_its_estimate(tmp_path):
     run = make_real_run(tmp_path / "run", captured=False)
     report(run)
     uav1 = json.loads((run / "summary.json").read_text())["vehicles"]["uav1"]
@@ -137,7 +153,7 @@ def test_a_real_vehicle_without_cameras_is_judged_by_its_own_estimate(tmp_path):
     assert (run / "plots" / "flight.png").exists()
 
 
-def test_a_vehicle_that_was_never_armed_has_not_flown(tmp_path):
+def test_vehicle_that_was_never_armed_has_not_flown(tmp_path):
     file = tmp_path / "uav1.csv"
     file.write_text(
         flight_csv(real=True).replace("OFFBOARD,True", "OFFBOARD,False").replace("LAND,True", "LAND,False")

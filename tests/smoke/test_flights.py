@@ -126,9 +126,9 @@ def test_failed_scenario_has_its_reason_and_plots(smoke: Any, temporary: Path, t
     (tmp_path / "falls.smoke.yaml").write_text(FAILING)
     flown = smoke(str(tmp_path / "falls.smoke.yaml"))
     assert flown.wait() == 1, flown.output
-    said = " ".join(flown.output.split())
-    assert "falls.smoke.yaml:7: uav1.mode was" in said and "expected uav1.mode == RTL within 2 s" in said
-    assert "uav1 crashed" in said
+    text = " ".join(flown.output.split())
+    assert "falls.smoke.yaml:7: uav1.mode was" in text and "expected uav1.mode == RTL within 2 s" in text
+    assert "uav1 crashed" in text
     assert list((flown.runs[0] / "plots").glob("*.png"))
     assert_nothing_left(flown, temporary)
 
@@ -170,8 +170,8 @@ def test_arena_that_does_not_start_is_a_failed_result(smoke: Any, temporary: Pat
     )
     flown = smoke(str(tmp_path / "quits.smoke.yaml"))
     assert flown.wait() == 1, flown.output
-    said = " ".join(flown.output.split())
-    assert "the arena did not come up (exit 2)" in said and "'/does/not/exist' is not on this machine" in said
+    text = " ".join(flown.output.split())
+    assert "the arena did not come up (exit 2)" in text and "'/does/not/exist' is not on this machine" in text
     assert_nothing_left(flown, temporary)
 
 

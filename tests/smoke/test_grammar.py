@@ -359,10 +359,10 @@ WRONG: dict[str, tuple[object, str, str]] = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_word_is_named_with_the_expected_ones(name: str) -> None:
-    read, text, said = WRONG[name]
+    read, text, message = WRONG[name]
     with pytest.raises(WrongWordError) as caught:
         read(text, NAMES, HERE)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

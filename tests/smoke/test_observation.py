@@ -29,8 +29,8 @@ def truth(height_m: float, roll: float = 0.0, motors: float = 0.5) -> Truth:
     )
 
 
-def state_of(states: VehicleStates, at: Truth, told: Telemetry | None = None, now: float = 1.0) -> Any:
-    return states.update(at, {"a": told or Telemetry(1)}, {}, now)["a"]
+def state_of(states: VehicleStates, at: Truth, telemetry: Telemetry | None = None, now: float = 1.0) -> Any:
+    return states.update(at, {"a": telemetry or Telemetry(1)}, {}, now)["a"]
 
 
 def test_height_is_that_of_the_lowest_point_of_a_tilted_cylinder():
@@ -51,12 +51,12 @@ def test_airborne_has_a_hysteresis():
 
 
 def test_old_telemetry_is_unknown_and_still_rotors_are_disarmed():
-    states, told = VehicleStates([{"name": "a", "profile": PROFILE}]), Telemetry(1)
-    told.heartbeat = HeartbeatState(received_at=1.0, mode="OFFBOARD", armed=True)
-    told.local = Local(received_at=1.0, boot_s=1.0, pos=np.array([1.0, 2.0, 3.0]), vel=np.zeros(3))
-    fresh = state_of(states, truth(1.0), told, now=2.0)
+    states, telemetry = VehicleStates([{"name": "a", "profile": PROFILE}]), Telemetry(1)
+    telemetry.heartbeat = HeartbeatState(received_at=1.0, mode="OFFBOARD", armed=True)
+    telemetry.local = Local(received_at=1.0, boot_s=1.0, pos=np.array([1.0, 2.0, 3.0]), vel=np.zeros(3))
+    fresh = state_of(states, truth(1.0), telemetry, now=2.0)
     assert (fresh.mode, fresh.armed, fresh.est_p_n, fresh.landed) == ("OFFBOARD", True, (1.0, 2.0, 3.0), None)
-    stale = state_of(states, truth(1.0), told, now=2.02)
+    stale = state_of(states, truth(1.0), telemetry, now=2.02)
     assert (stale.mode, stale.armed, stale.est_p_n) == ("", None, None)
-    assert state_of(states, truth(1.0, motors=0.0), told, now=2.02).armed is False
-    assert state_of(states, truth(1.0, motors=0.0), told, now=2.0).armed is True  # telemetry comes first
+    assert state_of(states, truth(1.0, motors=0.0), telemetry, now=2.02).armed is False
+    assert state_of(states, truth(1.0, motors=0.0), telemetry, now=2.0).armed is True  # telemetry comes first

@@ -227,7 +227,7 @@ def anything(draw, name: str) -> VehicleState:
     )
 
 
-looks = st.lists(
+observations = st.lists(
     st.tuples(
         st.floats(0.02, 3.0),
         st.lists(st.one_of(anything("uav1"), anything("uav2")), max_size=2),
@@ -246,7 +246,7 @@ STEPS = """\
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(looks, st.sampled_from(["", "router: not ready"]))
+@given(observations, st.sampled_from(["", "router: not ready"]))
 def test_any_observations_give_a_repeatable_verdict(referee_for, seen, problem: str) -> None:
     def verdict() -> Verdict:
         referee, now = referee_for(STEPS, list(BROKEN)), 0.0

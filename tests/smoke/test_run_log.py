@@ -32,8 +32,8 @@ def test_states_events_and_crashes_are_read_from_both_logs(
     (tmp_path / "logs" / "world.log").write_text(
         "uav2 crashed: tilted 90 degrees at 4.00 s\nthe second up to 4.0 s: x\n"
     )
-    told = run_log.read()
-    assert told == [
+    events = run_log.read()
+    assert events == [
         "world: READY: it says so",
         "router: FATAL: exit 1",
         "world: uav1 crashed: touched a wall at 3.20 s",

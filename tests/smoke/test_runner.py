@@ -42,15 +42,15 @@ def passed(scenario: Scenario, options: FlightOptions) -> Result:
 
 
 def test_results_keep_the_order_of_the_scenarios(tmp_path: Path, options: FlightOptions):
-    told: list[str] = []
+    reported: list[str] = []
     found = runner.fly_all(
         scenarios(tmp_path, "c", "a", "b"),
         options,
         jobs=2,
-        on_result=lambda r: told.append(r.scenario),
+        on_result=lambda r: reported.append(r.scenario),
         flown_by=passed,
     )
-    assert [r.scenario for r in found] == ["c", "a", "b"] and sorted(told) == ["a", "b", "c"]
+    assert [r.scenario for r in found] == ["c", "a", "b"] and sorted(reported) == ["a", "b", "c"]
     assert len({r.verdict.ended for r in found} | {f"in {os.getpid()}"}) == 4
 
 
@@ -121,8 +121,8 @@ def test_all_problems_are_reported_before_any_flight(
     )
     (tmp_path / "two.smoke.yaml").write_text(f"arena: arena.yaml\n{STEPS}  - do: kil program uav1\n")
     assert main(["smoke", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert f"{tmp_path}/one.smoke.yaml:3" in said and f"{tmp_path}/two.smoke.yaml:4" in said
+    expected_text = capsys.readouterr().err
+    assert f"{tmp_path}/one.smoke.yaml:3" in expected_text and f"{tmp_path}/two.smoke.yaml:4" in expected_text
 
 
 @pytest.mark.parametrize(("passes", "code"), [(True, 0), (False, 1)])
@@ -148,7 +148,7 @@ def test_exit_code_and_files_show_the_result(
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "said"),
+    ("option", "value", "expected_text"),
     [
         ("--speed", "fast", "sim.speed: got 'fast'"),
         ("--speed", "0", "sim.speed: got 0"),
@@ -163,14 +163,14 @@ def test_options_are_checked_before_any_flight(
     monkeypatch: pytest.MonkeyPatch,
     option: str,
     value: str,
-    said: str,
+    expected_text: str,
 ):
     monkeypatch.setattr(runner, "fly_all", None)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "s.py").touch()
     scenarios(tmp_path, "good")
     assert main(["smoke", str(tmp_path), option, value]) == 2
-    assert said in capsys.readouterr().err
+    assert expected_text in capsys.readouterr().err
 
 
 def test_list_flies_nothing(

@@ -209,18 +209,18 @@ def problems(text: str) -> list[str]:
 @pytest.mark.parametrize("name", BROKEN)
 def test_broken_scenario_gives_a_line_with_its_place(folder: Path, name: str) -> None:
     text, place, words = BROKEN[name]
-    told = problems(text)
-    assert any(line.startswith(f"s.yaml:{place}") and words in line for line in told), told
-    assert len(told) == 1 or name == "hardware", told
-    assert "\n" not in told[0]
+    found = problems(text)
+    assert any(line.startswith(f"s.yaml:{place}") and words in line for line in found), found
+    assert len(found) == 1 or name == "hardware", found
+    assert "\n" not in found[0]
 
 
 def test_all_problems_are_reported_in_the_order_of_the_file(folder: Path) -> None:
-    told = problems(
+    found = problems(
         "arena:\n  vehicles:\n    uav1: {program: gone.py}\nmay: [crash uav2]\nsteps:\n  - do: kil router\n"
         "  - expect: uav1.landed\n  - 3\nalways: [separation > 1 m]\n"
     )
-    assert [line.split(":")[1] for line in told] == ["3", "4", "6", "7", "8", "9"]
+    assert [line.split(":")[1] for line in found] == ["3", "4", "6", "7", "8", "9"]
 
 
 def test_problem_of_the_arena_file_has_its_place(folder: Path) -> None:
@@ -235,8 +235,8 @@ def test_problem_of_several_arenas_is_reported_once(folder: Path) -> None:
 
 
 def test_scenario_that_one_arena_cannot_fly_is_refused(folder: Path) -> None:
-    told = problems("arena: [one.yaml, two.yaml]\nsteps:\n  - do: rc loss uav2\n")
-    assert len(told) == 1 and told[0].startswith("s.yaml:3: steps[0].do: got 'uav2'")
+    found = problems("arena: [one.yaml, two.yaml]\nsteps:\n  - do: rc loss uav2\n")
+    assert len(found) == 1 and found[0].startswith("s.yaml:3: steps[0].do: got 'uav2'")
 
 
 def test_missing_file_is_an_input_error(folder: Path) -> None:

@@ -99,14 +99,14 @@ def test_impossible_action_fails_its_step(referee_for) -> None:
     assert failures[0] == "kill router could not be done: no process router"
     assert (
         "no process router" not in failures[-1] and "router: ended with code 1" in failures[-1]
-    )  # it was not hit
+    )  # the action did not reach it
 
 
 def test_impossible_undo_fails_its_step(referee_for) -> None:
     referee = referee_for("  - do: rc loss uav1 for 20 ms\n    expect: uav1.landed within 20 s\n")
     referee.observe(Observation(time_s=0.0, vehicles=flight(0.0)))
     (undo,) = referee.observe(Observation(time_s=0.02, vehicles=flight(0.0)))
-    referee.action_failed(undo, "nobody takes faults there")
+    referee.action_failed(undo, "no process receives faults")
     assert (
-        referee.over and "could not be undone: nobody takes faults there" in referee.verdict().failures[0][1]
+        referee.over and "could not be undone: no process receives faults" in referee.verdict().failures[0][1]
     )

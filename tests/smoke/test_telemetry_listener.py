@@ -25,12 +25,12 @@ def test_heartbeats_and_missing_rates_are_requested(plan: Plan):
         asked, sender = _asked(tools[0], 3)
         assert {(m.command, m.param1) for m in asked} == {(512, 0), (511, 245), (511, 85)}
         assert {m.get_srcSystem() for m in asked} == {SYSTEM} and all(m.target_system == 1 for m in asked)
-        told = [
+        messages = [
             mavlink.MAVLink_heartbeat_message(2, 12, 128 | 1, 6 << 16, 3, 3),
             mavlink.MAVLink_extended_sys_state_message(0, 2),
             mavlink.MAVLink_local_position_ned_message(1020, 1, 2, 3, 0, 0, 0),
         ]
-        for message in told:
+        for message in messages:
             tools[0].sendto(message.pack(voice), sender)
         listener.listen(1.04)
         heart, ground = listener.telemetry["uav1"].heartbeat, listener.telemetry["uav1"].ground

@@ -1,4 +1,4 @@
-"""A flight that a Python test leads line by line, with the words of scenarios.
+"""A flight that a Python test leads line by line, in the language of scenarios.
 
     with ScriptedFlight(arena, options) as flight:
         flight.always("separation > 0.8 m")

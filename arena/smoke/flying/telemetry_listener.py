@@ -122,7 +122,7 @@ class TelemetryListener:
 
 
 def _open(vehicle: VehiclePlan) -> socket.socket:
-    """Return a socket that is connected to the router's tools port, so that it receives from nobody else."""
+    """Return a socket that is connected to the router's tools port, so that it receives from the router only."""
     sock = open_udp((vehicle.router.partner_host, 0))
     sock.connect((vehicle.router.partner_host, vehicle.tools_port))
     return sock

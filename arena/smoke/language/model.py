@@ -51,7 +51,7 @@ class VehicleState:
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """A look at the flight.
+    """The state of the flight at one instant.
 
     time_s: simulation time [s].
     processes: name -> READY, EXITED, ... as in `arena ps`.
