@@ -104,7 +104,7 @@ def yaml_page() -> str:
         raise ValueError(f"models without a place on the page: {set(order) ^ set(defs)}")
     for name in order:
         text += f"\n## {name}\n\n{defs[name].get('description', '')}\n\n" + _keys(defs[name])
-    text += "\n## Known, and not supported yet\n\n"
+    text += "\n## Not available yet\n\n"
     return text + table(
         ("key", "value", "instead"), ((f"`{k}`", v or "any", instead) for (k, v), instead in NOT_YET.items())
     )

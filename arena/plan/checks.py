@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from arena.errors import InputError, Problem
+from arena.params.checks.findings import Finding
 from arena.plan.firmware import px4_version, written_param_findings
 from arena.schema import Arena
 from arena.schema.loader import YamlPath
@@ -63,9 +64,15 @@ def _parameters(arena: Arena) -> Iterator[Problem]:
         unknown = finding.value is not None and finding.severity == "warning" and not v.simulated
         if finding.name in _LIMITS_NOT_KEPT or unknown or not arena.source.given(path):
             continue
-        value = "" if finding.value is None else f"got {finding.value:g}, "
-        message = f"{value}expected {finding.expected}: {finding.problem}. {finding.fix}."
-        yield arena.source.problem(path, message)
+        yield arena.source.problem(path, _sentences(finding))
+
+
+def _sentences(finding: Finding) -> str:
+    fix = finding.fix[:1].upper() + finding.fix[1:]
+    expected = finding.expected
+    known = finding.value is not None and expected and not expected.startswith("perhaps")
+    what = f"got {finding.value:g}, expected {expected}" if known else finding.problem
+    return f"{what}. {fix}{'' if fix.endswith('?') else '.'}"
 
 
 # PX4 gave these enumerations more values than their stated limits

@@ -42,6 +42,8 @@ def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
         "id": v.id,
         "profile": v.profile_key,
         "autopilot": v.autopilot,
+        **v.overrides,
+        "wind_m_s": v.wind_m_s,
         **_wire(v),
         "start": {"position": v.position, "rpy_deg": v.rpy_deg},
         "port": v.ports.program,

@@ -62,6 +62,7 @@ def _body(job: Job, v: Vehicle) -> Json:
         "profile": v.profile.slice(),
         "position": list(v.position),
         "rpy": [math.radians(a) for a in v.rpy_deg],
+        "wind_m_s": None if v.wind_m_s is None else list(v.wind_m_s),
         **flown,
     }
 

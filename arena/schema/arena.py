@@ -102,6 +102,8 @@ class Vehicle:
     ports: VehiclePorts
     gcs: tuple[str, ...]
     own_params: Mapping[str, float]
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    wind_m_s: tuple[float, float, float] | None = None
     mocap_body: str
     forward: bool
     pose_rate_hz: float

@@ -21,6 +21,8 @@ class Files(Protocol):
 
     def is_executable(self, path: str) -> bool: ...
 
+    def content(self, path: str) -> bytes: ...
+
     def names(self, folder: str) -> list[str]: ...
 
     def find_px4(self, home: str | None) -> Px4 | None: ...
@@ -34,6 +36,9 @@ class RealFiles:
 
     def is_executable(self, path: str) -> bool:
         return os.access(path, os.X_OK)
+
+    def content(self, path: str) -> bytes:
+        return Path(path).read_bytes()
 
     def names(self, folder: str) -> list[str]:
         try:

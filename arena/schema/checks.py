@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from arena.schema.loader import YamlPath
 from arena.schema.mocap import keys_of_other_vendors
 from arena.schema.models import NOT_YET
 from arena.schema.ports import PORTS, SDK_ABOVE
-from arena.schema.source import near
+from arena.schema.profile_overrides import problems as override_problems
+from arena.schema.source import as_list, near
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
@@ -60,7 +62,7 @@ def _not_yet(c: Check) -> Iterator[Problem]:
             value = c.source.value(path)
             if value not in (None, {}) and (only is None or value == only):
                 shown = f" {value}" if only else ""
-                yield c.source.problem(path, f"{path[-1]}{shown} is not supported yet. {instead}.")
+                yield c.source.problem(path, f"{path[-1]}{shown} is not available yet. {instead}.")
 
 
 def _on_by_being_there(c: Check) -> Iterator[Problem]:
@@ -107,6 +109,18 @@ def _senses(c: Check) -> Iterator[Problem]:
             if getattr(v, key) and v.autopilot not in fits and c.sound(v, key, "autopilot"):
                 said = f"got true, which is for autopilot: {' or '.join(fits)}, and {v.name} has {v.autopilot}. Remove it."
                 yield c.problem(v.name, (key,), said)
+
+
+def _overrides(c: Check) -> Iterator[Problem]:
+    """Check mass and sensor noise against the profile, and that only simulated vehicles have noise and wind."""
+    for v in c.arena.vehicles:
+        if c.sound(v, "profile", "mass_kg", "sensors"):
+            for keys, message in override_problems(v.profile, v.overrides):
+                yield c.problem(v.name, keys, message)
+        for key in ("sensors", "wind_m_s"):
+            if c.source.given(("vehicles", v.name, key)) and not v.simulated:
+                message = f"is for simulated vehicles, and {v.name} is hardware. Remove it."
+                yield c.problem(v.name, (key,), message)
 
 
 def _ids(c: Check) -> Iterator[Problem]:
@@ -275,15 +289,35 @@ def _programs(c: Check) -> Iterator[Problem]:
         if not c.files.is_file(str(path)):
             names = [n for n in c.files.names(str(path.parent)) if n.endswith(path.suffix or ".py")]
             hint = near(path.name, names) if names else f"Put it into {path.parent}."
+            words = path.name.split()
+            if len(words) > 1 and c.files.is_file(str(path.parent / words[0])):
+                hint = f"Did you mean program: {words[0]}, args: {as_list(words[1:])}?"
             yield c.problem(
                 v.name, ("program",), f"got {path.name!r}, expected a file in {path.parent}. {hint}"
             )
-        elif path.suffix != ".py" and not c.files.is_executable(str(path)):
+        elif path.suffix == ".py":
+            yield from _syntax(c, v, path)
+        elif not c.files.is_executable(str(path)):
             yield c.problem(
                 v.name,
                 ("program",),
                 f"got {path.name!r}, expected a .py file or an executable. Try chmod +x {path}.",
             )
+
+
+def _syntax(c: Check, v: Vehicle, path: Path) -> Iterator[Problem]:
+    """Compile a Python program without running it."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)
+            compile(c.files.content(str(path)), str(path), "exec", dont_inherit=True)
+    except (SyntaxError, ValueError) as error:
+        line = getattr(error, "lineno", None)
+        what = error.msg if isinstance(error, SyntaxError) else str(error)
+        place = f"{path.name}:{line}" if line else path.name
+        yield c.problem(v.name, ("program",), f"{place} is not valid Python: {what}. Correct the program.")
+    except OSError as error:
+        yield c.problem(v.name, ("program",), f"{path.name} cannot be read: {error.strerror}.")
 
 
 def _neighbours(c: Check) -> Iterator[Problem]:
@@ -355,6 +389,7 @@ _CHECKS = (
     _px4,
     *REAL,
     _senses,
+    _overrides,
     _ids,
     _ports,
     _port_range,

@@ -263,6 +263,12 @@ class VehicleDefaults(Strict):
     """Vehicle type: a name in `profiles/`. Default `iris`."""
     autopilot: Literal["auto", "builtin", "px4", "hardware", "hitl"] | None = None
     """Which autopilot flies it. Default `auto`."""
+    mass_kg: Positive | None = None
+    """Mass [kg]; the inertia stays that of the profile. Default: the profile's."""
+    sensors: dict[str, dict[str, float]] | None = None
+    """Sensor noise of a simulated vehicle, over that of the profile: `imu`, `baro`, `mag`, `gps` and their keys there."""
+    wind_m_s: Vector | None = None
+    """Steady wind at this simulated vehicle, north, east, down [m/s]. Default: `world.wind_m_s`."""
     start: Start | None = None
     """Where it stands at first. Default: at the origin."""
     gcs: tuple[Address, ...] | None = None
@@ -343,8 +349,31 @@ class ArenaFile(Strict):
     """The vehicles, by name."""
 
 
-# known, and not built yet: (where, value or None for any) -> what to use instead. `*` stands for any vehicle
 NOT_YET: Mapping[tuple[str, str | None], str] = {
     ("hosts", None): "Remove it; everything runs on this computer",
     ("mocap.source", "vrpn"): "Use emulator or natnet",
 }
+"""Keys and values of the models that are not available yet: (dotted key, value or None for any) -> what to use instead."""
+
+_SENSORS = "Simulated vehicles have an IMU, a barometer, a magnetometer and GPS"
+_EMPTY_ROOM = "The simulated room is empty; walls, floor and ceiling follow from `world.size`"
+PLANNED_KEYS: Mapping[str, str] = {
+    "camera": _SENSORS,
+    "cameras": _SENSORS,
+    "host": "Everything runs on this computer",
+    "lidar": _SENSORS,
+    "objects": _EMPTY_ROOM,
+    "obstacles": _EMPTY_ROOM,
+    "payload_kg": "Set `mass_kg` of the vehicle",
+    "rangefinder": _SENSORS,
+    "ray": "Everything runs on this computer",
+    "ros": "Use MAVLink at the vehicle's SDK port",
+    "ros2": "Use MAVLink at the vehicle's SDK port",
+}
+"""Keys that a user may look for and that do not exist yet -> what to use instead."""
+PLANNED_VALUES: Mapping[tuple[str, str], str] = {
+    ("autopilot", "ardupilot"): "Use px4 or builtin",
+    ("source", "qualisys"): "Use emulator or natnet",
+    ("source", "vicon"): "Use emulator or natnet",
+}
+"""(last part of the key, value) that does not exist yet -> what to use instead."""

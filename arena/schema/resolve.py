@@ -18,6 +18,7 @@ from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
 from arena.schema.ports import MOST_ID, vehicle_ports
 from arena.schema.profile import Profile
+from arena.schema.profile_overrides import with_overrides
 from arena.schema.px4 import STAND_IN
 from arena.schema.source import Source
 from arena.transport import DEFAULT_BAUD, ConnectionUrl, parse_url
@@ -145,7 +146,8 @@ class _Merge:
     def vehicle(self, vehicle_id: int) -> Vehicle:
         name, own = self.name, self.own
         wanted = self._take("profile", DEFAULT_PROFILE)
-        profile = self.profiles.get(wanted, self.profiles[DEFAULT_PROFILE])
+        overrides = self._overrides()
+        profile = with_overrides(self.profiles.get(wanted, self.profiles[DEFAULT_PROFILE]), overrides)
         ports = vehicle_ports(vehicle_id, own.port)
         self._own("id", vehicle_id, "rule: lowest free, in order of appearance")
         self._own("port", ports.program, "rule: 16000 + id")
@@ -175,6 +177,8 @@ class _Merge:
             ports=ports,
             gcs=self._take("gcs", ()),
             own_params=self._own_params(),
+            overrides=overrides,
+            wind_m_s=self._take("wind_m_s", None, "default: world.wind_m_s"),
             px4_version=self._px4_version(autopilot),
             mocap_body=self._own("mocap_body", own.mocap_body or name, "default: the vehicle's name"),
             forward=forward,
@@ -237,6 +241,22 @@ class _Merge:
         if autopilot == "px4" and self.px4 is not None:
             return str(self._note("px4_version", self.px4.version, f"rule: {self.px4.words}"))
         return str(self._take("px4_version", ""))
+
+    def _overrides(self) -> dict[str, Any]:
+        """Return the vehicle's mass and sensor noise that replace the profile's: `defaults`, then the vehicle's own."""
+        found: dict[str, Any] = {}
+        if (mass := self._take("mass_kg", None, "default: the profile's")) is not None:
+            found["mass_kg"] = mass
+        for given, path in (
+            (self.common.sensors, ("defaults", "sensors")),
+            (self.own.sensors, ("vehicles", self.name, "sensors")),
+        ):
+            for sensor, values in (given or {}).items():
+                for key, value in values.items():
+                    origin = self.source.origin((*path, sensor, key))
+                    self._note(f"sensors.{sensor}.{key}", value, origin)
+                    found.setdefault("sensors", {}).setdefault(sensor, {})[key] = value
+        return found
 
     def _own_params(self) -> dict[str, float]:
         """Return the PX4 parameters that the user names: `params_file`, then `defaults`, then the vehicle."""

@@ -104,6 +104,11 @@ def near(name: str, known: Sequence[str]) -> str:
     return f"Did you mean {close[0]}?" if close else f"Known: {', '.join(known)}."
 
 
+def as_list(words: Sequence[str]) -> str:
+    """Return words as a YAML list of text: numbers are quoted."""
+    return "[" + ", ".join(w if isinstance(parse_scalar(w), str) else f"'{w}'" for w in words) + "]"
+
+
 def show(value: Any) -> str:
     """A value as the user wrote it, short."""
     if value is None:

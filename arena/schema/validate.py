@@ -17,7 +17,8 @@ from pydantic_core import ErrorDetails
 from arena.errors import Problem
 from arena.schema.base import Strict
 from arena.schema.loader import YamlPath, dotted
-from arena.schema.source import Source, near, show
+from arena.schema.models import PLANNED_KEYS, PLANNED_VALUES
+from arena.schema.source import Source, as_list, near, show
 
 _MOST_ROUNDS = 20
 
@@ -72,6 +73,10 @@ def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:
 
 def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> str:
     type_, got = detail["type"], detail["input"]
+    if type_ == "extra_forbidden" and path[-1] in PLANNED_KEYS:
+        return f"{path[-1]} is not available yet. {PLANNED_KEYS[str(path[-1])]}."
+    if isinstance(got, str) and (path[-1], got) in PLANNED_VALUES:
+        return f"{got} is not available yet. {PLANNED_VALUES[str(path[-1]), got]}."
     if type_ == "extra_forbidden":
         return f"unknown key. {_instead(kind, path)}"
     if (type_ == "missing" and isinstance(path[-1], int)) or type_ == "too_long":
@@ -81,7 +86,9 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
     expected = _expected(kind, path, detail)
     hint = f" {near(got, _choices(detail))}" if type_ == "literal_error" and isinstance(got, str) else ""
     if type_ == "tuple_type" and isinstance(got, str):
-        hint = f" Did you mean [{', '.join(got.split())}]?"
+        hint = f" Did you mean {as_list(got.split())}?"
+    if type_ == "string_type" and isinstance(got, (int, float)):
+        hint = f" Did you mean '{show(got)}', in quotes?"
     if type_ == "value_error" and isinstance(got, dict) and set(got) <= set(keys_at(kind, path)):
         return f"expected {expected}."  # a mapping is right, what it says is not
     return f"got {show(got)}, expected {expected}." + (hint if hint.startswith(" Did") else "")

@@ -33,7 +33,7 @@ class ScalarStep:
         """Move the bodies by one sensor period.
 
         motors: commands 0..1 [-] (V, R)
-        wind_n: [m/s] [NED] (3,)
+        wind_n: wind at each vehicle [m/s] [NED] (V, 3)
         substeps: physics steps in the period
 
         Returns the mean specific force [m/s2] [FRD] (V, 3).
@@ -47,8 +47,8 @@ class ScalarStep:
         accel = [[0.0, 0.0, 0.0] for _ in range(count)]
         for _ in range(substeps):
             for i, vehicle in enumerate(self._each):
-                v, r, height = now[i]
-                air = (v[0] - wind[0], v[1] - wind[1], v[2] - wind[2])
+                (v, r, height), (north, east, down) = now[i], wind[i]
+                air = (v[0] - north, v[1] - east, v[2] - down)
                 bodies.apply_wrench(i, *vehicle.step(spins[i], commands[i], _b_from_n(r, air), height))
             bodies.advance()
             for i in range(count):

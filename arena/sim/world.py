@@ -35,7 +35,7 @@ class World:
 
     period_s: sensor period [s]
     steps: sensor periods that have passed
-    wind_n: [m/s] [NED] (3,)
+    wind_n: wind at each vehicle [m/s] [NED] (V, 3)
 
     Raises InputError when the slice describes no possible world.
     """
@@ -65,7 +65,8 @@ class World:
             seed=int(settings["seed"]),
             site=Site(heading_rad=heading, origin=GlobalOrigin(**origin) if origin else None),
         )
-        self.wind_n: Array = np.array(settings.get("wind_m_s") or (0.0, 0.0, 0.0), float)
+        everywhere = settings.get("wind_m_s") or (0.0, 0.0, 0.0)
+        self.wind_n: Array = np.array([v.get("wind_m_s") or everywhere for v in settings["vehicles"]], float)
         self.steps = self._observed_steps = 0
         # Before the first step every vehicle is held at its start: the specific force is that of standing, 1 g.
         self._accel_b = -(_G_N @ self.bodies.r_nb)
@@ -145,8 +146,8 @@ class World:
         self._battery.override_discharge(vehicle, empty_in_s)
 
     def set_wind(self, wind_n: Sequence[float]) -> None:
-        """Set the wind [m/s] [NED] (3,)."""
-        self.wind_n = np.array(wind_n, float)
+        """Set the wind at every vehicle [m/s] [NED] (3,)."""
+        self.wind_n = np.tile(np.array(wind_n, float), (self.fleet.size, 1))
 
     # -- results -----------------------------------------------------------------------------------------------------
 

@@ -352,7 +352,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "mocap source vrpn": (
         "mocap: {source: vrpn}\nvehicles:\n" + V1,
         "1: mocap.source: ",
-        "vrpn is not supported yet",
+        "vrpn is not available yet",
     ),
     "mocap server beside the emulator": (
         "mocap: {server: 10.0.0.2}\nvehicles:\n" + V1,
@@ -429,7 +429,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "1: failsafe.attitude.above_deg: ",
         "50",
     ),
-    "hosts": ("hosts: {pi: {address: 10.0.0.2}}\nvehicles:\n" + V1, "1: hosts: ", "not supported yet"),
+    "hosts": ("hosts: {pi: {address: 10.0.0.2}}\nvehicles:\n" + V1, "1: hosts: ", "not available yet"),
     "parameter file that is not there": (
         "vehicles:\n  uav1: {params_file: a.params}\n",
         "2: vehicles.uav1.params_file: ",
