@@ -76,10 +76,7 @@ class Noisy(Flight):
         self.batch: list[tuple[str, bytes]] = []
         self.client: tuple[Any, ...] = ()
         if battery is not None:
-            self._sense, self.world.sense = (
-                self.world.sense,
-                lambda: {**self._sense(), "battery_remaining": np.full(2, battery)},
-            )
+            self.battery = {0: battery, 1: battery}
         origin = [
             int(self.fuzz.origin[0] * 1e7),
             int(self.fuzz.origin[1] * 1e7),

@@ -1,9 +1,9 @@
-"""A flight in one process: world, motion capture reduced to a delayed pose, and the built-in autopilots, as fast as they go."""
+"""Flights in one process: the world, motion capture as delayed poses, and the built-in autopilots, as fast as possible."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Container, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot import Autopilots
 from arena.sim.world import World
+from arena.wire.mavlink_codec import Codec
 
 PROFILE: dict[str, Any] = {
     "name": "test_quad",
@@ -79,20 +80,38 @@ ARENA = {
 }
 
 
+Params = dict[str, float]
+
+
 class Flight:
-    """V vehicles two metres apart along east, in a wide room. `say` is called at each step with (flight, now)."""
+    """V vehicles along east in a wide room.
+
+    params: of all vehicles, or one set for each
+    apart_m: distance between two vehicles [m]
+    decoded: ids of the telemetry messages that are decoded, None for all
+    vision_on: whether poses of a vehicle arrive (V,)
+    faults: changes of the pose, (p_n, q_nb) -> (p_n, q_nb), by vehicle
+    battery: charge 0..1 that a vehicle measures instead of the simulated one, by vehicle
+    """
 
     def __init__(
-        self, vehicles: int = 1, seed: int = 1, params: dict[str, float] | None = None, **world: Any
+        self,
+        vehicles: int = 1,
+        seed: int = 1,
+        params: Params | Sequence[Params] | None = None,
+        apart_m: float = 2.0,
+        decoded: Container[int] | None = None,
+        **world: Any,
     ) -> None:
+        each = [params or {}] * vehicles if params is None or isinstance(params, dict) else list(params)
         rows = [
             {
                 "name": f"uav{i + 1}",
                 "id": i + 1,
                 "profile": PROFILE,
-                "position": [0.0, 2.0 * i, 0.0],
+                "position": [0.0, apart_m * i, 0.0],
                 "rpy": [0.0, 0.0, 0.0],
-                "params": {**ARENA, **(params or {})},
+                "params": {**ARENA, **each[i]},
             }
             for i in range(vehicles)
         ]
@@ -112,11 +131,14 @@ class Flight:
         self.pilots = Autopilots(self.settings, self.world.period_s)
         self.rng = np.random.default_rng(seed)
         self.vision_on = np.ones(vehicles, bool)
+        self.faults: dict[int, Callable[[Any, Any], tuple[Any, Any]]] = {}
+        self.battery: dict[int, float] = {}
         self.vision_noise = (0.0003, 0.0009)
         self.delay_s, self.vision_hz = 0.011, 60.0
         self.heard: dict[int, list[Any]] = {i: [] for i in range(vehicles)}
         self.codec = [mavlink.MAVLink(None, srcSystem=i + 1, srcComponent=191) for i in range(vehicles)]
-        self._parsers = {}
+        self._parsers: dict[int, Any] = {}
+        self._decoded, self._decoder = decoded, Codec(255, 190)
         self._poses: deque[tuple[float, Any, Any]] = deque()
         self._next_exposure = 0.0
         self.motors = np.zeros((vehicles, 4))
@@ -127,7 +149,7 @@ class Flight:
         return self.world.now
 
     def run(self, seconds: float, each: Callable[[Flight], None] | None = None) -> Flight:
-        """Step for so long; `each` before every fifth step (50 Hz)."""
+        """Step for some seconds; call `each` before every fifth step (50 Hz)."""
         for k in range(round(seconds * 250)):
             if each and k % 5 == 0:
                 each(self)
@@ -140,7 +162,7 @@ class Flight:
         timeout_s: float,
         each: Callable[[Flight], None] | None = None,
     ) -> float:
-        """Step until condition holds; fails after timeout_s of simulated time. Returns how long it took [s]."""
+        """Step until a condition holds and return how long it took [s]. Fails after timeout_s of simulated time."""
         begin = self.now
         while not condition(self):
             assert self.now - begin < timeout_s, f"not within {timeout_s} s of simulated time"
@@ -156,31 +178,42 @@ class Flight:
         while self._poses and self._poses[0][0] <= truth.time_s + 1e-9:
             _, p, q = self._poses.popleft()
             self._see(p, q)
-        self.motors = self.pilots.step(self.now, self.world.sense())
+        self.motors = self.pilots.step(self.now, self._sense())
         for i, link, data in self.pilots.transmit():
-            if link == "router":
+            if link == "router" and self._decoded is not None:
+                self.heard[i] += self._decoder.parse(data, self._decoded)
+            elif link == "router":
                 parser = self._parsers.setdefault(i, mavlink.MAVLink(None))
                 self.heard[i] += parser.parse_buffer(data) or []
 
+    def _sense(self) -> Any:
+        sensors = self.world.sense()
+        if self.battery:
+            remaining = sensors["battery_remaining"].copy()
+            remaining[list(self.battery)] = list(self.battery.values())
+            sensors = {**sensors, "battery_remaining": remaining}
+        return sensors
+
     def _see(self, p_n: Any, q_nb: Any) -> None:
         for i in np.flatnonzero(self.vision_on):
-            p = p_n[i] + self.rng.normal(0, self.vision_noise[0], 3)
+            p, q = self.faults[i](p_n[i], q_nb[i]) if i in self.faults else (p_n[i], q_nb[i])
+            p = p + self.rng.normal(0, self.vision_noise[0], 3)
             cov = [float("nan")] * 21
             for k in (0, 6, 11, 15, 18, 20):
                 cov[k] = 1e-6
             none = [float("nan")] * 21
             m = mavlink.MAVLink_odometry_message(
-                0, 1, 12, *p, q_nb[i].tolist(), *none[:6], cov, none, 0, 2, 0
+                0, 1, 12, *p, np.asarray(q).tolist(), *none[:6], cov, none, 0, 2, 0
             )
             self.pilots.receive(int(i), "vision", m.pack(self.codec[i]))
 
-    # -- what a program would do -------------------------------------------------------------------------------------
+    # -- requests of a program ---------------------------------------------------------------------------------------
 
     def send(self, i: int, message: Any, link: str = "router") -> None:
         self.pilots.receive(i, link, message.pack(self.codec[i]))
 
     def command(self, i: int, command: int, *p: float, link: str = "router") -> int:
-        """Send COMMAND_LONG; returns the result acknowledged in the next steps."""
+        """Send COMMAND_LONG and return the acknowledged result."""
         self.heard[i].clear()
         args = (list(p) + [0.0] * 7)[:7]
         self.send(i, mavlink.MAVLink_command_long_message(i + 1, 1, command, 0, *args), link)

@@ -307,25 +307,29 @@ class StressFlight:
                 f.setpoint(i, [0.0, 0.0, -height_m])
 
         self.run(2.0, hover)
-        for i in vehicles:
-            for m in (
-                mavlink.MAVLink_command_long_message(i + 1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0),
-                mavlink.MAVLink_command_long_message(i + 1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0),
-            ):
-                self.pilots.receive(i, "router", m.pack(mavlink.MAVLink(None, srcSystem=255)))
-        self.run(7.0, hover)
+        for _ in range(4):  # a pose may be rejected at this very moment, which refuses arming
+            for i in vehicles:
+                self._request_offboard(i)
+            self.run(0.25, hover)
+        self.run(6.0, hover)
         low = [
             i for i in vehicles if self.mode(i) != "OFFBOARD" or self.world.truth().p_n[i, 2] > 0.3 - height_m
         ]
         assert not low, [(self.stresses[i].name, self.mode(i), self.world.truth().p_n[i]) for i in low]
 
-    def hover(self, height_m: float = 4.0) -> None:
-        for i in range(len(self.stresses)):
+    def _request_offboard(self, i: int) -> None:
+        for command, p in ((176, (1, 6)), (400, (1, 0))):
+            m = mavlink.MAVLink_command_long_message(i + 1, 1, command, 0, *p, 0, 0, 0, 0, 0)
+            self.pilots.receive(i, "router", m.pack(mavlink.MAVLink(None, srcSystem=255)))
+
+    def hover(self, height_m: float = 4.0, rows: Sequence[int] | None = None) -> None:
+        """Send the setpoint of a hover to the vehicles in `rows`, None for all."""
+        for i in range(len(self.stresses)) if rows is None else rows:
             self.setpoint(i, [0.0, 0.0, -height_m])
 
-    def hard(self, height_m: float = 4.0) -> None:
-        """Setpoints that reverse before they are reached, each vehicle at its own time, and steps of yaw."""
-        for i in range(len(self.stresses)):
+    def hard(self, height_m: float = 4.0, rows: Sequence[int] | None = None) -> None:
+        """Send setpoints that reverse before they are reached, at another time for each vehicle, and steps of yaw."""
+        for i in range(len(self.stresses)) if rows is None else rows:
             turn, yaw_turn = int(self.now / 1.3 + 0.37 * i), int(self.now / 2.9 + 0.61 * i)
             side = 1.0 if turn % 2 else -1.0
             p = [
@@ -418,6 +422,8 @@ def misled(f: StressFlight, seconds: float, each: Callable[[StressFlight], None]
         if k % 10 == 0:
             each(f)
         f.step()
+        if k % 5:
+            continue
         truth = f.world.truth()
         astray, moved = np.linalg.norm(truth.p_n - f.est.p_n, axis=1), np.linalg.norm(truth.p_n - p0, axis=1)
         tilt = np.degrees(np.arccos(np.clip(1 - 2 * (truth.q_nb[:, 1] ** 2 + truth.q_nb[:, 2] ** 2), -1, 1)))

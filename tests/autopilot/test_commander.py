@@ -1,4 +1,4 @@
-"""Modes, arming and failsafes as plain decisions."""
+"""Modes, arming and failsafes of the commander."""
 
 from __future__ import annotations
 
@@ -69,14 +69,14 @@ def flying() -> tuple[Commander, dict]:
         ({"offboard_age": 2.0}, "offboard"),
     ],
 )
-def test_each_reason_alone_refuses_arming_and_is_named(change, word):
+def test_each_failed_check_refuses_arming_and_is_named(change, word):
     c = Commander("uav1", mode=Mode.OFFBOARD)
     why = c.arm(inputs(**change), PARAMS)
     assert word.lower() in why.lower()
     assert not c.armed
 
 
-def test_arming_is_refused_in_modes_that_only_come_down():
+def test_arming_is_refused_in_landing_modes():
     for mode in (Mode.LAND, Mode.DESCEND, Mode.TERMINATE):
         c = Commander("uav1", mode=mode)
         assert c.arm(OK, PARAMS)
@@ -86,7 +86,7 @@ def test_arming_is_refused_in_modes_that_only_come_down():
 @pytest.mark.parametrize(
     ("action", "mode"), [(0, Mode.LAND), (4, Mode.LAND), (5, Mode.HOLD), (6, Mode.TERMINATE)]
 )
-def test_each_offboard_loss_action(action, mode):
+def test_offboard_loss_action(action, mode):
     c, up = flying()
     c.update(inputs(now=106.0, offboard_age=1.5, **up), params(com_obl_rc_act=action))
     assert c.mode is mode
@@ -99,7 +99,7 @@ def test_offboard_loss_action_disarm_disarms():
     assert not c.armed
 
 
-def test_offboard_loss_is_answered_at_once_whatever_the_action_delay():
+def test_offboard_loss_acts_at_once_despite_com_fail_act_t():
     c, up = flying()
     c.update(inputs(now=106.0, offboard_age=1.5, **up), params(com_fail_act_t=5.0))
     assert c.mode is Mode.LAND
@@ -113,7 +113,7 @@ def test_offboard_loss_is_answered_at_once_whatever_the_action_delay():
         ({"fence": "outside"}, {"gf_action": 5}),
     ],
 )
-def test_the_others_wait_in_hold_for_the_action_delay_in_which_a_pilot_may_take_over(what, settings):
+def test_other_failsafes_hold_for_com_fail_act_t_while_a_pilot_may_take_over(what, settings):
     slow = params(com_fail_act_t=5.0, **settings)
     c, up = flying()
     c.update(inputs(now=106.0, **what, **up), slow)
@@ -127,10 +127,10 @@ def test_the_others_wait_in_hold_for_the_action_delay_in_which_a_pilot_may_take_
     c.update(inputs(now=106.0, **what, **up), slow)
     c.request_mode(Mode.OFFBOARD, inputs(now=107.0, **up), slow)
     c.update(inputs(now=112.0, **up), slow)
-    assert c.mode is Mode.OFFBOARD, "who takes over flies"
+    assert c.mode is Mode.OFFBOARD, "the pilot took over"
 
 
-def test_position_loss_in_attitude_offboard_is_no_failsafe_but_in_position_offboard_it_is():
+def test_position_loss_is_a_failsafe_for_position_setpoints_only():
     c, up = flying()
     c.update(inputs(now=106.0, xy_valid=False, offboard_needs_position=False, **up), PARAMS)
     assert c.mode is Mode.OFFBOARD
@@ -138,7 +138,7 @@ def test_position_loss_in_attitude_offboard_is_no_failsafe_but_in_position_offbo
     assert c.mode is Mode.DESCEND
 
 
-def test_data_link_loss_acts_only_when_asked_to():
+def test_data_link_loss_acts_only_if_configured():
     c, up = flying()
     c.update(inputs(now=120.0, gcs_age=20.0, **up), PARAMS)
     assert c.mode is Mode.OFFBOARD
@@ -146,7 +146,7 @@ def test_data_link_loss_acts_only_when_asked_to():
     assert c.mode is Mode.LAND
 
 
-def test_who_answers_a_lost_data_link_does_not_arm_without_one():
+def test_arming_needs_a_data_link_if_its_loss_has_an_action():
     c = Commander("uav1")
     assert c.arm_checks(inputs(gcs_age=13.0), params(nav_dll_act=3)) == [
         "No connection to the ground control station"
@@ -165,7 +165,7 @@ def test_attitude_failure_terminates_only_with_the_breaker_open():
     assert c.mode is Mode.TERMINATE
 
 
-def test_landing_disarms_after_its_delay_and_goes_back_to_hold():
+def test_landing_disarms_after_com_disarm_land_and_returns_to_hold():
     c, up = flying()
     c.request_mode(Mode.LAND, inputs(now=110.0, **up), PARAMS)
     c.update(inputs(now=112.0), PARAMS)
@@ -185,7 +185,7 @@ def test_custom_modes_are_px4s_numbers():
 
 
 def _radio_lost(mode=Mode.HOLD, had=True, **changes) -> Commander:
-    """Armed and flying in a mode with sticks, which then are gone."""
+    """Return a commander in flight whose manual control was lost."""
     c, up = flying()
     c.request_mode(mode, inputs(now=105.0, **up), PARAMS)
     c.update(inputs(now=105.5, manual_control=had, **up), params(**changes))
@@ -197,13 +197,13 @@ def _radio_lost(mode=Mode.HOLD, had=True, **changes) -> Commander:
     ("action", "mode"),
     [(1, Mode.HOLD), (2, Mode.RTL), (3, Mode.LAND), (5, Mode.TERMINATE), (0, Mode.OFFBOARD)],
 )
-def test_lost_sticks_are_answered_as_nav_rcl_act_says(action, mode):
+def test_lost_manual_control_runs_nav_rcl_act(action, mode):
     c = _radio_lost(Mode.OFFBOARD, nav_rcl_act=action)
     assert c.mode is mode and c.armed
     assert bool(c.failsafe) is (action != 0)
 
 
-def test_lost_sticks_may_disarm():
+def test_lost_manual_control_can_disarm():
     assert not _radio_lost(nav_rcl_act=6).armed
 
 
@@ -218,17 +218,17 @@ def test_lost_sticks_may_disarm():
         (Mode.TAKEOFF, 5, True),
     ],
 )
-def test_com_rcl_except_excepts_the_mode_that_was_asked_for(mode, bits, acts):
+def test_com_rcl_except_applies_to_the_requested_mode(mode, bits, acts):
     c = _radio_lost(mode, nav_rcl_act=3, com_rcl_except=bits)
     assert (c.mode is Mode.LAND) is acts
 
 
-def test_sticks_that_never_came_or_do_not_count_are_not_missed():
+def test_manual_control_never_received_or_disabled_is_not_missed():
     assert _radio_lost(had=False, nav_rcl_act=3).mode is Mode.HOLD
     assert _radio_lost(nav_rcl_act=3, com_rc_in_mode=4).mode is Mode.HOLD
 
 
-def test_sticks_that_come_back_give_nothing_back_and_may_be_lost_again():
+def test_regained_manual_control_changes_nothing_and_may_be_lost_again():
     c = _radio_lost(Mode.OFFBOARD, nav_rcl_act=1)
     up = {"landed": False, "flying": True}
     c.update(inputs(now=107.0, manual_control=True, **up), params(nav_rcl_act=1))
@@ -240,7 +240,7 @@ def test_sticks_that_come_back_give_nothing_back_and_may_be_lost_again():
     assert c.mode is Mode.HOLD
 
 
-def test_who_chooses_a_mode_without_sticks_flies():
+def test_mode_selected_after_the_loss_of_manual_control_is_flown():
     c = _radio_lost(nav_rcl_act=3)
     up = {"landed": False, "flying": True}
     assert c.request_mode(Mode.HOLD, inputs(now=107.0, **up), PARAMS) == ""
@@ -248,7 +248,7 @@ def test_who_chooses_a_mode_without_sticks_flies():
     assert c.mode is Mode.HOLD
 
 
-def test_lost_sticks_wait_com_fail_act_t_in_hold():
+def test_lost_manual_control_holds_for_com_fail_act_t():
     c = _radio_lost(Mode.OFFBOARD, nav_rcl_act=3, com_fail_act_t=5.0)
     up = {"landed": False, "flying": True}
     assert c.mode is Mode.HOLD
@@ -261,11 +261,11 @@ def test_lost_sticks_wait_com_fail_act_t_in_hold():
 @pytest.mark.parametrize(
     ("action", "mode"), [(1, Mode.LAND), (2, Mode.LAND), (3, Mode.LAND), (5, Mode.TERMINATE)]
 )
-def test_lost_sticks_do_not_stop_a_landing(action, mode):
+def test_lost_manual_control_does_not_stop_a_landing(action, mode):
     assert _radio_lost(Mode.LAND, nav_rcl_act=action).mode is mode
 
 
-def test_of_two_failsafes_the_worse_acts():
+def test_more_severe_of_two_failsafes_acts():
     c, up = flying()
     now = {"offboard_age": 1.5, **up}
     c.update(inputs(now=106.0, manual_control=True, **now), params(com_obl_rc_act=5))
@@ -275,9 +275,7 @@ def test_of_two_failsafes_the_worse_acts():
 
 
 @pytest.mark.parametrize(("there", "mode"), [(True, Mode.HOLD), (False, Mode.LAND)])
-def test_offboard_loss_into_a_mode_flown_by_hand_holds_where_there_are_sticks_and_lands_where_not(
-    there, mode
-):
+def test_offboard_loss_into_a_manual_mode_holds_with_manual_control_else_lands(there, mode):
     for action in (0, 1, 2):
         c, up = flying()
         c.update(
@@ -297,7 +295,7 @@ def test_offboard_loss_into_a_mode_flown_by_hand_holds_where_there_are_sticks_an
         (4, "radio", set()),
     ],
 )
-def test_com_rc_in_mode_says_whose_sticks_count(in_mode, first, counted):
+def test_com_rc_in_mode_selects_the_source_of_manual_control(in_mode, first, counted):
     for source in ("radio", "joystick"):
         pilot = ManualControl()
         pilot.receive(first, 1.0)
@@ -307,7 +305,7 @@ def test_com_rc_in_mode_says_whose_sticks_count(in_mode, first, counted):
         assert not pilot.is_available(2.6, in_mode, 0.5)
 
 
-def test_a_tilt_that_passes_is_no_attitude_failure():
+def test_short_tilt_is_no_attitude_failure():
     c, up = flying()
     opened = params(cbrk_flightterm=0, fd_fail_s=0.3)
     for now, tilt in ((106.0, 1.3), (106.2, 1.3), (106.25, 0.2), (106.3, 1.3), (106.55, 1.3)):

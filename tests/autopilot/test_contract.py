@@ -1,4 +1,4 @@
-"""The contract script's comparison, and that what it stands on is complete. The script itself flies: it is no test."""
+"""The comparison of the PX4 contract, and its recorded data. The contract itself is flown by benchmarks/contract.py."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def number(value, **tolerance):
         (Seen(value="one", kind="words"), Seen(value="two", kind="words"), True),
     ],
 )
-def test_what_is_the_same_and_what_is_not(px4, builtin, alike):
+def test_observations_are_compared_by_kind_and_tolerance(px4, builtin, alike):
     assert same(px4, builtin) is alike
 
 
-def test_a_difference_is_found_in_every_shape_and_named():
+def test_every_kind_of_difference_is_found():
     px4 = {
         "a": {"x": Seen(value=1), "only px4": Seen(value=2), "talk": Seen(value="t", kind="words")},
         "not run": {},
@@ -51,7 +51,7 @@ def test_a_difference_is_found_in_every_shape_and_named():
     assert [d.key for d in compare(px4, builtin, {})] == ["a: x", "a: only px4", "a: only builtin"]
 
 
-def test_a_known_difference_has_its_reason_and_another_has_none():
+def test_known_difference_has_a_reason():
     px4, builtin = (
         {"a": {"x": Seen(value=1), "y": Seen(value=1)}},
         {"a": {"x": Seen(value=2), "y": Seen(value=2)}},
@@ -62,19 +62,19 @@ def test_a_known_difference_has_its_reason_and_another_has_none():
     assert idle(known, found) == ["a: gone*"]
 
 
-def test_a_pattern_may_hold_stars_and_letters_to_choose_from_and_no_more():
+def test_pattern_supports_stars_and_character_sets_only():
     assert fits("a: list 3", "a: list [3-5]") and not fits("a: list 6", "a: list [3-5]")
     assert fits("a: really?", "a: *?") and not fits("a: really!", "a: *?")
 
 
-def test_an_observation_made_twice_keeps_both():
+def test_repeated_observation_is_kept_twice():
     t = Transcript()
     t.note("ack", "accepted")
     t.note("ack", "denied")
     assert {k: s.value for k, s in t.seen.items()} == {"ack": "accepted", "ack #2": "denied"}
 
 
-def test_a_transcript_survives_its_file():
+def test_transcript_survives_a_round_trip():
     t = Transcript()
     t.note("ack", "accepted")
     t.number("rate", 10.0, near=0.5, part=0.1, unit="Hz")
@@ -85,19 +85,19 @@ def test_a_transcript_survives_its_file():
     assert load(json.loads(json.dumps(dump(found), allow_nan=False))) == found
 
 
-def test_the_page_keeps_what_stands_around_the_table():
+def test_page_keeps_the_text_around_the_table():
     page = f"before\n\n{BEGIN}\nold\n{END}\n\nafter\n"
     new = section({"a": "what"}, {"a": 3}, [])
     assert put_into(page, new) == f"before\n\n{new}\n\nafter\n"
 
 
-def test_what_was_recorded_on_px4_can_be_read_and_belongs_to_a_case():
+def test_recorded_transcript_is_readable_and_belongs_to_cases():
     recorded = load(json.loads(RECORDED.read_text()))
     assert set(recorded) <= set(all_cases())
     assert all(recorded.values())
 
 
-def test_every_known_difference_speaks_of_a_case_and_gives_a_reason():
+def test_every_known_difference_names_a_case_and_a_reason():
     cases = [*all_cases()]
     for pattern, reason in KNOWN.items():
         assert any(fits(f"{name}: ", f"{pattern.split(': ')[0]}: ") for name in cases), pattern

@@ -45,7 +45,7 @@ def track(t: Any, p: Any, goal: Any, start: tuple[int, ...] = (0,)) -> Any:
     )
 
 
-def test_a_late_copy_of_a_track_lies_at_its_lag_and_nowhere_apart():
+def test_delayed_copy_of_a_track_differs_by_its_lag_only():
     t = np.arange(0.0, 10.0, 0.03)
     way = np.stack([np.sin(t), np.cos(t) - 1.0, 0.1 * t], axis=1)
     one, late = track(t, way, way), track(t + 0.4, way, way)
@@ -56,7 +56,7 @@ def test_a_late_copy_of_a_track_lies_at_its_lag_and_nowhere_apart():
     assert off == pytest.approx([0.0, 0.0, 0.2], abs=0.05)
 
 
-def test_a_step_is_told_by_its_rise_overshoot_and_final_error():
+def test_step_is_measured_by_rise_overshoot_and_final_error():
     t = np.arange(0.0, 6.0, 0.01)
     along = np.minimum(t, 2.4)  # a ramp of 1 m/s to 2 m that goes 0.4 m too far
     goal = np.tile([0.0, 2.0, 0.0], (len(t), 1))
@@ -66,7 +66,7 @@ def test_a_step_is_told_by_its_rise_overshoot_and_final_error():
     assert step.error_m == pytest.approx(0.4, abs=0.01)
 
 
-def test_old_gains_become_accelerations_by_the_hover_thrust():
+def test_old_gains_become_acceleration_gains_by_the_hover_thrust():
     old = dict.fromkeys(THESIS.SAME_NAME, 1.0) | {f"MPC_{a}_VEL_{g}": 0.2 for a in ("XY", "Z") for g in "PID"}
     old |= {"MPC_THR_HOVER": 0.5, "MPC_SPOOLUP_TIME": 1.0, "MC_DTERM_CUTOFF": 0.0}
     old |= {"MC_YAW_P": 4.0, "MC_ROLL_P": 8.0, "MC_PITCH_P": 8.0}
@@ -76,7 +76,7 @@ def test_old_gains_become_accelerations_by_the_hover_thrust():
     assert now["MC_YAW_WEIGHT"] == 0.5
 
 
-def test_parameters_are_read_out_of_a_ulog_as_they_were_at_its_start():
+def test_initial_parameters_are_read_from_a_ulog():
     def message(kind: bytes, body: bytes) -> bytes:
         return struct.pack("<H", len(body)) + kind + body
 
@@ -97,7 +97,7 @@ def test_parameters_are_read_out_of_a_ulog_as_they_were_at_its_start():
 
 
 @needs_data
-def test_the_measure_gives_the_figures_of_the_datas_own_readme():
+def test_measure_reproduces_the_figures_of_the_data():
     for one, other, known in THESIS.PAIRS:
         a, b = (THESIS.read_track(THESIS.DATA / f"setpoints_{name}.csv") for name in (one, other))
         assert len(a.start) == len(b.start) == 6
@@ -106,7 +106,7 @@ def test_the_measure_gives_the_figures_of_the_datas_own_readme():
 
 
 @needs_data
-def test_the_setpoint_program_flown_here_lies_nearer_to_the_real_flight_than_gazebos_did(monkeypatch):
+def test_simulated_flight_is_nearer_to_the_real_one_than_gazebos(monkeypatch):
     real, gazebo = (
         THESIS.read_track(THESIS.DATA / f"setpoints_{name}.csv") for name in ("real_uav3", "gazebo_uav2")
     )

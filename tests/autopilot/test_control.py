@@ -1,19 +1,18 @@
-"""ControlAllocator, attitude from thrust, setpoints off the wire: the places where a sign or an order goes wrong."""
+"""Control allocation, attitude and rate control, take-off ramp: signs, orders and time constants."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot.control.control_allocator import ControlAllocator
-from arena.autopilot.control.controllers import AttitudeControl, attitude_from_thrust
-from arena.autopilot.control.setpoints import Level
-from arena.autopilot.mavlink.offboard_setpoints import from_attitude_target, from_position_target
+from arena.autopilot.control.controllers import AttitudeControl, RateControl, attitude_from_thrust
+from arena.autopilot.estimation.land_detector import TakeoffRamp
 from arena.autopilot.param_table import Params
+from arena.constants import GRAVITY_M_S2
 from arena.geometry import (
-    euler_from_quat,
     matrix_from_quat,
     quat_conj,
     quat_exp,
@@ -37,11 +36,11 @@ def mixer() -> ControlAllocator:
     return ControlAllocator(ALLOCATION(QUAD_X)[None], np.ones((1, 4), bool))
 
 
-def test_the_rows_of_a_symmetric_quad_are_px4s():
+def test_rows_of_a_symmetric_quadrotor_are_px4s():
     assert np.allclose(np.abs(ALLOCATION(QUAD_X)), [[0.7071, 0.7071, 1.0]] * 4, atol=1e-4)
 
 
-def test_roll_lifts_the_left_rotors_pitch_the_front_and_yaw_the_ccw_ones():
+def test_roll_lifts_left_pitch_lifts_front_yaw_lifts_ccw_rotors():
     u, _ = mixer().allocate(np.array([[0.1, 0.0, 0.0]]), np.array([0.5]))
     assert u[0, 1] > 0.5 > u[0, 0]
     assert u[0, 2] > 0.5 > u[0, 3]
@@ -52,7 +51,7 @@ def test_roll_lifts_the_left_rotors_pitch_the_front_and_yaw_the_ccw_ones():
 
 
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3), st.floats(0, 1))
-def test_commands_stay_in_range_and_yaw_gives_way_to_tilt(torque, thrust):
+def test_motor_commands_stay_in_range_and_tilt_has_priority_over_yaw(torque, thrust):
     u, _ = mixer().allocate(np.array([torque]), np.array([thrust]))
     assert np.all((u >= 0) & (u <= 1))
     no_yaw, _ = mixer().allocate(np.array([[*torque[:2], 0.0]]), np.array([thrust]))
@@ -61,7 +60,7 @@ def test_commands_stay_in_range_and_yaw_gives_way_to_tilt(torque, thrust):
 
 
 @given(st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=2), st.floats(-3.1, 3.1))
-def test_attitude_from_thrust_opposes_the_thrust_and_keeps_the_heading(tilt, yaw):
+def test_attitude_from_thrust_is_opposite_to_it_and_keeps_the_heading(tilt, yaw):
     thrust = np.array([[*tilt, -1.0]])
     q = attitude_from_thrust(thrust, np.array([yaw]))
     assert np.allclose(quat_rotate(q, [0, 0, -1.0]), thrust / np.linalg.norm(thrust))
@@ -74,7 +73,7 @@ def test_attitude_from_thrust_opposes_the_thrust_and_keeps_the_heading(tilt, yaw
     )
 
 
-def test_attitude_control_turns_towards_the_setpoint_at_a_generic_attitude():
+def test_attitude_control_turns_towards_the_setpoint():
     control = AttitudeControl(Params(3))
     q = np.tile(quat_from_euler(GENERIC_RPY), (3, 1))
     q_sp = np.stack([quat_multiply(q[0], quat_exp(0.1 * axis)) for axis in np.eye(3)])
@@ -86,9 +85,7 @@ def test_attitude_control_turns_towards_the_setpoint_at_a_generic_attitude():
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), st.sampled_from([0.1, 0.4, 1.0]))
-def test_attitude_control_meets_the_tilt_by_the_shortest_way_and_the_yaw_that_is_left_by_its_weight(
-    turns, weight
-):
+def test_attitude_control_corrects_tilt_first_and_yaw_by_its_weight(turns, weight):
     params = Params(1)
     params.set(0, "MC_YAW_WEIGHT", weight)
     q, q_sp = quat_exp(turns[:3]), quat_exp(turns[3:])
@@ -105,28 +102,35 @@ def test_attitude_control_meets_the_tilt_by_the_shortest_way_and_the_yaw_that_is
     assert np.allclose(rates, np.clip(wanted, -limits, limits), atol=1e-9)
 
 
-def test_body_setpoints_turn_by_yaw_alone_and_their_position_is_ignored():
-    q = quat_from_euler([0.3, -0.2, np.pi / 2]).tolist()
-    m = mavlink.MAVLink_set_position_target_local_ned_message(
-        0, 1, 1, 8, 0b010111000000, 9, 9, 9, 1, 0, 0.5, 0, 0, 0, 0, 0.2
-    )
-    o = from_position_target(m, q)
-    assert np.all(np.isnan(o.p_n))
-    assert np.allclose(o.v_n, [0, 1, 0.5], atol=1e-9)
+def test_takeoff_ramp_begins_without_thrust_and_ends_at_the_full_rate():
+    params = Params(2)
+    ramp = TakeoffRamp(params, 2)
+    armed, up = np.zeros(2), np.ones(2, bool)
+    full = np.array([3.0, 1.5])  # in OFFBOARD MPC_Z_VEL_MAX_UP, else MPC_TKO_SPEED
+    start = -GRAVITY_M_S2 / params["MPC_Z_VEL_P_ACC"][0]
+    assert ramp.speed_up(0.0, full) == pytest.approx([start, start])
+    ramp.update(2.0, armed, up, up)  # spooled up, with a setpoint to climb
+    assert ramp.speed_up(2.0, full) == pytest.approx([start, start])
+    assert ramp.speed_up(3.5, full) == pytest.approx((start + full) / 2)
+    ramp.update(5.0, armed, ~up, up)
+    assert np.isinf(ramp.speed_up(5.0, full)).all(), "no limit after the take-off"
 
 
-def test_attitude_targets_are_normalised_and_nonsense_refused():
-    q = quat_from_euler(GENERIC_RPY)
-    o = from_attitude_target(
-        mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, (1.5 * q).tolist(), 0, 0, 0, 2.0)
+def test_yaw_torque_is_filtered_and_tilt_torque_is_not():
+    params = Params(1)
+    for axis in ("ROLL", "PITCH", "YAW"):
+        params.set(0, f"MC_{axis}RATE_I", 0.0)
+        params.set(0, f"MC_{axis}RATE_D", 0.0)
+    dt, wanted = 0.004, np.array([[0.5, 0.5, 0.5]])
+    control = RateControl(params, 1, dt)
+    asked = wanted[0] * [params[f"MC_{axis}RATE_P"][0] for axis in ("ROLL", "PITCH", "YAW")]
+    first = control.update(np.zeros((1, 3)), wanted, np.zeros((1, 3)))[0]
+    assert first[:2] == pytest.approx(asked[:2])
+    after_s = 1.0 / (2 * np.pi * params["MC_YAW_TQ_CUTOFF"][0])
+    for _ in range(round(after_s / dt) - 1):
+        last = control.update(np.zeros((1, 3)), wanted, np.zeros((1, 3)))[0]
+    assert last[2] == pytest.approx(asked[2] * (1 - np.exp(-1)), rel=0.02)
+    control.reset(0)
+    assert control.update(np.zeros((1, 3)), wanted * 0, np.zeros((1, 3)))[0, 2] == 0.0, (
+        "no memory of an earlier flight"
     )
-    assert o.level is Level.ATTITUDE
-    assert np.allclose(euler_from_quat(np.array(o.q_nb)), GENERIC_RPY)
-    assert o.thrust == 1.0
-    for bad in ([0, 0, 0, 0], [float("nan"), 0, 0, 1]):
-        assert isinstance(
-            from_attitude_target(mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 7, bad, 0, 0, 0, 0.5)),
-            str,
-        )
-    no_thrust = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 71, q.tolist(), 0, 0, 0, 0.5)
-    assert isinstance(from_attitude_target(no_thrust), str)
