@@ -1,10 +1,10 @@
-"""Wall clock and simulation clock behind one face. Code that flies asks a Clock, never the time module.
+"""The wall clock and the simulation clock behind one interface. Code that flies uses a Clock, not the time module.
 
-The simulation clock is served by the world: a page of shared memory tells the time, a local socket wakes sleepers.
-    client -> server   first packet: the client's name, utf-8;  later: the time to be woken at, one native double [s]
-    server -> client   the time now, one native double [s], when that time has come
-A lockstep server does not move past the earliest wake-up until that client sleeps again (`may_pass`), and strikes off
-one that has not slept for a second of wall time, until it sleeps again.
+The world serves the simulation clock: a page of shared memory holds the time, a local socket wakes clients.
+    client -> server   first packet: the client's name, utf-8;  later: a requested wake-up time, one native double [s]
+    server -> client   the present time, one native double [s], when the requested time has come
+In lockstep the server does not advance past a wake-up until that client sleeps again (`may_advance`). A client that does not sleep
+for one second of wall time is no longer waited for, until it sleeps again.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from arena.errors import RunError
 _DOUBLE = struct.Struct("=d")
 _CREDENTIALS = struct.Struct("=3i")  # pid, uid, gid
 _PAGE_BYTES = 64
-_HUNG_AFTER_S = 1.0
+_HUNG_S = 1.0
 _ENDED = "the world that serves the simulation clock has ended"
 
 
 class Clock(Protocol):
-    """now: seconds, monotonic. Only differences mean anything."""
+    """A monotonic clock. now: time [s], with an arbitrary zero."""
 
     def now(self) -> float: ...
 
@@ -38,14 +38,14 @@ class Clock(Protocol):
 
 
 class Rate:
-    """Sleeps to absolute deadlines 1/hz apart; deadlines missed are skipped, not caught up in a burst."""
+    """A loop rate: absolute deadlines 1/hz apart. Missed deadlines are skipped, not repeated in a burst."""
 
     def __init__(self, clock: Clock, hz: float) -> None:
         self._clock, self._period_s = clock, 1.0 / hz
         self._next = clock.now() + self._period_s
 
     def sleep(self) -> float:
-        """Sleep to the next deadline; returns the time now [s]."""
+        """Sleep until the next deadline; return the time now [s]."""
         now = self._clock.sleep_until(self._next)
         self._next = max(self._next + self._period_s, now)
         return now
@@ -67,9 +67,9 @@ class WallClock:
 
 
 class SimTime:
-    """What time it is in the world, and no more: the page alone, without being a client. path: the stem of `<path>.page`.
+    """The simulation time, read from its page only, without a client. path: the stem of `<path>.page`.
 
-    Raises RunError when the world is not there. When it ends, time stands still.
+    Raises RunError when there is no world. After the world's end the time stands still.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -84,9 +84,9 @@ class SimTime:
 
 
 class SimClock:
-    """A client of the world's clock. path: the stem of `<path>.page` and `<path>.sock`.
+    """A client of the simulation clock. path: the stem of `<path>.page` and `<path>.sock`.
 
-    Raises RunError when the world is not there, or ends while one sleeps.
+    Raises RunError when there is no world, or when it ends during a sleep.
     """
 
     def __init__(self, path: str | Path, name: str) -> None:
@@ -99,50 +99,52 @@ class SimClock:
             raise RunError(f"no simulation clock at {path} ({error.strerror}): is the arena up?") from error
 
     def sleep_until(self, t: float) -> float:
-        self.ask(t)
-        while (now := self.told(None)) is None:
+        self.request_wake(t)
+        while (now := self.wait_for_wake(None)) is None:
             pass
         return now
 
-    def ask(self, t: float) -> None:
-        """The first half of `sleep_until`: time may go on, and `told` says when it is t [s]."""
+    def request_wake(self, t: float) -> None:
+        """Request a wake-up at t [s], the first half of `sleep_until`; from now on the world may advance."""
         try:
             self._socket.send(_DOUBLE.pack(t))
         except OSError as error:
             raise RunError(_ENDED) from error
 
-    def told(self, patience_s: float | None) -> float | None:
-        """The second half: the time [s] when what was asked for has come; None when it has not
-        within patience_s [s] of wall time; 0: without waiting."""
-        if patience_s != self._socket.gettimeout():
-            self._socket.settimeout(patience_s)
+    def wait_for_wake(self, timeout_s: float | None) -> float | None:
+        """Return the time [s] once the requested time has come, the second half of `sleep_until`; None after the timeout.
+
+        timeout_s: wall time [s]. 0 does not wait, None waits without a limit.
+        """
+        if timeout_s != self._socket.gettimeout():
+            self._socket.settimeout(timeout_s)
         try:
-            told = self._socket.recv(_DOUBLE.size)
+            packet = self._socket.recv(_DOUBLE.size)
         except (TimeoutError, BlockingIOError):
             return None
         except OSError as error:
             raise RunError(_ENDED) from error
-        if len(told) != _DOUBLE.size:
+        if len(packet) != _DOUBLE.size:
             raise RunError(_ENDED)
-        return float(_DOUBLE.unpack(told)[0])
+        return float(_DOUBLE.unpack(packet)[0])
 
     def rate(self, hz: float) -> Rate:
         return Rate(self, hz)
 
     def fileno(self) -> int:
-        """Readable when `told` has something to tell, or the world has ended: for those who wait for other things as well."""
+        """Return a descriptor that is readable when the requested time has come, or the world has ended."""
         return self._socket.fileno()
 
     @property
     def server_pid(self) -> int:
-        """The process that serves this clock."""
+        """Process id of the world."""
         pid, _, _ = _CREDENTIALS.unpack(
             self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         )
         return int(pid)
 
     def ended(self) -> bool:
-        """Has the world gone? Never blocks; not to be asked while asleep."""
+        """Return whether the world has ended. Never blocks; not for use during a sleep."""
         try:
             return self._socket.recv(_DOUBLE.size, socket.MSG_DONTWAIT) == b""
         except BlockingIOError:
@@ -151,11 +153,12 @@ class SimClock:
             return True
 
     def close(self) -> None:
+        """Leave the clock."""
         self._socket.close()
 
 
-class _Sleeper:
-    """One client as the server sees it. wake: the time it asked for [s], None while it is awake."""
+class _Client:
+    """A client of the server. wake: its requested time [s], None while it is awake. gates: the world waits for it."""
 
     def __init__(self, connection: socket.socket) -> None:
         self.connection = connection
@@ -166,14 +169,14 @@ class _Sleeper:
 
 
 class ClockServer:
-    """The world's side. `tick(now)` publishes a time; in lockstep ask `may_pass` before the next one is published."""
+    """The world's side of the clock. In lockstep, call `may_advance` before the next `tick`. dropped: names no longer waited for."""
 
     def __init__(self, path: str | Path) -> None:
         self._stem = Path(path)
         page, sock = Path(f"{path}.page"), Path(f"{path}.sock")
         for stale in (page, sock):
             stale.unlink(missing_ok=True)
-        part = Path(f"{path}.page.new")  # a client finds the page whole or not at all
+        part = Path(f"{path}.page.new")  # renamed when complete: a client finds the whole page or none
         with part.open("w+b") as file:
             file.truncate(_PAGE_BYTES)
             self._page = memoryview(mmap.mmap(file.fileno(), _PAGE_BYTES)).cast("d")
@@ -185,40 +188,44 @@ class ClockServer:
         self._socket.setblocking(False)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._socket, selectors.EVENT_READ)
-        self._sleepers: dict[int, _Sleeper] = {}
-        self.struck_off: list[str] = []
+        self._clients: dict[int, _Client] = {}
+        self.dropped: list[str] = []
 
     def tick(self, now: float) -> None:
-        """Publish the time [s], hear the clients and wake whoever is due."""
+        """Publish the time [s], read the clients' requests and wake the clients that are due."""
         self._page[0] = now
         self.poll()
-        for sleeper in list(self._sleepers.values()):
-            if sleeper.wake is not None and sleeper.wake <= now + 1e-9:
-                self._tell(sleeper, now)
+        for client in list(self._clients.values()):
+            if client.wake is not None and client.wake <= now + 1e-9:
+                self._wake(client, now)
 
     def poll(self, timeout_s: float = 0.0) -> None:
-        """Accept and read whatever has arrived."""
+        """Accept new clients and read their requests."""
         for key, _ in self._selector.select(timeout_s):
             if key.fileobj is self._socket:
                 self._accept()
             else:
-                self._hear(self._sleepers[key.fd])
+                self._read(self._clients[key.fd])
 
-    def may_pass(self, now: float, wall: float) -> bool:
-        """Lockstep: is every gating client asleep? One awake for over a second of wall time is struck off by name."""
-        passing = True
-        for sleeper in self._sleepers.values():
-            if sleeper.gates and sleeper.wake is None:
-                if wall - sleeper.awake_since > _HUNG_AFTER_S:
-                    sleeper.gates = False
-                    self.struck_off.append(sleeper.name)
+    def may_advance(self, now: float, wall: float) -> bool:
+        """Return whether every client that the world waits for sleeps, for lockstep.
+
+        A client that has been awake for more than a second of wall time is added to `dropped` and no longer waited for.
+        """
+        all_asleep = True
+        for client in self._clients.values():
+            if client.gates and client.wake is None:
+                if wall - client.awake_since > _HUNG_S:
+                    client.gates = False
+                    self.dropped.append(client.name)
                 else:
-                    passing = False
-        return passing
+                    all_asleep = False
+        return all_asleep
 
     def close(self) -> None:
-        for sleeper in list(self._sleepers.values()):
-            self._drop(sleeper)
+        """Disconnect all clients and remove page and socket."""
+        for client in list(self._clients.values()):
+            self._drop(client)
         self._socket.close()
         for ending in ("page", "sock"):
             Path(f"{self._stem}.{ending}").unlink(missing_ok=True)
@@ -227,33 +234,33 @@ class ClockServer:
         with contextlib.suppress(BlockingIOError):
             connection, _ = self._socket.accept()
             connection.setblocking(False)
-            self._sleepers[connection.fileno()] = _Sleeper(connection)
+            self._clients[connection.fileno()] = _Client(connection)
             self._selector.register(connection, selectors.EVENT_READ)
 
-    def _hear(self, sleeper: _Sleeper) -> None:
+    def _read(self, client: _Client) -> None:
         try:
-            packet = sleeper.connection.recv(256)
+            packet = client.connection.recv(256)
         except BlockingIOError:
             return
         except OSError:
             packet = b""
         if not packet:
-            self._drop(sleeper)
-        elif not sleeper.name:
-            sleeper.name = packet.decode(errors="replace")
+            self._drop(client)
+        elif not client.name:
+            client.name = packet.decode(errors="replace")
         elif len(packet) == _DOUBLE.size:
-            sleeper.wake, sleeper.gates = _DOUBLE.unpack(packet)[0], True
-            if sleeper.wake <= self._page[0]:
-                self._tell(sleeper, self._page[0])
+            client.wake, client.gates = _DOUBLE.unpack(packet)[0], True
+            if client.wake <= self._page[0]:
+                self._wake(client, self._page[0])
 
-    def _tell(self, sleeper: _Sleeper, now: float) -> None:
-        sleeper.wake, sleeper.awake_since = None, time.monotonic()
+    def _wake(self, client: _Client, now: float) -> None:
+        client.wake, client.awake_since = None, time.monotonic()
         try:
-            sleeper.connection.send(_DOUBLE.pack(now))
+            client.connection.send(_DOUBLE.pack(now))
         except OSError:
-            self._drop(sleeper)
+            self._drop(client)
 
-    def _drop(self, sleeper: _Sleeper) -> None:
-        self._selector.unregister(sleeper.connection)
-        self._sleepers.pop(sleeper.connection.fileno(), None)
-        sleeper.connection.close()
+    def _drop(self, client: _Client) -> None:
+        self._selector.unregister(client.connection)
+        self._clients.pop(client.connection.fileno(), None)
+        client.connection.close()

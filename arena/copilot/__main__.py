@@ -41,9 +41,9 @@ class _Pace:
             now = self._clock.sleep_until(self._due)
         else:
             if not self._asked:
-                self._clock.ask(self._due)
+                self._clock.request_wake(self._due)
                 self._asked = True
-            told = self._clock.told(patience_s)
+            told = self._clock.wait_for_wake(patience_s)
             if told is None:
                 return None
             self._asked, now = False, told

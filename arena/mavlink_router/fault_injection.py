@@ -89,7 +89,7 @@ class FaultInjectionShell(RouterShell):
         if self._clock is None and self.impaired.delaying and self._clock_path is not None:
             self._clock = SimClock(self._clock_path, self._process.name)
             self._poll.register(self._clock.fileno(), select.EPOLLIN)
-        elif self._clock is not None and self._clock.told(0.0) is not None:
+        elif self._clock is not None and self._clock.wait_for_wake(0.0) is not None:
             self._wake_at = None
 
     def _request_wake(self) -> None:
@@ -99,7 +99,7 @@ class FaultInjectionShell(RouterShell):
         elif due != self._wake_at:
             self._wake_at = due
             with contextlib.suppress(RunError):  # a clock that has ended is readable, and found ended there
-                self._clock.ask(due)
+                self._clock.request_wake(due)
 
     def _leave_clock(self) -> None:
         if self._clock is not None:

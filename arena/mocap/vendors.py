@@ -30,7 +30,7 @@ Settings = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class SocketUse:
-    """One socket of a client or server, for the list of open ports.
+    """A socket of a client or server, for the list of open ports.
 
     port: 0 when the kernel chooses it.
     what: what the socket carries, as shown to a person.

@@ -14,43 +14,44 @@ from arena.process_context import ProcessContext, ShutdownPolicy, run_room
 from arena.transport import listen_udp
 
 _TICK_S = 0.2
-_LISTEN_S = 0.3  # an autopilot that is there says five times a second how it stands
+_FIRST_MESSAGE_S = 0.3  # a running autopilot sends EXTENDED_SYS_STATE five times a second
 
 
 def main() -> int:
-    return run_room("forward", lambda room: _Shell(room).serve)
+    return run_room("forward", lambda room: _ForwarderProcess(room).serve)
 
 
-class _Rest:
-    """Two frames of three are not for the autopilot: sleep through most of the time to the next that is, rather than be woken for
-    each. The pause follows the poses as they really come, so it is right at any speed of the simulation. period_s: the longest.
+class _PoseGapSleep:
+    """A sleep through most of the gap between two poses, as most frames are not forwarded: it saves wake-ups.
+
+    The gap is measured, so that it is right at any speed of the simulation. period_s: longest gap [s].
     """
 
     _SHARE = 0.7
-    _SHORTEST_S = 0.003
+    _MIN_S = 0.003
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._sent = -1e9
         self._gap_s = 0.0
 
-    def sent(self, wall: float) -> None:
-        """A pose has just gone out. wall: monotonic [s]."""
+    def on_sent(self, wall: float) -> None:
+        """Record that a pose has been sent. wall: monotonic [s]."""
         gap = min(wall - self._sent, self._period_s)
         self._gap_s += 0.2 * (gap - self._gap_s)
         self._sent = wall
 
-    def take(self) -> None:
-        """Sleep until most of the usual gap since the last pose has passed; at once when that is over, or short."""
+    def sleep(self) -> None:
+        """Sleep until 70 % of the usual gap since the last pose has passed; return at once when the rest is short."""
         pause = self._sent + self._SHARE * self._gap_s - time.monotonic()
-        if pause > self._SHORTEST_S:
+        if pause > self._MIN_S:
             time.sleep(pause)
 
 
-class _Shell:
+class _ForwarderProcess:
     def __init__(self, room: ProcessContext) -> None:
         s = room.settings
-        self.room, self.core = room, Forwarder(s, listen_s=_LISTEN_S)
+        self.room, self.core = room, Forwarder(s, wait_s=_FIRST_MESSAGE_S)
         self.capture: MocapClient = open_client(s["capture"])
         self.mocap_report = ChangeReport()
         self.clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
@@ -60,25 +61,25 @@ class _Shell:
         )
         self.simulated = bool(s["simulated"])
         self.after = ShutdownPolicy(limit_s=60.0 if self.simulated else None)
-        self.told, self.poses_then, self.ready = time.monotonic(), 0, False
+        self.reported, self.poses_then, self.ready = time.monotonic(), 0, False
         self.poses_from: float | None = None
-        self.rest = _Rest(1.0 / float(s["rate_hz"]))
+        self.gap_sleep = _PoseGapSleep(1.0 / float(s["rate_hz"]))
 
     def serve(self) -> None:
-        """Until told to stop; without a supervisor, until the vehicle is disarmed."""
+        """Serve until a stop signal; after the supervisor's death until the vehicle is disarmed."""
         selector = selectors.DefaultSelector()
         selector.register(self.capture, selectors.EVENT_READ)
         selector.register(self.link, selectors.EVENT_READ)
         next_tick = time.monotonic()
         while not self.room.stopping:
-            self.rest.take()
+            self.gap_sleep.sleep()
             selector.select(max(0.0, next_tick - time.monotonic()))
             now, wall = self.clock.now(), time.monotonic()
             pose = self.core.on_frames(self.capture.poll(now), now)
             self._send(pose)
             if pose is not None:
-                self.rest.sent(wall)
-            self._hear_link(now)
+                self.gap_sleep.on_sent(wall)
+            self._read_link(now)
             if wall >= next_tick:
                 next_tick = wall + _TICK_S
                 if self._tick(now, wall):
@@ -90,35 +91,35 @@ class _Shell:
         if not self.ready and self.core.serving:
             self.ready = True
             self.room.ready()
-        if wall - self.told >= 1.0:
+        if wall - self.reported >= 1.0:
             self._report(now, wall)
-            self._complain()
+            self._report_diagnosis()
         a = self.core.autopilot
-        # A simulated autopilot that fell silent has ended; a real one may be flying behind a lost radio link.
-        armed = a.armed and (now - a.heard < 5.0 or not self.simulated)
+        # A silent simulated autopilot has ended; a silent real one may be flying with a lost radio link.
+        armed = a.armed and (now - a.last_heartbeat < 5.0 or not self.simulated)
         return self.after.over(orphaned=self.room.orphaned, any_armed=armed, now=wall)
 
     def _report(self, now: float, wall: float) -> None:
         if self.poses_from is None and self.core.poses:
             self.poses_from, self.poses_then = wall, self.core.poses
-        self.told = wall
+        self.reported = wall
         served_s = wall - self.poses_from if self.poses_from is not None else 0.0
         rate = (self.core.poses - self.poses_then) / served_s if served_s else 0.0
         age_ms = round(1e3 * (now - self.core.last_pose), 1) if self.core.poses else None
         dropped = {f"dropped {k}": v for k, v in self.core.counts.items()}
-        heard = {f"capture {k}": v for k, v in self.capture.counts.items()}
+        received = {f"capture {k}": v for k, v in self.capture.counts.items()}
         garbled = {f"link {k}": v for k, v in self.core.garbled.items()}
         flow = {"rate_hz": round(rate, 2), "poses": self.core.poses, "pose_age_ms": age_ms}
-        self.room.stats({**flow, **dropped, **heard, **garbled})
+        self.room.stats({**flow, **dropped, **received, **garbled})
 
-    def _complain(self) -> None:
-        """Why no poses come, once: to the supervisor and into our own log."""
-        news = self.mocap_report.changed(self.capture.diagnosis())
-        if news is not None:
-            self.room.event(news)
-            print(f"forward: {news}", file=sys.stderr, flush=True)
+    def _report_diagnosis(self) -> None:
+        """Report why no poses arrive, to the supervisor and in the log, only when the reason changes."""
+        change = self.mocap_report.changed(self.capture.diagnosis())
+        if change is not None:
+            self.room.event(change)
+            print(f"forward: {change}", file=sys.stderr, flush=True)
 
-    def _hear_link(self, now: float) -> None:
+    def _read_link(self, now: float) -> None:
         for _ in range(64):
             try:
                 data, sender = self.link.recvfrom(65535)

@@ -156,7 +156,7 @@ class Loop:
         """Wait for the clock's clients, unless the world runs in real time."""
         if self._speed == 1.0:
             return
-        while not (self._clock.may_pass(self._world.now, time.monotonic()) or self._context.stopping):
+        while not (self._clock.may_advance(self._world.now, time.monotonic()) or self._context.stopping):
             self._clock.poll(_MILLI_S)
             self._inject_faults()  # the socket's buffer holds only a few
 
@@ -194,7 +194,7 @@ class Loop:
             print(f"the second up to {self._world.now:.1f} s: {rtf}", flush=True)
 
     def _dropped_clients(self) -> list[str]:
-        names = self._clock.struck_off[self._clients_dropped :]
+        names = self._clock.dropped[self._clients_dropped :]
         self._clients_dropped += len(names)
         return [
             f"{name} has not slept on the clock for a second: the world no longer waits for it"

@@ -34,7 +34,7 @@ Capture = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
 class Connection:
-    """One program's connection to its vehicle and to motion capture.
+    """A program's connection to its vehicle and to motion capture.
 
     url: "udpin:HOST:PORT" (the vehicle sends first) or "udpout:HOST:PORT".
     system_id: MAV_SYS_ID of the vehicle.

@@ -365,7 +365,7 @@ class Info:
 
     @property
     def is_connected(self) -> bool:
-        """Whether heartbeats of the autopilot arrive. Never raises."""
+        """True while heartbeats of the autopilot arrive. Never raises."""
         return self.age_s <= self._source.limit_s("connection")
 
     @property

@@ -14,7 +14,7 @@ _TRAIL_LENGTH = 9  # at 180 Hz and 0.3 mm of noise a slope over nine poses is go
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pose:
-    """One pose, as plain numbers: it is made 180 times a second, and arrays only where a program reads them.
+    """A pose as plain numbers, made 180 times a second; arrays are made only when a program reads them.
 
     received_at: time of arrival [s].
     position: [m] [NED] (3,).

@@ -19,7 +19,7 @@ START_DELAY_S = 0.5  # after the last arrival: longer than the 0.02 s between tw
 
 @dataclass(frozen=True, kw_only=True)
 class Arrivals:
-    """Which programs have arrived. times: vehicle -> time of arrival [s]. count: how many are to come."""
+    """The programs that have arrived. times: vehicle -> time of arrival [s]. count: how many are to come."""
 
     times: dict[str, float]
     count: int
@@ -33,7 +33,7 @@ class Arrivals:
 
 
 class StartBarrier:
-    """One program's side of the barriers of a run.
+    """A program's side of the barriers of a run.
 
     vehicle: name of the program's vehicle. folder: where all programs of the run leave their files; None without a run.
     programs: vehicles of the run that have a program.
@@ -74,7 +74,7 @@ class StartBarrier:
 
 
 class _Waiting:
-    """One arrival at one barrier."""
+    """An arrival at a barrier."""
 
     def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
         self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs

@@ -26,7 +26,7 @@ _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
 
 class UAV:
-    """One vehicle, simulated or real: for the program there is no difference.
+    """A vehicle, simulated or real: for the program there is no difference.
 
     ns: the vehicle's name.
     mass: [kg]. radius, height: [m].

@@ -221,7 +221,7 @@ class Running:
         while self.now < until - 1e-9:
             assert time.monotonic() < end, f"time stands still at {self.now}"
             self.clock.poll()
-            if self.clock.may_pass(self.now, 0.0):
+            if self.clock.may_advance(self.now, 0.0):
                 self.now = round(self.now + 0.004, 6)
                 self.clock.tick(self.now)
             self.once(0.0)
@@ -256,7 +256,7 @@ def test_a_delay_is_in_simulation_time_which_waits_for_the_router(running):
     running.autopilot.sendto(attitude(1), running.link)
     running.turn(lambda: running.shell.impaired.due, "held")
     assert running.shell.impaired.due == pytest.approx(10.2)
-    running.turn(lambda: any(s.gates for s in running.clock._sleepers.values()), "asleep on the clock")
+    running.turn(lambda: any(s.gates for s in running.clock._clients.values()), "asleep on the clock")
     running.pass_time(10.196)
     assert running.received(running.program) is None
     running.pass_time(10.204)
@@ -266,7 +266,7 @@ def test_a_delay_is_in_simulation_time_which_waits_for_the_router(running):
     running.turn(lambda: running.shell.impaired.due, "held")
     running.inject(do="delay", vehicle="uav1", ms=0)
     assert running.received(running.autopilot) == command(1, PROGRAM1)
-    running.turn(lambda: not running.clock._sleepers, "no client of the clock without need")
+    running.turn(lambda: not running.clock._clients, "no client of the clock without need")
     assert running.events == [
         "fault: the link of uav1 is delayed by 200 ms in each direction",
         "fault: the link of uav1 is not delayed",

@@ -1,4 +1,4 @@
-"""What the forwarder lets through, how it is written, and what it never sends again."""
+"""The poses that the forwarder sends and drops, their encoding, and the origin."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ def heartbeat(armed: bool = False) -> bytes:
     return from_autopilot(mavlink.MAVLink_heartbeat_message(2, 12, 128 if armed else 1, 0, 4, 3))
 
 
-def test_every_third_frame_goes_on_and_lost_frames_do_not_shift_their_turn():
+def test_every_third_frame_is_sent_also_after_lost_frames():
     forwarder = Forwarder(SETTINGS)
     sent = [n for n in range(300) if n not in (30, 31, 100, 102) and forwarder.on_frame(frame(n), n / 180)]
     assert sent == [{30: 32, 102: 103}.get(n, n) for n in range(0, 300, 3)]
 
 
-def test_the_pose_is_written_in_ned_with_its_covariance_and_a_type_that_px4_fuses():
+def test_odometry_has_ned_pose_covariance_and_vision_type():
     m = decode(Forwarder(SETTINGS).on_frame(frame(0), 0.0))
     assert m.get_type() == "ODOMETRY"
     assert (m.frame_id, m.child_frame_id) == (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_FRD)
@@ -81,14 +81,14 @@ def test_the_pose_is_written_in_ned_with_its_covariance_and_a_type_that_px4_fuse
     assert math.isnan(m.velocity_covariance[0])
 
 
-def test_an_untracked_body_is_dropped_and_the_last_pose_is_not_sent_again():
+def test_untracked_body_sends_nothing():
     forwarder = Forwarder(SETTINGS)
     assert forwarder.on_frame(frame(0), 0.0)
     assert all(forwarder.on_frame(frame(n, tracked=False), n / 180) is None for n in range(1, 30))
     assert forwarder.counts["untracked"] == 29
 
 
-def test_a_frozen_pose_that_claims_to_be_tracked_is_dropped():
+def test_frozen_pose_is_dropped():
     forwarder = Forwarder(SETTINGS)
     assert forwarder.on_frame(frame(0, x=1.0), 0.0)
     assert all(forwarder.on_frame(frame(n, x=1.0), n / 180) is None for n in range(1, 30))
@@ -103,7 +103,7 @@ def test_repeated_and_reordered_frames_are_dropped():
     assert forwarder.counts["repeated frame"] == 2
 
 
-def test_frames_that_were_held_up_on_the_way_are_stale_and_dropped():
+def test_stale_pose_is_dropped():
     forwarder = Forwarder(SETTINGS)
     for n in range(0, 180):
         forwarder.on_frame(frame(n), n / 180 + 0.01)
@@ -113,7 +113,7 @@ def test_frames_that_were_held_up_on_the_way_are_stale_and_dropped():
     assert forwarder.on_frame(frame(273), 273 / 180 + 0.012)
 
 
-def test_a_restarted_server_is_followed_and_not_taken_for_repetition():
+def test_restarted_server_is_accepted():
     forwarder = Forwarder(SETTINGS)
     before = decode(forwarder.on_frame(frame(200), 500.0))
     sent = [decode(d) for n in range(30) if (d := forwarder.on_frame(frame(n), 510.0 + n / 180))]
@@ -138,7 +138,7 @@ def test_readiness_needs_poses_and_an_autopilot_that_may_arm():
     assert forwarder.serving
 
 
-def test_a_vehicle_on_the_ground_in_the_mode_it_was_told_to_land_in_is_served_though_it_may_not_arm():
+def test_forwarder_is_ready_for_a_landed_vehicle_in_auto_land():
     forwarder = Forwarder(SETTINGS)
     land = mavlink.MAVLink_heartbeat_message(2, 12, 1, 4 << 16 | 6 << 24, 4, 3)
     forwarder.on_frame(frame(0), 0.0)
@@ -151,7 +151,7 @@ def origins(datagrams: list[bytes]) -> list:
     return [m for m in map(decode, datagrams) if m.get_type() == "SET_GPS_GLOBAL_ORIGIN"]
 
 
-def test_the_origin_is_sent_until_it_is_known_and_again_after_a_restart_but_never_while_armed():
+def test_origin_is_sent_until_confirmed_and_never_while_armed():
     forwarder = Forwarder(SETTINGS)
     forwarder.on_frame(frame(0), 0.0)
     assert not origins(forwarder.tick(0.0)), "nobody is there to hear it"
@@ -181,8 +181,8 @@ def sent_between(forwarder: Forwarder, first: int, last: int) -> int:
     return sum(forwarder.on_frame(frame(n), n / 180) is not None for n in range(first, last))
 
 
-def test_an_autopilot_on_the_ground_gets_its_origin_and_its_place_before_the_first_pose():
-    """Else PX4's estimator takes itself to be thousands of km away, and says so: "horizontal position unstable"."""
+def test_origin_and_position_precede_the_first_pose_on_the_ground():
+    """Otherwise PX4's preflight check reports "horizontal position unstable"."""
     forwarder = Forwarder(SETTINGS)
     assert sent_between(forwarder, 0, 18) == 6, "to one that is not heard they go at once: it may be flying"
     forwarder.on_mavlink(heartbeat(), 0.1)
@@ -206,14 +206,14 @@ def test_an_autopilot_on_the_ground_gets_its_origin_and_its_place_before_the_fir
 @pytest.mark.parametrize(
     "said", [heartbeat(armed=True), standing(mavlink.MAV_LANDED_STATE_IN_AIR)], ids=["armed", "in the air"]
 )
-def test_nothing_is_held_back_from_a_vehicle_that_may_be_flying(said: bytes):
+def test_vehicle_that_may_be_flying_gets_poses_at_once(said: bytes):
     forwarder = Forwarder(SETTINGS)
     forwarder.on_mavlink(heartbeat(), 0.0)
     forwarder.on_mavlink(said, 0.0)
     assert sent_between(forwarder, 0, 18) == 6
 
 
-def test_poses_are_held_back_for_seconds_only_and_for_a_moment_where_nothing_is_known():
+def test_wait_for_the_origin_is_limited():
     unknown, deaf = Forwarder(SETTINGS), Forwarder(SETTINGS)
     for forwarder in (unknown, deaf):
         forwarder.on_mavlink(heartbeat(), 0.0)
@@ -222,16 +222,16 @@ def test_poses_are_held_back_for_seconds_only_and_for_a_moment_where_nothing_is_
     assert sent_between(deaf, 0, 540) == 0 and sent_between(deaf, 540, 558) == 6
 
 
-def test_the_first_pose_waits_a_moment_for_a_word_of_the_autopilot_and_no_longer():
-    """One that booted before its forwarder would follow the first pose at once, before it is told where it is."""
-    forwarder = Forwarder(SETTINGS, listen_s=0.3)
+def test_first_pose_waits_briefly_for_the_autopilots_first_message():
+    """An autopilot that has booted before its forwarder would otherwise follow the first pose before it has an origin."""
+    forwarder = Forwarder(SETTINGS, wait_s=0.3)
     assert sent_between(forwarder, 0, 54) == 0 and sent_between(forwarder, 54, 72) == 6
-    heard = Forwarder(SETTINGS, listen_s=0.3)
+    heard = Forwarder(SETTINGS, wait_s=0.3)
     heard.on_mavlink(heartbeat(armed=True), 0.0)
     assert sent_between(heard, 0, 18) == 6
 
 
-def test_the_place_lies_north_and_east_of_the_origin_as_the_pose_does():
+def test_global_position_has_the_offset_of_the_pose():
     forwarder = Forwarder(SETTINGS)
     forwarder.on_frame(frame(0, x=11.0), 0.0)
     forwarder.on_mavlink(heartbeat(), 0.0)
@@ -248,7 +248,7 @@ def test_timesync_is_never_answered():
     assert kinds <= {"HEARTBEAT", "SET_GPS_GLOBAL_ORIGIN"}
 
 
-def test_another_vehicles_messages_are_not_heard():
+def test_messages_of_other_vehicles_are_ignored():
     forwarder = Forwarder(SETTINGS)
     forwarder.on_mavlink(
         from_autopilot(mavlink.MAVLink_heartbeat_message(2, 12, 129, 0, 4, 3), system=4), 0.0
@@ -258,7 +258,7 @@ def test_another_vehicles_messages_are_not_heard():
 
 
 @given(st.lists(st.binary(max_size=300), max_size=10))
-def test_any_bytes_on_the_link_are_survived(chunks):
+def test_any_bytes_on_the_link_are_accepted(chunks):
     forwarder = Forwarder(SETTINGS)
     for chunk in chunks:
         forwarder.on_mavlink(chunk, 0.0)
@@ -268,7 +268,7 @@ def test_any_bytes_on_the_link_are_survived(chunks):
 
 
 @pytest.mark.parametrize("version", ["3.1", "4.1"])
-def test_the_truth_comes_out_of_the_whole_chain_as_it_went_in(version):
+def test_truth_passes_unchanged_through_emulator_client_and_forwarder(version):
     """World -> emulator -> NatNet bytes -> receiver -> forwarder -> ODOMETRY, at a generic attitude and place."""
     truth = Truth(
         time_s=1.0,

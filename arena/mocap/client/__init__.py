@@ -1,4 +1,4 @@
-"""What every motion-capture client shares, and the way to open one.
+"""Parts shared by all motion-capture clients, and the function that opens one.
 
 The one place where a capture system's z-up axes and FLU bodies become NED and FRD. Knows no vendor.
 """

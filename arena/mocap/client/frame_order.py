@@ -1,4 +1,4 @@
-"""Frame numbers off a network: repeated and reordered ones are told from a server that counts from the start again. Pure."""
+"""Order of frame numbers: distinguishes repeated and reordered frames from a server that starts again. Pure."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import Literal
 
 Place = Literal["new", "repeated", "restarted"]
 
-_RUN = 9  # old numbers in a row, each newer than the one before: no network reorders so many
+_RESTART_COUNT = 9  # old numbers in a row, each greater than the one before: no network reorders so many
 
 
 class FrameOrder:
-    """Remembers the newest number. One stray old frame is never believed; a run of them is a restarted server."""
+    """The newest frame number. A single old frame is dropped; nine in a row are a restarted server."""
 
     def __init__(self) -> None:
         self._newest: int | None = None
@@ -18,13 +18,16 @@ class FrameOrder:
         self._run = 0
 
     def place(self, number: int) -> Place:
-        """new: greater than any before. repeated: not so. restarted: not so for the ninth time in a row, and counting up."""
+        """Classify a frame number.
+
+        "new": greater than all before. "repeated": not greater. "restarted": the ninth in a row that is not greater, and rising.
+        """
         if self._newest is None or number > self._newest:
             self._newest, self._run = number, 0
             return "new"
         self._run = self._run + 1 if self._run and number > self._old else 1
         self._old = number
-        if self._run < _RUN:
+        if self._run < _RESTART_COUNT:
             return "repeated"
         self._newest, self._run = number, 0
         return "restarted"

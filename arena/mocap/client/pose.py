@@ -1,4 +1,4 @@
-"""Poses as motion capture gives them, in the arena's frames. Plain floats: this runs 180 times a second in many processes."""
+"""Captured poses in the arena's frames. Plain floats: this code runs 180 times a second in many processes."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ Triple = tuple[float, float, float]
 Quad = tuple[float, float, float, float]
 
 _H = sqrt(0.5)
-_FAR_M = 1e4
+_MAX_DISTANCE_M = 1e4
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """body: its name; p_n: position of the body origin [m] [NED]; q_nb: attitude [-] wxyz."""
+    """The pose of a rigid body. body: its name. p_n: position of its origin [m] [NED]. q_nb: attitude [-] wxyz."""
 
     body: str
     p_n: Triple
@@ -23,7 +23,11 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class CapturedFrame:
-    """number: frame number; time_s: the server's own time stamp [s]; poses: tracked bodies; untracked: names of the others."""
+    """A frame of motion capture.
+
+    number: frame number. time_s: exposure by the server's clock [s].
+    poses: of the tracked bodies. untracked: names of the bodies that are not tracked.
+    """
 
     number: int
     time_s: float
@@ -32,14 +36,15 @@ class CapturedFrame:
 
 
 def pose_ned(body: str, position_w: Triple, quat_xyzw_wf: Quad) -> Pose | None:
-    """Z-up axes to NED: p_n = (y, x, -z), q_nb = q_nw * q_wf * q_fb. None for what is no pose: not finite, far off, no rotation.
+    """Convert a pose from z-up axes to NED: p_n = (y, x, -z), q_nb = q_nw * q_wf * q_fb.
 
-    q_nw is half a turn about (1, 1, 0) and q_fb half a turn about forward, so the product comes out by hand; the tests hold it
-    against arena.geometry.
+    Returns None for values that are not finite, farther than 10 km, or no unit quaternion.
+    q_nw is half a turn about (1, 1, 0) and q_fb half a turn about forward; their product is written out here, and a test
+    compares it with arena.geometry.
     """
     x, y, z, w = quat_xyzw_wf
     norm = sqrt(x * x + y * y + z * z + w * w)
-    if not (isfinite(norm) and 0.9 < norm < 1.1 and all(abs(x) < _FAR_M for x in position_w)):
+    if not (isfinite(norm) and 0.9 < norm < 1.1 and all(abs(x) < _MAX_DISTANCE_M for x in position_w)):
         return None
     k = _H / norm
     q = (k * (w + z), k * (x + y), k * (x - y), k * (w - z))

@@ -1,4 +1,4 @@
-"""When a client last received what, so that it can say what is wrong. Pure: times are arguments, monotonic [s]."""
+"""Times of what a client has received, for its diagnosis. Pure: times are arguments, monotonic [s]."""
 
 from __future__ import annotations
 

@@ -79,14 +79,14 @@ class _EmulatorProcess:
         Faults are applied in the middle of a sleep, too: simulation time may stand still while many of them are sent.
         """
         if self.wake_at != due:
-            self.clock.ask(due)
+            self.clock.request_wake(due)
             self.wake_at = due
         ready = [fd for fd, _ in self.poll.poll(_POLL_MS)]
         if self.faults.fileno() in ready:
             for text in self.faults.apply(lambda fault: apply_fault(self.cameras, fault)):
                 self.room.event(text)
             return None
-        now = self.clock.told(0.0) if ready else None
+        now = self.clock.wait_for_wake(0.0) if ready else None
         if now is not None:
             self.wake_at = None
         # an earlier time is the answer to an earlier request

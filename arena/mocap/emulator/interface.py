@@ -11,7 +11,7 @@ from arena.mocap.vendors import Settings, load_vendor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredBody:
-    """One rigid body as the cameras measure it.
+    """The pose of a rigid body as the cameras measure it.
 
     number: the body's number in the stream. position_w: [m] [z-up capture axes]. quat_xyzw_wf: [-] body FLU to capture axes.
     mean_error_m: mean error of the markers [m]. tracked: False while the cameras do not see the body.
@@ -26,7 +26,7 @@ class MeasuredBody:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFrame:
-    """One exposure of the cameras. number: frame number; exposed_s: time of the exposure [s]."""
+    """An exposure of the cameras. number: frame number. exposed_s: time of the exposure [s]."""
 
     number: int
     exposed_s: float

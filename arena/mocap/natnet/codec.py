@@ -1,9 +1,9 @@
-"""NatNet 3.0 to 4.2, the wire format of OptiTrack's Motive: bytes <-> values. No sockets, no clocks, no frames turned.
+"""NatNet 3.0 to 4.2, the network format of OptiTrack's Motive: bytes <-> values. No sockets, clocks or axis conversions.
 
-Every packet: message number u16, payload bytes u16, payload; little endian. From 4.1 each section of a frame or description
-says its size in bytes after its count. Positions are metres and quaternions xyzw in the system's own axes, as sent.
-A later 4.x is read as far as its frames prove to be laid out like those of 4.2.
-(Layouts as the NatNet SDK documents them and its public clients read them.)
+Every packet: message number u16, payload size u16, payload; little endian. From 4.1 the count of each section is followed by its
+size in bytes. Positions are in metres and quaternions in xyzw, in the capture system's own axes.
+A later 4.x is decoded as long as its frames have the layout of 4.2.
+(Layouts as in the NatNet SDK's documentation and its public clients.)
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _STAMPS = struct.Struct(
 )  # time code and its part, time stamp, then ticks at exposure, at reception, at transmission
 _LABELLED_BYTES = 26
 _NAME_BYTES = 256
-_SANE = 10_000  # sections longer than this are garbage
+_MAX_COUNT = 10_000  # a larger count is garbage
 _NEWEST_KNOWN, _TOO_NEW = (4, 2), (5, 0)
 _SIZED_TAIL_BYTES = (
     _STAMPS.size + 8 + 2 + 4
@@ -40,7 +40,7 @@ _SIZED_TAIL_BYTES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Body:
-    """One rigid body of a frame. position: [m] in capture axes; quat_xyzw: [-]; tracked: its tracking-valid bit."""
+    """A rigid body of a frame. position: [m] [capture axes]. quat_xyzw: [-]. tracked: the tracking-valid bit."""
 
     streaming_id: int
     position: tuple[float, float, float]
@@ -51,8 +51,11 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """number: of the frame; timestamp_s: the server's own time [s]; exposure_ticks, transmit_ticks: mid-exposure and sending, in
-    ticks of the server's clock (None: at once); models_changed: the server's bodies are not what its last MODELDEF said.
+    """A frame of data.
+
+    number: frame number. timestamp_s: the server's time [s].
+    exposure_ticks, transmit_ticks: mid-exposure and sending, in ticks of the server's clock; None: sent at the exposure.
+    models_changed: the server's bodies differ from its last MODELDEF.
     """
 
     number: int
@@ -65,7 +68,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServerInfo:
-    """What a server says of itself. group: "" when it streams to one client only (unicast)."""
+    """A server's description of itself, SERVERINFO. group: "" when it streams by unicast."""
 
     name: str
     app_version: tuple[int, int, int, int]
@@ -76,16 +79,17 @@ class ServerInfo:
 
 
 def is_supported(version: Version) -> bool:
-    """Can a server's frames be read? 3.2 and the like never were; what 5.0 will be nobody knows."""
+    """Return whether frames of this version can be decoded: 3.0, 3.1 and all 4.x."""
     return version in ((3, 0), (3, 1)) or (4, 0) <= version < _TOO_NEW
 
 
 def packet(message: int, payload: bytes = b"") -> bytes:
+    """Return a packet with its header."""
     return _HEAD.pack(message, len(payload)) + payload
 
 
 def message_of(data: bytes) -> int:
-    """The message number of a packet. Raises WireError when it is shorter than it says."""
+    """Return the message number of a packet. Raises WireError when the packet is shorter than its header says."""
     if len(data) < _HEAD.size:
         raise WireError(f"NatNet packet of {len(data)} bytes, expected 4 or more")
     message, size = _HEAD.unpack_from(data)
@@ -100,6 +104,7 @@ def message_of(data: bytes) -> int:
 
 
 def encode_server_info(info: ServerInfo) -> bytes:
+    """Return a SERVERINFO packet."""
     name = info.name.encode()[: _NAME_BYTES - 1].ljust(_NAME_BYTES, b"\0")
     group = bytes(int(x) for x in info.group.split(".")) if info.group else bytes(4)
     tail = struct.pack("<QHB", info.clock_hz, info.data_port, 1 if info.group else 0) + group
@@ -107,7 +112,7 @@ def encode_server_info(info: ServerInfo) -> bytes:
 
 
 def decode_server_info(data: bytes) -> ServerInfo:
-    """Raises WireError."""
+    """Decode a SERVERINFO packet. Raises WireError."""
     payload = _payload(data, SERVERINFO)
     if len(payload) < _NAME_BYTES + 8:
         raise WireError(
@@ -132,7 +137,7 @@ def decode_server_info(data: bytes) -> ServerInfo:
 
 
 def encode_models(bodies: Sequence[tuple[int, str]], version: Version) -> bytes:
-    """bodies: (streaming id, name). One description per rigid body, without its markers."""
+    """Return a MODELDEF packet: one description per rigid body, without markers. bodies: (streaming id, name)."""
     out = [_COUNT.pack(len(bodies))]
     for streaming_id, name in bodies:
         description = name.encode() + b"\0" + struct.pack("<ii3f", streaming_id, -1, 0.0, 0.0, 0.0)
@@ -147,8 +152,9 @@ def encode_models(bodies: Sequence[tuple[int, str]], version: Version) -> bytes:
 
 
 def decode_models(data: bytes, version: Version) -> dict[int, str]:
-    """Streaming id -> name of each rigid body. What is not a rigid body is passed over from 4.1 on, and must not come before
-    the bodies in older versions but for marker sets. Raises WireError.
+    """Decode a MODELDEF packet: streaming id -> name of each rigid body. Raises WireError.
+
+    From 4.1 on other descriptions are skipped. In older versions only marker sets may come before the rigid bodies.
     """
     reader = _Reader(_payload(data, MODELDEF))
     found: dict[int, str] = {}
@@ -156,7 +162,7 @@ def decode_models(data: bytes, version: Version) -> dict[int, str]:
         kind = reader.i32()
         if version >= (4, 1):
             part = _Reader(reader.section())
-            if kind == 1:  # what follows the id differs from version to version, and is not needed
+            if kind == 1:  # the fields after the id differ between versions and are not needed
                 name = part.text()
                 found[part.i32()] = name
         elif kind == 0:
@@ -185,6 +191,7 @@ def _skip_marker_descriptions(reader: _Reader, version: Version) -> None:
 
 
 def encode_frame(frame: Frame, version: Version) -> bytes:
+    """Return a FRAME packet."""
     empty = _SIZED.pack(0, 0) if version >= (4, 1) else _COUNT.pack(0)
     bodies = b"".join(
         _BODY.pack(
@@ -205,7 +212,7 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
 
 
 def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = None) -> Frame:
-    """wanted: streaming ids to unpack, None for all. Raises WireError."""
+    """Decode a FRAME packet. wanted: streaming ids to unpack, None for all. Raises WireError."""
     reader = _Reader(_payload(data, FRAME))
     number = reader.i32()
     sized = version >= (4, 1)
@@ -272,12 +279,12 @@ def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> 
 
 @lru_cache(maxsize=64)
 def _ids(count: int) -> struct.Struct:
-    """Reads the streaming ids of all bodies at once: most receivers want one of many."""
+    """Return a struct for the streaming ids of all bodies at once: most clients want one body of many."""
     return struct.Struct("<" + f"i{_BODY.size - 4}x" * count)
 
 
 def _skip_to_stamps(reader: _Reader) -> None:
-    """Over what stands between the bodies and the time stamps where sections do not say their size."""
+    """Skip the sections between the bodies and the time stamps, for versions without section sizes."""
     for _ in range(reader.count("skeletons")):
         reader.i32()
         reader.skip(_BODY.size * reader.count("bones"))
@@ -290,7 +297,7 @@ def _skip_to_stamps(reader: _Reader) -> None:
 
 
 class _Reader:
-    """A place in a payload that only moves forward and never past the end."""
+    """A read position in a payload that moves forward only and never past the end."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
@@ -309,7 +316,7 @@ class _Reader:
         return self.data[self.at - 2] | self.data[self.at - 1] << 8
 
     def section(self) -> bytes:
-        """The bytes of a section that starts with its size."""
+        """Read a section that starts with its size."""
         size = self.i32()
         self.skip(size)
         return self.data[self.at - size : self.at]
@@ -329,8 +336,8 @@ class _Reader:
 
     def count(self, what: str) -> int:
         value = self.i32()
-        if not 0 <= value <= _SANE:
-            raise WireError(f"NatNet payload with {value} {what}, expected 0 to {_SANE}")
+        if not 0 <= value <= _MAX_COUNT:
+            raise WireError(f"NatNet payload with {value} {what}, expected 0 to {_MAX_COUNT}")
         return value
 
     def skip(self, size: int) -> None:

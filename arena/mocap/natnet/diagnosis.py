@@ -11,7 +11,7 @@ from arena.mocap.natnet.codec import ServerInfo
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What a client has seen of its server in the last seconds.
+    """The observations of a client in the last seconds.
 
     no_network: why there are no sockets, "" when they are open.
     answered: the server's description of itself, None without an answer.

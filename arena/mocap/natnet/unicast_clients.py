@@ -1,4 +1,4 @@
-"""Which clients receive frames in unicast. Pure; times are wall time [s].
+"""The clients that receive frames in unicast. Pure; times are wall time [s].
 
 Clients differ in where they listen: some at the port that they send requests from, some at the data port, unannounced. Some
 send keepalives, some never do, so only a client that has sent keepalives is dropped when it falls silent.

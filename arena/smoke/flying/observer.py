@@ -56,7 +56,7 @@ class Observer:
             time.sleep(OBSERVATION_PERIOD_S)
         try:
             self._next = max(self._next, self._clock.now()) + OBSERVATION_PERIOD_S
-            self._clock.ask(self._next)
+            self._clock.request_wake(self._next)
             time_s = self._wait_for_time()
         except RunError as error:
             self.ended = str(error)
@@ -76,8 +76,8 @@ class Observer:
     def idle(self, wall_s: float) -> None:
         """Wait for this time at the pace of the wall clock, without an observation."""
         with contextlib.suppress(RunError):
-            self._clock.ask(self._clock.now() + wall_s)
-            self._clock.told(wall_s)
+            self._clock.request_wake(self._clock.now() + wall_s)
+            self._clock.wait_for_wake(wall_s)
         time.sleep(wall_s)
 
     def close(self) -> None:
@@ -102,7 +102,7 @@ class Observer:
     def _wait_for_time(self) -> float | None:
         """Return the time when it has come; None when the world stands still. Raises RunError when it has ended."""
         deadline = time.monotonic() + CLOCK_TIMEOUT_S
-        while (time_s := self._clock.told(_POLL_S)) is None and time.monotonic() < deadline:
+        while (time_s := self._clock.wait_for_wake(_POLL_S)) is None and time.monotonic() < deadline:
             pass
         return time_s
 

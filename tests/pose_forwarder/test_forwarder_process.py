@@ -1,4 +1,4 @@
-"""`python -m arena.pose_forwarder` on loopback, between a capture server and an autopilot that the test plays."""
+"""`python -m arena.pose_forwarder` on loopback, with a capture server and an autopilot in the test."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def bound(host: str) -> socket.socket:
 
 
 class Arena:
-    """Everything around one forwarder, stepped by the test at 180 Hz of wall time."""
+    """The surroundings of one forwarder, stepped by the test at 180 Hz of wall time."""
 
     def __init__(self, folder, body="b", **changes) -> None:
         self.host = f"127.51.4.{next(_hosts)}"
@@ -174,7 +174,7 @@ def arena(tmp_path):
     made.close()
 
 
-def test_poses_flow_in_ned_and_it_is_ready_when_the_autopilot_may_arm(arena):
+def test_process_is_ready_when_the_autopilot_may_arm(arena):
     arena.healthy = False
     arena.until(lambda: len(arena.of("ODOMETRY")) > 60)
     assert not arena.ready
@@ -193,7 +193,7 @@ def test_poses_flow_in_ned_and_it_is_ready_when_the_autopilot_may_arm(arena):
     assert arena.process.wait(30) == 0
 
 
-def test_a_stranger_on_the_vision_link_is_not_heard_and_a_flood_stops_no_pose(arena):
+def test_flood_of_foreign_datagrams_stops_no_pose(arena):
     arena.healthy = False
     arena.until(lambda: len(arena.of("ODOMETRY")) > 10)
     with bound(arena.host) as stranger:
@@ -209,8 +209,8 @@ def test_a_stranger_on_the_vision_link_is_not_heard_and_a_flood_stops_no_pose(ar
     arena.until(lambda: arena.stats.get("dropped foreign datagram", 0) > 1000)
 
 
-def test_a_body_that_the_server_does_not_have_is_said_once_with_those_it_has(tmp_path):
-    """Silence here would leave a vehicle that never gets ready, and nobody would know why."""
+def test_missing_body_is_reported_once_with_the_existing_names(tmp_path):
+    """Without the report a vehicle would never get ready, for no visible reason."""
     arena = Arena(tmp_path, body="B")
     try:
         events = lambda: [t["event"] for t in arena.told if "event" in t]  # noqa: E731
@@ -226,7 +226,7 @@ def test_a_body_that_the_server_does_not_have_is_said_once_with_those_it_has(tmp
         arena.close()
 
 
-def test_an_orphan_serves_until_its_vehicle_is_disarmed(arena):
+def test_process_without_supervisor_serves_until_disarmed(arena):
     arena.armed = True
     arena.until(lambda: arena.ready)
     arena.line.close()
@@ -240,7 +240,7 @@ def test_an_orphan_serves_until_its_vehicle_is_disarmed(arena):
     assert arena.process.returncode == 0
 
 
-def test_a_slice_without_a_key_is_a_sentence(tmp_path):
+def test_incomplete_slice_is_an_input_error(tmp_path):
     (tmp_path / "slice.json").write_text('{"name": "forward.x"}')
     for room in ("arena.pose_forwarder", "arena.mocap.emulator"):
         command = [sys.executable, "-m", room, str(tmp_path / "slice.json")]
