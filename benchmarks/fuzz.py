@@ -1,7 +1,7 @@
 """Fuzzed MAVLink against the built-in autopilot, at length: `python benchmarks/fuzz.py [--messages N] [--seed N] [--phase NAME]`.
 
-Runs the phases of tests/autopilot/campaign.py one after the other in this process and prints, by message, how many were sent,
-answered and refused. It ends with an error at the first thing that must not happen.
+Runs the phases of tests/autopilot/campaign.py in this process and prints for each message how many were sent, answered and
+refused. Ends with an error at the first violation.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def main() -> None:
     parser.add_argument("--messages", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
-        "--phase", choices=list(PHASES), action="append", help="one phase alone; may be given again"
+        "--phase", choices=list(PHASES), action="append", help="run only this phase; may be repeated"
     )
     given = parser.parse_args()
     total, began = Tally(), time.process_time()

@@ -1,11 +1,10 @@
-"""How soon `arena land-all` and `arena kill-all --yes` have commanded everybody, from the start of the process, imports included.
+"""Time until `arena land-all` and `arena kill-all --yes` have commanded all vehicles, from the start of the process, with imports.
 
 python benchmarks/panic.py [--repeat N] [--vehicles N N] [--burners N] [--address 127.66.250.1]
 
-The vehicles are fakes of a few lines, whose sockets note when the first command came. `first` and `last`: from just before the
-process is made until the first and the last vehicle has been sent its first command, median and worst. `cpu`: of the whole
-process, start to end. `cold`: with Python's own caches of bytecode out of reach (`PYTHONPYCACHEPREFIX`, an empty folder). With
-burners, as many processes turn in circles meanwhile.
+The vehicles are minimal fakes; the kernel stamps the time of each first command. `first` and `last`: from just before the process is
+started until the first and the last vehicle has been sent its first command, median and worst. `cpu`: of the whole process. `cold`:
+without Python's bytecode cache (`PYTHONPYCACHEPREFIX`, an empty folder). Burners are busy processes that run meanwhile.
 """
 
 from __future__ import annotations
@@ -22,15 +21,15 @@ from pathlib import Path
 from statistics import median
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests" / "safety"))
+sys.path.insert(0, str(HERE.parent / "tests" / "emergency"))
 
-from fakes import Fake, Fleet  # noqa: E402  what the tests land
+from fakes import Fake, Fleet  # noqa: E402  the vehicles of the tests
 
 VERBS = (("land-all",), ("kill-all", "--yes"))
 
 
-class TelemetryListener:
-    """The vehicles' panic ends, read only after the process has ended: the kernel stamps what comes."""
+class CommandSockets:
+    """The vehicles' ends of the panic links, read only after the process has ended: the kernel stamps each datagram."""
 
     def __init__(self, host: str, ids: range) -> None:
         self.sockets = []
@@ -42,7 +41,7 @@ class TelemetryListener:
             self.sockets.append(s)
 
     def first_commands(self) -> list[float]:
-        """Wall time of each vehicle's first COMMAND_LONG [s]."""
+        """Return the wall time of each vehicle's first COMMAND_LONG [s]."""
         return [self._first(s) for s in self.sockets]
 
     def _first(self, s: socket.socket) -> float:
@@ -58,7 +57,7 @@ class TelemetryListener:
 
 
 def run_folder(folder: Path, host: str, count: int) -> Path:
-    """Its plan only: what the panic path reads."""
+    """Write a run folder with a plan only, which is all that land-all reads."""
     from arena.plan import make_plan
     from arena.schema import load_arena
 
@@ -74,22 +73,22 @@ def run_folder(folder: Path, host: str, count: int) -> Path:
 
 
 def once(verb: tuple[str, ...], run: Path, host: str, count: int, cold: bool) -> tuple[float, float, float]:
-    """(first, last, cpu) [s]."""
+    """Return (first, last, cpu) of one command [s]."""
     with tempfile.TemporaryDirectory() as empty:
         env = {**os.environ, **({"PYTHONPYCACHEPREFIX": empty} if cold else {})}
         argv = [str(Path(sys.executable).with_name("arena")), *verb, "--run", str(run), "--timeout", "1.5"]
-        ears = TelemetryListener(host, range(1, count + 1))
+        sockets = CommandSockets(host, range(1, count + 1))
         began = time.time()
         process = subprocess.Popen(argv, stdout=subprocess.DEVNULL, env=env)
         _, _, used = os.wait4(process.pid, 0)
         process.returncode = 1
-        at = [t - began for t in ears.first_commands()]
-        ears.close()
+        at = [t - began for t in sockets.first_commands()]
+        sockets.close()
     return min(at), max(at), used.ru_utime + used.ru_stime
 
 
 def confirmed(verb: tuple[str, ...], run: Path, host: str, count: int) -> float:
-    """Start of the process to its end, with autopilots that obey and land in 0.2 s [s]."""
+    """Return the duration of the process with autopilots that obey and land in 0.2 s [s]."""
     argv = [str(Path(sys.executable).with_name("arena")), *verb, "--run", str(run)]
     with Fleet([Fake(system=k) for k in range(1, count + 1)], host):
         began = time.time()

@@ -1,8 +1,8 @@
-"""`python benchmarks/router.py`: what the router costs, beside a bare forwarding loop that parses nothing, in the same run.
+"""`python benchmarks/router.py`: cost of the router, compared with a plain forwarding loop that parses nothing, in the same run.
 
 K vehicles with 3 clients each; per vehicle 350 messages a second up and 110 down, 71 bytes, as PX4's streams. Prints latency
 through the router (median and p99, up: vehicle -> program, down: program -> vehicle), CPU per million messages in, memory,
-what was lost, and the ratio of the CPU to the bare loop's. About half a minute in all.
+loss, and the ratio of its CPU time to the loop's. Takes about half a minute.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ STAMP = struct.Struct("<q")
 
 
 def message(kind: tuple[int, bytes], system: int, component: int) -> bytearray:
-    """A frame of 71 bytes whose first 8 payload bytes will hold the time. Byte 30 of a command is its target."""
+    """Return a frame of 71 bytes whose first 8 payload bytes are for the time. Byte 30 of a command is its target."""
     number, seed = kind
     payload = bytearray([1] * PAYLOAD)
     payload[30], payload[31] = system, 1
@@ -40,7 +40,7 @@ def message(kind: tuple[int, bytes], system: int, component: int) -> bytearray:
 
 
 def stamped(frame: bytearray) -> bytes:
-    """frame: as made by `message`, its seed in the place of the CRC."""
+    """Return a frame of `message` with the present time and a correct CRC."""
     STAMP.pack_into(frame, 10, time.monotonic_ns())
     crc = crc16.mcrf4xx(frame[1 : 11 + PAYLOAD])
     return bytes(frame[: 10 + PAYLOAD]) + crc.to_bytes(2, "little")
@@ -80,7 +80,7 @@ def udp(address: list) -> socket.socket:
 
 
 def bare(file: str) -> None:
-    """The loop to compare with: sender's socket -> destinations, nothing else."""
+    """Run the loop to compare with: receiving socket -> destinations, nothing else."""
     routes = {}
     for v in json.loads(Path(file).read_text())["vehicles"]:
         link, serve = udp(v["link"]["local"]), udp(v["serve"])
@@ -101,7 +101,7 @@ def bare(file: str) -> None:
 
 @dataclass(kw_only=True)
 class Load:
-    """The vehicles and programs of one measurement. The other two clients of each vehicle have open sockets, not read."""
+    """The vehicles and programs of one measurement. The other two clients of each vehicle have open sockets that are not read."""
 
     count: int
     up: list[int] = field(default_factory=list)
@@ -116,10 +116,10 @@ class Load:
         self.to = [(tuple(v["link"]["local"]), tuple(v["serve"])) for v in vehicles]
         self.frames = [(message(ATTITUDE, v["id"], 1), message(COMMAND_LONG, v["id"], 191)) for v in vehicles]
         self.poll = select.epoll()
-        self.heard = {s.fileno(): (s, self.up) for s in self.programs} | {
+        self.receivers = {s.fileno(): (s, self.up) for s in self.programs} | {
             s.fileno(): (s, self.down) for s in self.links
         }
-        for fd in self.heard:
+        for fd in self.receivers:
             self.poll.register(fd, select.EPOLLIN)
 
     def run(self, seconds: float) -> None:
@@ -130,8 +130,8 @@ class Load:
             for i in range(done, due):
                 self.send(i)
             done = due
-            self.hear(TICK_S)
-        while self.hear(0.05):
+            self.receive(TICK_S)
+        while self.receive(0.05):
             pass
 
     def send(self, i: int) -> None:
@@ -142,10 +142,10 @@ class Load:
             self.programs[k].sendto(stamped(self.frames[k][1]), self.to[k][1])
             self.sent += 1
 
-    def hear(self, timeout_s: float) -> int:
+    def receive(self, timeout_s: float) -> int:
         ready = self.poll.poll(timeout_s)
         for fd, _ in ready:
-            s, latencies = self.heard[fd]
+            s, latencies = self.receivers[fd]
             data = s.recv(2048)
             latencies.append(time.monotonic_ns() - STAMP.unpack_from(data, 10)[0])
         return len(ready)
@@ -157,13 +157,13 @@ class Load:
 
 
 def percentiles(values: list[int]) -> str:
-    """Median and p99 in microseconds."""
+    """Return median and p99 in microseconds."""
     ordered = sorted(values) or [0]
     return f"{ordered[len(ordered) // 2] / 1e3:.0f}/{ordered[len(ordered) * 99 // 100] / 1e3:.0f}"
 
 
 def measure(command: list[str], count: int, seconds: float) -> tuple[float, str]:
-    """(CPU seconds per million in, the row's figures)."""
+    """Return (CPU seconds per million messages in, the row's figures)."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "slice.json"
         file.write_text(json.dumps(table(count)))
@@ -174,7 +174,7 @@ def measure(command: list[str], count: int, seconds: float) -> tuple[float, str]
         try:
             while not load.up:
                 load.send(0)
-                load.hear(0.05)
+                load.receive(0.05)
             load.run(0.3)
             load.up.clear(), load.down.clear()
             load.sent, spent = 0, psutil.Process(process.pid).cpu_times()

@@ -1,9 +1,8 @@
-"""Valid MAVLink that means harm: every message of the dialect, right checksums, wrong everything else.
+"""Hostile MAVLink: every message of the dialect with correct checksums and random contents.
 
-A `Fuzz` draws from a `random.Random`, a seeded one or hypothesis', so that a campaign can be repeated and a failure shrunk.
-Three kinds of content: every field absurd, every field plausible, and (the nastier kind) plausible with one absurd field. Frames
-come in all shapes that a receiver must know: MAVLink 1 and 2, zeros cut off or not, cut where no zeros are, longer than known,
-signed.
+A `Fuzz` draws from a `random.Random`, seeded or hypothesis', so that a campaign can be repeated and a failure shrunk. Contents are
+absurd, plausible, or plausible with one absurd field. Frames are MAVLink 1 or 2, with and without their trailing zeros, too short,
+too long, or signed.
 """
 
 from __future__ import annotations
@@ -112,7 +111,7 @@ Values = dict[str, Any]
 
 
 class Fuzz:
-    """system: whom it is about. place: where that vehicle is [m] [NED]; lat_lon_alt: its origin [deg], [m]."""
+    """A source of hostile messages. system: the vehicle they are for; lat_lon_alt: its origin [deg] [deg] [m]."""
 
     def __init__(
         self, rng: Random, system: int = 1, lat_lon_alt: tuple[float, float, float] = (38.7, -9.1, 100.0)
@@ -123,7 +122,7 @@ class Fuzz:
     # -- frames --------------------------------------------------------------------------------------------------------
 
     def some(self) -> list[tuple[str, bytes]]:
-        """One message, or a whole upload: (name, frame)."""
+        """Yield (name, frame) of one message, or of a whole upload."""
         if self.rng.random() < 0.04:
             return list(self.upload())
         often = self.rng.random() < 0.7
@@ -131,12 +130,12 @@ class Fuzz:
         return [(name, self.frame(name))]
 
     def frame(self, name: str, **fixed: Any) -> bytes:
-        """A frame of this message; fixed: fields that are not drawn."""
+        """Return a frame of a message. fixed: fields that are not drawn."""
         kind = KINDS[name]
         return self.wrap(kind, self.payload(kind, {**self.values(kind), **fixed}), self.speaker())
 
     def command(self, number: int, *p: float) -> bytes:
-        """COMMAND_LONG as it should be, to the vehicle."""
+        """Return a valid COMMAND_LONG to the vehicle."""
         params = (*p, *(0.0,) * (7 - len(p)))
         aim = {"target_system": self.system, "target_component": 1, "confirmation": 0, "command": number}
         kind = KINDS["COMMAND_LONG"]
@@ -145,7 +144,7 @@ class Fuzz:
         )
 
     def wrap(self, kind: Any, payload: bytes, speaker: tuple[int, int]) -> bytes:
-        """In one of the shapes that a frame may have."""
+        """Pack a payload in one of the shapes that a frame may have."""
         r, rng = self.rng.random(), self.rng
         if r < 0.1 and kind.id < 256:
             return v1(kind, payload, speaker)
@@ -175,7 +174,7 @@ class Fuzz:
     # -- fields --------------------------------------------------------------------------------------------------------
 
     def values(self, kind: Any) -> Values:
-        """All absurd, all plausible, or plausible but for one field."""
+        """Draw all fields absurd, all plausible, or plausible except one."""
         absurd, r = self.absurd(kind), self.rng.random()
         if r < 0.25:
             return absurd
@@ -220,7 +219,7 @@ class Fuzz:
         return self.rng.choice(list(SPECS)).encode()
 
     def _spoil(self, value: Any, absurd: Any) -> Any:
-        """One number of an array, or the whole field."""
+        """Draw one number of an array, or the whole field."""
         if isinstance(value, list) and self.rng.random() < 0.7:
             k = self.rng.randrange(len(value))
             return [*value[:k], absurd[k], *value[k + 1 :]]
@@ -234,7 +233,7 @@ class Fuzz:
         return value if isinstance(value, bytes) else self.rng.randint(0, 3)
 
     def _aim(self, kind: Any) -> Values:
-        """At the vehicle, mostly; at others, at everybody, at another part of it."""
+        """Draw a target: mostly the vehicle, else another one, all, or another component."""
         right, other = self.system, self.system + 1
         system, component = self.rng.choice(
             (
@@ -432,7 +431,7 @@ class Fuzz:
         return self._item() | {"x": self.origin[0], "y": self.origin[1], "frame": self.rng.choice((0, 2, 3))}
 
     def upload(self) -> Iterator[tuple[str, bytes]]:
-        """A whole one, from one sender, with items that should never have been sent."""
+        """Return a whole upload from one sender, with invalid items."""
         rng, kind, who = (
             self.rng,
             self.rng.choice((0, 0, 1, 2)),
@@ -497,7 +496,7 @@ def _crc(data: bytes, kind: Any) -> bytes:
 
 
 def read(frame: bytes) -> Any:
-    """What it says by pymavlink, None where it says nothing (a text that is none)."""
+    """Decode a frame with pymavlink; None when it cannot be decoded."""
     try:
         return mavlink.MAVLink(None).decode(bytearray(frame))
     except (mavlink.MAVError, ValueError, IndexError):

@@ -1,4 +1,4 @@
-"""Fuzzed MAVLink against every other room that reads it: no core raises, and what goes on is sound."""
+"""Hostile MAVLink for every core that reads it: none raises, and what it sends is valid."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from arena.wire.telemetry import Telemetry  # noqa: E402
 MESSAGES, STEP_S = 3000, 0.004
 
 
-def heard(system: int, *, own: float = 0.8, seed: int = 5) -> Iterator[tuple[bytes, float]]:
-    """Every message of the dialect, most from the autopilot itself: (frame, now [s])."""
+def hostile_frames(system: int, *, own: float = 0.8, seed: int = 5) -> Iterator[tuple[bytes, float]]:
+    """Yield (frame, now [s]): random messages of the dialect, most of them from the autopilot."""
     rng = Random(seed)
     fuzz = Fuzz(rng, system)
     other = fuzz.speaker
@@ -37,7 +37,7 @@ def heard(system: int, *, own: float = 0.8, seed: int = 5) -> Iterator[tuple[byt
         yield fuzz.frame(rng.choice(list(KINDS))), 10.0 + k * STEP_S
 
 
-def test_the_forwarder_says_nothing_but_its_heartbeat_and_its_origin():
+def test_the_forwarder_sends_only_heartbeats_without_poses():
     settings = {
         "name": "forward.uav1",
         "vehicle": "uav1",
@@ -50,15 +50,15 @@ def test_the_forwarder_says_nothing_but_its_heartbeat_and_its_origin():
         "origin": {"lat_deg": 38.7, "lon_deg": -9.1, "alt_m": 100.0},
     }
     forwarder = Forwarder(settings)
-    for data, now in heard(3):
+    for data, now in hostile_frames(3):
         forwarder.on_mavlink(data, now)
-        for said in forwarder.tick(now):
-            assert read(said).get_type() == "HEARTBEAT"  # without a pose there is no place to tell
+        for sent in forwarder.tick(now):
+            assert read(sent).get_type() == "HEARTBEAT"
     assert forwarder.poses == 0 and forwarder.autopilot.heard > 0
 
 
 @pytest.mark.parametrize("who", ["autopilot", "program", "gcs"])
-def test_the_router_passes_whole_frames_and_to_no_vehicle_that_was_not_named(who):
+def test_the_router_passes_whole_frames_to_named_vehicles_only(who):
     host = "127.22.0.1"
     vehicles = [
         {
@@ -84,7 +84,7 @@ def test_the_router_passes_whole_frames_and_to_no_vehicle_that_was_not_named(who
     )
     router = Router(table)
     at, sender = {"autopilot": (1001, 2001), "program": (3001, 4001), "gcs": (7000, 7001)}[who]
-    for data, now in heard(1, own=0.8 if who == "autopilot" else 0.0):
+    for data, now in hostile_frames(1, own=0.8 if who == "autopilot" else 0.0):
         frame = parse_frames(data).frames[0]
         for piece, destinations in router.on_datagram(
             router.sockets.index((host, at)), (host, sender), data, now
@@ -96,14 +96,14 @@ def test_the_router_passes_whole_frames_and_to_no_vehicle_that_was_not_named(who
         router.tick(now)
 
 
-def test_the_telemetry_of_a_program_takes_anything_and_keeps_what_it_can_tell():
+def test_telemetry_of_a_program_survives_hostile_frames():
     telemetry = Telemetry(1)
-    for data, now in heard(1):
+    for data, now in hostile_frames(1):
         telemetry.on_datagram(data, now)
     assert telemetry.heartbeat is not None
 
 
-def test_the_link_arms_on_nothing_that_fuzz_makes_it_believe():
+def test_the_link_arms_no_vehicle_on_hostile_frames():
     ends = {
         n: {"local": ["127.22.0.1", 24000 + 2 * i], "remote": ["127.22.0.1", 24001 + 2 * i]}
         for i, n in enumerate(("router", "vision", "panic"))
@@ -136,7 +136,7 @@ def test_the_link_arms_on_nothing_that_fuzz_makes_it_believe():
         0.0,
     )
     rng, arming = Random(3), Fuzz(Random(1), 7).command(400, 1.0)
-    for data, now in heard(7):
+    for data, now in hostile_frames(7):
         link.from_vehicle(data, parse_frames(data), now)
         for end in ("router", "vision", "panic"):
             link.from_link(end, data if rng.random() < 0.9 else arming, now)
@@ -148,9 +148,9 @@ def test_the_link_arms_on_nothing_that_fuzz_makes_it_believe():
 
 
 @pytest.mark.parametrize("action", ["land", "kill"])
-def test_a_landing_goes_on_asking_and_tells_what_it_knows(action):
+def test_a_landing_continues_on_hostile_frames(action):
     landing = LandingSequence(name="uav1", system=1, component=200, action=action, now=10.0)
-    for data, now in heard(1):
+    for data, now in hostile_frames(1):
         landing.on_datagram(data, now)
         for said in landing.due(now):
             m = read(said)
