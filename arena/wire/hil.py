@@ -131,7 +131,7 @@ Sensors = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class HilFields:
-    """One simulated sensor's fields of HIL_SENSOR.
+    """The fields of HIL_SENSOR that one simulated sensor fills.
 
     bits: of fields_updated; PX4 refuses a group of which only a part is set
     every: sensor periods between two updates
@@ -147,7 +147,7 @@ class HilFields:
 
 @dataclass(frozen=True, kw_only=True)
 class HilMessage:
-    """One simulated sensor's own message of the simulator API, such as HIL_GPS.
+    """A message of the simulator API that one simulated sensor sends, such as HIL_GPS.
 
     name: key of the vehicle's row in the world slice that says whether it carries the sensor
     every: sensor periods between two messages
