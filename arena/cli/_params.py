@@ -265,15 +265,14 @@ class ParamSources:
         other: the source it is compared with, whose version `defaults` takes.
         Raises InputError for an unknown name, a wrong file, or a vehicle that cannot be read.
         """
-        from arena.params.facts.parameter_table import parameters
+        from arena.params.facts.parameter_table import defaults
         from arena.params.param_files import ParamSource, read_values
         from arena.params.transfer.session import pull as pull_now
 
         if name == _DEFAULTS:
             of_other = self.read(other, "").version if other not in ("", _DEFAULTS) else ""
             version = version_for(None, self._version or of_other)
-            defaults = {n: p.default for n, p in parameters(version).items()}
-            return ParamSource(values=defaults, types={}, version=version, origin=name)
+            return ParamSource(values=defaults(version), types={}, version=version, origin=name)
         if name.startswith(YAML):
             vehicle = selected_vehicles(self.arena, [name.removeprefix(YAML)])[0]
             made = required_firmware(self.arena, vehicle, self._version)

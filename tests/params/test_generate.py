@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Iterator
 
 import pytest
 
@@ -62,27 +63,34 @@ def test_same_requirements_have_other_names_in_1_9_and_1_16() -> None:
     assert {"EKF2_EV_CTRL", "MPC_XY_VEL_P_ACC", "COM_FAIL_ACT_T"}.isdisjoint(then)
 
 
-ACTIONS = {
+COMBINED = {
     "offboard_loss": ("land", "hold", "return", "terminate", "disarm"),
     "position_loss": ("land", "terminate"),
     "rc_loss": ("none", "land", "return"),
+}
+"""Failsafes that share parameters: every combination is generated."""
+INDEPENDENT = {
     "data_link_loss": ("none", "hold", "land"),
     "attitude": (None, "none", "terminate"),
     "actions": tuple({"geofence": action} for action in ("none", "land", "terminate")),
 }
+"""Failsafes with parameters of their own: every value is generated, in turn."""
+
+
+def failsafes(**fixed: object) -> Iterator[Failsafe]:
+    """Yield every combination of COMBINED, with the values of INDEPENDENT in turn."""
+    turns = itertools.cycle(zip(*INDEPENDENT.values(), strict=True))
+    for chosen, others in zip(itertools.product(*COMBINED.values()), turns, strict=False):
+        combined, independent = zip(COMBINED, chosen, strict=True), zip(INDEPENDENT, others, strict=True)
+        yield failsafe(**dict(combined), **dict(independent), **fixed)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_every_line_is_within_the_limits_of_its_version(version: str) -> None:
     known = parameters(version)
-    for chosen in itertools.product(*ACTIONS.values()):
-        for gps, rc in ((False, False), (True, True)):
-            chosen_failsafe = failsafe(
-                **dict(zip(ACTIONS, chosen, strict=True)), low_battery_land=None if gps else 0.1
-            )
-            for line in made(
-                version, failsafe=chosen_failsafe, gps=gps, sticks=rc, landing_speed_m_s=0.7
-            ).lines:
+    for gps, rc in ((False, False), (True, True)):
+        for chosen in failsafes(low_battery_land=None if gps else 0.1):
+            for line in made(version, failsafe=chosen, gps=gps, sticks=rc, landing_speed_m_s=0.7).lines:
                 limits = known[line.name]
                 assert limits.type == "FLOAT" or float(line.value).is_integer(), line
                 # the limits of these enumerations exclude values that PX4 takes

@@ -114,7 +114,7 @@ def serve(fleet: Served) -> Iterator[dict[str, ParamTarget]]:
         for fd in rows:
             poll.register(fd, select.POLLIN)
         while not over.is_set():
-            for fd, _ in poll.poll(2):
+            for fd, _ in poll.poll(5):
                 i = rows[fd]
                 data, partners[i] = sockets[i].recvfrom(65536)
                 for answer in fleet.receive(i, data):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal, NamedTuple
 
-from arena.params.facts.parameter_table import Parameter, Type, Version, parameters
+from arena.params.facts.parameter_table import Parameter, Type, Version, defaults, parameters
 
 Severity = Literal["error", "warning", "note"]
 
@@ -72,7 +72,7 @@ class CheckContext:
     @cached_property
     def values(self) -> Mapping[str, float]:
         """The given values, and the version's default for every other parameter."""
-        return {**{name: p.default for name, p in self.table.items()}, **self.given}
+        return {**defaults(self.version), **self.given}
 
     @property
     def minor(self) -> int:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import NamedTuple
 
 from arena.params.checks.findings import CheckContext, Finding, Severity
 from arena.params.checks.link_loss import current_action, settings_text
+from arena.params.facts.parameter_table import Version, parameters
 
 _MAX_LANDING_M_S = 1.0
 _MAX_ARMED_AFTER_LANDING_S = 5.0
@@ -75,14 +77,20 @@ _BREAKERS = (
 )
 
 
+@cache
+def _breaker_names(version: Version) -> tuple[str, ...]:
+    return tuple(name for name in parameters(version) if name.startswith("CBRK_"))
+
+
 def circuit_breakers(ctx: CheckContext) -> Iterator[Finding]:
     """Find circuit breakers that switch off a failsafe, and values that have no effect."""
     for b in _BREAKERS:
         parameter = ctx.table.get(b.name)
         if parameter and b.since <= ctx.minor <= b.until and ctx.value(b.name) == parameter.max:
             yield ctx.finding(b.severity, b.name, b.problem, expected="0", why=b.why, fix=f"set {b.name} 0")
-    for name, parameter in ctx.table.items():
-        if name.startswith("CBRK_") and ctx.value(name) not in (0, parameter.max):
+    for name in _breaker_names(ctx.version):
+        parameter = ctx.table[name]
+        if ctx.value(name) not in (0, parameter.max):
             yield ctx.finding(
                 "warning",
                 name,

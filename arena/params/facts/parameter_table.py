@@ -114,6 +114,18 @@ def parameters(version: Version | str) -> Mapping[str, Parameter]:
     return _parameters(version.table)
 
 
+def defaults(version: Version | str) -> Mapping[str, float]:
+    """Return the default of every parameter of a version. Raises InputError for a version that is not in the table."""
+    version = Version.of(version)
+    parameters(version)
+    return _defaults(version.table)
+
+
+@cache
+def _defaults(table: str) -> Mapping[str, float]:
+    return MappingProxyType({name: p.default for name, p in _parameters(table).items()})
+
+
 def is_unreleased(version: Version | str) -> bool:
     """Return whether the rows come from a development version, because the version was not released yet."""
     version = Version.of(version)
