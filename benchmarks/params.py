@@ -27,7 +27,8 @@ from pathlib import Path
 from statistics import mean
 
 from arena.autopilot.param_table import SPECS
-from arena.params.transfer.session import ParamTarget, PushReport, push
+from arena.params.transfer.session import PushReport, push
+from arena.params.transfer.transports import ParamTarget
 from arena.plan import make_plan
 from arena.schema import load_arena
 

@@ -12,15 +12,10 @@ from arena.cli._params import (
     RECORD,
     YAML,
     ParamSources,
-    ProgressBars,
-    count_text,
-    ending_text,
     interrupted_record,
     new_record,
     not_applicable,
     params_file_text,
-    print_differences,
-    push_report_lines,
     reboot_vehicles,
     refuse_beyond_limits,
     selected_vehicles,
@@ -28,6 +23,13 @@ from arena.cli._params import (
     targets_of,
     version_for,
     writable,
+)
+from arena.cli._params_output import (
+    ProgressBars,
+    count_text,
+    ending_text,
+    print_differences,
+    push_report_lines,
 )
 from arena.errors import EXIT_FAILED
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from arena.emergency.targets import from_plan
-from arena.params.transfer.session import ParamTarget, pull, push
+from arena.params.transfer.session import pull, push
+from arena.params.transfer.transports import ParamTarget
 from arena.schema.px4 import find_px4
 from arena.wire.mavlink_params import Value
 

@@ -20,8 +20,9 @@ import pytest
 from arena.autopilot.param_table import SPECS
 from arena.errors import InputError
 from arena.params.transfer.push_record import PushRecord
-from arena.params.transfer.session import ParamTarget, PushReport, SerialParamTransport, pull, push, reboot
+from arena.params.transfer.session import PushReport, pull, push, reboot
 from arena.params.transfer.transfer import Progress
+from arena.params.transfer.transports import ParamTarget, SerialParamTransport
 from arena.wire.mavlink_frame import parse_frames
 
 from .simulated_vehicle import INT32, LossyLink, Vehicle, holds, new_values, sixty_params
@@ -311,7 +312,8 @@ PUSHER = """
 import sys
 from pathlib import Path
 from arena.params.transfer.push_record import PushRecord
-from arena.params.transfer.session import ParamTarget, push
+from arena.params.transfer.session import push
+from arena.params.transfer.transports import ParamTarget
 wanted = {"uav1": eval(sys.argv[3])}
 push({"uav1": ParamTarget(system=1, remote=eval(sys.argv[2]))}, wanted, record=PushRecord.begin(Path(sys.argv[1]), wanted))
 """

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from arena.autopilot import Autopilots
-from arena.params.transfer.session import ParamTarget
+from arena.params.transfer.transports import ParamTarget
 from arena.plan import make_plan
 from arena.schema import load_arena
 from arena.sim.world import World

@@ -9,20 +9,18 @@ A vehicle that cannot be reached ends its own transfer only. Ctrl-C ends all tra
 
 from __future__ import annotations
 
-import contextlib
 import select
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from arena.errors import RunError
 from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.reader import ParamReader
 from arena.params.transfer.transfer import Ending, Outcome, ParamResult, Progress, Rebooter, Transfer
+from arena.params.transfer.transports import ParamTarget, ParamTransport, open_transport
 from arena.params.transfer.writer import ParamWriter
-from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, open_udp, receive_datagrams
-from arena.wire.mavlink_frame import Buffer, Frame, Stream, parse_frames
 from arena.wire.mavlink_minimal import own_component
 from arena.wire.mavlink_params import VALUE, Value
 
@@ -32,23 +30,6 @@ _SAVE_PERIOD_S = 0.5  # of the record, while no old value is at risk
 
 OnProgress = Callable[[Mapping[str, Progress]], None]
 """Callback with the progress by vehicle name, ten times per second and at the end."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ParamTarget:
-    """The address of a vehicle: UDP, or a serial device.
-
-    system: MAVLink system id.
-    remote: address of the vehicle, the only one accepted; None: the first sender with this system id.
-    local: our own address; None: any.
-    device, baud: serial device; then the UDP addresses are not used.
-    """
-
-    system: int
-    remote: Address | None = None
-    local: Address | None = None
-    device: str = ""
-    baud: int = 57600
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,91 +182,6 @@ def _pull_report(connection: _Connection[ParamReader]) -> PullReport:
     )
 
 
-# -- transports ---------------------------------------------------------------------------------------------------------------
-
-
-class ParamTransport(Protocol):
-    """The connection to one vehicle."""
-
-    def fileno(self) -> int: ...
-
-    def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        """Yield what has arrived from the vehicle, without waiting."""
-
-    def send(self, frame: bytes) -> None:
-        """Send a frame, or drop it when the connection is full or away: every request is repeated."""
-
-    def close(self) -> None: ...
-
-
-class UdpParamTransport:
-    """A UDP socket. Without a fixed remote address, the vehicle is the first sender with its system id.
-
-    Raises RunError when our own address cannot be bound.
-    """
-
-    def __init__(self, target: ParamTarget) -> None:
-        self._remote, self._system = target.remote, target.system
-        try:
-            self._socket = open_udp(target.local)
-        except OSError as error:
-            host, port = target.local or ("", 0)
-            raise RunError(
-                f"cannot listen on UDP {host}:{port}: {error.strerror}. Does another program hold it?"
-            ) from error
-
-    def fileno(self) -> int:
-        return self._socket.fileno()
-
-    def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        for data, sender in receive_datagrams(self._socket):
-            frames = parse_frames(data).frames
-            if self._remote is None and any(frame.sysid == self._system for frame in frames):
-                self._remote = sender
-            if sender == self._remote:
-                yield data, frames
-
-    def send(self, frame: bytes) -> None:
-        if self._remote is not None:
-            with contextlib.suppress(OSError):
-                self._socket.sendto(frame, self._remote)
-
-    def close(self) -> None:
-        self._socket.close()
-
-
-class SerialParamTransport:
-    """A serial device. Raises RunError when it cannot be opened."""
-
-    def __init__(self, target: ParamTarget) -> None:
-        try:
-            self._port = SerialPort(target.device, target.baud)
-        except OSError as error:
-            raise RunError(str(error)) from error
-        self._stream = Stream()
-
-    def fileno(self) -> int:
-        return self._port.fileno()
-
-    def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        for _ in range(MAX_DATAGRAMS_PER_READ):
-            try:
-                data = self._port.read()
-            except OSError:  # unplugged: the vehicle's silence ends the transfer
-                return
-            if data is None:
-                return
-            buffer, found = self._stream.feed(data)
-            yield buffer, found.frames
-
-    def send(self, frame: bytes) -> None:
-        with contextlib.suppress(OSError):
-            self._port.write(frame)
-
-    def close(self) -> None:
-        self._port.close()
-
-
 # -- the loop ------------------------------------------------------------------------------------------------------------------
 
 AnyTransfer = TypeVar("AnyTransfer", bound=Transfer)
@@ -300,7 +196,7 @@ class _Connection(Generic[AnyTransfer]):
         self.began = self.ended = time.monotonic()
         self.transport: ParamTransport | None = None
         try:
-            self.transport = SerialParamTransport(target) if target.device else UdpParamTransport(target)
+            self.transport = open_transport(target)
         except RunError as error:
             self.why = str(error)
             transfer.ending = "no connection"
@@ -329,7 +225,7 @@ class _Connection(Generic[AnyTransfer]):
 
 
 class _RecordKeeper:
-    """Saves the record: at once before old values are overwritten, otherwise twice per second."""
+    """Saver of the record: at once before old values are overwritten, otherwise twice per second."""
 
     def __init__(self, record: PushRecord) -> None:
         self.record = record

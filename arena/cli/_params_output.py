@@ -1,0 +1,106 @@
+"""Output of `arena params`: progress bars, the report of a push, the table of differences, counts of findings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from arena.params.checks.diff import Difference
+    from arena.params.checks.findings import Finding
+    from arena.params.transfer.session import PushReport
+
+
+class ProgressBars:
+    """A progress bar per vehicle; nothing where stderr is no terminal."""
+
+    def __init__(self, names: Mapping[str, Any] | Sequence[str]) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+        console = Console(stderr=True)
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[phase]}"),
+        )
+        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._tasks = {name: self._progress.add_task(name, total=None, phase="") for name in names}
+
+    def __enter__(self) -> ProgressBars:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    @property
+    def show(self) -> Callable[[Mapping[str, Any]], None]:
+        """Callback that takes the progress by vehicle name."""
+
+        def update(progress: Mapping[str, Any]) -> None:
+            for name, each in progress.items():
+                self._progress.update(self._tasks[name], completed=each.n, total=each.of, phase=each.phase)
+
+        return update
+
+
+_ENDINGS = {
+    "armed": "the vehicle is armed, nothing more is written",
+    "no connection": "no MAVLink from the vehicle for 10 s, or no answer to any request",
+    "connection lost": "no MAVLink from the vehicle for 3 s",
+    "interrupted": "interrupted",
+}
+
+
+def ending_text(ending: str, why: str) -> str:
+    """Return why a transfer ended early. why: why the connection could not be opened, or ""."""
+    return why or _ENDINGS.get(ending, ending)
+
+
+def push_report_lines(name: str, report: PushReport) -> list[str]:
+    """Return the report of a push: counts, then one line per parameter that changed or failed."""
+    counts = Counter(r.outcome for r in report.results.values())
+    summary = ", ".join(f"{n} {outcome}" for outcome, n in counts.items() if n) or "nothing to write"
+    ending = "" if report.ending == "done" else f"{ending_text(report.ending, report.why)}; "
+    lines = [f"{name}: {ending}{summary} ({report.traffic.seconds:.1f} s)"]
+    for parameter, r in report.results.items():
+        if r.outcome in ("same", "unread"):
+            continue
+        old = "?" if r.old is None else f"{r.old:g}"
+        detail = {
+            "written": f"{old} -> {r.wanted:g}",
+            "differs": f"the vehicle has {old}, wanted {r.wanted:g}",
+            "refused": f"wanted {r.wanted:g}, the vehicle keeps {'?' if r.new is None else f'{r.new:g}'}",
+            "unknown": "the vehicle has no such parameter",
+            "unanswered": "no answer: the value may or may not be set",
+        }[r.outcome]
+        lines.append(f"  {parameter}: {r.outcome}: {detail}{f' ({r.why})' if r.why else ''}")
+    if report.needs_reboot:
+        lines.append(f"  {name} needs a reboot for {', '.join(report.needs_reboot)}")
+    return lines
+
+
+def print_differences(rows: Sequence[Difference], a: str, b: str) -> None:
+    """Print a table of differences; a, b: the names of the two sides."""
+    from rich.console import Console
+    from rich.table import Table
+
+    if not rows:
+        print(f"{a} and {b}: no difference")
+        return
+    table = Table("name", a, b, "", box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(row.name, *("-" if x is None else f"{x:.7g}" for x in (row.a, row.b)), row.note)
+    Console().print(table)
+
+
+def count_text(found: Sequence[Finding]) -> str:
+    """Return "1 error, 2 warnings"."""
+    counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
+    return (
+        ", ".join(f"{n} {severity}{'s' * (n != 1)}" for severity, n in counts.items() if n)
+        or "no problems found"
+    )

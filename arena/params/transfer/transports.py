@@ -1,0 +1,116 @@
+"""Connections to vehicles for parameters: a UDP socket or a serial device, as frames."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from arena.errors import RunError
+from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, open_udp, receive_datagrams
+from arena.wire.mavlink_frame import Buffer, Frame, Stream, parse_frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParamTarget:
+    """The address of a vehicle: UDP, or a serial device.
+
+    system: MAVLink system id.
+    remote: address of the vehicle, the only one accepted; None: the first sender with this system id.
+    local: our own address; None: any.
+    device, baud: serial device; then the UDP addresses are not used.
+    """
+
+    system: int
+    remote: Address | None = None
+    local: Address | None = None
+    device: str = ""
+    baud: int = 57600
+
+
+class ParamTransport(Protocol):
+    """The connection to one vehicle."""
+
+    def fileno(self) -> int: ...
+
+    def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
+        """Yield what has arrived from the vehicle, without waiting."""
+
+    def send(self, frame: bytes) -> None:
+        """Send a frame, or drop it when the connection is full or away: every request is repeated."""
+
+    def close(self) -> None: ...
+
+
+class UdpParamTransport:
+    """A UDP socket. Without a fixed remote address, the vehicle is the first sender with its system id.
+
+    Raises RunError when our own address cannot be bound.
+    """
+
+    def __init__(self, target: ParamTarget) -> None:
+        self._remote, self._system = target.remote, target.system
+        try:
+            self._socket = open_udp(target.local)
+        except OSError as error:
+            host, port = target.local or ("", 0)
+            raise RunError(
+                f"cannot listen on UDP {host}:{port}: {error.strerror}. Does another program hold it?"
+            ) from error
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
+        for data, sender in receive_datagrams(self._socket):
+            frames = parse_frames(data).frames
+            if self._remote is None and any(frame.sysid == self._system for frame in frames):
+                self._remote = sender
+            if sender == self._remote:
+                yield data, frames
+
+    def send(self, frame: bytes) -> None:
+        if self._remote is not None:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(frame, self._remote)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class SerialParamTransport:
+    """A serial device. Raises RunError when it cannot be opened."""
+
+    def __init__(self, target: ParamTarget) -> None:
+        try:
+            self._port = SerialPort(target.device, target.baud)
+        except OSError as error:
+            raise RunError(str(error)) from error
+        self._stream = Stream()
+
+    def fileno(self) -> int:
+        return self._port.fileno()
+
+    def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
+        for _ in range(MAX_DATAGRAMS_PER_READ):
+            try:
+                data = self._port.read()
+            except OSError:  # unplugged: the vehicle's silence ends the transfer
+                return
+            if data is None:
+                return
+            buffer, found = self._stream.feed(data)
+            yield buffer, found.frames
+
+    def send(self, frame: bytes) -> None:
+        with contextlib.suppress(OSError):
+            self._port.write(frame)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+def open_transport(target: ParamTarget) -> ParamTransport:
+    """Open the connection to a vehicle. Raises RunError when the address is in use or the device cannot be opened."""
+    return SerialParamTransport(target) if target.device else UdpParamTransport(target)
