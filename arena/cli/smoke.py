@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from arena.smoke.referee.verdict import Result
 
 ENDING = ".smoke.yaml"
-_WIDE = 160  # characters of a CI server's log, in which a broken path leads nowhere
+_LOG_COLUMNS = 160  # without a terminal: paths in a CI log must not be broken
 
 
 def register(app: typer.Typer) -> None:
@@ -41,7 +41,11 @@ def register(app: typer.Typer) -> None:
         jobs: Annotated[
             int | None,
             typer.Option(
-                "-j", "--jobs", metavar="N", min=1, help="so many at a time; default: one for each core"
+                "-j",
+                "--jobs",
+                metavar="N",
+                min=1,
+                help="number of scenarios at a time; default: one per core",
             ),
         ] = None,
         speed: Annotated[
@@ -50,7 +54,7 @@ def register(app: typer.Typer) -> None:
         seed: Annotated[
             int | None,
             typer.Option(
-                "--seed", metavar="N", help="of world and motion capture; default: as the YAMLs say"
+                "--seed", metavar="N", help="seed of world and motion capture; default: from the YAML files"
             ),
         ] = None,
         set_: Annotated[
@@ -58,14 +62,12 @@ def register(app: typer.Typer) -> None:
             typer.Option("--set", metavar="KEY=VALUE", help="override one value of the arenas"),
         ] = None,
         results: Annotated[
-            Path, typer.Option("--results", metavar="DIR", help="where run folders go")
+            Path, typer.Option("--results", metavar="DIR", help="folder for run folders")
         ] = Path("results"),
         repeat: Annotated[
-            int, typer.Option("--repeat", metavar="N", min=1, help="fly each so many times")
+            int, typer.Option("--repeat", metavar="N", min=1, help="fly each scenario N times")
         ] = 1,
-        list_: Annotated[
-            bool, typer.Option("--list", help="check the scenarios, name them, fly none")
-        ] = False,
+        list_: Annotated[bool, typer.Option("--list", help="check and list the scenarios, fly none")] = False,
     ) -> None:
         """Fly scenarios headless, several at a time, and judge them. All are checked before the first one flies."""
         from arena.smoke.flying.fly_scenario import FlightOptions
@@ -134,7 +136,7 @@ def _fly(scenarios: list[Scenario], options: FlightOptions, jobs: int, junit: Pa
         missing = list((Counter(scenario.name for scenario in scenarios) - flown).elements())
         _write_results(interrupted.results, options.results, junit, missing)
         print(
-            f"interrupted: {len(missing)} of {len(scenarios)} not flown to their end; their arenas have landed and gone"
+            f"interrupted: {len(missing)} of {len(scenarios)} scenarios not complete; their arenas have landed and ended"
         )
         return EXIT_INTERRUPTED
     _write_results(results, options.results, junit)
@@ -160,5 +162,5 @@ def _write_results(
     if junit is not None:
         junit.write_text(junit_xml(results, unflown))
     if results:
-        Console(width=None if sys.stdout.isatty() else _WIDE).print(table(results))
+        Console(width=None if sys.stdout.isatty() else _LOG_COLUMNS).print(table(results))
         print(summary(results), flush=True)

@@ -46,7 +46,7 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
     began, referee = time.monotonic(), Referee(scenario)
     folder = options.results / slug(scenario.name)
     folder.mkdir(parents=True, exist_ok=True)
-    session = Session(start_of(scenario, folder, options))
+    session = Session(launch_options(scenario, folder, options))
     problem = ""
     try:
         with alone_if_px4(scenario.arena), session:
@@ -96,7 +96,7 @@ def refuse_real(arena: Arena) -> None:
         )
 
 
-def start_of(scenario: Scenario, folder: Path, options: FlightOptions) -> LaunchOptions:
+def launch_options(scenario: Scenario, folder: Path, options: FlightOptions) -> LaunchOptions:
     """Return how the scenario's arena is started. An arena inside the scenario is written to a file in
     `folder` first.
     """

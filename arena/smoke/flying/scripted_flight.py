@@ -43,8 +43,8 @@ class ScriptedFlight:
     A wrong word raises InputError with the line of the test.
     """
 
-    def __init__(self, arena: Arena, start: LaunchOptions) -> None:
-        self.session = Session(start)
+    def __init__(self, arena: Arena, options: LaunchOptions) -> None:
+        self.session = Session(options)
         self._alone = alone_if_px4(arena)
         self._names = names_of(arena)
         self._flight = FlightHistory(vehicles=tuple(v.name for v in arena.vehicles), fence=fence_of(arena))

@@ -82,9 +82,9 @@ class Session:
     run: its run folder, None before there is one.
     """
 
-    def __init__(self, start: LaunchOptions) -> None:
+    def __init__(self, options: LaunchOptions) -> None:
         self.run: Path | None = None
-        self._start = start
+        self._options = options
         self._rt = Path(tempfile.mkdtemp(prefix="arena-smoke-"))  # short, for socket paths
         self._output = self._rt / "up.txt"
         self._arena_up: subprocess.Popen[bytes] | None = None
@@ -124,7 +124,7 @@ class Session:
     def _begin(self) -> None:
         with self._output.open("wb") as out:
             self._arena_up = subprocess.Popen(
-                self._start.argv(free_address()),
+                self._options.argv(free_address()),
                 stdout=out,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
@@ -139,7 +139,7 @@ class Session:
         state = self._until(lambda: open_run(run), "wrote no state.json")
         plan = plan_of(state)
         if plan is None:
-            raise RunError(f"{run}: its plan.json cannot be read")
+            raise RunError(f"{run}: plan.json cannot be read")
         if real := [v.name for v in plan.vehicles if not v.simulated]:
             raise RunError(
                 f"got real vehicles ({', '.join(real)}), expected simulated ones: scenarios inject faults"
@@ -175,7 +175,7 @@ class Session:
         while not (value := check()):
             if self._arena_up is not None and self._arena_up.poll() is not None:
                 raise RunError(
-                    f"the arena did not come up (exit {self._arena_up.returncode}): {self._last_output()}"
+                    f"the arena did not start (exit {self._arena_up.returncode}): {self._last_output()}"
                 )
             if time.monotonic() > deadline:
                 raise RunError(f"the arena {what} within {START_TIMEOUT_S:g} s: {self._last_output()}")

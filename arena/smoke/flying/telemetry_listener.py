@@ -31,10 +31,8 @@ RECEIVED = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS,
 }
 _HEARTBEAT_PERIOD_S = 0.04  # simulation time between requests: every second observation
-_MISSING_S, _RETRY_S = (
-    0.25,
-    0.2,
-)  # simulation time: EXTENDED_SYS_STATE is missing after, rates are requested every
+_MISSING_S = 0.25  # simulation time without EXTENDED_SYS_STATE after which rates are requested
+_RETRY_S = 0.2  # simulation time between these requests
 _LATE_S = 0.1  # simulation time: telemetry older than this is waited for
 _MAX_WAIT_S = 0.03  # wall time
 _DATAGRAM_BYTES = 1 << 16
