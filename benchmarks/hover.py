@@ -1,4 +1,4 @@
-"""The program that `benchmarks/px4.py` gives N vehicles at once: take off to 1.5 m and end; the autopilot holds the place."""
+"""Program of each vehicle in `benchmarks/px4.py`: takes off to 1.5 m and ends; the autopilot then holds the position."""
 
 from arena import UAV
 

@@ -1,8 +1,8 @@
-"""How fast PX4 flies in the arena, and how many of them: `python benchmarks/px4.py alone | program | hover`.
+"""Benchmark of PX4 in the arena, its speed and number: `python benchmarks/px4.py alone | program | hover`.
 
-alone     the world and one PX4, nothing else, as fast as it goes: real-time factor, microseconds a step of each
-program   `arena up` with one PX4 and the first example's program, as fast as it goes: the factor from arming to disarming
-hover     N PX4 hold 1.5 m by themselves in real time, with forwarders, router and loggers: what keeps the pace, what it costs
+alone     only the world and one PX4 at speed max: real-time factor, microseconds per step of each
+program   `arena up` with one PX4 and the first example's program at speed max: real-time factor from arming to disarming
+hover     N PX4 hover at 1.5 m in real time, with forwarders, router and loggers: real-time factor and CPU
 
 PX4 is found as the package finds it (PX4_HOME, PATH); `--stand-in` flies the built-in autopilot behind the same link instead.
 Wall-clock figures mean something on a quiet machine only: the load before each run is printed with it.
@@ -36,7 +36,7 @@ from arena.schema.px4 import STAND_IN, WAYS, find_px4
 HERE = Path(__file__).parent
 EXAMPLE = HERE.parent / "examples" / "01_two_quads" / "position_setpoints.py"
 HOVER = HERE / "hover.py"
-SETTLE_S = 5.0  # simulated, before anything is counted: start-up, then the estimator's
+SETTLE_S = 5.0  # simulated, before the measurement: start-up of PX4 and its estimator
 CLIMB_S, HOLD_S = (
     9.0,
     20.0,
@@ -49,14 +49,14 @@ KINDS = ("world", "px4", "mocap", "forward", "router", "logger", "program", "are
 
 
 def arena_of(count: int, folder: Path, program: Path, given: argparse.Namespace) -> Path:
-    """N vehicles in two rows, 2.5 m apart, in a room that holds them."""
+    """Write an arena with `count` vehicles in two rows, 2.5 m apart, and return its file."""
     rows = -(-count // 2)
     home = STAND_IN if given.stand_in else None
     lines = [
         f"address: {given.address}",
         f"world: {{size: [{3 * rows + 6}, 10, 4]}}",
         *([f"px4: {{home: {home}}}"] if home else []),
-        # a vehicle whose program ends holds its place
+        # a vehicle whose program ends holds its position
         f"defaults: {{profile: iris, autopilot: px4, program: {program}, params: {{COM_OBL_RC_ACT: 5}}}}",
         "vehicles:",
     ]
@@ -69,7 +69,7 @@ def arena_of(count: int, folder: Path, program: Path, given: argparse.Namespace)
 
 
 def cpu_s(*roots: int) -> list[float]:
-    """CPU time of each process and all below it [s], in one pass: the measuring must not take what it measures."""
+    """Return the CPU time of each process and its descendants [s], in one pass over /proc to cost little CPU itself."""
     parents, own = {}, {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
@@ -87,7 +87,7 @@ def cpu_s(*roots: int) -> list[float]:
 
 
 class Time:
-    """Simulation time from the world's page, which costs the world nothing."""
+    """Simulation time, read from the world's shared page."""
 
     def __init__(self, stem: Path) -> None:
         with Path(f"{stem}.page").open("rb") as file:
@@ -102,7 +102,7 @@ class Time:
 
 @contextlib.contextmanager
 def rooms(folder: Path, given: argparse.Namespace) -> Iterator[dict[str, int]]:
-    """World and PX4 from the plan's own slices, started by hand. Process name -> pid."""
+    """Start world and PX4 without a supervisor, from the plan's slices; yield process name -> pid."""
     plan = make_plan(load_arena(arena_of(1, folder, HOVER, given), ["sim.speed=max"]))
     children = {}
     try:
@@ -125,7 +125,7 @@ def rooms(folder: Path, given: argparse.Namespace) -> Iterator[dict[str, int]]:
 
 
 def alone(given: argparse.Namespace) -> int:
-    """Factor and CPU over `seconds` of wall time, once PX4 has been in step for a while."""
+    """Print the real-time factor and CPU over `seconds` of wall time, after PX4 has been in step for a while."""
     factors = []
     print("real-time factor |  us a step: wall   world     px4 | world cpu %  px4 cpu % |  load")
     for _ in range(given.repeat):
@@ -168,7 +168,11 @@ def alone(given: argparse.Namespace) -> int:
 
 @dataclass(kw_only=True)
 class Watched:
-    """What was seen of one `arena up` from outside. times: (wall, simulated) [s]; cpu: (simulated, {process: CPU}) [s]."""
+    """Measurements of one `arena up`.
+
+    times: (wall, simulated) [s]
+    cpu: (simulated, {process: CPU}) [s]
+    """
 
     times: list[tuple[float, float]] = field(default_factory=list)
     cpu: list[tuple[float, dict[str, float]]] = field(default_factory=list)
@@ -177,13 +181,13 @@ class Watched:
     summary: dict[str, Any] = field(default_factory=dict)
 
     def wall(self, sim: float) -> float:
-        """When simulation time was `sim` [s]."""
+        """Return the wall time at a simulation time [s]."""
         i = min(bisect.bisect([s for _, s in self.times], sim), len(self.times) - 1)
         (w0, s0), (w1, s1) = self.times[max(i - 1, 0)], self.times[i]
         return w0 if s1 <= s0 else w0 + (w1 - w0) * (sim - s0) / (s1 - s0)
 
     def factors(self, begin: float, end: float) -> list[float]:
-        """The real-time factor of each second of wall time between two simulation times [s]."""
+        """Return the real-time factor of each second of wall time between two simulation times [s]."""
         w, last, found = self.wall(begin), self.wall(end), []
         at = [t for t, _ in self.times]
         while w + 1.0 <= last:
@@ -195,13 +199,13 @@ class Watched:
         return found
 
     def used(self, begin: float, end: float) -> dict[str, float]:
-        """Cores used by each kind of process between two simulation times."""
+        """Return the cores used by each kind of process between two simulation times."""
         inside = [row for row in self.cpu if begin <= row[0] <= end]
         (s0, first), (s1, _) = inside[0], inside[-1]
         wall = self.wall(s1) - self.wall(s0)
         last = {
             name: used for _, row in inside for name, used in row.items()
-        }  # who has ended keeps its last figure
+        }  # an ended process keeps its last figure
         found = dict.fromkeys(KINDS, 0.0)
         for name, used in last.items():
             kind = name.split(".")[0]
@@ -209,7 +213,7 @@ class Watched:
         return found
 
     def armed(self) -> list[tuple[float, float]]:
-        """From arming to disarming of each vehicle, simulated [s]."""
+        """Return each vehicle's times of arming and disarming, simulated [s]."""
         spans = []
         for vehicle in self.summary["vehicles"].values():
             stamps = [m["t_s"] for m in vehicle["modes"] if m["armed"]]
@@ -222,7 +226,7 @@ class Watched:
 
 
 def fly(count: int, program: Path, given: argparse.Namespace, speed: str, *ends: str) -> Watched:
-    """One `arena up`, watched. ends: the options that say when it is over."""
+    """Run one `arena up` and measure it. ends: options that end the run."""
     seen = Watched()
     with tempfile.TemporaryDirectory(prefix="b-") as name:
         folder = Path(name)
@@ -271,7 +275,7 @@ def own_cpu_s(pid: int) -> float:
 
 
 def program(given: argparse.Namespace) -> int:
-    """The factor of a flight, from arming to disarming, and what each process used of the cores meanwhile."""
+    """Print the real-time factor from arming to disarming, and the cores that each process used."""
     factors = []
     kinds = " ".join(f"{k:>8}" for k in KINDS)
     print(f"exit | factor armed..disarmed  worst second | cores: {kinds}   total | worst end m |  load")
@@ -300,7 +304,7 @@ def program(given: argparse.Namespace) -> int:
 
 
 def hover(given: argparse.Namespace) -> int:
-    """Goes up until real time is lost; says how many went."""
+    """Increase the number of vehicles until the real-time factor is too low; print the results."""
     went = 0
     heads = "vehicles exit | rtf min  median  p99 late ms | cores: " + " ".join(f"{k:>8}" for k in KINDS)
     print(heads + "   total | one px4 % | off 1.5 m m |  load")
@@ -346,7 +350,7 @@ def main() -> int:
     options.add_argument("--seconds", type=float, default=5.0, help="of wall time that `alone` measures")
     options.add_argument("--vehicles", type=int, nargs="+", default=list(COUNTS), help="how many hover")
     given = options.parse_args()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that what was started is ended
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # the finally blocks end what was started
     found = find_px4(STAND_IN if given.stand_in else None)
     if found is None:
         print("no PX4 was found: --stand-in measures without it, or\n  " + "\n  ".join(WAYS), file=sys.stderr)

@@ -1,13 +1,12 @@
-"""What a vehicle costs: the time that a step takes of the world and of its built-in autopilots, by the number of vehicles.
+"""Benchmark of the world and its built-in autopilots: the time of one step, by the number of vehicles.
 
     python benchmarks/world.py [--counts 1 10 50 200] [--repeat 3] [--plot cost.png]
 
-One step is a sensor period of 4 ms: two physics steps at 500 Hz, every sensor, the truth and the verdicts (world); then
-estimators, control, failsafes and MAVLink both ways (autopilots), each vehicle hovering in OFFBOARD on poses at 60 Hz and
-setpoints at 30 Hz, its telemetry packed at PX4's rates. One process, one core, no sockets. The figures are the least of many
-rounds of a tenth of a second, by the wall clock (a process's own clock costs more than what is measured where it is a system
-call): run it on a core that has nothing else to do. `x real time` is 4 ms over their sum. `standing`: the world's step with every
-vehicle on the floor, where bullet has contacts to solve.
+One step is a sensor period of 4 ms: two physics steps at 500 Hz, all sensors, truth and crash detection (world); then
+estimators, control, failsafes and MAVLink both ways (autopilots). Each vehicle hovers in OFFBOARD on poses at 60 Hz and
+setpoints at 30 Hz, and its telemetry is packed at PX4's rates. One process, one core, no sockets. Each figure is the
+smallest mean over many rounds of 100 steps, by the wall clock: run it on a core with no other work. `x real time` is 4 ms
+divided by their sum. `standing`: the world's step with every vehicle on the floor, where bullet solves contacts.
 """
 
 from __future__ import annotations
@@ -31,13 +30,13 @@ from arena.sim.world import World
 STEP_US = 4000.0
 POSES_EVERY, SETPOINTS_EVERY = 4, 8  # steps: 62.5 Hz, 31.25 Hz
 HEIGHT_M = 1.5
-ROUND = 100  # steps in a round; every frequent stream has had its turns in it
+ROUND = 100  # steps in a round; every frequent stream is sent in it
 NAN21 = [math.nan] * 21
 COVARIANCE = [1e-6 if k in (0, 6, 11, 15, 18, 20) else math.nan for k in range(21)]
 
 
 def settings(count: int, folder: Path) -> dict[str, Any]:
-    """The world's slice of an arena of so many vehicles, two metres apart."""
+    """Return the world's slice of an arena with `count` vehicles, two metres apart."""
     side = math.ceil(math.sqrt(count))
     lines = [
         f"world: {{size: [{2 * side + 6}, {2 * side + 6}, 6]}}",
@@ -54,15 +53,15 @@ def settings(count: int, folder: Path) -> dict[str, Any]:
 
 
 class Fleet:
-    """World and autopilots stepped in one process, as the world's process does it."""
+    """World and autopilots stepped in one process, as the process `world` steps them."""
 
     def __init__(self, slice_: dict[str, Any]) -> None:
         self.world = World(slice_)
-        self.pilots = Autopilots(slice_, self.world.period_s)
+        self.autopilots = Autopilots(slice_, self.world.period_s)
         self.count = len(slice_["vehicles"])
         self.ids = [v["id"] for v in slice_["vehicles"]]
-        self.voices = [mavlink.MAVLink(None, srcSystem=i, srcComponent=191) for i in self.ids]
-        self.stood = self.world.truth().p_n.copy()
+        self.senders = [mavlink.MAVLink(None, srcSystem=i, srcComponent=191) for i in self.ids]
+        self.start_p_n = self.world.truth().p_n.copy()
         self.motors: Any = np.zeros((self.count, 4))
         self.steps, self.spent = 0, {"world": 0.0, "autopilots": 0.0}
 
@@ -70,14 +69,14 @@ class Fleet:
         self.world.close()
 
     def step(self) -> None:
-        said = self._said()  # made outside the figures: it is the forwarders' and programs' work
+        messages = self._messages()  # not measured: it is the work of forwarders and programs
         began = time.perf_counter()
         sensors = self.world.sense()
         sensed = time.perf_counter()
-        for i, link, data in said:
-            self.pilots.receive(i, link, data)
-        self.motors = self.pilots.step(self.world.now, sensors)
-        self.pilots.transmit()
+        for i, link, data in messages:
+            self.autopilots.receive(i, link, data)
+        self.motors = self.autopilots.step(self.world.now, sensors)
+        self.autopilots.transmit()
         flown = time.perf_counter()
         self.world.step(self.motors)
         self.world.truth()
@@ -85,44 +84,44 @@ class Fleet:
         self.spent["autopilots"] += flown - sensed
         self.steps += 1
 
-    def _said(self) -> list[tuple[int, str, bytes]]:
-        said = []
+    def _messages(self) -> list[tuple[int, str, bytes]]:
+        messages = []
         if self.steps % POSES_EVERY == 0:
             truth = self.world.truth()
-            for i, voice in enumerate(self.voices):
+            for i, sender in enumerate(self.senders):
                 pose = mavlink.MAVLink_odometry_message(
                     0, 1, 12, *truth.p_n[i], truth.q_nb[i].tolist(), *NAN21[:6], COVARIANCE, NAN21, 0, 2, 0
                 )
-                said.append((i, "vision", pose.pack(voice)))
+                messages.append((i, "vision", pose.pack(sender)))
         if self.steps % SETPOINTS_EVERY == 0:
-            for i, voice in enumerate(self.voices):
-                n, e, d = self.stood[i]
+            for i, sender in enumerate(self.senders):
+                n, e, d = self.start_p_n[i]
                 target = mavlink.MAVLink_set_position_target_local_ned_message(
                     0, self.ids[i], 1, 1, 0b100111111000, n, e, d - HEIGHT_M, 0, 0, 0, 0, 0, 0, 0, 0
                 )
-                said.append((i, "router", target.pack(voice)))
-        return said
+                messages.append((i, "router", target.pack(sender)))
+        return messages
 
     def command(self, command: int, *values: float) -> None:
-        for i, voice in enumerate(self.voices):
+        for i, sender in enumerate(self.senders):
             message = mavlink.MAVLink_command_long_message(
                 self.ids[i], 1, command, 0, *(*values, *[0.0] * 7)[:7]
             )
-            self.pilots.receive(i, "router", message.pack(voice))
+            self.autopilots.receive(i, "router", message.pack(sender))
 
     def take_off(self) -> None:
-        """Every vehicle in OFFBOARD at its height. Raises SystemExit where one is not."""
-        for i, voice in enumerate(self.voices):
+        """Fly every vehicle to its height in OFFBOARD. Raises SystemExit when one does not reach it."""
+        for i, sender in enumerate(self.senders):
             origin = mavlink.MAVLink_set_gps_global_origin_message(
                 self.ids[i], 387_000_000, -91_000_000, 100_000
             )
-            self.pilots.receive(i, "vision", origin.pack(voice))
+            self.autopilots.receive(i, "vision", origin.pack(sender))
         self.run(1000)  # estimators settle
         self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6, 0)
         self.run(10)
         self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         self.run(1500)
-        if np.any(np.abs(self.stood[:, 2] - HEIGHT_M - self.world.truth().p_n[:, 2]) > 0.15):
+        if np.any(np.abs(self.start_p_n[:, 2] - HEIGHT_M - self.world.truth().p_n[:, 2]) > 0.15):
             raise SystemExit(
                 f"of {self.count} vehicles, not every one hovers: {self.world.truth().p_n[:, 2]}"
             )
@@ -132,7 +131,7 @@ class Fleet:
             self.step()
 
     def costs(self, rounds: int) -> dict[str, float]:
-        """The least time of a step over some rounds, by part [us]; of rounds as a whole, so that the parts belong together."""
+        """Return the time of a step by part [us], from the round with the smallest sum."""
         seen: list[dict[str, float]] = []
         for _ in range(rounds):
             before = dict(self.spent)
@@ -143,7 +142,7 @@ class Fleet:
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """count: vehicles; the others: of a step [us]."""
+    """Figures for one number of vehicles: times of a step [us]."""
 
     count: int
     world: float
@@ -216,7 +215,7 @@ def main() -> None:
         type=int,
         default=3,
         metavar="ROUNDS",
-        help="of one simulated second, of which the least counts",
+        help="rounds per figure; the fastest counts",
     )
     options.add_argument("--plot", type=Path, metavar="FILE")
     given = options.parse_args()

@@ -1,4 +1,4 @@
-"""Rotations obey the group, and frames mean what the conventions page says."""
+"""Rotations satisfy the group axioms; frames follow the package's conventions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ vector = st.tuples(*[st.floats(-100, 100)] * 3).map(np.array)
 
 
 def same(a, b, atol=1e-9):
-    """Equal as rotations: q and -q are one."""
+    """Return whether two quaternions are the same rotation: q and -q are."""
     return np.allclose(a, b, atol=atol) or np.allclose(a, -np.asarray(b), atol=atol)
 
 
@@ -110,7 +110,7 @@ def test_both_ways_around_the_frames_agree(q_wf, v_f):
 
 
 def test_a_generic_attitude_converts_from_mocap_axes():
-    """Forward axis of roll 10, pitch -20, yaw 35 degrees, worked out by hand: heading 35 from north, nose down."""
+    """The forward axis of roll 10, pitch -20, yaw 35 degrees, calculated by hand: heading 35 from north, nose down."""
     q_wf = q_wf_from_q_nb(quat_from_euler(GENERIC_RPY))
     east, north, up = quat_rotate(q_wf, [1.0, 0.0, 0.0])
     assert np.isclose(np.degrees(np.arctan2(east, north)), 35.0)

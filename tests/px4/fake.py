@@ -1,4 +1,4 @@
-"""A PX4 as the world sees it: a TCP client that answers samples. It answers in a thread, as another process would."""
+"""A fake PX4 for tests of the simulator API: a TCP client that replies to samples, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ HIL = hil_outputs()
 
 
 def own_address() -> str:
-    """127.60.x.y: no other test of this process, and hardly one of another, has it."""
+    """Return an address 127.60.x.y that no other test uses."""
     return f"127.60.{os.getpid() % 250 + 1}.{next(_count)}"
 
 
 def answer(motors: list[float], *, armed: bool = True, time_usec: int = 0, flags: int = LOCKSTEP) -> bytes:
-    """A HIL_ACTUATOR_CONTROLS as PX4 packs it."""
+    """Return a HIL_ACTUATOR_CONTROLS as PX4 packs it."""
     codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     controls = [*motors, *[0.0] * (16 - len(motors))]
     m = mavlink.MAVLink_hil_actuator_controls_message(time_usec, controls, ARMED if armed else 0, flags)
     return bytes(m.pack(codec))
 
 
-def greeting() -> bytes:
-    """What PX4 says as soon as it is connected: how often it wants the truth, and a heartbeat."""
+def first_messages() -> bytes:
+    """Return PX4's first messages on a new connection: the rate of the truth, and a heartbeat."""
     codec = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     wanted = mavlink.MAVLink_command_long_message(0, 0, 511, 0, 115, 5000, 0, 0, 0, 0, 0)
     beat = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 0, 3)
@@ -44,7 +44,7 @@ def greeting() -> bytes:
 
 
 def sensors(vehicles: int) -> dict[str, Any]:
-    """What the world hands to autopilots, of vehicles at rest."""
+    """Return sensor readings of vehicles at rest, as the world gives them to autopilots."""
     return {
         "accel_b": np.tile([0.01, -0.02, -9.81], (vehicles, 1)),
         "gyro_b": np.tile([0.001, 0.002, -0.003], (vehicles, 1)),
@@ -54,7 +54,7 @@ def sensors(vehicles: int) -> dict[str, Any]:
 
 
 class FakePx4:
-    """Connects, greets, then answers every sample after the first `free_run` with `motors`, until it is mute or hangs up.
+    """A fake PX4: connects, then replies to every sample after the first `free_run` with `motors`.
 
     flags: 0 for a flight controller in the loop.
     """
@@ -70,23 +70,23 @@ class FakePx4:
         self.samples: list[Any] = []
         self._flags = flags
         self._motors, self._free_run, self._armed = motors, free_run, armed
-        self._speaks = threading.Event()
-        self._speaks.set()
+        self._reading = threading.Event()
+        self._reading.set()
         self._socket = socket.create_connection(address, 5.0)
         self._socket.settimeout(None)
-        self._socket.sendall(greeting())
+        self._socket.sendall(first_messages())
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
-    def mute(self) -> None:
-        """From now on it reads nothing, as a stopped process."""
-        self._speaks.clear()
+    def stop_reading(self) -> None:
+        """Stop reading, as a stopped process does."""
+        self._reading.clear()
 
-    def speak(self) -> None:
-        self._speaks.set()
+    def resume_reading(self) -> None:
+        self._reading.set()
 
-    def hang_up(self) -> None:
-        self._speaks.set()
+    def disconnect(self) -> None:
+        self._reading.set()
         self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join(5.0)
         self._socket.close()
@@ -104,7 +104,7 @@ class FakePx4:
             for m in codec.parse_buffer(data) or []:
                 if m.get_type() == "HIL_SENSOR":
                     self.samples.append(m)
-                    self._speaks.wait()
+                    self._reading.wait()
                     if len(self.samples) > self._free_run:
                         self._reply(m.time_usec)
 
@@ -118,7 +118,7 @@ class FakePx4:
 
 
 class World:
-    """Steps the links of some vehicles, as the world's loop does."""
+    """A world without physics that steps the lockstep links of some vehicles."""
 
     def __init__(self, vehicles: int) -> None:
         self.address = own_address()
@@ -132,7 +132,7 @@ class World:
             None,
             HIL,
         )
-        self.said: list[str] = []
+        self.events: list[str] = []
         self.now = 0.0
         self._sensors = sensors(vehicles)
 
@@ -140,14 +140,14 @@ class World:
         for _ in range(times):
             self.now += PERIOD_S
             motors = self.links.step(self.now, self._sensors)
-            self.said += self.links.events()
+            self.events += self.links.events()
         return motors
 
     def until(self, true: Callable[[], Any], limit_s: float = 40.0) -> Any:
-        """Step until this holds."""
+        """Step until a condition holds and return its value."""
         deadline = time.monotonic() + limit_s
         while not (found := true()):
-            assert time.monotonic() < deadline, (self.said, self.status())
+            assert time.monotonic() < deadline, (self.events, self.status())
             self.step()
         return found
 

@@ -1,4 +1,4 @@
-"""Where a PX4 is looked for, what counts as one, and which version it is."""
+"""Search for PX4: places and their order, what counts as a PX4, its version."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from arena.schema.px4 import WAYS, find_px4, need_px4, version_of
 
 
 def build(folder: Path, version: str = "1.16.0", where: str = "build/px4_sitl_default") -> Path:
-    """A folder as PX4's build leaves it, with a binary that is none."""
+    """Make a folder like PX4's build folder, with a file as its binary."""
     binary = folder / where / "bin" / "px4"
     binary.parent.mkdir(parents=True)
     binary.write_bytes(b"\x7fELF\0\0v12345\0" + f"v{version}\0".encode() + b"\0v9.9.9\0")

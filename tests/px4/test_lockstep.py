@@ -1,4 +1,4 @@
-"""Several PX4s in lockstep with one world, by fakes on real sockets: who is waited for, who is left out, what is said."""
+"""Lockstep of several fake PX4s with one world, on real sockets: late, lost and new connections."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def soon_late(patient: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where nobody should be late, a busy machine must not make them so."""
+    """Raise the reply timeout, so that a busy machine makes no PX4 late."""
     monkeypatch.setattr(module, "REPLY_TIMEOUT_S", 5.0)
 
 
@@ -53,7 +53,7 @@ def test_two_px4s_get_every_sample_once_and_fly_their_motors(two: World) -> None
         assert set(stamps) == {4000}
     assert motors.tolist() == [[0.25] * 4, [0.5] * 4]
     assert two.links.armed.tolist() == [True, True]
-    assert two.said == ["uav1: PX4 connected", "uav2: PX4 connected"]
+    assert two.events == ["uav1: PX4 connected", "uav2: PX4 connected"]
 
 
 def test_the_world_steps_before_any_px4_connects(two: World) -> None:
@@ -65,33 +65,33 @@ def test_the_world_steps_before_any_px4_connects(two: World) -> None:
 
 def test_a_late_px4_is_reported_and_rejoins(two: World, soon_late: None) -> None:
     px4s = connect(two)
-    px4s[0].mute()
+    px4s[0].stop_reading()
     began = time.monotonic()
     motors = two.step()
     assert time.monotonic() - began >= LATE_S  # it was waited for
     assert motors.tolist() == [[0.0] * 4, [0.5] * 4]
     assert two.status() == ["late", "in step"]
-    assert two.said[2:] == [
+    assert two.events[2:] == [
         f"uav1: PX4 has not answered for {LATE_S:g} s: stopped or overloaded; its motors stop until it answers, the world goes on"
     ]
     began = time.monotonic()
-    heard = len(px4s[1].samples)
+    seen = len(px4s[1].samples)
     two.step(100)
     assert time.monotonic() - began < 90 * LATE_S  # and is waited for no more
-    assert len(px4s[1].samples) == heard + 100
-    px4s[0].speak()
+    assert len(px4s[1].samples) == seen + 100
+    px4s[0].resume_reading()
     two.until_in_step()
-    assert two.said[3].startswith("uav1: PX4 answers again after ") and len(two.said) == 4
+    assert two.events[3].startswith("uav1: PX4 answers again after ") and len(two.events) == 4
     assert two.step(50).tolist() == [[0.25] * 4, [0.5] * 4]
 
 
 def test_a_disconnected_px4_is_reported_and_its_motors_stop(two: World) -> None:
     px4s = connect(two)
-    px4s[0].hang_up()
+    px4s[0].disconnect()
     two.until(lambda: two.status()[0] == "gone")
     assert two.step(50).tolist() == [[0.0] * 4, [0.5] * 4]
     assert two.links.armed.tolist() == [False, True]
-    assert two.said[2:] == [
+    assert two.events[2:] == [
         "uav1: PX4 has closed the simulator link: its motors stop, the world goes on without it"
     ]
 
@@ -99,26 +99,26 @@ def test_a_disconnected_px4_is_reported_and_its_motors_stop(two: World) -> None:
 def test_a_px4_that_disconnects_disarmed_is_no_alarm(two: World) -> None:
     px4 = FakePx4(two.places[0], [0.5] * 4, armed=False)
     two.until(lambda: two.status()[0] == "in step")
-    px4.hang_up()
+    px4.disconnect()
     two.until(lambda: two.status()[0] == "gone")
-    assert two.said[-1] == "uav1: PX4 has closed the simulator link: it was not armed"
+    assert two.events[-1] == "uav1: PX4 has closed the simulator link: it was not armed"
 
 
 def test_a_px4_that_reconnects_starts_again(two: World) -> None:
     px4s = connect(two)
-    px4s[0].hang_up()
+    px4s[0].disconnect()
     two.until(lambda: two.status()[0] == "gone")
     again = FakePx4(two.places[0], [0.75] * 4)
     two.until_in_step()
-    assert two.said[-1] == "uav1: PX4 connected again"
+    assert two.events[-1] == "uav1: PX4 connected again"
     assert two.step(10)[0] == pytest.approx([0.75] * 4) and len(again.samples) >= 10
 
 
 def test_a_disconnect_during_the_wait_does_not_block_the_world(two: World, soon_late: None) -> None:
     px4s = connect(two)
-    px4s[0].mute()
+    px4s[0].stop_reading()
     two.step()
-    px4s[0].hang_up()
+    px4s[0].disconnect()
     two.until(lambda: two.status()[0] == "gone")
     assert two.step(20)[1] == pytest.approx([0.5] * 4)
 
@@ -131,7 +131,7 @@ def test_a_px4_that_never_connects_is_reported_once_with_its_port(
     monkeypatch.setattr(module, "_CONNECT_TIMEOUT_S", 0.0)
     two.step(20)
     host, port = two.places[0]
-    told = [text for text in two.said if "has not connected" in text]
+    told = [text for text in two.events if "has not connected" in text]
     assert told == [
         f"PX4 has not connected to the simulator port after 0 s: uav1 ({host}:{port}). Its log says why"
     ]

@@ -1,4 +1,4 @@
-"""PX4 leaves the core that a hurrying world keeps to; nothing changes beside one that does not."""
+"""CPU cores of PX4: it leaves the core that a fast world keeps to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a whole run makes of its PX4s: when it is over, what it was worth, what the summary says."""
+"""PX4s in a whole run: end of the run, its result, and the summary."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_a_px4_that_ended_early_fails_the_run(
 
 
 def write_run(folder: Path, plan: Plan, ended: str) -> Path:
-    """A run as far as the report asks for PX4: two flew it, one wrote a log."""
+    """Write the files of a run that the report reads about PX4: two flew it, one wrote a log."""
     (folder / "px4/uav1/log/2026-01-02").mkdir(parents=True)
     (folder / "px4/uav1/log/2026-01-02/10_11_12.ulg").write_bytes(b"ULog")
     (folder / "px4/uav1/log/data.txt").touch()

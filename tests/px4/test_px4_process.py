@@ -1,4 +1,4 @@
-"""`python -m arena.px4`: a PX4's folder and process, with the stand-in as the PX4."""
+"""The process `python -m arena.px4` with the stand-in as PX4: its folder, start, end and errors."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def world() -> Iterator[World]:
 
 @pytest.fixture
 def settings(tmp_path: Path, world: World) -> dict[str, Any]:
-    """Of a vehicle whose simulator API `world` serves."""
+    """Return the slice of a vehicle whose simulator API `world` serves."""
     made = slice_of(tmp_path, world.address)
     _, port = world.places[0]
     made["scripts"]["px4-rc.mavlinksim"] = made["scripts"]["px4-rc.mavlinksim"].replace("24079", str(port))
@@ -44,7 +44,7 @@ def settings(tmp_path: Path, world: World) -> dict[str, Any]:
 
 
 class Started:
-    """The room as a process, with its line to a supervisor."""
+    """The process with a socket to this test as its supervisor."""
 
     def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
         (folder / "slice.json").write_text(json.dumps(settings))
@@ -56,20 +56,20 @@ class Started:
             self.process = subprocess.Popen(argv, stdout=out, stderr=out, env=env, pass_fds=[theirs.fileno()])
         theirs.close()
         self.line.setblocking(False)
-        self.told: list[dict[str, Any]] = []
+        self.packets: list[dict[str, Any]] = []
 
-    def hear(self) -> list[dict[str, Any]]:
+    def receive(self) -> list[dict[str, Any]]:
         while True:
             try:
                 packet = self.line.recv(65536)
             except BlockingIOError:
-                return self.told
+                return self.packets
             if not packet:
-                return self.told
-            self.told.append(json.loads(packet))
+                return self.packets
+            self.packets.append(json.loads(packet))
 
     @property
-    def said(self) -> str:
+    def output(self) -> str:
         return self.out.read_text()
 
     def standin(self) -> psutil.Process:
@@ -91,12 +91,12 @@ def started(tmp_path: Path, settings: dict[str, Any]) -> Iterator[Started]:
 
 
 def until_ready(started: Started, world: World) -> None:
-    world.until(lambda: {"ready": True} in started.hear() and world.status() == ["in step"], 30.0)
+    world.until(lambda: {"ready": True} in started.receive() and world.status() == ["in step"], 30.0)
 
 
 def test_process_is_ready_with_the_stand_in_and_ends_it(started: Started, world: World) -> None:
     until_ready(started, world)
-    assert BANNER in started.said and UP in started.said
+    assert BANNER in started.output and UP in started.output
     child = started.standin()
     assert child.cmdline()[-6:-1] == ["-d", "-i", "6", "-w", str(Path(child.cmdline()[-2]))]
     world.step(50)
@@ -104,7 +104,7 @@ def test_process_is_ready_with_the_stand_in_and_ends_it(started: Started, world:
     world.until(lambda: started.process.poll() is not None)
     assert started.process.returncode == 0 and not child.is_running()
     assert not list(Path(tempfile.gettempdir()).glob(f"arena-standin-*-{world.address}-*"))
-    assert not [t for t in started.hear() if "event" in t]
+    assert not [t for t in started.receive() if "event" in t]
 
 
 def test_a_killed_px4_is_an_event_and_exit_code_1(started: Started, world: World) -> None:
@@ -113,13 +113,15 @@ def test_a_killed_px4_is_an_event_and_exit_code_1(started: Started, world: World
     world.until(lambda: started.process.poll() is not None)
     assert started.process.returncode == 1
     told = "uav1: PX4 has ended by itself (killed by SIGKILL); nothing flies this vehicle any more"
-    assert {"event": told} in started.hear() and {"stats": {"ended": "killed by SIGKILL"}} in started.told
-    assert told in started.said
+    assert {"event": told} in started.receive() and {
+        "stats": {"ended": "killed by SIGKILL"}
+    } in started.packets
+    assert told in started.output
     world.until(lambda: world.status() == ["gone"])
 
 
 def replaced(settings: dict[str, Any], folder: Path, script: str) -> dict[str, Any]:
-    """The same vehicle with another binary."""
+    """Return the slice with another binary, a shell script."""
     binary = folder / "binary"
     binary.write_text(f"#!/bin/sh\n{script}\n")
     binary.chmod(0o755)
@@ -127,9 +129,9 @@ def replaced(settings: dict[str, Any], folder: Path, script: str) -> dict[str, A
 
 
 def until_ended(started: Started) -> list[str]:
-    """The events that it told."""
+    """Wait for the end of the process and return its events."""
     started.process.wait(20.0)
-    return [t["event"] for t in started.hear() if "event" in t]
+    return [t["event"] for t in started.receive() if "event" in t]
 
 
 def test_a_px4_that_ends_early_is_reported_with_its_last_line(
@@ -150,17 +152,17 @@ def test_a_px4_that_ends_early_is_reported_with_its_last_line(
 def test_a_px4_that_does_not_start_is_reported(
     tmp_path: Path, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[str] = []
+    events: list[str] = []
     monkeypatch.setattr(room, "_START_WARNING_S", 0.1)
     hanging = SimpleNamespace(
         settings=settings,
         stopping=False,
-        event=lambda text: (told.append(text), setattr(hanging, "stopping", True)),
+        event=lambda text: (events.append(text), setattr(hanging, "stopping", True)),
     )
     with subprocess.Popen(["sleep", "60"], stdout=subprocess.PIPE) as process:
         assert room._watch(hanging, process, None) == 0
         process.kill()
-    assert told == ["uav1: PX4 has not come up for 0.1 s. It has printed nothing"]
+    assert events == ["uav1: PX4 has not come up for 0.1 s. It has printed nothing"]
 
 
 def test_a_stopped_px4_is_late_and_goes_on_when_continued(started: Started, world: World) -> None:
@@ -171,24 +173,24 @@ def test_a_stopped_px4_is_late_and_goes_on_when_continued(started: Started, worl
     assert started.process.poll() is None
     child.resume()
     world.until_in_step()
-    assert any("answers again" in text for text in world.said) and not [
-        t for t in started.hear() if "event" in t
+    assert any("answers again" in text for text in world.events) and not [
+        t for t in started.receive() if "event" in t
     ]
 
 
 def test_a_px4_that_stays_stopped_is_killed(
     tmp_path: Path, settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[str] = []
+    events: list[str] = []
     monkeypatch.setattr(room, "_MAX_STOPPED_S", 0.1)
-    given = SimpleNamespace(settings=settings, stopping=False, event=told.append, stats=told.append)
+    given = SimpleNamespace(settings=settings, stopping=False, event=events.append, stats=events.append)
     with subprocess.Popen(["sleep", "60"], stdout=subprocess.PIPE) as process:
         process.send_signal(signal.SIGSTOP)
         assert room._watch(given, process, None) == 1
         assert process.poll() == -signal.SIGKILL
     assert (
-        "(stopped by a signal for 0.1 s, then killed)" in told[0]
-        and "stopped by a signal" in told[1]["ended"]
+        "(stopped by a signal for 0.1 s, then killed)" in events[0]
+        and "stopped by a signal" in events[1]["ended"]
     )
 
 
@@ -239,7 +241,7 @@ def test_a_parameter_is_formatted_by_its_type(value: float, words: str) -> None:
 
 
 def with_free_ports(settings: dict[str, Any]) -> dict[str, Any]:
-    """Links on ports that nobody has on any address: other tests' arenas have those of the rule."""
+    """Return the slice with free ports: the arenas of other tests use those of the rule."""
     links = {}
     for name, link in settings["links"].items():
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
@@ -253,10 +255,10 @@ def test_a_taken_link_port_is_an_error_with_its_holder(settings: dict[str, Any],
     given = {**with_free_ports(settings), "stand_in": stand_in}
     check_free(given)
     host, port = given["links"]["vision"]["local"]
-    said = rf"the vision link's UDP port {port} is taken by process {os.getpid()} \(.+\) on {host}"
+    message = rf"the vision link's UDP port {port} is taken by process {os.getpid()} \(.+\) on {host}"
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind((host, port))
-        with pytest.raises(RunError, match=said):
+        with pytest.raises(RunError, match=message):
             check_free(given)
 
 

@@ -1,4 +1,4 @@
-"""One vehicle's side of the simulator API, without sockets: what PX4 is sent and what is made of its answers."""
+"""The simulator API for one vehicle, without sockets: messages to PX4 and its replies."""
 
 from __future__ import annotations
 
@@ -145,9 +145,9 @@ def test_a_reply_in_pieces_counts_once_complete() -> None:
 
 @settings(deadline=None)
 @given(st.binary(max_size=200))
-def test_garbage_never_raises_and_the_next_reply_is_decoded(rubbish: bytes) -> None:
+def test_garbage_never_raises_and_the_next_reply_is_decoded(data: bytes) -> None:
     link = SimulatorLink(4, HIL)
-    link.receive(rubbish)
+    link.receive(data)
     # what looks like the head of a long frame swallows up to 280 bytes; after that the stream is itself again
     for _ in range(10):
         link.receive(answer([0.25] * 4))

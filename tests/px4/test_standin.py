@@ -36,7 +36,7 @@ PARAMS = {
 
 
 def slice_of(folder: Path, address: str) -> dict[str, Any]:
-    """The px4 room's slice of an arena with one vehicle that the stand-in flies, filled as the supervisor fills it."""
+    """Return the slice of the process px4 for a vehicle that the stand-in flies, filled in as by the supervisor."""
     file = folder / "arena.yaml"
     file.write_text(
         f"address: {address}\npx4: {{home: stand-in}}\nvehicles: {{uav1: {{autopilot: px4, id: 7}}}}\n"
@@ -46,7 +46,7 @@ def slice_of(folder: Path, address: str) -> dict[str, Any]:
 
 
 def scripts(folder: Path, **texts: str) -> Path:
-    """A startup folder; rcS sources the two others."""
+    """Write a startup folder; its rcS sources the two other scripts."""
     (folder / "rcS").write_text("#!/bin/sh\n. px4-rc.mavlinksim\n. px4-rc.mavlink  # links\n")
     for name, text in texts.items():
         (folder / f"px4-rc.{name}").write_text(text)

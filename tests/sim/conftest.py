@@ -14,7 +14,7 @@ from .sim_slices import slice_of
 
 @pytest.fixture
 def build() -> Iterator[Callable[..., World]]:
-    """build(*vehicles, **changes of the slice) -> World, closed after the test."""
+    """Return build(*vehicles, **changes of the slice), which makes worlds that are closed after the test."""
     made: list[World] = []
 
     def make(*vehicles: dict[str, Any], **changes: Any) -> World:

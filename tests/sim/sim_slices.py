@@ -1,4 +1,4 @@
-"""A world slice of our own, so that a changed profile changes no test here."""
+"""World slices with a profile of the tests' own, so that a change of `profiles/` changes no test."""
 
 from __future__ import annotations
 
@@ -56,9 +56,7 @@ PROFILE: dict[str, Any] = {
 
 
 def vehicle(name: str = "uav1", number: int = 1, **changes: Any) -> dict[str, Any]:
-    """A vehicle of the slice; `changes` go into it, those named as a field of the profile into the
-    profile.
-    """
+    """Return a vehicle of the slice. changes: keys of the profile go into the profile, others into the vehicle."""
     out: dict[str, Any] = {
         "name": name,
         "id": number,

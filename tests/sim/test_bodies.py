@@ -1,4 +1,4 @@
-"""pybullet's conventions undone, at generic attitudes: a level, nose-north test misses most of the classic
+"""pybullet bodies in our conventions, at generic attitudes: a level, nose-north test misses most of the classic
 mistakes.
 """
 

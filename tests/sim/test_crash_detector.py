@@ -1,4 +1,4 @@
-"""Verdicts, from made-up truth: no physics here."""
+"""Crash detection and flight records, from made-up truth without physics."""
 
 from __future__ import annotations
 

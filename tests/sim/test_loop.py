@@ -1,6 +1,4 @@
-"""The process `world`, with stub autopilots: it serves, keeps its pace under a flood, and leaves nothing
-behind.
-"""
+"""The process `world` with stub autopilots: what it serves, its pace under a flood, its end."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ DEADLINE_S = 60.0
 
 
 class Run:
-    """A world process, this test its supervisor. line: None once `orphan` has closed it."""
+    """A world process with this test as its supervisor. line: None after `orphan` has closed it."""
 
     def __init__(self, folder, changes):
         self.partner = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -55,9 +53,7 @@ class Run:
         theirs.close()
 
     def packet(self, key, unless=lambda value: False):
-        """The next value of `key` that the world tells (ready, stats, event), skipping those `unless`
-        refuses.
-        """
+        """Return the next value of `key` that the world sends (ready, stats, event); skip those for which `unless` is true."""
         until = time.monotonic() + DEADLINE_S
         while time.monotonic() < until:
             packet = json.loads(self.line.recv(1 << 18) or b'{"end": true}')

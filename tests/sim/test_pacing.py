@@ -1,4 +1,4 @@
-"""Pacing is pure: absolute deadlines, forgiven debts, percentiles in bounded memory."""
+"""Pacing: absolute deadlines, skipped delays, percentiles in bounded memory."""
 
 from __future__ import annotations
 

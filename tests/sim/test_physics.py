@@ -102,7 +102,7 @@ def test_ground_effect_of_one_rotor_is_cheeseman_and_bennetts() -> None:
 
 
 def test_ground_effect_of_a_quadrotor_is_the_papers() -> None:
-    """Its formula for a square quadrotor, written out."""
+    """The paper's formula for a square quadrotor, written out."""
     d, z = 0.4, np.array([0.1, 0.2, 0.5])
     b, r2 = d * np.sqrt(2.0), RADIUS**2
     square = np.array([[d, d], [-d, -d], [d, -d], [-d, d]]) / 2.0

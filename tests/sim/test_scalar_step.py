@@ -1,4 +1,4 @@
-"""The way for small fleets and the batched one: the same flight."""
+"""The scalar step of small fleets gives the same flight as the batched one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PACK = {**PROFILE["battery"], "thrust_at_v": 12.0}
 
 
 def flown(most: int, height_m: float, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Two vehicles under changing commands in wind, leaning and turning. -> all that is true of them, step by step."""
+    """Fly two tilted vehicles under changing commands in wind; return their true states, one row per step."""
     monkeypatch.setattr(module, "MAX_SCALAR_VEHICLES", most)
     fleet = [
         vehicle(

@@ -1,4 +1,4 @@
-"""The links hear anyone, answer their partner alone, and a flood on one costs the others nothing."""
+"""Vehicle links: accepted senders, replies to the partner alone, and a flood on one link."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HOST = "127.55.2.1"
 
 @contextlib.contextmanager
 def opened(budget_s=1.0, count=1, **changes):
-    """`count` vehicles with a router and a vision link each, and the partners' sockets by (vehicle, link)."""
+    """Yield the links of `count` vehicles (router and vision each), the partners' sockets and the slice's vehicles."""
     partners, vehicles = {}, []
     for i in range(count):
         links = {}

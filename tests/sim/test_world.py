@@ -1,6 +1,4 @@
-"""The world as a vehicle meets it: hover, fall, torques, floor, walls, wind, and the same again with the
-same seed.
-"""
+"""The world as a vehicle meets it: hover, fall, torques, floor, walls, wind, determinism."""
 
 from __future__ import annotations
 
@@ -24,7 +22,7 @@ QUIET = {
 
 
 def hover(world, add=0.0):
-    """The command that carries every vehicle, and a little more on some rotors (V, R)."""
+    """Return the command that carries every vehicle, plus `add` per rotor (V, R)."""
     return np.repeat(world.hover[:, None], world.rotors, axis=1) + np.array(add)
 
 
@@ -34,7 +32,7 @@ def fly(world, motors, seconds):
 
 
 def settled(world):
-    """Rotors at hover speed and the vehicle back where it began, at rest."""
+    """Bring rotors to hover speed and put the vehicles back at their start, at rest."""
     fly(world, hover(world), 0.3)
     for i in range(world.fleet.size):
         world.bodies.place(i, p_n=world.fleet.start_p_n[i], q_nb=world.fleet.start_q_nb[i])
