@@ -2,8 +2,8 @@
 
 Supported lines: `. FILE`, `param set NAME VALUE`, `param set-default NAME VALUE`, `simulator_mavlink start`,
     `mavlink start`.
-`mavlink stream` is ignored: the built-in autopilot has its own rates. Every other line is reported as
-    skipped.
+`mavlink stream` is ignored, because the built-in autopilot has its own rates. Every other line is reported
+as skipped.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from px4_contract.transcript import Transcript
 
 def tries(r: Rig, t: Transcript, key: str, *, force: bool = False) -> None:
     r.clear()
-    t.note(f"{key}: ready to arm, it says", r.may_arm)
+    t.note(f"{key}: ready to arm, reported", r.may_arm)
     t.note(f"{key}: ack", r.arm(force=force))
     r.run(0.5)
     complaint(r, t, key)
@@ -46,7 +46,7 @@ def arm_and_disarm(r: Rig, t: Transcript) -> None:
 
 @case(
     "arm without poses",
-    "no pose ever came: in HOLD, by force, in every mode that can be had",
+    "without any pose: in HOLD, by force, in every available mode",
     setup=Setup(poses=False),
     ground=False,
 )
@@ -87,7 +87,7 @@ def without_poses(r: Rig, t: Transcript) -> None:
 
 @case(
     "arm after poses were lost",
-    "poses stop on the ground: how soon it is not ready, what arming says; then they come back",
+    "poses stop on the ground: time until not ready, result of arming; then poses return",
     ground=False,
 )
 def poses_lost(r: Rig, t: Transcript) -> None:
@@ -100,7 +100,7 @@ def poses_lost(r: Rig, t: Transcript) -> None:
     tries(r, t, "back")
 
 
-@case("arm in each mode", "armed in every mode that a disarmed vehicle can be put into", ground=False)
+@case("arm in each mode", "armed in every mode that a disarmed vehicle accepts", ground=False)
 def each_mode(r: Rig, t: Transcript) -> None:
     r.each.append(r.position(0.0, 0.0, -0.5))
     for main, sub in ((4, 3), (4, 4), (4, 5), (4, 6), (6, 0), (4, 2), (3, 0), (2, 0), (7, 0)):
@@ -122,7 +122,7 @@ def low_battery(r: Rig, t: Transcript) -> None:
 
 @case(
     "arm tilted",
-    "poses that say it lies on its side do not matter, a vehicle that does: refused",
+    "poses of a tilted vehicle are ignored; a tilted vehicle is refused",
     ground=False,
     setup=Setup(),
 )

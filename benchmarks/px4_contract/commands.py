@@ -153,7 +153,7 @@ def as_int(r: Rig, t: Transcript) -> None:
         )
 
 
-@case("targets", "the same command to the vehicle, to others, to everybody; from strange senders")
+@case("targets", "the same command to the vehicle, to others, as a broadcast; from unknown senders")
 def targets(r: Rig, t: Transcript) -> None:
     for key, to in (
         ("it", (r.id, 1)),
@@ -175,7 +175,7 @@ def targets(r: Rig, t: Transcript) -> None:
 
 @case(
     "modes on the ground",
-    "every main and sub mode, asked for by MAV_CMD_DO_SET_MODE, disarmed; ack, mode after, a complaint or none",
+    "every main and sub mode, requested by MAV_CMD_DO_SET_MODE, disarmed: ack, mode afterwards, text or none",
 )
 def modes(r: Rig, t: Transcript) -> None:
     # Disarmed in OFFBOARD without setpoints PX4 computes no motors, and its simulator waits for them for ever.
@@ -220,7 +220,7 @@ def reboot(r: Rig, t: Transcript) -> None:
 
 @case(
     "terminated on the ground",
-    "MAV_CMD_DO_FLIGHTTERMINATION 1, disarmed, and what goes after it",
+    "MAV_CMD_DO_FLIGHTTERMINATION 1, disarmed, and what is accepted afterwards",
     ground=False,
 )
 def terminated(r: Rig, t: Transcript) -> None:

@@ -113,7 +113,7 @@ def takeoff_land(r: Rig, t: Transcript) -> None:
     touched = r.now
     t.number("touches down after", touched - begin, near=1.0, part=0.3, unit="s")
     landed = r.until(lambda r: r.on_ground, 10.0)
-    t.number("says landed after", landed, near=0.8, part=0.3, unit="s")
+    t.number("reports landed after", landed, near=0.8, part=0.3, unit="s")
     disarmed = r.until(lambda r: not r.armed, 10.0)
     t.number("disarms after landed", disarmed, near=0.8, part=0.3, unit="s")
     r.run(2.0)
@@ -168,7 +168,7 @@ def land_on_ground(r: Rig, t: Transcript) -> None:
     t.note("mode after", r.settle().mode)
 
 
-@case("modes in the air", "every main and sub mode asked for while hovering in OFFBOARD", ground=False)
+@case("modes in the air", "every main and sub mode requested while hovering in OFFBOARD", ground=False)
 def modes_in_air(r: Rig, t: Transcript) -> None:
     hover(r)
     r.command(511, 436, 50_000)
@@ -192,7 +192,7 @@ def modes_in_air(r: Rig, t: Transcript) -> None:
 
 @case(
     "commands in the air",
-    "commands to a vehicle that holds its place: acknowledgement, mode after, how far it goes",
+    "commands to a vehicle in HOLD: acknowledgement, mode afterwards, distance moved",
     ground=False,
 )
 def commands_in_air(r: Rig, t: Transcript) -> None:
@@ -242,7 +242,7 @@ def commands_in_air(r: Rig, t: Transcript) -> None:
 
 @case(
     "rates and contents in the air",
-    "every message with its rate, and what stands in it, hovering in OFFBOARD",
+    "every message with its rate and contents, hovering in OFFBOARD",
     ground=False,
 )
 def rates_flying(r: Rig, t: Transcript) -> None:
@@ -259,7 +259,7 @@ def rates_flying(r: Rig, t: Transcript) -> None:
     t.note("after landing", state(r))
 
 
-@case("by force", "disarmed by force while hovering: it falls, and says so", ground=False)
+@case("by force", "disarmed by force while hovering: it falls and reports it", ground=False)
 def by_force(r: Rig, t: Transcript) -> None:
     hover(r)
     r.clear()
@@ -272,7 +272,7 @@ def by_force(r: Rig, t: Transcript) -> None:
     complaint(r, t, "disarm by force")
 
 
-@case("manual control", "MANUAL_CONTROL to a hovering vehicle that takes no sticks", ground=False)
+@case("manual control", "MANUAL_CONTROL to a hovering vehicle without manual control", ground=False)
 def manual_control(r: Rig, t: Transcript) -> None:
     hover(r)
     r.clear()
@@ -286,7 +286,7 @@ def manual_control(r: Rig, t: Transcript) -> None:
 
 @case(
     "other setters",
-    "messages that set something and are no part of the contract: what moves, hovering",
+    "messages outside the contract that set something: movement of a hovering vehicle",
     ground=False,
     setup=Setup(),
 )

@@ -2,45 +2,37 @@
 
 from __future__ import annotations
 
-_SAFER = "safer: nothing comes back into OFFBOARD by itself (the pilot wins); PX4 returns to it with the next setpoint or pose"
-_AFTER = (
-    "safer: after landing and disarming it stands in HOLD; PX4 goes back to the mode that was asked for last"
-)
-_THRUST = "safer: an attitude without a thrust, or with one that is no number, is refused; PX4 v1.16 flies it with thrust 0 and falls"
-_RANGE = "safer: a value that is not finite or out of its documented range is answered with the old one; PX4 v1.16 takes anything"
-_STREAMS = (
-    "nothing there that it could tell: ESCs, vibration, remote id, events, link statistics, time to target"
-)
-_SENSORS = "the sensors that are there differ: no compass, logger and stick receiver, but vision"
-_STICKS = "no sticks: modes flown by hand do not exist; the failsafes that ask for them land"
-_NO_NUMBERS = (
-    "safer: an attitude, rates or thrust that are no numbers are refused; PX4 v1.16 enters OFFBOARD with them"
-)
-_LANDS_SOONER = "AUTO.LAND sets out at once; PX4's jerk-limited trajectory takes half a second to"
-_TOLD = "what flies is told: none in attitude and rates, a point to brake to while landing; PX4 repeats what was told before"
-_ARGUMENTS = (
-    "an argument that makes no sense is denied; PX4 acknowledges it and does nothing, or something else"
-)
+_SAFER = "safer: OFFBOARD is not re-entered automatically; PX4 returns to it with the next setpoint or pose"
+_AFTER = "safer: the mode after landing and disarming is HOLD; PX4 returns to the mode requested last"
+_THRUST = "safer: an attitude without a valid thrust is refused; PX4 v1.16 flies it with thrust 0 and falls"
+_RANGE = "safer: a value that is not finite or out of range is refused, the reply holds the old one; PX4 v1.16 accepts any value"
+_STREAMS = "not available: ESCs, vibration, remote id, events, link statistics, time to target"
+_SENSORS = "other sensors: no compass, logger and RC receiver, but vision"
+_STICKS = "manual modes are not supported; failsafes that select them land"
+_NO_NUMBERS = "safer: attitude, rates or thrust with NaN are refused; PX4 v1.16 enters OFFBOARD with them"
+_LANDS_SOONER = "AUTO.LAND descends at once; PX4's jerk-limited trajectory needs half a second to start"
+_SETPOINT_SENT = "the setpoint in use is sent (none in attitude and rate control, the stopping point while landing); PX4 repeats the last"
+_ARGUMENTS = "a meaningless argument is denied; PX4 accepts it and does nothing, or something else"
 _TWICE = (
-    "PX4 v1.16 acknowledges MAV_CMD_DO_SET_MODE twice, accepted first; only the answer that counts is sent"
+    "PX4 v1.16 acknowledges MAV_CMD_DO_SET_MODE twice, accepted first; here only the final result is sent"
 )
-_TERMINATES = "flight termination is told as a mode and a state of its own; PX4's heartbeat goes on as it was"
-_NO_REBOOT = "a SITL of PX4 cannot reboot and denies it; here the estimator begins anew"
-_INTERVAL = "an interval shorter than a step is the step; PX4 stops the stream"
-_CLOCK = "no calendar: the pure core has simulation time alone"
-_JUMP = "safer: a pose that jumps is rejected, then declared lost; PX4 follows it"
+_TERMINATES = "flight termination has its own mode and state in HEARTBEAT; PX4's HEARTBEAT does not change"
+_NO_REBOOT = "PX4 SITL cannot reboot and denies it; here the estimator restarts"
+_INTERVAL = "an interval shorter than a step becomes one step; PX4 stops the stream"
+_CLOCK = "the date is unknown: there is only simulation time"
+_JUMP = "safer: a pose that jumps is rejected, then reported lost; PX4 follows it"
 
 _NO_SUCH_MODE = (
-    "modes flown by hand, precision landing, following and external modes are not there: refused with a text. PX4 takes them, or "
-    "acknowledges them first and refuses then, in silence"
+    "manual modes, precision landing, follow-me and external modes are not supported: refused with a text. PX4 accepts them, or "
+    "first acknowledges and then refuses them without a text"
 )
-_NOT_THERE = "not there and acknowledged as unsupported; PX4 has it, says nothing at all, or accepts what it then does not do"
-_STAYS = "refused with a text; PX4 v1.16 acknowledges it first, refuses then, and says nothing"
-_BLIND = "safer: its heading comes from the poses alone, and nothing arms without one; PX4 does, by attitude and rates"
-_MORE_MESSAGES = "nothing there that it could tell: what it has comes in other messages"
-_PROTOCOL = "PROTOCOL_VERSION is deprecated and not in the dialect: AUTOPILOT_VERSION says the same"
-_FTP = "no files: FTP is not there"
-_PLACE = "needs no place on the globe to arm in HOLD; the arena's forwarder tells one"
+_NOT_THERE = "acknowledged as unsupported; PX4 supports it, does not reply, or accepts it without effect"
+_STAYS = "refused with a text; PX4 v1.16 first acknowledges it, then refuses it without a text"
+_BLIND = "safer: the heading comes from poses only, and arming needs it; PX4 arms without, for attitude and rate control"
+_MORE_MESSAGES = "not available; the values exist in other messages"
+_PROTOCOL = "PROTOCOL_VERSION is deprecated and not in the dialect; AUTOPILOT_VERSION contains the same"
+_FTP = "FTP is not supported"
+_PLACE = "arming in HOLD needs no global position; the arena's pose forwarder sends an origin"
 _CLIMB = "AUTO.TAKEOFF ends at its height; PX4's ends within NAV_MC_ALT_RAD below it and climbs on in HOLD"
 
 KNOWN: dict[str, str] = {
@@ -48,8 +40,8 @@ KNOWN: dict[str, str] = {
     "poses lost and found: *": _SAFER,
     "*: mode after disarming": _AFTER,
     "battery empties, COM_LOW_BAT_ACT [23]: modes": _AFTER,
-    "battery empties*: warnings at about": "a warning is said once; PX4 repeats it when it acts",
-    "battery empties*: in the end": "the battery it has drained at its own pace: it is empty before the landing disarms",
+    "battery empties*: warnings at about": "a warning is sent once; PX4 repeats it with its action",
+    "battery empties*: in the end": "another battery model: empty before the vehicle is landed and disarmed",
     "offboard entered: infinite: *": _NO_NUMBERS,
     "offboard entered: attitude*: *": _NO_NUMBERS,
     "offboard entered: rates nan: *": _NO_NUMBERS,
@@ -78,8 +70,8 @@ KNOWN: dict[str, str] = {
     "arm in each mode: 2.0: *": _STICKS,
     "arm in each mode: 3.0: *": _STICKS,
     "arm in each mode: 7.0: *": _STICKS,
-    "arm in each mode: 4.6: ready to arm, it says": "the ready bit counts the mode, which does not arm; PX4's leaves it out",
-    "arm and disarm: arm: severities*": "no log files: PX4 tells when it opens one",
+    "arm in each mode: 4.6: ready to arm, reported": "the prearm bit considers the mode, which prevents arming; PX4's does not",
+    "arm and disarm: arm: severities*": "no log files; PX4 sends a text when it opens one",
     "commands *: arm 2: *": _ARGUMENTS,
     "commands *: arm nan: *": _ARGUMENTS,
     "commands *: arm 0.5: *": _ARGUMENTS,
@@ -93,8 +85,8 @@ KNOWN: dict[str, str] = {
     "reboot: ack": _NO_REBOOT,
     "hit and turned over: *": _TERMINATES,
     "poses jump: *": _JUMP,
-    "parameter write: hash: read after": "another set of parameters has another hash",
-    "parameter list: count": "only the parameters that mean something to it are there",
+    "parameter write: hash: read after": "another set of parameters, another hash",
+    "parameter list: count": "it has only the parameters that it uses",
     "capabilities: capabilities*": _FTP,
     "capabilities: protocol version*": _PROTOCOL,
     "request message: id 300*": _PROTOCOL,
@@ -134,9 +126,9 @@ KNOWN: dict[str, str] = {
     "commands *: set sys status: ack": _NOT_THERE,
     "commands *: command 0: ack": _NOT_THERE,
     "commands *: figure eight: *": _NOT_THERE,
-    "commands *: * parameters: ack": "nothing is stored: parameters are the YAML's again at the next start",
-    "other setters: SET_GPS_GLOBAL_ORIGIN: moved": "safer: an armed vehicle keeps its origin; PX4 flies off by the difference",
-    "commands *: inject failure: ack": "only what can fail is injected, where SYS_FAILURE_EN is set; PX4 accepts unit 0",
+    "commands *: * parameters: ack": "nothing is stored: at the next start the parameters are those of the YAML",
+    "other setters: SET_GPS_GLOBAL_ORIGIN: moved": "safer: an armed vehicle keeps its origin; PX4 flies away by the difference",
+    "commands *: inject failure: ack": "only supported failures are injected, if SYS_FAILURE_EN is set; PX4 accepts unit 0",
     "commands *: set home at no place: ack": _ARGUMENTS,
     "request message: SCALED_IMU: *": _MORE_MESSAGES,
     "request message: HIL_ACTUATOR_CONTROLS: *": _MORE_MESSAGES,
@@ -147,19 +139,19 @@ KNOWN: dict[str, str] = {
     "rates and contents in the air: VIBRATION *": _STREAMS,
     "rates and contents in the air: id [23489]*": _STREAMS,
     "rates and contents in the air: after landing": _AFTER,
-    "*: SYS_STATUS voltage": "the battery is the profile's, here of three cells; PX4's simulation has one of four of its own",
-    "*: HIGHRES_IMU abs_pressure": "in hPa, as the message says; PX4 v1.16 fills in pascals",
-    "*: POSITION_TARGET_LOCAL_NED frame and mask": "what is not asked for is masked; PX4 tells zeros and its feed-forward",
-    "*: ESTIMATOR_STATUS flags": "another filter: it predicts where PX4's flags a constant position",
+    "*: SYS_STATUS voltage": "the battery is the profile's, with 3 cells; PX4 simulates one with 4",
+    "*: HIGHRES_IMU abs_pressure": "in hPa, as the message defines; PX4 v1.16 sends Pa",
+    "*: POSITION_TARGET_LOCAL_NED frame and mask": "axes without a setpoint are masked; PX4 sends zeros and its feed-forward",
+    "*: ESTIMATOR_STATUS flags": "another filter: it predicts the position; PX4 flags a constant one",
     "parameter list: MIS_*": "PX4 lists a parameter only once a module has asked for it",
-    "battery empties*: ended by itself": "the battery it has drained at its own pace; PX4's simulated one never quite empties",
-    "setpoints in the air, *: target told": _TOLD,
+    "battery empties*: ended by itself": "another battery model; PX4's simulated battery never becomes empty",
+    "setpoints in the air, *: target sent": _SETPOINT_SENT,
     "setpoints in the air, frames: *: down": _LANDS_SOONER,
     "setpoints in the air, attitude: attitude nan: *": _NO_NUMBERS,
     "setpoints in the air, attitude: attitude of zero length: *": _NO_NUMBERS,
     "setpoints in the air, attitude: rates nan: *": _NO_NUMBERS,
     "setpoints in the air, attitude: thrust nan: *": _NO_NUMBERS,
-    "setpoints in the air, attitude: thrust [mb]o*: down": "thrust alone is open loop: charge and speed at the start decide",
+    "setpoints in the air, attitude: thrust [mb]o*: down": "thrust is open loop: the result depends on battery and initial speed",
     "setpoints in the air, attitude: thrust negative: *": "safer: refused; PX4 v1.16 flies its absolute value",
     "gps origin: before: may arm": _PLACE,
     "take off and land: height at the change": _CLIMB,

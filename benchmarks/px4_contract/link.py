@@ -55,7 +55,7 @@ def heartbeat(r: Rig, t: Transcript) -> None:
     t.note("component", m.get_srcComponent())
 
 
-@case("capabilities", "AUTOPILOT_VERSION and the ways to ask for it")
+@case("capabilities", "AUTOPILOT_VERSION and the ways to request it")
 def capabilities(r: Rig, t: Transcript) -> None:
     for key, answer in (
         ("by request message", lambda: r.command(512, 148)),
@@ -195,7 +195,7 @@ def modes(r: Rig, t: Transcript) -> None:
         t.note("CURRENT_MODE", f"standard {standard} custom {custom:#x} intended {intended:#x}")
 
 
-@case("contents, disarmed", "what stands in each message, disarmed")
+@case("contents, disarmed", "the contents of each message, disarmed")
 def contents_disarmed(r: Rig, t: Transcript) -> None:
     r.clear()
     r.run(5.0)
@@ -308,7 +308,7 @@ def interval(r: Rig, t: Transcript) -> None:
     t.note("set on a message not of the link: ack", r.command(511, 83, 100_000))
 
 
-@case("timesync and ping", "what TIMESYNC and PING are answered with")
+@case("timesync and ping", "the replies to TIMESYNC and PING")
 def protocols(r: Rig, t: Transcript) -> None:
     r.clear()
     r.send(mavlink.MAVLink_timesync_message(0, 123456789))
@@ -333,7 +333,7 @@ def protocols(r: Rig, t: Transcript) -> None:
 
 @case(
     "gps origin",
-    "SET_GPS_GLOBAL_ORIGIN where none is known: what it makes valid",
+    "SET_GPS_GLOBAL_ORIGIN without an origin: what becomes valid",
     setup=Setup(origin=False),
     ground=False,
 )

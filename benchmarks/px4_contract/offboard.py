@@ -53,7 +53,7 @@ def local(mask: int, **values: Any) -> Each:
 
 @case(
     "offboard entered",
-    "asked for while it holds in the air: without setpoints, after one, at each rate, with setpoints of each kind",
+    "requested while in HOLD: without setpoints, after one, at each rate, with setpoints of each kind",
     ground=False,
 )
 def entered(r: Rig, t: Transcript) -> None:
@@ -263,7 +263,7 @@ def one_setpoint(r: Rig, t: Transcript, name: str, say: Each, seconds: float) ->
             )
             if math.isfinite(v)
         )
-        t.note(f"{name}: target told", given)
+        t.note(f"{name}: target sent", given)
     t.note(f"{name}: complains", any(s <= 4 for s, _ in r.texts()))
     t.words(f"{name}: texts", "; ".join(dict.fromkeys(f"{s} {x}" for s, x in r.texts())))
 
@@ -271,7 +271,7 @@ def one_setpoint(r: Rig, t: Transcript, name: str, say: Each, seconds: float) ->
 def _register(part: str, which: slice) -> None:
     @case(
         f"setpoints in the air, {part}",
-        "each mask and frame, hovering: where it has gone after seconds",
+        "each mask and frame, hovering: position after some seconds",
         ground=False,
         setup=Setup(),
     )

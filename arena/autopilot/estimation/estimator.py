@@ -1,13 +1,19 @@
 """Error-state Kalman filter, batched over vehicles: IMU, corrected by external vision with a known delay.
 
-Nominal state at the present time: p_n, v_n, q_nb, gyro bias, accelerometer bias. Error state, 15 numbers in
-    this order: dp_n, dv_n, dtheta_b, dbg, dba       with q_true = q_nb * exp(dtheta_b)
-A measurement of age tau is compared with the state stored at its time, and its Jacobian contains the age: to
-    first order dp(t - tau) = dp - tau dv. So no state is predicted twice, and the stored states are corrected
-    together with the present one. (Sola, "Quaternion kinematics for the error-state Kalman filter", 2017, for
-    the error dynamics. Noise parameters, gates and timeouts have PX4's names and meaning.) Of the measured
-    attitude only the yaw is fused, the rotation about the down axis. Tilt is estimated from the motion, so a
-    rigid body defined with a tilt error does no harm.
+Nominal state at the present time: p_n, v_n, q_nb, gyro bias, accelerometer bias.
+Error state, 15 numbers in this order, with q_true = q_nb * exp(dtheta_b):
+
+    dp_n, dv_n, dtheta_b, dbg, dba
+
+A measurement of age tau is compared with the state stored at its time, and its Jacobian contains the age. To
+first order dp(t - tau) = dp - tau dv. So no state is predicted twice, and the stored states are corrected
+together with the present one.
+
+Of the measured attitude only the yaw is fused, the rotation about the down axis. Tilt is estimated from the
+motion, so a rigid body defined with a tilt error does no harm.
+
+Error dynamics: Sola, "Quaternion kinematics for the error-state Kalman filter", 2017. Noise parameters, gates
+and timeouts have PX4's names and meaning.
 """
 
 from __future__ import annotations
