@@ -145,7 +145,10 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Leave out rotor geometry and RC mapping where the autopilot has its own: hardware and the built-in one."""
+    """Return the requirements without rotor geometry and RC mapping for autopilots that have their own.
+
+    Hardware knows its rotors and its radio, and so does the built-in autopilot.
+    """
     return replace(required, rotors=(), channels=0) if autopilot in ("builtin", "hardware") else required
 
 

@@ -15,7 +15,7 @@ Address = list[Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One process to plan.
+    """Input for the plan of one process.
 
     fleet: the firmware parameters of every vehicle.
     python: interpreter of arena's processes and of `.py` programs.

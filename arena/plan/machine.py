@@ -1,4 +1,4 @@
-"""What this machine must have before an arena starts: free ports, pybullet, devices, the commands of tools."""
+"""Checks of this machine before an arena starts: free ports, pybullet, devices, the commands of tools."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Probe(Protocol):
 
 
 class Machine:
-    """This computer."""
+    """The computer that this process runs on."""
 
     def has_module(self, name: str) -> bool:
         return importlib.util.find_spec(name) is not None

@@ -41,14 +41,20 @@ class Listen:
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessSpec:
-    """One process, complete.
+    """A process with everything that its start, supervision and stop need.
 
-    needs: names that must be READY first.  ready: how readiness is proven: `reported` (the process sends it), `started`
-    (the exec worked: programs and plain tools), `port` (something listens on ready_port).  outlives: it serves a vehicle that
-    may be flying, so it survives the supervisor and ends by itself; others get a parent-death signal.
-    stopped_for_s: one that is stopped (SIGSTOP) so long is killed, and its restart policy holds; None: it is only told of.
-    silent_for_s: one that runs and has told nothing on its line for so long is killed in the same way; None: nobody minds.
-    cpu_budget: fraction of one core; memory_budget_mb: resident [MB]; both only reported on.
+    needs: names of the processes that must be READY first.
+    ready: proof of readiness: `reported` (the process sends it), `started` (the exec succeeded: programs and tools),
+        `port` (something listens on ready_port).
+    start_timeout_s, stop_timeout_s: limits for becoming READY, and for ending after the stop signal [s].
+    stopped_for_s: kill a process that is stopped (SIGSTOP) for this time [s]; None only reports it.
+    silent_for_s: kill a process that has reported nothing for this time [s]; None for no limit.
+    restart: holds after such a kill too.
+    outlives: the process serves a vehicle that may be flying: it survives the supervisor and ends by itself. Others get
+        a parent-death signal.
+    nice: added to the caller's priority.
+    cpu_budget, memory_budget_mb: [cores], resident [MB]; a process above them is reported.
+    listens: UDP and TCP ports that the process binds.
     """
 
     name: str
@@ -75,7 +81,7 @@ class ProcessSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkPlan:
-    """One MAVLink connection between an autopilot and its fixed partner, UDP. Hosts are numeric addresses."""
+    """A UDP MAVLink connection between an autopilot and its fixed partner. Hosts are numeric addresses."""
 
     autopilot_host: str
     autopilot_port: int
@@ -85,7 +91,7 @@ class LinkPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePlan:
-    """What land-all, tools and the table know of a vehicle. id: MAV_SYS_ID."""
+    """The names and addresses of a vehicle, for land-all, tools and the live table. id: MAV_SYS_ID."""
 
     name: str
     id: int
@@ -121,7 +127,7 @@ class Plan:
     yaml: str = ""
 
     def to_json(self) -> str:
-        """The plan as `plan.json` in the run folder; `from_json` reads it back equal."""
+        """Return the text of `plan.json`, which `from_json` reads back equal."""
         return json.dumps(dataclasses.asdict(self), indent=1)
 
     @classmethod

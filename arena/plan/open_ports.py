@@ -21,7 +21,7 @@ _ANSWERS = {(binder.kind, port.name): binder.answers for port in PORTS for binde
 
 @dataclass(frozen=True, kw_only=True)
 class OpenSocket:
-    """One open socket of a run.
+    """An open socket of a run.
 
     process: name of the process that has it.
     address: numeric host; the path of a `unix` socket.
@@ -43,7 +43,7 @@ class OpenSocket:
 
     @property
     def local(self) -> bool:
-        """Whether no other computer can reach it."""
+        """True when no other computer can reach the socket."""
         return self.protocol == "unix" or (self.interface or self.address).startswith("127.")
 
 

@@ -33,7 +33,7 @@ COPILOT_SILENT_S = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessKind:
-    """One row of the process table.
+    """Row of the process table.
 
     kind: the process is named `kind`, or `kind.VEHICLE` when each vehicle has one.
     module: package that `python -m` runs with the path of the slice; "" for the command of a user.

@@ -1,4 +1,4 @@
-"""What a user may write in arena.yaml: strict loader, models, profiles, one merge, cross-checks. Starts nothing."""
+"""The configuration of an arena: strict YAML loader, models, profiles, one merge, cross-checks. Starts nothing."""
 
 from arena.schema.arena import Arena, Origin, Program, Px4, Vehicle
 from arena.schema.library import data_folder, load_profile, profile_names

@@ -1,4 +1,4 @@
-"""The resolved arena: what `load_arena` returns. Frozen, explicit, nothing left to default."""
+"""The validated arena that `load_arena` returns: frozen, nothing left to a default."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Where a value came from, in words: `arena.yaml:14`, `default`, `profile iris`, `--set`."""
+    """A value and its source in words: `arena.yaml:14`, `default`, `profile iris`, `--set`."""
 
     value: Value
     source: str
@@ -30,10 +30,13 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True)
 class Px4:
-    """A PX4 on this machine. argv: how its command line begins, the binary's absolute path; data: the folder `etc` of its
-    startup scripts; version: as the binary says, "" when it does not; home: what was looked at; source: who named it.
+    """A PX4 on this machine.
 
-    stand_in: it is arena's own, see `arena.autopilot.sitl_standin`, and no PX4.
+    argv: start of its command line: absolute path of the binary.
+    data: folder `etc` with its startup scripts.
+    version: from the binary; "" when unknown.
+    home: folder in which it was found; source: the setting that names the folder.
+    stand_in: arena's own stand-in (`arena.autopilot.sitl_standin`), not PX4.
     """
 
     argv: tuple[str, ...]
@@ -45,7 +48,7 @@ class Px4:
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """Name and version for people."""
         return (
             "arena's stand-in for PX4" if self.stand_in else f"PX4 {self.version or 'of an unknown version'}"
         )
@@ -53,8 +56,10 @@ class Px4:
 
 @dataclass(frozen=True, kw_only=True)
 class Fence:
-    """The box that the vehicles' centres must stay in, margin taken off: along north and east (lowest, highest), and its ceiling
-    above the floor [m].
+    """The box that the centres of the vehicles must stay in, with the margin already taken off.
+
+    north, east: lowest and highest coordinate [m] [NED].
+    up: height above the floor [m].
     """
 
     north: tuple[float, float]
@@ -62,17 +67,17 @@ class Fence:
     up: float
 
     def slice(self) -> dict[str, Any]:
-        """As rooms are told."""
+        """Return the box as plain JSON, for slices."""
         return {"north": list(self.north), "east": list(self.east), "up": self.up}
 
     def farthest(self, north: float, east: float) -> float:
-        """From a place to the farthest of its corners, along the floor [m]."""
+        """Return the horizontal distance from a place to the farthest corner [m]."""
         return max(math.dist((north, east), corner) for corner in itertools.product(self.north, self.east))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Program:
-    """A user's program. path: absolute."""
+    """A user's program. path: absolute path."""
 
     path: str
     args: tuple[str, ...] = ()
@@ -81,14 +86,20 @@ class Program:
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """One vehicle, everything decided.
+    """A vehicle after the merge of all layers: nothing is left to a default.
 
-    profile_key: how the profile is found, a name or an absolute path.
-    autopilot: what will fly it; asked: what the YAML said.  position: N, E, D of its lowest point [m] [NED].
-    rpy_deg: roll, pitch, yaw [deg].  params: PX4 name -> value, all that differ from PX4's own defaults; of hardware, those
-    that must hold before it arms.  needs: the same in words, for any version of PX4.  px4_version: whose names
-    the parameters have.  cannot: what the YAML asks of its parameters and its PX4 has none for, a sentence each.
-    wire: how a real autopilot is reached, None when it runs here.
+    id: MAV_SYS_ID.
+    profile: with the vehicle's own overrides; profile_key: its name, or the absolute path of its file.
+    autopilot: the one that flies; asked: the one that the YAML names.
+    position: north, east, down of the lowest point at the start [m] [NED].
+    rpy_deg: roll, pitch, yaw at the start [deg].
+    gcs: further addresses of ground stations.
+    own_params: PX4 parameters that the user names; `arena.plan.firmware` makes the complete set.
+    overrides: mass and sensor noise that replace the profile's.
+    wind_m_s: wind at this vehicle [m/s] [NED]; None for that of the world.
+    forward: whether a pose forwarder feeds the autopilot, pose_rate_hz times per second.
+    wire: connection to a real flight controller; None when the autopilot runs on this computer.
+    px4_version: version of the PX4 that flies, or that the YAML names; "" when unknown.
     """
 
     name: str
@@ -124,16 +135,20 @@ class Vehicle:
 
     @property
     def simulated(self) -> bool:
-        """Its body is in the world here, whatever flies it."""
+        """True when the vehicle's body is in the simulated world, whatever autopilot flies it."""
         return self.autopilot != "hardware"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Arena:
-    """One arena. file: as the user named it.  folder: absolute, of that file.
-    px4: the one that its vehicles fly, None when none does.  geofence: None where the YAML draws none.
+    """A validated arena: intent only, without PX4 parameters and processes.
 
-    origins: dotted key -> its value and where that came from, for `arena plan --explain`.
+    file: path of the YAML as the user named it; folder: its absolute folder.
+    address: numeric address that everything local binds.
+    px4: the PX4 that flies; None when no vehicle flies one.
+    geofence: None without a geofence.
+    source: the YAML with the places of its values, for problems found later.
+    origins: dotted key -> value and its source, for `arena plan --explain`.
     """
 
     name: str
@@ -155,12 +170,12 @@ class Arena:
     origins: Mapping[str, Origin] = field(default_factory=dict, repr=False)
 
     def vehicle(self, name: str) -> Vehicle:
-        """Raises KeyError."""
+        """Return a vehicle by its name. Raises KeyError."""
         return {v.name: v for v in self.vehicles}[name]
 
     @property
     def simulated(self) -> tuple[Vehicle, ...]:
-        """Those with a body in the world, in the order of its rows."""
+        """Vehicles with a body in the simulated world, in the order of its rows."""
         return tuple(v for v in self.vehicles if v.simulated)
 
     @property

@@ -1,4 +1,4 @@
-"""What every model of the YAML is: frozen, strict, no unknown keys, no NaN and no infinity."""
+"""The base of all YAML models: frozen, strict, no unknown keys, no NaN, no infinity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every cross-check looks at: the arena, where it was written, and the file system behind a face of its own."""
+"""The input of every cross-check: the arena, the places of its values, and the file system behind a Protocol."""
 
 from __future__ import annotations
 
@@ -52,7 +52,10 @@ class RealFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """What every check looks at. pruned: paths that were wrong by themselves and must not be judged again."""
+    """The input of a cross-check.
+
+    pruned: paths that are wrong by themselves and must not be judged again.
+    """
 
     arena: Arena
     source: Source
@@ -68,6 +71,6 @@ class Check:
         return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
 
     def sound(self, vehicle: Vehicle, *keys: str) -> bool:
-        """Whether nothing of these keys of the vehicle was wrong by itself."""
+        """Return whether these keys of a vehicle are right by themselves."""
         roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
         return not any(path[: len(root)] == root for path in self.pruned for root in roots)

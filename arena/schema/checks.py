@@ -1,4 +1,4 @@
-"""Cross-checks of a whole arena: what no single field can tell. Pure but for `Files`, which is injected; all problems at once."""
+"""Cross-checks of a whole arena: what no single key shows. Pure but for `Files`, which is injected; all problems at once."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _LEAST_POSE_RATE_HZ = 10.0  # PX4's estimator stops fusing after gaps of 0.2 s
 
 
 def check(c: Check) -> list[Problem]:
-    """Every problem of the arena."""
+    """Return every problem of the arena."""
     found = [p for one in _CHECKS for p in one(c)]
     return list(dict.fromkeys(p for p in found if p is not None))
 
 
 def _names(c: Check) -> Iterator[Problem]:
-    """Names become file names, process names and rigid bodies."""
+    """Check names: they become file names, process names and rigid bodies."""
     said = "expected a name of lower-case letters, digits and _, a letter first, 32 at most"
     for vehicle in c.arena.vehicles:
         if not _NAME.fullmatch(vehicle.name):
@@ -65,8 +65,8 @@ def _not_yet(c: Check) -> Iterator[Problem]:
                 yield c.source.problem(path, f"{path[-1]}{shown} is not available yet. {instead}.")
 
 
-def _on_by_being_there(c: Check) -> Iterator[Problem]:
-    """A bare `copilot:` looks as if it were on. `null` is said with `--set` alone, to take it out."""
+def _empty_sections(c: Check) -> Iterator[Problem]:
+    """Refuse a bare `copilot:`, which looks enabled and is not. Only `--set copilot=null` removes a section."""
     written = c.source.document.data
     for key, meaning in (("copilot", "all its defaults"), ("geofence", "the whole room")):
         if (
@@ -89,7 +89,7 @@ def _px4(c: Check) -> Iterator[Problem]:
             f"got {home}, and no PX4 is there: expected its source, build or installation folder, or stand-in"
         )
         yield c.source.problem(
-            ("px4", "home"), f"{said}. `arena doctor` tells what is found and how to get it."
+            ("px4", "home"), f"{said}. `arena doctor` lists what it finds, and the ways to get PX4."
         )
         return
     for vehicle in c.arena.vehicles:
@@ -98,12 +98,12 @@ def _px4(c: Check) -> Iterator[Problem]:
             yield c.problem(
                 vehicle.name,
                 ("autopilot",),
-                f"{message} `arena doctor` tells where it looked and how to get it.",
+                f"{message} `arena doctor` lists where it looked, and the ways to get PX4.",
             )
 
 
 def _senses(c: Check) -> Iterator[Problem]:
-    """What only some autopilots have a use for."""
+    """Check keys that only some autopilots use."""
     for v in c.arena.vehicles:
         for key, fits in (("gps", ("px4", "hitl")), ("sticks", ("px4", "builtin"))):
             if getattr(v, key) and v.autopilot not in fits and c.sound(v, key, "autopilot"):
@@ -147,22 +147,22 @@ def _free_id(arena: Arena) -> int:
 
 
 def _ports(c: Check) -> Iterator[Problem]:
-    """Every port has one owner. Vehicles of one id clash everywhere: `_ids` has said so."""
+    """Check that every port has one owner; a second vehicle with the same id is reported by `_ids` alone."""
     owners: dict[int, tuple[str, YamlPath]] = {}
-    told: set[tuple[str, ...]] = set()
+    reported: set[tuple[str, ...]] = set()
     for port, words, path in _claims(c):
         if port not in owners:
             owners[port] = (words, path)
             continue
         other, other_path = owners[port]
         pair = (str(path[:2]), str(other_path[:2]))
-        if pair not in told:
-            told.add(pair)
+        if pair not in reported:
+            reported.add(pair)
             yield _clash(c, port, (words, path), (other, other_path))
 
 
 def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlPath]) -> Problem:
-    """Told at whichever of the two a person wrote."""
+    """Return the problem at the one of the two keys that the user wrote."""
     (words, path), (other, other_path) = (
         (one, two) if c.source.given(one[1]) or not c.source.given(two[1]) else (two, one)
     )
@@ -208,7 +208,7 @@ def _port_range(c: Check) -> Iterator[Problem]:
 
 
 def _start(c: Check) -> Iterator[Problem]:
-    """Every vehicle stands inside the room, with its whole body."""
+    """Check that every vehicle starts inside the room with its whole body."""
     north, east, height = c.arena.world.size
     for v in c.arena.simulated:
         if not c.sound(v, "start", "profile") or ("world", "size") in c.pruned:
@@ -225,7 +225,7 @@ def _start(c: Check) -> Iterator[Problem]:
 
 
 def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Iterator[Problem]:
-    """room: how far from the middle the vehicle's centre may stand [m]."""
+    """Check one axis of a start. room: largest distance of the vehicle's centre from the middle [m]."""
     if abs(value) > room:
         best = math.copysign(max(math.floor(room * 100) / 100, 0.0), value)
         why = f"the walls, less the vehicle's radius of {v.profile.radius_m:g} m"
@@ -385,7 +385,7 @@ def _params(c: Check) -> Iterator[Problem]:
 _CHECKS = (
     _names,
     _not_yet,
-    _on_by_being_there,
+    _empty_sections,
     _px4,
     *REAL,
     _senses,

@@ -24,7 +24,7 @@ def fence(c: Check) -> Iterator[Problem]:
 
 
 def _span(c: Check, axis: str, kept: tuple[float, float]) -> Iterator[Problem]:
-    """kept: with the margin taken off [m]."""
+    """Check one side of the fence. kept: lowest and highest value, less the margin [m]."""
     margin, wall = _margin(c), c.arena.world.size[axis == "east"] / 2.0
     low, high = kept[0] - margin, kept[1] + margin
     if low >= high:
@@ -52,7 +52,7 @@ def _up(c: Check, kept: float) -> Iterator[Problem]:
 
 
 def _start(c: Check, v: Vehicle) -> Iterator[Problem]:
-    """By its centre, as the fence is kept."""
+    """Check that a vehicle's centre starts inside the fence."""
     box, (n, e, d) = c.arena.geofence, v.position
     if box is None:
         return

@@ -18,7 +18,7 @@ _USUAL_BAUD = (57_600, 115_200, 230_400, 460_800, 921_600, 1_500_000, 3_000_000)
 
 
 def _wires(c: Check) -> Iterator[Problem]:
-    """Each kind of autopilot has its own keys."""
+    """Check the keys of the connection to a flight controller."""
     for v in c.arena.vehicles:
         keys = {"hardware": "url", "hitl": "serial"}
         wanted = keys.get(v.autopilot)
@@ -54,7 +54,7 @@ def _no_wire(c: Check, v: Vehicle, key: str) -> Iterator[Problem]:
 
 
 def _baud(c: Check, v: Vehicle, baud: int) -> Iterator[Problem]:
-    """Poses that pile up on a slow wire come late, and late poses fly a vehicle into the wall."""
+    """Check that a serial connection carries all poses: on a slow one they arrive late."""
     needed = _POSE_BYTES * v.pose_rate_hz if v.forward else 0.0
     needed = _BITS * (needed + (_HIL_BYTES_S if v.autopilot == "hitl" else 0.0))
     if baud < needed:
@@ -83,12 +83,12 @@ def _shared_wires(c: Check) -> Iterator[Problem]:
         )
         if same_device or same_port or same_vehicle:
             key = "serial" if b.autopilot == "hitl" else "url"
-            said = f"got {b.wire}, which {a.name} has too. Give each vehicle a wire of its own."
+            said = f"got {b.wire}, which {a.name} has too. Give each vehicle a connection of its own."
             yield c.problem(b.name, (key,), said)
 
 
 def _speed(c: Check) -> Iterator[Problem]:
-    """Real hardware lives on the wall's clock, and simulated vehicles beside it must."""
+    """Check that arenas with a real flight controller run in real time."""
     real = [v for v in c.arena.vehicles if v.wire is not None or v.autopilot in ("hardware", "hitl")]
     if real and c.arena.sim.speed != 1.0 and ("sim", "speed") not in c.pruned:
         said = f"got {c.arena.sim.speed}, and {real[0].name} is {real[0].autopilot}, which knows real time only. Try 1."
@@ -96,7 +96,7 @@ def _speed(c: Check) -> Iterator[Problem]:
 
 
 def _capture(c: Check) -> Iterator[Problem]:
-    """Who is seen by whom."""
+    """Check that a motion capture sees every vehicle that needs poses."""
     mocap, hardware = c.arena.mocap, c.arena.hardware
     if ("mocap", "source") in c.pruned:
         return

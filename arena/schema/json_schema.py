@@ -1,4 +1,4 @@
-"""The JSON schema of arena.yaml. `program` may be a bare path there, which the model only knows as a mapping."""
+"""The JSON schema of arena.yaml, in which `program` may be a bare path too."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from arena.schema.models import ArenaFile
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON schema, draft 2020-12."""
+    """Return the JSON schema, draft 2020-12."""
     made = ArenaFile.model_json_schema()
     for name in ("VehicleKeys", "VehicleDefaults"):
         made["$defs"][name]["properties"]["program"]["anyOf"].insert(0, {"type": "string"})

@@ -12,7 +12,7 @@ from arena.schema.validate import validate
 
 
 def data_folder(name: str) -> Path:
-    """`profiles` or `templates`. A wheel carries them inside the package, a checkout beside it."""
+    """Return the folder of `profiles` or `templates`: in an installed package inside it, in a checkout beside it."""
     package = Path(__file__).resolve().parent.parent
     installed = package / "_data" / name
     return installed if installed.is_dir() else package.parent / name
@@ -23,14 +23,14 @@ def profile_names() -> list[str]:
 
 
 def load_profile(name: str) -> Profile:
-    """Raises InputError: no such profile (with the near name), or its file is wrong."""
+    """Return a profile that ships with arena. Raises InputError when there is none, or its file is wrong."""
     if name not in profile_names():
         raise InputError(f"got {name!r}, expected a profile. {near(name, profile_names())}")
     return read_profile(data_folder("profiles") / f"{name}.yaml")
 
 
 def read_profile(path: Path) -> Profile:
-    """A profile from any file. Raises InputError with every problem found in it."""
+    """Return the profile in a file. Raises InputError with every problem found."""
     document = load_yaml(path)
     found = validate(Profile, Source(document=document, data=document.data))
     problems = list(found.problems)

@@ -19,14 +19,20 @@ from arena.schema.validate import validate
 
 
 def load_arena(path: str | Path, overrides: Sequence[str] = (), files: Files | None = None) -> Arena:
-    """overrides: `key=value` texts of `--set`. Raises InputError; its `problems` are in the order of the file."""
+    """Return the validated arena of a YAML file.
+
+    path: the file, or a folder with an arena.yaml.
+    overrides: `key=value` texts of `--set`.
+    files: the file system; by default that of this machine.
+    Raises InputError with every problem, in the order of the file.
+    """
     if Path(path).is_dir():
         path = Path(path) / "arena.yaml"
     return arena_of(load_yaml(path), overrides, files)
 
 
 def arena_of(document: Document, overrides: Sequence[str] = (), files: Files | None = None) -> Arena:
-    """The same of a document that is read already: an arena written inside another file."""
+    """Return the validated arena of a document that is already parsed, such as one inside a scenario."""
     source = with_overrides(document, overrides)
     found = validate(ArenaFile, source)
     if found.model is None:
@@ -44,7 +50,7 @@ def arena_of(document: Document, overrides: Sequence[str] = (), files: Files | N
 
 
 def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], list[Problem]]:
-    """Every profile that a vehicle asks for, and the default one; problems: those that cannot be had, told once each."""
+    """Return every profile in use by its name, and a problem for each that cannot be loaded."""
     profiles, problems = {DEFAULT_PROFILE: load_profile(DEFAULT_PROFILE)}, []
     asked: dict[YamlPath, str] = {
         ("vehicles", name, "profile"): v.profile for name, v in model.vehicles.items() if v.profile
@@ -64,7 +70,7 @@ def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], lis
 
 
 def _params_files(model: ArenaFile, source: Source) -> tuple[dict[str, Mapping[str, float]], list[Problem]]:
-    """Every file of parameters that a vehicle names, by that name; problems: those that cannot be read, told once each."""
+    """Return every `params_file` in use by its name, and a problem for each that cannot be read."""
     found: dict[str, Mapping[str, float]] = {}
     problems = []
     asked: dict[YamlPath, str] = {

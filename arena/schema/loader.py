@@ -34,7 +34,7 @@ class Document:
     lines: dict[YamlPath, int] = field(default_factory=dict)
 
     def line(self, path: YamlPath) -> int:
-        """The line of the path, or of the nearest thing around it that is in the file."""
+        """Return the line of a path, or of the nearest enclosing one in the file."""
         for end in range(len(path), -1, -1):
             if path[:end] in self.lines:
                 return self.lines[path[:end]]
@@ -45,9 +45,10 @@ _START = "`vehicles:`, or run `arena init`"
 
 
 def load_yaml(path: str | Path, start: str = _START) -> Document:
-    """start: how such a file begins, for one that is empty.
+    """Read a YAML file.
 
-    Raises InputError: the file cannot be read, or is not YAML, or says something twice.
+    start: hint for an empty file: how such a file begins.
+    Raises InputError when the file cannot be read, is not YAML, or has a key twice.
     """
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
@@ -62,7 +63,7 @@ def load_yaml(path: str | Path, start: str = _START) -> Document:
 
 
 def parse_yaml(text: str, file: str, start: str = _START) -> Document:
-    """The same from text; file is only a name here."""
+    """Parse YAML text. file: name for the messages; start: see `load_yaml`. Raises InputError."""
     node = _compose(text, file)
     if node is None:
         raise InputError(Problem(file=file, line=0, field="", message=f"is empty. Start with {start}"))
@@ -77,12 +78,12 @@ def parse_yaml(text: str, file: str, start: str = _START) -> Document:
 
 
 def parse_scalar(text: str) -> Any:
-    """One value as a person types it after `--set key=`: a YAML scalar or flow collection."""
+    """Parse the value of `--set key=VALUE`: a YAML scalar or flow collection."""
     return parse_yaml(text, "--set").data if text.strip() else None
 
 
 def dump_yaml(data: Any) -> str:
-    """Plain values as YAML that `parse_yaml` reads back equal (lists come back as tuples)."""
+    """Return plain values as YAML that `parse_yaml` reads back equal; lists come back as tuples."""
     return yaml.dump(
         data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
     )
@@ -165,7 +166,7 @@ _MAKERS: dict[str, Callable[[str], Any]] = {_TAG + name: make for name, _, make 
 
 
 class _Walk:
-    """One pass over the composed nodes: values, lines and problems."""
+    """Pass over the composed nodes that collects values, lines and problems."""
 
     def __init__(self, file: str) -> None:
         self.file = file

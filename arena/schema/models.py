@@ -1,4 +1,4 @@
-"""What a user may write in arena.yaml, key by key. Defaults of the sections are here; those of a vehicle in `resolve`.
+"""The models of arena.yaml, key by key. Defaults of the sections are here; those of a vehicle are in `resolve`.
 
 A docstring under a key is its line in the reference page and in the JSON schema. Keys that are known but not built yet are in
 `NOT_YET` with what to use instead: they are refused, never ignored.
@@ -76,7 +76,7 @@ class World(Strict):
 
 
 class Sim(Strict):
-    """How the world is simulated."""
+    """The simulation of the world."""
 
     physics_hz: Annotated[int, Field(ge=100, le=10000)] = 500
     """Physics steps per second."""
@@ -98,18 +98,18 @@ class Px4Keys(Strict):
 
 
 class Preflight(Strict):
-    """What must hold before a hardware vehicle, or one in the loop, may arm."""
+    """Conditions for arming hardware, or a flight controller in the loop."""
 
     position_m: Positive = 0.2
-    """Farthest that its captured pose may be from its own estimate [m]."""
+    """Largest distance between the motion capture pose and the vehicle's estimate [m]."""
     yaw_deg: Annotated[float, Field(gt=0, le=180)] = 15.0
-    """Largest difference of the two yaws [deg]."""
+    """Largest yaw difference between the two [deg]."""
     pose_age_s: Annotated[float, Field(gt=0, le=1)] = 0.1
-    """Oldest that the last pose sent to it may be [s]."""
+    """Largest age of the last pose sent to the vehicle [s]."""
     battery: Annotated[float, Field(ge=0, le=1)] = 0.2
-    """Least charge, 0 to 1; 0 for a vehicle that does not measure it."""
+    """Lowest charge, 0 to 1; 0 for a vehicle that does not measure it."""
     params: bool = True
-    """Whether hardware must hold all that `arena params push` would write; false: what stands under `params` alone."""
+    """Whether hardware must hold all parameters that `arena params push` writes; false: those under `params` alone."""
 
 
 Share = Annotated[float, Field(gt=0, lt=1)]
@@ -125,7 +125,7 @@ class OffboardLoss(Strict):
 
 
 class PositionLoss(Strict):
-    """Poses stop, or are rejected."""
+    """Poses stop, or the estimator rejects them."""
 
     action: Literal["land", "terminate", "disarm"] = "land"
     """What the vehicle does; `land` is straight down, by its inertial sensors."""
@@ -134,12 +134,12 @@ class PositionLoss(Strict):
 
 
 class LowBattery(Strict):
-    """Charge left, from 0 to 1."""
+    """Remaining charge, from 0 to 1."""
 
     warn: Share = 0.15
-    """At this it warns."""
+    """Charge at which the vehicle warns."""
     land: Share | None = 0.07
-    """At this it lands; null: it goes on until it falls."""
+    """Charge at which the vehicle lands; null: it flies on until the battery is empty."""
 
     @model_validator(mode="after")
     def _in_order(self) -> LowBattery:
@@ -149,28 +149,28 @@ class LowBattery(Strict):
 
 
 class RcLoss(Strict):
-    """A pilot's sticks are lost."""
+    """RC input stops."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] | None = None
-    """What the vehicle does. Default: land where there are sticks, else none."""
+    """What the vehicle does. Default: land with an RC transmitter, else none."""
 
 
 class DataLinkLoss(Strict):
-    """No ground station is heard any more."""
+    """Heartbeats of ground stations stop."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] = "none"
     """What the vehicle does."""
     after_s: Annotated[float, Field(ge=5, le=300)] = 10.0
-    """How long it may be silent [s]."""
+    """Time without a heartbeat [s]."""
 
 
 class AttitudeLoss(Strict):
-    """It tilts too far: hit, turned over, or with a rotor lost."""
+    """The vehicle tilts too far: hit, turned over, or with a lost rotor."""
 
     action: Literal["none", "terminate"] = "none"
-    """What the vehicle does; `terminate` stops its motors. Not given: hardware does as it is set."""
+    """What the vehicle does; `terminate` stops its motors. Not given: hardware keeps its own setting."""
     above_deg: Annotated[int, Field(ge=50, le=90)] = 60
-    """Roll or pitch beyond which its attitude has failed [deg]; more than it may tilt in flight (`MPC_TILTMAX_AIR`, 45)."""
+    """Roll or pitch that counts as a failure [deg]; above the largest tilt in flight (`MPC_TILTMAX_AIR`, 45)."""
 
 
 class FenceLoss(Strict):
@@ -181,7 +181,7 @@ class FenceLoss(Strict):
 
 
 class Failsafe(Strict):
-    """What vehicles do when something is lost: it becomes parameters of their autopilots."""
+    """Reactions to losses. They become parameters of the vehicles' autopilots."""
 
     offboard_loss: OffboardLoss = OffboardLoss()
     """When setpoints stop."""
@@ -190,9 +190,9 @@ class Failsafe(Strict):
     low_battery: LowBattery = LowBattery()
     """When the battery is low."""
     rc_loss: RcLoss = RcLoss()
-    """When sticks are lost."""
+    """When RC input stops."""
     data_link_loss: DataLinkLoss = DataLinkLoss()
-    """When no ground station is heard."""
+    """When heartbeats of ground stations stop."""
     geofence: FenceLoss = FenceLoss()
     """When a geofence is crossed."""
     attitude: AttitudeLoss = AttitudeLoss()
@@ -200,16 +200,16 @@ class Failsafe(Strict):
 
 
 class Geofence(Strict):
-    """A box that the vehicles' centres must stay in. What follows from leaving it: `failsafe.geofence`."""
+    """A box that the vehicles' centres must stay in. The reaction to leaving it is `failsafe.geofence`."""
 
     north: Span | None = None
-    """From where to where along north, of the floor's centre [m]. Default: the room's walls."""
+    """Lowest and highest north coordinate from the floor's centre [m]. Default: the room's walls."""
     east: Span | None = None
-    """From where to where along east [m]. Default: the room's walls."""
+    """Lowest and highest east coordinate [m]. Default: the room's walls."""
     up: Positive | None = None
-    """Its ceiling above the floor [m]. Default: the room's."""
+    """Height of its ceiling above the floor [m]. Default: the room's."""
     margin_m: NotNegative = 0.0
-    """Taken off its walls and its ceiling [m]."""
+    """Distance by which walls and ceiling move inwards [m]."""
 
 
 class Host(Strict):
@@ -222,7 +222,7 @@ class Host(Strict):
 
 
 class Tool(Strict):
-    """Any command that is to run beside the arena."""
+    """A command that runs beside the arena."""
 
     argv: Annotated[Words, Field(min_length=1)]
     """The command and its arguments, as a list."""
@@ -248,7 +248,7 @@ class Program(Strict):
 
 
 class Start(Strict):
-    """Where a vehicle stands when the arena comes up."""
+    """Pose of a vehicle when the arena starts."""
 
     position: Vector = (0.0, 0.0, 0.0)
     """North, east, down of its lowest point [m]; D = 0 stands on the floor."""
@@ -278,11 +278,11 @@ class VehicleDefaults(Strict):
     params: dict[str, float] | None = None
     """PX4 parameters by name; merged name by name."""
     px4_version: Annotated[str | None, AfterValidator(_px4_version)] = None
-    """Which PX4 a hardware vehicle runs, 1.9 to 1.18: its parameters have that one's names. Default 1.16."""
+    """Which PX4 a hardware vehicle runs, 1.9 to 1.18: its parameters get the names of that version. Default 1.16."""
     gps: bool | None = None
-    """Whether a simulated PX4 receives satellites. Default false."""
+    """Whether a simulated PX4 has GPS reception. Default false."""
     sticks: bool | None = None
-    """Whether a pilot's radio is on, its sticks in the middle, for a simulated vehicle. Default false."""
+    """Whether a simulated vehicle has an RC transmitter, sticks centred. Default false."""
     forward: bool | None = None
     """Whether a pose forwarder feeds the autopilot. Default true."""
     pose_rate_hz: Positive | None = None
@@ -298,7 +298,7 @@ class VehicleDefaults(Strict):
 
 
 class VehicleKeys(VehicleDefaults):
-    """One vehicle."""
+    """Keys of a vehicle."""
 
     id: Annotated[int | None, Field(ge=1, le=250)] = None
     """MAV_SYS_ID. Default: the lowest that is free, in order of appearance."""
@@ -320,7 +320,7 @@ class ArenaFile(Strict):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] | None = None
     """What the arena is called. Default: the name of its folder."""
     address: Address = "127.0.0.1"
-    """The numeric address that everything local binds; another one makes room for a second arena."""
+    """Numeric address that all processes bind. Default: 127.0.0.1, or the next free loopback address."""
     world: World = World()
     """The room."""
     sim: Sim = Sim()
@@ -328,21 +328,21 @@ class ArenaFile(Strict):
     mocap: Mocap = Mocap()
     """The motion capture."""
     px4: Px4Keys = Px4Keys()
-    """The PX4 that flies the vehicles that ask for it."""
+    """The PX4 for vehicles with `autopilot: px4` or `auto`."""
     preflight: Preflight = Preflight()
-    """What must hold before a real autopilot may arm."""
+    """Conditions for arming a real autopilot."""
     failsafe: Failsafe = Failsafe()
-    """What happens when something is lost."""
+    """Reactions to losses."""
     landing_speed_m_s: Annotated[float | None, Field(ge=0.3, le=2)] = None
     """Of every vehicle [m/s]. Default: its autopilot's own, 0.7 for PX4."""
     geofence: Geofence | None = None
-    """Where vehicles may be. Not given: there is no fence; `{}`: the room."""
+    """Where vehicles may be. Default: no fence; `{}`: the room."""
     copilot: Copilot | None = None
-    """What watches the vehicles in flight. Default: nothing does; `copilot: {}` is all its defaults."""
+    """The process that watches the vehicles in flight. Default: none; `copilot: {}` has all defaults."""
     hosts: dict[str, Host] = Field(default_factory=dict)
     """Other computers."""
     defaults: VehicleDefaults = VehicleDefaults()
-    """Keys that every vehicle has unless it says otherwise."""
+    """Keys of every vehicle, unless the vehicle has its own."""
     tools: dict[str, Tool] = Field(default_factory=dict)
     """Commands that run beside the arena."""
     vehicles: Annotated[dict[str, VehicleKeys], Field(min_length=1)]

@@ -51,7 +51,7 @@ class Binder:
 
 @dataclass(frozen=True, kw_only=True)
 class Port:
-    """One row of the port table.
+    """Row of the port table.
 
     key: field of `VehiclePorts`, or name of a port of the arena.
     rule: the number, in words.

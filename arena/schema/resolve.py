@@ -34,7 +34,9 @@ def resolve(
     find_px4: Callable[[str | None], Px4 | None] = lambda home: None,
     params_files: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Arena:
-    """profiles: by the name that vehicles ask for; a name that is not in it falls back to the default, and `checks` says so.
+    """Return the arena of a validated model.
+
+    profiles: by name; a missing one is replaced by the default profile, and `checks` reports it.
 
     find_px4: asked once, when a vehicle may fly it.  params_files: what is in them, by the name that the YAML gives.
     """
@@ -93,7 +95,7 @@ def resolve(
 
 
 def fence_of(model: ArenaFile) -> Fence | None:
-    """The one place where walls that are not given become the room's, and the margin is taken off."""
+    """Return the geofence: walls that are not given are those of the room, all less the margin."""
     drawn = model.geofence
     if drawn is None:
         return None
@@ -103,7 +105,7 @@ def fence_of(model: ArenaFile) -> Fence | None:
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
-    """The YAML's folder, from where the YAML is; `stand-in` is a word and no folder."""
+    """Return `px4.home` relative to the YAML's folder; `stand-in` is no folder and stays."""
     home = model.px4.home
     return str(folder / Path(home).expanduser()) if home and home != STAND_IN else home
 
@@ -120,12 +122,12 @@ def _ids(vehicles: Mapping[str, VehicleKeys]) -> dict[str, int]:
 
 
 def pose_rate_hz(frame_rate_hz: float) -> float:
-    """The highest rate up to 60 Hz that divides the frame rate."""
+    """Return the highest rate up to 60 Hz that divides the frame rate."""
     return frame_rate_hz / math.ceil(frame_rate_hz / MOST_POSE_RATE_HZ - 1e-9)
 
 
 class _Merge:
-    """One vehicle's layers. Each `_take` notes where the value came from."""
+    """Merge of the layers of a vehicle; each `_take` notes the origin of its value."""
 
     def __init__(
         self,
@@ -196,7 +198,7 @@ class _Merge:
         return "px4" if self.px4 and asked in ("auto", "px4") else "builtin"
 
     def _wire(self, autopilot: str) -> ConnectionUrl | None:
-        """None too when what the YAML says of it is missing or wrong: `checks` tells."""
+        """Return the connection to a flight controller; None also when its key is missing or wrong: `checks` reports it."""
         if autopilot not in ("hardware", "hitl"):
             return None
         key = "url" if autopilot == "hardware" else "serial"
@@ -211,7 +213,7 @@ class _Merge:
             return None
 
     def _take(self, key: str, default: Any, words: str = "default") -> Any:
-        """The vehicle's value, else that of `defaults`, else the default."""
+        """Return the vehicle's value, else that of `defaults`, else the default."""
         for layer, path in ((self.own, ("vehicles", self.name, key)), (self.common, ("defaults", key))):
             value = getattr(layer, key)
             if value is not None:
@@ -219,7 +221,7 @@ class _Merge:
         return self._note(key, default, words)
 
     def _own(self, key: str, value: Any, words: str) -> Any:
-        """A key that `defaults` cannot give."""
+        """Return the value of a key that `defaults` cannot have."""
         path = ("vehicles", self.name, key)
         return self._note(key, value, self.source.origin(path) if self.source.given(path) else words)
 
@@ -237,7 +239,7 @@ class _Merge:
         return Start(**layers)
 
     def _px4_version(self, autopilot: Autopilot) -> str:
-        """A PX4 on this machine says it itself; the YAML's word is for the others."""
+        """Return the version in the PX4 binary, or for other autopilots that of the YAML."""
         if autopilot == "px4" and self.px4 is not None:
             return str(self._note("px4_version", self.px4.version, f"rule: {self.px4.words}"))
         return str(self._take("px4_version", ""))
@@ -294,7 +296,7 @@ class _Merge:
 
 
 def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: Any) -> None:
-    """Note every leaf of a section."""
+    """Record the origin of every value of a section."""
     if isinstance(value, BaseModel):
         for key in type(value).model_fields:
             _trace(origins, source, (*path, key), getattr(value, key))

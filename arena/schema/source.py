@@ -1,4 +1,4 @@
-"""Where a value was written: the document with the `--set` overrides laid over it, and the words for its problems."""
+"""The places of values: the document with the `--set` overrides laid over it, and the text of its problems."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Source:
     overrides: tuple[YamlPath, ...] = ()
 
     def given(self, path: YamlPath) -> bool:
-        """Whether a value, not null, is written at this path."""
+        """Return whether a value other than null is written at this path."""
         here = self.data
         for part in path:
             in_dict = isinstance(here, dict) and part in here
@@ -33,7 +33,7 @@ class Source:
         return here is not None
 
     def value(self, path: YamlPath) -> Any:
-        """What is written at this path; None when nothing is."""
+        """Return what is written at this path; None when nothing is."""
         here = self.data
         for part in path:
             here = here.get(part) if isinstance(here, dict) else None
@@ -46,26 +46,26 @@ class Source:
         return common if not self.given(own) and self.given(common) else own
 
     def place(self, path: YamlPath) -> tuple[str, int]:
-        """The file and line of a path, or of the nearest thing around it; `--set` and 0 for an override."""
+        """Return file and line of a path, or of the nearest enclosing one; `--set` and 0 for an override."""
         if any(path[: len(o)] == o for o in self.overrides):
             return "--set", 0
         return self.document.file, self.document.line(path)
 
     def origin(self, path: YamlPath) -> str:
-        """The same in words: `arena.yaml:14`, `--set` or `default`."""
+        """Return the place of a value in words: `arena.yaml:14`, `--set` or `default`."""
         if not self.given(path):
             return "default"
         file, line = self.place(path)
         return f"{file}:{line}" if line else file
 
     def problem(self, path: YamlPath, message: str, at: YamlPath | None = None) -> Problem:
-        """at: where the value was written, when that is not at the path itself (`defaults`)."""
+        """Return a problem of the value at a path. at: path where the value is written, if another (`defaults`)."""
         file, line = self.place(path if at is None else at)
         return Problem(file=file, line=line, field=dotted(path), message=message)
 
 
 def with_overrides(document: Document, overrides: Sequence[str]) -> Source:
-    """Lay `key=value` texts over the document. Raises InputError naming every override that cannot be laid."""
+    """Return the document with `key=value` texts laid over it. Raises InputError with every wrong override."""
     data, paths, problems = copy.deepcopy(document.data), [], []
     for text in overrides:
         try:
@@ -97,7 +97,7 @@ def _lay(data: Any, text: str) -> YamlPath:
 
 
 def near(name: str, known: Sequence[str]) -> str:
-    """A hint that ends a sentence: the nearest of the known names, or all of them."""
+    """Return a hint that ends a message: the most similar known name, or all of them."""
     close = (
         get_close_matches(name, list(known), n=1, cutoff=0.6) or [k for k in known if name and name in k][:1]
     )
@@ -110,7 +110,7 @@ def as_list(words: Sequence[str]) -> str:
 
 
 def show(value: Any) -> str:
-    """A value as the user wrote it, short."""
+    """Return a value as the user wrote it, short."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

@@ -1,7 +1,7 @@
 """Document -> model, with every problem as one clear line.
 
-What is wrong is reported and left out, and the rest is validated again, so that one wrong type does not hide the checks that
-come after it. `pruned` tells those checks what they must not judge.
+A wrong value is reported and removed, and the document is validated again, so that one wrong type does not hide later
+problems. `Validated.pruned` lists the removed values: cross-checks skip them.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
 
 
 def _instead(kind: type[BaseModel], path: YamlPath) -> str:
-    """A hint that ends a sentence: the one key that is called so elsewhere, else what is near here."""
+    """Return a hint that ends a message: the only key of this name in another section, else the most similar one here."""
     elsewhere = [keys for keys in _below(kind) if len(keys) > len(path) and keys[-len(path) :] == path]
     if len(elsewhere) == 1:
         return f"Did you mean {dotted(elsewhere[0])}?"
@@ -103,7 +103,7 @@ def _instead(kind: type[BaseModel], path: YamlPath) -> str:
 
 
 def _below(kind: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Every key of the model and of the models in it, as a path; not those of mappings by name."""
+    """Yield the path of every key of the model and of the models in it, except in mappings by name."""
     model = _model_of(kind)
     for key, field in model.model_fields.items() if model is not None else ():
         yield (*path, key)
@@ -150,7 +150,7 @@ def _expected(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
 
 
 def keys_at(kind: Any, path: YamlPath) -> list[str]:
-    """The keys that the model knows at this path; of a mapping by name, those of what it holds."""
+    """Return the keys of the model at this path; for a mapping by name, the keys of its items."""
     for part in path:
         model = _model_of(kind)
         field = model.model_fields.get(str(part)) if model is not None else None

@@ -118,7 +118,7 @@ def notes(folder: Path, text: str) -> list[str]:
     return copilot_notes(load_arena(folder / "arena.yaml"))
 
 
-def test_hardware_without_a_copilot_is_worth_a_line(tmp_path: Path) -> None:
+def test_hardware_without_a_copilot_gives_a_note(tmp_path: Path) -> None:
     real: dict[str, Any] = {"url": "udpin:0.0.0.0:14550"}
     text = f"mocap: {{source: natnet, server: 10.0.0.5}}\nvehicles: {{uav1: {{autopilot: hardware, url: '{real['url']}'}}}}\n"
     assert notes(tmp_path, text) == ["no copilot watches uav1: add `copilot: {}` to the YAML"]
@@ -126,7 +126,7 @@ def test_hardware_without_a_copilot_is_worth_a_line(tmp_path: Path) -> None:
     assert notes(tmp_path, "vehicles: {uav1: {}}") == []
 
 
-def test_vehicles_that_start_closer_than_the_copilot_lets_them_fly_are_named(tmp_path: Path) -> None:
+def test_vehicles_that_start_too_close_are_named(tmp_path: Path) -> None:
     near = "vehicles: {uav1: {}, uav2: {start: {position: [0.7, 0, 0]}}}"
     (said,) = notes(tmp_path, "copilot: {}\n" + near)
     assert said == "uav1 and uav2 start 0.70 m apart, and copilot.separation.at_m is 0.8: uav2 will be held"

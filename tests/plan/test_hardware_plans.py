@@ -31,7 +31,7 @@ def mixed(tmp_path: Path) -> Plan:
     return make_plan(arena_of(MIXED, tmp_path))
 
 
-def test_a_real_vehicle_has_a_link_in_the_place_of_its_autopilot(mixed: Plan) -> None:
+def test_hardware_has_a_link_in_place_of_its_autopilot(mixed: Plan) -> None:
     link, router, forward = (mixed.slices[f"{name}.json"] for name in ("link.real", "router", "forward.real"))
     assert link["wire"] == {"kind": "udpin", "address": ["0.0.0.0", 14540]} and link["simulator"] is None
     assert link["links"]["vision"] == {"local": forward["link"]["remote"], "remote": forward["link"]["local"]}
@@ -42,7 +42,7 @@ def test_a_real_vehicle_has_a_link_in_the_place_of_its_autopilot(mixed: Plan) ->
     ] is False
 
 
-def test_the_world_and_the_emulator_know_simulated_vehicles_alone(mixed: Plan) -> None:
+def test_world_and_emulator_have_only_simulated_vehicles(mixed: Plan) -> None:
     assert [v["name"] for v in mixed.slices["world.json"]["vehicles"]] == ["sim"]
     assert mixed.slices["mocap.json"]["bodies"] == [{"name": "sim", "number": 1, "index": 0}]
     assert (mixed.slices["logger.sim.json"]["index"], mixed.slices["logger.real.json"]["index"]) == (0, None)
@@ -56,7 +56,7 @@ def test_each_vehicle_is_seen_by_its_own_cameras(mixed: Plan) -> None:
     assert [(c["server"], c["bodies"]) for c in seen] == [("10.0.0.5", ["real"]), ("127.0.0.1", ["sim"])]
 
 
-def test_the_emulator_never_speaks_in_the_group_of_a_real_server_that_the_yaml_names(tmp_path: Path) -> None:
+def test_emulator_does_not_use_the_group_of_a_real_server(tmp_path: Path) -> None:
     plan = make_plan(arena_of(MIXED.replace("local:", "group: 239.1.2.3, local:"), tmp_path))
     assert (
         plan.slices["forward.real.json"]["capture"]["group"]
@@ -65,7 +65,7 @@ def test_the_emulator_never_speaks_in_the_group_of_a_real_server_that_the_yaml_n
     )
 
 
-def test_real_vehicles_live_on_the_wall_clock_and_are_never_taken_for_simulated(mixed: Plan) -> None:
+def test_hardware_runs_on_the_wall_clock(mixed: Plan) -> None:
     for room in ("forward", "logger", "program"):
         assert mixed.slices[f"{room}.real.json"]["clock"] is None, room
         assert mixed.slices[f"{room}.sim.json"]["clock"] == "{rt}/clock", room
@@ -73,7 +73,7 @@ def test_real_vehicles_live_on_the_wall_clock_and_are_never_taken_for_simulated(
     assert {v.name: v.simulated for v in mixed.vehicles} == {"real": False, "sim": True}
 
 
-def test_faults_on_purpose_are_taken_where_no_real_vehicle_flies_alone(mixed: Plan, tmp_path: Path) -> None:
+def test_fault_injection_needs_an_arena_without_hardware(mixed: Plan, tmp_path: Path) -> None:
     simulated = make_plan(arena_of("vehicles: {one: {autopilot: builtin}}\n", tmp_path))
     for room in ("world", "mocap", "router"):
         assert simulated.slices[f"{room}.json"]["faults"] == f"{{rt}}/{room}.faults"
@@ -88,7 +88,7 @@ def test_faults_on_purpose_are_taken_where_no_real_vehicle_flies_alone(mixed: Pl
     assert simulated.slices["router.json"]["seed"] == 1
 
 
-def test_hardware_must_hold_what_the_yaml_makes_or_what_it_names_alone(mixed: Plan, tmp_path: Path) -> None:
+def test_hardware_must_hold_all_parameters_or_those_of_the_yaml(mixed: Plan, tmp_path: Path) -> None:
     asked = mixed.slices["link.real.json"]["params"]
     assert (
         asked["COM_OF_LOSS_T"] == 0.5
@@ -106,7 +106,7 @@ def test_hardware_must_hold_what_the_yaml_makes_or_what_it_names_alone(mixed: Pl
     assert plan.slices["link.real.json"]["params"] == {"COM_OF_LOSS_T": 0.5, "EKF2_HGT_REF": 3.0}
 
 
-def test_a_simulated_vehicle_takes_its_file_of_parameters_over_the_rules_and_under_the_yaml(
+def test_params_file_replaces_rules_and_yields_to_the_yaml(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "lab.params").write_text("# saved\nCOM_OBL_RC_ACT 3\nMPC_XY_VEL_MAX 2.5\n")
@@ -115,19 +115,19 @@ def test_a_simulated_vehicle_takes_its_file_of_parameters_over_the_rules_and_und
     assert (params["COM_OBL_RC_ACT"], params["MPC_XY_VEL_MAX"]) == (3.0, 4.0)
 
 
-def test_without_a_simulated_vehicle_there_is_no_world(tmp_path: Path) -> None:
+def test_arena_without_simulated_vehicles_has_no_world(tmp_path: Path) -> None:
     alone = MIXED.replace("  sim: {autopilot: builtin, neighbours: [real], program: fly.py}\n", "")
     text = alone.replace("neighbours: [sim], ", "")
     names = [p.name for p in make_plan(arena_of(text, tmp_path)).processes]
     assert names == ["link.real", "forward.real", "router", "logger.real", "program.real"]
 
 
-def test_what_waits_for_a_real_vehicle_waits_longer_than_a_simulated_one_needs(mixed: Plan) -> None:
+def test_hardware_has_a_longer_start_timeout(mixed: Plan) -> None:
     patience = {p.name: p.start_timeout_s for p in mixed.processes}
     assert patience["link.real"] == patience["forward.real"] == 600.0 > patience["forward.sim"]
 
 
-def test_a_controller_in_the_loop_has_its_body_in_the_world_and_its_link_at_the_simulator_port(
+def test_hitl_vehicle_has_a_body_and_a_link_to_the_simulator_port(
     tmp_path: Path,
 ) -> None:
     plan = make_plan(arena_of(LOOP, tmp_path))
@@ -149,7 +149,7 @@ def test_a_controller_in_the_loop_has_its_body_in_the_world_and_its_link_at_the_
 
 
 @pytest.mark.parametrize("text", [MIXED, LOOP], ids=["mixed", "hitl"])
-def test_the_resolved_yaml_gives_the_same_plan(text: str, tmp_path: Path) -> None:
+def test_resolved_yaml_gives_the_same_plan(text: str, tmp_path: Path) -> None:
     arena = arena_of(text, tmp_path)
     (tmp_path / "again.yaml").write_text(make_plan(arena).yaml)
     again = load_arena(tmp_path / "again.yaml")

@@ -60,7 +60,7 @@ def test_the_plan_is_pure(arena: Arena, monkeypatch: pytest.MonkeyPatch) -> None
     assert second == first
 
 
-def test_the_plan_survives_its_json(plan: Plan) -> None:
+def test_plan_is_read_back_equal_from_json(plan: Plan) -> None:
     assert Plan.from_json(plan.to_json()) == plan
 
 
@@ -70,7 +70,7 @@ def test_the_resolved_yaml_loads_to_the_same_plan(plan: Plan, tmp_path: Path) ->
     assert dataclasses.replace(again, yaml="") == dataclasses.replace(plan, yaml="")
 
 
-def test_the_processes_and_what_they_need(plan: Plan) -> None:
+def test_processes_and_their_needs(plan: Plan) -> None:
     assert {p.name: p.needs for p in plan.processes} == {
         "world": (),
         "mocap": ("world",),
@@ -87,7 +87,7 @@ def test_the_processes_and_what_they_need(plan: Plan) -> None:
     }
 
 
-def test_a_process_stands_after_all_that_it_needs(plan: Plan) -> None:
+def test_process_starts_after_its_needs(plan: Plan) -> None:
     started: set[str] = set()
     for spec in plan.processes:
         assert set(spec.needs) <= started, spec.name
@@ -98,12 +98,12 @@ def test_process_names_are_those_of_the_plan(arena: Arena, plan: Plan) -> None:
     assert [p.name for p in plan.processes] == process_names(arena)
 
 
-def test_what_serves_a_flying_vehicle_outlives_and_the_rest_does_not(plan: Plan) -> None:
+def test_processes_of_a_flying_vehicle_outlive_the_supervisor(plan: Plan) -> None:
     for spec in plan.processes:
         assert spec.outlives == (spec.kind in ("world", "mocap", "forward", "router", "logger")), spec.name
 
 
-def test_only_what_can_be_started_again_in_flight_is(plan: Plan) -> None:
+def test_only_processes_that_can_restart_in_flight_do(plan: Plan) -> None:
     modes = {p.kind: p.restart.mode for p in plan.processes}
     assert modes == {
         "world": "never",
@@ -146,7 +146,7 @@ def test_world_takes_a_higher_priority_only_when_asked(arena: Arena, plan: Plan)
     assert process(make_plan(asked, "py"), "world").nice == -10
 
 
-def test_every_room_that_names_a_slice_has_it(plan: Plan) -> None:
+def test_every_slice_on_a_command_line_exists(plan: Plan) -> None:
     for spec in plan.processes:
         for arg in spec.argv:
             if arg.startswith("{run}/slices/"):
@@ -154,7 +154,7 @@ def test_every_room_that_names_a_slice_has_it(plan: Plan) -> None:
                 assert plan.slices[name]["name"] == spec.name == name.removesuffix(".json")
 
 
-def test_ports_are_those_of_the_architecture(plan: Plan) -> None:
+def test_ports_are_those_of_the_architecture_page(plan: Plan) -> None:
     """Written out: the table in docs/architecture.md, not the code's own."""
     ports = {p.name: sorted(x.port for x in p.listens) for p in plan.processes}
     assert ports == {
@@ -191,7 +191,7 @@ def test_no_port_has_two_owners_in_the_largest_arena(tmp_path: Path) -> None:
     assert len(claimed) == len(set(claimed)) == 250 * 11 + 4
 
 
-def test_the_two_ends_of_a_link_fit(plan: Plan) -> None:
+def test_two_ends_of_a_link_match(plan: Plan) -> None:
     world = {v["name"]: v["links"] for v in plan.slices["world.json"]["vehicles"]}
     routed = {v["name"]: v["link"] for v in plan.slices["router.json"]["vehicles"]}
     for v in plan.vehicles:
@@ -204,7 +204,7 @@ def test_the_two_ends_of_a_link_fit(plan: Plan) -> None:
     assert world["uav1"]["vision"] == {"local": forward["remote"], "remote": forward["local"]}
 
 
-def test_the_router_serves_each_vehicle_to_its_own_clients_and_all_to_ground_stations(plan: Plan) -> None:
+def test_router_serves_own_clients_and_all_ground_stations(plan: Plan) -> None:
     slice_ = plan.slices["router.json"]
     assert [g["address"] for g in slice_["gcs"]] == [
         ["127.0.0.1", 14550],
@@ -230,7 +230,7 @@ def test_the_router_serves_each_vehicle_to_its_own_clients_and_all_to_ground_sta
     ]
 
 
-def test_slices_carry_what_the_rooms_read(plan: Plan) -> None:
+def test_slices_have_the_keys_that_processes_read(plan: Plan) -> None:
     world, mocap = plan.slices["world.json"], plan.slices["mocap.json"]
     assert world["vehicles"][1]["rpy"] == pytest.approx([0, 0, 1.5707963])
     assert world["vehicles"][1]["position"] == [-2.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-"""What waits for a PX4, and what does not."""
+"""Startup of PX4: what waits for it, and parameters that it resets."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from arena.plan.px4_startup import reset_by_startup
 from arena.schema import load_arena
 
 
-def test_one_px4_that_never_comes_takes_its_forwarder_and_program_along_and_nothing_of_the_others(
+def test_missing_px4_stops_its_own_forwarder_and_program_only(
     tmp_path: Path,
 ) -> None:
     file = tmp_path / "arena.yaml"
@@ -30,7 +30,7 @@ def test_one_px4_that_never_comes_takes_its_forwarder_and_program_along_and_noth
     assert lost_with("px4.uav1") == {"px4.uav1", "forward.uav1", "program.uav1"}
 
 
-def test_a_value_that_is_the_firmwares_default_is_set_again_after_px4s_own_startup() -> None:
+def test_firmware_default_is_set_again_after_px4s_startup() -> None:
     asked = {"COM_LOW_BAT_ACT": 0, "MPC_XY_P": 0.95, "MPC_Z_P": 1.5, "NOT_PX4S": 0}
     assert reset_by_startup(asked, "1.16.0") == {"COM_LOW_BAT_ACT": 0, "MPC_XY_P": 0.95}
     assert reset_by_startup(asked, "") == reset_by_startup(asked, "1.18"), (

@@ -70,7 +70,7 @@ def test_an_arena_cannot_be_changed(folder: Path) -> None:
         arena.world.seed = 3
 
 
-def test_ids_fill_the_gaps_that_given_ids_leave(folder: Path) -> None:
+def test_ids_fill_gaps(folder: Path) -> None:
     text = "vehicles:\n" + "".join(
         f"  v{i}: {{start: {{position: [{i - 1.5}, 0, 0]}}{given}}}\n"
         for i, given in enumerate(["", ", id: 1", "", ", id: 7"])
@@ -78,7 +78,7 @@ def test_ids_fill_the_gaps_that_given_ids_leave(folder: Path) -> None:
     assert [v.id for v in load(text).vehicles] == [2, 1, 3, 7]
 
 
-def test_layers_lie_in_order_and_each_tells_its_place(folder: Path) -> None:
+def test_layers_override_in_order_and_keep_their_places(folder: Path) -> None:
     text = (
         "defaults:\n  pose_rate_hz: 90\n  params: {MC_ROLL_P: 7, MC_PITCH_P: 7, MC_YAW_P: 3}\n  start: {rpy_deg: [0, 0, 90]}\n"
         "vehicles:\n  uav1:\n    params: {MC_ROLL_P: 8}\n    start: {position: [1, 0, 0]}\n  uav2: {pose_rate_hz: 60}\n"
@@ -114,7 +114,7 @@ def test_the_pose_rate_follows_the_frame_rate(frames: float, poses: float, folde
     assert load(TWO, f"mocap.rate_hz={frames}").vehicles[0].pose_rate_hz == pytest.approx(poses)
 
 
-def test_a_program_may_be_a_path_or_a_mapping_and_need_not_be_python(folder: Path) -> None:
+def test_program_is_a_path_or_a_mapping(folder: Path) -> None:
     program = (
         load("vehicles:\n  uav1: {program: {path: fly, args: [a, '1'], restart: on_failure}, args: [b]}\n")
         .vehicles[0]
@@ -136,13 +136,13 @@ def test_a_profile_may_be_a_file_beside_the_arena(folder: Path) -> None:
     assert vehicle.profile.hover_command > 0.5652
 
 
-def test_the_capture_group_follows_the_address(folder: Path) -> None:
+def test_multicast_group_follows_the_address(folder: Path) -> None:
     assert group(load(TWO, "address=127.70.3.4")) == "239.198.3.4"
     assert group(load(TWO, "address=10.0.0.5")) == "239.255.42.99"
     assert group(load(TWO, "address=127.0.0.2", "mocap.group=239.1.1.1")) == "239.1.1.1"
 
 
-def test_an_override_may_be_a_flow_collection_and_make_what_was_not_there(folder: Path) -> None:
+def test_override_may_add_a_collection(folder: Path) -> None:
     arena = load(
         TWO,
         "tools={rec: {argv: [sleep, '1']}}",
@@ -153,6 +153,6 @@ def test_an_override_may_be_a_flow_collection_and_make_what_was_not_there(folder
     assert arena.tools["rec"].argv == ("sleep", "1") and arena.world.size == (9.0, 9.0, 4.0)
 
 
-def test_a_folder_stands_for_the_arena_in_it(folder: Path) -> None:
+def test_folder_means_its_arena_yaml(folder: Path) -> None:
     load(TWO)
     assert load_arena(folder).vehicles == load_arena(folder / "arena.yaml").vehicles

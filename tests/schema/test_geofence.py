@@ -1,4 +1,4 @@
-"""`geofence:` is one box for everybody: what the YAML draws, what of it is the room's, and what it becomes for each vehicle."""
+"""The geofence of the YAML: one box for all vehicles, with the room's walls where none are given."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def load(text: str) -> Arena:
     return load_arena("arena.yaml")
 
 
-def test_walls_that_are_not_given_are_the_rooms_and_the_margin_is_taken_off_once(folder: Path) -> None:
+def test_missing_walls_are_the_rooms_less_the_margin(folder: Path) -> None:
     room = "world: {size: [8, 6, 4]}\n"
     assert load(room + VEHICLES).geofence is None
     assert load(room + "geofence: {}\n" + VEHICLES).geofence == Fence(north=(-4, 4), east=(-3, 3), up=4)

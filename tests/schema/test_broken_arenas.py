@@ -505,7 +505,7 @@ def problems(text: str, *overrides: str) -> list[str]:
 
 
 @pytest.mark.parametrize("kind", BROKEN)
-def test_a_broken_arena_is_told_in_one_line_with_its_place(kind: str, folder: Path) -> None:
+def test_problem_is_one_line_with_its_place(kind: str, folder: Path) -> None:
     text, place, words = BROKEN[kind]
     told = [line for line in problems(text) if line.startswith(f"arena.yaml:{place}") and words in line]
     assert len(told) == 1, problems(text)
@@ -513,11 +513,11 @@ def test_a_broken_arena_is_told_in_one_line_with_its_place(kind: str, folder: Pa
 
 
 @pytest.mark.parametrize("kind", [k for k in BROKEN if k != "a merge key"])
-def test_one_fault_gives_one_problem(kind: str, folder: Path) -> None:
+def test_one_mistake_gives_one_problem(kind: str, folder: Path) -> None:
     assert len(problems(BROKEN[kind][0])) == 1
 
 
-def test_all_problems_are_told_at_once_in_the_order_of_the_file(folder: Path) -> None:
+def test_all_problems_are_reported_in_the_order_of_the_file(folder: Path) -> None:
     text = "nme: x\nsim: {gui: 3}\nvehicles:\n  uav1: {pose_rate_hz: 70}\n  uav2: {id: 1}\n  Uav3: {profile: x, start: {position: [9, 0, 0]}}\n"
     told = problems(text)
     assert [line.split(":")[1] for line in told] == sorted(line.split(":")[1] for line in told)
@@ -531,19 +531,19 @@ def test_all_problems_are_told_at_once_in_the_order_of_the_file(folder: Path) ->
         assert any(f" {field}: " in line for line in told), field
 
 
-def test_a_value_that_is_wrong_by_itself_is_not_judged_again(folder: Path) -> None:
+def test_wrong_value_is_reported_once(folder: Path) -> None:
     told = problems("vehicles:\n  uav1: {start: {position: [0, x, 0]}}\n  uav2: {id: one}\n")
     assert len(told) == 2, told
 
 
-def test_an_override_is_told_by_its_own_name(folder: Path) -> None:
+def test_problem_of_an_override_names_the_override(folder: Path) -> None:
     text = "vehicles:\n" + V1
     assert problems(text, "mocap.rate_hz=fast") == ["--set: mocap.rate_hz: got 'fast', expected a number."]
     assert "expected key=value" in problems(text, "mocap.rate_hz")[0]
     assert "is no mapping" in problems(text, "vehicles.uav1.program.path=x")[0]
 
 
-def test_a_file_that_cannot_be_read_is_told(folder: Path) -> None:
+def test_unreadable_file_is_reported(folder: Path) -> None:
     for name, words in (
         ("none.yaml", "No such file"),
         (".", "No such file"),
@@ -559,7 +559,7 @@ def test_a_file_that_cannot_be_read_is_told(folder: Path) -> None:
         load_arena("empty.yaml")
 
 
-def test_aliases_cannot_unfold_without_end(folder: Path) -> None:
+def test_aliases_have_a_limit(folder: Path) -> None:
     text = "a0: &a0 [x]\n" + "".join(
         f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 12)
     )

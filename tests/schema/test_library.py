@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 CURVES = {name: load_profile(name).curve for name in ("iris", "intel_aero")}
 
 
-def test_the_two_profiles_are_there() -> None:
+def test_two_profiles_ship_with_arena() -> None:
     assert profile_names() == ["intel_aero", "iris"]
 
 
@@ -105,7 +105,7 @@ def test_a_curve_of_no_known_kind_is_refused() -> None:
         ("radius_m: 0.275", "radius: 0.275", "Did you mean radius_m?"),
     ],
 )
-def test_a_broken_profile_is_told_with_its_line(old: str, new: str, words: str, tmp_path: Path) -> None:
+def test_problem_of_a_profile_has_its_line(old: str, new: str, words: str, tmp_path: Path) -> None:
     text = (ROOT / "profiles" / "iris.yaml").read_text()
     assert old in text
     (tmp_path / "p.yaml").write_text(text.replace(old, new))

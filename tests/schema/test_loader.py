@@ -59,7 +59,7 @@ def test_a_scalar_is_what_yaml_1_2_says(text: str) -> None:
     assert got == SCALARS[text] and type(got) is type(SCALARS[text])
 
 
-def test_nan_is_read_so_that_the_models_can_refuse_it() -> None:
+def test_nan_is_parsed() -> None:
     assert math.isnan(parse_yaml("key: .NaN", "f").data["key"])
 
 
@@ -78,7 +78,7 @@ def test_every_key_and_item_has_its_line() -> None:
     assert document.line(("a", "c", 1, "missing")) == 6 and document.line(("nowhere",)) == 1
 
 
-def test_windows_line_ends_and_a_byte_order_mark_do_no_harm() -> None:
+def test_crlf_and_byte_order_mark_are_accepted() -> None:
     document = parse_yaml("a: 1\r\nb: 2\r\n", "f")
     assert document.data == {"a": 1, "b": 2} and document.lines["b",] == 2
 
@@ -105,6 +105,6 @@ def tupled(value: Any) -> Any:
 
 
 @given(plain)
-def test_what_is_dumped_is_read_back_equal(value: Any) -> None:
+def test_dumped_yaml_is_read_back_equal(value: Any) -> None:
     got = parse_yaml(dump_yaml({"key": value}), "f").data["key"]
     assert got == tupled(value) and type(got) is type(tupled(value))
