@@ -190,7 +190,7 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Environment]] = [
     ("1.9.2", {"COM_RC_IN_MODE": 0}, "COM_RC_IN_MODE", "error", "does not arm", LOW),
     ("1.16", {"COM_RC_IN_MODE": 4}, "COM_RC_IN_MODE", "error", "ignored", WITH_RC),
     ("1.16", {"COM_RCL_EXCEPT": 4}, "COM_RCL_EXCEPT", "warning", "ignored", WITH_RC),
-    ("1.16", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "error", "is no action", WITH_RC),
+    ("1.16", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "error", "no action", WITH_RC),
     ("1.11", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "error", "no reaction", WITH_RC),
     ("1.16", {"COM_RC_IN_MODE": 0, "NAV_RCL_ACT": 6}, "NAV_RCL_ACT", "warning", "falls", WITH_RC),
     ("1.16", {"NAV_DLL_ACT": 3}, "NAV_DLL_ACT", "note", "ground station", LOW),
@@ -202,7 +202,7 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Environment]] = [
     ("1.16", {"COM_ACT_FAIL_ACT": 4}, "COM_ACT_FAIL_ACT", "warning", "terminate", LOW),
     # the battery
     ("1.16", {"COM_LOW_BAT_ACT": 0}, "COM_LOW_BAT_ACT", "warning", "no reaction", LOW),
-    ("1.16", {"COM_LOW_BAT_ACT": 9}, "COM_LOW_BAT_ACT", "error", "is no action", LOW),
+    ("1.16", {"COM_LOW_BAT_ACT": 9}, "COM_LOW_BAT_ACT", "error", "no action", LOW),
     ("1.16", {"BAT_CRIT_THR": 0.0, "BAT_EMERGEN_THR": 0.0}, "BAT_CRIT_THR", "error", "never reached", LOW),
     ("1.16", {"BAT_CRIT_THR": 0.05}, "BAT_EMERGEN_THR", "warning", "critical threshold has no effect", LOW),
     ("1.16", {"BAT_CRIT_THR": 0.2}, "BAT_CRIT_THR", "warning", "not below BAT_LOW_THR", LOW),
@@ -241,17 +241,17 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Environment]] = [
     ("1.16", {"GF_MAX_VER_DIST": 20.0}, "GF_MAX_VER_DIST", "note", "higher than the room", LOW),
     # names
     ("1.16", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "EKF2_EV_CTRL 11", LOW),
-    ("1.14", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "has no effect since PX4 1.14", LOW),
+    ("1.14", {"EKF2_AID_MASK": 24}, "EKF2_AID_MASK", "warning", "no effect since PX4 1.14", LOW),
     ("1.16", {"MPC_XY_VEL_P": 0.1}, "MPC_XY_VEL_P", "error", "set MPC_XY_VEL_P_ACC 2", LOW),
     ("1.16", {"BAT_V_EMPTY": 3.6}, "BAT_V_EMPTY", "error", "set BAT1_V_EMPTY 3.6", LOW),
     ("1.16", {"COM_POS_FS_DELAY": 1}, "COM_POS_FS_DELAY", "warning", "remove COM_POS_FS_DELAY", LOW),
     ("1.18", {"COM_RC_OVERRIDE": 1}, "COM_RC_OVERRIDE", "error", "choose a value for MAN_OVERRIDE_SPD", LOW),
     ("1.13", {"EKF2_EV_CTRL": 11}, "EKF2_EV_CTRL", "error", "use EKF2_AID_MASK", LOW),
-    ("1.15", {"COM_DLL_EXCEPT": 4}, "COM_DLL_EXCEPT", "error", "was added in PX4 1.16", LOW),
-    ("1.16", {"ARSP_TAS_GATE": 3}, "ARSP_TAS_GATE", "warning", "was removed after PX4 1.10", LOW),
-    ("1.16", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "correct the name: EKF2_EV_CTRL", LOW),
-    ("1.9.2", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "correct the name: EKF2_EV_CTRL", LOW),
-    ("1.16", {"com_of_loss_t": 1.0}, "com_of_loss_t", "error", "correct the name: COM_OF_LOSS_T", LOW),
+    ("1.15", {"COM_DLL_EXCEPT": 4}, "COM_DLL_EXCEPT", "error", "added in PX4 1.16", LOW),
+    ("1.16", {"ARSP_TAS_GATE": 3}, "ARSP_TAS_GATE", "warning", "removed after PX4 1.10", LOW),
+    ("1.16", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "write EKF2_EV_CTRL", LOW),
+    ("1.9.2", {"EKF2_EV_CRTL": 11}, "EKF2_EV_CRTL", "error", "write EKF2_EV_CTRL", LOW),
+    ("1.16", {"com_of_loss_t": 1.0}, "com_of_loss_t", "error", "write COM_OF_LOSS_T", LOW),
     ("1.16", {"MY_OWN": 1}, "MY_OWN", "warning", "module of your own", LOW),
     # types and ranges
     ("1.16", {"EKF2_HGT_REF": 2.5}, "EKF2_HGT_REF", "error", "whole number", LOW),
@@ -259,9 +259,9 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Environment]] = [
     ("1.16", {"MPC_THR_HOVER": float("nan")}, "MPC_THR_HOVER", "error", "finite", LOW),
     ("1.16", {"MPC_THR_HOVER": float("inf")}, "MPC_THR_HOVER", "error", "finite", LOW),
     ("1.16", {"EKF2_EV_CTRL": float("nan")}, "EKF2_EV_CTRL", "error", "finite", LOW),
-    ("1.16", {"MPC_THR_HOVER": 0.05}, "MPC_THR_HOVER", "warning", "outside its range 0.1 to 0.8", LOW),
-    ("1.16", {"MPC_LAND_SPEED": 0.1}, "MPC_LAND_SPEED", "warning", "outside its range 0.6 or more", LOW),
-    ("1.16", {"EKF2_EV_CTRL": 31}, "EKF2_EV_CTRL", "warning", "outside its range 0 to 15", LOW),
+    ("1.16", {"MPC_THR_HOVER": 0.05}, "MPC_THR_HOVER", "warning", "0.1 to 0.8", LOW),
+    ("1.16", {"MPC_LAND_SPEED": 0.1}, "MPC_LAND_SPEED", "warning", "0.6 m/s or more", LOW),
+    ("1.16", {"EKF2_EV_CTRL": 31}, "EKF2_EV_CTRL", "warning", "0 to 15", LOW),
     ("1.12", {"NAV_RCL_ACT": 0}, "NAV_RCL_ACT", "warning", "COM_RCL_EXCEPT", LOW),
 ]
 
@@ -492,13 +492,13 @@ def test_written_parameters_are_looked_at_one_by_one():
     assert (found["MPC_XY_PP"].severity, found["MPC_XY_PP"].expected) == ("error", "perhaps MPC_XY_P")
     assert (found["MPC_LAND_SPEED"].severity, found["MPC_LAND_SPEED"].expected) == (
         "warning",
-        "0.6 or more m/s",
+        "0.6 m/s or more",
     )
 
 
 def test_finding_line_has_value_expectation_problem_reason_and_fix():
     (finding,) = check_written({"MPC_LAND_SPEED": 0.1}, "1.16")
     assert finding_line(finding) == (
-        "warning: MPC_LAND_SPEED: got 0.1, expected 0.6 or more m/s: is outside its range 0.6 or more m/s. PX4 accepts the"
-        " value, but was not designed for it. Choose a value within 0.6 or more m/s; the default is 0.7."
+        "warning: MPC_LAND_SPEED: got 0.1, expected 0.6 m/s or more: outside its range. PX4 accepts the value, but was not"
+        " designed for it. Choose MPC_LAND_SPEED 0.6 m/s or more; the default is 0.7."
     )

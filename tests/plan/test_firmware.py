@@ -140,5 +140,5 @@ def test_written_parameters_are_checked_with_their_places(tmp_path: Path) -> Non
     found = written_param_findings(load_arena("arena.yaml"))
     assert [(each.vehicle, each.place, each.finding.name, each.finding.expected) for each in found] == [
         ("uav1", "tuned.params", "EKF2_EV_CRTL", "perhaps EKF2_EV_CTRL"),
-        ("uav1", "arena.yaml:6", "MPC_LAND_SPEED", "0.6 or more m/s"),
+        ("uav1", "arena.yaml:6", "MPC_LAND_SPEED", "0.6 m/s or more"),
     ]

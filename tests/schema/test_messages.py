@@ -72,20 +72,20 @@ GOLDEN: dict[str, tuple[str, list[str]]] = {
     "unknown parameter": (
         V + "{autopilot: builtin, params: {MPC_XY_PP: 1}}\n",
         [
-            "arena.yaml:2: vehicles.uav1.params.MPC_XY_PP: is not a parameter of any PX4 version from 1.9 to 1.18. "
-            "Correct the name: MPC_XY_P?"
+            "arena.yaml:2: vehicles.uav1.params.MPC_XY_PP: not a parameter of any PX4 version from 1.9 to 1.18. "
+            "Write MPC_XY_P if that is meant."
         ],
     ),
     "parameter out of range": (
         V + "{autopilot: builtin, params: {MPC_XY_P: 99}}\n",
         [
-            "arena.yaml:2: vehicles.uav1.params.MPC_XY_P: got 99, expected 0 to 2. Choose a value within 0 to 2; the default is 0.95."
+            "arena.yaml:2: vehicles.uav1.params.MPC_XY_P: got 99, expected 0 to 2. Choose MPC_XY_P 0 to 2; the default is 0.95."
         ],
     ),
     "parameter in defaults out of range": (
         "defaults:\n  autopilot: builtin\n  params:\n    MPC_XY_P: 99\n" + V + "{}\n",
         [
-            "arena.yaml:4: defaults.params.MPC_XY_P: got 99, expected 0 to 2. Choose a value within 0 to 2; the default is 0.95."
+            "arena.yaml:4: defaults.params.MPC_XY_P: got 99, expected 0 to 2. Choose MPC_XY_P 0 to 2; the default is 0.95."
         ],
     ),
     "unknown PX4 version": (

@@ -20,7 +20,7 @@ def low_battery(ctx: CheckContext) -> Iterator[Finding]:
             "warning", name, problem, expected=expected, why="the vehicle flies until it falls", fix=fix
         )
     elif action is None and ctx.value(name) != 1:  # 1 still works, although newer versions do not list it
-        problem = "is no action for a low battery"
+        problem = "no action for a low battery"
         yield ctx.finding(
             "error", name, problem, expected=expected, why="an empty battery causes no reaction", fix=fix
         )
@@ -45,7 +45,7 @@ def battery_thresholds(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "warning",
             "BAT_EMERGEN_THR",
-            f"is not below BAT_CRIT_THR {critical:g}",
+            f"not below BAT_CRIT_THR {critical:g}",
             expected=f"below {critical:g}",
             why="the critical threshold has no effect: the emergency action comes first",
             fix=f"choose BAT_EMERGEN_THR below {critical:g}",
@@ -55,7 +55,7 @@ def battery_thresholds(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "warning",
             "BAT_CRIT_THR",
-            f"is not below BAT_LOW_THR {low:g}",
+            f"not below BAT_LOW_THR {low:g}",
             expected=f"below {low:g}",
             why="there is no warning before the failsafe acts",
             fix=f"choose BAT_CRIT_THR below {low:g}",
@@ -94,7 +94,7 @@ def battery_is_measured(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "error",
             f"{prefix}V_EMPTY",
-            f"is not below {prefix}V_CHARGED {charged:g} V",
+            f"not below {prefix}V_CHARGED {charged:g} V",
             expected=f"below {charged:g} V",
             why="PX4 cannot estimate the charge from the voltage",
             fix=f"set {prefix}V_EMPTY 3.6",

@@ -94,7 +94,7 @@ def circuit_breakers(ctx: CheckContext) -> Iterator[Finding]:
             yield ctx.finding(
                 "warning",
                 name,
-                f"is neither 0 nor {parameter.max:g}",
+                f"neither 0 nor {parameter.max:g}",
                 expected=f"0 or {parameter.max:g}",
                 why="any other number has no effect",
                 fix=f"set {name} 0, or {parameter.max:g} to switch the check off",

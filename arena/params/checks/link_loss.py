@@ -34,6 +34,11 @@ def settings_text(ctx: CheckContext, event: Event, action: Action) -> str:
     return ", ".join(f"{name} {value}" for name, value in settings_for(event, action, ctx.version).items())
 
 
+def expected_text(settings: str, name: str, action: Action) -> str:
+    """Return the expected value of a parameter, "4 (land)", from the settings of an action; "" without settings."""
+    return f"{settings.removeprefix(name + ' ')} ({action})" if settings else ""
+
+
 def current_action(ctx: CheckContext, event: Event) -> Action | None:
     """Return the action that an event leads to with the current values, None when the values name no action."""
     return selected_action(event, ctx.values, ctx.version)
@@ -53,7 +58,7 @@ def offboard_loss_action(ctx: CheckContext) -> Iterator[Finding]:
     """Find a wrong action for lost setpoints."""
     name, action = "COM_OBL_RC_ACT", current_action(ctx, "offboard_loss")
     land = settings_text(ctx, "offboard_loss", "land")
-    expected, fix = f"{land} (land)", f"set {land} (land)"
+    expected, fix = expected_text(land, name, "land"), f"set {land} (land)"
     # up to 1.13 COM_OBL_ACT selects the action without RC
     without_rc = ctx.minor >= 14 and not ctx.environment.rc
     if action is None:
@@ -86,8 +91,8 @@ def offboard_loss_action_without_rc(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "error",
             "COM_OBL_ACT",
-            "without RC, lost setpoints cause no reaction" if action else "is no action for lost setpoints",
-            expected=f"{land} (land)",
+            "without RC, lost setpoints cause no reaction" if action else "no action for lost setpoints",
+            expected=expected_text(land, "COM_OBL_ACT", "land"),
             why="the vehicle keeps its last setpoint, or holds its position",
             fix=f"set {land} (land)",
         )
@@ -169,8 +174,8 @@ def rc_loss(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "error",
             "NAV_RCL_ACT",
-            "the loss of RC causes no reaction" if action else "is no action for the loss of RC",
-            expected=f"{land} (land)",
+            "the loss of RC causes no reaction" if action else "no action for the loss of RC",
+            expected=expected_text(land, "NAV_RCL_ACT", "land"),
             why="the vehicle flies on, and the pilot has no means to end the flight",
             fix=f"set {land} (land)",
         )
@@ -234,7 +239,7 @@ def motors_stop_in_flight(ctx: CheckContext) -> Iterator[Finding]:
             "warning",
             name,
             f"leads to {action} when {EVENTS[event]}",
-            expected=f"{land} (land)" if land else "another action",
+            expected=expected_text(land, name, "land") or "another action",
             why="the motors stop in the air and the vehicle falls",
             fix=f"set {land} (land)" if land else "choose another action",
         )
@@ -253,7 +258,7 @@ def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
             "warning",
             name,
             f"leads to a return when {EVENTS[event]}, and a return climbs to RTL_RETURN_ALT {altitude:g} m",
-            expected=f"{land} (land)" if land else f"RTL_RETURN_ALT below {ceiling:g}",
+            expected=expected_text(land, name, "land") or f"RTL_RETURN_ALT below {ceiling:g}",
             why=f"the vehicle hits the ceiling: {room} {ceiling:g} m high",
             fix=f"set {land} (land), or RTL_RETURN_ALT below {ceiling:g}"
             if land

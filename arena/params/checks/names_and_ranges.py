@@ -34,7 +34,7 @@ def _replaced(name: str, value: float, change: Change, ctx: CheckContext) -> Fin
     before = Version(1, change.since - 1)
     new = convert({name: value}, before, ctx.version).values if math.isfinite(value) else {}
     since = f"PX4 1.{change.since}"
-    problem = f"has no effect since {since}" if name in ctx.table else f"was removed in {since}"
+    problem = f"no effect since {since}" if name in ctx.table else f"removed in {since}"
     if new:
         held = [n for n in new if n in ctx.given]
         already = f" ({', '.join(held)} already given)" if held else ""
@@ -71,13 +71,13 @@ def _of_another_version(name: str, value: float, ctx: CheckContext) -> Finding |
             name,
             value,
             f"{names} instead" if names else "no such parameter",
-            f"was added in PX4 {first}",
+            f"added in PX4 {first}",
             f"PX4 {ctx.version} does not have this parameter",
             f"use {names}" if names else f"remove {name}, or fly PX4 {first} or newer",
         )
     if having:
         why = f"PX4 {ctx.version} does not have this parameter, and no successor of it is recorded"
-        problem = f"was removed after PX4 {having[-1]}"
+        problem = f"removed after PX4 {having[-1]}"
         return Finding(
             "warning", name, value, "no such parameter", problem, why, f"remove {name} from the file"
         )
@@ -85,11 +85,13 @@ def _of_another_version(name: str, value: float, ctx: CheckContext) -> Finding |
 
 
 def _misspelt(name: str, value: float, ctx: CheckContext) -> Finding:
-    problem = f"is not a parameter of any PX4 version from {versions()[0]} to {versions()[-1]}"
+    problem = f"not a parameter of any PX4 version from {versions()[0]} to {versions()[-1]}"
     why = f"PX4 {ctx.version} ignores or refuses a parameter that it does not have"
     near = nearest_name(name, ctx.version)
     if near:
-        return Finding("error", name, value, f"perhaps {near}", problem, why, f"correct the name: {near}?")
+        return Finding(
+            "error", name, value, f"perhaps {near}", problem, why, f"write {near} if that is meant"
+        )
     fix = f"remove {name}, unless a module of your own PX4 build defines it"
     return Finding("warning", name, value, "a parameter of PX4", problem, why, fix)
 
@@ -119,7 +121,7 @@ def types_and_ranges(ctx: CheckContext) -> Iterator[Finding]:
                 name,
                 value,
                 f"the type {p.type}",
-                f"has the type {ctx.types[name]} in this file",
+                f"written with the type {ctx.types[name]}",
                 "PX4 reads the bytes of one type as the other",
                 f"write the type {_MAV_PARAM_TYPE[p.type]} in the last column",
             )
@@ -130,21 +132,21 @@ def types_and_ranges(ctx: CheckContext) -> Iterator[Finding]:
                 name,
                 value,
                 _limits(p),
-                f"is outside its range {_limits(p)}",
+                "outside its range",
                 past[-1] if past else "PX4 accepts the value, but was not designed for it",
-                f"choose a value within {_limits(p)}; the default is {p.default:g}",
+                f"choose {name} {_limits(p)}; the default is {p.default:g}",
             )
 
 
 def _type_error(value: float, p: Parameter) -> tuple[str, str, str] | None:
     """Return (expected, problem, why) where the parameter's type cannot hold the value."""
     if not math.isfinite(value):
-        return "a finite number", "is not a finite number", "everything computed from it is not finite either"
+        return "a finite number", "not a finite number", "everything computed from it is not finite either"
     if p.type == "INT32" and value != int(value):
-        return "a whole number", "is not a whole number", "the parameter is an INT32"
+        return "a whole number", "not a whole number", "the parameter is an INT32"
     if p.type == "INT32" and not INT32_MIN <= value <= INT32_MAX:
         limits = f"{INT32_MIN} to {INT32_MAX}"
-        return limits, "is too large for its type", f"the parameter is an INT32, which holds {limits}"
+        return limits, "too large for its type", f"the parameter is an INT32, which holds {limits}"
     return None
 
 
@@ -164,7 +166,7 @@ def _limits(p: Parameter) -> str:
     unit = f" {p.unit}" if p.unit else ""
     if low and high:
         return f"{low} to {high}{unit}"
-    return f"{low} or more{unit}" if low else f"up to {high}{unit}"
+    return f"{low}{unit} or more" if low else f"up to {high}{unit}"
 
 
 def _listed(values: Mapping[str, float]) -> str:

@@ -148,7 +148,7 @@ def settings_for(event: Event, action: Action, version: Version | str) -> Mappin
     if action not in row.settings:
         supported = ", ".join(supported_actions(event, version))
         raise InputError(
-            f"PX4 1.{Version.of(version).minor} has no action {action} when {EVENTS[event]} (it has {supported}): {row.note}"
+            f"PX4 1.{Version.of(version).minor} has no action `{action}` when {EVENTS[event]} (possible: {supported}): {row.note}"
         )
     return row.settings[action]
 

@@ -24,6 +24,7 @@ _EMERGENCY_SHARE = 0.7  # of the charge at which the vehicle lands
 _EXCEPT_ALL = (
     7  # COM_RCL_EXCEPT: missions, hold and take-off, offboard; landing and return continue in any case
 )
+_MEANINGS: Mapping[Action, str] = {"none": "no reaction", "warn": "a warning only"}
 _POSITION_ACTIONS = ("land", "hold", "return")  # without a position estimate PX4 descends instead
 
 
@@ -97,7 +98,7 @@ def _rc_loss(w: LineWriter, f: Failsafe) -> Iterator[Line]:
     elif rc:
         yield from _reaction(w, "rc_loss", "rc_loss", "none", report=False)
         if "COM_RCL_EXCEPT" in w.known:
-            yield w.line("COM_RCL_EXCEPT", _EXCEPT_ALL, "none when RC is lost", "failsafe.rc_loss")
+            yield w.line("COM_RCL_EXCEPT", _EXCEPT_ALL, "no reaction when RC is lost", "failsafe.rc_loss")
     elif f.rc_loss != "none":
         w.not_possible.append(
             f"failsafe.rc_loss: the vehicle has no RC (`sticks: true`): {f.rc_loss} is not set"
@@ -148,7 +149,9 @@ def _reaction(
             w.not_possible.append(f"failsafe.{key}: {error}")
         return
     for name, value in settings.items():
-        yield w.line(name, value, f"{action} when {when or EVENTS[event]}", f"failsafe.{key}")
+        yield w.line(
+            name, value, f"{_MEANINGS.get(action, action)} when {when or EVENTS[event]}", f"failsafe.{key}"
+        )
 
 
 def _settings(w: LineWriter, event: Event, action: Action) -> Mapping[str, int]:
