@@ -30,17 +30,22 @@ class SenderClock:
     offset.
 
     A simulated sender stamps with simulation time: an offset below 50 ms counts as zero.
+    A stamp that does not advance is not used: the time of reception takes its place.
     """
 
     def __init__(self) -> None:
         self._least: float | None = None
         self._received = 0.0
+        self._stamp: float | None = None
 
     def local(self, stamp: float, received: float) -> float:
         """Return the local time [s] of a sender's time stamp.
 
         stamp: sender's time [s]. received: local time of reception [s].
         """
+        stands_still, self._stamp = stamp == self._stamp, stamp
+        if stands_still:
+            return received
         delay = received - stamp
         relaxed = (
             self._least if self._least is None else self._least + _MAX_DRIFT * (received - self._received)

@@ -87,6 +87,11 @@ def test_restarted_sender_gets_a_new_offset():
     assert clock.local(1.0, 260.0) == pytest.approx(260.0)
 
 
+def test_stamp_that_stands_still_is_replaced_by_the_time_of_reception():
+    clock = SenderClock()
+    assert [clock.local(0.0, 250.0 + k) for k in range(3)] == pytest.approx([250.0, 251.0, 252.0])
+
+
 def test_slow_drift_of_the_senders_clock_is_followed():
     clock = SenderClock()
     for k in range(6000):  # 10 minutes; the sender's clock loses 20 ppm
