@@ -14,12 +14,11 @@ from collections.abc import Callable, Iterator
 from arena.emergency.link_process import kill, unread_bytes
 from arena.emergency.run_record import DirectAddress
 from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, open_udp, receive_datagrams
-from arena.wire.mavlink_frame import Stream, parse_frames
+from arena.wire.mavlink_frame import AUTOPILOT, Stream, parse_frames
 
 BESIDE_AFTER_S = 0.5  # without telemetry: send directly too
 REPLACE_AFTER_S = 1.0  # without telemetry, and with unread datagrams at the link process: replace it
 _CHECK_S, _RETRY_S = 0.1, 0.5
-_AUTOPILOT = 1
 
 
 class DirectLink:
@@ -139,7 +138,7 @@ class DirectLink:
         """Accept any address of a vehicle whose address is unknown, else another port of the same host."""
         if self._vehicle is not None and sender[0] != self._vehicle[0]:
             return False
-        matches = any(f.sysid == self._system and f.compid == _AUTOPILOT for f in parse_frames(data).frames)
+        matches = any(f.sysid == self._system and f.compid == AUTOPILOT for f in parse_frames(data).frames)
         if matches and self._address.connection.kind == "udpin":
             self._vehicle = sender
         return matches

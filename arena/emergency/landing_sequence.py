@@ -11,7 +11,7 @@ from typing import Literal
 
 from arena.constants import FORCE_ARM_DISARM
 from arena.wire import mavlink_minimal as mav
-from arena.wire.mavlink_frame import Frame, parse_frames
+from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames
 from arena.wire.px4_mode import AUTO_LAND, mode_words
 
 SYSTEM = 253
@@ -24,7 +24,6 @@ WATCH_S = (
 MODE_STALE_S = 3.0  # an older flight mode may have changed since: the land mode is commanded again
 TELEMETRY_STALE_S = 1.5
 _HEARTBEAT_S = 1.0
-_AUTOPILOT = 1
 _NAN = float("nan")
 _REQUESTED_INTERVAL_US = 200_000
 _COMMAND_WORDS = {mav.DO_SET_MODE: "LAND mode", mav.NAV_LAND: "land command", mav.ARM_DISARM: "disarming"}
@@ -91,7 +90,7 @@ class LandingSequence:
     def on_datagram(self, data: bytes | memoryview, now: float) -> None:
         """Take in a datagram. Frames of other vehicles and components are ignored; never raises."""
         for at in parse_frames(data).frames:
-            if at.sysid == self.system and at.compid == _AUTOPILOT:
+            if at.sysid == self.system and at.compid == AUTOPILOT:
                 self._on_frame(data, at, now)
         self._update_confirmed(now)
 
@@ -144,7 +143,7 @@ class LandingSequence:
         return self._command(mav.SET_MESSAGE_INTERVAL, message, _REQUESTED_INTERVAL_US)
 
     def _command(self, number: int, *params: float) -> bytes:
-        return self._sender.command(self.system, _AUTOPILOT, number, *params)
+        return self._sender.command(self.system, AUTOPILOT, number, *params)
 
     def _on_frame(self, data: bytes | memoryview, at: Frame, now: float) -> None:
         reported = self.reported

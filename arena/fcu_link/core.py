@@ -24,11 +24,10 @@ from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import Buffer, Frame, ParsedFrames, parse_frames
+from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, ParsedFrames, parse_frames
 from arena.wire.mavlink_params import parse_error, parse_value
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
-AUTOPILOT = 1
 SIMULATOR = "simulator"
 PANIC_TIMEOUT_S = 5.0  # after its last frame, land-all no longer receives telemetry
 _SILENT_S = 3.0

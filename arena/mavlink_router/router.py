@@ -17,13 +17,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from arena.mavlink_router.routing_table import Table, Vehicle
-from arena.mavlink_router.vehicle_status import (
-    AUTOPILOT,
-    EXTENDED_SYS_STATE,
-    HEARTBEAT,
-    Fact,
-    VehicleStatus,
-)
+from arena.mavlink_router.vehicle_status import Fact, VehicleStatus
 from arena.mavlink_router.vehicle_telemetry import (
     LOCAL_POSITION_NED,
     STATUSTEXT,
@@ -31,7 +25,8 @@ from arena.mavlink_router.vehicle_telemetry import (
     VehicleTelemetry,
 )
 from arena.transport import Address
-from arena.wire.mavlink_frame import Buffer, Frame, parse_frames
+from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, parse_frames
+from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT
 
 TOOL_TIMEOUT_S = 10.0  # a tool's address is removed this long after its last frame
 MAX_TOOLS = 16  # per vehicle: one more removes the tool that has been silent for longest

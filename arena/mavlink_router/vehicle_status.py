@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from arena.wire.mavlink_frame import Buffer, Frame, byte_at, uint_at
+from arena.wire.mavlink_minimal import ARMED, EXTENDED_SYS_STATE, HEARTBEAT, LANDED_ON_GROUND, LANDED_UNKNOWN
 from arena.wire.px4_mode import mode_words
 
-HEARTBEAT, EXTENDED_SYS_STATE, AUTOPILOT = 0, 245, 1
 SILENT_AFTER_S = 3.0
-_ARMED_BIT = 128
 _CUSTOM_MODE, _BASE_MODE, _LANDED_STATE = 0, 6, 1  # payload offsets
-_UNDEFINED, _ON_GROUND = 0, 1  # MAV_LANDED_STATE
 
 Fact = bool | str | float
 
@@ -44,12 +42,12 @@ class VehicleStatus:
         if frame.msgid == HEARTBEAT:
             self._received_at = now
             self._set("connected", True)
-            self._set("armed", bool(byte_at(data, frame, _BASE_MODE) & _ARMED_BIT))
+            self._set("armed", bool(byte_at(data, frame, _BASE_MODE) & ARMED))
             self._set("mode", mode_words(uint_at(data, frame, _CUSTOM_MODE, 4)))
         elif frame.msgid == EXTENDED_SYS_STATE:
             state = byte_at(data, frame, _LANDED_STATE)
-            if state != _UNDEFINED:
-                self._on_landed_state(state == _ON_GROUND, now)
+            if state != LANDED_UNKNOWN:
+                self._on_landed_state(state == LANDED_ON_GROUND, now)
 
     def tick(self, now: float) -> None:
         """Set `connected` to False after `SILENT_AFTER_S` without a heartbeat."""

@@ -18,6 +18,8 @@ from fastcrc import crc16
 
 from arena.wire.mavlink_targets import CRC_EXTRA, TARGETS
 
+AUTOPILOT = 1
+"""MAV_COMP_ID_AUTOPILOT1: component id of every autopilot."""
 TRIES = 32
 _V1, _V2 = 0xFE, 0xFD
 _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13

@@ -17,7 +17,7 @@ import math
 import struct
 from typing import NamedTuple
 
-from arena.wire.mavlink_frame import Buffer, Frame
+from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame
 from arena.wire.qgc_params import INTEGERS
 
 REQUEST_READ, REQUEST_LIST, VALUE, SET, COMMAND_LONG, ERROR = 20, 21, 22, 23, 76, 345
@@ -26,7 +26,6 @@ HASH = "_HASH_CHECK"
 NO_INDEX = 65535
 """Index of a parameter that exists but is not in PX4's list, because no module uses it yet."""
 DOES_NOT_EXIST = 1
-AUTOPILOT = 1
 NAME_BYTES = 16
 
 _READ, _LIST, _VALUE, _SET, _ERROR, _COMMAND = (

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.wire.mavlink_frame import parse_frames
+from arena.wire.mavlink_frame import AUTOPILOT, parse_frames
 from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
@@ -24,7 +24,6 @@ _GAUSS_T = 1e-4
 _HPA_PA = 100.0
 _HIGHRES_MAG = 0x01C0
 _HIGHRES_BARO = 0x1A00
-_AUTOPILOT = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -168,7 +167,7 @@ class Telemetry:
     """
 
     def __init__(
-        self, system_id: int, only: Collection[int] | None = None, component_id: int = _AUTOPILOT
+        self, system_id: int, only: Collection[int] | None = None, component_id: int = AUTOPILOT
     ) -> None:
         self._system, self._component = system_id, component_id
         self._handlers = {
@@ -318,7 +317,7 @@ _HANDLERS: dict[int, Callable[[Telemetry, mavlink.MAVLink_message, float], None]
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Telemetry._reference,
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: Telemetry._highres,
     mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: Telemetry._controls,
-    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Telemetry._version,
+    mavlink.MAVLINK_MSG_IDAUTOPILOT_VERSION: Telemetry._version,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Telemetry._extended,
     mavlink.MAVLINK_MSG_ID_STATUSTEXT: Telemetry._text,
 }

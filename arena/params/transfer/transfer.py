@@ -12,10 +12,9 @@ from typing import Literal, NamedTuple
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import Buffer, Frame, byte_at, uint_at
+from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, byte_at, uint_at
 from arena.wire.mavlink_minimal import result_words
 from arena.wire.mavlink_params import (
-    AUTOPILOT,
     ERROR,
     REBOOT,
     VALUE,
