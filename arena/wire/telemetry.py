@@ -317,7 +317,7 @@ _HANDLERS: dict[int, Callable[[Telemetry, mavlink.MAVLink_message, float], None]
     mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Telemetry._reference,
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: Telemetry._highres,
     mavlink.MAVLINK_MSG_ID_ACTUATOR_CONTROL_TARGET: Telemetry._controls,
-    mavlink.MAVLINK_MSG_IDAUTOPILOT_VERSION: Telemetry._version,
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Telemetry._version,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Telemetry._extended,
     mavlink.MAVLINK_MSG_ID_STATUSTEXT: Telemetry._text,
 }
