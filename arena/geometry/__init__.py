@@ -12,7 +12,10 @@ Inner letters cancel: q_nf = q_nw * q_wf.  Every array is float64; vectors (...,
 """
 
 from arena.geometry.frames import (
+    EARTH_M,
     frd_from_flu,
+    globe_from_local,
+    local_from_globe,
     ned_from_world,
     q_nb_from_q_wf,
     q_wf_from_q_nb,
@@ -20,7 +23,6 @@ from arena.geometry.frames import (
     wxyz_from_xyzw,
     xyzw_from_wxyz,
 )
-from arena.geometry.globe import EARTH_M, globe_from_local, local_from_globe
 from arena.geometry.quaternion import (
     Array,
     euler_from_matrix,

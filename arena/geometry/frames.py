@@ -1,6 +1,12 @@
-"""Conversion of vectors and attitudes between frames: n <-> w, b <-> f. See the package docstring."""
+"""Conversion of vectors and attitudes between frames (n <-> w, b <-> f, see the package docstring), and of global positions.
+
+A global position is projected on a plane that touches a sphere at the origin. In a room this equals PX4's azimuthal
+projection (v1.16, src/lib/geo) within some micrometres.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +18,8 @@ _H = np.sqrt(0.5)
 _Q_NW_WXYZ = np.array([0.0, _H, _H, 0.0])
 # f: forward, left, up. b from f is half a turn about the forward axis.
 _Q_BF_WXYZ = np.array([0.0, 1.0, 0.0, 0.0])
+EARTH_M = 6_371_000.0
+"""Radius of PX4's sphere [m]."""
 
 
 def ned_from_world(v_w: ArrayLike) -> Array:
@@ -48,3 +56,18 @@ def wxyz_from_xyzw(quat_xyzw: ArrayLike) -> Array:
 def xyzw_from_wxyz(quat_wxyz: ArrayLike) -> Array:
     """Convert a scalar-first quaternion to scalar-last (..., 4)."""
     return np.roll(np.asarray(quat_wxyz, float), -1, axis=-1)
+
+
+def globe_from_local(lat0_deg: Any, lon0_deg: Any, north: Any, east: Any) -> tuple[Any, Any]:
+    """Return latitude and longitude [deg], not wrapped, of a place north and east [m] of an origin [deg]."""
+    return lat0_deg + np.degrees(north / EARTH_M), lon0_deg + np.degrees(
+        east / (EARTH_M * np.cos(np.radians(lat0_deg)))
+    )
+
+
+def local_from_globe(lat0_deg: Any, lon0_deg: Any, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
+    """Return north and east [m] of an origin [deg] for a latitude and longitude [deg], the shorter way round the Earth."""
+    east_deg = (lon_deg - lon0_deg + 180.0) % 360.0 - 180.0
+    return np.radians(lat_deg - lat0_deg) * EARTH_M, np.radians(east_deg) * np.cos(
+        np.radians(lat0_deg)
+    ) * EARTH_M
