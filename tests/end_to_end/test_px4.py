@@ -92,7 +92,7 @@ def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str
         {"uav1": "hovers", "uav2": "hovers", "uav3": "tours"},
         "--until-done",
         "--time-limit",
-        "60",
+        "300",  # wall time: a starved machine simulates slowly, and a limit in the landing stops the program (143)
         *px4,
         *flown_by_px4("uav1", "uav2"),
     )
@@ -107,8 +107,8 @@ def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str
     finally:
         stopped.resume()
     flight.until_said("uav2: PX4 answers again after ", 10)
-    flight.until_event("program.uav3", "EXITED", 60)
-    assert flight.wait(60) == 1, (
+    flight.until_event("program.uav3", "EXITED", 100)
+    assert flight.wait(100) == 1, (
         "what the world sees down is not waited for, though its PX4 may believe for ever that it flies"
     )
     said, summary = flight.said(), flight.summary
