@@ -21,9 +21,8 @@ from arena.plan import ProcessSpec, Restart, make_plan
 from arena.plan.process_table import TABLE, ProcessKind
 from arena.recorder import columns
 from arena.schema import load_arena
-from arena.schema.json_schema import json_schema
 from arena.schema.mocap import Mocap
-from arena.schema.models import NOT_YET
+from arena.schema.models import NOT_YET, json_schema
 from arena.schema.ports import PORTS, Port
 from arena.smoke.language import vocabulary
 from arena.smoke.language.scenario import STEP_KEYS, ScenarioFile

@@ -13,6 +13,6 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def schema() -> None:
         """Print the JSON schema of arena.yaml, for editors."""
-        from arena.schema.json_schema import json_schema
+        from arena.schema.models import json_schema
 
         print(json.dumps(json_schema(), indent=2))

@@ -66,6 +66,11 @@ class Check:
         """Return the path at which a vehicle's key is written: under the vehicle, else under `defaults`."""
         return self.source.layer(vehicle, *key)
 
+    def place_of(self, vehicle: Vehicle, key: str) -> str:
+        """Return where a vehicle's key is written: `arena.yaml:14`."""
+        file, line = self.source.place(self.where(vehicle.name, key))
+        return f"{file}:{line}" if line else file
+
     def problem(self, vehicle: str, key: tuple[str | int, ...], message: str) -> Problem:
         words = tuple(str(k) for k in key)
         return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))

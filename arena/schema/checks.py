@@ -5,9 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-import warnings
 from collections.abc import Iterator
-from pathlib import Path
 
 from arena.errors import Problem
 from arena.mocap.vendors import vendor_settings
@@ -15,15 +13,13 @@ from arena.schema.arena import Arena, Vehicle
 from arena.schema.checking import Check
 from arena.schema.checks_fence import fence
 from arena.schema.checks_real import REAL
+from arena.schema.checks_vehicle import VEHICLE
 from arena.schema.loader import YamlPath
 from arena.schema.mocap import keys_of_other_vendors
 from arena.schema.models import NOT_YET
 from arena.schema.ports import PORTS, SDK_ABOVE
-from arena.schema.profile_overrides import problems as override_problems
-from arena.schema.source import as_list, near
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
-_PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 _LEAST_POSE_RATE_HZ = 10.0  # PX4's estimator stops fusing after gaps of 0.2 s
 
 
@@ -102,43 +98,17 @@ def _px4(c: Check) -> Iterator[Problem]:
             )
 
 
-def _senses(c: Check) -> Iterator[Problem]:
-    """Check keys that only some autopilots use."""
-    for v in c.arena.vehicles:
-        for key, fits in (("gps", ("px4", "hitl")), ("sticks", ("px4", "builtin"))):
-            if getattr(v, key) and v.autopilot not in fits and c.sound(v, key, "autopilot"):
-                said = f"got true, which is for autopilot: {' or '.join(fits)}, and {v.name} has {v.autopilot}. Remove it."
-                yield c.problem(v.name, (key,), said)
-
-
-def _overrides(c: Check) -> Iterator[Problem]:
-    """Check mass and sensor noise against the profile, and that only simulated vehicles have noise and wind."""
-    for v in c.arena.vehicles:
-        if c.sound(v, "profile", "mass_kg", "sensors"):
-            for keys, message in override_problems(v.profile, v.overrides):
-                yield c.problem(v.name, keys, message)
-        for key in ("sensors", "wind_m_s"):
-            if c.source.given(("vehicles", v.name, key)) and not v.simulated:
-                message = f"is for simulated vehicles, and {v.name} is hardware. Remove it."
-                yield c.problem(v.name, (key,), message)
-
-
 def _ids(c: Check) -> Iterator[Problem]:
     for a, b in itertools.combinations(c.arena.vehicles, 2):
         if a.id == b.id and c.sound(a, "id") and c.sound(b, "id"):
             yield c.problem(
                 b.name,
                 ("id",),
-                f"got {b.id}, which {a.name} ({_place(c, a, 'id')}) has too. Try {_free_id(c.arena)}.",
+                f"got {b.id}, which {a.name} ({c.place_of(a, 'id')}) has too. Try {_free_id(c.arena)}.",
             )
     for vehicle in c.arena.vehicles:
         if vehicle.id > 250:
             yield c.source.problem(("vehicles", vehicle.name), "is one vehicle too many: ids end at 250.")
-
-
-def _place(c: Check, vehicle: Vehicle, key: str) -> str:
-    file, line = c.source.place(c.where(vehicle.name, key))
-    return f"{file}:{line}" if line else file
 
 
 def _free_id(arena: Arena) -> int:
@@ -239,7 +209,7 @@ def _overlap(c: Check) -> Iterator[Problem]:
         if apart < needed and c.sound(a, "start", "profile") and c.sound(b, "start", "profile"):
             said = f"got {apart:.2f} m between their centres, expected at least {needed:.2f} m. Try another position."
             yield c.problem(
-                b.name, ("start", "position"), f"overlaps {a.name} ({_place(c, a, 'start')}): {said}"
+                b.name, ("start", "position"), f"overlaps {a.name} ({c.place_of(a, 'start')}): {said}"
             )
 
 
@@ -279,82 +249,6 @@ def _pose_rate(c: Check, vehicle: Vehicle, frames: float) -> Iterator[Problem]:
         yield c.problem(vehicle.name, ("pose_rate_hz",), f"{said}. Try {frames / math.ceil(frames / 60):g}.")
 
 
-def _programs(c: Check) -> Iterator[Problem]:
-    for v in c.arena.vehicles:
-        if v.program is None:
-            if c.source.given(c.where(v.name, "args")) and c.sound(v, "program"):
-                yield c.problem(v.name, ("args",), "is given without a program. Add `program`.")
-            continue
-        path = Path(v.program.path)
-        if not c.files.is_file(str(path)):
-            names = [n for n in c.files.names(str(path.parent)) if n.endswith(path.suffix or ".py")]
-            hint = near(path.name, names) if names else f"Put it into {path.parent}."
-            words = path.name.split()
-            if len(words) > 1 and c.files.is_file(str(path.parent / words[0])):
-                hint = f"Did you mean program: {words[0]}, args: {as_list(words[1:])}?"
-            yield c.problem(
-                v.name, ("program",), f"got {path.name!r}, expected a file in {path.parent}. {hint}"
-            )
-        elif path.suffix == ".py":
-            yield from _syntax(c, v, path)
-        elif not c.files.is_executable(str(path)):
-            yield c.problem(
-                v.name,
-                ("program",),
-                f"got {path.name!r}, expected a .py file or an executable. Try chmod +x {path}.",
-            )
-
-
-def _syntax(c: Check, v: Vehicle, path: Path) -> Iterator[Problem]:
-    """Compile a Python program without running it."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SyntaxWarning)
-            compile(c.files.content(str(path)), str(path), "exec", dont_inherit=True)
-    except (SyntaxError, ValueError) as error:
-        line = getattr(error, "lineno", None)
-        what = error.msg if isinstance(error, SyntaxError) else str(error)
-        place = f"{path.name}:{line}" if line else path.name
-        yield c.problem(v.name, ("program",), f"{place} is not valid Python: {what}. Correct the program.")
-    except OSError as error:
-        yield c.problem(v.name, ("program",), f"{path.name} cannot be read: {error.strerror}.")
-
-
-def _neighbours(c: Check) -> Iterator[Problem]:
-    names = [v.name for v in c.arena.vehicles]
-    for v in c.arena.vehicles:
-        common = not c.source.given(("vehicles", v.name, "neighbours"))
-        for i, other in enumerate(v.neighbours):
-            if other == v.name and not common:
-                yield c.problem(
-                    v.name, ("neighbours", i), f"got {other!r}, which is the vehicle itself. Remove it."
-                )
-            elif other not in names:
-                yield c.problem(
-                    v.name, ("neighbours", i), f"got {other!r}, expected a vehicle. {near(other, names)}"
-                )
-
-
-def _bodies(c: Check) -> Iterator[Problem]:
-    for a, b in itertools.combinations(c.arena.vehicles, 2):
-        if a.mocap_body == b.mocap_body:
-            said = f"got {b.mocap_body!r}, which is also the body of {a.name} ({_place(c, a, 'mocap_body')})"
-            yield c.problem(b.name, ("mocap_body",), f"{said}. Give each vehicle a body of its own.")
-
-
-def _gcs(c: Check) -> Iterator[Problem]:
-    for v in c.arena.vehicles:
-        for i, address in enumerate(v.gcs):
-            if address == c.arena.address:
-                yield c.problem(
-                    v.name,
-                    ("gcs", i),
-                    f"got {address}, which is the arena's own address and served anyway. Remove it.",
-                )
-            elif address in v.gcs[:i]:
-                yield c.problem(v.name, ("gcs", i), f"got {address} a second time. Remove it.")
-
-
 def _capture(c: Check) -> Iterator[Problem]:
     mocap = c.arena.mocap
     for vendor in mocap.vendors:
@@ -368,28 +262,13 @@ def _capture(c: Check) -> Iterator[Problem]:
             )
 
 
-def _params(c: Check) -> Iterator[Problem]:
-    for v in c.arena.vehicles:
-        for name in v.own_params:
-            if not _PARAM.fullmatch(name):
-                said = f"got {name!r}, expected a PX4 name: capitals, digits and _, 16 at most"
-                yield c.problem(v.name, ("params", name), f"{said}. Try {name.upper()[:16]}.")
-        if v.own_params.get("MAV_SYS_ID", v.id) != v.id:
-            yield c.problem(
-                v.name,
-                ("params", "MAV_SYS_ID"),
-                f"got {v.own_params['MAV_SYS_ID']:g}, but the vehicle's id is {v.id}. Write `id` instead.",
-            )
-
-
 _CHECKS = (
     _names,
     _not_yet,
     _empty_sections,
     _px4,
     *REAL,
-    _senses,
-    _overrides,
+    *VEHICLE,
     _ids,
     _ports,
     _port_range,
@@ -397,10 +276,5 @@ _CHECKS = (
     fence,
     _overlap,
     _rates,
-    _programs,
-    _neighbours,
-    _bodies,
-    _gcs,
     _capture,
-    _params,
 )

@@ -377,3 +377,11 @@ PLANNED_VALUES: Mapping[tuple[str, str], str] = {
     ("source", "vicon"): "Use emulator or natnet",
 }
 """(last part of the key, value) that does not exist yet -> what to use instead."""
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON schema, draft 2020-12."""
+    made = ArenaFile.model_json_schema()
+    for name in ("VehicleKeys", "VehicleDefaults"):
+        made["$defs"][name]["properties"]["program"]["anyOf"].insert(0, {"type": "string"})
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **made, "title": "arena.yaml"}

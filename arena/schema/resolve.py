@@ -14,11 +14,11 @@ from pydantic import BaseModel
 
 from arena.mocap.vendors import vendor_settings
 from arena.schema.arena import Arena, Autopilot, Fence, Origin, Program, Px4, Vehicle
+from arena.schema.library import with_overrides
 from arena.schema.loader import YamlPath, dotted
 from arena.schema.models import ArenaFile, Start, Tool, VehicleKeys
 from arena.schema.ports import MOST_ID, vehicle_ports
 from arena.schema.profile import Profile
-from arena.schema.profile_overrides import with_overrides
 from arena.schema.px4 import STAND_IN
 from arena.schema.source import Source
 from arena.transport import DEFAULT_BAUD, ConnectionUrl, parse_url
