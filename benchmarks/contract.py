@@ -4,7 +4,7 @@ python benchmarks/contract.py [--autopilot px4|builtin|both] [--case PATTERN ...
 
 Each case boots a vehicle in a world of its own, drives it over its MAVLink links and notes what comes back. PX4's transcript is
 kept in px4_contract/px4-v1.16.json, so that the built-in autopilot can be held against it where no PX4 is installed
-(`--autopilot builtin`). --write keeps what PX4 said and puts the table into docs/builtin-autopilot.md. Exit code 1: a difference
+(`--autopilot builtin`). --write stores the observations of PX4 and puts the table into docs/builtin-autopilot.md. Exit code 1: a difference
 that is not listed, with its reason, in px4_contract/known.py.
 """
 
@@ -99,7 +99,7 @@ def chosen(patterns: list[str]) -> dict[str, Case]:
     return cases
 
 
-def say(differences: list[Difference], given: argparse.Namespace) -> None:
+def print_differences(differences: list[Difference], given: argparse.Namespace) -> None:
     for d in differences:
         if given.all or not d.reason:
             print(
@@ -137,7 +137,7 @@ def as_text(found: Found) -> str:
 
 def report(px4: Found, builtin: Found, cases: dict[str, Case], given: argparse.Namespace) -> int:
     differences = compare(px4, builtin, KNOWN)
-    say(differences, given)
+    print_differences(differences, given)
     left = [d for d in differences if not d.reason]
     sizes = {n: sum(s.kind != "words" for s in px4[n].values()) for n in px4}
     print(

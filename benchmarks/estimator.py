@@ -1,10 +1,10 @@
-"""How honest the built-in autopilot's estimator is: hard flight on bad vision, and poses that lie, in one process, no sockets.
+"""Accuracy and consistency of the built-in autopilot's estimator: hard flight with bad vision, and false poses.
 
     python benchmarks/estimator.py [--seeds N] [--seconds S]
 
-The first table: the mean square of the errors over the variance that the filter claims (NEES) and of its innovations (NIS), 1
-where it is right, with the bounds that a sound filter keeps (tests/autopilot/stress.py says how they come about), and the errors.
-The second: what became of a vehicle whose vision went wrong. Exits with 1 where a bound is broken or a false pose was followed.
+First table: mean squares of the errors (NEES) and innovations (NIS) over the variance that the filter claims, 1 if it is right,
+with the bounds of a sound filter (see tests/autopilot/stress.py), and the errors. Second table: results of false poses.
+Exit code 1: a bound is broken or a false pose was followed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "autopilot"))
 from stress import AS_ARENA, FAULTS, STRESSES, Fate, Stress, StressFlight, Verdict, judge, misled, together
 
 HARD = StressFlight.hard
-FOLLOWED_M = 0.25  # half of the smallest jump: who is drawn further followed it
+FOLLOWED_M = 0.25  # half of the smallest jump: a vehicle that moves further followed it
 
 
 def in_hard_flight(seeds: int, seconds: float) -> bool:

@@ -13,7 +13,7 @@ Run = Callable[[Rig, Transcript], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """ground: leaves a disarmed vehicle in HOLD on the floor, so that the next ground case may have it."""
+    """Case of the contract. ground: it ends with a disarmed vehicle in HOLD on the floor, which the next ground case uses."""
 
     name: str
     what: str
@@ -37,7 +37,7 @@ def case(name: str, what: str, *, setup: Setup | None = None, ground: bool = Tru
 
 
 def all_cases() -> dict[str, Case]:
-    """Import what registers them."""
+    """Import the modules that register cases, and return all cases."""
     from px4_contract import arming, commands, failing, flying, link, offboard, params  # noqa: F401
 
     return CASES

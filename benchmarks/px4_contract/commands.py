@@ -200,7 +200,7 @@ def modes(r: Rig, t: Transcript) -> None:
         r.send(mavlink.MAVLink_set_mode_message(r.id, 1, main << 16 | sub << 24))
         r.run(0.5)
         t.note(f"SET_MODE {main}.{sub}: mode after", r.mode)
-        acks = [h.m.result for h in r.heard if h.name == "COMMAND_ACK"]
+        acks = [h.m.result for h in r.received if h.name == "COMMAND_ACK"]
         t.note(f"SET_MODE {main}.{sub}: acks", str(acks))
     r.set_mode(4, 3)
     r.command(511, 436, 0)

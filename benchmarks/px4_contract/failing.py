@@ -225,13 +225,13 @@ def _battery(action: int) -> None:
         hover(r)
         _watch(r)
         r.command(511, 1, 100_000)
-        begin = len(r.heard)
+        begin = len(r.received)
         modes: list[str] = []
         levels: list[int] = []
         left: dict[str, int] = {}
         ended = r.until(lambda r: not r.armed or r.state["SYS_STATUS"].battery_remaining <= 0, 90.0)
         remaining = 100
-        for h in r.heard[begin:]:
+        for h in r.received[begin:]:
             if h.name == "SYS_STATUS":
                 remaining = h.m.battery_remaining
             elif (

@@ -59,7 +59,7 @@ def watch_modes(r: Rig) -> list[tuple[float, str, int]]:
     mode, landed = "", -1
     from arena.wire.px4_mode import mode_words
 
-    for h in r.heard:
+    for h in r.received:
         if h.name == "HEARTBEAT":
             new = f"{mode_words(h.m.custom_mode)} {'armed' if h.m.base_mode & 128 else 'disarmed'}"
             if new != mode:

@@ -1,4 +1,4 @@
-"""The differences that stay: pattern of `case: observation` -> why. A difference that none explains fails."""
+"""Accepted differences: reason by pattern of `case: observation`. A difference without a reason fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an autopilot says by itself: heartbeat, capabilities, every message of each link, its rate and what stands in it."""
+"""Cases of the telemetry: heartbeat, capabilities, every message of each link with its rate and contents."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def capabilities(r: Rig, t: Transcript) -> None:
             t.note("has uid", bool(m.uid))
     r.clear()
     t.note("protocol version: ack", r.command(519, 1))
-    t.note("protocol version: comes", any(h.msgid == 300 for h in r.heard))
+    t.note("protocol version: comes", any(h.msgid == 300 for h in r.received))
 
 
 @case("rates, disarmed", "every message of the three links with its rate, disarmed")
@@ -86,7 +86,7 @@ def rates_disarmed(r: Rig, t: Transcript) -> None:
 
 
 def newest(r: Rig, name: str) -> Any:
-    return next((h.m for h in reversed(r.heard) if h.name == name and h.m is not None), None)
+    return next((h.m for h in reversed(r.received) if h.name == name and h.m is not None), None)
 
 
 def finite(*values: float) -> str:
@@ -189,7 +189,7 @@ def contents(r: Rig, t: Transcript) -> None:  # noqa: C901 - a list, not a decis
 
 def modes(r: Rig, t: Transcript) -> None:
     """CURRENT_MODE (436), which the dialect does not know: standard mode, custom mode, intended custom mode."""
-    raw = next((h for h in reversed(r.heard) if h.msgid == 436), None)
+    raw = next((h for h in reversed(r.received) if h.msgid == 436), None)
     if raw is not None:
         custom, intended, standard = struct.unpack("<IIB", bytes(raw.m).ljust(9, b"\0")[:9])
         t.note("CURRENT_MODE", f"standard {standard} custom {custom:#x} intended {intended:#x}")
@@ -261,7 +261,7 @@ def request(r: Rig, t: Transcript) -> None:
         known = mavlink.mavlink_map.get(msgid)
         name = known.msgname if known else f"id {msgid}"
         t.note(f"{name}: ack", ack)
-        t.note(f"{name}: comes", any(h.msgid == msgid for h in r.heard))
+        t.note(f"{name}: comes", any(h.msgid == msgid for h in r.received))
         r.command(511, msgid, 0)
     for key, p in (("nan", math.nan), ("negative", -5.0), ("infinite", math.inf)):
         t.note(f"{key}: ack", r.command(512, p))
@@ -272,7 +272,7 @@ def interval(r: Rig, t: Transcript) -> None:
     def hz(seconds: float = 4.0) -> float:
         r.run(0.5).clear()
         r.run(seconds)
-        return sum(h.msgid == 30 for h in r.heard) / seconds
+        return sum(h.msgid == 30 for h in r.received) / seconds
 
     for key, us in (
         ("half a second", 500_000.0),

@@ -253,7 +253,7 @@ def one_setpoint(r: Rig, t: Transcript, name: str, say: Each, seconds: float) ->
         t.number(f"{name}: {axis}", float(value), near=0.25, part=0.3, unit="m")
     t.number(f"{name}: turned", turned, near=0.15, part=0.25, unit="rad")
     m = r.state.get("POSITION_TARGET_LOCAL_NED")
-    if m is not None and r.heard and any(h.name == "POSITION_TARGET_LOCAL_NED" for h in r.heard):
+    if m is not None and r.received and any(h.name == "POSITION_TARGET_LOCAL_NED" for h in r.received):
         given = " ".join(
             k
             for k, v in zip(

@@ -62,7 +62,7 @@ class Unfit(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class Received:
     """A message and when it came [s]; of one that the dialect does not know, m is the payload."""
 
     t: float
@@ -111,7 +111,7 @@ class Link:
 
 
 class Rig:
-    """A booted vehicle. `heard`: everything the router link has brought since `clear`; `state`: the newest of each message."""
+    """A booted vehicle. `received`: everything the router link has brought since `clear`; `state`: the newest of each message."""
 
     def __init__(
         self,
@@ -126,7 +126,7 @@ class Rig:
         self.id, self.clock, self._truth = system, clock, truth
         self.links = {name: Link(link, system) for name, link in links.items()}
         self.counted: dict[str, Counter[str]] = {name: Counter() for name in links}
-        self.heard: list[Heard] = []
+        self.received: list[Received] = []
         self.state: dict[str, Any] = {}
         self.each: list[Each] = []
         self.poses = True
@@ -146,7 +146,7 @@ class Rig:
         return self.clock.now()
 
     def tick(self) -> None:
-        """One step of the script: speak, let the world go on, listen."""
+        """Run one step of the script: send, let the world step, receive."""
         for each in list(self.each):
             each(self)
         now = self.now
@@ -198,7 +198,7 @@ class Rig:
             m = mavlink.MAVLink_command_int_message(
                 system, component, frame, number, 0, 0, *q[:4], x, y, q[6]
             )
-        begin = len(self.heard)
+        begin = len(self.received)
         self.send(m)
         self.until(lambda r: r._acks(begin, number), 1.5)
         self.run(0.3)
@@ -208,7 +208,7 @@ class Rig:
     def _acks(self, begin: int, number: int) -> list[str]:
         return [
             RESULTS.get(h.m.result, str(h.m.result))
-            for h in self.heard[begin:]
+            for h in self.received[begin:]
             if h.name == "COMMAND_ACK" and h.m.command == number
         ]
 
@@ -243,20 +243,20 @@ class Rig:
     # -- hearing -----------------------------------------------------------------------------------------------------------
 
     def clear(self) -> None:
-        self.heard.clear()
+        self.received.clear()
         for counted in self.counted.values():
             counted.clear()
 
     def all(self, name: str) -> list[Any]:
-        return [h.m for h in self.heard if h.name == name]
+        return [h.m for h in self.received if h.name == name]
 
     def texts(self) -> list[tuple[int, str]]:
-        """(severity, words) heard since `clear`."""
+        """Return (severity, text) of each STATUSTEXT since `clear`."""
         return [(m.severity, m.text) for m in self.all("STATUSTEXT")]
 
     @property
     def mode(self) -> str:
-        """By the newest of CURRENT_MODE and HEARTBEAT that were heard."""
+        """Return the mode of the newest CURRENT_MODE or HEARTBEAT."""
         return mode_words(self._custom_mode)
 
     @property
@@ -264,7 +264,7 @@ class Rig:
         return bool(self.state["HEARTBEAT"].base_mode & 128)
 
     def settle(self) -> Rig:
-        """Until a heartbeat tells what has become of the last command: there is one a second, and its rate cannot be changed."""
+        """Wait for the next heartbeat after the last command: there is one per second, at a fixed rate."""
         return self.run(1.15)
 
     @property
@@ -310,7 +310,7 @@ class Rig:
                 self._custom_mode = m.custom_mode
             elif frame.msgid == 436:
                 self._custom_mode = int.from_bytes(bytes(m[:4]).ljust(4, b"\0"), "little")
-            self.heard.append(Heard(now, frame.msgid, name, m))
+            self.received.append(Received(now, frame.msgid, name, m))
 
     # -- poses -------------------------------------------------------------------------------------------------------------
 
@@ -339,7 +339,7 @@ class Rig:
 
 
 def arena_yaml(autopilot: str, setup: Setup, address: str, number: int) -> str:
-    # PX4 drains its simulated battery in a minute unless told otherwise.
+    # By default PX4 drains its simulated battery in one minute.
     params = "".join(
         f"\n    {name}: {value}" for name, value in {"SIM_BAT_DRAIN": 10_000.0, **setup.params}.items()
     )
@@ -419,7 +419,7 @@ def _clock(folder: Path, children: list[subprocess.Popen[bytes]]) -> SimClock:
 
 
 def _boot(rig: Rig, folder: Path) -> None:
-    """Heard, and ready to arm where poses come. The world free-runs while PX4 boots, so the limit is of wall time."""
+    """Received, and ready to arm where poses come. The world free-runs while PX4 boots, so the limit is of wall time."""
     deadline = time.monotonic() + READY_S
     known = {"HEARTBEAT", "SYS_STATUS"} | ({"LOCAL_POSITION_NED"} if rig.poses else set())
     ready = (lambda: rig.may_arm) if rig.poses and rig.has_origin else (lambda: known <= set(rig.state))

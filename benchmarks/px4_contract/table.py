@@ -11,6 +11,7 @@ _LONG = 90
 
 
 def text(seen: Seen | None) -> str:
+    """Return an observation as one cell of a table."""
     if seen is None:
         return "not observed"
     words = str(seen).replace("|", "/").replace("\n", " ")
@@ -18,7 +19,7 @@ def text(seen: Seen | None) -> str:
 
 
 def summary(cases: Mapping[str, str], sizes: Mapping[str, int], differences: Sequence[Difference]) -> str:
-    """One row a case. cases: name -> what; sizes: observations compared."""
+    """Return a table with one row for each case. cases: description by name; sizes: observations by name."""
     rows = ["| case | what | observations | differ |", "|---|---|---|---|"]
     for name, size in sizes.items():
         found = sum(d.key.startswith(f"{name}: ") for d in differences)
@@ -28,7 +29,7 @@ def summary(cases: Mapping[str, str], sizes: Mapping[str, int], differences: Seq
 
 
 def reasons(differences: Sequence[Difference]) -> str:
-    """The known differences, gathered by reason, each with its observations."""
+    """Return a table of the differences, grouped by reason."""
     by_reason: dict[str, list[Difference]] = {}
     for d in differences:
         by_reason.setdefault(d.reason or "**not explained**", []).append(d)
@@ -43,13 +44,14 @@ def reasons(differences: Sequence[Difference]) -> str:
 
 
 def section(cases: Mapping[str, str], sizes: Mapping[str, int], differences: Sequence[Difference]) -> str:
+    """Return the section of the page, between its marks."""
     return "\n\n".join(
         [BEGIN, summary(cases, sizes, differences), "What differs, and why:", reasons(differences), END]
     )
 
 
 def put_into(page: str, new: str) -> str:
-    """The page with the section between its marks exchanged, or at its end."""
+    """Return the page with its section replaced, or appended if it has none."""
     if BEGIN in page and END in page:
         return page[: page.index(BEGIN)] + new + page[page.index(END) + len(END) :]
     return page.rstrip() + "\n\n## The contract, compared\n\n" + new + "\n"

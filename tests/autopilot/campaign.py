@@ -1,12 +1,12 @@
-"""Fuzzed MAVLink against the built-in autopilot, in phases, and what must hold all along. `benchmarks/fuzz.py` runs it at length.
+"""Fuzzed MAVLink against the built-in autopilot, in phases, and the conditions that must hold.
 
-    powerless   everything is sent, and an empty battery forbids arming: it stays disarmed, motors still
-    ground      everything is sent: it arms when a command that arms was in the stream, never else; then it may fly as it is told
-    hover       armed in HOLD; whatever would rightly move it is held back: it stays where it is
-    offboard    position setpoints of all kinds while it flies OFFBOARD: within its tilt and its speeds, and in hand afterwards
-    wild        accelerations, attitudes and rates likewise, which know no limits: the motors' commands stay numbers
+    powerless   every message; an empty battery prevents arming: the vehicle stays disarmed, its motors stopped
+    ground      every message: the vehicle arms only after a command that arms; then it may fly
+    hover       armed in HOLD, without messages that may move the vehicle: it keeps its position
+    offboard    position setpoints of all kinds in OFFBOARD: tilt and speed stay within their limits, then it holds again
+    wild        accelerations, attitudes and rates, which have no limits: the motor commands stay finite
 
-Beside each flies or stands a neighbour that is sent nothing: what it does is what it does without the noise, to the last digit.
+Each vehicle has a neighbour that receives nothing: its flight equals that without the fuzzed messages, bit by bit.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from arena.autopilot.param_table import SPECS
 
 LIMITS = {"MPC_XY_VEL_MAX": 3.0, "MPC_Z_VEL_MAX_UP": 2.0, "MPC_Z_VEL_MAX_DN": 1.5, "MPC_TILTMAX_AIR": 35.0}
 WIDE = {"size_m": [2000.0, 2000.0, 400.0]}
-STAYS_WITHIN_M = 0.25  # of the place where it hovers
-TILT_DEG, SPEED, SPEED_D = 65.0, 4.5, 3.5  # what the limits above come to, overshot while it spins
+STAYS_WITHIN_M = 0.25  # of the position in HOLD
+TILT_DEG, SPEED, SPEED_D = 65.0, 4.5, 3.5  # LIMITS with overshoot
 COMMANDS = ("COMMAND_LONG", "COMMAND_INT")
 SETPOINTS = ("SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT")
 FATAL = (
@@ -51,7 +51,7 @@ ANSWERS = {"COMMAND_ACK": "result", "MISSION_ACK": "type"}
 
 @dataclass
 class Tally:
-    """By name of message."""
+    """Numbers of sent, answered and refused messages, by name."""
 
     sent: Counter[str] = field(default_factory=Counter)
     answered: Counter[str] = field(default_factory=Counter)
@@ -65,7 +65,7 @@ class Tally:
 
 
 class Noisy(Flight):
-    """A flight of two whose first is shouted at: `batch` of (name, frame) goes out within the next step, around the true pose."""
+    """Flight of two vehicles; the first receives fuzzed messages, around its poses."""
 
     def __init__(
         self, *, seed: int, battery: float | None = None, params: dict[str, float] | None = None
@@ -85,18 +85,18 @@ class Noisy(Flight):
         for i in (0, 1):
             self.send(i, mavlink.MAVLink_set_gps_global_origin_message(i + 1, *origin, 0), "vision")
 
-    def shout(self, batch: list[tuple[str, bytes]]) -> None:
-        """One step, with this said before or after what the cameras see."""
+    def send_batch(self, batch: list[tuple[str, bytes]]) -> None:
+        """Step once, and send a batch of (name, frame) before and after the poses."""
         self.batch = batch
-        self._say(len(batch) // 2)
+        self._send_part(len(batch) // 2)
         self._step()
-        self._say(len(self.batch))
+        self._send_part(len(self.batch))
 
     def _see(self, p_n: Any, q_nb: Any) -> None:
         super()._see(p_n, q_nb)
-        self._say(len(self.batch))
+        self._send_part(len(self.batch))
 
-    def _say(self, count: int) -> None:
+    def _send_part(self, count: int) -> None:
         said, self.batch = self.batch[:count], self.batch[count:]
         vehicle, interface, tally = self.pilots.vehicles[0], self.pilots.interfaces[0], self.tally
         for name, frame in said:
@@ -112,7 +112,7 @@ class Noisy(Flight):
             tally.refused[name] += refused or any(_refuses(data) for data in link.queue[answers:])
 
     def prepare(self, mode: str, height: float = 1.5) -> None:
-        """Both vehicles ready; in `hover` and `offboard` both in the air, in that mode."""
+        """Make both vehicles ready, and let them take off for the modes `hover` and `offboard`."""
         self.until(lambda f: all(v.ready_to_arm and v.home_n for v in f.pilots.vehicles), 20)
         if mode == "ground":
             return
@@ -130,11 +130,11 @@ class Noisy(Flight):
             self.run(1.0)
 
 
-# -- what a message may rightly do -------------------------------------------------------------------------------------
+# -- allowed effects of a message --------------------------------------------------------------------------------------
 
 
 def named(m: Any, system: int = 1) -> bool:
-    """Is it meant for this vehicle's autopilot, and not its own voice?"""
+    """Return whether a message is addressed to the vehicle and not sent by it."""
     component = getattr(m, "target_component", 0)
     own = m.get_srcSystem() == system and m.get_srcComponent() == 1
     return getattr(m, "target_system", None) == system and component in (0, 1) and not own
@@ -151,9 +151,9 @@ STICKS = {"RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"}
 
 
 def moves(m: Any) -> bool:
-    """May a vehicle that hovers in HOLD leave its place for this?"""
+    """Return whether a message may move a vehicle in HOLD."""
     name = m.get_type()
-    if name in STICKS:  # their loss, half a second later, is answered
+    if name in STICKS:  # their loss triggers a failsafe half a second later
         return True
     if not named(m):
         return False
@@ -199,11 +199,11 @@ def _refuses(data: bytes) -> bool:
     return m is not None and m.get_type() in ANSWERS and getattr(m, ANSWERS[m.get_type()]) != 0
 
 
-# -- what must hold ----------------------------------------------------------------------------------------------------
+# -- conditions --------------------------------------------------------------------------------------------------------
 
 
 def check(flight: Noisy) -> None:
-    """Everything is a number, within what it may be; what was said in the air can be read."""
+    """Check that all state is finite and within its limits, and that all telemetry can be decoded."""
     pilots = flight.pilots
     est, cascade = pilots.est, pilots.cascade
     for name, array in (
@@ -229,10 +229,10 @@ def check(flight: Noisy) -> None:
         assert np.all((pilots.params[name] >= spec.low) & (pilots.params[name] <= spec.high)), name
     for v in pilots.vehicles:
         assert all(math.isfinite(x) for x in (*(v.home_n or ()), *(v.origin or ()), v.offboard_setpoint_at))
-    for heard in flight.heard.values():
-        for m in heard:
+    for messages in flight.received.values():
+        for m in messages:
             _check_said(m)
-        heard.clear()
+        messages.clear()
 
 
 def _check_said(m: Any) -> None:
@@ -249,7 +249,7 @@ def _check_said(m: Any) -> None:
 
 
 def weight(flight: Noisy) -> int:
-    """Bytes that the autopilots' memory of what they heard comes to."""
+    """Return the size [bytes] of the state that received messages can grow."""
     kept: list[Any] = []
     for v, x in zip(flight.pilots.vehicles, flight.pilots.interfaces, strict=True):
         kept += [v.missions, v.commander, v.counts, v.offboard_setpoint, v.vision]
@@ -268,18 +268,19 @@ def powerless(messages: int, seed: int, *, per_step: int = 10) -> Tally:
 
 
 def ground(messages: int, seed: int, *, per_step: int = 1, each: int = 5000) -> Tally:
-    """In rounds, for it may crash as it was told to. A client that knows its trade joins in; in every other round nothing is
-    broken, changed or terminated, or it would seldom fly.
+    """Fly rounds of `each` messages, because a vehicle may crash by a valid command.
+
+    A valid client sends commands too. In every other round no failure, parameter or termination is sent, so that it flies.
     """
     tally = Tally()
     for k in range(-(-messages // each)):
         flight = Noisy(seed=seed + k)
         flight.prepare("ground")
-        disarmed = [SETTLED]  # for so many steps
+        disarmed = [SETTLED]  # steps since disarming
 
         def hold(batch: list[Any], flight: Noisy = flight, disarmed: list[int] = disarmed) -> None:
             now = flight.armed(0)
-            assert disarmed[0] == 0 or not now or any(arms(m) for m in batch), "armed, and nobody had asked"
+            assert disarmed[0] == 0 or not now or any(arms(m) for m in batch), "armed without a command"
             disarmed[0] = 0 if now else disarmed[0] + 1
             _still(flight, (0, 1) if disarmed[0] > SETTLED else (1,))
 
@@ -305,15 +306,15 @@ def hover(messages: int, seed: int, *, per_step: int = 8) -> Tally:
         assert flight.mode(0) == "AUTO.LOITER" and flight.armed(0)
         while quiet.world.steps < flight.world.steps:
             quiet._step()
-        quiet.heard[0].clear()
-        assert np.array_equal(flight.position(1), quiet.position(1)), "the neighbour heard it"
+        quiet.received[0].clear()
+        assert np.array_equal(flight.position(1), quiet.position(1)), "the neighbour moved"
 
     flight.fuzz.place = place.tolist()
     return _run(flight, messages, per_step, lambda m: not moves(m), hold)
 
 
 def offboard(messages: int, seed: int, *, each: int = 3000) -> Tally:
-    """Each setpoint is flown for a while; one in three is a good one. Of accelerations PX4 limits no speed, so here are none."""
+    """Send position setpoints, one in three a valid one. Accelerations, which have no speed limit, are left out."""
     tally = Tally()
     for k in range(-(-messages // each)):
         flight = Noisy(seed=seed + k, params=LIMITS)
@@ -326,7 +327,7 @@ def offboard(messages: int, seed: int, *, each: int = 3000) -> Tally:
             flight.run(0.02)
         assert flight.command(0, mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == 0
         flight.run(6.0)
-        assert np.linalg.norm(flight.pilots.est.v_n[0]) < 0.3, "not in hand again"
+        assert np.linalg.norm(flight.pilots.est.v_n[0]) < 0.3, "does not hold again"
     return tally
 
 
@@ -349,13 +350,15 @@ def _setpoints(flight: Noisy, messages: int, names: tuple[str, ...], hold: Any, 
             flight.setpoint(0, [rng.uniform(-5, 5), rng.uniform(-5, 5), -rng.uniform(6, 12)])
         batch = [_setpoint(flight, name, ignored) for name in rng.choices(names, k=rng.choice((3, 20, 60)))]
         sent += len(batch)
-        flight.shout(batch)
+        flight.send_batch(batch)
         for _ in range(rng.choice((1, 5, 25, 150))):
             flight._step()
             hold(flight)
         flight.pilots.vehicles[
             0
-        ].offboard_setpoint_at = flight.now  # refused ones are no stream: that is another test's
+        ].offboard_setpoint_at = (
+            flight.now
+        )  # refused setpoints do not keep OFFBOARD; that is tested elsewhere
         check(flight)
     return flight.tally
 
@@ -372,7 +375,7 @@ def _setpoint(flight: Noisy, name: str, ignored: int) -> tuple[str, bytes]:
 def _within_limits(flight: Noisy) -> None:
     truth = flight.world.truth()
     if truth.p_n[0, 2] > -1.0:
-        return  # the floor pushes as well
+        return  # near the floor
     tilt, asked = (
         math.degrees(math.acos(min(1.0, 1.0 - 2.0 * (q[1] ** 2 + q[2] ** 2))))
         for q in (truth.q_nb[0], flight.pilots.cascade.q_sp[0])
@@ -384,7 +387,7 @@ def _within_limits(flight: Noisy) -> None:
 
 
 def _run(flight: Noisy, messages: int, per_step: int, may: Any, hold: Any) -> Tally:
-    """So many messages; held back is what `may` not be said, `hold` is asked after each step with what was."""
+    """Send messages that `may` allows; call `hold` with them after each step."""
     middle = 0
     while (sent := flight.tally.sent.total()) < messages:
         if not middle and sent >= messages // 2:
@@ -397,12 +400,12 @@ def _run(flight: Noisy, messages: int, per_step: int, may: Any, hold: Any) -> Ta
         while len(batch) < per_step:
             batch += flight.fuzz.some()
         meant = [(x, m) for x, m in ((x, read(x[1])) for x in batch) if m is not None and may(m)]
-        flight.shout([x for x, _ in meant])
+        flight.send_batch([x for x, _ in meant])
         hold([m for _, m in meant])
         if flight.world.steps % 10 == 0:
             check(flight)
     check(flight)
-    assert weight(flight) < 1.5 * middle + 100_000, "it remembers too much"
+    assert weight(flight) < 1.5 * middle + 100_000, "the state grows with the messages"
     return flight.tally
 
 

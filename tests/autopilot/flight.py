@@ -135,7 +135,7 @@ class Flight:
         self.battery: dict[int, float] = {}
         self.vision_noise = (0.0003, 0.0009)
         self.delay_s, self.vision_hz = 0.011, 60.0
-        self.heard: dict[int, list[Any]] = {i: [] for i in range(vehicles)}
+        self.received: dict[int, list[Any]] = {i: [] for i in range(vehicles)}
         self.codec = [mavlink.MAVLink(None, srcSystem=i + 1, srcComponent=191) for i in range(vehicles)]
         self._parsers: dict[int, Any] = {}
         self._decoded, self._decoder = decoded, Codec(255, 190)
@@ -181,10 +181,10 @@ class Flight:
         self.motors = self.pilots.step(self.now, self._sense())
         for i, link, data in self.pilots.transmit():
             if link == "router" and self._decoded is not None:
-                self.heard[i] += self._decoder.parse(data, self._decoded)
+                self.received[i] += self._decoder.parse(data, self._decoded)
             elif link == "router":
                 parser = self._parsers.setdefault(i, mavlink.MAVLink(None))
-                self.heard[i] += parser.parse_buffer(data) or []
+                self.received[i] += parser.parse_buffer(data) or []
 
     def _sense(self) -> Any:
         sensors = self.world.sense()
@@ -214,11 +214,11 @@ class Flight:
 
     def command(self, i: int, command: int, *p: float, link: str = "router") -> int:
         """Send COMMAND_LONG and return the acknowledged result."""
-        self.heard[i].clear()
+        self.received[i].clear()
         args = (list(p) + [0.0] * 7)[:7]
         self.send(i, mavlink.MAVLink_command_long_message(i + 1, 1, command, 0, *args), link)
         self.run(0.04)
-        acks = [m for m in self.heard[i] if m.get_type() == "COMMAND_ACK" and m.command == command]
+        acks = [m for m in self.received[i] if m.get_type() == "COMMAND_ACK" and m.command == command]
         assert acks, f"no acknowledgement of {command}"
         return int(acks[-1].result)
 

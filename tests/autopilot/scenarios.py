@@ -77,7 +77,7 @@ class Lane:
 
     def messages(self, kind: str) -> list[Any]:
         """Return the received messages of a type."""
-        return [m for m in self.flight.heard[self.i] if m.get_type() == kind]
+        return [m for m in self.flight.received[self.i] if m.get_type() == kind]
 
     def texts(self) -> str:
         """Return all received STATUSTEXT, joined: a long text arrives in several messages."""
@@ -85,7 +85,7 @@ class Lane:
 
     def clear(self) -> None:
         """Forget the received messages."""
-        self.flight.heard[self.i].clear()
+        self.flight.received[self.i].clear()
 
     # -- waiting -------------------------------------------------------------------------------------------------------
 
@@ -159,18 +159,18 @@ class Lane:
     def upload(self, items: list[Item], kind: int = 0) -> Wait:
         """Upload a list; return the result of MISSION_ACK. Places are relative to the start of the lane."""
         items = self.shifted(items)
-        kept, self.flight.heard[self.i] = self.flight.heard[self.i], []
+        kept, self.flight.received[self.i] = self.flight.received[self.i], []
         self.send(mavlink.MAVLink_mission_count_message(self.i + 1, 1, len(items), kind))
         for _ in range(20 + 5 * len(items)):
             yield from self.run(0.02)
-            received, self.flight.heard[self.i] = self.flight.heard[self.i], []
+            received, self.flight.received[self.i] = self.flight.received[self.i], []
             kept += received
             for m in received:
                 if m.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                     self._send_item(m.seq, items[m.seq], kind)
                 elif m.get_type() == "MISSION_ACK":
                     yield from self.run(0.1)
-                    self.flight.heard[self.i] = kept + self.flight.heard[self.i]
+                    self.flight.received[self.i] = kept + self.flight.received[self.i]
                     return int(m.type)
         raise AssertionError("the upload was never acknowledged")
 

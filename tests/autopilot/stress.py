@@ -1,9 +1,9 @@
-"""Flights that try the estimator: hard flying on bad vision, a whole fleet at once, each vehicle with a trouble of its own.
+"""Flights that stress the estimator: hard flight with bad vision, each vehicle with another defect.
 
-The cameras run freely: exposures fall anywhere between the sensors' instants, and a pose is heard at the first step after its
-delay, as in the world's loop. They wander by up to half a period of the sensors, as the filter takes the moment of hearing to be
-independent from pose to pose; a metronome's average out, and position errs by less than is claimed (NEES 0.7 to 0.8).
-Nothing here knows how the estimator works; it is given poses and its figures are read.
+Exposures are not synchronised with the sensors, and a pose arrives at the first step after its delay, as in the world's loop. The
+exposure times vary by up to half a sensor period, because the filter assumes arrival times that are independent from pose to pose;
+with regular exposures the errors average out and position errs by less than is claimed (NEES 0.7 to 0.8). Nothing here depends on
+the inside of the estimator: it gets poses, and its outputs are read.
 """
 
 from __future__ import annotations
@@ -39,10 +39,14 @@ AGILE = {"MPC_ACC_HOR_MAX": 10.0, "MPC_ACC_HOR": 5.0, "MPC_XY_P": 1.2, "MC_YAWRA
 
 @dataclass(frozen=True, kw_only=True)
 class Stress:
-    """noise_m, noise_deg: of one pose, each axis; delay_ms: exposure to arrival; lost: share of the frames;
+    """Defects of one vehicle's vision.
 
-    gap_s: silence, every gap_every_s. matched: the filter is told the noise that is drawn; else it has the arena's parameters.
-    noaid_s: EKF2_NOAID_TOUT.
+    noise_m, noise_deg: standard deviation of a pose, for each axis [m] [deg]
+    delay_ms: time from exposure to arrival [ms]
+    lost: share of lost frames 0..1
+    gap_s, gap_every_s: length and period of gaps without poses [s]
+    matched: the filter assumes the simulated noise, else the parameters of an arena
+    noaid_s: EKF2_NOAID_TOUT [s]
     """
 
     name: str
@@ -58,18 +62,21 @@ class Stress:
 
 @dataclass(frozen=True, kw_only=True)
 class Log:
-    """One line per step (T, V, ...): errors, truth less estimate [m] [m/s] [NED], [rad] about down, and their claimed variances.
+    """Errors of V vehicles over T steps.
 
-    innovations: per vehicle, normalised (north, east, down, yaw), one per pose [-] (N, 4).
+    e: truth minus estimate: position [m], velocity [m/s] [NED], yaw [rad] (T, V, 7)
+    var: variances of e that the filter claims (T, V, 7)
+    tilt: true tilt [rad] (T, V)
+    innovations: for each vehicle, normalised north, east, down, yaw, one row for each pose [-] (N, 4)
     """
 
-    e: Array  # (T, V, 7): position, velocity, yaw
-    var: Array  # (T, V, 7)
-    tilt: Array  # (T, V) [rad]
+    e: Array
+    var: Array
+    tilt: Array
     innovations: list[Array]
 
     def series(self, i: int) -> dict[str, list[Array]]:
-        """Normalised errors of vehicle i, one array per axis, for `judge`."""
+        """Return the normalised errors of vehicle i, one array for each axis, for `judge`."""
         z, y = self.e[:, i] / np.sqrt(self.var[:, i]), self.innovations[i]
         return {
             "position": [*z[:, :3].T],
@@ -80,7 +87,7 @@ class Log:
         }
 
     def rms(self, i: int) -> tuple[float, float, float]:
-        """Of position [m], velocity [m/s], yaw [rad], each axis."""
+        """Return the rms error of position [m], velocity [m/s] and yaw [rad] for each axis."""
         e = self.e[:, i]
         return tuple(float(np.sqrt(np.mean(x**2))) for x in (e[:, :3], e[:, 3:6], e[:, 6]))  # type: ignore[return-value]
 
@@ -135,11 +142,11 @@ FAULTS: dict[str, Callable[[], Fault]] = {
 
 
 def freedom(z: Array) -> float:
-    """Degrees of freedom in the mean of z^2. z: normalised errors of one series [-] (T,), of mean zero where all is well.
+    """Return the degrees of freedom of the mean of z^2. z: normalised errors of one series [-] (T,).
 
-    Were they independent it would be T. They are not: by Bartlett's formula the mean of the squares of a Gaussian series with
-    autocorrelation rho_k has the variance 2 / T * (1 + 2 sum rho_k^2), so it is T over that bracket. The mean is not taken off:
-    an error that stays on one side counts as the few samples that it is. Summed to where the correlation is lost in its noise.
+    Independent errors have T. By Bartlett's formula the mean of the squares of a Gaussian series with autocorrelation rho_k has
+    the variance 2 / T * (1 + 2 sum rho_k^2), so the degrees of freedom are T over that bracket. The mean is not subtracted, so a
+    constant error counts as few samples. The sum ends where the correlation disappears in its noise.
     """
     n = len(z)
     spectrum = np.abs(np.fft.rfft(z, 2 * n)) ** 2
@@ -150,9 +157,9 @@ def freedom(z: Array) -> float:
 
 
 def bounds(nu: float, alpha: float) -> tuple[float, float]:
-    """Where the mean square of nu independent normalised errors lies but for a chance of alpha: chi-square over nu.
+    """Return the range of the mean square of nu independent normalised errors, with a chance of 1 - alpha (chi-square).
 
-    By Wilson and Hilferty's cube (1931), within a percent from three degrees of freedom on.
+    Wilson and Hilferty's approximation (1931), accurate to 1 % from 3 degrees of freedom on.
     """
     deviation = NormalDist().inv_cdf(1.0 - alpha / 2.0) * math.sqrt(2.0 / (9.0 * nu))
     return max(0.0, 1.0 - 2.0 / (9.0 * nu) - deviation) ** 3, (1.0 - 2.0 / (9.0 * nu) + deviation) ** 3
@@ -160,7 +167,7 @@ def bounds(nu: float, alpha: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """mean: of the normalised errors squared; low, high: where it must lie. A filter told more noise than there is has no low."""
+    """Mean of the squared normalised errors, and its allowed range. low is 0 for a filter that assumes too much noise."""
 
     what: str
     mean: float
@@ -173,7 +180,7 @@ class Verdict:
 
 
 def judge(series: dict[str, list[Array]], alpha: float, matched: bool = True) -> list[Verdict]:
-    """series: normalised errors [-], one array (T,) per axis."""
+    """Compare the normalised errors of each series, one array (T,) for each axis, with their bounds."""
     found = []
     for what, columns in series.items():
         low, high = bounds(sum(freedom(z) for z in columns), alpha)
@@ -183,12 +190,12 @@ def judge(series: dict[str, list[Array]], alpha: float, matched: bool = True) ->
 
 
 def together(series: Sequence[dict[str, list[Array]]]) -> dict[str, list[Array]]:
-    """Those of several vehicles as one: it finds an error that they share."""
+    """Return the series of several vehicles as one, to find an error that they share."""
     return {what: [z for one in series for z in one[what]] for what in series[0]}
 
 
 class StressFlight:
-    """A vehicle per stress, APART_M apart along east. hz: steps of the physics a second."""
+    """Flight with one vehicle for each stress, APART_M apart along east. hz: physics steps per second."""
 
     def __init__(self, stresses: Sequence[Stress], seed: int = 1, hz: int = 1000) -> None:
         self.stresses, v, self._hz = list(stresses), len(stresses), hz
@@ -244,7 +251,7 @@ class StressFlight:
         self._was = (truth.time_s, truth.p_n.copy(), self.v_n, truth.q_nb.copy())
 
     def _watch(self) -> None:
-        """The physics moves bodies by the velocity at the end of its step: what it calls velocity is half a step old.
+        """Correct velocities, which the physics reports half a step late.
 
         Put right here, in what is measured as in what is true, so that the filter is held against motion and not against that.
         """
@@ -282,14 +289,14 @@ class StressFlight:
         self.motors = self.pilots.step(self.now, self._sense())
 
     def run(self, seconds: float, each: Callable[[StressFlight], None] | None = None) -> None:
-        """`each` before every tenth step."""
+        """Step for some seconds; call `each` before every tenth step."""
         for k in range(round(seconds * 250)):
             if each and k % 10 == 0:
                 each(self)
             self.step()
 
     def setpoint(self, i: int, p_n: Any, yaw: float = 0.0) -> None:
-        """p_n: from where this vehicle began [m] [NED]."""
+        """Set a position setpoint, relative to the start of the vehicle [m] [NED]."""
         vectors = (*(self.home[i] + p_n).tolist(), 0, 0, 0, 0, 0, 0)
         m = mavlink.MAVLink_set_position_target_local_ned_message(
             0, i + 1, 1, 1, 0b100111111000, *vectors, yaw, 0
@@ -299,7 +306,7 @@ class StressFlight:
         self.pilots.vehicles[i].set_offboard_setpoint(setpoint, self.now)
 
     def take_off(self, height_m: float = 4.0) -> None:
-        """Until all hover in OFFBOARD."""
+        """Take off until all vehicles hover in OFFBOARD."""
         vehicles = range(len(self.stresses))
 
         def hover(f: StressFlight) -> None:
@@ -398,11 +405,13 @@ def _hermite(u: float, h: float, p0: Array, v0: Array, p1: Array, v1: Array) -> 
 
 @dataclass(kw_only=True)
 class Fate:
-    """What became of a vehicle whose vision went wrong at a moment.
+    """Result of a false pose for one vehicle.
 
-    declared_s: until the failsafe [s], NaN for never; until then, the most that the estimate was off the truth, astray_m, what
-    it claimed for one sigma of that, sigma_m, and the most that the vehicle left its place, drawn_m [m]. landed_off_m: from its
-    place in the end, level [m]; tilt_deg: the most until it was disarmed.
+    declared_s: time until the failsafe [s], NaN for never
+    astray_m, sigma_m, drawn_m: until the failsafe, the largest error of the estimate, its claimed sigma, and the largest distance
+        from the start [m]
+    landed_off_m: horizontal distance of the landing from the start [m]
+    tilt_deg: largest tilt until disarming [deg]
     """
 
     declared_s: float = math.nan
@@ -415,7 +424,7 @@ class Fate:
 
 
 def misled(f: StressFlight, seconds: float, each: Callable[[StressFlight], None]) -> list[Fate]:
-    """Fly on with the faults that are set, for so long."""
+    """Fly for some seconds with the present faults, and return the result of each vehicle."""
     fates = [Fate() for _ in f.stresses]
     begin, p0 = f.now, f.world.truth().p_n.copy()
     for k in range(round(seconds * 250)):

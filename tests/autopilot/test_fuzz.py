@@ -40,7 +40,7 @@ def noisy():
 @given(st.randoms(use_true_random=False), st.integers(1, 8))
 def test_unpowered_vehicle_stays_at_rest_under_any_message(noisy, rng, count):
     noisy.fuzz = Fuzz(rng)
-    noisy.shout([x for _ in range(count) for x in noisy.fuzz.some()])
+    noisy.send_batch([x for _ in range(count) for x in noisy.fuzz.some()])
     noisy.run(0.02)
     check(noisy)
     assert not noisy.armed(0) and not noisy.motors.any()

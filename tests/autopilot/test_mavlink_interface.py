@@ -48,7 +48,7 @@ def flight(shared: Flight) -> Iterator[Flight]:
     vehicle = shared.pilots.vehicles[0]
     vehicle.origin = vehicle.home_n = vehicle.offboard_setpoint = None
     vehicle.offboard_setpoint_at = -1e9
-    shared.heard[0].clear()
+    shared.received[0].clear()
     yield shared
     shared.command(0, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196)
     assert shared.command(0, mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == 0
@@ -58,32 +58,32 @@ def flight(shared: Flight) -> Iterator[Flight]:
 
 def test_stream_rates_are_px4s(flight):
     flight.run(0.1)
-    flight.heard[0].clear()
+    flight.received[0].clear()
     flight.run(5.0)
-    counted = Counter(m.get_type() for m in flight.heard[0])
+    counted = Counter(m.get_type() for m in flight.received[0])
     for name, hz in PX4_ONBOARD_HZ.items():
         assert abs(counted[name] / 5.0 - hz) <= max(0.2, 0.02 * hz), name
 
 
 def test_message_intervals_can_be_set_and_messages_requested(flight):
     assert flight.command(0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 30, 500_000) == 0
-    flight.heard[0].clear()
+    flight.received[0].clear()
     flight.run(2.0)
-    assert 3 <= sum(m.get_type() == "ATTITUDE" for m in flight.heard[0]) <= 5
+    assert 3 <= sum(m.get_type() == "ATTITUDE" for m in flight.received[0]) <= 5
     assert flight.command(0, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 30, -1) == 0
-    flight.heard[0].clear()
+    flight.received[0].clear()
     flight.run(0.5)
-    assert not any(m.get_type() == "ATTITUDE" for m in flight.heard[0])
+    assert not any(m.get_type() == "ATTITUDE" for m in flight.received[0])
     assert flight.command(0, mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == 0
-    assert any(m.get_type() == "AUTOPILOT_VERSION" for m in flight.heard[0])
+    assert any(m.get_type() == "AUTOPILOT_VERSION" for m in flight.received[0])
 
 
 def test_parameters_are_listed_and_written_unknown_names_ignored(flight):
     codec = flight.codec[0]
-    flight.heard[0].clear()
+    flight.received[0].clear()
     flight.send(0, codec.param_request_list_encode(1, 1))
     flight.run(1.0)
-    values = [m for m in flight.heard[0] if m.get_type() == "PARAM_VALUE"]
+    values = [m for m in flight.received[0] if m.get_type() == "PARAM_VALUE"]
     assert values[0].param_id == "_HASH_CHECK"
     assert len({m.param_id for m in values[1:]}) == values[0].param_count
     packed = struct.unpack("<f", struct.pack("<i", 5))[0]
@@ -92,10 +92,10 @@ def test_parameters_are_listed_and_written_unknown_names_ignored(flight):
     assert flight.pilots.params["COM_OBL_RC_ACT"][0] == 5
     assert abs(flight.pilots.params["MPC_XY_P"][0] - 1.1) < 1e-6
     flight.run(0.05)
-    flight.heard[0].clear()
+    flight.received[0].clear()
     flight.send(0, codec.param_request_read_encode(1, 1, b"NO_SUCH_NAME", -1))
     flight.run(0.1)
-    assert not any(m.get_type() == "PARAM_VALUE" for m in flight.heard[0])
+    assert not any(m.get_type() == "PARAM_VALUE" for m in flight.received[0])
 
 
 def test_parameter_out_of_range_or_not_finite_is_refused(flight):
@@ -113,7 +113,7 @@ def test_arming_without_vision_is_refused_with_the_reason():
     flight.run(1.0)
     flight.send(0, mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
     assert flight.arm(0) == 1
-    assert "external vision" in "".join(m.text for m in flight.heard[0] if m.get_type() == "STATUSTEXT")
+    assert "external vision" in "".join(m.text for m in flight.received[0] if m.get_type() == "STATUSTEXT")
 
 
 def test_offboard_can_be_selected_disarmed_but_not_armed_without_setpoints(flight):
@@ -130,7 +130,7 @@ def test_armed_vehicle_refuses_offboard_without_setpoints(flight):
 
 def test_broadcast_commands_and_parameters_are_ignored(flight):
     for system, component in ((0, 0), (0, 1)):
-        flight.heard[0].clear()
+        flight.received[0].clear()
         flight.send(
             0,
             mavlink.MAVLink_command_long_message(
@@ -142,7 +142,7 @@ def test_broadcast_commands_and_parameters_are_ignored(flight):
         )
         flight.run(0.1)
         assert not flight.armed(0)
-        assert not any(m.get_type() in ("COMMAND_ACK", "PARAM_VALUE") for m in flight.heard[0])
+        assert not any(m.get_type() in ("COMMAND_ACK", "PARAM_VALUE") for m in flight.received[0])
     assert flight.pilots.params["MPC_XY_P"][0] != 1.1
 
 
@@ -182,9 +182,9 @@ def test_offboard_right_after_the_first_setpoint_is_accepted(flight):
 def test_global_position_is_reported_valid_only_with_an_origin(flight):
 
     def reported() -> bool:
-        flight.heard[0].clear()
+        flight.received[0].clear()
         flight.run(0.25)
-        status = next(m for m in flight.heard[0] if m.get_type() == "SYS_STATUS")
+        status = next(m for m in flight.received[0] if m.get_type() == "SYS_STATUS")
         bit = mavlink.MAV_SYS_STATUS_SENSOR_GPS
         return bool(status.onboard_control_sensors_present & status.onboard_control_sensors_health & bit)
 
@@ -219,9 +219,9 @@ def test_origin_makes_global_and_home_position_valid(flight):
     flight.send(
         0, mavlink.MAVLink_set_gps_global_origin_message(1, int(38.7e7), int(-9.1e7), 100_000, 0), "vision"
     )
-    flight.heard[0].clear()
+    flight.received[0].clear()
     flight.run(2.1)
-    found = {m.get_type(): m for m in flight.heard[0]}
+    found = {m.get_type(): m for m in flight.received[0]}
     assert abs(found["GLOBAL_POSITION_INT"].lat - 38.7e7) < 100
     assert abs(found["HOME_POSITION"].altitude - 100_050) < 200
 
@@ -278,7 +278,7 @@ def test_manual_control_is_reported_while_the_configured_source_is_received():
     def reported(f: Flight) -> bool:
         f.run(0.25)
         return bool(
-            [m for m in f.heard[0] if m.get_type() == "SYS_STATUS"][-1].onboard_control_sensors_present
+            [m for m in f.received[0] if m.get_type() == "SYS_STATUS"][-1].onboard_control_sensors_present
             & radio
         )
 
@@ -308,7 +308,7 @@ def test_consumed_charge_is_reported(flight):
     flight.world.sense = lambda: {**sense(), "battery_current_a": np.array([drawn_a])}
     flight.run(10.1)
     flight.world.sense = sense
-    reported = [m.current_consumed for m in flight.heard[0] if m.get_type() == "BATTERY_STATUS"][1:]
+    reported = [m.current_consumed for m in flight.received[0] if m.get_type() == "BATTERY_STATUS"][1:]
     assert len(reported) >= 4
     assert np.diff(reported) == pytest.approx(drawn_a * 1000 / 3600 * 2.0, abs=1.1), "mAh, sent every 2 s"
 
@@ -329,9 +329,9 @@ def test_origin_on_a_pole_is_accepted_and_one_in_space_refused(flight, lat, lon,
     flight.send(
         0, mavlink.MAVLink_set_gps_global_origin_message(1, int(lat * 1e7), int(lon * 1e7), int(alt * 1e3), 0)
     )
-    flight.heard[0].clear()
+    flight.received[0].clear()
     flight.run(2.1)
-    sent = [m for m in flight.heard[0] if m.get_type() in ("GLOBAL_POSITION_INT", "HOME_POSITION")]
+    sent = [m for m in flight.received[0] if m.get_type() in ("GLOBAL_POSITION_INT", "HOME_POSITION")]
     assert bool(sent) == accepted
     for m in sent:
         places = (m.lat, m.lon) if m.get_type() == "GLOBAL_POSITION_INT" else (m.latitude, m.longitude)
@@ -345,7 +345,7 @@ def test_long_interval_is_clamped_and_repeated_requests_take_no_memory(flight):
     assert len(link.schedule) < 40
     flight.run(0.04)
     assert flight.command(0, mavlink.MAV_CMD_GET_MESSAGE_INTERVAL, 30) == 0
-    sent = [m for m in flight.heard[0] if m.get_type() == "MESSAGE_INTERVAL"]
+    sent = [m for m in flight.received[0] if m.get_type() == "MESSAGE_INTERVAL"]
     assert [m.interval_us for m in sent] == [2_147_000_000]
 
 

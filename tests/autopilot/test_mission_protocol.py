@@ -30,7 +30,7 @@ def ready(**settings: Any) -> Flight:
 
 
 def messages(flight: Flight, kind: str) -> list[Any]:
-    return [m for m in flight.heard[0] if m.get_type() == kind]
+    return [m for m in flight.received[0] if m.get_type() == kind]
 
 
 def texts(flight: Flight) -> str:
@@ -61,24 +61,24 @@ def send_item(flight: Flight, seq: int, it: dict, kind: int = 0) -> None:
 
 def upload(flight: Flight, items: list[dict], kind: int = 0) -> int:
     """Upload a list and return the result of MISSION_ACK."""
-    flight.heard[0].clear()
+    flight.received[0].clear()
     flight.send(0, mavlink.MAVLink_mission_count_message(1, 1, len(items), kind))
     for _ in range(20 + 5 * len(items)):
         flight.run(0.02)
-        heard, flight.heard[0] = flight.heard[0], []
-        for m in heard:
+        messages_received, flight.received[0] = flight.received[0], []
+        for m in messages_received:
             if m.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                 send_item(flight, m.seq, items[m.seq], kind)
             elif m.get_type() == "MISSION_ACK":
                 flight.run(0.1)
-                flight.heard[0] = heard + flight.heard[0]
+                flight.received[0] = messages_received + flight.received[0]
                 return int(m.type)
     raise AssertionError("the upload was never acknowledged")
 
 
 def download(flight: Flight, kind: int = 0) -> list[Any]:
     """Download a list as MISSION_ITEM_INT."""
-    flight.heard[0].clear()
+    flight.received[0].clear()
     flight.send(0, mavlink.MAVLink_mission_request_list_message(1, 1, kind))
     flight.run(0.02)
     count = messages(flight, "MISSION_COUNT")[-1].count
@@ -103,7 +103,7 @@ def cleared(station):
     station.send(0, mavlink.MAVLink_mission_ack_message(1, 1, mavlink.MAV_MISSION_OPERATION_CANCELLED, 0))
     station.send(0, mavlink.MAVLink_mission_clear_all_message(1, 1, 255))
     station.run(0.04)
-    station.heard[0].clear()
+    station.received[0].clear()
 
 
 def test_download_returns_the_items_as_px4_stores_them(station):
@@ -161,7 +161,7 @@ def test_mission_request_int_is_used_once_the_client_sent_one():
 
 def test_too_many_items_are_refused_at_once(station):
     for kind, most in ((0, 10000), (1, 64), (2, 32)):
-        station.heard[0].clear()
+        station.received[0].clear()
         station.send(0, mavlink.MAVLink_mission_count_message(1, 1, most + 1, kind))
         station.run(0.04)
         assert [m.type for m in messages(station, "MISSION_ACK")] == [NO_SPACE]
@@ -169,7 +169,7 @@ def test_too_many_items_are_refused_at_once(station):
 
 def test_lost_item_is_requested_again_and_upload_ends_after_5_s(station):
     upload(station, SQUARE)
-    station.heard[0].clear()
+    station.received[0].clear()
     station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
     station.run(1.0)
     assert 3 <= len(messages(station, "MISSION_REQUEST_INT")) <= 5
@@ -192,7 +192,7 @@ def test_items_out_of_order_are_ignored_and_a_repeated_last_one_acknowledged(sta
 
 def test_one_upload_at_a_time_over_all_links(station):
     station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 2, 0), "panic")
-    station.heard[0].clear()
+    station.received[0].clear()
     station.send(0, mavlink.MAVLink_mission_count_message(1, 1, 2, 0), "router")
     station.run(0.04)
     assert [m.type for m in messages(station, "MISSION_ACK")] == [ERROR]
@@ -203,7 +203,7 @@ def test_one_upload_at_a_time_over_all_links(station):
 
 def test_request_out_of_order_ends_a_download(station):
     upload(station, SQUARE)
-    station.heard[0].clear()
+    station.received[0].clear()
     station.send(0, mavlink.MAVLink_mission_request_list_message(1, 1, 0))
     station.send(0, mavlink.MAVLink_mission_request_int_message(1, 1, 3, 0))
     station.run(0.04)
@@ -230,7 +230,7 @@ def test_current_item_is_sent_every_second_and_set_within_the_list(station):
     upload(station, SQUARE)
     station.send(0, mavlink.MAVLink_mission_set_current_message(1, 1, 1))
     station.run(1.1)
-    station.heard[0].clear()
+    station.received[0].clear()
     station.run(3.0)
     told = messages(station, "MISSION_CURRENT")
     assert 3 <= len(told) <= 4 and {(m.seq, m.total) for m in told} == {(1, len(SQUARE))}

@@ -199,7 +199,7 @@ class Fleet:
         self.flight.run(AFTER_LOSS_S, self._observe)
         for i, s in enumerate(self.observed.values()):
             s.end_n = self.flight.position(i) - [0.0, 2.0 * i, 0.0]
-            s.texts = "".join(m.text for m in self.flight.heard[i] if m.get_type() == "STATUSTEXT")
+            s.texts = "".join(m.text for m in self.flight.received[i] if m.get_type() == "STATUSTEXT")
 
     def _take_off(self) -> None:
         flight = self.flight
@@ -220,7 +220,7 @@ class Fleet:
         flight.run(LINK_LEAD_S, self._send)
         for i, case in enumerate(self.cases):
             assert flight.mode(i) == "OFFBOARD" and abs(flight.position(i)[2] + HEIGHT_M) < 0.1, case
-            flight.heard[i].clear()
+            flight.received[i].clear()
 
     def _send(self, f: Any) -> None:
         if round(f.now * 50) % 5:
