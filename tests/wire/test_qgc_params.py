@@ -66,6 +66,7 @@ def test_a_written_file_has_types_and_a_header():
     st.dictionaries(
         st.text("ABCXYZ0189_", min_size=1, max_size=16),
         st.integers(-(2**31), 2**31 - 1) | st.floats(width=32, allow_nan=False, allow_infinity=False),
+        max_size=12,
     )
 )
 def test_written_parameters_are_read_back(values):
