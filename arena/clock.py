@@ -153,7 +153,7 @@ class SimClock:
             return True
 
     def close(self) -> None:
-        """Leave the clock."""
+        """Close the connection to the clock."""
         self._socket.close()
 
 

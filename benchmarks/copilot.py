@@ -172,7 +172,7 @@ def crashes(autopilot: str, case: str, runs: int, *, with_only: bool, address: s
         yield bad == (0 if copilot else runs)
 
 
-def stops(autopilot: str, address: str) -> Iterator[bool]:
+def predict_stops(autopilot: str, address: str) -> Iterator[bool]:
     for speed in (1.0, 2.0, 3.0):
         for words, run_m, oblique in (
             ("steady", 10.0, False),
@@ -197,7 +197,7 @@ def stops(autopilot: str, address: str) -> Iterator[bool]:
             yield way <= needs and not flown.crashed
 
 
-def _words(system: int) -> list[bytes]:
+def _distance_text(system: int) -> list[bytes]:
     """What a vehicle says in a fiftieth of a second: five frames in two datagrams, as the built-in autopilot's stream at most."""
     codec = Codec(system, 1)
     first = [
@@ -249,7 +249,7 @@ def cost(count: int, seconds: float = 4.0) -> bool:
         )
     )
     receiver.receive(natnet.encode_models([(row["id"], row["name"]) for row in rows], version))
-    words = [_words(row["id"]) for row in rows]
+    words = [_distance_text(row["id"]) for row in rows]
     place, speed = np.arange(count) % 10 * 2.0, 0.3
     for k in range(round(50 * seconds)):
         now = k / 50.0
@@ -272,12 +272,12 @@ def cost(count: int, seconds: float = 4.0) -> bool:
             )
             made = time.thread_time()
             frame = receiver.receive(data)
-            core.see([frame] if frame is not None else [], now)
+            core.on_frames([frame] if frame is not None else [], now)
             spent["poses"] += time.thread_time() - made
         began = time.thread_time()
         for i in range(count):
             for data in words[i]:
-                core.hear(i, data, now)
+                core.on_datagram(i, data, now)
         spent["telemetry"] += time.thread_time() - began
         began = time.thread_time()
         core.step(now)
@@ -287,7 +287,7 @@ def cost(count: int, seconds: float = 4.0) -> bool:
         f"| {count} | " + " | ".join(f"{x:.1f}" for x in share.values()) + f" | {sum(share.values()):.1f} |",
         flush=True,
     )
-    return core.known.armed == [True] * count and bool(np.isfinite(core.tracks.seen_at).all())
+    return core.states.armed == [True] * count and bool(np.isfinite(core.tracks.seen_at).all())
 
 
 def main() -> int:
@@ -315,7 +315,7 @@ def main() -> int:
             print("| flight | autopilot | copilot | runs | crashed | closest m |\n| " + "--- | " * 6)
         for pilot in pilots:
             right += (
-                stops(pilot, given.address)
+                predict_stops(pilot, given.address)
                 if case == "stops"
                 else crashes(pilot, case, given.runs, with_only=given.with_only, address=given.address)
             )

@@ -1,5 +1,5 @@
-"""The copilot: a process that watches every vehicle against the room and against the others, and orders hold, land or terminate.
+"""The copilot: a process that monitors every vehicle by rules, such as fence and separation, and commands hold, land or terminate.
 
-It must not give anything back, act on what it does not know, command a vehicle on the ground, or fight a human pilot. Poses are
-the motion capture's, past the autopilots; orders are the autopilots' own modes, sent through the router and straight to them.
+It must not take an order back, act on missing data, command a vehicle on the ground, or override a human pilot. Poses come from
+motion capture, independent of the autopilots. Orders are flight modes, sent through the router and on the panic link.
 """

@@ -1,7 +1,8 @@
-"""`python -m arena.copilot slice.json`: the copilot's socket, its receivers of motion capture, and its clock.
+"""`python -m arena.copilot slice.json`: the copilot's socket, its motion-capture clients and its clock.
 
-One UDP socket hears and says everything: what the routers' tools ports send is known by its sender, and programs beat there. On
-the simulation clock fifty looks a second of simulated time gate the world; where hardware flies they are the wall's.
+One UDP socket sends and receives everything: telemetry is recognised by its sender, the router's tools port, and programs send
+their heartbeats there. In simulation the world waits for the copilot's 50 steps per simulated second; with hardware it runs on
+wall time.
 """
 
 from __future__ import annotations
@@ -21,43 +22,45 @@ from arena.process_context import ProcessContext, ShutdownPolicy, run_room
 from arena.transport import listen_udp
 
 _BUFFER_BYTES = 1 << 22
-_MOST = 20_000  # datagrams at a look: a flood must not keep us from judging
-_LOOK_S = 0.5
-_PATIENCE_WALL_S = 0.2
-_PATIENCE_S = 10.0
+_MAX_DATAGRAMS = 20_000  # per step: a flood must not delay the rules
+_REPORT_PERIOD_S = 0.5
+_STEP_TIMEOUT_S = 0.2
+_READY_TIMEOUT_S = 10.0
 
 
-class _Pace:
-    """Absolute deadlines, STEP_HZ of them a second; missed ones are skipped."""
+class _StepTimer:
+    """Absolute deadlines at STEP_HZ; missed ones are skipped."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._due = clock.now()
-        self._asked = False
+        self._requested = False
 
-    def wait(self, patience_s: float) -> float | None:
-        """The time [s] at the next deadline; None when the simulation's time has not come to it in patience_s of the wall's."""
+    def wait(self, timeout_s: float) -> float | None:
+        """Return the time [s] at the next deadline; None when simulation time has not reached it within timeout_s of wall time."""
         if not isinstance(self._clock, SimClock):
             now = self._clock.sleep_until(self._due)
         else:
-            if not self._asked:
+            if not self._requested:
                 self._clock.request_wake(self._due)
-                self._asked = True
-            told = self._clock.wait_for_wake(patience_s)
-            if told is None:
+                self._requested = True
+            woken = self._clock.wait_for_wake(timeout_s)
+            if woken is None:
                 return None
-            self._asked, now = False, told
+            self._requested, now = False, woken
         self._due = max(self._due + 1.0 / STEP_HZ, now)
         return now
 
 
-class Shell:
+class CopilotProcess:
+    """The sockets and the loop of the copilot."""
+
     def __init__(self, room: ProcessContext) -> None:
         s = room.settings
         self._room = room
         self._clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
         vehicles = [Vehicle.of(row) for row in s["vehicles"]]
-        self._pace = _Pace(self._clock)
+        self._timer = _StepTimer(self._clock)
         self._core = Copilot(Rules.of(s), vehicles, self._clock.now())
         self._socket = listen_udp(
             (s["listen"][0], int(s["listen"][1])), "the copilot", receive_buffer_bytes=_BUFFER_BYTES
@@ -65,24 +68,25 @@ class Shell:
         self._rows = {v.tools: i for i, v in enumerate(vehicles)}
         self._captures: list[MocapClient] = [open_client(c) for c in s["captures"]]
         self._reports = [ChangeReport() for _ in self._captures]
-        self._afterlives = [(kind, ShutdownPolicy(limit_s=60.0 if kind else None)) for kind in (True, False)]
-        self._began = self._looked = time.monotonic()
-        self._beat = -1e9
+        self._shutdowns = [(kind, ShutdownPolicy(limit_s=60.0 if kind else None)) for kind in (True, False)]
+        self._began = self._reported = time.monotonic()
+        self._heartbeat_at = -1e9
         self._ready = False
         self._spent_s, self._steps, self._longest_s = 0.0, 0, 0.0
 
     def run(self) -> None:
-        """Until told to stop; without a supervisor, until the vehicles are disarmed. Where time stands still, before a PX4 has
-        booted or behind a world that is stopped, we listen all the same, and tell how we are.
+        """Run until a stop signal; after the supervisor's death until the vehicles are disarmed.
+
+        While simulation time stands still, before a PX4 has booted or with a stopped world, telemetry is received and stats are sent.
         """
         while not self._room.stopping:
-            now = self._pace.wait(_PATIENCE_WALL_S)
+            now = self._timer.wait(_STEP_TIMEOUT_S)
             began = time.thread_time()
-            self._listen(self._clock.now() if now is None else now)
+            self._receive(self._clock.now() if now is None else now)
             if now is not None:
-                self._do(self._core.step(now))
+                self._send_output(self._core.step(now))
                 self._count(time.thread_time() - began)
-            if time.monotonic() - self._looked >= _LOOK_S and self._look():
+            if time.monotonic() - self._reported >= _REPORT_PERIOD_S and self._report():
                 return
 
     def close(self) -> None:
@@ -98,18 +102,18 @@ class Shell:
             max(self._longest_s, spent_s),
         )
 
-    def _listen(self, now: float) -> None:
-        self._hear(now)
+    def _receive(self, now: float) -> None:
+        self._read_socket(now)
         for capture in self._captures:
-            with contextlib.suppress(OSError, ArenaError):  # a network that is away: the poses' age tells
-                self._core.see(capture.poll(now), now)
+            with contextlib.suppress(OSError, ArenaError):  # no network: the rule `pose_age` reports it
+                self._core.on_frames(capture.poll(now), now)
         wall = time.monotonic()
-        if wall - self._beat >= 1.0:  # routers forget by the wall's time
-            self._beat = wall
+        if wall - self._heartbeat_at >= 1.0:  # routers drop silent clients by wall time
+            self._heartbeat_at = wall
             for vehicle in self._core.vehicles:
                 self._send(self._core.heartbeat(), vehicle.tools)
 
-    def _do(self, output: Output) -> None:
+    def _send_output(self, output: Output) -> None:
         for row, frames in output.frames:
             vehicle = self._core.vehicles[row]
             for frame in frames:
@@ -119,36 +123,36 @@ class Shell:
             self._room.event(event)
             print(event, flush=True)
 
-    def _hear(self, now: float) -> None:
-        for _ in range(_MOST):
+    def _read_socket(self, now: float) -> None:
+        for _ in range(_MAX_DATAGRAMS):
             try:
                 data, sender = self._socket.recvfrom(65535)
             except OSError:
                 return
-            self._core.hear(self._rows.get(sender), data, now)
+            self._core.on_datagram(self._rows.get(sender), data, now)
 
     def _send(self, data: bytes, to: tuple[str, int]) -> None:
-        with contextlib.suppress(OSError):  # a network that is away now may be back at the next try
+        with contextlib.suppress(OSError):  # no network now: the next try may succeed
             self._socket.sendto(data, to)
 
-    def _look(self) -> bool:
-        """Twice a second of wall time. True when there is nothing left to watch."""
-        self._looked = wall = time.monotonic()
-        if not self._ready and (not self._core.unheard or wall - self._began > _PATIENCE_S):
+    def _report(self) -> bool:
+        """Report stats, twice a second of wall time. Return True when the process may end."""
+        self._reported = wall = time.monotonic()
+        if not self._ready and (not self._core.missing or wall - self._began > _READY_TIMEOUT_S):
             self._ready = True
-            if self._core.unheard:
+            if self._core.missing:
                 self._room.event(
-                    f"{', '.join(self._core.unheard)} not heard or not captured after {_PATIENCE_S:g} s"
+                    f"{', '.join(self._core.missing)} no heartbeat or no captured pose after {_READY_TIMEOUT_S:g} s"
                 )
             self._room.ready()
         self._room.stats(self._stats())
         for capture, report in zip(self._captures, self._reports, strict=True):
-            if (news := report.changed(capture.diagnosis())) is not None:
-                self._room.event(news)
+            if (change := report.changed(capture.diagnosis())) is not None:
+                self._room.event(change)
         orphaned = self._room.orphaned
         over = [
             a.over(orphaned=orphaned, any_armed=self._core.any_armed(simulated=s), now=wall)
-            for s, a in self._afterlives
+            for s, a in self._shutdowns
         ]
         return all(over)
 
@@ -166,13 +170,13 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _make(room: ProcessContext) -> Callable[[], None]:
-    shell = Shell(room)
+    process = CopilotProcess(room)
 
     def serve() -> None:
         try:
-            shell.run()
+            process.run()
         finally:
-            shell.close()
+            process.close()
 
     return serve
 

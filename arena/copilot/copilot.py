@@ -1,4 +1,4 @@
-"""The copilot's core: datagrams, poses and time in; datagrams and sentences out. No sockets, no clocks."""
+"""The copilot's core: datagrams, poses and time in; datagrams and events out. No sockets, no clocks."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.constants import FORCE_ARM_DISARM
-from arena.copilot.braking import Limits, stops
-from arena.copilot.escalation import Escalation, Present, may_end
-from arena.copilot.fleet_state import Broken, Mask, Moment
-from arena.copilot.rules import Judge
+from arena.copilot.braking import BrakingLimits, predict_stops
+from arena.copilot.escalation import Escalation, VehicleStatus, may_end
+from arena.copilot.fleet_state import FleetState, Mask, Violation
+from arena.copilot.rules import RuleChecker
 from arena.copilot.settings import Rules, Step, Vehicle
 from arena.copilot.tracks import LATE_S, Tracks
-from arena.copilot.vehicle_state import COMPONENT, SYSTEM, Known
+from arena.copilot.vehicle_state import COMPONENT, SYSTEM, VehicleStates
 from arena.mocap.client import CapturedFrame
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Buffer
@@ -27,112 +27,113 @@ from arena.wire.px4_mode import mode_numbers
 
 STEP_HZ = 50.0
 _SILENT_S = 3.0
-_YOUNG_S = 0.3  # a pose older than this says nothing of a place any more; `pose_age` has its own word on it
+_YOUNG_S = 0.3  # an older pose gives no position; the rule `pose_age` has its own limit
 _TARGET_S, _SETTLED_S = 0.5, 0.3
 _ESTIMATE_S = 0.5
 _BATTERY_S = 5.0
-_GRACE_S = 2.0  # the capture system's handshake, after a start
+_GRACE_S = 2.0  # for the handshake with motion capture after a start
 
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """to: rows -> frames, for the router and for the autopilot itself. events: sentences."""
+    """The result of a step. frames: (row, MAVLink frames) for the router and the panic link. events: lines for the event log."""
 
     frames: tuple[tuple[int, tuple[bytes, ...]], ...] = ()
     events: tuple[str, ...] = ()
 
 
 class Copilot:
-    """Feed it with `see` and `hear`, ask it with `step` fifty times a second. now: [s], always of the same clock."""
+    """The state of the copilot.
+
+    Pass in data with `on_frames` and `on_datagram`, and call `step` 50 times a second. now, in every method: [s] of one clock.
+    """
 
     def __init__(self, rules: Rules, vehicles: Sequence[Vehicle], now: float) -> None:
         self.vehicles, self.rules = tuple(vehicles), rules
-        self.tracks, self.known = Tracks([v.body for v in vehicles]), Known([v.id for v in vehicles])
-        self.judge = Judge(rules, vehicles)
-        self.helms = [Escalation(name=v.name, rules=rules) for v in vehicles]
+        self.tracks, self.states = Tracks([v.body for v in vehicles]), VehicleStates([v.id for v in vehicles])
+        self.checker = RuleChecker(rules, vehicles)
+        self.escalations = [Escalation(name=v.name, rules=rules) for v in vehicles]
         self.orders: Counter[str] = Counter()
         self.closest_m = math.inf
         self._codec = Codec(SYSTEM, COMPONENT)
         self._limits = _limits(vehicles)
         self._began = now
         self._silent: set[int] = set()
-        self._groundless: dict[
-            int, float
-        ] = {}  # row -> since when it is armed, and says nothing of the ground
-        self._speedless: dict[
-            int, float
-        ] = {}  # row -> since when it flies, and is captured without a velocity
+        self._without_landed_state: dict[int, float] = {}  # row -> armed without a landed state since [s]
+        self._without_velocity: dict[int, float] = {}  # row -> flying without a velocity since [s]
         self._meeting: set[tuple[int, int]] = set()
         self._refused: set[tuple[int, int, int]] = set()
 
-    def see(self, frames: Iterable[CapturedFrame], now: float) -> None:
-        """What the cameras saw."""
+    def on_frames(self, frames: Iterable[CapturedFrame], now: float) -> None:
+        """Store captured frames."""
         for frame in frames:
             for pose in frame.poses:
-                self.tracks.see(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
+                self.tracks.on_pose(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
 
-    def hear(self, row: int | None, data: Buffer, now: float) -> None:
-        """A datagram from the tools port of that row, or from anybody (None)."""
-        self.known.hear(row, data, now)
+    def on_datagram(self, row: int | None, data: Buffer, now: float) -> None:
+        """Handle a datagram from the tools port of vehicle `row`, or from any other sender (None)."""
+        self.states.on_datagram(row, data, now)
 
     def heartbeat(self) -> bytes:
-        """Once a second to every tools port: the router forgets who is silent."""
+        """Return the heartbeat for every tools port, due once a second: the router drops silent clients."""
         return self._codec.onboard_heartbeat()
 
     def step(self, now: float) -> Output:
-        """Look, judge, order."""
-        moment = self.moment(now)
-        events = [*self._silences(now), *self._unwatched(moment), *self._refusals()]
-        broken = self.judge.broken(moment)
-        events += self._meetings(moment)
-        self.closest_m = min(self.closest_m, self.judge.found.closest)
+        """Check all rules and return the commands and events of this step."""
+        fleet = self.fleet_state(now)
+        events = [*self._report_silence(now), *self._report_unwatched(fleet), *self._report_refusals()]
+        violations = self.checker.violations(fleet)
+        events += self._report_meetings(fleet)
+        self.closest_m = min(self.closest_m, self.checker.found.closest)
         frames: list[tuple[int, tuple[bytes, ...]]] = []
-        for row, helm in enumerate(self.helms):
-            own = [b for b in broken if b.row == row]
-            acts = helm.decide(own, self._present(row, bool(moment.flying[row]), now), now)
-            events += acts.said
-            if acts.send is not None:
-                frames.append((row, tuple(self._frames(row, acts.send))))
-                self.orders[acts.send] += 1
+        for row, escalation in enumerate(self.escalations):
+            own = [v for v in violations if v.row == row]
+            decision = escalation.decide(own, self._status(row, bool(fleet.flying[row]), now), now)
+            events += decision.events
+            if decision.send is not None:
+                frames.append((row, tuple(self._frames(row, decision.send))))
+                self.orders[decision.send] += 1
         return Output(frames=tuple(frames), events=tuple(events))
 
     @property
     def flying(self) -> Mask:
-        """Armed and in the air, each by its own last word; what was never heard does not fly for us."""
+        """Vehicles that are armed and in the air by their last message; false before the first one."""
         return np.array(
-            [a is True and g is False for a, g in zip(self.known.armed, self.known.landed, strict=True)],
+            [a is True and g is False for a, g in zip(self.states.armed, self.states.landed, strict=True)],
             np.bool_,
         )
 
     def any_armed(self, *, simulated: bool) -> bool:
+        """Return whether any simulated, or any real, vehicle is armed."""
         return any(
             a is True
-            for a, v in zip(self.known.armed, self.vehicles, strict=True)
+            for a, v in zip(self.states.armed, self.vehicles, strict=True)
             if v.simulated == simulated
         )
 
     @property
-    def unheard(self) -> list[str]:
-        """Simulated vehicles never heard, or never captured where they should be."""
-        heard = np.isfinite(self.known.heart_at) & (
+    def missing(self) -> list[str]:
+        """Simulated vehicles without a heartbeat so far, or without a captured pose where one is expected."""
+        present = np.isfinite(self.states.heartbeat_at) & (
             np.isfinite(self.tracks.seen_at) | ~np.array([v.poses for v in self.vehicles])
         )
-        return [v.name for v, there in zip(self.vehicles, heard, strict=True) if v.simulated and not there]
+        return [v.name for v, there in zip(self.vehicles, present, strict=True) if v.simulated and not there]
 
-    def moment(self, now: float) -> Moment:
-        known, tracks = self.known, self.tracks
-        p_n, age = tracks.places(now), now - np.maximum(tracks.seen_at, self._began + _GRACE_S)
+    def fleet_state(self, now: float) -> FleetState:
+        """Return the state of all vehicles at this instant."""
+        states, tracks = self.states, self.tracks
+        p_n, age = tracks.positions(now), now - np.maximum(tracks.seen_at, self._began + _GRACE_S)
         young = now - tracks.seen_at
         v_n, moving = tracks.velocities()
-        tilt, lean = tracks.leans()
+        tilt, lean = tracks.tilt_and_acceleration()
         placed = (young <= _YOUNG_S) & np.isfinite(p_n).all(1)
         p_n = np.where(placed[:, None], p_n, 0.0)
         v_n = np.where((placed & moving)[:, None], v_n, 0.0)
         flying = self.flying
-        offboard = np.array([mode == "OFFBOARD" for mode in known.mode], np.bool_)
+        offboard = np.array([mode == "OFFBOARD" for mode in states.mode], np.bool_)
         late = np.where(placed, young, 0.0) + self.rules.latency_s + LATE_S + 1.0 / STEP_HZ
-        aimed = offboard & (now - known.target_at <= _TARGET_S)
-        return Moment(
+        aimed = offboard & (now - states.target_at <= _TARGET_S)
+        return FleetState(
             now=now,
             flying=flying,
             placed=placed,
@@ -141,59 +142,68 @@ class Copilot:
             v_n=v_n,
             tilt=np.where(placed, tilt, 0.0),
             open=flying
-            & np.array([may_end(m, h.order) for m, h in zip(known.mode, self.helms, strict=True)], np.bool_),
-            held=np.array([h.held for h in self.helms], np.bool_),
+            & np.array(
+                [may_end(m, h.order) for m, h in zip(states.mode, self.escalations, strict=True)], np.bool_
+            ),
+            held=np.array([h.held for h in self.escalations], np.bool_),
             pose_age=age,
-            stop=stops(p_n, v_n, np.where(placed[:, None], lean, 0.0), late, self._limits),
-            target=np.where(aimed[:, None], known.target, np.nan),
-            settled=aimed & (now - known.target_since >= _SETTLED_S),
-            off=np.where(now - known.estimate_at <= _ESTIMATE_S, tracks.off(known.estimate), np.nan),
-            battery=np.where(now - known.battery_at <= _BATTERY_S, known.battery, np.nan),
+            stop=predict_stops(p_n, v_n, np.where(placed[:, None], lean, 0.0), late, self._limits),
+            target=np.where(aimed[:, None], states.target, np.nan),
+            settled=aimed & (now - states.target_since >= _SETTLED_S),
+            off=np.where(now - states.estimate_at <= _ESTIMATE_S, tracks.off(states.estimate), np.nan),
+            battery=np.where(now - states.battery_at <= _BATTERY_S, states.battery, np.nan),
             offboard=offboard,
-            silent_s=np.where(np.isfinite(known.beat_at), now - known.beat_at, np.nan),
+            silent_s=np.where(
+                np.isfinite(states.program_heartbeat_at), now - states.program_heartbeat_at, np.nan
+            ),
         )
 
-    def _present(self, row: int, flying: bool, now: float) -> Present:
-        return Present(
-            flying=flying, mode=self.known.mode[row], fresh=bool(now - self.known.heart_at[row] <= _SILENT_S)
+    def _status(self, row: int, flying: bool, now: float) -> VehicleStatus:
+        return VehicleStatus(
+            flying=flying,
+            mode=self.states.mode[row],
+            fresh=bool(now - self.states.heartbeat_at[row] <= _SILENT_S),
         )
 
-    def _silences(self, now: float) -> Iterator[str]:
+    def _report_silence(self, now: float) -> Iterator[str]:
         for row, vehicle in enumerate(self.vehicles):
-            silent = now - self.known.heart_at[row] > _SILENT_S
-            if silent and row not in self._silent and np.isfinite(self.known.heart_at[row]):
+            silent = now - self.states.heartbeat_at[row] > _SILENT_S
+            if silent and row not in self._silent and np.isfinite(self.states.heartbeat_at[row]):
                 self._silent.add(row)
-                word = f"{self.known.mode[row]}, {'armed' if self.known.armed[row] else 'disarmed'}"
-                yield f"{vehicle.name}: not heard for {_SILENT_S:g} s; the cameras alone tell of it now, its last word was {word}"
+                word = f"{self.states.mode[row]}, {'armed' if self.states.armed[row] else 'disarmed'}"
+                yield f"{vehicle.name}: no heartbeat for {_SILENT_S:g} s (last: {word}); monitored by motion capture only"
             elif not silent and row in self._silent:
                 self._silent.discard(row)
-                yield f"{vehicle.name}: heard again"
+                yield f"{vehicle.name}: heartbeat received again"
 
-    def _unwatched(self, m: Moment) -> Iterator[str]:
-        """Rules that do not hold because what they need is not known: a person must hear of it."""
+    def _report_unwatched(self, m: FleetState) -> Iterator[str]:
+        """Yield a warning for each vehicle whose rules cannot be checked because data are missing."""
         for row, vehicle in enumerate(self.vehicles):
-            armed, landed = self.known.armed[row], self.known.landed[row]
-            if _lasts(self._groundless, row, armed is True and landed is None, m.now):
-                yield f"{vehicle.name}: armed, but it does not say whether it is in the air (EXTENDED_SYS_STATE): NOT WATCHED"
-            if _lasts(
-                self._speedless, row, bool(m.flying[row] and m.placed[row] and not m.moving[row]), m.now
+            armed, landed = self.states.armed[row], self.states.landed[row]
+            if _lasted(self._without_landed_state, row, armed is True and landed is None, m.now):
+                yield f"{vehicle.name}: armed, but it does not report whether it is in the air (EXTENDED_SYS_STATE): NOT MONITORED"
+            if _lasted(
+                self._without_velocity,
+                row,
+                bool(m.flying[row] and m.placed[row] and not m.moving[row]),
+                m.now,
             ):
                 yield (
-                    f"{vehicle.name}: captured too seldom, or without times, to know its velocity: it will NOT be stopped before "
-                    "the fence nor before others"
+                    f"{vehicle.name}: poses too rare, or without times, to estimate the velocity: it will NOT be stopped before "
+                    "the fence or other vehicles"
                 )
 
-    def _refusals(self) -> Iterator[str]:
-        for refusal in self.known.refusals:
+    def _report_refusals(self) -> Iterator[str]:
+        for refusal in self.states.refusals:
             if refusal not in self._refused:
                 self._refused.add(refusal)
                 row, _, result = refusal
-                yield f"{self.vehicles[row].name}: an order was refused: {result_words(result)}; trying on"
-        self.known.refusals.clear()
+                yield f"{self.vehicles[row].name}: the autopilot refused a command: {result_words(result)}; retrying"
+        self.states.refusals.clear()
 
-    def _meetings(self, m: Moment) -> Iterator[str]:
-        """Vehicles commanded to one place, told once as long as they are."""
-        meeting = set(self.judge.found.meeting) if self.rules.on("separation") else set()
+    def _report_meetings(self, m: FleetState) -> Iterator[str]:
+        """Yield once for each pair of vehicles that is commanded to the same place."""
+        meeting = set(self.checker.found.meeting) if self.rules.on("separation") else set()
         for first, second in sorted(meeting - self._meeting):
             north, east, down = m.target[second]
             apart = float(np.linalg.norm(m.target[second] - m.target[first]))
@@ -220,21 +230,21 @@ class Copilot:
         )
 
     def stats(self) -> dict[str, Any]:
-        """Figures for the summary."""
+        """Return figures for the summary."""
         closest = {} if math.isinf(self.closest_m) else {"closest_m": round(self.closest_m, 2)}
         given = {f"sent {step}": n for step, n in self.orders.items()}
-        heard = {f"heard {what}": n for what, n in self.known.counts.items()}
+        received = {f"received {what}": n for what, n in self.states.counts.items()}
         return {
             **closest,
             **given,
-            **heard,
+            **received,
             "poses repeated": self.tracks.repeated,
             "tracks restarted": self.tracks.restarted,
         }
 
 
-def _lasts(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """True once, when it has been so for _SILENT_S."""
+def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
+    """Return True once, when a condition has lasted for _SILENT_S."""
     if not so:
         since.pop(row, None)
     elif now - since.setdefault(row, now) > _SILENT_S:
@@ -243,8 +253,8 @@ def _lasts(since: dict[int, float], row: int, so: bool, now: float) -> bool:
     return False
 
 
-def _limits(vehicles: Sequence[Vehicle]) -> Limits:
-    return Limits(
+def _limits(vehicles: Sequence[Vehicle]) -> BrakingLimits:
+    return BrakingLimits(
         **{
             key: np.array([getattr(v, key) for v in vehicles], dtype=np.float64)
             for key in ("accel", "jerk", "up", "down")
@@ -252,4 +262,4 @@ def _limits(vehicles: Sequence[Vehicle]) -> Limits:
     )
 
 
-__all__ = ["Broken", "Copilot", "Output"]
+__all__ = ["Copilot", "Output", "Violation"]

@@ -1,10 +1,11 @@
-"""One vehicle's orders: given once with a reason, repeated until obeyed, made sterner where that does not help. Pure.
+"""The orders of one vehicle: sent with a reason, repeated until obeyed, escalated when that does not help. Pure.
 
-    nothing --broken--> ordered --its mode is seen--> obeyed --the program takes the vehicle, reason gone--> nothing
-                           |                             '--the reason holds--> ordered anew
-                           '--still broken after escalate_after_s: hold -> land -> terminate, up to at_most
+    none --violation--> ordered --its mode is reported--> obeyed --program in OFFBOARD again, no violation--> none
+                           |                                '--violation persists--> ordered again
+                           '--violation persists for escalate_after_s: hold -> land -> terminate, up to at_most
 
-An order is never taken back: only the vehicle on the ground, a pilot, or a program that takes it when the reason is gone ends it.
+The copilot never takes an order back. An order ends on the ground, by a pilot, or by a program that takes the vehicle again after
+the violation has ended.
 """
 
 from __future__ import annotations
@@ -12,22 +13,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from arena.copilot.fleet_state import Broken
+from arena.copilot.fleet_state import Violation
 from arena.copilot.settings import STEPS, Rules, Step
 
 MODES: dict[Step, str] = {"hold": "AUTO.LOITER", "land": "AUTO.LAND", "terminate": "disarmed"}
 OPEN = frozenset(
     {"OFFBOARD", "AUTO.LOITER", "AUTO.TAKEOFF", "AUTO.MISSION", "AUTO.FOLLOW_TARGET", "AUTO.READY"}
 )
-"""Modes that the copilot may end: programs and SDKs fly in them. Every other is a pilot's, or a failsafe's answer already."""
+"""Modes that the copilot may end: those of programs and SDKs. All others belong to a pilot or a failsafe."""
 REPEAT_S = 0.2
-UNHEARD_S = 2.0
-"""How long a hold is repeated to a vehicle that is not heard."""
+SILENT_HOLD_S = 2.0
+"""Time for which HOLD is repeated without telemetry [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Present:
-    """The vehicle's own last word. fresh: not too old to judge obedience by."""
+class VehicleStatus:
+    """The last reported state of a vehicle. fresh: recent enough to check whether it obeys."""
 
     flying: bool
     mode: str
@@ -36,7 +37,7 @@ class Present:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """Why, and since when [s]. obeyed_at: its mode was first seen; None before."""
+    """An order in force. given_at: [s]. obeyed_at: when its mode was first reported [s]; None before."""
 
     step: Step
     rule: str
@@ -46,99 +47,103 @@ class Order:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Acts:
-    """send: the step to send now, None for nothing. said: sentences for the events."""
+class Decision:
+    """The result of a step. send: the order to send now, None without one. events: lines for the event log."""
 
     send: Step | None = None
-    said: tuple[str, ...] = ()
+    events: tuple[str, ...] = ()
 
 
 def may_end(mode: str, order: Order | None) -> bool:
-    """May the copilot end this mode? Its own landing too, which has only termination above it."""
+    """Return whether the copilot may end this mode. Its own landing counts, as only termination is more severe."""
     return mode in OPEN or (order is not None and order.step != "hold" and mode == "AUTO.LAND")
 
 
 @dataclass(kw_only=True)
 class Escalation:
-    """Ask `decide` once a step."""
+    """The order of one vehicle. Call `decide` once per step."""
 
     name: str
     rules: Rules
     order: Order | None = None
     _next_send: float = 0.0
     _left_alone: str = ""
-    _said: list[str] = field(default_factory=list)
+    _events: list[str] = field(default_factory=list)
     _since: dict[str, float] = field(default_factory=dict)
 
     @property
     def held(self) -> bool:
         return self.order is not None and self.order.step == "hold"
 
-    def decide(self, broken: Sequence[Broken], present: Present, now: float) -> Acts:
-        """broken: rules that this vehicle breaks now."""
-        self._said = []
-        self._since = {b.rule: self._since.get(b.rule, now) for b in broken}
-        if not present.flying:
-            self._ground()
+    def decide(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> Decision:
+        """Return what to send and report. violations: rules that this vehicle violates now."""
+        self._events = []
+        self._since = {b.rule: self._since.get(b.rule, now) for b in violations}
+        if not status.flying:
+            self._end_on_ground()
             return self._acts(None)
-        if not may_end(present.mode, self.order):
-            self._leave(broken, present.mode)
+        if not may_end(status.mode, self.order):
+            self._leave_to_others(violations, status.mode)
             return self._acts(None)
         self._left_alone = ""
-        self._obey(broken, present, now)
-        wanted = self._sternest(broken)
+        self._check_obedience(violations, status, now)
+        wanted = self._most_severe(violations)
         if wanted is not None and (self.order is None or _rank(wanted[0]) > _rank(self.order.step)):
-            self._give(*wanted, now)
+            self._start_order(*wanted, now)
         elif self.order is not None:
-            self._escalate(self.order, broken, present, now)
-        return self._acts(self._due(present, now))
+            self._escalate(self.order, violations, status, now)
+        return self._acts(self._due(status, now))
 
-    def _acts(self, send: Step | None) -> Acts:
-        return Acts(send=send, said=tuple(self._said))
+    def _acts(self, send: Step | None) -> Decision:
+        return Decision(send=send, events=tuple(self._events))
 
-    def _ground(self) -> None:
+    def _end_on_ground(self) -> None:
         if self.order is not None:
-            self._said.append(
-                f"{self.name}: on the ground or disarmed; the order to {self.order.step} has ended"
+            self._events.append(
+                f"{self.name}: on the ground or disarmed; the order {self.order.step} has ended"
             )
         self.order, self._left_alone = None, ""
 
-    def _leave(self, broken: Sequence[Broken], mode: str) -> None:
-        """Another hand has the vehicle."""
+    def _leave_to_others(self, violations: Sequence[Violation], mode: str) -> None:
+        """End the order of a vehicle whose mode was changed by a pilot or a failsafe."""
         if self.order is not None:
-            self._said.append(
-                f"{self.name}: in {mode} by another hand: left alone, the order to {self.order.step} has ended"
+            self._events.append(
+                f"{self.name}: in {mode} by a pilot or a failsafe; the order {self.order.step} has ended"
             )
             self.order = None
             self._left_alone = mode
-        elif broken and self._left_alone != mode:
-            self._said.append(f"{self.name}: {broken[0].rule}: {broken[0].why}; in {mode} it is left alone")
+        elif violations and self._left_alone != mode:
+            self._events.append(
+                f"{self.name}: {violations[0].rule}: {violations[0].why}; not commanded in {mode}"
+            )
             self._left_alone = mode
 
-    def _obey(self, broken: Sequence[Broken], present: Present, now: float) -> None:
+    def _check_obedience(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> None:
         order = self.order
         if order is None or order.step == "terminate":
             return
-        if present.mode == MODES[order.step]:
+        if status.mode == MODES[order.step]:
             if order.obeyed_at is None:
-                self._said.append(f"{self.name}: {present.mode} after {now - order.given_at:.2f} s")
+                self._events.append(f"{self.name}: {status.mode} after {now - order.given_at:.2f} s")
                 self.order = _with(order, obeyed_at=now)
-        elif order.obeyed_at is not None and not broken:
-            self._said.append(f"{self.name}: in {present.mode} again, and the reason to {order.step} is gone")
+        elif order.obeyed_at is not None and not violations:
+            self._events.append(
+                f"{self.name}: in {status.mode} again, and the reason for {order.step} has ended"
+            )
             self.order = None
         elif order.obeyed_at is not None:
-            self._said.append(
-                f"{self.name}: in {present.mode} again, and the reason holds: {order.step} anew ({broken[0].why})"
+            self._events.append(
+                f"{self.name}: in {status.mode} again, and the reason persists: {order.step} again ({violations[0].why})"
             )
-            # one that takes the vehicle again and again must not put off the next step
+            # a program that takes the vehicle repeatedly must not delay the next step
             fights = now - order.obeyed_at < self.rules.escalate_after_s
             self.order = _with(order, given_at=order.given_at if fights else now, obeyed_at=None)
             self._next_send = now
 
-    def _sternest(self, broken: Sequence[Broken]) -> tuple[Step, Broken] | None:
-        """The sternest step that any of these rules asks for, as far as `at_most` allows."""
-        best: tuple[Step, Broken] | None = None
-        for one in broken:
+    def _most_severe(self, violations: Sequence[Violation]) -> tuple[Step, Violation] | None:
+        """Return the most severe step that a violated rule requires, limited by `at_most`."""
+        best: tuple[Step, Violation] | None = None
+        for one in violations:
             do = self.rules.do[one.rule]
             if do == "none":
                 continue
@@ -147,33 +152,37 @@ class Escalation:
                 best = step, one
         return best
 
-    def _give(self, step: Step, cause: Broken, now: float) -> None:
+    def _start_order(self, step: Step, cause: Violation, now: float) -> None:
         self.order = Order(step=step, rule=cause.rule, why=cause.why, given_at=now)
         self._next_send = now
-        self._said.append(f"{self.name}: {step}: {cause.rule}: {cause.why}")
+        self._events.append(f"{self.name}: {step}: {cause.rule}: {cause.why}")
 
-    def _escalate(self, order: Order, broken: Sequence[Broken], present: Present, now: float) -> None:
-        """An answer that is not obeyed, or obeyed and no help. Silence is neither: what is not heard is not judged."""
-        if not present.fresh or _rank(order.step) >= _rank(self.rules.at_most):
+    def _escalate(
+        self, order: Order, violations: Sequence[Violation], status: VehicleStatus, now: float
+    ) -> None:
+        """Start the next step when an order is not obeyed, or does not end the violation. A silent vehicle is not escalated."""
+        if not status.fresh or _rank(order.step) >= _rank(self.rules.at_most):
             return
-        for one in broken:
+        for one in violations:
             lasted = now - max(order.given_at, self._since[one.rule])
             helped = order.obeyed_at is not None and _rank(order.step) >= _rank(one.enough)
             if lasted >= self.rules.escalate_after_s and not helped:
-                how = "it has not obeyed" if order.obeyed_at is None else "it is so still"
-                why = f"{how} {now - order.given_at:.1f} s after the order to {order.step}: {one.why}"
-                self._give(STEPS[_rank(order.step) + 1], Broken(row=one.row, rule=one.rule, why=why), now)
+                how = "not obeyed" if order.obeyed_at is None else "no effect"
+                why = f"{how} {now - order.given_at:.1f} s after the order {order.step}: {one.why}"
+                self._start_order(
+                    STEPS[_rank(order.step) + 1], Violation(row=one.row, rule=one.rule, why=why), now
+                )
                 return
 
-    def _due(self, present: Present, now: float) -> Step | None:
-        """To one that is not heard a hold is not repeated for ever: it may long be landing, by its failsafe or by land-all."""
+    def _due(self, status: VehicleStatus, now: float) -> Step | None:
+        """Return the order to send now. HOLD is not repeated for long without telemetry: the vehicle may be landing already."""
         order = self.order
         if order is None or order.obeyed_at is not None or now < self._next_send:
             return None
         if (
             order.step == "hold"
-            and not present.fresh
-            and now - max(order.given_at, *self._since.values(), 0.0) > UNHEARD_S
+            and not status.fresh
+            and now - max(order.given_at, *self._since.values(), 0.0) > SILENT_HOLD_S
         ):
             return None
         self._next_send = now + REPEAT_S

@@ -1,4 +1,4 @@
-"""What is known of all vehicles at one instant, as the rules see it."""
+"""The state of all vehicles at one instant, and the violation of a rule."""
 
 from __future__ import annotations
 
@@ -15,18 +15,21 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Moment:
-    """Arrays over the N vehicles. now [s].
+class FleetState:
+    """Arrays over the N vehicles.
 
-    flying: armed and in the air, by its own last word.  open: flying, and in a mode that the copilot may end.
-    held: told to hold, and not taken from there.
-    placed: its pose is young enough to judge by; moving: so is its velocity.
-    p_n [m], v_n [m/s] [NED] (N, 3), zero where not known.
-    pose_age: [s], inf where never seen.  tilt [rad].
-    stop: where each would stand.
-    target [m] [NED] (N, 3), nan where it is commanded to no place; settled: that place stands still.
-    off: estimate against capture [m], nan where not known.  battery: 0..1, nan where not known.
-    offboard: in OFFBOARD.  silent_s: since its program's last heartbeat [s], nan where it never beat in this arming.
+    now: [s].
+    flying: armed and in the air, by the last message.
+    open: flying, and in a mode that the copilot may end.
+    held: under the order to hold.
+    placed: the pose is recent. moving: a recent velocity is known.
+    p_n: [m] [NED] (N, 3). v_n: [m/s] [NED] (N, 3). Zero where unknown.
+    pose_age: [s], inf before the first pose. tilt: [rad].
+    stop: predicted stop after a hold command.
+    target: commanded position [m] [NED] (N, 3), NaN without one. settled: the target stands still.
+    off: distance of the estimate from the captured track [m], NaN where unknown.
+    battery: 0..1, NaN where unknown.
+    offboard: in OFFBOARD. silent_s: time since the program's last heartbeat [s], NaN before the first in this arming.
     """
 
     now: float
@@ -49,10 +52,11 @@ class Moment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Broken:
-    """One rule that one vehicle breaks. row: which vehicle; why: a sentence's end.
+class Violation:
+    """The violation of a rule by a vehicle.
 
-    enough: the step with which it is answered, though it may be broken still; terminate where only its end is an answer.
+    row: index of the vehicle. why: the reason, for the event log.
+    enough: the step that is sufficient although the violation persists; `terminate` when only its end is sufficient.
     """
 
     row: int

@@ -1,6 +1,6 @@
-"""What each rule says of one instant. Pure: a moment in, the broken rules out; a rule that needs time keeps since when.
+"""The rules of the copilot: a fleet state in, violations out. Pure; rules with a duration keep their start times.
 
-Nothing is judged that is not known: every comparison stands beside the mask of what is.
+Unknown values violate nothing: every comparison is combined with the mask of known values.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from arena.copilot.fleet_state import Broken, Mask, Moment
-from arena.copilot.separation import Found, separation
+from arena.copilot.fleet_state import FleetState, Mask, Violation
+from arena.copilot.separation import SeparationResult, separation
 from arena.copilot.settings import Rules, Vehicle
 
 _OUTWARDS_M_S, _FLEES_M_S = 0.1, 0.5
 _SIDES = (("south", "north"), ("west", "east"), ("ceiling", "floor"))
 
 
-class Judge:
-    """Ask it once a step."""
+class RuleChecker:
+    """The checks of all rules. Call `violations` once per step."""
 
     def __init__(self, rules: Rules, vehicles: Sequence[Vehicle]) -> None:
         self._rules = rules
@@ -28,10 +28,10 @@ class Judge:
         self._high = np.array([v.high for v in vehicles], dtype=np.float64)
         self._poses = np.array([v.poses for v in vehicles], dtype=np.bool_)
         self._since = {rule: np.full(len(vehicles), np.inf) for rule in ("tilt", "estimate")}
-        self.found = Found(broken=(), meeting=(), closest=math.inf)
+        self.found = SeparationResult(broken=(), meeting=(), closest=math.inf)
 
-    def broken(self, m: Moment) -> list[Broken]:
-        """Every rule that a flying vehicle breaks, whether it may be commanded or not."""
+    def violations(self, m: FleetState) -> list[Violation]:
+        """Return all violations by flying vehicles, also by those that may not be commanded."""
         each = {
             "geofence": self._geofence,
             "separation": self._separation,
@@ -44,7 +44,7 @@ class Judge:
         }
         return [b for rule, of in each.items() if self._rules.on(rule) for b in of(m) if m.flying[b.row]]
 
-    def _geofence(self, m: Moment) -> Iterator[Broken]:
+    def _geofence(self, m: FleetState) -> Iterator[Violation]:
         reserve = self._rules.figure["geofence.reserve_m"]
         way = m.stop.way
         end = m.p_n + way
@@ -60,66 +60,66 @@ class Judge:
                 self._high[row, axis] - m.p_n[row, axis] if high else m.p_n[row, axis] - self._low[row, axis]
             )
             speed, needs = abs(float(m.v_n[row, axis])), abs(float(way[row, axis]))
-            why = _fence_words(left, needs, reserve, speed, _SIDES[axis][high])
-            # one that comes down beyond the fence is answered; one that flies on is not
+            why = _fence_text(left, needs, reserve, speed, _SIDES[axis][high])
+            # beyond the fence a landing is sufficient, unless the vehicle flies on outwards
             outwards = float(m.v_n[row, axis]) * (1.0 if high else -1.0)
-            yield Broken(
+            yield Violation(
                 row=int(row),
                 rule="geofence",
                 why=why,
                 enough="terminate" if outwards > _FLEES_M_S else "land",
             )
 
-    def _separation(self, m: Moment) -> Iterator[Broken]:
+    def _separation(self, m: FleetState) -> Iterator[Violation]:
         figure = self._rules.figure
         self.found = separation(m, figure["separation.at_m"], figure["separation.ahead_s"], self._names)
         yield from self.found.broken
 
-    def _tilt(self, m: Moment) -> Iterator[Broken]:
+    def _tilt(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["tilt.above_deg"]
         for row in self._lasting(m, "tilt", m.placed & (m.tilt > math.radians(limit))):
-            yield Broken(
+            yield Violation(
                 row=row,
                 rule="tilt",
                 why=f"it is tilted by {math.degrees(m.tilt[row]):.0f} deg (at most {limit:g} deg)",
             )
 
-    def _speed(self, m: Moment) -> Iterator[Broken]:
+    def _speed(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["speed.above_m_s"]
         speed = np.linalg.norm(m.v_n, axis=1)
         for row in np.flatnonzero(m.placed & m.moving & (speed > limit)):
-            yield Broken(
+            yield Violation(
                 row=int(row), rule="speed", why=f"it flies at {speed[row]:.1f} m/s (at most {limit:g} m/s)"
             )
 
-    def _pose_age(self, m: Moment) -> Iterator[Broken]:
+    def _pose_age(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["pose_age.above_s"]
         for row in np.flatnonzero(self._poses & (m.pose_age > limit)):
-            why = f"it has not been captured for {m.pose_age[row]:.2f} s (at most {limit:g} s)"
-            yield Broken(row=int(row), rule="pose_age", why=why, enough="land")
+            why = f"no captured pose for {m.pose_age[row]:.2f} s (at most {limit:g} s)"
+            yield Violation(row=int(row), rule="pose_age", why=why, enough="land")
 
-    def _estimate(self, m: Moment) -> Iterator[Broken]:
+    def _estimate(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["estimate.off_m"]
         known = self._poses & m.placed & np.isfinite(m.off)
         for row in self._lasting(m, "estimate", known & (np.nan_to_num(m.off) > limit)):
-            why = f"its estimate is {m.off[row]:.2f} m from where it was captured (at most {limit:g} m)"
-            yield Broken(row=row, rule="estimate", why=why, enough="land")
+            why = f"its estimate is {m.off[row]:.2f} m from its captured track (at most {limit:g} m)"
+            yield Violation(row=row, rule="estimate", why=why, enough="land")
 
-    def _battery(self, m: Moment) -> Iterator[Broken]:
+    def _battery(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["battery.below"]
         for row in np.flatnonzero(np.isfinite(m.battery) & (np.nan_to_num(m.battery, nan=1.0) < limit)):
             why = f"its battery is at {100 * m.battery[row]:.0f} % (at least {100 * limit:g} %)"
-            yield Broken(row=int(row), rule="battery", why=why, enough="land")
+            yield Violation(row=int(row), rule="battery", why=why, enough="land")
 
-    def _program(self, m: Moment) -> Iterator[Broken]:
+    def _program(self, m: FleetState) -> Iterator[Violation]:
         limit = self._rules.figure["program.silent_s"]
         known = m.offboard & np.isfinite(m.silent_s)
         for row in np.flatnonzero(known & (np.nan_to_num(m.silent_s) > limit)):
-            why = f"its program has not beaten for {m.silent_s[row]:.1f} s (at most {limit:g} s), and it is in OFFBOARD"
-            yield Broken(row=int(row), rule="program", why=why)
+            why = f"no heartbeat of its program for {m.silent_s[row]:.1f} s in OFFBOARD (at most {limit:g} s)"
+            yield Violation(row=int(row), rule="program", why=why)
 
-    def _lasting(self, m: Moment, rule: str, now_so: Mask) -> list[int]:
-        """Rows where it has been so for the rule's `for_s`, in the air."""
+    def _lasting(self, m: FleetState, rule: str, now_so: Mask) -> list[int]:
+        """Return the rows where a condition has lasted for the rule's `for_s` in the air."""
         since = self._since[rule]
         so = now_so & m.flying
         since[:] = np.where(so, np.minimum(since, m.now), np.inf)
@@ -128,7 +128,7 @@ class Judge:
         ]
 
 
-def _fence_words(left: float, way: float, reserve: float, speed: float, side: str) -> str:
+def _fence_text(left: float, way: float, reserve: float, speed: float, side: str) -> str:
     if left < 0.0:
         return (
             f"it is {-left:.2f} m past the fence in the {side}"

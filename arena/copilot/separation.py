@@ -1,8 +1,8 @@
-"""Who comes too close to whom, and who gives way: the closest approach of each pair along the ways ahead. Pure.
+"""Separation of vehicles: the closest approach of each pair along the predicted paths, and which of the two yields. Pure.
 
-A vehicle goes on as it flies, or to the standing place that it is commanded to, but not shorter than it can stop; one that is
-held stops. Where two come closer than `at_m`, the later in the YAML is held, at once. The other goes on as long as that suffices:
-it is held when a tenth of a second more would be too late for its own stop.
+A vehicle is predicted to keep its velocity, or to fly to its fixed target, but no shorter than it can stop; a held vehicle stops.
+When two come closer than `at_m`, the later one in the YAML is held at once. The other continues as long as that is sufficient: it is
+held when 0.1 s more would be too late for its own stop.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.copilot.fleet_state import Broken, Mask, Moment
+from arena.copilot.fleet_state import FleetState, Mask, Violation
 from arena.copilot.settings import Step
 
 Array = NDArray[np.float64]
@@ -25,16 +25,19 @@ _ON_THE_WAY_M = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
-    """broken: who is to be held. meeting: pairs of rows commanded to one place, who yields second. closest: of all pairs [m]."""
+class SeparationResult:
+    """The result of the separation rule.
 
-    broken: tuple[Broken, ...]
+    broken: vehicles to hold. meeting: (first, yielding) rows that are commanded to one place. closest: of all pairs [m].
+    """
+
+    broken: tuple[Violation, ...]
     meeting: tuple[tuple[int, int], ...]
     closest: float
 
 
-def separation(m: Moment, at_m: float, ahead_s: float, names: list[str]) -> Found:
-    """at_m: between the origins [m]; ahead_s: how far is looked ahead [s]."""
+def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> SeparationResult:
+    """Check all pairs. at_m: least distance of the origins [m]. ahead_s: prediction time [s]."""
     rows = np.flatnonzero(m.placed)
     a, b = (rows[side] for side in np.triu_indices(len(rows), 1))
     counts = m.flying[a] | m.flying[b]
@@ -45,18 +48,18 @@ def separation(m: Moment, at_m: float, ahead_s: float, names: list[str]) -> Foun
     speed = np.linalg.norm(np.maximum(np.abs(m.v_n), np.abs(m.stop.v_n)), axis=1)
     near = gap - (speed[a] + speed[b]) * _horizon(m, ahead_s) < at_m
     broken = _broken(m, a[near], b[near], gap[near], at_m, ahead_s, names)
-    return Found(broken=broken, meeting=meeting, closest=closest)
+    return SeparationResult(broken=broken, meeting=meeting, closest=closest)
 
 
-def _horizon(m: Moment, ahead_s: float) -> float:
-    """As far as the longest stop, too: [s]."""
+def _horizon(m: FleetState, ahead_s: float) -> float:
+    """Return the prediction time, at least that of the longest stop [s]."""
     longest = float((m.stop.react_s + 1.2 * m.stop.took_s.max(1)).max()) if len(m.stop.react_s) else 0.0
     return max(ahead_s, min(longest + _WAIT_S, 10.0))
 
 
 def _broken(
-    m: Moment, a: Index, b: Index, gap: Array, at_m: float, ahead_s: float, names: list[str]
-) -> tuple[Broken, ...]:
+    m: FleetState, a: Index, b: Index, gap: Array, at_m: float, ahead_s: float, names: list[str]
+) -> tuple[Violation, ...]:
     if not len(a):
         return ()
     times = np.arange(0.0, _horizon(m, ahead_s) + _SAMPLE_S, _SAMPLE_S)
@@ -67,43 +70,47 @@ def _broken(
     late = here + still * (m.stop.path(times, _WAIT_S) - here)
     nearest, when = approach(going[a], going[b], times)
     closing = ((m.p_n[b] - m.p_n[a]) * (m.v_n[b] - m.v_n[a])).sum(1) < _PARTING_M_S * gap
-    found: list[Broken] = []
+    found: list[Violation] = []
     for k in np.flatnonzero((nearest < at_m) & closing):
         first, yields = _order(m, int(a[k]), int(b[k]))
         if not m.open[yields]:
             continue  # neither may be commanded
-        words = _words(float(gap[k]), float(nearest[k]), float(when[k]), at_m)
-        enough: Step = "land" if gap[k] < at_m else "hold"  # two that land side by side must not fall
+        text = _distance_text(float(gap[k]), float(nearest[k]), float(when[k]), at_m)
+        enough: Step = (
+            "land" if gap[k] < at_m else "hold"
+        )  # two vehicles that land side by side must not be terminated
         found.append(
-            Broken(row=yields, rule="separation", why=f"yields to {names[first]}: {words}", enough=enough)
+            Violation(row=yields, rule="separation", why=f"yields to {names[first]}: {text}", enough=enough)
         )
         if m.open[first]:
             reach, _ = approach(late[[first]], stopping[[yields]], times)
             if reach[0] < at_m:
-                why = f"{names[yields]} cannot yield far enough: {words}"
-                found.append(Broken(row=first, rule="separation", why=why, enough=enough))
+                why = f"{names[yields]} cannot yield far enough: {text}"
+                found.append(Violation(row=first, rule="separation", why=why, enough=enough))
     return tuple(found)
 
 
-def _order(m: Moment, a: int, b: int) -> tuple[int, int]:
-    """Who goes first and who yields: the later yields, unless it alone may not be commanded."""
+def _order(m: FleetState, a: int, b: int) -> tuple[int, int]:
+    """Return (first, yielding): the later vehicle yields, unless only the other may be commanded."""
     return (a, b) if m.open[b] or not m.open[a] else (b, a)
 
 
-def _words(gap: float, nearest: float, when: float, at_m: float) -> str:
+def _distance_text(gap: float, nearest: float, when: float, at_m: float) -> str:
     if gap < at_m:
         return f"they are {gap:.2f} m apart (at least {at_m:g} m)"
     return f"{gap:.1f} m apart, they would be {nearest:.2f} m apart in {when:.1f} s (at least {at_m:g} m)"
 
 
-def _going(m: Moment, times: Array, ahead_s: float, stopping: Array) -> Array:
-    """Each on its present course, to its standing target at most; never nearer than it can stop. (N, K, 3)."""
+def _going(m: FleetState, times: Array, ahead_s: float, stopping: Array) -> Array:
+    """Return predicted positions (N, K, 3): at the present velocity, up to a fixed target, but no shorter than the stop."""
     v = np.where((m.flying & m.moving)[:, None], m.v_n, 0.0)
     speed2 = (v * v).sum(1)
     to = np.where(m.settled[:, None], m.target - m.p_n, np.nan)
     arrive = np.where(speed2 > 1e-6, (to * v).sum(1) / np.maximum(speed2, 1e-6), np.nan)
     beside = np.linalg.norm(to - v * arrive[:, None], axis=1)
-    ends = m.settled & (beside < _ON_THE_WAY_M) & (arrive >= 0.0)  # nan compares false: it then goes on
+    ends = (
+        m.settled & (beside < _ON_THE_WAY_M) & (arrive >= 0.0)
+    )  # NaN compares false: the vehicle then keeps its velocity
     until = np.where(ends, arrive, ahead_s)
     going = (
         m.p_n[:, None, :]
@@ -115,7 +122,7 @@ def _going(m: Moment, times: Array, ahead_s: float, stopping: Array) -> Array:
 
 
 def approach(one: Array, other: Array, times: Array) -> tuple[Array, Array]:
-    """Closest approach of sampled paths (P, K, 3), straight in between -> distance [m] (P,), when [s] (P,)."""
+    """Return the closest approach of sampled paths (P, K, 3), linear in between: distance [m] (P,) and time [s] (P,)."""
     r = other - one
     d = np.diff(r, axis=1)
     length2 = np.maximum((d * d).sum(2), 1e-12)
@@ -126,7 +133,7 @@ def approach(one: Array, other: Array, times: Array) -> tuple[Array, Array]:
     return away[pick, k], times[k] + s[pick, k] * _SAMPLE_S
 
 
-def _meeting(m: Moment, a: Index, b: Index, at_m: float) -> tuple[tuple[int, int], ...]:
+def _meeting(m: FleetState, a: Index, b: Index, at_m: float) -> tuple[tuple[int, int], ...]:
     aimed: Mask = m.settled & m.offboard & m.flying
     both = aimed[a] & aimed[b]
     apart = np.linalg.norm(m.target[b] - m.target[a], axis=1)

@@ -1,4 +1,4 @@
-"""The slice of the copilot as values: its rules, and what it knows of each vehicle."""
+"""The copilot's slice as values: rules and vehicles."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ STEPS: tuple[Step, ...] = ("hold", "land", "terminate")
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What is watched, rule -> (what is done, its figures by their YAML names).
+    """The rules of an arena.
 
-    escalate_after_s: a rule still broken so long after its answer [s] gets the next step, up to `at_most`.
-    latency_s: age of a captured pose when it arrives [s].
+    do: rule -> action. figure: "rule.key" -> value, by the names of the YAML.
+    escalate_after_s: a violation that lasts so long after its order [s] gets the next step, up to `at_most`.
+    latency_s: age of a captured pose on arrival [s].
     """
 
     do: Mapping[str, Do]
@@ -28,6 +29,7 @@ class Rules:
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Rules:
+        """Return the rules of a slice."""
         rules = settings["rules"]
         figures = {
             f"{rule}.{key}": float(x)
@@ -44,15 +46,17 @@ class Rules:
         )
 
     def on(self, rule: str) -> bool:
+        """Return whether a rule is active."""
         return self.do[rule] != "none"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """low, high: corners of the box its origin must stay in [m] [NED] (3,); the floor is no wall: it may land.
+    """A vehicle as the copilot needs it.
 
-    accel, jerk: of a horizontal stop [m/s2], [m/s3]; up, down: of the stop of a climb and of a descent [m/s2].
-    poses: the capture system sees it, and it flies by that.  tools, panic: where it hears us.
+    low, high: corners of the fence [m] [NED] (3,); there is no lower limit, as the vehicle may land.
+    accel, jerk: of a horizontal stop [m/s2], [m/s3]. up, down: of the stop of a climb and of a descent [m/s2].
+    poses: the vehicle flies by motion capture. tools, panic: addresses of its tools port and panic link.
     """
 
     name: str
@@ -71,6 +75,7 @@ class Vehicle:
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Vehicle:
+        """Return the vehicle of one row of the slice."""
         fence, braking = row["fence"], row["braking"]
         (north_lo, north_hi), (east_lo, east_hi) = fence["north"], fence["east"]
         return cls(

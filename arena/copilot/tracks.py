@@ -1,4 +1,4 @@
-"""The captured bodies: newest place, attitude and age of each, and its velocity. Pure, arrays over the N vehicles.
+"""Tracks of the captured bodies: newest position, attitude, age and velocity, as arrays over the N vehicles. Pure.
 
 Velocity is the least-squares slope of the last nine poses: at 180 Hz and 0.3 mm of noise good to some 7 mm/s, and 25 ms late.
 """
@@ -19,14 +19,12 @@ TRAIL = 9
 LATE_S = (TRAIL - 1) / 2 / 180.0
 _LEAST = 5
 _GAP_S = 0.25
-_JUMP_M_S = (
-    30.0  # faster than anything that flies indoors: the body was lost or swapped, the old slope says nothing
-)
+_JUMP_M_S = 30.0  # faster than indoor flight: the body was lost or swapped, and the old slope is not valid
 _MEMORY_S = 0.5
 
 
 class Tracks:
-    """Feed it poses with `see`; ask it once a step. bodies: names, in the order of the rows."""
+    """The recent poses of all bodies. bodies: names, in the order of the rows."""
 
     def __init__(self, bodies: Sequence[str]) -> None:
         n = len(bodies)
@@ -39,8 +37,10 @@ class Tracks:
         self.repeated = self.restarted = 0
         self._past: list[tuple[float, Array]] = []
 
-    def see(self, body: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float) -> None:
-        """One tracked pose. time_s: when it was taken, by the cameras' clock [s]; now: when it was found here [s]."""
+    def on_pose(
+        self, body: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float
+    ) -> None:
+        """Store a tracked pose. time_s: exposure by the cameras' clock [s]. now: arrival [s]."""
         i = self._rows.get(body)
         if i is None:
             return
@@ -48,7 +48,7 @@ class Tracks:
         if last is not None:
             then, place, turn = last
             if tuple(place) == tuple(p_n) and tuple(turn) == tuple(q_nb):
-                self.repeated += 1  # a frozen body is not seen
+                self.repeated += 1  # a frozen pose is no measurement
                 return
             gap = time_s - then
             if (
@@ -65,8 +65,8 @@ class Tracks:
         self._last[i] = time_s, p_n, q_nb
         self.seen_at[i] = now
 
-    def places(self, now: float) -> Array:
-        """The newest of each [m] [NED] (N, 3), nan where never seen. Call once a step: they are remembered for `off`."""
+    def positions(self, now: float) -> Array:
+        """Return the newest positions [m] [NED] (N, 3), NaN before the first. Call once per step: `off` uses them."""
         found = np.array(
             [(np.nan,) * 3 if pose is None else pose[1] for pose in self._last], dtype=np.float64
         ).reshape(-1, 3)
@@ -75,7 +75,7 @@ class Tracks:
         return found
 
     def velocities(self) -> tuple[Array, Mask]:
-        """[m/s] [NED] (N, 3), and where enough poses in a row tell it (N,); zero elsewhere."""
+        """Return velocities [m/s] [NED] (N, 3), zero where unknown, and where they are known (N,)."""
         has = np.isfinite(self._times)
         count = has.sum(1)
         t = np.where(has, self._times, 0.0)
@@ -85,8 +85,8 @@ class Tracks:
         slope = np.einsum("nk,nkd->nd", t, np.where(has[:, :, None], self._places, 0.0))
         return np.where(known[:, None], slope / np.where(known, spread, 1.0)[:, None], 0.0), known
 
-    def leans(self) -> tuple[Array, Array]:
-        """Tilt of the body's axis [rad] (N,), and the horizontal acceleration that a level flight leans for [m/s2] (N, 3)."""
+    def tilt_and_acceleration(self) -> tuple[Array, Array]:
+        """Return the tilt [rad] (N,) and the horizontal acceleration of level flight at that tilt [m/s2] [NED] (N, 3)."""
         turns = [(1.0, 0.0, 0.0, 0.0) if pose is None else pose[2] for pose in self._last]
         w, x, y, z = np.array(turns, dtype=np.float64).reshape(-1, 4).T
         up = 1.0 - 2.0 * (x * x + y * y)
@@ -97,8 +97,9 @@ class Tracks:
         )
 
     def off(self, p_n: Array) -> Array:
-        """How far each of these places [m] [NED] (N, 3) is from wherever its body was in the last half second [m] (N,): an
-        estimate arrives late, and a fast body has left the place. nan where either is not known.
+        """Return the distance of each position from its body's track of the last half second [m] (N,), NaN where unknown.
+
+        The track is used because an estimate arrives late, when a fast body has moved on. p_n: [m] [NED] (N, 3).
         """
         if not self._past:
             return np.full(len(p_n), np.nan)

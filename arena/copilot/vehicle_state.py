@@ -1,6 +1,6 @@
-"""What the vehicles say of themselves, and their programs' heartbeats. Bytes and time in, arrays over the N vehicles out. Pure.
+"""States of the vehicles from their telemetry, and their programs' heartbeats, as arrays over the N vehicles. Pure.
 
-Frames are read by their layout: at fifty vehicles the copilot hears thousands a second, and needs few bytes of each.
+Frames are read by their layout without full decoding: with fifty vehicles thousands arrive per second, and few bytes are needed.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _XYZ = struct.Struct("<fff")
 _NO_POSITION = 0b111
 
 
-class Known:
-    """ids: MAV_SYS_ID of each row. Times [s] of the caller's clock, -inf before the first."""
+class VehicleStates:
+    """The last reported state of each vehicle. ids: MAV_SYS_ID of each row. Times: the caller's [s], -inf before the first."""
 
     def __init__(self, ids: Sequence[int]) -> None:
         n = len(ids)
@@ -37,32 +37,35 @@ class Known:
         self.mode = [""] * n
         self.armed: list[bool | None] = [None] * n
         self.landed: list[bool | None] = [None] * n
-        self.heart_at = np.full(n, -np.inf)
+        self.heartbeat_at = np.full(n, -np.inf)
         self.estimate, self.estimate_at = np.full((n, 3), np.nan), np.full(n, -np.inf)
         self.target, self.target_at = np.full((n, 3), np.nan), np.full(n, -np.inf)
         self.target_since = np.full(n, np.inf)
-        """Since when the target stands where it is."""
+        """Time since which the target stands still [s]."""
         self.battery, self.battery_at = np.full(n, np.nan), np.full(n, -np.inf)
-        self.beat_at = np.full(n, -np.inf)
-        """The last heartbeat of its program in this arming."""
+        self.program_heartbeat_at = np.full(n, -np.inf)
+        """Time of the program's last heartbeat in this arming [s]."""
         self.refusals: list[tuple[int, int, int]] = []
-        """(row, command, result), as they come; whoever reads them empties the list."""
+        """(row, command, result) of refused commands; the reader empties the list."""
         self.counts: Counter[str] = Counter()
 
-    def hear(self, row: int | None, data: Buffer, now: float) -> None:
-        """A datagram. row: whose tools port it came from; None: from anybody, and then only a program's heartbeat counts."""
+    def on_datagram(self, row: int | None, data: Buffer, now: float) -> None:
+        """Handle a datagram.
+
+        row: vehicle from whose tools port it came; None for any other sender, of which only program heartbeats are used.
+        """
         found = parse_frames(data)
         if found.garbage or found.bad_crc:
             self.counts["garbled"] += 1
         for frame in found.frames:
-            whose = self._rows.get(frame.sysid)
-            if whose is None:
+            vehicle = self._rows.get(frame.sysid)
+            if vehicle is None:
                 continue
-            if frame.compid == _AUTOPILOT and whose == row:
-                self._autopilot(whose, data, frame, now)
+            if frame.compid == _AUTOPILOT and vehicle == row:
+                self._autopilot(vehicle, data, frame, now)
             elif row is None and frame.msgid == HEARTBEAT and frame.compid != _AUTOPILOT:
                 self.counts["program heartbeats"] += 1
-                self.beat_at[whose] = now
+                self.program_heartbeat_at[vehicle] = now
 
     def _autopilot(self, i: int, data: Buffer, frame: Frame, now: float) -> None:
         match frame.msgid:
@@ -77,7 +80,7 @@ class Known:
                 self._target(i, data, frame, now)
             case 245:
                 state = byte_at(data, frame, 1)
-                if state != _UNDEFINED:  # says nothing, and so takes nothing back
+                if state != _UNDEFINED:  # an undefined state does not replace the last one
                     self.landed[i] = state == _ON_GROUND
             case 77 if frame.target_sys == SYSTEM and frame.target_comp == COMPONENT:
                 result = byte_at(data, frame, 2)
@@ -87,21 +90,21 @@ class Known:
     def _heartbeat(self, i: int, data: Buffer, frame: Frame, now: float) -> None:
         armed = bool(byte_at(data, frame, 6) & _ARMED)
         if not armed:
-            self.beat_at[i] = -np.inf  # the next arming begins anew
-        self.mode[i], self.armed[i], self.heart_at[i] = mode_words(uint_at(data, frame, 0, 4)), armed, now
+            self.program_heartbeat_at[i] = -np.inf  # the next arming starts without one
+        self.mode[i], self.armed[i], self.heartbeat_at[i] = mode_words(uint_at(data, frame, 0, 4)), armed, now
 
     def _target(self, i: int, data: Buffer, frame: Frame, now: float) -> None:
         ignored = uint_at(data, frame, 48, 2) & _NO_POSITION
         place = np.full(3, np.nan) if ignored else _xyz(data, frame, 4)
         moved = np.abs(place - self.target[i])
-        if not (moved <= _STILL_M).all():  # also where either is nan
+        if not (moved <= _STILL_M).all():  # true also when either is NaN
             self.target_since[i] = now if np.isfinite(place).all() else np.inf
             self.target[i] = place
         self.target_at[i] = now
 
 
 def _xyz(data: Buffer, frame: Frame, offset: int) -> Array:
-    """Three floats of the payload; zeros beyond its end, as MAVLink cuts them."""
+    """Return three floats of the payload; MAVLink truncates trailing zeros."""
     start = frame.payload + offset
     raw = bytes(data[start : min(start + 12, frame.payload + frame.size)])
     return np.array(_XYZ.unpack(raw.ljust(12, b"\0")), dtype=np.float64)

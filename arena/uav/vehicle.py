@@ -278,7 +278,7 @@ class UAV:
         period = period_s(freq)
         self._control.send(message)
         now = self.clock.now()
-        # absolute deadlines, so that the rate does not drift; a pause of more than a period starts them anew
+        # absolute deadlines, so that the rate does not drift; a pause of more than a period starts them again
         self._due = self._due + period if 0.0 <= now - self._due < period else now + period
         self.clock.sleep_until(self._due)
 

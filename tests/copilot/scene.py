@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.copilot.braking import Limits, stops
+from arena.copilot.braking import BrakingLimits, predict_stops
 from arena.copilot.copilot import Copilot, Output
-from arena.copilot.fleet_state import Moment
+from arena.copilot.fleet_state import FleetState
 from arena.copilot.settings import Rules, Vehicle
 from arena.mocap.client import CapturedFrame, Pose
 from arena.schema.copilot import RULES
@@ -52,13 +52,15 @@ def vehicle(number: int, half: tuple[float, float] = (6.0, 6.0), up: float = 3.0
     )
 
 
-def limits(n: int) -> Limits:
-    return Limits(accel=np.full(n, 3.0), jerk=np.full(n, 4.0), up=np.full(n, 3.0), down=np.full(n, 4.0))
+def limits(n: int) -> BrakingLimits:
+    return BrakingLimits(
+        accel=np.full(n, 3.0), jerk=np.full(n, 4.0), up=np.full(n, 3.0), down=np.full(n, 4.0)
+    )
 
 
 def moment(
     p_n: Sequence[Sequence[float]], v_n: Sequence[Sequence[float]] | None = None, **given: Any
-) -> Moment:
+) -> FleetState:
     """All flying in OFFBOARD, captured, healthy, commanded to no place, unless given otherwise."""
     p, n = np.array(p_n, float), len(p_n)
     v = np.zeros((n, 3)) if v_n is None else np.array(v_n, float)
@@ -74,7 +76,7 @@ def moment(
         "v_n": v,
         "pose_age": np.zeros(n),
         "tilt": np.zeros(n),
-        "stop": stops(p, v, np.zeros((n, 3)), np.full(n, 0.05), limits(n)),
+        "stop": predict_stops(p, v, np.zeros((n, 3)), np.full(n, 0.05), limits(n)),
         "target": np.full((n, 3), np.nan),
         "settled": no,
         "off": np.zeros(n),
@@ -82,7 +84,7 @@ def moment(
         "offboard": yes,
         "silent_s": nan,
     }
-    return Moment(
+    return FleetState(
         **{**fields, **{key: np.array(x) if isinstance(x, list) else x for key, x in given.items()}}
     )
 
@@ -132,12 +134,12 @@ class Scene:
             for i, p in enumerate(self.p)
             if self.captured[i]
         )
-        self.core.see([CapturedFrame(self._frame, self.now, seen, ())], self.now)
+        self.core.on_frames([CapturedFrame(self._frame, self.now, seen, ())], self.now)
 
     def _speak(self, i: int) -> None:
         if self.beats[i]:
             beat = mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
-            self.core.hear(None, self._programs[i].pack(beat), self.now)
+            self.core.on_datagram(None, self._programs[i].pack(beat), self.now)
         if not self.speaks[i]:
             return
         main, sub = mode_numbers(self.mode[i])
@@ -149,10 +151,10 @@ class Scene:
             mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, self.battery[i], 0, 0, 0, 0, 0, 0),
             mavlink.MAVLink_local_position_ned_message(0, *e.tolist(), 0.0, 0.0, 0.0),
         ):
-            self.core.hear(i, self._codecs[i].pack(message), self.now)
+            self.core.on_datagram(i, self._codecs[i].pack(message), self.now)
 
     def say(self, i: int, message: Any) -> None:
-        self.core.hear(i, self._codecs[i].pack(message), self.now)
+        self.core.on_datagram(i, self._codecs[i].pack(message), self.now)
 
     def _note(self, output: Output) -> None:
         self.events += output.events

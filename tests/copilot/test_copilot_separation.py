@@ -10,37 +10,37 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.copilot.fleet_state import Moment
-from arena.copilot.separation import Found, approach, separation
+from arena.copilot.fleet_state import FleetState
+from arena.copilot.separation import SeparationResult, approach, separation
 
 from .scene import moment
 
 AT_M, AHEAD_S = 0.8, 3.0
 
 
-def look(m: Moment) -> Found:
+def look(m: FleetState) -> SeparationResult:
     return separation(m, AT_M, AHEAD_S, [f"uav{i + 1}" for i in range(len(m.p_n))])
 
 
-def head_on(gap: float, speed: float = 1.5, **more: Any) -> Moment:
+def head_on(gap: float, speed: float = 1.5, **more: Any) -> FleetState:
     half = gap / 2.0
     return moment([[-half, 0, -1], [half, 0, -1]], [[speed, 0, 0], [-speed, 0, 0]], **more)
 
 
-def rows(found: Found) -> list[int]:
+def rows(found: SeparationResult) -> list[int]:
     return [b.row for b in found.broken]
 
 
-def test_head_on_the_later_yields_first_and_alone() -> None:
+def test_later_vehicle_yields_first() -> None:
     assert rows(look(head_on(9.0))) == [1]
     assert "yields to uav1" in look(head_on(9.0)).broken[0].why
 
 
-def test_farther_than_they_look_ahead_nothing_is_said() -> None:
+def test_vehicles_beyond_the_prediction_time_are_ignored() -> None:
     assert look(head_on(10.0)).broken == ()
 
 
-def test_the_other_is_held_as_well_once_its_own_stop_asks_for_it() -> None:
+def test_other_vehicle_is_held_when_its_own_stop_requires_it() -> None:
     held = {"held": [False, True]}
     gaps = np.arange(8.0, 0.9, -0.05)
     first = next(g for g in gaps if 0 in rows(look(head_on(float(g), **held))))
@@ -49,8 +49,8 @@ def test_the_other_is_held_as_well_once_its_own_stop_asks_for_it() -> None:
     assert first < 6.0  # and it was not held as soon as the yielder
 
 
-def test_a_yielder_that_stands_makes_the_other_stop_in_time() -> None:
-    def at(gap: float) -> Moment:
+def test_standing_vehicle_makes_the_other_stop_in_time() -> None:
+    def at(gap: float) -> FleetState:
         return moment([[0, 0, -1], [gap, 0, -1]], [[1.5, 0, 0], [0, 0, 0]], held=[False, True])
 
     way = float(at(5.0).stop.way[0, 0])
@@ -58,24 +58,24 @@ def test_a_yielder_that_stands_makes_the_other_stop_in_time() -> None:
     assert 0 in rows(look(at(way + AT_M + 0.1)))
 
 
-def test_where_the_later_may_not_be_commanded_the_earlier_yields() -> None:
+def test_earlier_vehicle_yields_when_the_later_may_not_be_commanded() -> None:
     assert rows(look(head_on(8.0, open=[True, False]))) == [0]
     assert rows(look(head_on(8.0, open=[False, False]))) == []
 
 
-def test_a_vehicle_on_the_ground_is_in_the_way_and_is_never_the_one_that_yields() -> None:
+def test_vehicle_on_the_ground_is_an_obstacle_and_never_yields() -> None:
     m = moment(
         [[0, 0, -0.5], [2.0, 0, 0.0]], [[1.5, 0, 0], [0, 0, 0]], flying=[True, False], open=[True, False]
     )
     assert rows(look(m)) == [0]
 
 
-def test_two_on_the_ground_may_stand_as_close_as_they_like() -> None:
+def test_vehicles_on_the_ground_may_be_close() -> None:
     m = moment([[0, 0, 0], [0.4, 0, 0]], flying=[False, False], open=[False, False])
     assert look(m).broken == () and look(m).closest == float("inf")
 
 
-def test_passing_beside_and_above_and_parting_is_no_conflict() -> None:
+def test_passing_and_parting_is_no_conflict() -> None:
     for p, v in (
         ([[-4, 0, -1], [4, 1.2, -1]], [[1.5, 0, 0], [-1.5, 0, 0]]),
         ([[-4, 0, -1], [4, 0, -2.2]], [[1.5, 0, 0], [-1.5, 0, 0]]),
@@ -84,7 +84,7 @@ def test_passing_beside_and_above_and_parting_is_no_conflict() -> None:
         assert look(moment(p, v)).broken == ()
 
 
-def test_one_that_will_stop_at_its_place_before_the_other_is_left_alone() -> None:
+def test_vehicle_that_stops_at_its_target_is_not_held() -> None:
     goes = {"p": [[0, 0, -1], [4.0, 0, -1]], "v": [[1.2, 0, 0], [0, 0, 0]]}
     assert rows(look(moment(goes["p"], goes["v"]))) == [1]
     target = [[2.5, 0, -1], [4.0, 0, -1]]
@@ -93,12 +93,12 @@ def test_one_that_will_stop_at_its_place_before_the_other_is_left_alone() -> Non
     assert rows(look(moment(goes["p"], goes["v"], target=target, settled=[False, False]))) == [1]
 
 
-def test_too_fast_for_its_place_it_is_expected_where_it_can_stop() -> None:
+def test_too_fast_vehicle_is_predicted_where_it_can_stop() -> None:
     p, v = [[0, 0, -1], [3.2, 0, -1]], [[3.0, 0, 0], [0, 0, 0]]
     assert 1 in rows(look(moment(p, v, target=[[0.5, 0, -1], [3.2, 0, -1]], settled=[True, True])))
 
 
-def test_vehicles_commanded_to_one_place_are_named_before_they_are_near() -> None:
+def test_common_target_is_found_early() -> None:
     m = moment([[-5, 0, -1], [5, 0, -1]], target=[[0, 0, -1], [0.2, 0, -1]], settled=[True, True])
     assert look(m).meeting == ((0, 1),) and look(m).broken == ()
     assert (
@@ -109,7 +109,7 @@ def test_vehicles_commanded_to_one_place_are_named_before_they_are_near() -> Non
     )
 
 
-def test_being_too_close_now_is_not_answered_by_a_hold_alone() -> None:
+def test_present_violation_needs_more_than_a_hold() -> None:
     assert {b.enough for b in look(moment([[0, 0, -1], [0.5, 0, -1]])).broken} == {"land"}
     assert {b.enough for b in look(head_on(8.0)).broken} == {"hold"}
 
@@ -117,7 +117,7 @@ def test_being_too_close_now_is_not_answered_by_a_hold_alone() -> None:
 @given(
     st.floats(-5, 5), st.floats(-5, 5), st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3), st.floats(-3, 3)
 )
-def test_the_closest_approach_of_straight_ways_is_the_formulas(
+def test_closest_approach_of_straight_paths_equals_the_formula(
     x: float, y: float, a: float, b: float, c: float, d: float
 ) -> None:
     times = np.arange(0.0, 3.01, 0.1)
@@ -128,7 +128,7 @@ def test_the_closest_approach_of_straight_ways_is_the_formulas(
     assert nearest[0] == pytest.approx(np.linalg.norm(r + t * w), abs=1e-6)
 
 
-def test_fifty_vehicles_are_looked_at_and_only_those_that_meet_are_found() -> None:
+def test_only_conflicting_pairs_of_fifty_vehicles_are_found() -> None:
     n, e = np.meshgrid(np.arange(10) * 2.0, np.arange(5) * 2.0)
     p = np.column_stack([n.ravel(), e.ravel(), np.full(50, -1.0)])
     v = np.zeros((50, 3))

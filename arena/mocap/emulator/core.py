@@ -1,6 +1,6 @@
 """The emulated cameras without sockets or clocks: truth in, measured frames out.
 
-A frame is exposed at k / rate and leaves one latency later. Noise is drawn anew for every frame. An occluded body is still
+A frame is exposed at k / rate and leaves one latency later. Noise is drawn again for every frame. An occluded body is still
 sent, at its last pose and marked as not tracked, as real systems do. A delay for fault injection is added to the latency:
 what has been exposed stays as it is, and frames keep their order.
 """

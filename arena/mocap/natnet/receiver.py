@@ -69,7 +69,7 @@ class NatNetReceiver:
         return self._wanted_names or set()
 
     def reset(self) -> None:
-        """Start the handshake anew: after a restart each streaming id may belong to another body."""
+        """Start the handshake again: after a restart each streaming id may belong to another body."""
         self._version = None
         self._names = {}
         self._has_models = False

@@ -1,4 +1,4 @@
-"""One vehicle's orders: given, repeated, obeyed, sterner, latched, and whose hand wins."""
+"""The orders of one vehicle: sent, repeated, obeyed, escalated, latched, and ended by a pilot."""
 
 from __future__ import annotations
 
@@ -7,47 +7,47 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.copilot.escalation import MODES, OPEN, REPEAT_S, Escalation, Present
-from arena.copilot.fleet_state import Broken
+from arena.copilot.escalation import MODES, OPEN, REPEAT_S, Escalation, VehicleStatus
+from arena.copilot.fleet_state import Violation
 from arena.copilot.settings import STEPS
 
 from .scene import rules
 
-FENCE = Broken(row=0, rule="geofence", why="too far")
-LOST = Broken(row=0, rule="pose_age", why="not captured", enough="land")
-NEAR = Broken(row=0, rule="separation", why="near", enough="hold")
+FENCE = Violation(row=0, rule="geofence", why="too far")
+LOST = Violation(row=0, rule="pose_age", why="not captured", enough="land")
+NEAR = Violation(row=0, rule="separation", why="near", enough="hold")
 
 
 def helm(**section: Any) -> Escalation:
     return Escalation(name="uav1", rules=rules(**section))
 
 
-def at(mode: str, *, flying: bool = True, fresh: bool = True) -> Present:
-    return Present(flying=flying, mode=mode, fresh=fresh)
+def at(mode: str, *, flying: bool = True, fresh: bool = True) -> VehicleStatus:
+    return VehicleStatus(flying=flying, mode=mode, fresh=fresh)
 
 
-def test_an_order_has_its_reason_and_is_repeated_until_its_mode_is_seen() -> None:
+def test_order_has_a_reason_and_is_repeated_until_its_mode_is_reported() -> None:
     h = helm()
     first = h.decide([FENCE], at("OFFBOARD"), 1.0)
-    assert first.send == "hold" and first.said == ("uav1: hold: geofence: too far",)
+    assert first.send == "hold" and first.events == ("uav1: hold: geofence: too far",)
     assert h.decide([FENCE], at("OFFBOARD"), 1.0 + REPEAT_S / 2).send is None
-    assert h.decide([], at("OFFBOARD"), 1.0 + REPEAT_S).send == "hold"  # latched, though the reason is gone
+    assert (
+        h.decide([], at("OFFBOARD"), 1.0 + REPEAT_S).send == "hold"
+    )  # latched, although the violation has ended
     seen = h.decide([], at("AUTO.LOITER"), 1.5)
-    assert seen.send is None and "AUTO.LOITER after 0.50 s" in seen.said[0]
+    assert seen.send is None and "AUTO.LOITER after 0.50 s" in seen.events[0]
     assert h.decide([], at("AUTO.LOITER"), 9.0) == h.decide([], at("AUTO.LOITER"), 99.0)
 
 
-def test_nothing_is_given_back_and_a_program_that_takes_the_vehicle_is_held_anew_while_the_reason_holds() -> (
-    None
-):
+def test_program_that_takes_the_vehicle_is_held_again_while_the_violation_lasts() -> None:
     h = helm()
     h.decide([FENCE], at("OFFBOARD"), 1.0)
     h.decide([FENCE], at("AUTO.LOITER"), 1.1)
     again = h.decide([FENCE], at("OFFBOARD"), 1.2)
-    assert again.send == "hold" and "anew" in again.said[0]
+    assert again.send == "hold" and "hold again" in again.events[0]
 
 
-def test_a_program_that_takes_the_vehicle_again_and_again_does_not_put_off_the_landing() -> None:
+def test_program_that_takes_the_vehicle_repeatedly_does_not_delay_the_landing() -> None:
     h = helm()
     sent = []
     for k in range(250):  # half a second in OFFBOARD, half a second in hold
@@ -55,7 +55,7 @@ def test_a_program_that_takes_the_vehicle_again_and_again_does_not_put_off_the_l
     assert "land" in sent and "terminate" not in sent
 
 
-def test_a_program_that_takes_the_vehicle_after_a_while_is_held_first() -> None:
+def test_program_that_takes_the_vehicle_later_is_held_first() -> None:
     h = helm()
     h.decide([NEAR], at("OFFBOARD"), 1.0)
     for k in range(500):
@@ -63,15 +63,15 @@ def test_a_program_that_takes_the_vehicle_after_a_while_is_held_first() -> None:
     assert h.decide([NEAR], at("OFFBOARD"), 12.0).send == "hold"
 
 
-def test_a_program_that_takes_the_vehicle_when_the_reason_is_gone_has_it() -> None:
+def test_program_may_take_the_vehicle_after_the_violation() -> None:
     h = helm()
     h.decide([FENCE], at("OFFBOARD"), 1.0)
     h.decide([], at("AUTO.LOITER"), 1.1)
     taken = h.decide([], at("OFFBOARD"), 5.0)
-    assert taken.send is None and h.order is None and "the reason to hold is gone" in taken.said[0]
+    assert taken.send is None and h.order is None and "the reason for hold has ended" in taken.events[0]
 
 
-def test_a_hold_that_does_not_help_becomes_a_landing_and_no_more_than_at_most() -> None:
+def test_hold_without_effect_escalates_up_to_at_most() -> None:
     h = helm()
     h.decide([FENCE], at("OFFBOARD"), 1.0)
     h.decide([FENCE], at("AUTO.LOITER"), 1.1)
@@ -81,25 +81,25 @@ def test_a_hold_that_does_not_help_becomes_a_landing_and_no_more_than_at_most() 
     assert all(h.decide([FENCE], at("AUTO.LAND"), 4.0 + k).send is None for k in range(20))
 
 
-def test_with_terminate_allowed_a_landing_that_does_not_help_is_one() -> None:
+def test_landing_without_effect_escalates_to_terminate() -> None:
     h = helm(at_most="terminate")
     sent = [h.decide([FENCE], at("OFFBOARD"), 1.0 + 0.1 * k).send for k in range(60)]
     assert [s for i, s in enumerate(sent) if s and s not in sent[:i]] == list(STEPS)
 
 
-def test_what_a_landing_answers_is_not_answered_by_more() -> None:
+def test_sufficient_landing_is_not_escalated() -> None:
     h = helm(at_most="terminate")
     h.decide([LOST], at("OFFBOARD"), 1.0)
     assert {h.decide([LOST], at("AUTO.LAND"), 1.0 + k).send for k in range(1, 30)} == {None}
 
 
-def test_one_that_holds_while_the_other_is_still_far_is_left_holding() -> None:
+def test_sufficient_hold_is_not_escalated() -> None:
     h = helm()
     h.decide([NEAR], at("OFFBOARD"), 1.0)
     assert {h.decide([NEAR], at("AUTO.LOITER"), 1.0 + k).send for k in range(1, 30)} == {None}
 
 
-def test_a_reason_that_has_just_come_is_not_taken_for_one_that_has_lasted() -> None:
+def test_new_violation_starts_its_own_escalation_time() -> None:
     h = helm()
     h.decide([NEAR], at("OFFBOARD"), 1.0)
     h.decide([], at("AUTO.LOITER"), 1.1)
@@ -107,17 +107,17 @@ def test_a_reason_that_has_just_come_is_not_taken_for_one_that_has_lasted() -> N
     assert h.decide([FENCE], at("AUTO.LOITER"), 11.1).send == "land"
 
 
-def test_silence_is_not_disobedience() -> None:
+def test_silent_vehicle_is_not_escalated() -> None:
     h = helm(at_most="terminate")
     sent = {h.decide([FENCE], at("OFFBOARD", fresh=False), 1.0 + 0.1 * k).send for k in range(200)}
     assert sent == {"hold", None}
 
 
-def test_a_hold_that_nobody_answers_does_not_stand_against_a_landing() -> None:
+def test_hold_is_not_repeated_for_long_to_a_silent_vehicle() -> None:
     """With the router stopped, land-all speaks past it as the copilot does: the vehicle must not be held again and again."""
     h = helm()
 
-    def holds(begin: float, end: float, broken: list[Broken], *, fresh: bool = False) -> int:
+    def holds(begin: float, end: float, broken: list[Violation], *, fresh: bool = False) -> int:
         times = [begin + 0.05 * k for k in range(round((end - begin) / 0.05))]
         return sum(h.decide(broken, at("OFFBOARD", fresh=fresh), now).send == "hold" for now in times)
 
@@ -125,41 +125,41 @@ def test_a_hold_that_nobody_answers_does_not_stand_against_a_landing() -> None:
     assert holds(3.1, 60.0, []) == 0 and h.order is not None  # latched all the same
     assert holds(60.0, 62.0, [FENCE]) >= 5  # another reason
     assert holds(62.1, 70.0, [FENCE]) == 0
-    assert holds(70.0, 71.0, [], fresh=True) >= 2  # heard again
+    assert holds(70.0, 71.0, [], fresh=True) >= 2  # heartbeat received again
 
 
-def test_the_pilot_wins() -> None:
+def test_pilot_ends_an_order() -> None:
     h = helm()
     left = h.decide([FENCE], at("POSCTL"), 1.0)
-    assert left.send is None and "in POSCTL it is left alone" in left.said[0]
-    assert h.decide([FENCE], at("POSCTL"), 1.1).said == ()  # told once
+    assert left.send is None and "not commanded in POSCTL" in left.events[0]
+    assert h.decide([FENCE], at("POSCTL"), 1.1).events == ()  # told once
     h.decide([FENCE], at("OFFBOARD"), 2.0)
     taken = h.decide([FENCE], at("POSCTL"), 2.1)
-    assert taken.send is None and h.order is None and "by another hand" in taken.said[0]
+    assert taken.send is None and h.order is None and "by a pilot or a failsafe" in taken.events[0]
 
 
-def test_a_landing_by_another_hand_is_left_alone() -> None:
+def test_landing_by_others_is_not_ended() -> None:
     h = helm(at_most="terminate")
     h.decide([FENCE], at("OFFBOARD"), 1.0)
     assert {h.decide([FENCE], at("AUTO.LAND"), 1.0 + k).send for k in range(1, 20)} == {None}
 
 
-def test_on_the_ground_an_order_ends_and_none_is_given() -> None:
+def test_order_ends_on_the_ground() -> None:
     h = helm()
     h.decide([FENCE], at("OFFBOARD"), 1.0)
-    assert "has ended" in h.decide([FENCE], at("AUTO.LOITER", flying=False), 2.0).said[0]
+    assert "has ended" in h.decide([FENCE], at("AUTO.LOITER", flying=False), 2.0).events[0]
     assert h.decide([FENCE], at("OFFBOARD", flying=False), 3.0).send is None
 
 
 BREAKS = st.sampled_from(
-    [[], [FENCE], [LOST], [NEAR], [FENCE, LOST], [Broken(row=0, rule="battery", why="low", enough="land")]]
+    [[], [FENCE], [LOST], [NEAR], [FENCE, LOST], [Violation(row=0, rule="battery", why="low", enough="land")]]
 )
 MODE = st.sampled_from([*sorted(OPEN), "AUTO.LAND", "AUTO.RTL", "POSCTL", "MANUAL", "TERMINATION", ""])
 
 
 @given(st.lists(st.tuples(BREAKS, MODE, st.booleans(), st.booleans()), max_size=60), st.sampled_from(STEPS))
-def test_whatever_happens_an_order_never_grows_milder_while_it_stands_and_the_ground_is_never_commanded(
-    history: list[tuple[list[Broken], str, bool, bool]], at_most: str
+def test_order_never_gets_less_severe_and_the_ground_is_never_commanded(
+    history: list[tuple[list[Violation], str, bool, bool]], at_most: str
 ) -> None:
     section = {"at_most": at_most}
     if at_most == "hold":

@@ -123,7 +123,7 @@ FLYING = (
 )
 
 
-def test_it_is_ready_and_may_be_stopped_while_time_stands_still(bench: Bench) -> None:
+def test_process_is_ready_and_stops_while_time_stands_still(bench: Bench) -> None:
     assert any(m.get_srcSystem() == 251 for m in until(lambda: heard(bench.tools)))
     assert bench.facts("ready") == []
     bench.say(*FLYING)
@@ -131,7 +131,7 @@ def test_it_is_ready_and_may_be_stopped_while_time_stands_still(bench: Bench) ->
     assert bench.server._page[0] == 5.0
 
 
-def test_an_order_goes_through_the_router_and_straight_to_the_autopilot(bench: Bench) -> None:
+def test_order_is_sent_to_router_and_panic_link(bench: Bench) -> None:
     until(lambda: heard(bench.tools))
     bench.say(*FLYING, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 0, 0, 3, 0, 0, 0, 0, 0, 0))
     until(lambda: bench.facts("ready"))
