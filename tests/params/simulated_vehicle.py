@@ -23,7 +23,7 @@ from arena.wire.mavlink_frame import parse_frames
 
 INT32, REAL32 = 6, 9
 ME = 200  # our component
-STEP_S = 0.01
+STEP_S, IDLE_STEP_S = 0.01, 0.02
 
 
 def wire_value(value: float, kind: int) -> float:
@@ -177,6 +177,11 @@ class LossyLink:
                 delay = self.delay_s * (1 + 3 * (self.rng.random() < self.late)) * self.rng.uniform(0.9, 1.1)
                 heapq.heappush(self._flying, (now + delay, self.rng.getrandbits(60), way, data))
 
+    @property
+    def next_arrival(self) -> float:
+        """Time of the next arrival [s]; infinite when nothing is on its way."""
+        return self._flying[0][0] if self._flying else math.inf
+
     def arrived(self, now: float) -> list[tuple[str, bytes]]:
         found = []
         while self._flying and self._flying[0][0] <= now:
@@ -206,20 +211,22 @@ def run(
     now = 0.0
     while not core.done:
         assert now < limit_s, f"not done within {limit_s} s: {core.progress}"
-        for way, data in link.arrived(now):
+        arrived = link.arrived(now)
+        for way, data in arrived:
             if way == "up":
                 for answer in vehicle.receive(data):
                     link.send("down", answer, now)
             else:
                 for frame in parse_frames(data).frames:
                     core.receive(data, frame, now)
-        for data in vehicle.step(now):
-            link.send("down", data, now)
-        for data in core.due(now):
-            link.send("up", data, now)
+        sent = [("down", data) for data in vehicle.step(now)] + [("up", data) for data in core.due(now)]
+        for way, data in sent:
+            link.send(way, data, now)
         if each is not None:
             each(now)
         now += STEP_S
+        if not arrived and not sent:  # nothing happens before the next arrival: take longer steps
+            now = max(now, min(link.next_arrival, now + IDLE_STEP_S))
     return now
 
 
