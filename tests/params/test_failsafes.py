@@ -30,7 +30,7 @@ LINK_LOSS_S = 7.5
 """The shortest time-out of the data link in PX4 1.16: COM_DL_LOSS_T 5 s, and 2.5 s before it starts."""
 LINK_LEAD_S = 5.0
 """The ground station is lost earlier than everything else, so that the flight is shorter."""
-AFTER_LOSS_S = 10.5
+AFTER_LOSS_S = 9.0
 TELEMETRY_STEPS = 50
 """Telemetry is only read every fiftieth step: the texts of a few vehicles are all that the tests need."""
 
