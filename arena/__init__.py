@@ -1,4 +1,4 @@
-"""One YAML file becomes a flying arena."""
+"""Orchestration of drones in a motion-capture arena, simulated or real, from a YAML file."""
 
 from __future__ import annotations
 

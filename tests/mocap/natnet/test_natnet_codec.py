@@ -58,7 +58,7 @@ GOLDEN_31 = bytes.fromhex(
 )
 
 
-def test_the_golden_frame_is_what_we_write_and_what_we_read():
+def test_golden_frame_is_encoded_and_decoded():
     assert natnet.encode_frame(FRAME, (3, 1)).hex() == GOLDEN_31.hex()
     again = natnet.decode_frame(GOLDEN_31, (3, 1))
     assert again.number == 12345
@@ -68,7 +68,7 @@ def test_the_golden_frame_is_what_we_write_and_what_we_read():
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_an_independent_client_reads_our_frames(version):
+def test_independent_client_decodes_frames(version):
     peer = DataFrame.read_from_buffer(
         PacketBuffer(natnet.encode_frame(FRAME, version)[4:]), Version(*version)
     )
@@ -82,7 +82,7 @@ def test_an_independent_client_reads_our_frames(version):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_an_independent_client_reads_our_models_and_server(version):
+def test_independent_client_decodes_models_and_server_info(version):
     models = natnet.encode_models([(1, "uav1"), (7, "aero2")], version)
     peer = DataDescriptions.read_from_buffer(PacketBuffer(models[4:]), Version(*version))
     assert [(b.id_num, b.name) for b in peer.rigid_bodies] == [(1, "uav1"), (7, "aero2")]
@@ -101,7 +101,7 @@ def test_an_independent_client_reads_our_models_and_server(version):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_frames_and_models_come_back_and_only_the_wanted_bodies_are_unpacked(version):
+def test_only_wanted_bodies_of_a_frame_are_unpacked(version):
     data = natnet.encode_frame(FRAME, version)
     again = natnet.decode_frame(data, version, wanted={7})
     assert [b.streaming_id for b in again.bodies] == [7]
@@ -112,7 +112,7 @@ def test_frames_and_models_come_back_and_only_the_wanted_bodies_are_unpacked(ver
     }
 
 
-def test_markers_and_skeletons_between_the_bodies_are_passed_over_in_a_sized_frame():
+def test_other_sections_of_a_sized_frame_are_skipped():
     """4.1: every section says its size, so what is not known is skipped whole."""
     body = struct.pack("<i3f4ffh", 9, 1, 2, 3, 0, 0, 0, 1, 0, 1)
     markers = b"set\0" + struct.pack("<i3f", 1, 0, 0, 0)
@@ -136,7 +136,7 @@ def test_markers_and_skeletons_between_the_bodies_are_passed_over_in_a_sized_fra
 
 
 @given(st.binary(max_size=400))
-def test_random_bytes_raise_wire_errors_and_nothing_else(data):
+def test_random_bytes_raise_only_wire_errors(data):
     for decode in (natnet.message_of, natnet.decode_server_info):
         with suppress(WireError):
             decode(data)
@@ -147,7 +147,7 @@ def test_random_bytes_raise_wire_errors_and_nothing_else(data):
 
 
 @given(st.integers(0, 150), st.integers(0, 255), st.sampled_from(VERSIONS))
-def test_a_damaged_frame_never_escapes_as_another_error(at, value, version):
+def test_damaged_frame_raises_only_wire_errors(at, value, version):
     data = bytearray(natnet.encode_frame(FRAME, version))
     data[at % len(data)] = value
     for cut in (len(data), at % len(data)):
@@ -155,7 +155,7 @@ def test_a_damaged_frame_never_escapes_as_another_error(at, value, version):
             natnet.decode_frame(bytes(data[:cut]), version)
 
 
-def test_a_newer_minor_version_is_read_where_its_frames_are_laid_out_alike_and_refused_where_not():
+def test_newer_minor_version_is_decoded_only_with_the_known_layout():
     data = natnet.encode_frame(FRAME, (4, 4))
     assert natnet.decode_frame(data, (4, 4)).bodies == natnet.decode_frame(data, (4, 2)).bodies
     at = len(data) - 54  # one more empty section before the time stamps
@@ -169,6 +169,6 @@ def test_a_newer_minor_version_is_read_where_its_frames_are_laid_out_alike_and_r
 
 
 @pytest.mark.parametrize(("said", "sent"), [((4, 1), (3, 1)), ((3, 1), (4, 1))])
-def test_frames_of_another_layout_than_the_server_said_give_no_pose(said, sent):
+def test_frames_of_another_layout_give_no_pose(said, sent):
     with suppress(WireError):
         assert natnet.decode_frame(natnet.encode_frame(FRAME, sent), said).bodies == ()
