@@ -11,10 +11,6 @@ import json
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-Kind = Literal[
-    "world", "px4", "link", "mocap", "forward", "router", "copilot", "logger", "program", "tool", "task"
-]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Restart:
@@ -58,7 +54,7 @@ class ProcessSpec:
     """
 
     name: str
-    kind: Kind
+    kind: str
     vehicle: str | None = None
     argv: tuple[str, ...]
     cwd: str = "{run}"

@@ -15,7 +15,7 @@ from arena.mocap.vendors import vendor_settings
 from arena.plan import slices
 from arena.plan.copilot_slice import copilot
 from arena.plan.job import Job, Json, flies_real_px4
-from arena.plan.model import Kind, Listen, ProcessSpec, Restart
+from arena.plan.model import Listen, ProcessSpec, Restart
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import PORTS
 
@@ -48,7 +48,7 @@ class ProcessKind:
     command: command line, where it is not `python -m MODULE SLICE`.
     """
 
-    kind: Kind
+    kind: str
     module: str = ""
     purpose: str
     per_vehicle: bool = False
