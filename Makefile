@@ -17,10 +17,10 @@ lint: .venv/ready
 	$(BIN)/mypy
 
 unit: .venv/ready
-	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 2 -q
+	$(BIN)/python -m pytest -m "not flight and not crowd and not nightly" -n 2 --dist loadfile -q
 
 # Arenas at real time need cores: two flights of a few vehicles share two cores, arenas of many vehicles fly alone.
-# Tests of one file may share one arena, so a file stays in one worker.
+
 flights: .venv/ready
 	$(BIN)/python -m pytest -m "flight and not nightly" -n 2 --dist loadfile -q
 	$(BIN)/python -m pytest -m "crowd and not nightly" -q
@@ -39,7 +39,7 @@ docs: .venv/ready
 .venv/ready: pyproject.toml
 	$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("arena needs Python 3.11 or newer: make PYTHON=python3.11")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[sim,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
 	# tested against too; of what it asks for, half a gigabyte of viewers, nothing is needed here
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'MAVProxy>=1.8.70'
 	touch $@
