@@ -54,7 +54,7 @@ def test_the_forwarder_sends_only_heartbeats_without_poses():
         forwarder.on_mavlink(data, now)
         for sent in forwarder.tick(now):
             assert read(sent).get_type() == "HEARTBEAT"
-    assert forwarder.poses == 0 and forwarder.autopilot.heard > 0
+    assert forwarder.poses == 0 and forwarder.autopilot.last_heartbeat > 0
 
 
 @pytest.mark.parametrize("who", ["autopilot", "program", "gcs"])

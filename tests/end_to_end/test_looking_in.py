@@ -39,7 +39,7 @@ class Client:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind(address)
-        self.heard: list[Any] = []
+        self.received: list[Any] = []
 
     def send(self, message: Any) -> None:
         self._socket.sendto(self._codec.pack(message), self._peer)
@@ -48,15 +48,18 @@ class Client:
         """Return all messages received so far."""
         with contextlib.suppress(BlockingIOError):
             while True:
-                self.heard += self._codec.parse(self._socket.recv(65535))
+                self.received += self._codec.parse(self._socket.recv(65535))
 
     def until_heard(self, kind: str, systems: set[int]) -> None:
         def has() -> bool:
             self.listen()
-            return systems <= {m.get_srcSystem() for m in self.heard if m.get_type() == kind}
+            return systems <= {m.get_srcSystem() for m in self.received if m.get_type() == kind}
 
         eventually(
-            has, 5, f"{kind} from {systems}", lambda: {(m.get_srcSystem(), m.get_type()) for m in self.heard}
+            has,
+            5,
+            f"{kind} from {systems}",
+            lambda: {(m.get_srcSystem(), m.get_type()) for m in self.received},
         )
 
     def close(self) -> None:
@@ -85,10 +88,10 @@ def test_sdk_port_carries_one_vehicle_only(flying: Flight, client: Any) -> None:
         sdk.until_heard("PARAM_VALUE", {number})
         sdk.until_heard("HEARTBEAT", {number})
         known = [
-            m for m in sdk.heard if not m.get_type().startswith("UNKNOWN")
+            m for m in sdk.received if not m.get_type().startswith("UNKNOWN")
         ]  # the dialect has no CURRENT_MODE yet
         assert {m.get_srcSystem() for m in known} == {number}, vehicle
-        assert [m.param_id for m in sdk.heard if m.get_type() == "PARAM_VALUE"] == ["MAV_SYS_ID"]
+        assert [m.param_id for m in sdk.received if m.get_type() == "PARAM_VALUE"] == ["MAV_SYS_ID"]
 
 
 def test_ground_station_receives_every_vehicle(flying: Flight, client: Any) -> None:
@@ -96,7 +99,7 @@ def test_ground_station_receives_every_vehicle(flying: Flight, client: Any) -> N
     station.until_heard("HEARTBEAT", {1, 2})
     station.send(mavlink.MAVLink_param_request_read_message(2, 1, b"MPC_LAND_SPEED", -1))
     station.until_heard("PARAM_VALUE", {2})
-    assert {m.get_srcSystem() for m in station.heard if m.get_type() == "PARAM_VALUE"} == {2}
+    assert {m.get_srcSystem() for m in station.received if m.get_type() == "PARAM_VALUE"} == {2}
 
 
 def test_mavsdk_connects_and_reads_a_parameter(flying: Flight) -> None:
@@ -105,7 +108,7 @@ def test_mavsdk_connects_and_reads_a_parameter(flying: Flight) -> None:
     ran = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     told = json.loads(ran.stdout.splitlines()[-1])
-    assert told == {"heard": [2], "descent_m_s": pytest.approx(0.7), "armed": True}
+    assert told == {"received": [2], "descent_m_s": pytest.approx(0.7), "armed": True}
 
 
 def test_ps_lists_every_process_and_vehicle(flying: Flight) -> None:

@@ -96,7 +96,7 @@ class Arena:
         )
         theirs.close()
         self.voice = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-        self.heard: list = []
+        self.received: list = []
         self.told: list[dict] = []
         self.armed, self.healthy = False, True
         self.number, self.begin, self.beat = 0, time.monotonic(), 0.0
@@ -125,7 +125,7 @@ class Arena:
         (sender or self.autopilot).sendto(message.pack(self.voice), self.link)
 
     def of(self, kind: str) -> list:
-        return [m for m in self.heard if m.get_type() == kind]
+        return [m for m in self.received if m.get_type() == kind]
 
     @property
     def ready(self) -> bool:
@@ -147,7 +147,7 @@ class Arena:
 
     def _listen(self) -> None:
         while (packet := _receive(self.autopilot)) is not None:
-            self.heard += mavlink.MAVLink(None).parse_buffer(packet[0]) or []
+            self.received += mavlink.MAVLink(None).parse_buffer(packet[0]) or []
         while (packet := _receive(self.line)) is not None and packet[0]:
             self.told.append(json.loads(packet[0]))
 

@@ -20,6 +20,18 @@ from arena.schema.px4 import find_px4
 
 SHIPPED, FAILSAFES = ROOT / "examples" / "05_smoke", ROOT / "examples" / "06_failsafes"
 FOLDERS = sorted({path.parent for path in ROOT.glob("examples/*/*.smoke.yaml")})
+# One or two scenarios of each folder, flown at every `make test`; `make nightly` flies all.
+DAILY = [
+    ROOT / "examples" / name
+    for name in (
+        "05_smoke/hover.smoke.yaml",
+        "06_failsafes/low_battery.smoke.yaml",
+        "06_failsafes/geofence.smoke.yaml",
+        "07_faults/mocap_frozen.smoke.yaml",
+        "07_faults/router_killed.smoke.yaml",
+        "08_copilot/head_on.smoke.yaml",
+    )
+]
 _LIMIT_S = 1800.0
 
 
@@ -85,14 +97,19 @@ def assert_nothing_left(smoke: Smoke, temporary: Path) -> None:
 
 
 @pytest.mark.crowd
-def test_every_shipped_scenario_passes(smoke: Any, temporary: Path, tmp_path: Path):
-    flown = smoke(*(str(folder) for folder in FOLDERS), "-j", "2", "--seed", "3", "--junit", "junit.xml")
+@pytest.mark.parametrize(
+    "scenarios",
+    [
+        pytest.param(DAILY, id="daily"),
+        pytest.param(FOLDERS, id="all", marks=pytest.mark.nightly),
+    ],
+)
+def test_shipped_scenarios_pass(smoke: Any, temporary: Path, tmp_path: Path, scenarios: list[Path]):
+    flown = smoke(*map(str, scenarios), "-j", "2", "--seed", "3", "--junit", "junit.xml")
     assert flown.wait() == 0, flown.output
     print(flown.output)
-    assert (
-        f'tests="{len(flown.runs)}" failures="0"' in (tmp_path / "junit.xml").read_text()
-        and len(flown.runs) >= 20
-    )
+    assert len(flown.runs) >= len(scenarios)
+    assert f'tests="{len(flown.runs)}" failures="0"' in (tmp_path / "junit.xml").read_text()
     assert not [run for run in flown.runs if list((run / "plots").iterdir())]
     assert {json.loads((run / "slices" / "world.json").read_text())["seed"] for run in flown.runs} == {3}
     assert_nothing_left(flown, temporary)
