@@ -3,9 +3,9 @@
     python benchmarks/copilot.py [--autopilot builtin|px4|both] [--case head-on|wall|stops|cost] [--runs 5] [--with-only]
 
 head-on: two programs sent through each other's place at 1.5 m/s each.  wall: a program that flies into the wall at 3 m/s.
-stops: 1, 2 and 3 m/s, steady and still speeding up, along north and obliquely: the way the copilot counted on, and the way flown.
+stops: 1, 2 and 3 m/s, steady and still speeding up, along north and obliquely: predicted and actual stopping distance.
 cost: of 1, 10 and 50 vehicles, in one core's time, without the sockets.
-Prints tables in Markdown. Exit code 1: a flight that crashed with a copilot or did not without, or a way longer than counted on.
+Prints tables in Markdown. Exit code 1: a flight that crashed with a copilot or did not without, or a stop longer than predicted.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ def _distance_text(system: int) -> list[bytes]:
 
 
 def cost(count: int, seconds: float = 4.0) -> bool:
-    """What a second of so many vehicles costs, in the copilot's own CPU time: frames of the cameras, telemetry, looks."""
+    """Measure the copilot's CPU time per second with `count` vehicles: camera frames, telemetry and rule checks."""
     rows = [
         {
             "name": f"uav{i + 1}",
@@ -233,7 +233,7 @@ def cost(count: int, seconds: float = 4.0) -> bool:
     rules = Rules.of({"rules": each, "at_most": "land", "escalate_after_s": 2.0, "latency_s": 0.01})
     core, spent = (
         Copilot(rules, [Vehicle.of(row) for row in rows], 0.0),
-        dict.fromkeys(("poses", "telemetry", "looks"), 0.0),
+        dict.fromkeys(("poses", "telemetry", "rule checks"), 0.0),
     )
     receiver, version = NatNetReceiver([row["name"] for row in rows]), (3, 1, 0, 0)
     receiver.receive(
@@ -281,7 +281,7 @@ def cost(count: int, seconds: float = 4.0) -> bool:
         spent["telemetry"] += time.thread_time() - began
         began = time.thread_time()
         core.step(now)
-        spent["looks"] += time.thread_time() - began
+        spent["rule checks"] += time.thread_time() - began
     share = {what: 100.0 * s / seconds for what, s in spent.items()}
     print(
         f"| {count} | " + " | ".join(f"{x:.1f}" for x in share.values()) + f" | {sum(share.values()):.1f} |",
@@ -303,12 +303,12 @@ def main() -> int:
     right: list[bool] = []
     for case in cases:
         if case == "cost":
-            print("| vehicles | poses % | telemetry % | looks % | of one core % |\n| " + "--- | " * 5)
+            print("| vehicles | poses % | telemetry % | rule checks % | total % of one core |\n| " + "--- | " * 5)
             right += [cost(count) for count in (1, 10, 50)]
             continue
         if case == "stops":
             print(
-                "| autopilot | flight | asked m/s | told at m/s | counted on m | flown m | left to the fence m |\n| "
+                "| autopilot | flight | commanded m/s | speed at hold m/s | predicted stop m | actual stop m | left to the fence m |\n| "
                 + "--- | " * 7
             )
         else:
