@@ -303,7 +303,10 @@ def main() -> int:
     right: list[bool] = []
     for case in cases:
         if case == "cost":
-            print("| vehicles | poses % | telemetry % | rule checks % | total % of one core |\n| " + "--- | " * 5)
+            print(
+                "| vehicles | poses % | telemetry % | rule checks % | total % of one core |\n| "
+                + "--- | " * 5
+            )
             right += [cost(count) for count in (1, 10, 50)]
             continue
         if case == "stops":
