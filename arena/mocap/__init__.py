@@ -1,1 +1,3 @@
-"""Motion capture: the table of vendors, a package for each vendor, what all clients share, and the emulator."""
+"""Motion capture: the table of vendors, one package per vendor, the code shared by all clients, and the
+emulator.
+"""

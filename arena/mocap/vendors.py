@@ -1,12 +1,12 @@
 """The table of motion-capture vendors.
 
-One row names the package that holds everything about one vendor. Such a package has three modules:
+Each row names the package that contains everything specific to one vendor. Such a package has three modules:
 
-- `settings`, described by `VendorSettings`: turns YAML values into settings and lists sockets. Pure.
+- `settings`, described by `VendorSettings`: converts YAML values to settings and lists sockets. Pure.
 - `client` with `open_client(settings) -> MocapClient`, see `arena.mocap.client`.
 - `server` with `open_server(settings) -> MocapServer`, see `arena.mocap.emulator`.
 
-The rest of arena finds a vendor through this table only and never imports a vendor's package.
+The other packages of arena use this table only; they never import a vendor's package.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ Settings = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class SocketUse:
-    """A socket of a client or server, for the list of open ports.
+    """One socket of a client or server, for the list of open ports.
 
-    port: 0 when the kernel chooses it.
-    what: what the socket carries, as shown to a person.
-    peer: whose datagrams are accepted, or who is answered.
+    port: 0 if the kernel chooses the port.
+    what: what the socket carries, as shown to the user.
+    peer: which senders are accepted or answered.
     shared: several processes of one computer bind the port.
-    always: open during the whole run; False for a socket that some servers only make necessary.
+    always: open during the whole run; False if the socket opens only for some servers.
     interface: address of the interface on which a multicast group is joined.
     """
 
@@ -51,28 +51,32 @@ class SocketUse:
 
 
 class VendorSettings(Protocol):
-    """The module `settings` of a vendor's package.
+    """Interface of the module `settings` of a vendor's package.
 
     keys: the values under `mocap:` in the YAML, defaults included.
-    PORTS: YAML keys that hold UDP ports -> what the port is for.
+    PORTS: YAML keys that are UDP ports -> purpose of the port.
     """
 
     PORTS: Mapping[str, str]
 
     def derived_keys(self, keys: Settings, address: str) -> dict[str, Any]:
-        """Return the YAML values that follow from others by rule. address: the arena's address."""
+        """Return the YAML values that are computed from other values. address: the arena's address."""
 
     def problems(self, keys: Settings) -> Iterator[tuple[str, str]]:
-        """Yield (YAML key, what is wrong and what to do) for values that cannot work together."""
+        """Yield (YAML key, what is wrong and what to do) for values that contradict each other."""
 
     def client_settings(self, keys: Settings) -> dict[str, Any]:
-        """Return how a client reaches the vendor's own server, without the bodies it wants."""
+        """Return the settings with which a client connects to the vendor's real server, without the requested
+        bodies.
+        """
 
     def emulator_client_settings(self, keys: Settings, address: str) -> dict[str, Any]:
-        """Return how a client reaches the emulator at `address`, without the bodies it wants."""
+        """Return the settings with which a client connects to the emulator at `address`, without the
+        requested bodies.
+        """
 
     def server_settings(self, keys: Settings, address: str) -> dict[str, Any]:
-        """Return what the emulator needs to serve this vendor's protocol at `address`."""
+        """Return the settings with which the emulator serves this vendor's protocol at `address`."""
 
     def client_sockets(self, settings: Settings) -> tuple[SocketUse, ...]:
         """Return the sockets that a client with these settings opens."""
@@ -81,7 +85,7 @@ class VendorSettings(Protocol):
         """Return the sockets that the emulator with these settings opens."""
 
     def parse_client(self, text: str) -> dict[str, Any]:
-        """Return client settings from what follows `VENDOR:` on a command line. Raises InputError."""
+        """Return client settings from the part of a command-line value after `VENDOR:`. Raises InputError."""
 
 
 def vendor_settings(vendor: str) -> VendorSettings:

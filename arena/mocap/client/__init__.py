@@ -1,6 +1,7 @@
-"""Parts shared by all motion-capture clients, and the function that opens one.
+"""Code shared by all motion-capture clients, and the function that opens a client.
 
-The one place where a capture system's z-up axes and FLU bodies become NED and FRD. Knows no vendor.
+Only this package converts the axes of a capture system (world z-up, bodies FLU) to NED and FRD. It contains
+nothing that is specific to one vendor.
 """
 
 from arena.mocap.client.diagnosis import ChangeReport

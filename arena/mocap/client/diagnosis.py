@@ -1,4 +1,4 @@
-"""Why no pose comes from a motion-capture server: the sentences that fit every vendor. Pure."""
+"""Messages that explain why a motion-capture server sends no poses; they apply to every vendor. Pure."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ _MAX_NAMES = 8
 
 
 def no_network(server: str, reason: str) -> str:
-    """Return what to check when no socket towards the server can be opened."""
+    """Return what the user must check when no socket to the server can be opened."""
     return f"motion capture: no network route to {server} ({reason}): is this computer in its network? Retrying every second"
 
 
 def no_pose(server: str, bodies: BodyStatus) -> str:
-    """Return what to check when frames arrive without a wanted body; "" when all bodies are tracked."""
+    """Return what the user must check when frames arrive without a requested body; "" when all bodies are
+    tracked.
+    """
     if bodies.duplicate:
         return (
             f"motion capture: {server} has two bodies called {_list(bodies.duplicate)}, so the poses of both are dropped: "
@@ -39,7 +41,9 @@ def no_pose(server: str, bodies: BodyStatus) -> str:
 
 
 def _nearest(name: str, bodies: BodyStatus) -> str:
-    """Return the server's name most similar to a missing one, ignoring case; "" without any."""
+    """Return the body name on the server that is most similar to a missing name, ignoring case; "" if none is
+    similar.
+    """
     by_lower = {name.lower(): name for name in sorted(bodies.names)}
     found = difflib.get_close_matches(name.lower(), by_lower, n=1)
     return repr(by_lower[found[0]]) if found else ""
@@ -51,13 +55,13 @@ def _list(names: Sequence[str]) -> str:
 
 
 class ChangeReport:
-    """Passes on each diagnosis once, and reports once when the problem is over."""
+    """Filter that lets each new diagnosis through once, and reports once when the problem has ended."""
 
     def __init__(self) -> None:
         self._reported = ""
 
     def changed(self, diagnosis: str) -> str | None:
-        """Return the line to log now, None when nothing has changed."""
+        """Return the line to log now; None if the diagnosis has not changed."""
         if diagnosis == self._reported:
             return None
         self._reported = diagnosis

@@ -1,4 +1,8 @@
-"""Order of frame numbers: distinguishes repeated and reordered frames from a server that starts again. Pure."""
+"""Detector of repeated, reordered and restarted frame numbers. Pure.
+
+After a restart a server counts frames from the beginning. The detector distinguishes this from frames that
+the network repeats or reorders.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,9 @@ _RESTART_COUNT = 9  # old numbers in a row, each greater than the one before: no
 
 
 class FrameOrder:
-    """The newest frame number. A single old frame is dropped; nine in a row are a restarted server."""
+    """Check of frame numbers against the newest one. A single old frame is dropped; nine old frames in a row
+    mean that the server has restarted.
+    """
 
     def __init__(self) -> None:
         self._newest: int | None = None
@@ -20,7 +26,10 @@ class FrameOrder:
     def place(self, number: int) -> Place:
         """Classify a frame number.
 
-        "new": greater than all before. "repeated": not greater. "restarted": the ninth in a row that is not greater, and rising.
+        - "new": greater than all earlier numbers.
+        - "repeated": not greater.
+        - "restarted": the ninth number in a row that is not greater than the newest one, where each of the
+          nine is greater than the one before.
         """
         if self._newest is None or number > self._newest:
             self._newest, self._run = number, 0

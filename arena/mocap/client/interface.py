@@ -1,4 +1,4 @@
-"""The interface of a motion-capture client, and the function that opens one by its vendor's name."""
+"""Interface of a motion-capture client, and the function that opens the client of a given vendor."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from arena.mocap.vendors import Settings, load_vendor
 
 
 class MocapClient(Protocol):
-    """A client of one motion-capture server, for the bodies that its settings name.
+    """Client of one motion-capture server. It receives the bodies that its settings name.
 
-    The sockets that it needs are listed by `client_sockets` of the vendor's settings.
+    The vendor's settings module lists the sockets of the client: `client_sockets`.
     """
 
     @property
     def counts(self) -> Counter[str]:
-        """Datagrams and frames received, and those dropped with the reason."""
+        """Number of datagrams and frames received, and number dropped for each reason."""
 
     def fileno(self) -> int:
         """Return a descriptor that is readable when `poll` has something to read."""
@@ -25,14 +25,14 @@ class MocapClient(Protocol):
     def poll(self, now: float) -> list[CapturedFrame]:
         """Return the frames that have arrived, oldest first. Never blocks.
 
-        Call it when `fileno` is readable, and a few times a second anyway, so that it can reconnect.
-        now: the caller's time [s].
+        Call `poll` when `fileno` is readable, and also a few times a second so that the client can reconnect.
+        now: time by the caller's clock [s].
         """
 
     def diagnosis(self) -> str:
-        """Return one sentence on why poses are missing and what to check; "" when nothing is wrong.
+        """Return one sentence on why poses are missing and what to check; "" if poses arrive.
 
-        Also "" during the first seconds, while an answer may still come. Call it about once a second.
+        Returns "" in the first seconds too, because the server may still answer. Call it about once a second.
         """
 
     def close(self) -> None:
@@ -40,8 +40,10 @@ class MocapClient(Protocol):
 
 
 def open_client(settings: Settings) -> MocapClient:
-    """Open a client for a `capture` object of a slice; its key `kind` names the vendor.
+    """Open a client from the `capture` object of a process's configuration file; the key `kind` names the
+    vendor.
 
-    Without a network the sockets open later, when it is there. Raises InputError for settings that cannot work.
+    Without a network the client opens its sockets later, as soon as there is a route. Raises InputError for
+    settings that cannot work.
     """
     return cast(MocapClient, load_vendor(settings["kind"], "client").open_client(settings))

@@ -1,4 +1,7 @@
-"""Captured poses in the arena's frames. Plain floats: this code runs 180 times a second in many processes."""
+"""Conversion of captured poses to NED and FRD.
+
+Uses plain floats, not arrays, because many processes run this code 180 times a second.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,10 @@ _MAX_DISTANCE_M = 1e4
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """The pose of a rigid body. body: its name. p_n: position of its origin [m] [NED]. q_nb: attitude [-] wxyz."""
+    """Pose of a rigid body.
+
+    body: name of the rigid body. p_n: position of its origin [m] [NED]. q_nb: attitude [-] wxyz.
+    """
 
     body: str
     p_n: Triple
@@ -23,10 +29,10 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class CapturedFrame:
-    """A frame of motion capture.
+    """One frame of motion capture.
 
-    number: frame number. time_s: exposure by the server's clock [s].
-    poses: of the tracked bodies. untracked: names of the bodies that are not tracked.
+    number: frame number. time_s: time of the exposure, by the server's clock [s].
+    poses: poses of the tracked bodies. untracked: names of the bodies that are not tracked.
     """
 
     number: int
@@ -38,9 +44,10 @@ class CapturedFrame:
 def pose_ned(body: str, position_w: Triple, quat_xyzw_wf: Quad) -> Pose | None:
     """Convert a pose from z-up axes to NED: p_n = (y, x, -z), q_nb = q_nw * q_wf * q_fb.
 
-    Returns None for values that are not finite, farther than 10 km, or no unit quaternion.
-    q_nw is half a turn about (1, 1, 0) and q_fb half a turn about forward; their product is written out here, and a test
-    compares it with arena.geometry.
+    Returns None if a value is not finite, the position is farther than 10 km, or the quaternion does not have
+    norm 1.
+    q_nw is a rotation by 180 deg about (1, 1, 0), q_fb a rotation by 180 deg about the forward axis. The
+    product is written out in the code; a test compares it with arena.geometry.
     """
     x, y, z, w = quat_xyzw_wf
     norm = sqrt(x * x + y * y + z * z + w * w)

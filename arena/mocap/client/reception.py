@@ -1,4 +1,6 @@
-"""Times of what a client has received, for its diagnosis. Pure: times are arguments, monotonic [s]."""
+"""Record of when a client last received what, used for its diagnosis. Pure: every time is an argument,
+monotonic [s].
+"""
 
 from __future__ import annotations
 
@@ -17,10 +19,12 @@ _HIDDEN_S = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class BodyStatus:
-    """Wanted bodies that give no pose.
+    """Requested bodies that have no pose, by cause.
 
-    names: names of the server's bodies. missing: not among them. duplicate: borne by two bodies.
-    hidden: not tracked for 2 s.
+    names: names of all bodies of the server.
+    missing: requested bodies that the server does not have.
+    duplicate: requested names that two bodies of the server have.
+    hidden: requested bodies that were not tracked for 2 s.
     """
 
     names: Collection[str] = ()
@@ -30,7 +34,7 @@ class BodyStatus:
 
 
 class Reception:
-    """Times of the last events of one client. started: when the client was opened [s]."""
+    """Times of the last events of one client. started: time at which the client was opened [s]."""
 
     def __init__(self, started: float) -> None:
         self._started = self._streaming_since = started
@@ -40,20 +44,21 @@ class Reception:
         self._foreign_address, self._foreign_at = "", -math.inf
 
     def update(self, event: str, count: int, now: float) -> bool:
-        """Record how often an event has happened so far. Return True when that changed."""
+        """Record the total count of an event. Return True if the count has changed."""
         if count == self._counts.get(event, 0):
             return False
         self._counts[event], self._changed_at[event] = count, now
         return True
 
     def recent(self, event: str, now: float, within_s: float = RECENT_S) -> bool:
-        """Return whether an event has happened within the last seconds."""
+        """Return whether an event has happened in the last `within_s` seconds."""
         return now - self._changed_at.get(event, -math.inf) < within_s
 
     def update_frames(self, readable: int, frames: Sequence[CapturedFrame], now: float) -> bool:
-        """Record the result of one poll. Return True when frames came that could be decoded.
+        """Record the result of one poll. Return True if frames came that could be decoded.
 
-        readable: frames decoded so far, whichever bodies they hold. frames: the frames of this poll.
+        readable: number of frames decoded since the start, including frames without a requested body.
+        frames: frames returned by this poll.
         """
         was_streaming = self.streaming(now)
         if not self.update("frames", readable, now):
@@ -69,20 +74,24 @@ class Reception:
         return now - self._changed_at.get("frames", -math.inf) <= STREAMING_S
 
     def on_foreign(self, address: str, now: float) -> None:
-        """Record a datagram from an address that is not the server's. The first of several is kept until it is silent."""
+        """Record a datagram from an address other than the server's. Of several addresses the first is kept
+        until it stops sending.
+        """
         if address == self._foreign_address or now - self._foreign_at > RECENT_S:
             self._foreign_address, self._foreign_at = address, now
 
     def foreign_address(self, now: float) -> str:
-        """Return the address of recent foreign datagrams, "" without any."""
+        """Return the foreign address that has sent a datagram recently, "" if there is none."""
         return self._foreign_address if now - self._foreign_at < RECENT_S else ""
 
     def too_early(self, now: float) -> bool:
-        """Return whether the client is so new that a server may still answer."""
+        """Return whether the client was opened so recently that the server may still answer."""
         return now - self._started < _GRACE_S
 
     def body_status(self, served: Counter[str], wanted: Collection[str], now: float) -> BodyStatus:
-        """Return which wanted bodies give no pose. served: name -> how many bodies of the server bear it."""
+        """Return which requested bodies have no pose. served: name -> number of the server's bodies with that
+        name.
+        """
         return BodyStatus(
             names=tuple(served),
             missing=[n for n in wanted if not served[n]],

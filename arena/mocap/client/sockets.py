@@ -1,4 +1,6 @@
-"""UDP sockets of a motion-capture client: on one interface, and only for datagrams of one server."""
+"""UDP sockets of a motion-capture client. They use one network interface and accept only datagrams of one
+server.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,16 @@ _MAX_DATAGRAMS = 256  # per socket and read: more than a default buffer holds, s
 
 
 def local_address_for(server: str, port: int) -> str:
-    """Return the address of the interface whose route leads to the server. Sends nothing. Raises OSError without a route."""
+    """Return the address of the local interface that routes to the server. Sends nothing. Raises OSError
+    without a route.
+    """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.connect((server, port))
         return str(s.getsockname()[0])
 
 
 def udp_socket(address: str, port: int) -> socket.socket:
-    """Open a non-blocking UDP socket; a fixed port may be shared. Raises OSError."""
+    """Open a non-blocking UDP socket; other processes may bind the same fixed port. Raises OSError."""
     s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         s.setblocking(False)
@@ -36,10 +40,11 @@ def udp_socket(address: str, port: int) -> socket.socket:
 
 
 def multicast_socket(group: str, port: int, local: str) -> socket.socket:
-    """Open a socket in a multicast group on one interface, bound to the group so that other groups on the port stay out.
+    """Open a socket that receives one multicast group on one interface. Raises OSError.
 
-    By default Linux gives such a socket every datagram of the group that reaches the computer, also when another
-    program joined on another interface; IP_MULTICAST_ALL = 0 switches that off. Raises OSError.
+    The socket is bound to the group's address, so that it does not receive other groups on the same port. By
+    default Linux delivers every datagram of the group that reaches the computer, even if another program
+    joined the group on another interface; IP_MULTICAST_ALL = 0 switches this off.
     """
     s = udp_socket(group, port)
     try:
@@ -55,12 +60,13 @@ def multicast_socket(group: str, port: int, local: str) -> socket.socket:
 
 
 class ServerSockets:
-    """The UDP sockets of one client of one server. They open when the network is there, and drop foreign datagrams.
+    """UDP sockets between one client and one server. They open when the network is available and drop foreign
+    datagrams.
 
-    server, port: where requests go; the address is numeric.
-    local: address of the interface to use; None takes the one whose route leads to the server.
+    server, port: destination of requests; the address is numeric.
+    local: address of the local interface; None selects the interface that routes to the server.
     multicast: group and port to join, or None.
-    counts: where dropped datagrams are counted.
+    counts: counter to which dropped datagrams are added.
     """
 
     def __init__(
@@ -87,7 +93,7 @@ class ServerSockets:
         return bool(self._sockets)
 
     def open(self, wall: float) -> bool:
-        """Open the sockets, unless the last try is less than a second old. Return True when they were opened now."""
+        """Open the sockets, at most once a second. Return True if they were opened by this call."""
         if wall - self._tried < _RETRY_S:
             return False
         self._tried = wall
@@ -107,15 +113,15 @@ class ServerSockets:
         return True
 
     def listen_on(self, port: int) -> None:
-        """Receive on one more port of the same interface. Raises OSError."""
+        """Receive on an additional port of the same interface. Raises OSError."""
         self._add(udp_socket(self.local, port))
 
     def read(self, wall: float) -> list[bytes]:
-        """Return the datagrams of the server that have arrived, socket by socket."""
+        """Return the datagrams from the server that have arrived, one socket after the other."""
         return [data for s in self._sockets for data in self._read(s, wall)]
 
     def send(self, data: bytes) -> None:
-        """Send a request to the server, if the network allows it."""
+        """Send a request to the server. If the network refuses it, the request is lost."""
         if not self._sockets:
             return
         try:

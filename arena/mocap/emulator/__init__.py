@@ -1,4 +1,7 @@
-"""The motion-capture emulator: frames as the cameras would see them, sent by a vendor's server. Knows no vendor."""
+"""Motion capture emulator: simulates the cameras and sends their frames in a vendor's protocol.
+
+The vendor's own package provides the server; this package contains nothing that is specific to one vendor.
+"""
 
 from arena.mocap.emulator.interface import MeasuredBody, MeasuredFrame, MocapServer, open_server
 

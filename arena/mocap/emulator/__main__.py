@@ -1,4 +1,7 @@
-"""`python -m arena.mocap.emulator slice.json`: the emulated cameras, their clock and a vendor's server."""
+"""Process of the motion capture emulator: emulated cameras, their clock and a vendor's server.
+
+Run as `python -m arena.mocap.emulator slice.json`.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +44,7 @@ class _EmulatorProcess:
         self.began = self.reported = time.monotonic()
 
     def serve(self) -> None:
-        """Serve until a stop signal, or until the world ends."""
+        """Run until a stop signal, or until the world ends."""
         try:
             self._serve()
         finally:
@@ -74,9 +77,11 @@ class _EmulatorProcess:
                 self._report(wall)
 
     def _sleep_until(self, due: float) -> float | None:
-        """Return the time after the sleep [s]; None when faults were applied or a stop signal is to be checked first.
+        """Sleep until `due` and return the time [s]. Return None early if faults were applied or a stop
+        signal must be checked.
 
-        Faults are applied in the middle of a sleep, too: simulation time may stand still while many of them are sent.
+        Faults are also applied during the sleep, because simulation time may stand still while many of them
+        are sent.
         """
         if self.wake_at != due:
             self.clock.request_wake(due)
@@ -93,7 +98,7 @@ class _EmulatorProcess:
         return now if now is not None and now >= due - _EARLY_S else None
 
     def _expose(self, number: int, now: float) -> int:
-        """Measure frame `number` and return the number of the frame after it."""
+        """Measure frame `number` and return the number of the next frame."""
         sample = self.truth.at(self.cameras.exposure(number))
         if sample is None:
             self.skipped += 1

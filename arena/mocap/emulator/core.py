@@ -1,8 +1,8 @@
-"""The emulated cameras without sockets or clocks: truth in, measured frames out.
+"""Emulated cameras, without sockets or clocks: compute measured frames from the true poses.
 
-A frame is exposed at k / rate and leaves one latency later. Noise is drawn again for every frame. An occluded body is still
-sent, at its last pose and marked as not tracked, as real systems do. A delay for fault injection is added to the latency:
-what has been exposed stays as it is, and frames keep their order.
+Frame k is exposed at k / rate and sent one latency later. Every frame has new noise. An occluded body is
+still sent, with its last pose and marked as not tracked, because real systems do so. An injected delay is
+added to the latency. It does not change frames that are already exposed, and frames keep their order.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ _CLOCK_STEP_S = 1e-6  # a clock that wakes by steps may return a time a little b
 
 
 class EmulatedCameras:
-    """The cameras and their fault injection. settings: the `mocap` slice.
+    """Emulated cameras with fault injection.
 
-    delay_s: injected delay on top of the latency [s]; may change at any time.
+    settings: configuration of the `mocap` process.
+    delay_s: injected delay, added to the latency [s]; may change at any time.
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
@@ -63,31 +64,35 @@ class EmulatedCameras:
     # -- frames --------------------------------------------------------------------------------------------------------
 
     def exposure(self, number: int) -> float:
-        """Return when frame `number` is exposed [s]."""
+        """Return the time at which frame `number` is exposed [s]."""
         return number / self.rate_hz
 
     def due(self, number: int) -> float:
-        """Return when the next action is due [s]: to expose frame `number`, or to send a waiting one."""
+        """Return the time of the next action [s]: to expose frame `number`, or to send a frame that waits for
+        its latency.
+        """
         exposes = self.exposure(number) + self.latency_s
         return min(exposes, self.leaves_at(self._waiting[0])) if self._waiting else exposes
 
     def leaves_at(self, frame: MeasuredFrame) -> float:
-        """Return when a frame leaves the server [s]."""
+        """Return the time at which the server sends a frame [s]."""
         return frame.exposed_s + self.latency_s + self.delay_s
 
     def enqueue(self, number: int, truth: Truth) -> None:
-        """Measure frame `number`, one latency after its exposure. truth: the world at its exposure."""
+        """Measure frame `number` and queue it for sending. truth: true poses at the exposure. Call it one
+        latency after that.
+        """
         self._waiting.append(self.measure(number, truth))
 
     def leaving(self, now: float) -> list[MeasuredFrame]:
-        """Return the frames that leave now [s], oldest first."""
+        """Remove from the queue and return the frames to send at time `now` [s], oldest first."""
         frames = []
         while self._waiting and self.leaves_at(self._waiting[0]) <= now + _CLOCK_STEP_S:
             frames.append(self._waiting.popleft())
         return frames
 
     def measure(self, number: int, truth: Truth) -> MeasuredFrame:
-        """Return frame `number`, with noise and injected faults. truth: the world at its exposure."""
+        """Return frame `number`, with noise and injected faults. truth: true poses at the exposure."""
         count = len(self._rows)
         p_n = truth.p_n[self._shown_rows] + self._rng.normal(0.0, self._sigma_m, (count, 3))
         q_nb = quat_multiply(
@@ -119,11 +124,11 @@ class EmulatedCameras:
     # -- fault injection -----------------------------------------------------------------------------------------------
 
     def set_occluded(self, body: str, occluded: bool) -> None:
-        """Make the cameras lose a body, or find it again."""
+        """Make the cameras lose a body, or track the body again."""
         (self._occluded.add if occluded else self._occluded.discard)(body)
 
     def set_frozen(self, body: str, frozen: bool) -> None:
-        """Repeat the last pose of a body, still marked as tracked, or stop doing so."""
+        """Start or stop repeating the last pose of a body, which stays marked as tracked."""
         (self._frozen.add if frozen else self._frozen.discard)(body)
 
     def set_offset(self, body: str, offset_n: Sequence[float], yaw_rad: float) -> None:
@@ -136,7 +141,7 @@ class EmulatedCameras:
         self._has_offset = bool(self._offset_n.any() or self._rotation[:, 1:].any())
 
     def set_swapped(self, a: str, b: str, swapped: bool) -> None:
-        """Give each of two bodies the pose of the other, or stop doing so."""
+        """Start or stop exchanging the poses of two bodies."""
         pair = frozenset((a, b))
         self._swapped = [p for p in self._swapped if p != pair] + [pair] * swapped
         self._shown_rows = self._rows.copy()

@@ -1,4 +1,6 @@
-"""Fault injection for the emulated cameras: one JSON object of `arena.fault_injection` -> one method call. Pure."""
+"""Fault injection for the emulated cameras: translates one fault (JSON object, see `arena.fault_injection`)
+to a method call. Pure.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ _MAX_OFFSET_M, _MAX_YAW_DEG, _MAX_DELAY_MS = 1e3, 360.0, 10_000.0
 
 
 def apply_fault(cameras: EmulatedCameras, fault: Fault) -> str:
-    """Apply a fault and return what it does, for the event log. Raises InputError for one that cannot be applied."""
+    """Apply a fault and return a description for the event log. Raises InputError if the fault cannot be
+    applied.
+    """
     kinds: dict[str, Callable[[EmulatedCameras, Fault], str]] = {
         "dropout": _dropout,
         "freeze": _freeze,

@@ -1,4 +1,6 @@
-"""The interface of an emulated motion-capture server: measured frames, and what sends them in a vendor's protocol."""
+"""Interface of an emulated motion-capture server, and the measured frames that the server sends in a vendor's
+protocol.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +13,10 @@ from arena.mocap.vendors import Settings, load_vendor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredBody:
-    """The pose of a rigid body as the cameras measure it.
+    """Pose of a rigid body as the cameras measure it.
 
-    number: the body's number in the stream. position_w: [m] [z-up capture axes]. quat_xyzw_wf: [-] body FLU to capture axes.
+    number: the body's number in the stream. position_w: [m] [z-up capture axes].
+    quat_xyzw_wf: rotation from the body's FLU axes to the capture axes [-].
     mean_error_m: mean error of the markers [m]. tracked: False while the cameras do not see the body.
     """
 
@@ -26,7 +29,7 @@ class MeasuredBody:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFrame:
-    """An exposure of the cameras. number: frame number. exposed_s: time of the exposure [s]."""
+    """One exposure of the cameras. number: frame number. exposed_s: time of the exposure [s]."""
 
     number: int
     exposed_s: float
@@ -34,18 +37,18 @@ class MeasuredFrame:
 
 
 class MocapServer(Protocol):
-    """A vendor's server inside the emulator. It owns its sockets and never blocks.
+    """A vendor's server inside the emulator. It opens its own sockets and never blocks.
 
-    counts: frames sent, requests answered, datagrams dropped with the reason.
+    counts: number of frames sent, of requests answered, and of datagrams dropped for each reason.
     """
 
     @property
     def counts(self) -> Counter[str]: ...
 
     def send(self, frame: MeasuredFrame, sent_s: float, wall: float) -> int:
-        """Send one frame to every client and return to how many that failed.
+        """Send one frame to every client. Return the number of clients to which sending failed.
 
-        sent_s: simulation time at which the frame leaves [s]. wall: monotonic wall time [s].
+        sent_s: simulation time of sending [s]. wall: monotonic wall time [s].
         """
 
     def answer(self, wall: float) -> None:
@@ -56,5 +59,8 @@ class MocapServer(Protocol):
 
 
 def open_server(settings: Settings) -> MocapServer:
-    """Open the server for the `mocap` slice; its key `kind` names the vendor. Raises RunError when a port is taken."""
+    """Open the server from the configuration of the `mocap` process. Raises RunError if a port is taken.
+
+    settings: the key `kind` names the vendor.
+    """
     return cast(MocapServer, load_vendor(settings["kind"], "server").open_server(settings))

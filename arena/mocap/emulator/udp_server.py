@@ -1,4 +1,4 @@
-"""A `MocapServer` over UDP around a vendor's protocol core: one socket for requests, one for frames."""
+"""`MocapServer` over UDP for any vendor's protocol: one socket receives requests, another sends frames."""
 
 from __future__ import annotations
 
@@ -16,22 +16,24 @@ _MAX_REQUESTS = 64  # per call: a flood of requests must not delay the frames
 
 
 class ServerProtocol(Protocol):
-    """A vendor's protocol as bytes, without sockets. wall: monotonic wall time [s]."""
+    """A vendor's protocol: encodes and decodes bytes, without sockets. wall: monotonic wall time [s]."""
 
     counts: Counter[str]
 
     def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
-        """Return the datagram of one frame. sent_s: time at which it leaves [s]."""
+        """Return the datagram of one frame. sent_s: simulation time of sending [s]."""
 
     def destinations(self, wall: float) -> list[Address]:
-        """Return where frames go."""
+        """Return the addresses to send frames to."""
 
     def reply(self, data: bytes, sender: Address, wall: float) -> bytes | None:
-        """Return the reply to a datagram on the request socket, None without one."""
+        """Return the reply to a datagram received on the request socket, None if there is no reply."""
 
 
 class UdpServer:
-    """The sockets of a server. requests: address and port for requests; frames leave from the same address."""
+    """Sockets of an emulated server. requests: address and port that receive requests; frames are sent from
+    the same address.
+    """
 
     def __init__(self, protocol: ServerProtocol, requests: Address, name: str) -> None:
         self._protocol = protocol
@@ -78,7 +80,9 @@ def _request_socket(address: Address, name: str) -> socket.socket:
 
 
 def _frame_socket(address: str) -> socket.socket:
-    """Open the socket that frames leave from. Its port is never the clients' data port."""
+    """Open the socket that sends frames. The kernel chooses its port, but never the port on which clients
+    receive frames.
+    """
     s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     s.setblocking(False)
     s.bind((address, 0))

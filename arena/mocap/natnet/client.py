@@ -1,4 +1,4 @@
-"""A NatNet client: the sockets and the timing around a `NatNetReceiver`. Never blocks."""
+"""NatNet client: opens the sockets and times the requests of a `NatNetReceiver`. Never blocks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ _KEEPALIVE = codec.packet(codec.KEEPALIVE)
 
 
 def open_client(settings: Settings) -> NatNetClient:
-    """Open a client for the `capture` object of a slice. Raises InputError when the server's name has no address."""
+    """Open a client from the `capture` object of a process's configuration. Raises InputError if the server's
+    name cannot be resolved.
+    """
     try:
         return NatNetClient(settings)
     except socket.gaierror as error:
@@ -35,7 +37,7 @@ def open_client(settings: Settings) -> NatNetClient:
 
 
 class NatNetClient:
-    """A client of one NatNet server, see `MocapClient`."""
+    """Client of one NatNet server; implements `MocapClient`."""
 
     def __init__(self, settings: Settings) -> None:
         self.core = NatNetReceiver(settings["bodies"])
@@ -118,7 +120,9 @@ class NatNetClient:
             self._frames_at_open = self.counts["frames"]
 
     def _restart(self, wall: float) -> None:
-        """Reopen everything: the server or the network may have restarted, or another interface may lead there now."""
+        """Close and open all sockets again, because the server, the network or the route to the server may
+        have changed.
+        """
         if self._sockets.is_open:
             self.counts["no frames" if self.core.is_connected else "no handshake"] += 1
         self.core.reset()
@@ -127,7 +131,9 @@ class NatNetClient:
         self._last_frame = wall
 
     def _advance_handshake(self, wall: float) -> None:
-        """Send the next request of the handshake: at once when it is a new one, else every half second."""
+        """Send the next request of the handshake. A new request is sent at once; an unanswered one is
+        repeated every 0.5 s.
+        """
         request = b"" if self.core.is_connected else self.core.next_request()
         if request and (request != self._request or wall - self._requested_at >= _RETRY_S):
             repeated = request == self._request and self._answers_at_request == self.core.answers

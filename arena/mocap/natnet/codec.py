@@ -1,9 +1,11 @@
-"""NatNet 3.0 to 4.2, the network format of OptiTrack's Motive: bytes <-> values. No sockets, clocks or axis conversions.
+"""NatNet 3.0 to 4.2, the network format of OptiTrack's Motive: encodes and decodes packets. No sockets, no
+axis conversions.
 
-Every packet: message number u16, payload size u16, payload; little endian. From 4.1 the count of each section is followed by its
-size in bytes. Positions are in metres and quaternions in xyzw, in the capture system's own axes.
-A later 4.x is decoded as long as its frames have the layout of 4.2.
-(Layouts as in the NatNet SDK's documentation and its public clients.)
+Every packet has a message number u16, a payload size u16 and the payload; all little endian. From 4.1 on the
+count of each section is followed by the section's size in bytes. Positions are in metres and quaternions in
+xyzw, in the axes of the capture system.
+Later 4.x versions are decoded too, if their frames have the layout of 4.2.
+(Layouts follow the documentation of the NatNet SDK and its public clients.)
 """
 
 from __future__ import annotations
@@ -40,7 +42,9 @@ _SIZED_TAIL_BYTES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Body:
-    """A rigid body of a frame. position: [m] [capture axes]. quat_xyzw: [-]. tracked: the tracking-valid bit."""
+    """A rigid body in a frame. position: [m] [capture axes]. quat_xyzw: [-]. tracked: NatNet's tracking-valid
+    bit.
+    """
 
     streaming_id: int
     position: tuple[float, float, float]
@@ -54,8 +58,9 @@ class Frame:
     """A frame of data.
 
     number: frame number. timestamp_s: the server's time [s].
-    exposure_ticks, transmit_ticks: mid-exposure and sending, in ticks of the server's clock; None: sent at the exposure.
-    models_changed: the server's bodies differ from its last MODELDEF.
+    exposure_ticks, transmit_ticks: times of the middle of the exposure and of sending, in ticks of the
+    server's clock. None: sent at the time of the exposure.
+    models_changed: the server's list of bodies has changed since its last MODELDEF.
     """
 
     number: int
@@ -68,7 +73,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServerInfo:
-    """A server's description of itself, SERVERINFO. group: "" when it streams by unicast."""
+    """Description that a server sends of itself, SERVERINFO. group: "" if the server streams by unicast."""
 
     name: str
     app_version: tuple[int, int, int, int]
@@ -79,17 +84,19 @@ class ServerInfo:
 
 
 def is_supported(version: Version) -> bool:
-    """Return whether frames of this version can be decoded: 3.0, 3.1 and all 4.x."""
+    """Return whether this module can decode frames of this version: 3.0, 3.1 and all 4.x."""
     return version in ((3, 0), (3, 1)) or (4, 0) <= version < _TOO_NEW
 
 
 def packet(message: int, payload: bytes = b"") -> bytes:
-    """Return a packet with its header."""
+    """Return a packet: header and payload."""
     return _HEAD.pack(message, len(payload)) + payload
 
 
 def message_of(data: bytes) -> int:
-    """Return the message number of a packet. Raises WireError when the packet is shorter than its header says."""
+    """Return the message number of a packet. Raises WireError if the packet is shorter than the size in its
+    header.
+    """
     if len(data) < _HEAD.size:
         raise WireError(f"NatNet packet of {len(data)} bytes, expected 4 or more")
     message, size = _HEAD.unpack_from(data)
@@ -137,7 +144,9 @@ def decode_server_info(data: bytes) -> ServerInfo:
 
 
 def encode_models(bodies: Sequence[tuple[int, str]], version: Version) -> bytes:
-    """Return a MODELDEF packet: one description per rigid body, without markers. bodies: (streaming id, name)."""
+    """Return a MODELDEF packet with one description per rigid body, without markers. bodies: (streaming id,
+    name).
+    """
     out = [_COUNT.pack(len(bodies))]
     for streaming_id, name in bodies:
         description = name.encode() + b"\0" + struct.pack("<ii3f", streaming_id, -1, 0.0, 0.0, 0.0)
@@ -154,7 +163,8 @@ def encode_models(bodies: Sequence[tuple[int, str]], version: Version) -> bytes:
 def decode_models(data: bytes, version: Version) -> dict[int, str]:
     """Decode a MODELDEF packet: streaming id -> name of each rigid body. Raises WireError.
 
-    From 4.1 on other descriptions are skipped. In older versions only marker sets may come before the rigid bodies.
+    From 4.1 on, descriptions other than rigid bodies are skipped. Older versions can be decoded only if
+    nothing but marker sets precedes the rigid bodies.
     """
     reader = _Reader(_payload(data, MODELDEF))
     found: dict[int, str] = {}
@@ -212,7 +222,7 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
 
 
 def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = None) -> Frame:
-    """Decode a FRAME packet. wanted: streaming ids to unpack, None for all. Raises WireError."""
+    """Decode a FRAME packet. wanted: streaming ids of the bodies to decode, None for all. Raises WireError."""
     reader = _Reader(_payload(data, FRAME))
     number = reader.i32()
     sized = version >= (4, 1)
@@ -279,12 +289,14 @@ def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> 
 
 @lru_cache(maxsize=64)
 def _ids(count: int) -> struct.Struct:
-    """Return a struct for the streaming ids of all bodies at once: most clients want one body of many."""
+    """Return a struct that unpacks the streaming ids of all bodies at once. This is fast if a client needs
+    few of many bodies.
+    """
     return struct.Struct("<" + f"i{_BODY.size - 4}x" * count)
 
 
 def _skip_to_stamps(reader: _Reader) -> None:
-    """Skip the sections between the bodies and the time stamps, for versions without section sizes."""
+    """Skip the sections between the rigid bodies and the time stamps in versions without section sizes."""
     for _ in range(reader.count("skeletons")):
         reader.i32()
         reader.skip(_BODY.size * reader.count("bones"))
@@ -297,7 +309,7 @@ def _skip_to_stamps(reader: _Reader) -> None:
 
 
 class _Reader:
-    """A read position in a payload that moves forward only and never past the end."""
+    """Reader of a payload with a position that only moves forward and never passes the end."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
@@ -316,7 +328,7 @@ class _Reader:
         return self.data[self.at - 2] | self.data[self.at - 1] << 8
 
     def section(self) -> bytes:
-        """Read a section that starts with its size."""
+        """Read a section: its size, then that number of bytes."""
         size = self.i32()
         self.skip(size)
         return self.data[self.at - size : self.at]

@@ -1,4 +1,4 @@
-"""Why no frame comes from a NatNet server, in one sentence that says what to check. Pure."""
+"""Explanation, in one sentence, of why a NatNet server sends no frames and what to check. Pure."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from arena.mocap.natnet.codec import ServerInfo
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """The observations of a client in the last seconds.
+    """What a client has observed in the last seconds.
 
-    no_network: why there are no sockets, "" when they are open.
-    answered: the server's description of itself, None without an answer.
-    version_unsupported: the server uses a NatNet version that cannot be read.
-    streaming: readable frames arrive. malformed: frames arrive that cannot be read.
-    early: frames arrive from a server that does not answer.
-    foreign: an address that is not the server's and sends frames, "" without any.
+    no_network: reason why no socket is open, "" if the sockets are open.
+    answered: the server's description of itself, None if the server has not answered.
+    version_unsupported: the server uses a NatNet version that cannot be decoded.
+    streaming: frames arrive and can be decoded. malformed: frames arrive but cannot be decoded.
+    early: frames arrive from a server that does not answer requests.
+    foreign: address of another computer that sends frames, "" if there is none.
     """
 
     server: str
@@ -38,7 +38,7 @@ class Condition:
 
 
 def diagnose(c: Condition) -> str:
-    """Return the first reason that keeps poses away; "" without any."""
+    """Return the first reason why no poses arrive; "" if there is none."""
     if c.no_network:
         return no_network(c.server, c.no_network)
     if c.version_unsupported and c.answered is not None:
@@ -87,7 +87,7 @@ def _no_frames(c: Condition) -> str:
 
 
 def _advice(c: Condition) -> str:
-    """Return what to change, from what the server announces about its stream."""
+    """Return which setting to change, based on how the server says that it streams."""
     info = c.answered
     if info is not None and info.data_port:
         if info.group and c.transport == "unicast":

@@ -1,4 +1,7 @@
-"""A NatNet client without its sockets: handshake, body names, frames of the wanted bodies. Pure; survives any bytes."""
+"""NatNet client without sockets: handshake, names of bodies, and decoding of the requested bodies. Pure.
+
+Invalid bytes are counted and dropped; they never raise.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,13 @@ _REQUEST_MODELS = codec.packet(codec.REQUEST_MODELDEF)
 
 
 class NatNetReceiver:
-    """The NatNet protocol of one client.
+    """NatNet protocol of one client.
 
-    bodies: names wanted, None for all.
-    info: the server's last description of itself, None before the first. answers: how many such descriptions came.
-    readable_frames: frames decoded, whichever bodies they hold.
-    counts: frames passed on, and datagrams dropped with the reason.
+    bodies: names of the requested bodies, None for all.
+    info: the server's last description of itself, None before the first. answers: number of such descriptions
+    received.
+    readable_frames: number of frames decoded, including those without a requested body.
+    counts: number of frames passed on, and of datagrams dropped for each reason.
     """
 
     def __init__(self, bodies: list[str] | None) -> None:
@@ -38,44 +42,46 @@ class NatNetReceiver:
 
     @property
     def is_connected(self) -> bool:
-        """Return whether the handshake is done: version known, and a streaming id for every wanted body."""
+        """Return whether the handshake is complete: the version and a streaming id for every requested body
+        are known.
+        """
         complete = (
             bool(self._names) if self._wanted_names is None else self._wanted_names <= {*self._names.values()}
         )
         return self._version is not None and complete
 
     def next_request(self) -> bytes:
-        """Return the request that the handshake needs next."""
+        """Return the request that the handshake must send next."""
         return _CONNECT if self._version is None else _REQUEST_MODELS
 
     @property
     def version_unsupported(self) -> bool:
-        """Return whether the server uses a NatNet version that the codec cannot read."""
+        """Return whether the server uses a NatNet version that the codec cannot decode."""
         return self.info is not None and not codec.is_supported(self.info.version)
 
     @property
     def name_counts(self) -> Counter[str]:
-        """Return the names in the server's last body list -> how many bodies bear each."""
+        """Return for each name in the server's last list of bodies the number of bodies with this name."""
         return self._name_counts
 
     @property
     def has_models(self) -> bool:
-        """Return whether a body list has come since the last reset."""
+        """Return whether a list of bodies has arrived since the last reset."""
         return self._has_models
 
     @property
     def wanted(self) -> set[str]:
-        """Return the wanted names; empty when all bodies are wanted."""
+        """Return the requested names; empty if all bodies are requested."""
         return self._wanted_names or set()
 
     def reset(self) -> None:
-        """Start the handshake again: after a restart each streaming id may belong to another body."""
+        """Start the handshake again. After a restart of the server a streaming id may belong to another body."""
         self._version = None
         self._names = {}
         self._has_models = False
 
     def receive(self, data: bytes) -> CapturedFrame | None:
-        """Decode one packet of the server. Return its frame, None for other packets and dropped frames."""
+        """Decode one packet of the server. Return its frame; None for other packets and dropped frames."""
         try:
             return self._receive(data, codec.message_of(data))
         except WireError:
@@ -102,7 +108,7 @@ class NatNetReceiver:
             self._version, self._clock_hz = info.version, info.clock_hz
 
     def _on_models(self, found: Mapping[int, str]) -> None:
-        """Keep the streaming ids of the wanted bodies. A name that two bodies bear is dropped, for neither is the right one."""
+        """Store the streaming ids of the requested bodies. If two bodies have the same name, neither is used."""
         counts = self._name_counts = Counter(found.values())
         self._has_models = True
         if twice := sum(n > 1 for n in counts.values()):

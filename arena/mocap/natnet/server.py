@@ -1,4 +1,4 @@
-"""The NatNet server of the emulator: measured frames as NatNet packets, and answers to clients' requests."""
+"""NatNet server of the emulator: encodes measured frames as NatNet packets and answers clients' requests."""
 
 from __future__ import annotations
 
@@ -17,13 +17,17 @@ _VERSIONS: dict[str, codec.Version] = {"3.1": (3, 1), "4.1": (4, 1)}
 
 
 def open_server(settings: Settings) -> UdpServer:
-    """Open the server of the `mocap` slice. Raises RunError when the command port is taken."""
+    """Open the server from the configuration of the `mocap` process. Raises RunError if the command port is
+    taken.
+    """
     requests = settings["address"], int(settings["command_port"])
     return UdpServer(NatNetServer(settings), requests, "NatNet")
 
 
 class NatNetServer:
-    """The NatNet protocol without sockets, see `ServerProtocol`. settings: the `mocap` slice."""
+    """NatNet protocol without sockets; implements `ServerProtocol`. settings: configuration of the `mocap`
+    process.
+    """
 
     def __init__(self, settings: Settings) -> None:
         self.version = _VERSIONS[settings["version"]]

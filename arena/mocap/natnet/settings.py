@@ -1,4 +1,6 @@
-"""NatNet's part of the YAML: settings of clients and of the emulated server, and the sockets that they open. Pure."""
+"""NatNet's part of the YAML: settings of the client and of the emulated server, and the sockets that both
+open. Pure.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ PORTS = {
 def group_for(address: str) -> str:
     """Return the multicast group for a server at this address.
 
-    Servers on different loopback addresses get different groups, so that two arenas on one computer do not mix.
+    Servers on different loopback addresses get different groups, so that two arenas on one computer do not
+    receive each other's frames.
     """
     a, b, c, d = (int(part) for part in address.split("."))
     if a != 127 or (b, c, d) == (0, 0, 1):
@@ -125,6 +128,8 @@ def _common(keys: Settings) -> dict[str, Any]:
 
 
 def _emulator_group(keys: Settings, address: str) -> str:
-    """Return the emulator's group. With a real NatNet server the group in the YAML is the server's."""
+    """Return the emulator's multicast group. With a real NatNet server, the group in the YAML belongs to that
+    server, so the emulator uses another one.
+    """
     explicit = None if keys["source"] == "natnet" else keys["group"]
     return str(explicit or group_for(address))

@@ -1,7 +1,8 @@
-"""The clients that receive frames in unicast. Pure; times are wall time [s].
+"""List of the clients that receive frames by unicast. Pure; times are wall time [s].
 
-Clients differ in where they listen: some at the port that they send requests from, some at the data port, unannounced. Some
-send keepalives, some never do, so only a client that has sent keepalives is dropped when it falls silent.
+Clients differ in the port that they listen on. Some listen on the port from which they send requests, others
+on the data port, without announcing it. Only some clients send keepalives. Therefore a client that stops
+sending is removed only if it has sent keepalives before.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ _MAX_CLIENTS = 64
 
 @dataclass(slots=True)
 class _Client:
-    """last_request, quiet_until: wall time [s]. keepalives: it has sent one."""
+    """State of one client. last_request, quiet_until: wall time [s]. keepalives: the client has sent a
+    keepalive.
+    """
 
     last_request: float
     quiet_until: float
@@ -26,14 +29,16 @@ class _Client:
 
 
 class UnicastClients:
-    """data_port: where clients listen that do not listen on the port of their requests."""
+    """List of unicast clients. data_port: port of the clients that do not listen on the port of their
+    requests.
+    """
 
     def __init__(self, data_port: int) -> None:
         self._data_port = data_port
         self._clients: dict[Address, _Client] = {}
 
     def on_request(self, message: int, sender: Address, now: float) -> None:
-        """Record a request that is about to be answered."""
+        """Record a request. Call this before the request is answered."""
         if message == codec.DISCONNECT:
             self._clients.pop(sender, None)
         elif message in (codec.CONNECT, codec.KEEPALIVE) and (sender in self._clients or self._make_room()):
@@ -46,7 +51,9 @@ class UnicastClients:
             self._clients[sender].last_request = self._clients[sender].quiet_until = now
 
     def destinations(self, now: float) -> list[Address]:
-        """Return each client's data port, once per host, and the port of its requests."""
+        """Return the addresses to send frames to: the data port of each host, and the port of each client's
+        requests.
+        """
         gone = [a for a, c in self._clients.items() if c.keepalives and now - c.last_request >= _SILENT_S]
         for address in gone:
             del self._clients[address]
@@ -55,7 +62,9 @@ class UnicastClients:
         return list(found)
 
     def _make_room(self) -> bool:
-        """Drop the longest silent client without keepalives from a full table. Return whether a new client fits."""
+        """Remove from a full list the client without keepalives that has been silent longest. Return whether
+        a new client fits.
+        """
         if len(self._clients) < _MAX_CLIENTS:
             return True
         mute = [a for a, c in self._clients.items() if not c.keepalives]
