@@ -1,10 +1,13 @@
-"""The wall clock and the simulation clock behind one interface. Code that flies uses a Clock, not the time module.
+"""Wall clock and simulation clock with the same interface. Code that flies vehicles uses a `Clock`, not the
+time module.
 
-The world serves the simulation clock: a page of shared memory holds the time, a local socket wakes clients.
+The world process serves the simulation clock. A page of shared memory holds the time, and a local socket
+wakes the clients.
     client -> server   first packet: the client's name, utf-8;  later: a requested wake-up time, one native double [s]
     server -> client   the present time, one native double [s], when the requested time has come
-In lockstep the server does not advance past a wake-up until that client sleeps again (`may_advance`). A client that does not sleep
-for one second of wall time is no longer waited for, until it sleeps again.
+In lockstep the server does not advance beyond the wake-up time of a client until that client sleeps again
+(`may_advance`). If a client does not sleep for one second of wall time, the server stops waiting for it until
+it sleeps again.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ _ENDED = "the world that serves the simulation clock has ended"
 
 
 class Clock(Protocol):
-    """A monotonic clock. now: time [s], with an arbitrary zero."""
+    """Monotonic clock. now: time [s]; its zero is arbitrary."""
 
     def now(self) -> float: ...
 
@@ -38,21 +41,21 @@ class Clock(Protocol):
 
 
 class Rate:
-    """A loop rate: absolute deadlines 1/hz apart. Missed deadlines are skipped, not repeated in a burst."""
+    """Loop at a fixed rate: the deadlines are absolute, 1/hz apart. Missed deadlines are skipped."""
 
     def __init__(self, clock: Clock, hz: float) -> None:
         self._clock, self._period_s = clock, 1.0 / hz
         self._next = clock.now() + self._period_s
 
     def sleep(self) -> float:
-        """Sleep until the next deadline; return the time now [s]."""
+        """Sleep until the next deadline. Return the time after the sleep [s]."""
         now = self._clock.sleep_until(self._next)
         self._next = max(self._next + self._period_s, now)
         return now
 
 
 class WallClock:
-    """The computer's monotonic clock."""
+    """Monotonic clock of the computer."""
 
     def now(self) -> float:
         return time.monotonic()
@@ -67,9 +70,10 @@ class WallClock:
 
 
 class SimTime:
-    """The simulation time, read from its page only, without a client. path: the stem of `<path>.page`.
+    """Simulation time, for programs that only read the time and never sleep.
 
-    Raises RunError when there is no world. After the world's end the time stands still.
+    path: the page is the file `<path>.page`.
+    Raises RunError if there is no world. After the world has ended the time does not change.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -84,9 +88,9 @@ class SimTime:
 
 
 class SimClock:
-    """A client of the simulation clock. path: the stem of `<path>.page` and `<path>.sock`.
+    """Client of the simulation clock. path: the clock's files are `<path>.page` and `<path>.sock`.
 
-    Raises RunError when there is no world, or when it ends during a sleep.
+    Raises RunError if there is no world, or if the world ends during a sleep.
     """
 
     def __init__(self, path: str | Path, name: str) -> None:
@@ -105,15 +109,18 @@ class SimClock:
         return now
 
     def request_wake(self, t: float) -> None:
-        """Request a wake-up at t [s], the first half of `sleep_until`; from now on the world may advance."""
+        """Request a wake-up at time t [s]. After this call the world may advance. It is the first half of
+        `sleep_until`.
+        """
         try:
             self._socket.send(_DOUBLE.pack(t))
         except OSError as error:
             raise RunError(_ENDED) from error
 
     def wait_for_wake(self, timeout_s: float | None) -> float | None:
-        """Return the time [s] once the requested time has come, the second half of `sleep_until`; None after the timeout.
+        """Wait until the requested time has come, and return the time [s]; None after the timeout.
 
+        It is the second half of `sleep_until`.
         timeout_s: wall time [s]. 0 does not wait, None waits without a limit.
         """
         if timeout_s != self._socket.gettimeout():
@@ -132,7 +139,7 @@ class SimClock:
         return Rate(self, hz)
 
     def fileno(self) -> int:
-        """Return a descriptor that is readable when the requested time has come, or the world has ended."""
+        """Return a descriptor that is readable when the requested time has come, or when the world has ended."""
         return self._socket.fileno()
 
     @property
@@ -144,7 +151,9 @@ class SimClock:
         return int(pid)
 
     def ended(self) -> bool:
-        """Return whether the world has ended. Never blocks; not for use during a sleep."""
+        """Return whether the world has ended. Never blocks. Must not be called between `request_wake` and
+        `wait_for_wake`.
+        """
         try:
             return self._socket.recv(_DOUBLE.size, socket.MSG_DONTWAIT) == b""
         except BlockingIOError:
@@ -158,7 +167,10 @@ class SimClock:
 
 
 class _Client:
-    """A client of the server. wake: its requested time [s], None while it is awake. gates: the world waits for it."""
+    """Client as the server sees it.
+
+    wake: requested wake-up time [s], None while the client is awake. gates: the world waits for this client.
+    """
 
     def __init__(self, connection: socket.socket) -> None:
         self.connection = connection
@@ -169,7 +181,10 @@ class _Client:
 
 
 class ClockServer:
-    """The world's side of the clock. In lockstep, call `may_advance` before the next `tick`. dropped: names no longer waited for."""
+    """The world's side of the simulation clock. In lockstep, call `may_advance` before the next `tick`.
+
+    dropped: names of the clients for which the world no longer waits.
+    """
 
     def __init__(self, path: str | Path) -> None:
         self._stem = Path(path)
@@ -192,7 +207,9 @@ class ClockServer:
         self.dropped: list[str] = []
 
     def tick(self, now: float) -> None:
-        """Publish the time [s], read the clients' requests and wake the clients that are due."""
+        """Publish the time [s], read the clients' requests, and wake the clients whose requested time has
+        come.
+        """
         self._page[0] = now
         self.poll()
         for client in list(self._clients.values()):
@@ -208,9 +225,10 @@ class ClockServer:
                 self._read(self._clients[key.fd])
 
     def may_advance(self, now: float, wall: float) -> bool:
-        """Return whether every client that the world waits for sleeps, for lockstep.
+        """Return whether, in lockstep, all clients that the world waits for are asleep.
 
-        A client that has been awake for more than a second of wall time is added to `dropped` and no longer waited for.
+        A client that has been awake for more than one second of wall time is added to `dropped`, and the
+        world no longer waits for it.
         """
         all_asleep = True
         for client in self._clients.values():
@@ -223,7 +241,7 @@ class ClockServer:
         return all_asleep
 
     def close(self) -> None:
-        """Disconnect all clients and remove page and socket."""
+        """Disconnect all clients, and remove the page and the socket."""
         for client in list(self._clients.values()):
             self._drop(client)
         self._socket.close()

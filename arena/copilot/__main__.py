@@ -1,8 +1,9 @@
-"""`python -m arena.copilot slice.json`: the copilot's socket, its motion-capture clients and its clock.
+"""Process of the copilot: its socket, its motion-capture clients and its clock.
 
-One UDP socket sends and receives everything: telemetry is recognised by its sender, the router's tools port, and programs send
-their heartbeats there. In simulation the world waits for the copilot's 50 steps per simulated second; with hardware it runs on
-wall time.
+Run as `python -m arena.copilot slice.json`. One UDP socket sends and receives everything. Telemetry comes
+from the router's tools port and is recognised by this sender; user programs send their heartbeats to the same
+socket. In simulation the copilot makes 50 steps per simulated second, and the world waits for each step. With
+hardware the copilot runs on wall time.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _READY_TIMEOUT_S = 10.0
 
 
 class _StepTimer:
-    """Absolute deadlines at STEP_HZ; missed ones are skipped."""
+    """Timer for steps at STEP_HZ. Deadlines are absolute; missed deadlines are skipped."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -37,7 +38,9 @@ class _StepTimer:
         self._requested = False
 
     def wait(self, timeout_s: float) -> float | None:
-        """Return the time [s] at the next deadline; None when simulation time has not reached it within timeout_s of wall time."""
+        """Wait for the next deadline and return its time [s]; None if the clock does not reach the deadline
+        within timeout_s of wall time.
+        """
         if not isinstance(self._clock, SimClock):
             now = self._clock.sleep_until(self._due)
         else:
@@ -53,7 +56,7 @@ class _StepTimer:
 
 
 class CopilotProcess:
-    """The sockets and the loop of the copilot."""
+    """Process of the copilot: opens the sockets and runs the loop."""
 
     def __init__(self, room: ProcessContext) -> None:
         s = room.settings
@@ -75,9 +78,10 @@ class CopilotProcess:
         self._spent_s, self._steps, self._longest_s = 0.0, 0, 0.0
 
     def run(self) -> None:
-        """Run until a stop signal; after the supervisor's death until the vehicles are disarmed.
+        """Run until a stop signal. If the supervisor dies, run until all vehicles are disarmed.
 
-        While simulation time stands still, before a PX4 has booted or with a stopped world, telemetry is received and stats are sent.
+        Simulation time stands still before PX4 has booted and when the world has stopped. Meanwhile the
+        copilot receives telemetry and sends stats.
         """
         while not self._room.stopping:
             now = self._timer.wait(_STEP_TIMEOUT_S)
@@ -136,7 +140,7 @@ class CopilotProcess:
             self._socket.sendto(data, to)
 
     def _report(self) -> bool:
-        """Report stats, twice a second of wall time. Return True when the process may end."""
+        """Send stats to the supervisor, twice a second of wall time. Return True if the process may end."""
         self._reported = wall = time.monotonic()
         if not self._ready and (not self._core.missing or wall - self._began > _READY_TIMEOUT_S):
             self._ready = True

@@ -1,9 +1,11 @@
-"""Stopping distance of a vehicle after a hold command: reaction, swing, and a stop limited in acceleration and jerk. Pure.
+"""Stopping distance of a vehicle after a hold command, from a model with limited acceleration and jerk. Pure.
 
-A stop from speed v with |a| <= A and |da/dt| <= J, from and to a = 0, is symmetric in time, so its distance is v T / 2:
+A stop from speed v with |a| <= A and |da/dt| <= J, which starts and ends with a = 0, is symmetric in time. So
+its distance is v T / 2:
     v <= A^2 / J:  T = 2 sqrt(v / J)          otherwise:  T = v / A + A / J
-Before the stop the vehicle flies on during the reaction: age of the pose, transmission of the command, change of mode, and the
-time in which the body swings back from an accelerating tilt. docs/explanation/copilot.md compares the model with flights.
+Before the braking the vehicle flies on during the reaction time. This time is the sum of the age of the pose,
+the transmission of the command, the change of mode, and the time in which the body swings back from an
+accelerating tilt. docs/explanation/copilot.md compares the model with flights.
 """
 
 from __future__ import annotations
@@ -16,18 +18,19 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 REACTION_S = 0.22
-"""Time from a pose's arrival to the beginning of the braking [s]: step, command, change of mode, tracking of the new course."""
+"""Time from the arrival of a pose to the beginning of the braking [s]: step, command, change of mode, control delay."""
 SWING_S = 0.25
 """Time during which the present acceleration adds speed while the body swings back [s]."""
 DISTANCE_FACTOR = 1.10
-"""Measured ratio of the flown stopping distance to that of the planned course [-]: the controller lags behind."""
+"""Measured ratio of the flown to the planned stopping distance [-]: above 1, because the controller lags behind."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BrakingLimits:
-    """Braking limits of the vehicles, (N,).
+    """Braking limits of N vehicles, arrays of shape (N,).
 
-    accel, jerk: of a horizontal stop [m/s2], [m/s3]. up, down: of the stop of a climb and of a descent [m/s2].
+    accel, jerk: limits of a horizontal stop [m/s2], [m/s3].
+    up, down: deceleration when a climb or a descent is stopped [m/s2].
     """
 
     accel: Array
@@ -37,7 +40,10 @@ class BrakingLimits:
 
 
 def stop(speed: Array, accel: Array, jerk: Array) -> tuple[Array, Array]:
-    """Return distance [m] and duration [s] of the shortest stop. speed: not negative [m/s]. accel: [m/s2]. jerk: [m/s3]."""
+    """Return the distance [m] and the duration [s] of the shortest stop.
+
+    speed: not negative [m/s]. accel: limit [m/s2]. jerk: limit [m/s3].
+    """
     short = 2.0 * np.sqrt(speed / jerk)
     took = np.where(speed <= accel * accel / jerk, short, speed / accel + accel / jerk)
     return speed * took / 2.0, took
@@ -45,10 +51,12 @@ def stop(speed: Array, accel: Array, jerk: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """The predicted stops of N vehicles that are commanded to hold now.
+    """Predicted stops of N vehicles if they are commanded to hold now.
 
-    start: [m] [NED] (N, 3). v_n: velocity at the beginning of the braking [m/s] [NED] (N, 3).
-    react_s: time before the braking [s] (N,). took_s: duration of the braking, horizontal and vertical [s] (N, 2).
+    start: position at the beginning of the braking [m] [NED] (N, 3).
+    v_n: velocity at the beginning of the braking [m/s] [NED] (N, 3).
+    react_s: time before the braking [s] (N,).
+    took_s: duration of the braking, horizontal and vertical [s] (N, 2).
     """
 
     start: Array
@@ -58,7 +66,7 @@ class Stop:
 
     @property
     def way(self) -> Array:
-        """Displacement from start to standstill [m] [NED] (N, 3)."""
+        """Displacement from `start` to standstill [m] [NED] (N, 3)."""
         ways: Array = self.v_n * (self.react_s[:, None] + DISTANCE_FACTOR * 0.5 * self._took)
         return ways
 
@@ -67,7 +75,10 @@ class Stop:
         return self.took_s[:, (0, 0, 1)]
 
     def path(self, times: Array, later_s: float = 0.0) -> Array:
-        """Return the positions at these times [m] [NED] (N, K, 3). times: [s] (K,). later_s: delay of the command [s]."""
+        """Return the positions at the given times [m] [NED] (N, K, 3).
+
+        times: [s] (K,). later_s: delay of the command [s].
+        """
         on = np.minimum(times[None, :], self.react_s[:, None] + later_s)[:, :, None]
         left = np.maximum(times[None, :] - self.react_s[:, None] - later_s, 0.0)[:, :, None]
         took = np.maximum(DISTANCE_FACTOR * self._took, 1e-6)[:, None, :]
@@ -80,9 +91,10 @@ class Stop:
 def predict_stops(p_n: Array, v_n: Array, accel_n: Array, react_s: Array, limits: BrakingLimits) -> Stop:
     """Return the predicted stops.
 
-    p_n: [m] [NED] (N, 3). v_n: [m/s] [NED] (N, 3). accel_n: horizontal acceleration from the tilt [m/s2] [NED] (N, 3).
+    p_n: positions [m] [NED] (N, 3). v_n: velocities [m/s] [NED] (N, 3).
+    accel_n: horizontal acceleration, computed from the tilt [m/s2] [NED] (N, 3).
     react_s: delay in addition to REACTION_S [s] (N,).
-    Only acceleration along the velocity counts, and it never shortens the stop.
+    Only acceleration along the velocity is used, and only if it makes the stop longer.
     """
     flat = v_n[:, :2]
     speed = np.hypot(flat[:, 0], flat[:, 1])

@@ -1,4 +1,6 @@
-"""The copilot's core: datagrams, poses and time in; datagrams and events out. No sockets, no clocks."""
+"""Core of the copilot, without sockets or clocks: receives datagrams, poses and the time, returns datagrams
+and events.
+"""
 
 from __future__ import annotations
 
@@ -36,16 +38,20 @@ _GRACE_S = 2.0  # for the handshake with motion capture after a start
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """The result of a step. frames: (row, MAVLink frames) for the router and the panic link. events: lines for the event log."""
+    """Result of a step. events: lines for the event log.
+
+    frames: (row of the vehicle, MAVLink frames), to be sent to the router and the panic link.
+    """
 
     frames: tuple[tuple[int, tuple[bytes, ...]], ...] = ()
     events: tuple[str, ...] = ()
 
 
 class Copilot:
-    """The state of the copilot.
+    """State of the copilot and its checks.
 
-    Pass in data with `on_frames` and `on_datagram`, and call `step` 50 times a second. now, in every method: [s] of one clock.
+    Pass in data with `on_frames` and `on_datagram`, and call `step` 50 times a second. In every method, `now`
+    is the time [s] of the same clock.
     """
 
     def __init__(self, rules: Rules, vehicles: Sequence[Vehicle], now: float) -> None:
@@ -65,21 +71,26 @@ class Copilot:
         self._refused: set[tuple[int, int, int]] = set()
 
     def on_frames(self, frames: Iterable[CapturedFrame], now: float) -> None:
-        """Store captured frames."""
+        """Store the poses of captured frames."""
         for frame in frames:
             for pose in frame.poses:
                 self.tracks.on_pose(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
 
     def on_datagram(self, row: int | None, data: Buffer, now: float) -> None:
-        """Handle a datagram from the tools port of vehicle `row`, or from any other sender (None)."""
+        """Process a datagram.
+
+        row: vehicle from whose tools port the datagram came, None for any other sender.
+        """
         self.states.on_datagram(row, data, now)
 
     def heartbeat(self) -> bytes:
-        """Return the heartbeat for every tools port, due once a second: the router drops silent clients."""
+        """Return the heartbeat to send to every tools port once a second, because the router drops clients
+        that are silent.
+        """
         return self._codec.onboard_heartbeat()
 
     def step(self, now: float) -> Output:
-        """Check all rules and return the commands and events of this step."""
+        """Check all rules. Return the commands to send and the events of this step."""
         fleet = self.fleet_state(now)
         events = [*self._report_silence(now), *self._report_unwatched(fleet), *self._report_refusals()]
         violations = self.checker.violations(fleet)
@@ -97,14 +108,18 @@ class Copilot:
 
     @property
     def flying(self) -> Mask:
-        """Vehicles that are armed and in the air by their last message; false before the first one."""
+        """Mask of the vehicles that are armed and in the air according to their last message; false before
+        the first message.
+        """
         return np.array(
             [a is True and g is False for a, g in zip(self.states.armed, self.states.landed, strict=True)],
             np.bool_,
         )
 
     def any_armed(self, *, simulated: bool) -> bool:
-        """Return whether any simulated, or any real, vehicle is armed."""
+        """Return whether any vehicle is armed: of the simulated vehicles if `simulated`, else of the real
+        vehicles.
+        """
         return any(
             a is True
             for a, v in zip(self.states.armed, self.vehicles, strict=True)
@@ -113,14 +128,16 @@ class Copilot:
 
     @property
     def missing(self) -> list[str]:
-        """Simulated vehicles without a heartbeat so far, or without a captured pose where one is expected."""
+        """Names of the simulated vehicles that have sent no heartbeat so far, or whose expected captured pose
+        has not arrived.
+        """
         present = np.isfinite(self.states.heartbeat_at) & (
             np.isfinite(self.tracks.seen_at) | ~np.array([v.poses for v in self.vehicles])
         )
         return [v.name for v, there in zip(self.vehicles, present, strict=True) if v.simulated and not there]
 
     def fleet_state(self, now: float) -> FleetState:
-        """Return the state of all vehicles at this instant."""
+        """Return the state of all vehicles at time `now` [s]."""
         states, tracks = self.states, self.tracks
         p_n, age = tracks.positions(now), now - np.maximum(tracks.seen_at, self._began + _GRACE_S)
         young = now - tracks.seen_at
@@ -189,7 +206,7 @@ class Copilot:
                 m.now,
             ):
                 yield (
-                    f"{vehicle.name}: poses too rare, or without times, to estimate the velocity: it will NOT be stopped before "
+                    f"{vehicle.name}: too few poses, or poses without times, so its velocity is unknown: it will NOT be stopped before "
                     "the fence or other vehicles"
                 )
 
@@ -202,7 +219,7 @@ class Copilot:
         self.states.refusals.clear()
 
     def _report_meetings(self, m: FleetState) -> Iterator[str]:
-        """Yield once for each pair of vehicles that is commanded to the same place."""
+        """Yield one event for each new pair of vehicles that are commanded to the same place."""
         meeting = set(self.checker.found.meeting) if self.rules.on("separation") else set()
         for first, second in sorted(meeting - self._meeting):
             north, east, down = m.target[second]
@@ -230,7 +247,7 @@ class Copilot:
         )
 
     def stats(self) -> dict[str, Any]:
-        """Return figures for the summary."""
+        """Return the counters for the run's summary."""
         closest = {} if math.isinf(self.closest_m) else {"closest_m": round(self.closest_m, 2)}
         given = {f"sent {step}": n for step, n in self.orders.items()}
         received = {f"received {what}": n for what, n in self.states.counts.items()}
@@ -244,7 +261,10 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return True once, when a condition has lasted for _SILENT_S."""
+    """Return True once, when a condition has been true for more than _SILENT_S.
+
+    since: row -> start time of the condition, updated here. so: whether the condition is true now.
+    """
     if not so:
         since.pop(row, None)
     elif now - since.setdefault(row, now) > _SILENT_S:

@@ -1,11 +1,14 @@
-"""The orders of one vehicle: sent with a reason, repeated until obeyed, escalated when that does not help. Pure.
+"""State machine of the copilot's commands to one vehicle. Pure.
+
+A command (class `Order`) is repeated until the vehicle reports the commanded mode. If the violation then
+continues, the next step follows.
 
     none --violation--> ordered --its mode is reported--> obeyed --program in OFFBOARD again, no violation--> none
                            |                                '--violation persists--> ordered again
                            '--violation persists for escalate_after_s: hold -> land -> terminate, up to at_most
 
-The copilot never takes an order back. An order ends on the ground, by a pilot, or by a program that takes the vehicle again after
-the violation has ended.
+The copilot never withdraws an order. An order ends when the vehicle is on the ground, when a pilot changes
+the mode, or when the violation has ended and the program enters OFFBOARD again.
 """
 
 from __future__ import annotations
@@ -28,7 +31,10 @@ SILENT_HOLD_S = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleStatus:
-    """The last reported state of a vehicle. fresh: recent enough to check whether it obeys."""
+    """Last reported state of a vehicle.
+
+    fresh: the report is recent enough to check whether the vehicle obeys an order.
+    """
 
     flying: bool
     mode: str
@@ -37,7 +43,10 @@ class VehicleStatus:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """An order in force. given_at: [s]. obeyed_at: when its mode was first reported [s]; None before."""
+    """Order in force.
+
+    given_at: time of the order [s]. obeyed_at: when the commanded mode was first reported [s]; None before.
+    """
 
     step: Step
     rule: str
@@ -48,20 +57,25 @@ class Order:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """The result of a step. send: the order to send now, None without one. events: lines for the event log."""
+    """Result of a step.
+
+    send: the order to send now, None if there is none. events: lines for the event log.
+    """
 
     send: Step | None = None
     events: tuple[str, ...] = ()
 
 
 def may_end(mode: str, order: Order | None) -> bool:
-    """Return whether the copilot may end this mode. Its own landing counts, as only termination is more severe."""
+    """Return whether the copilot may change a vehicle's mode. Its own landing counts as such a mode, because
+    only termination is more severe.
+    """
     return mode in OPEN or (order is not None and order.step != "hold" and mode == "AUTO.LAND")
 
 
 @dataclass(kw_only=True)
 class Escalation:
-    """The order of one vehicle. Call `decide` once per step."""
+    """Orders of the copilot to one vehicle. Call `decide` once per step."""
 
     name: str
     rules: Rules
@@ -76,7 +90,10 @@ class Escalation:
         return self.order is not None and self.order.step == "hold"
 
     def decide(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> Decision:
-        """Return what to send and report. violations: rules that this vehicle violates now."""
+        """Return the order to send now and the events to report.
+
+        violations: rules that this vehicle violates now.
+        """
         self._events = []
         self._since = {b.rule: self._since.get(b.rule, now) for b in violations}
         if not status.flying:
@@ -100,15 +117,15 @@ class Escalation:
     def _end_on_ground(self) -> None:
         if self.order is not None:
             self._events.append(
-                f"{self.name}: on the ground or disarmed; the order {self.order.step} has ended"
+                f"{self.name}: on the ground or disarmed; the command {self.order.step} has ended"
             )
         self.order, self._left_alone = None, ""
 
     def _leave_to_others(self, violations: Sequence[Violation], mode: str) -> None:
-        """End the order of a vehicle whose mode was changed by a pilot or a failsafe."""
+        """End the order because a pilot or a failsafe has changed the vehicle's mode."""
         if self.order is not None:
             self._events.append(
-                f"{self.name}: in {mode} by a pilot or a failsafe; the order {self.order.step} has ended"
+                f"{self.name}: in {mode} by a pilot or a failsafe; the command {self.order.step} has ended"
             )
             self.order = None
             self._left_alone = mode
@@ -133,7 +150,7 @@ class Escalation:
             self.order = None
         elif order.obeyed_at is not None:
             self._events.append(
-                f"{self.name}: in {status.mode} again, and the reason persists: {order.step} again ({violations[0].why})"
+                f"{self.name}: in {status.mode} again, but the violation continues: {order.step} again ({violations[0].why})"
             )
             # a program that takes the vehicle repeatedly must not delay the next step
             fights = now - order.obeyed_at < self.rules.escalate_after_s
@@ -160,7 +177,11 @@ class Escalation:
     def _escalate(
         self, order: Order, violations: Sequence[Violation], status: VehicleStatus, now: float
     ) -> None:
-        """Start the next step when an order is not obeyed, or does not end the violation. A silent vehicle is not escalated."""
+        """Start the next step if the vehicle does not obey an order, or if the violation continues although
+        it obeys.
+
+        Without recent telemetry no next step is started.
+        """
         if not status.fresh or _rank(order.step) >= _rank(self.rules.at_most):
             return
         for one in violations:
@@ -168,14 +189,17 @@ class Escalation:
             helped = order.obeyed_at is not None and _rank(order.step) >= _rank(one.enough)
             if lasted >= self.rules.escalate_after_s and not helped:
                 how = "not obeyed" if order.obeyed_at is None else "no effect"
-                why = f"{how} {now - order.given_at:.1f} s after the order {order.step}: {one.why}"
+                why = f"{how} {now - order.given_at:.1f} s after the command {order.step}: {one.why}"
                 self._start_order(
                     STEPS[_rank(order.step) + 1], Violation(row=one.row, rule=one.rule, why=why), now
                 )
                 return
 
     def _due(self, status: VehicleStatus, now: float) -> Step | None:
-        """Return the order to send now. HOLD is not repeated for long without telemetry: the vehicle may be landing already."""
+        """Return the order to send now, None if there is none.
+
+        Without telemetry HOLD is repeated for a short time only, because the vehicle may already be landing.
+        """
         order = self.order
         if order is None or order.obeyed_at is not None or now < self._next_send:
             return None

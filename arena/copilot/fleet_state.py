@@ -1,4 +1,4 @@
-"""The state of all vehicles at one instant, and the violation of a rule."""
+"""State of all vehicles at one instant, and the class that describes the violation of a rule."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True)
 class FleetState:
-    """Arrays over the N vehicles.
+    """State of N vehicles at one instant, one row per vehicle.
 
-    now: [s].
-    flying: armed and in the air, by the last message.
-    open: flying, and in a mode that the copilot may end.
-    held: under the order to hold.
+    now: time of this state [s].
+    flying: armed and in the air, according to the last message.
+    open: flying, and in a mode that the copilot may change.
+    held: the copilot's order to hold is in force.
     placed: the pose is recent. moving: a recent velocity is known.
-    p_n: [m] [NED] (N, 3). v_n: [m/s] [NED] (N, 3). Zero where unknown.
+    p_n: position [m] [NED] (N, 3). v_n: velocity [m/s] [NED] (N, 3). Both are zero if unknown.
     pose_age: [s], inf before the first pose. tilt: [rad].
     stop: predicted stop after a hold command.
-    target: commanded position [m] [NED] (N, 3), NaN without one. settled: the target stands still.
-    off: distance of the estimate from the captured track [m], NaN where unknown.
-    battery: 0..1, NaN where unknown.
-    offboard: in OFFBOARD. silent_s: time since the program's last heartbeat [s], NaN before the first in this arming.
+    target: commanded position [m] [NED] (N, 3), NaN if there is none. settled: the target does not move.
+    off: distance of the autopilot's estimate from the captured track [m], NaN if unknown.
+    battery: 0..1, NaN if unknown.
+    offboard: in OFFBOARD.
+    silent_s: time since the program's last heartbeat [s], NaN before the first heartbeat since arming.
     """
 
     now: float
@@ -53,10 +54,11 @@ class FleetState:
 
 @dataclass(frozen=True, kw_only=True)
 class Violation:
-    """The violation of a rule by a vehicle.
+    """Violation of a rule by one vehicle.
 
     row: index of the vehicle. why: the reason, for the event log.
-    enough: the step that is sufficient although the violation persists; `terminate` when only its end is sufficient.
+    enough: step after which the copilot does not escalate further, even if the violation continues;
+    `terminate` if it may escalate up to termination.
     """
 
     row: int

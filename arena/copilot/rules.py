@@ -1,6 +1,7 @@
-"""The rules of the copilot: a fleet state in, violations out. Pure; rules with a duration keep their start times.
+"""Rules of the copilot: find the violations in a fleet state. Pure; a rule with a duration stores when its
+condition began.
 
-Unknown values violate nothing: every comparison is combined with the mask of known values.
+An unknown value never violates a rule, because every comparison is combined with the mask of known values.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ _SIDES = (("south", "north"), ("west", "east"), ("ceiling", "floor"))
 
 
 class RuleChecker:
-    """The checks of all rules. Call `violations` once per step."""
+    """Checks of all rules. Call `violations` once per step."""
 
     def __init__(self, rules: Rules, vehicles: Sequence[Vehicle]) -> None:
         self._rules = rules
@@ -31,7 +32,7 @@ class RuleChecker:
         self.found = SeparationResult(broken=(), meeting=(), closest=math.inf)
 
     def violations(self, m: FleetState) -> list[Violation]:
-        """Return all violations by flying vehicles, also by those that may not be commanded."""
+        """Return all violations by flying vehicles, including vehicles that the copilot must not command."""
         each = {
             "geofence": self._geofence,
             "separation": self._separation,
@@ -81,7 +82,7 @@ class RuleChecker:
             yield Violation(
                 row=row,
                 rule="tilt",
-                why=f"it is tilted by {math.degrees(m.tilt[row]):.0f} deg (at most {limit:g} deg)",
+                why=f"its tilt is {math.degrees(m.tilt[row]):.0f} deg (at most {limit:g} deg)",
             )
 
     def _speed(self, m: FleetState) -> Iterator[Violation]:
@@ -119,7 +120,10 @@ class RuleChecker:
             yield Violation(row=int(row), rule="program", why=why)
 
     def _lasting(self, m: FleetState, rule: str, now_so: Mask) -> list[int]:
-        """Return the rows where a condition has lasted for the rule's `for_s` in the air."""
+        """Return the rows in which a condition has been true in the air for the rule's `for_s`.
+
+        now_so: whether it is true now.
+        """
         since = self._since[rule]
         so = now_so & m.flying
         since[:] = np.where(so, np.minimum(since, m.now), np.inf)

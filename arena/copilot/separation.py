@@ -1,8 +1,10 @@
-"""Separation of vehicles: the closest approach of each pair along the predicted paths, and which of the two yields. Pure.
+"""Separation of vehicles: predicts the closest approach of each pair, and selects which vehicle of the pair
+yields. Pure.
 
-A vehicle is predicted to keep its velocity, or to fly to its fixed target, but no shorter than it can stop; a held vehicle stops.
-When two come closer than `at_m`, the later one in the YAML is held at once. The other continues as long as that is sufficient: it is
-held when 0.1 s more would be too late for its own stop.
+The prediction is that a vehicle keeps its velocity, or flies to its fixed target, but does not stop earlier
+than it can. A vehicle under the order to hold is predicted to stop. If two vehicles come closer than `at_m`,
+the vehicle that comes later in the YAML is held at once. The other vehicle continues for as long as this
+avoids the approach. It is held when a hold 0.1 s later would be too late for its own stop.
 """
 
 from __future__ import annotations
@@ -26,9 +28,11 @@ _ON_THE_WAY_M = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class SeparationResult:
-    """The result of the separation rule.
+    """Result of the separation rule.
 
-    broken: vehicles to hold. meeting: (first, yielding) rows that are commanded to one place. closest: of all pairs [m].
+    broken: violations, one per vehicle to hold.
+    meeting: (first, yielding) rows of the pairs that are commanded to the same place.
+    closest: smallest distance of all pairs [m].
     """
 
     broken: tuple[Violation, ...]
@@ -37,7 +41,10 @@ class SeparationResult:
 
 
 def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> SeparationResult:
-    """Check all pairs. at_m: least distance of the origins [m]. ahead_s: prediction time [s]."""
+    """Check all pairs of vehicles.
+
+    at_m: minimum distance of the origins [m]. ahead_s: prediction time [s].
+    """
     rows = np.flatnonzero(m.placed)
     a, b = (rows[side] for side in np.triu_indices(len(rows), 1))
     counts = m.flying[a] | m.flying[b]
@@ -52,7 +59,7 @@ def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> 
 
 
 def _horizon(m: FleetState, ahead_s: float) -> float:
-    """Return the prediction time, at least that of the longest stop [s]."""
+    """Return the prediction time [s]: `ahead_s`, or longer if the longest predicted stop takes more time."""
     longest = float((m.stop.react_s + 1.2 * m.stop.took_s.max(1)).max()) if len(m.stop.react_s) else 0.0
     return max(ahead_s, min(longest + _WAIT_S, 10.0))
 
@@ -91,7 +98,9 @@ def _broken(
 
 
 def _order(m: FleetState, a: int, b: int) -> tuple[int, int]:
-    """Return (first, yielding): the later vehicle yields, unless only the other may be commanded."""
+    """Return (first, yielding). The vehicle that comes later in the YAML yields. If it must not be commanded
+    and the other may be, the other yields.
+    """
     return (a, b) if m.open[b] or not m.open[a] else (b, a)
 
 
@@ -102,7 +111,10 @@ def _distance_text(gap: float, nearest: float, when: float, at_m: float) -> str:
 
 
 def _going(m: FleetState, times: Array, ahead_s: float, stopping: Array) -> Array:
-    """Return predicted positions (N, K, 3): at the present velocity, up to a fixed target, but no shorter than the stop."""
+    """Return predicted positions (N, K, 3): each vehicle keeps its velocity, or ends at its fixed target.
+
+    A vehicle flies at least as far as it needs to stop. stopping: positions of the predicted stops (N, K, 3).
+    """
     v = np.where((m.flying & m.moving)[:, None], m.v_n, 0.0)
     speed2 = (v * v).sum(1)
     to = np.where(m.settled[:, None], m.target - m.p_n, np.nan)
@@ -122,7 +134,10 @@ def _going(m: FleetState, times: Array, ahead_s: float, stopping: Array) -> Arra
 
 
 def approach(one: Array, other: Array, times: Array) -> tuple[Array, Array]:
-    """Return the closest approach of sampled paths (P, K, 3), linear in between: distance [m] (P,) and time [s] (P,)."""
+    """Return the closest approach of pairs of sampled paths: distance [m] (P,) and time [s] (P,).
+
+    one, other: positions [m] (P, K, 3) at `times` [s] (K,), linear between the samples.
+    """
     r = other - one
     d = np.diff(r, axis=1)
     length2 = np.maximum((d * d).sum(2), 1e-12)

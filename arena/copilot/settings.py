@@ -1,4 +1,4 @@
-"""The copilot's slice as values: rules and vehicles."""
+"""Settings of the copilot, read from its JSON configuration (slice): the rules and the vehicles."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ STEPS: tuple[Step, ...] = ("hold", "land", "terminate")
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """The rules of an arena.
+    """Rules of an arena.
 
-    do: rule -> action. figure: "rule.key" -> value, by the names of the YAML.
-    escalate_after_s: a violation that lasts so long after its order [s] gets the next step, up to `at_most`.
-    latency_s: age of a captured pose on arrival [s].
+    do: rule -> action. figure: "rule.key" -> value, with the names of the YAML.
+    escalate_after_s: time for which a violation may last after an order before the next step follows, up to
+    `at_most` [s].
+    latency_s: age of a captured pose when it arrives [s].
     """
 
     do: Mapping[str, Do]
@@ -29,7 +30,7 @@ class Rules:
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> Rules:
-        """Return the rules of a slice."""
+        """Read the rules from the copilot's configuration."""
         rules = settings["rules"]
         figures = {
             f"{rule}.{key}": float(x)
@@ -52,11 +53,12 @@ class Rules:
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """A vehicle as the copilot needs it.
+    """Settings of one vehicle.
 
-    low, high: corners of the fence [m] [NED] (3,); there is no lower limit, as the vehicle may land.
-    accel, jerk: of a horizontal stop [m/s2], [m/s3]. up, down: of the stop of a climb and of a descent [m/s2].
-    poses: the vehicle flies by motion capture. tools, panic: addresses of its tools port and panic link.
+    low, high: corners of the fence [m] [NED] (3,); there is no lower limit, because the vehicle may land.
+    accel, jerk: limits of a horizontal stop [m/s2], [m/s3].
+    up, down: deceleration when a climb or a descent is stopped [m/s2].
+    poses: the vehicle flies with motion capture. tools, panic: addresses of its tools port and panic link.
     """
 
     name: str
@@ -75,7 +77,7 @@ class Vehicle:
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> Vehicle:
-        """Return the vehicle of one row of the slice."""
+        """Read the settings of one vehicle from its entry in the configuration."""
         fence, braking = row["fence"], row["braking"]
         (north_lo, north_hi), (east_lo, east_hi) = fence["north"], fence["east"]
         return cls(

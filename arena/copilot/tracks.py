@@ -1,6 +1,8 @@
-"""Tracks of the captured bodies: newest position, attitude, age and velocity, as arrays over the N vehicles. Pure.
+"""Tracks of the captured bodies: newest position, attitude, age and velocity, as arrays over the N vehicles.
+Pure.
 
-Velocity is the least-squares slope of the last nine poses: at 180 Hz and 0.3 mm of noise good to some 7 mm/s, and 25 ms late.
+The velocity is the least-squares slope of the last nine poses. At 180 Hz and 0.3 mm noise its error is about
+7 mm/s, and it is 25 ms late.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ _MEMORY_S = 0.5
 
 
 class Tracks:
-    """The recent poses of all bodies. bodies: names, in the order of the rows."""
+    """Recent poses of all bodies. bodies: names, in the order of the rows."""
 
     def __init__(self, bodies: Sequence[str]) -> None:
         n = len(bodies)
@@ -40,7 +42,10 @@ class Tracks:
     def on_pose(
         self, body: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float
     ) -> None:
-        """Store a tracked pose. time_s: exposure by the cameras' clock [s]. now: arrival [s]."""
+        """Store the pose of a tracked body.
+
+        time_s: exposure, by the cameras' clock [s]. now: time of arrival [s].
+        """
         i = self._rows.get(body)
         if i is None:
             return
@@ -66,7 +71,10 @@ class Tracks:
         self.seen_at[i] = now
 
     def positions(self, now: float) -> Array:
-        """Return the newest positions [m] [NED] (N, 3), NaN before the first. Call once per step: `off` uses them."""
+        """Return the newest positions [m] [NED] (N, 3), NaN before the first pose.
+
+        Call it once per step, because `off` uses the stored positions.
+        """
         found = np.array(
             [(np.nan,) * 3 if pose is None else pose[1] for pose in self._last], dtype=np.float64
         ).reshape(-1, 3)
@@ -75,7 +83,9 @@ class Tracks:
         return found
 
     def velocities(self) -> tuple[Array, Mask]:
-        """Return velocities [m/s] [NED] (N, 3), zero where unknown, and where they are known (N,)."""
+        """Return the velocities [m/s] [NED] (N, 3), zero if unknown, and a mask (N,), true if the velocity is
+        known.
+        """
         has = np.isfinite(self._times)
         count = has.sum(1)
         t = np.where(has, self._times, 0.0)
@@ -86,7 +96,9 @@ class Tracks:
         return np.where(known[:, None], slope / np.where(known, spread, 1.0)[:, None], 0.0), known
 
     def tilt_and_acceleration(self) -> tuple[Array, Array]:
-        """Return the tilt [rad] (N,) and the horizontal acceleration of level flight at that tilt [m/s2] [NED] (N, 3)."""
+        """Return the tilt [rad] (N,), and the horizontal acceleration [m/s2] [NED] (N, 3) that this tilt
+        causes in level flight.
+        """
         turns = [(1.0, 0.0, 0.0, 0.0) if pose is None else pose[2] for pose in self._last]
         w, x, y, z = np.array(turns, dtype=np.float64).reshape(-1, 4).T
         up = 1.0 - 2.0 * (x * x + y * y)
@@ -97,9 +109,11 @@ class Tracks:
         )
 
     def off(self, p_n: Array) -> Array:
-        """Return the distance of each position from its body's track of the last half second [m] (N,), NaN where unknown.
+        """Return the distance of each position from the body's track of the last 0.5 s [m] (N,), NaN if
+        unknown.
 
-        The track is used because an estimate arrives late, when a fast body has moved on. p_n: [m] [NED] (N, 3).
+        p_n: estimated positions [m] [NED] (N, 3). They are compared with the track, not with the newest pose,
+        because an estimate arrives late and a fast body has moved since.
         """
         if not self._past:
             return np.full(len(p_n), np.nan)

@@ -1,6 +1,8 @@
-"""States of the vehicles from their telemetry, and their programs' heartbeats, as arrays over the N vehicles. Pure.
+"""States of the vehicles, from their telemetry and their programs' heartbeats, as arrays over the N vehicles.
+Pure.
 
-Frames are read by their layout without full decoding: with fifty vehicles thousands arrive per second, and few bytes are needed.
+Only the needed bytes of each MAVLink frame are read, because fifty vehicles send thousands of frames per
+second.
 """
 
 from __future__ import annotations
@@ -29,7 +31,10 @@ _NO_POSITION = 0b111
 
 
 class VehicleStates:
-    """The last reported state of each vehicle. ids: MAV_SYS_ID of each row. Times: the caller's [s], -inf before the first."""
+    """Last reported state of each vehicle.
+
+    ids: MAV_SYS_ID of each row. Times are by the caller's clock [s], -inf before the first message.
+    """
 
     def __init__(self, ids: Sequence[int]) -> None:
         n = len(ids)
@@ -46,13 +51,14 @@ class VehicleStates:
         self.program_heartbeat_at = np.full(n, -np.inf)
         """Time of the program's last heartbeat in this arming [s]."""
         self.refusals: list[tuple[int, int, int]] = []
-        """(row, command, result) of refused commands; the reader empties the list."""
+        """(row, command, result) of refused commands; the code that reads the list must also empty it."""
         self.counts: Counter[str] = Counter()
 
     def on_datagram(self, row: int | None, data: Buffer, now: float) -> None:
-        """Handle a datagram.
+        """Process a datagram.
 
-        row: vehicle from whose tools port it came; None for any other sender, of which only program heartbeats are used.
+        row: vehicle from whose tools port the datagram came. None for any other sender, from which only
+        program heartbeats are used.
         """
         found = parse_frames(data)
         if found.garbage or found.bad_crc:
@@ -104,7 +110,9 @@ class VehicleStates:
 
 
 def _xyz(data: Buffer, frame: Frame, offset: int) -> Array:
-    """Return three floats of the payload; MAVLink truncates trailing zeros."""
+    """Return three floats of the payload. Missing bytes count as zero, because MAVLink 2 truncates trailing
+    zeros.
+    """
     start = frame.payload + offset
     raw = bytes(data[start : min(start + 12, frame.payload + frame.size)])
     return np.array(_XYZ.unpack(raw.ljust(12, b"\0")), dtype=np.float64)

@@ -30,7 +30,7 @@ Settings = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class SocketUse:
-    """One socket of a client or server, for the list of open ports.
+    """Socket of a client or server, for the list of open ports.
 
     port: 0 if the kernel chooses the port.
     what: what the socket carries, as shown to the user.

@@ -1,1 +1,3 @@
-"""The pose forwarder: motion capture to the autopilot's external vision, one process per vehicle."""
+"""The pose forwarder: sends motion-capture poses to the autopilot as external vision, one process per
+vehicle.
+"""

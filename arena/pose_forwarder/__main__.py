@@ -1,4 +1,7 @@
-"""`python -m arena.pose_forwarder slice.json`: one vehicle's forwarder, its capture sockets and its vision link."""
+"""Process of the pose forwarder of one vehicle: its motion-capture client and its vision link.
+
+Run as `python -m arena.pose_forwarder slice.json`.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +25,11 @@ def main() -> int:
 
 
 class _PoseGapSleep:
-    """A sleep through most of the gap between two poses, as most frames are not forwarded: it saves wake-ups.
+    """Sleep during most of the interval between two forwarded poses. This saves wake-ups, because most frames
+    are not forwarded.
 
-    The gap is measured, so that it is right at any speed of the simulation. period_s: longest gap [s].
+    The interval is measured, so that it is right at any speed of the simulation. period_s: longest interval
+    [s].
     """
 
     _SHARE = 0.7
@@ -36,13 +41,15 @@ class _PoseGapSleep:
         self._gap_s = 0.0
 
     def on_sent(self, wall: float) -> None:
-        """Record that a pose has been sent. wall: monotonic [s]."""
+        """Record that a pose has been sent. wall: monotonic wall time [s]."""
         gap = min(wall - self._sent, self._period_s)
         self._gap_s += 0.2 * (gap - self._gap_s)
         self._sent = wall
 
     def sleep(self) -> None:
-        """Sleep until 70 % of the usual gap since the last pose has passed; return at once when the rest is short."""
+        """Sleep until 70 % of the usual interval since the last pose has passed; return at once if the
+        remaining time is short.
+        """
         pause = self._sent + self._SHARE * self._gap_s - time.monotonic()
         if pause > self._MIN_S:
             time.sleep(pause)
@@ -66,7 +73,7 @@ class _ForwarderProcess:
         self.gap_sleep = _PoseGapSleep(1.0 / float(s["rate_hz"]))
 
     def serve(self) -> None:
-        """Serve until a stop signal; after the supervisor's death until the vehicle is disarmed."""
+        """Run until a stop signal. If the supervisor dies, run until the vehicle is disarmed."""
         selector = selectors.DefaultSelector()
         selector.register(self.capture, selectors.EVENT_READ)
         selector.register(self.link, selectors.EVENT_READ)
@@ -113,7 +120,7 @@ class _ForwarderProcess:
         self.room.stats({**flow, **dropped, **received, **garbled})
 
     def _report_diagnosis(self) -> None:
-        """Report why no poses arrive, to the supervisor and in the log, only when the reason changes."""
+        """Send the reason why no poses arrive to the supervisor and the log, only when the reason changes."""
         change = self.mocap_report.changed(self.capture.diagnosis())
         if change is not None:
             self.room.event(change)

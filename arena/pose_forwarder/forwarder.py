@@ -1,7 +1,10 @@
-"""The pose forwarder without sockets or clocks: captured frames in, MAVLink for the autopilot's vision link out.
+"""Core of the pose forwarder, without sockets or clocks: converts captured frames to MAVLink for the
+autopilot's vision link.
 
-A pose is forwarded only when it is new, tracked, not frozen and not late. Every other pose is dropped and counted by its reason.
-The autopilot stamps poses on arrival. This process never answers TIMESYNC: PX4 would then compensate the delay twice.
+A pose is forwarded only if it is new, tracked, not frozen and not late. Every other pose is dropped and
+counted by its reason.
+The autopilot uses the arrival time as the time of the pose. This process never answers TIMESYNC, because PX4
+would then compensate the delay twice.
 """
 
 from __future__ import annotations
@@ -37,10 +40,11 @@ _MODES_WITHOUT_ARMING = frozenset({"AUTO.LAND", "AUTO.RTL", "TERMINATION"})
 
 @dataclass(slots=True)
 class Autopilot:
-    """The autopilot's state, from the vision link. Times are the caller's [s].
+    """State of the autopilot, from the messages on the vision link. Times are by the caller's clock [s].
 
-    last_heartbeat: time of the last one. since: time of the first message. on_ground: None before it is reported.
-    has_position: it has acknowledged its global position. may_arm: its pre-arm checks pass.
+    last_heartbeat: time of the last heartbeat. since: time of the first message.
+    on_ground: None before it is reported.
+    has_position: the autopilot has acknowledged its global position. may_arm: its pre-arm checks pass.
     """
 
     last_heartbeat: float = -math.inf
@@ -55,9 +59,10 @@ class Autopilot:
 
 
 class Forwarder:
-    """The forwarder of one vehicle.
+    """Pose forwarder of one vehicle.
 
-    settings: the `forward` slice. wait_s: how long the first pose waits for a message of the autopilot [s].
+    settings: configuration of the `forward` process.
+    wait_s: maximum time for which the first pose waits for a message of the autopilot [s].
     """
 
     def __init__(self, settings: Mapping[str, Any], wait_s: float = 0.0) -> None:
@@ -90,13 +95,13 @@ class Forwarder:
     # -- capture -------------------------------------------------------------------------------------------------------
 
     def on_frame(self, frame: CapturedFrame, now: float) -> bytes | None:
-        """Return the ODOMETRY to send for a frame that has just arrived, or None. now: [s]."""
+        """Return the ODOMETRY message for a frame that has just arrived, or None. now: [s]."""
         return self.on_frames([frame], now)
 
     def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> bytes | None:
-        """Return the ODOMETRY to send for frames that arrived together, or None.
+        """Return the ODOMETRY message for frames that arrived together, or None.
 
-        Only the newest pose is sent: the autopilot stamps poses on arrival, so older ones would be dated wrongly.
+        Only the newest pose is sent, because the autopilot uses the arrival time as the time of the pose.
         frames: oldest first. now: [s].
         """
         best: Pose | None = None
@@ -116,7 +121,7 @@ class Forwarder:
         return self._odometry(best, now)
 
     def _take(self, frame: CapturedFrame, now: float) -> Pose | None:
-        """Return the pose to forward; None, with the reason counted, when there is none."""
+        """Return the pose to forward. If there is none, count the reason and return None."""
         place = self._order.place(frame.number)
         if place == "repeated":
             self.counts["repeated frame"] += 1
@@ -137,7 +142,10 @@ class Forwarder:
         return pose
 
     def _drop_reason(self, frame: CapturedFrame, pose: Pose | None, late: float) -> str:
-        """Return why the pose of a frame must be dropped; "" when it may be forwarded."""
+        """Return why the pose of a frame must be dropped; "" if it may be forwarded.
+
+        late: lateness of the frame [s].
+        """
         if pose is None:
             return "untracked" if self._body in frame.untracked else "body not in frame"
         last, self._last = self._last, pose
@@ -148,7 +156,9 @@ class Forwarder:
         return "stale" if late > self._stale_s else ""
 
     def _capture_restarted(self) -> None:
-        """Start again after a restart of the capture system, and report it to the autopilot by the reset counter."""
+        """Start again after a restart of the capture system, and report the restart to the autopilot with the
+        reset counter.
+        """
         self.counts["capture restarts"] += 1
         self._lateness.reset()
         self._slot = self._last = None
@@ -179,15 +189,16 @@ class Forwarder:
 
     @property
     def serving(self) -> bool:
-        """True when poses arrive at an autopilot that may arm or is armed.
+        """True if poses arrive at an autopilot that is armed or may be armed.
 
-        Also in modes without arming: after a landing the autopilot stays in AUTO.LAND on the ground.
+        True also in modes that do not allow arming, because the autopilot stays in AUTO.LAND on the ground
+        after a landing.
         """
         a = self.autopilot
         return self.poses > 0 and (a.may_arm or a.armed or a.mode in _MODES_WITHOUT_ARMING)
 
     def on_mavlink(self, data: bytes, now: float) -> None:
-        """Handle a datagram from the autopilot."""
+        """Process a datagram from the autopilot."""
         for m in self._codec.parse(data):
             if m.get_srcSystem() == self.system and m.get_srcComponent() == 1:
                 self._on_message(m, now)
@@ -229,18 +240,20 @@ class Forwarder:
         )
 
     def _on_autopilot_restart(self) -> None:
-        """Forget the state of an autopilot that has restarted: it has no origin and may not arm yet."""
+        """Reset the state after a restart of the autopilot: it has no origin and may not be ready to arm."""
         a = self.autopilot
         a.has_origin = a.may_arm = a.has_position = False
         a.since, a.on_ground = math.inf, None
         self._origin_tries = 0
 
     def _waits_for_origin(self, now: float) -> bool:
-        """Return whether poses must wait, on the ground, until the autopilot has its origin and global position.
+        """Return whether poses must wait, on the ground, until the autopilot has its origin and global
+        position.
 
-        PX4's estimator that already follows poses takes the jump to a new origin for an error of thousands of km and rejects poses
-        for a second. After an origin without a position its first pose is as far off, and the preflight check "horizontal
-        position unstable" fails for two seconds.
+        If PX4's estimator already uses poses, it takes the jump to a new origin as an error of thousands of
+        km and rejects poses for one second. If the origin is set without a global position, the estimator's
+        first pose has the same error, and the preflight check "horizontal position unstable" fails for two
+        seconds.
         """
         a = self.autopilot
         if self._origin is None or a.has_position or a.has_origin or a.armed or a.on_ground is False:
@@ -251,7 +264,7 @@ class Forwarder:
         return 0.0 <= now - a.since < (_ORIGIN_WAIT_S if a.on_ground else _ORIGIN_WAIT_UNKNOWN_S)
 
     def tick(self, now: float) -> list[bytes]:
-        """Return the messages that are due: the heartbeat, and the origin until the autopilot has it."""
+        """Return the messages to send now: the heartbeat, and the origin until the autopilot has it."""
         due = []
         if now - self._beat >= 1.0:
             self._beat = now
@@ -274,10 +287,11 @@ class Forwarder:
         return due
 
     def _global_position(self, pose: Pose) -> list[bytes]:
-        """Return the messages that set the origin and the global position of a pose, both at sea level.
+        """Return the messages that set the autopilot's origin, and its global position at `pose`. The
+        origin's altitude is 0 (sea level).
 
-        After a gap PX4's estimator resets its height from the first pose as if the origin's altitude were 0; any other altitude
-        would be a sudden height error of that size.
+        After a gap PX4's estimator resets its height from the first pose as if the origin's altitude were 0.
+        With any other altitude the height would jump by that value.
         """
         assert self._origin is not None
         lat, lon = self._origin["lat_deg"], self._origin["lon_deg"]

@@ -1,8 +1,9 @@
-"""Lateness of captured frames: the server's time stamp against the receiver's clock. Pure.
+"""Lateness of captured frames: compares the server's time stamp with the receiver's clock. Pure.
 
-The two clocks have different zeros, so lateness is measured relative to the fastest frame so far. Stamps may also be wrong. A stamp
-in the future must not become the reference: all frames after it would look late, and the vehicle would get no poses. A stamp far in
-the past must not either: frames of a queue that is emptied after a stall would look fresh.
+The two clocks have different zeros, so lateness is measured relative to the fastest frame so far. Time stamps
+may also be wrong. A stamp in the future must not become the reference, because all later frames would look
+late and the vehicle would get no poses. A stamp far in the past must not become the reference either, because
+old frames from a queue that is emptied after a stall would look new.
 """
 
 from __future__ import annotations
@@ -15,7 +16,10 @@ _DRIFT = 1e-3  # drift between the two clocks [s/s]; a crystal's error is a tent
 
 
 class Lateness:
-    """The lateness of one server's frames. stale_s: lateness limit [s]. shifts: detected changes of the server's clock."""
+    """Lateness of one server's frames.
+
+    stale_s: lateness limit [s]. shifts: number of detected changes of the server's clock.
+    """
 
     def __init__(self, stale_s: float) -> None:
         self._stale_s = stale_s
@@ -23,17 +27,18 @@ class Lateness:
         self.reset()
 
     def reset(self) -> None:
-        """Start again: the next frame is the first of another clock."""
+        """Start again. The next frame is the first one of a new clock."""
         self._reference: float | None = None
         self._now = -inf
         self._early = 0
         self._late_since: float | None = None
 
     def measure(self, stamp_s: float, now: float, flying: bool) -> float:
-        """Return how late a frame is [s]; infinite for a stamp that cannot be right.
+        """Return how late a frame is [s]; infinite if its time stamp cannot be right.
 
-        stamp_s: the server's time of the frame [s]. now: [s].
-        flying: no change of the server's clock into the past is accepted, as a full queue looks the same.
+        stamp_s: the server's time of the frame [s]. now: time of arrival [s].
+        flying: if true, no change of the server's clock into the past is accepted, because frames from a full
+        queue look the same.
         """
         offset = now - stamp_s
         if not isfinite(offset):

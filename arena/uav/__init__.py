@@ -1,6 +1,7 @@
-"""The package for user programs: one vehicle's data, commands and setpoints.
+"""The package for user programs: data, commands and setpoints of one vehicle.
 
-It must not send a setpoint outside the caller's own call, and not depend on whether the vehicle is simulated.
+It must not send a setpoint outside a call of the user program, and must not depend on whether the vehicle is
+simulated.
 """
 
 from arena.errors import (

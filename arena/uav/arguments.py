@@ -1,4 +1,7 @@
-"""Arguments of a program: which vehicle it flies, from the supervisor's slice or typed by hand."""
+"""Command-line arguments of a user program: they select the vehicle that the program flies.
+
+`arena up` passes a file with all settings; a user who starts the program by hand gives single options.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,9 @@ from arena.mocap.vendors import VENDORS, vendor_settings
 
 
 def read_arguments(argv: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return the keyword arguments of `UAV`.
+    """Return the keyword arguments for `UAV`. Raises InputError.
 
-    argv: without the program's name; None for those of this process. Raises InputError.
+    argv: arguments without the program's name; None for those of this process.
     """
     given, others = _parser().parse_known_args(argv)
     found = _from_slice(given.uav) if given.uav else _by_hand(given)
@@ -27,10 +30,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--uav", metavar="FILE", help="JSON file with all settings, passed by the supervisor")
     parser.add_argument("--ns", default="uav1", help="name of the vehicle")
-    parser.add_argument("--id", type=int, help="its MAV_SYS_ID; by default the number that ends its name")
+    parser.add_argument("--id", type=int, help="its MAV_SYS_ID; by default the number at the end of its name")
     parser.add_argument("--link", help="udpin:HOST:PORT; by default udpin:127.0.0.1:16000+id")
     parser.add_argument("--profile", default="iris", help="vehicle type")
-    parser.add_argument("--clock", help="stem of a simulation clock; the wall clock by default")
+    parser.add_argument(
+        "--clock", help="path of a simulation clock, without .page or .sock; the wall clock by default"
+    )
     parser.add_argument(
         "--capture",
         metavar="VENDOR:ADDRESS",
@@ -86,7 +91,10 @@ def _by_hand(given: argparse.Namespace) -> dict[str, Any]:
 
 
 def _capture(text: str, body: str) -> dict[str, Any]:
-    """Return the settings of a motion-capture client for one body. text: VENDOR:ADDRESS and the vendor's options."""
+    """Return the settings of a motion-capture client for one body.
+
+    text: VENDOR:ADDRESS and the vendor's options.
+    """
     vendor, _, rest = text.partition(":")
     try:
         return {**vendor_settings(vendor).parse_client(rest), "bodies": [body]}

@@ -1,7 +1,8 @@
-"""The sockets of a program: telemetry and motion capture come in, setpoints and commands go out.
+"""Sockets of a user program: receive telemetry and motion capture, send setpoints and commands.
 
-A background thread receives, and sends the 1 Hz heartbeat that announces an onboard computer to the vehicle. It never sends a
-setpoint: setpoints leave in the caller's own call, so that a program that hangs meets the offboard failsafe.
+A background thread receives data and sends a heartbeat at 1 Hz, which announces an onboard computer to the
+vehicle. The thread never sends a setpoint. Setpoints are sent only in a call of the user program, so that the
+offboard failsafe acts if the program hangs.
 """
 
 from __future__ import annotations
@@ -34,12 +35,13 @@ Capture = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 
 class Connection:
-    """A program's connection to its vehicle and to motion capture.
+    """Connection of a user program to its vehicle and to motion capture.
 
     url: "udpin:HOST:PORT" (the vehicle sends first) or "udpout:HOST:PORT".
     system_id: MAV_SYS_ID of the vehicle.
-    poses: where captured poses are kept.
-    capture: settings for `arena.mocap.client`; several where different servers see different bodies; None without capture.
+    poses: object that stores the captured poses.
+    capture: settings for `arena.mocap.client`; a list if different servers track different bodies; None
+    without motion capture.
     """
 
     def __init__(
@@ -61,12 +63,15 @@ class Connection:
         self._thread.start()
 
     def refresh(self) -> None:
-        """Take in what has arrived, unless that was done in the last millisecond."""
+        """Read the received data, unless this was done in the last millisecond."""
         if time.monotonic() - self._polled > _MIN_REFRESH_S:
             self.poll()
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Send a message to the vehicle. Raises NotConfirmedError before the vehicle's first message, as its address is unknown."""
+        """Send a message to the vehicle.
+
+        Raises NotConfirmedError before the first message from the vehicle, because its address is unknown.
+        """
         if self._vehicle is None:
             raise NotConfirmedError(
                 "no message from the vehicle has arrived yet, so its address is not known: is the arena up?"
@@ -74,13 +79,13 @@ class Connection:
         self.send_to(message, self._vehicle)
 
     def send_to(self, message: mavlink.MAVLink_message, address: Address) -> None:
-        """Send a message to any address, such as the vehicle's logger."""
+        """Send a message to a given address, such as the vehicle's logger."""
         with self._sending:
             data = self._codec.pack(message)
         self._send_frame(data, address)
 
     def close(self) -> None:
-        """Close the sockets. Nothing is commanded: a vehicle in the air meets its failsafe."""
+        """Close the sockets. No command is sent, so a vehicle in the air enters its failsafe."""
         self._ending.set()
         if threading.current_thread() is not self._thread:
             self._thread.join(1.0)
@@ -128,7 +133,9 @@ class Connection:
 
 
 def _open(url: str) -> tuple[socket.socket, Address | None]:
-    """Return the program's socket, and the vehicle's address when the URL names it. Raises InputError."""
+    """Open the program's socket. Return it, and the vehicle's address if the URL contains it. Raises
+    InputError.
+    """
     try:
         connection = parse_url(url)
     except ValueError:
@@ -149,10 +156,10 @@ def _open(url: str) -> tuple[socket.socket, Address | None]:
 
 
 def _open_captures(settings: Capture | None, bodies: Sequence[str]) -> list[MocapClient]:
-    """Open a client for each server that sees one of the bodies.
+    """Open a client for each server that tracks at least one of the bodies.
 
-    Each body is taken from the first server that has it, so that the axes of two systems are not mixed. A single server is
-    asked for all bodies.
+    Each body is requested from the first server that has it, so that poses in the axes of two systems are not
+    mixed. If there is only one server, all bodies are requested from it.
     """
     from arena.mocap.client import open_client
 

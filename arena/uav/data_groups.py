@@ -1,7 +1,7 @@
-"""Data groups that a program reads: `uav.ekf.pos`, `uav.sen.imu.acc_body`, ...
+"""Groups of data that a user program reads: `uav.ekf.pos`, `uav.sen.imu.acc_body`, ...
 
-A group returns the newest values at each access; the values of one access come from one message. Stale values raise
-StaleDataError. `uav.snapshot()` returns the same groups fixed at one instant.
+Each access returns the newest values; the values of one access come from one message. Old values raise
+StaleDataError. `uav.snapshot()` returns the same groups with the values of one instant.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _AGE_LIMITS = {
 
 
 class Stamped(Protocol):
-    """A value with its time of arrival [s]."""
+    """Interface of a value with its time of arrival [s]."""
 
     @property
     def received_at(self) -> float: ...
@@ -42,7 +42,7 @@ S = TypeVar("S", bound=Stamped)
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """Fixed data of the vehicle. mass: [kg]. radius, height: [m]. thrust_curve: as in the profile."""
+    """Constants of the vehicle. mass: [kg]. radius, height: [m]. thrust_curve: as in the profile."""
 
     ns: str
     mass: float
@@ -54,9 +54,10 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Source of all groups.
+    """Source of the data of all groups.
 
-    refresh: receives what has arrived. now: returns the time that ages are measured at [s].
+    refresh: function that reads the received data. now: function that returns the time for computing ages
+    [s].
     """
 
     ns: str
@@ -67,7 +68,7 @@ class Source:
     refresh: Callable[[], None]
 
     def fixed(self) -> Source:
-        """Return the same values, fixed at this instant."""
+        """Return a copy whose values and time no longer change."""
         self.refresh()
         instant = self.now()
         return Source(
@@ -80,11 +81,14 @@ class Source:
         )
 
     def limit_s(self, what: str) -> float:
-        """Return the age limit of a group [s]."""
+        """Return the age limit of a kind of data [s]. what: name of the data, as in error messages."""
         return self.stale_s * _AGE_LIMITS.get(what, 1.0)
 
     def fresh(self, value: S | None, what: str) -> S:
-        """Return a value that has arrived and is not too old. Raises StaleDataError."""
+        """Return the value if it has arrived and is not too old, else raise StaleDataError.
+
+        what: name of the data, for the age limit and the error message.
+        """
         if value is None:
             raise StaleDataError(f"{self.ns}: no {what} has arrived yet")
         age, limit = self.now() - value.received_at, self.limit_s(what)
@@ -93,12 +97,12 @@ class Source:
         return value
 
     def age(self, value: Stamped | None) -> float:
-        """Return the age of a value [s]; infinite before the first one."""
+        """Return the age of a value [s]; infinite if none has arrived."""
         return math.inf if value is None else max(0.0, self.now() - value.received_at)
 
 
 class Ekf:
-    """The autopilot's estimate."""
+    """The autopilot's state estimate."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -151,7 +155,7 @@ class Ekf:
 
 
 class ImuSensor:
-    """The autopilot's inertial sensors."""
+    """Measurements of the autopilot's inertial sensors."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -183,7 +187,7 @@ class ImuSensor:
 
 
 class MocapSensor:
-    """The vehicle's pose as measured by motion capture, without the autopilot."""
+    """The vehicle's pose as measured by motion capture, independent of the autopilot."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -212,7 +216,7 @@ class MocapSensor:
 
 
 class GpsSensor:
-    """The autopilot's satellite receiver, if it has one."""
+    """Measurements of the autopilot's satellite receiver, if it has one."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -230,7 +234,7 @@ class GpsSensor:
 
 
 class BaroSensor:
-    """The autopilot's barometer."""
+    """Measurements of the autopilot's barometer."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -261,7 +265,7 @@ class BaroSensor:
 
 
 class EmulatedSensor:
-    """Relative positions of the neighbours, computed from motion capture."""
+    """Positions of the neighbours relative to the vehicle, computed from motion capture."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -281,7 +285,10 @@ class EmulatedSensor:
 
     @property
     def rel_vel(self) -> Array:
-        """Neighbours' velocities minus the vehicle's [m/s] [NED] (n, 3): slope of the last nine poses, about 25 ms late."""
+        """Neighbours' velocities minus the vehicle's [m/s] [NED] (n, 3).
+
+        They are the slope of the last nine poses, so they are about 25 ms late.
+        """
         own, others = self._all()
         return np.array([o.v_n - own.v_n for o in others]).reshape(-1, 3)
 
@@ -298,7 +305,7 @@ class EmulatedSensor:
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors, `uav.sen`."""
+    """All sensors of the vehicle, `uav.sen`."""
 
     source: Source = field(repr=False)
     imu: ImuSensor = field(init=False, repr=False)
@@ -359,7 +366,7 @@ class Info:
 
     @property
     def flight_mode(self) -> str:
-        """PX4's name of the flight mode: "OFFBOARD", "AUTO.LAND", ..."""
+        """Flight mode, by PX4's names: "OFFBOARD", "AUTO.LAND", ..."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.heartbeat, "heartbeat").mode
 
@@ -387,7 +394,7 @@ class Info:
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """All groups at one instant."""
+    """All groups, with the values of one instant."""
 
     ekf: Ekf
     sen: Sensors
@@ -396,7 +403,7 @@ class Snapshot:
 
     @classmethod
     def of(cls, source: Source, body: Body) -> Snapshot:
-        """Return all groups of a source."""
+        """Return all groups of one source."""
         return cls(
             ekf=Ekf(source),
             sen=Sensors(source),

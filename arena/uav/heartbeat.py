@@ -1,6 +1,7 @@
-"""The program's heartbeat to the copilot.
+"""Heartbeat of a user program to the copilot.
 
-It is sent only inside the program's own calls, so that a program that hangs stops sending, whatever the threads of its SDK do.
+It is sent only inside calls of the program. So a program that hangs stops sending, even if threads of its SDK
+continue.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ _PERIOD_S = 0.1
 
 
 class Heartbeat:
-    """The sender of one program's heartbeats.
+    """Sender of the heartbeats of one program.
 
-    address: where the copilot receives them; None without a copilot, and then nothing is sent.
+    address: address of the copilot; None without a copilot, and then nothing is sent.
     system_id: MAV_SYS_ID of the vehicle.
-    clock: the clock that the rate is measured on; the wall clock by default.
+    clock: clock that limits the rate; the wall clock by default.
 
-    `arena.UAV` has a heartbeat of its own. A program that flies with an SDK calls `beat` in its main loop:
+    `arena.UAV` sends heartbeats by itself. A program that flies with an SDK calls `beat` in its main loop:
 
         heartbeat = Heartbeat.from_args()
         while flying:
@@ -39,14 +40,14 @@ class Heartbeat:
 
     @classmethod
     def from_args(cls, argv: Sequence[str] | None = None) -> Heartbeat:
-        """Return the heartbeat for the vehicle in `--uav FILE`; other arguments are left to the program."""
+        """Return the heartbeat for the vehicle in `--uav FILE`. Other arguments are ignored."""
         from arena.uav.arguments import read_arguments
 
         found = read_arguments(argv)
         return cls(found.get("heartbeat"), found["system_id"], found["clock"])
 
     def beat(self) -> None:
-        """Send a heartbeat, unless the last one is less than 0.1 s old: calling it more often costs nothing."""
+        """Send a heartbeat, unless the last one is less than 0.1 s old. The program may call it at any rate."""
         if self._address is None:
             return
         now = self._clock.now()

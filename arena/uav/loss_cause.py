@@ -1,7 +1,9 @@
-"""Why a program lost its vehicle: the cause of a change out of OFFBOARD or of a disarming, from the records that exist.
+"""Search for the reason why a program lost control of its vehicle: why the vehicle left OFFBOARD or was
+disarmed.
 
-The autopilot reports its own failsafes. Commands of other senders do not pass through the program; the run folder records those
-of the supervisor, of the copilot and of `arena land-all`. Whatever nobody recorded came from a pilot or a ground station.
+The autopilot reports its own failsafes. Commands of other senders do not pass through the program, but the
+run folder records those of the supervisor, of the copilot and of `arena land-all`. If none of these records
+fits, a pilot or a ground station sent the command.
 """
 
 from __future__ import annotations
@@ -20,9 +22,11 @@ UNKNOWN = "a pilot, a ground station or another program commanded it"
 
 
 def cause_of_loss(vehicle: str, texts: Sequence[str], run: Path | None, monotonic_s: float) -> str:
-    """Return the cause in words that continue "uav1: the vehicle left OFFBOARD and is now in AUTO.LAND: ".
+    """Return the cause, as the end of a sentence like "uav1: the vehicle left OFFBOARD and is now in
+    AUTO.LAND: ".
 
-    texts: recent STATUSTEXT of the autopilot. run: the run folder, None without one. monotonic_s: monotonic wall time [s].
+    texts: recent STATUSTEXT messages of the autopilot. run: the run folder, None without one.
+    monotonic_s: monotonic wall time [s].
     """
     if recorded := _recorded(vehicle, run, monotonic_s):
         return recorded

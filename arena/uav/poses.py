@@ -1,4 +1,4 @@
-"""The newest motion-capture poses of the program's own body and of its neighbours. Pure."""
+"""Newest motion-capture poses of the program's own body and of its neighbours. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ _TRAIL_LENGTH = 9  # at 180 Hz and 0.3 mm of noise a slope over nine poses is go
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pose:
-    """A pose as plain numbers, made 180 times a second; arrays are made only when a program reads them.
+    """Pose as plain numbers. It is created 180 times a second, so arrays are made only when a program reads
+    them.
 
     received_at: time of arrival [s].
     position: [m] [NED] (3,).
@@ -47,9 +48,10 @@ class Pose:
 
 
 class Poses:
-    """own, neighbours: the newest poses, None before the first one arrives.
+    """Newest poses of the program's own body and of its neighbours.
 
-    body: name of the program's own rigid body in the capture system, None without one.
+    own, neighbours: the newest poses, None before the first pose arrives.
+    body: name of the program's own rigid body in the capture system, None if it has none.
     neighbours: (vehicle, rigid body) of each neighbour.
     """
 
@@ -62,15 +64,15 @@ class Poses:
 
     @property
     def bodies(self) -> list[str]:
-        """The rigid bodies to request from motion capture."""
+        """Names of the rigid bodies to request from motion capture."""
         return [*([] if self._body is None else [self._body]), *self._rows]
 
     def receive(
         self, body: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float
     ) -> None:
-        """Store one tracked pose.
+        """Store the pose of a tracked body.
 
-        time_s: exposure, by the capture system's clock [s]. now: arrival [s].
+        time_s: exposure, by the capture system's clock [s]. now: time of arrival [s].
         """
         if body == self._body:
             self.own = _next(self.own, p_n, q_nb, time_s, now)

@@ -1,6 +1,7 @@
-"""Setpoints of a program as MAVLink messages. Pure.
+"""Conversion of a user program's setpoints to MAVLink messages. Pure.
 
-Vectors have the shape (3,) or (3, 1). Any other shape, or a value that is not finite, raises SetpointError with what was found.
+Vectors have the shape (3,) or (3, 1). Any other shape, and any value that is not finite, raises SetpointError
+with the value that was found.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ AttitudeKind = Literal["euler", "quaternion"]
 
 
 class Ignore(IntFlag):
-    """POSITION_TARGET_TYPEMASK: fields that the autopilot ignores."""
+    """Bits of POSITION_TARGET_TYPEMASK: fields that the autopilot must ignore."""
 
     POSITION = 0x007
     VELOCITY = 0x038
@@ -30,7 +31,7 @@ class Ignore(IntFlag):
 
 
 class IgnoreAttitude(IntFlag):
-    """ATTITUDE_TARGET_TYPEMASK: fields that the autopilot ignores."""
+    """Bits of ATTITUDE_TARGET_TYPEMASK: fields that the autopilot must ignore."""
 
     RATES = 0x07
     THRUST = 0x40
@@ -38,9 +39,9 @@ class IgnoreAttitude(IntFlag):
 
 
 def vector(value: ArrayLike, what: str, size: int = 3) -> Array:
-    """Return a vector as float64 (size,).
+    """Return a vector as a float64 array (size,).
 
-    value: (size,) or (size, 1). Raises SetpointError for any other shape, NaN and infinity.
+    value: (size,) or (size, 1). Raises SetpointError for any other shape, and for NaN or infinity.
     """
     try:
         found = np.asarray(value, dtype=np.float64)
@@ -54,7 +55,10 @@ def vector(value: ArrayLike, what: str, size: int = 3) -> Array:
 
 
 def scalar(value: ArrayLike, what: str) -> float:
-    """Return one finite number, given as a number, (1,) or (1, 1). Raises SetpointError for anything else."""
+    """Return one finite number.
+
+    value: a number, or an array (1,) or (1, 1). Raises SetpointError for anything else.
+    """
     try:
         found = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -99,7 +103,7 @@ def attitude(att: ArrayLike, kind: AttitudeKind) -> Array:
 
 
 class Encoder:
-    """MAVLink messages for one vehicle.
+    """Encoder of MAVLink messages for one vehicle.
 
     system_id: MAV_SYS_ID. now, in every method: the program's time [s].
     """
@@ -108,7 +112,10 @@ class Encoder:
         self._to = system_id, mavlink.MAV_COMP_ID_AUTOPILOT1
 
     def pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, now: float) -> mavlink.MAVLink_message:
-        """Return a position setpoint. pos: [m] [NED] (3,). yaw: [rad], 0 is north, clockwise from above."""
+        """Return a position setpoint.
+
+        pos: [m] [NED] (3,). yaw: [rad], 0 is north, clockwise seen from above.
+        """
         mask = Ignore.VELOCITY | Ignore.ACCELERATION | Ignore.YAW_RATE
         return self._local(now, mask, pos=vector(pos, "pos"), yaw=scalar(yaw, "yaw"))
 
@@ -130,7 +137,7 @@ class Encoder:
         """Return a trajectory setpoint: a position with feed-forward.
 
         pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad].
-        acc: [m/s2] [NED] (3,), None to leave it to the autopilot. yaw_rate: [rad/s], None likewise.
+        acc: [m/s2] [NED] (3,). yaw_rate: [rad/s]. None leaves either to the autopilot.
         """
         mask = (Ignore.ACCELERATION if acc is None else Ignore(0)) | (
             Ignore.YAW_RATE if yaw_rate is None else Ignore(0)
@@ -148,10 +155,10 @@ class Encoder:
     def reference(
         self, p: ArrayLike | None, v: ArrayLike | None, yaw: ArrayLike | None, now: float
     ) -> mavlink.MAVLink_message:
-        """Return a program's own reference for the log, POSITION_TARGET_LOCAL_NED.
+        """Return the program's own reference as POSITION_TARGET_LOCAL_NED, for the log.
 
-        p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. None for what the reference does not have.
-        Raises SetpointError when all three are None.
+        p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. None if the reference has no such value.
+        Raises SetpointError if all three are None.
         """
         if p is None and v is None and yaw is None:
             raise SetpointError("reference: got nothing, expected at least one of p, v and yaw")
@@ -176,7 +183,8 @@ class Encoder:
     ) -> mavlink.MAVLink_message:
         """Return a velocity setpoint in level body axes.
 
-        vel_body: forward, right, down [m/s] (3,), rotated by the yaw only, whatever the tilt. yaw_rate: [rad/s].
+        vel_body: forward, right, down [m/s] (3,). These axes are rotated by the yaw only, not by the tilt.
+        yaw_rate: [rad/s].
         """
         mask = Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW
         vel, rate = vector(vel_body, "vel_body"), scalar(yaw_rate, "yaw_rate")
@@ -208,7 +216,10 @@ class Encoder:
         )
 
     def command(self, number: int, params: tuple[float, ...], confirmation: int) -> mavlink.MAVLink_message:
-        """Return COMMAND_LONG. number: MAV_CMD. params: up to 7. confirmation: 0, then 1, 2, ... for repetitions."""
+        """Return a COMMAND_LONG message. number: MAV_CMD. params: up to 7.
+
+        confirmation: 0 when the command is first sent, then 1, 2, ... for repetitions.
+        """
         return mavlink.MAVLink_command_long_message(
             *self._to, number, confirmation, *params, *[0.0] * (7 - len(params))
         )

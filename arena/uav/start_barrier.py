@@ -1,7 +1,8 @@
-"""A barrier for programs of one arena that must start together: files in the run's private folder, and a common start time.
+"""Barrier at which the programs of one run wait for each other, so that all start at the same time.
 
-Each program leaves a file with the time of its arrival. When all files are there, every program reads the same times and waits
-for the same start: 0.5 s after the last arrival, on the clock that they share.
+Each program writes a file with its time of arrival to the run's private folder. When all files are present,
+every program reads the same times and waits for the same start time: 0.5 s after the last arrival, on the
+clock that all programs share.
 """
 
 from __future__ import annotations
@@ -19,23 +20,27 @@ START_DELAY_S = 0.5  # after the last arrival: longer than the 0.02 s between tw
 
 @dataclass(frozen=True, kw_only=True)
 class Arrivals:
-    """The programs that have arrived. times: vehicle -> time of arrival [s]. count: how many are to come."""
+    """Programs that have arrived.
+
+    times: vehicle -> time of arrival [s]. count: number of programs that must arrive.
+    """
 
     times: dict[str, float]
     count: int
 
     @property
     def start_s(self) -> float | None:
-        """The common start time [s]; None while a program is missing."""
+        """Common start time [s]; None while a program is missing."""
         if len(self.times) < self.count:
             return None
         return sorted(self.times.values())[self.count - 1] + START_DELAY_S
 
 
 class StartBarrier:
-    """A program's side of the barriers of a run.
+    """Barriers of a run, as used by one program.
 
-    vehicle: name of the program's vehicle. folder: where all programs of the run leave their files; None without a run.
+    vehicle: name of the program's vehicle.
+    folder: folder for the files of all programs of the run; None if `arena up` did not start the program.
     programs: vehicles of the run that have a program.
     """
 
@@ -44,10 +49,11 @@ class StartBarrier:
         self._uses: Counter[str] = Counter()
 
     def arrive(self, name: str, now: float, count: int | None = None) -> _Waiting:
-        """Record the arrival at a barrier. The k-th arrival of one program meets the k-th of the others.
+        """Record the arrival at a barrier. The k-th arrival of a program at a name waits for the k-th arrival
+        of the others.
 
-        count: how many programs take part, this one included; None for all programs of the run.
-        Raises InputError when there are not so many programs, or for a program that `arena up` did not start.
+        count: number of programs that take part, including this program; None for all programs of the run.
+        Raises InputError if the run has fewer programs, or if `arena up` did not start this program.
         """
         if self._folder is None:
             raise InputError(
@@ -74,7 +80,7 @@ class StartBarrier:
 
 
 class _Waiting:
-    """An arrival at a barrier."""
+    """Arrival of one program at a barrier, while it waits for the others."""
 
     def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
         self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs
@@ -87,7 +93,9 @@ class _Waiting:
         return Arrivals(times=times, count=self._count)
 
     def withdraw(self) -> str:
-        """Remove the arrival, so that no other program starts with it; return who was there and who was not."""
+        """Remove the arrival, so that no other program starts with this program. Return which programs have
+        arrived and which have not.
+        """
         here = self.arrivals().times
         (self._folder / self._vehicle).unlink(missing_ok=True)
         missing = [name for name in self._programs if name not in here]

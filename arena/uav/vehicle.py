@@ -1,4 +1,6 @@
-"""`UAV`, the class that a program flies with: its data groups, commands, setpoints and connection."""
+"""`UAV`, the class with which a user program flies a vehicle: its data groups, commands, setpoints and
+connection.
+"""
 
 from __future__ import annotations
 
@@ -26,26 +28,26 @@ _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
 
 class UAV:
-    """A vehicle, simulated or real: for the program there is no difference.
+    """A vehicle, simulated or real. The program does not see a difference.
 
-    ns: the vehicle's name.
+    ns: name of the vehicle.
     mass: [kg]. radius, height: [m].
-    thrust_curve: the profile's settings, see `arena.thrust_curve`.
-    link: "udpin:HOST:PORT", where the vehicle's MAVLink arrives.
+    thrust_curve: settings from the profile, see `arena.thrust_curve`.
+    link: "udpin:HOST:PORT", the address that receives the vehicle's MAVLink.
     system_id: MAV_SYS_ID of the vehicle.
-    capture: settings of the motion capture, one or several.
-    body: name of the vehicle's rigid body there; by default `ns`.
-    clock: the clock of `time` and `freq`; the wall clock by default.
+    capture: settings of one or several motion-capture clients.
+    body: name of the vehicle's rigid body in motion capture; by default `ns`.
+    clock: clock for the arguments `time` and `freq`; the wall clock by default.
     neighbours: names of vehicles, or (name, rigid body) pairs.
-    stale_s: age at which data are too old to use [s].
-    heartbeat: address of the copilot, None without one; heartbeats leave only in calls of this object.
+    stale_s: age above which data are too old to use [s].
+    heartbeat: address of the copilot, None without one. Heartbeats are sent only in calls of this object.
     log: address of the vehicle's logger, None without one.
     run: folder of the run, None for a program started by hand.
-    barriers: folder in which `wait_for` meets the other programs of the run. programs: vehicles that have a program.
-    args: arguments of the program itself.
+    barriers: folder with the files of `wait_for`. programs: vehicles of the run that have a program.
+    args: arguments for the program itself.
 
-    Setpoints leave only while one of its methods runs. A program that stops calling them sends nothing, and the autopilot's
-    offboard failsafe lands the vehicle. Closing commands nothing.
+    Setpoints are sent only while one of the methods runs. If a program stops calling them, nothing is sent,
+    and the autopilot's offboard failsafe lands the vehicle. `close` sends no command.
     """
 
     def __init__(  # noqa: PLR0913 the thesis's signature, and where to find the vehicle
@@ -107,41 +109,55 @@ class UAV:
 
     @classmethod
     def from_args(cls, argv: Sequence[str] | None = None) -> UAV:
-        """Return the vehicle of the command line.
+        """Return the vehicle that the command line selects.
 
-        `arena up` passes `--uav FILE`. By hand: `--ns uav1 --id 1 --link udpin:127.0.0.1:16001 --profile iris`. Other arguments
-        are left to the program, in `uav.args`.
+        `arena up` passes `--uav FILE`. By hand: `--ns uav1 --id 1 --link udpin:127.0.0.1:16001 --profile
+        iris`. Other arguments are available to the program in `uav.args`.
         """
         from arena.uav.arguments import read_arguments
 
         return cls(**read_arguments(argv))
 
     def snapshot(self) -> Snapshot:
-        """Return the data groups fixed at this instant, so that values of several groups belong together."""
+        """Return the data groups with the values of this instant, so that values of several groups belong
+        together.
+        """
         return Snapshot.of(self._source.fixed(), self._body)
 
     def arm_drone(self) -> None:
-        """Arm the vehicle, confirmed. Raises CommandRefusedError with the autopilot's reasons."""
+        """Arm the vehicle and wait for the confirmation.
+
+        Raises CommandRefusedError, with the autopilot's reasons.
+        """
         self._control.arm()
 
     def disarm_drone(self) -> None:
-        """Disarm the vehicle, confirmed. The autopilot refuses in the air."""
+        """Disarm the vehicle and wait for the confirmation. The autopilot refuses this in the air."""
         self._control.disarm()
 
     def start_offboard_mode(self) -> None:
-        """Enter OFFBOARD at the present position, confirmed; setpoints are streamed throughout."""
+        """Enter OFFBOARD at the current position and wait for the confirmation. Setpoints are sent all the
+        time.
+        """
         self._control.enter_offboard()
 
     def start_offboard_mission(self) -> None:
-        """Wait until the vehicle is ready (at most 20 s), enter OFFBOARD and arm: each confirmed, with setpoints throughout."""
+        """Wait until the vehicle is ready (at most 20 s), enter OFFBOARD and arm. Wait for the confirmation
+        of each step.
+
+        Setpoints are sent all the time.
+        """
         self._control.start_mission()
 
     def auto_land(self) -> None:
-        """Land at the present position; return on the ground and disarmed. Raises NotConfirmedError after 60 s."""
+        """Land at the current position. Return when the vehicle is on the ground and disarmed.
+
+        Raises NotConfirmedError after 60 s.
+        """
         self._control.land()
 
     def set_pos_yaw(self, pos: ArrayLike, yaw: ArrayLike, time: ArrayLike) -> None:
-        """Fly to a position: stream it at 50 Hz for `time` [s].
+        """Fly to a position: send the setpoint at 50 Hz for `time` seconds.
 
         pos: [m] [NED] (3,). yaw: [rad].
         """
@@ -184,23 +200,27 @@ class UAV:
     def reference(
         self, p: ArrayLike | None = None, v: ArrayLike | None = None, yaw: ArrayLike | None = None
     ) -> None:
-        """Publish the program's own reference to the log, for flights whose setpoints do not contain it. Returns at once.
+        """Send the program's own reference to the logger, for flights whose setpoints do not contain it.
+        Returns at once.
 
-        p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. Leave out what the reference does not have.
-        The log holds it for 0.5 s in `pos_ref`, `vel_ref` and `pos_ref.yaw`. Without a logger nothing is sent.
+        p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. Omit values that the reference does not have.
+        The log repeats the values for 0.5 s, in `pos_ref`, `vel_ref` and `pos_ref.yaw`. Without a logger
+        nothing is sent.
         """
         message = self._control.encoder.reference(p, v, yaw, self.clock.now())
         if self._log is not None:
             self._connection.send_to(message, self._log)
 
     def wait_for(self, name: str, n: int | None = None, timeout: ArrayLike = 30.0) -> float:
-        """Wait for the other programs of the run, and return the common start time [s] of `clock`, when it has come.
+        """Wait for the other programs of the run, then until the common start time. Return this time [s] of
+        `clock`.
 
-        name: the barrier; all programs that wait for the same name start together. A name may be used again: the second call
-        meets the second call of the others.
-        n: how many programs take part, this one included; None for all programs of the arena.
-        timeout: [s]. In OFFBOARD the vehicle holds its position meanwhile.
-        Raises NotConfirmedError after the timeout, with the programs that are missing.
+        name: name of the barrier. All programs that wait for the same name start together. A name may be used
+        again: a program's second call waits for the second calls of the others.
+        n: number of programs that take part, including this program; None for all programs of the arena.
+        timeout: [s].
+        In OFFBOARD the vehicle holds its position while it waits.
+        Raises NotConfirmedError after the timeout, with the missing programs.
         """
         limit = duration_s(timeout)
         waiting = self._barrier.arrive(name, self.clock.now(), n)
@@ -216,7 +236,8 @@ class UAV:
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
         """Send a velocity setpoint in level body axes, then wait until 1/freq has passed since the last one.
 
-        vel_body: forward, right, down [m/s] (3,), rotated by the yaw only. yaw_rate: [rad/s]. freq: [Hz].
+        vel_body: forward, right, down [m/s] (3,). These axes are rotated by the yaw only. yaw_rate: [rad/s].
+        freq: [Hz].
         """
         self._send(self._control.encoder.vel_body_yaw_rate(vel_body, yaw_rate, self.clock.now()), freq)
 
@@ -225,8 +246,8 @@ class UAV:
     ) -> None:
         """Send an attitude setpoint, then wait until 1/freq has passed since the last one.
 
-        att: for att_type "euler" roll, pitch, yaw [rad] (3,), for "quaternion" q_nb wxyz (4,).
-        thrust: [N], clamped to what the vehicle has. freq: [Hz].
+        att: roll, pitch, yaw [rad] (3,) for att_type "euler"; q_nb wxyz (4,) for att_type "quaternion".
+        thrust: [N], clamped to the thrust that the vehicle can produce. freq: [Hz].
         """
         q_nb = attitude(att, att_type)
         self._send(self._control.encoder.att_thrust(q_nb, self._normalised(thrust), self.clock.now()), freq)
@@ -234,7 +255,8 @@ class UAV:
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
         """Send a rate setpoint, then wait until 1/freq has passed since the last one.
 
-        ang_vel: body rates [rad/s] [FRD] (3,). thrust: [N], clamped to what the vehicle has. freq: [Hz].
+        ang_vel: body rates [rad/s] [FRD] (3,). thrust: [N], clamped to the thrust that the vehicle can
+        produce. freq: [Hz].
         """
         rates = vector(ang_vel, "ang_vel")
         self._send(
@@ -242,9 +264,11 @@ class UAV:
         )
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint for PX4 up to v1.13, then wait 1/freq. Raises CommandRefusedError for other autopilots.
+        """Send an actuator setpoint for PX4 up to v1.13, then wait until 1/freq has passed since the last
+        one.
 
         group: mixer group 0..3. output: up to 8 numbers -1..1 [-]. freq: [Hz].
+        Raises CommandRefusedError for other autopilots.
         """
         message = self._control.encoder.act(group, output, self.clock.now())
         period_s(freq)
@@ -262,7 +286,7 @@ class UAV:
         self._send(message, freq)
 
     def close(self) -> None:
-        """Close the connection. Nothing is commanded: a vehicle in the air meets its offboard failsafe."""
+        """Close the connection. No command is sent: a vehicle in the air enters its offboard failsafe."""
         self._connection.close()
         self._heartbeat.close()
 
@@ -283,7 +307,7 @@ class UAV:
         self.clock.sleep_until(self._due)
 
     def _normalised(self, thrust: ArrayLike) -> float:
-        """Return a thrust [N] as 0..1 at the present speed, or at rest when the speed is unknown."""
+        """Convert a thrust [N] to 0..1, at the current speed, or at speed zero if the speed is unknown."""
         newtons = max(0.0, scalar(thrust, "thrust"))
         try:
             speed = float(np.linalg.norm(self.ekf.vel))

@@ -1,4 +1,4 @@
-"""Commands with confirmation, and the check that the program still has its vehicle."""
+"""Commands that wait for their confirmation, and the check that the program still controls its vehicle."""
 
 from __future__ import annotations
 
@@ -41,9 +41,10 @@ _MAX_SILENCE = 2.0  # in multiples of stale_s: 1 s by default, as the autopilot'
 
 
 class VehicleControl:
-    """Commands and setpoints of one vehicle. Everything here runs in the caller's own call.
+    """Commands and setpoints of one vehicle. All messages are sent in the calls of the user program.
 
-    heartbeat: sent in each call. run: the run folder, which records who took the vehicle; None without one.
+    heartbeat: sender of the program's heartbeat, called in each method.
+    run: the run folder, which records who took control of the vehicle; None without one.
     """
 
     def __init__(
@@ -66,9 +67,10 @@ class VehicleControl:
         self._holding_since = math.inf
 
     def guard(self) -> None:
-        """Raise OffboardLostError after a change out of OFFBOARD, or a disarming, that the program did not command.
+        """Check that the program still controls the vehicle.
 
-        Raises StaleDataError when the autopilot is silent.
+        Raises OffboardLostError if the vehicle left OFFBOARD or was disarmed without a command of the
+        program. Raises StaleDataError if the autopilot is silent.
         """
         self._connection.refresh()
         heart, last = self._source.telemetry.heartbeat, self._source.telemetry.received_at
@@ -91,31 +93,36 @@ class VehicleControl:
         self._armed = heart.armed
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Send a setpoint, if the program still has the vehicle."""
+        """Send a setpoint, if the program still controls the vehicle."""
         self._heartbeat.beat()
         self.guard()
         self._connection.send(message)
 
     def arm(self) -> None:
-        """Arm, confirmed by the heartbeat."""
+        """Arm, and wait until the heartbeat confirms it."""
         self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arming")
         self._confirm(lambda: self._has_state(armed=True), "armed")
         self._armed = True
 
     def disarm(self) -> None:
-        """Disarm, confirmed by the heartbeat."""
+        """Disarm, and wait until the heartbeat confirms it."""
         offboard, self._offboard = self._offboard, False  # a disarming that was requested is no loss
         self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,), "disarming")
         self._confirm(lambda: self._has_state(armed=False), "disarmed")
         self._offboard, self._armed = offboard, False
 
     def enter_offboard(self) -> None:
-        """Stream the present position, then request OFFBOARD until it is confirmed. The stream never pauses."""
+        """Send the current position as setpoint, and request OFFBOARD until it is confirmed. Setpoints are
+        sent all the time.
+        """
         self._begin()
         self._enter()
 
     def start_mission(self) -> None:
-        """Wait until the vehicle is ready, enter OFFBOARD, arm: each confirmed, with setpoints throughout."""
+        """Wait until the vehicle is ready, enter OFFBOARD and arm. Wait for the confirmation of each step.
+
+        Setpoints are sent all the time.
+        """
         self._begin()
         if self._wait(lambda: self._source.telemetry.received_at is not None, READY_TIMEOUT_S):
             # heartbeats come once a second: without this, two programs could take off a second apart
@@ -131,7 +138,8 @@ class VehicleControl:
     def wait_until(self, done: Callable[[], T], timeout_s: float) -> T | None:
         """Wait until done() is true and return its value; None after the timeout [s].
 
-        In OFFBOARD the vehicle holds its present position meanwhile. Raises OffboardLostError when the program loses it.
+        In OFFBOARD the vehicle holds its position while it waits. Raises OffboardLostError if the program
+        loses control.
         """
         self._hold = None
         return self._wait(done, timeout_s, stream=self._offboard)
@@ -139,7 +147,8 @@ class VehicleControl:
     def land(self) -> None:
         """Enter AUTO.LAND and wait until the vehicle is on the ground and disarmed.
 
-        Raises NotConfirmedError after 60 s, OffboardLostError when the vehicle leaves AUTO.LAND in the air.
+        Raises NotConfirmedError after 60 s. Raises OffboardLostError if the vehicle leaves AUTO.LAND in the
+        air.
         """
         if self._is_down():
             return
@@ -157,7 +166,7 @@ class VehicleControl:
             )
 
     def request_version(self) -> tuple[int, int, int] | None:
-        """Return the autopilot's release, None when it does not report one."""
+        """Return the autopilot's release, None if the autopilot does not report one."""
         telemetry = self._source.telemetry
         if telemetry.version is None:
             request = (float(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),)
@@ -179,7 +188,7 @@ class VehicleControl:
         self._offboard = True
 
     def _begin(self) -> None:
-        """Forget an earlier loss: the program takes the vehicle again."""
+        """Reset the state of an earlier loss of control, because the program now takes control again."""
         self._lost, self._hold, self._holding_since = "", None, math.inf
         self._offboard = self._armed = False
 
@@ -193,7 +202,9 @@ class VehicleControl:
                     raise
 
     def _command(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> None:
-        """Send a command until it is answered, with MAVLink's confirmation counter. Raises CommandRefusedError."""
+        """Send a command until it is answered, with MAVLink's confirmation counter. Raises
+        CommandRefusedError.
+        """
         self._connection.refresh()
         self._source.telemetry.acks.clear()
         for confirmation in range(_TRIES):
@@ -206,7 +217,9 @@ class VehicleControl:
         )
 
     def _answer(self, number: int) -> int | None:
-        """Return the result of the command plus one, so that ACCEPTED is true; None before the answer."""
+        """Return the result of the command plus one, so that ACCEPTED (0) counts as true; None before the
+        answer.
+        """
         for ack in list(self._source.telemetry.acks):
             for_us = ack.command == number and ack.target == self._own_address
             if for_us and ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
@@ -227,14 +240,16 @@ class VehicleControl:
             raise NotConfirmedError(f"{self._source.ns}: {late}: {self._state()}")
 
     def _request_heartbeat(self) -> None:
-        """Request a heartbeat now, instead of waiting up to 1 s for the next one. The acknowledgement is not used."""
+        """Request a heartbeat now, instead of waiting up to 1 s for the next one. The acknowledgement of the
+        request is not checked.
+        """
         heartbeat = (float(mavlink.MAVLINK_MSG_ID_HEARTBEAT),)
         self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> T | None:
-        """Wait until done() is true, streaming setpoints, and return its value; None after the timeout.
+        """Wait until done() is true, while sending setpoints, and return its value; None after the timeout.
 
-        Raises OffboardLostError when the program loses the vehicle meanwhile.
+        Raises OffboardLostError if the program loses control of the vehicle.
         """
         rate = self._clock.rate(STREAM_HZ)
         end = self._clock.now() + timeout_s
@@ -252,7 +267,9 @@ class VehicleControl:
                 return None
 
     def _stream_hold(self) -> None:
-        """Send one setpoint that holds the position. On the ground it follows the estimate; in the air it is fixed."""
+        """Send one setpoint that holds the position: the current position on the ground, a fixed position in
+        the air.
+        """
         telemetry, stale = self._source.telemetry, self._source.stale_s
         local, attitude, heart = telemetry.local, telemetry.attitude, telemetry.heartbeat
         if local is None or attitude is None or heart is None:
@@ -307,7 +324,7 @@ class VehicleControl:
         return f"; autopilot: {'; '.join(texts[-3:])}" if texts else ""
 
     def _cause(self) -> str:
-        """Return who or what took the vehicle, in words."""
+        """Return the cause of the loss of control, as text."""
         worst = mavlink.MAV_SEVERITY_WARNING
         texts = self._source.telemetry.recent_texts(self._source.now() - _TEXTS_S, worst)
         return cause_of_loss(self._source.ns, texts, self._run, time.monotonic())

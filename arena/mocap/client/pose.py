@@ -29,7 +29,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class CapturedFrame:
-    """One frame of motion capture.
+    """Frame of motion capture: the poses of one exposure.
 
     number: frame number. time_s: time of the exposure, by the server's clock [s].
     poses: poses of the tracked bodies. untracked: names of the bodies that are not tracked.

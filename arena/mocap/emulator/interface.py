@@ -29,7 +29,7 @@ class MeasuredBody:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFrame:
-    """One exposure of the cameras. number: frame number. exposed_s: time of the exposure [s]."""
+    """Exposure of all cameras. number: frame number. exposed_s: time of the exposure [s]."""
 
     number: int
     exposed_s: float

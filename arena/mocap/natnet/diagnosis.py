@@ -11,7 +11,7 @@ from arena.mocap.natnet.codec import ServerInfo
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What a client has observed in the last seconds.
+    """Observations of a client in the last seconds.
 
     no_network: reason why no socket is open, "" if the sockets are open.
     answered: the server's description of itself, None if the server has not answered.
