@@ -1,4 +1,4 @@
-"""The built-in, PX4-compatible autopilot, batched over vehicles and stepped by the world."""
+"""The built-in, PX4-compatible autopilot. The world steps it; all vehicles are computed as one batch."""
 
 from arena.autopilot.autopilots import Autopilots
 

@@ -1,8 +1,10 @@
 """The built-in autopilots of all simulated vehicles, stepped together. No sockets, no clock.
 
-They keep PX4's contract as seen from outside; docs/builtin-autopilot.md lists the differences. One step:
-external vision -> estimator -> (every fifth step) land detector, commanders, modes -> controllers -> control
-allocation -> telemetry.
+Their behaviour as seen from outside is PX4's; docs/builtin-autopilot.md lists the differences. One step runs,
+in
+this order: fusion of external vision, estimator, (every fifth step) land detector, commanders and flight
+    modes,
+then controllers, control allocation and telemetry.
 """
 
 from __future__ import annotations
@@ -37,11 +39,11 @@ _IDLE = 0.1  # motor command of an armed vehicle on the ground
 
 
 class Autopilots:
-    """Autopilots of V vehicles.
+    """Built-in autopilots of V vehicles with at most R rotors each.
 
-    settings: the world's settings, with `vehicles`
+    settings: settings of the world, with the list `vehicles`
     dt: sensor period [s]
-    armed: (V,)
+    armed: True for each armed vehicle (V,)
     motors: motor commands 0..1 (V, R)
     thrust: collective thrust 0..1 (V,)
     """
@@ -87,18 +89,22 @@ class Autopilots:
     # -- interface to the world ------------------------------------------------------------------------------
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """Process a datagram that arrived on a link (router, vision, panic) of a vehicle."""
+        """Process a datagram that a vehicle received.
+
+        link: name of the link, `router`, `vision` or `panic`
+        """
         self.interfaces[vehicle].receive(link, data, self._now)
 
     def sticks(self, vehicle: int, on: bool) -> None:
-        """Switch the simulated radio of a vehicle on or off. Its sticks are centred."""
+        """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
         self._radio_on[vehicle] = on
 
     def step(self, now: float, sensors: Mapping[str, Array]) -> Array:
-        """Advance by one sensor period, which ends at now [s]; return the motor commands 0..1 (V, R).
+        """Advance by one sensor period; return the motor commands 0..1 (V, R).
 
+        now: time at the end of the period [s]
         sensors: accel_b [m/s2], gyro_b [rad/s], mag_b [gauss] [FRD] (V, 3); baro_alt_m [m], battery_v [V],
-        battery_current_a [A], battery_remaining 0..1 (V,)
+            battery_current_a [A], battery_remaining 0..1 (V,)
         """
         self._now = now
         self._sensors = sensors
@@ -111,7 +117,7 @@ class Autopilots:
         return self.motors
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the datagrams to send after this step, as (vehicle, link, datagram)."""
+        """Return the datagrams to send after this step, as (row of the vehicle, link, datagram)."""
         now = self._now
         self._telemetry = state = TelemetryState(
             now,
@@ -131,12 +137,12 @@ class Autopilots:
         return [(x.vehicle.row, link, data) for x in active for link, data in x.take_datagrams()]
 
     def events(self) -> list[str]:
-        """Return the events since the last call."""
+        """Return the event lines since the last call."""
         found, self._events = self._events, []
         return found
 
     def stats(self) -> dict[str, Any]:
-        """Return mode, arming and counts of received and refused messages, by vehicle name."""
+        """Return flight mode, arming state and counts of received and refused messages, by vehicle name."""
         return {
             name: {
                 "mode": v.commander.mode.label,
@@ -242,7 +248,7 @@ class Autopilots:
         v.landed_state = _landed_state(c, s)
 
     def _stay_disarmed(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Clear the setpoint, set the first home position, and align the estimator again if it is wrong."""
+        """Clear the setpoint, set the first home position, realign the estimator if it rejects poses."""
         i = v.row
         self.sp.clear(i)
         self.tasks[i].mode = None
@@ -257,7 +263,7 @@ class Autopilots:
             v.reboot_requested = False
 
     def _fly(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Write the setpoint of the present mode of an armed vehicle."""
+        """Write the setpoint for the current flight mode of an armed vehicle."""
         c, i, task = v.commander, v.row, self.tasks[v.row]
         if not self.armed[i]:
             v.set_home_to_current_position()
@@ -310,7 +316,7 @@ class Autopilots:
 
 
 def _landed_state(c: Commander, s: CommanderInputs) -> int:
-    """Return the MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
+    """Return the vehicle's MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing."""
     if s.landed or not c.armed:
         return 1
     if not s.flying:

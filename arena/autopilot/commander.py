@@ -1,9 +1,8 @@
-"""Flight mode, arming and failsafes of one vehicle: decisions on plain values.
+"""Flight mode, arming and failsafes of one vehicle.
 
-No arrays, no messages, no clock.
-
-`Autopilots` calls `update` 50 times a second; requests from outside call `request_mode`, `arm` and `disarm`.
-Messages for people are appended to `texts` as (MAV_SEVERITY, text), as PX4 sends them in STATUSTEXT.
+The commander decides from plain values: no arrays, no messages, no clock. `Autopilots` calls `update` 50
+times a second. Requests from clients call `request_mode`, `arm` and `disarm`. Texts for the user are appended
+to `texts` as (MAV_SEVERITY, text); the MAVLink interface sends them as STATUSTEXT, as PX4 does.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ EMERGENCY, CRITICAL, WARNING, NOTICE, INFO = 0, 2, 4, 5, 6  # MAV_SEVERITY
 
 
 class Mode(Enum):
-    """PX4's flight modes: main and sub mode of its custom_mode, and the name that MAVROS shows."""
+    """Flight mode of PX4: main mode and sub mode of its custom_mode, and the name that MAVROS shows."""
 
     MANUAL = (1, 0, "MANUAL")
     ALTCTL = (2, 0, "ALTCTL")
@@ -35,7 +34,7 @@ class Mode(Enum):
 
     @property
     def custom_mode(self) -> int:
-        """HEARTBEAT.custom_mode."""
+        """Value of the field custom_mode in HEARTBEAT."""
         main, sub, _ = self.value
         return main << 16 | (sub % 100) << 24
 
@@ -46,7 +45,7 @@ class Mode(Enum):
 
 
 def mode_of(main: int, sub: int) -> Mode | None:
-    """Return the flight mode of a custom main and sub mode, or None if PX4 has no such mode."""
+    """Return the flight mode with these PX4 main and sub mode numbers, or None if PX4 has no such mode."""
     return next((m for m in Mode if m.value[:2] == (main, sub if main == 4 else 0) and sub < 100), None)
 
 
@@ -72,14 +71,14 @@ _NOT_ARMABLE = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}
 
 @dataclass(slots=True)
 class Commander:
-    """Mode, arming and failsafe state of one vehicle.
+    """Flight mode, arming state and failsafe state of one vehicle.
 
-    mode: the flight mode that is flown
+    mode: the current flight mode
     intended: the flight mode that was requested last
     armed_since: time of arming [s], infinite while disarmed
-    took_off: a take-off was detected since arming
-    failsafe: reason of the active failsafe, "" if none
-    texts: messages for people, (MAV_SEVERITY, text), removed by the sender
+    took_off: True if a take-off was detected since arming
+    failsafe: reason of the active failsafe, "" if none is active
+    texts: messages for the user, (MAV_SEVERITY, text); the MAVLink interface removes each when it sends it
     """
 
     name: str
@@ -103,8 +102,8 @@ class Commander:
     def request_mode(self, mode: Mode | None, s: CommanderInputs, params: CommanderParams) -> str:
         """Change the flight mode and return "", or return the reason of the refusal.
 
-        A disarmed vehicle may select every mode: its conditions are checked at arming. LAND is always
-        accepted.
+        A disarmed vehicle accepts every mode, because arming checks the conditions of the mode. LAND is
+        always accepted.
         """
         if mode is None or mode not in _REQUESTABLE:
             why = f"mode {mode.label} is not supported by the built-in autopilot" if mode else "no such mode"
@@ -136,7 +135,7 @@ class Commander:
         return "no valid mission available" if mode is Mode.MISSION and not s.mission_ok else ""
 
     def arm_checks(self, s: CommanderInputs, params: CommanderParams) -> list[str]:
-        """Return every reason to refuse arming; an empty list if arming is allowed."""
+        """Return every reason to refuse arming. The list is empty if arming is allowed."""
         offboard = self.mode is Mode.OFFBOARD
         position = self.mode in _NEEDS_POSITION or (offboard and s.offboard_needs_position)
         checks = [
@@ -184,7 +183,7 @@ class Commander:
         return ""
 
     def terminate(self, why: str) -> None:
-        """Stop the motors, in flight too."""
+        """Stop the motors, even in flight."""
         if self.mode is not Mode.TERMINATE:
             self._enter(Mode.TERMINATE, why)
             self.report(EMERGENCY, f"Flight termination: {why}")
@@ -195,7 +194,7 @@ class Commander:
     # -- 50 times a second -----------------------------------------------------------------------------------
 
     def update(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Detect the take-off, run the failsafe checks, disarm after the landing."""
+        """Detect the take-off, run the failsafe checks, and disarm after the landing."""
         if not self.armed:
             return
         if s.flying and not (s.landed or self.took_off):
@@ -217,7 +216,10 @@ class Commander:
         self._auto_disarm(s, params)
 
     def _check_attitude(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Terminate after FD_FAIL_R_TTRI beyond the tilt limit; a tumbling vehicle only passes through it."""
+        """Terminate the flight if the tilt exceeds its limit for FD_FAIL_R_TTRI.
+
+        The delay prevents a termination when the tilt exceeds the limit only for a moment.
+        """
         beyond = s.tilt_rad > params.fd_fail_rad and self.took_off
         self._tilted_since = (self._tilted_since or s.now) if beyond else None
         if (
@@ -228,10 +230,10 @@ class Commander:
             self.terminate("attitude failure")
 
     def _check_position(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Check the position. In OFFBOARD its loss counts as lost offboard control, as in PX4.
+        """Run the failsafe for a lost position estimate. In OFFBOARD the loss counts as lost offboard control, as in PX4.
 
-        COM_OBL_RC_ACT 6 (terminate) and 7 (disarm) act now; its other actions need a position, so the vehicle
-        descends.
+        COM_OBL_RC_ACT 6 (terminate) and 7 (disarm) are run at once. Its other actions need a position, so the
+        vehicle descends instead.
         """
         needs = self.mode in _NEEDS_POSITION or (self.mode is Mode.OFFBOARD and s.offboard_needs_position)
         if needs and not s.position_ok:
@@ -258,7 +260,7 @@ class Commander:
             self._act_after_hold(_home_or_land(s) if returns else Mode.LAND, s, params, "battery")
 
     def _check_fence(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run GF_ACTION once, when the fence is crossed. The pilot may then select another mode."""
+        """Run GF_ACTION once per geofence breach. After it the pilot may select another mode."""
         crossed, self._fence = s.fence and not self._fence, s.fence
         action = params.gf_action
         if not crossed or action == 0:
@@ -289,7 +291,7 @@ class Commander:
             self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
     def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run NAV_RCL_ACT once, when manual control is lost; not if it was never received."""
+        """Run the action of NAV_RCL_ACT once when manual control, received before, is lost."""
         self._had_manual_control = self._had_manual_control or s.manual_control
         excepted = _EXCEPTION_BIT.get(self.intended, 0) & params.com_rcl_except
         lost = (
@@ -303,7 +305,7 @@ class Commander:
             self._act_on_link_loss(params.nav_rcl_act, s, params, "manual control lost")
 
     def _act_on_link_loss(self, action: int, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Run the action of NAV_DLL_ACT or NAV_RCL_ACT, unless a more severe mode is flown already."""
+        """Run the action of NAV_DLL_ACT or NAV_RCL_ACT, unless the current mode is already more severe."""
         reaction = {1: Mode.HOLD, 2: _home_or_land(s), 3: Mode.LAND, 5: Mode.TERMINATE}.get(action)
         if action == 6:
             self._disarm_by_failsafe(s, why)
@@ -317,9 +319,9 @@ class Commander:
         self.disarm(s, force=True, why="by failsafe")
 
     def _act_after_hold(self, mode: Mode, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Hold for COM_FAIL_ACT_T, then enter the mode; at once if a failsafe is active.
+        """Hold for COM_FAIL_ACT_T, then enter the mode. Skip the hold if a failsafe is already active.
 
-        During the hold the pilot may take over.
+        During the hold the pilot may select another mode.
         """
         waits = params.com_fail_act_t > 0 and mode not in (Mode.HOLD, Mode.TERMINATE) and s.position_ok
         if not waits or (self.failsafe and self.mode is not Mode.HOLD):
@@ -364,7 +366,7 @@ class Commander:
 
 
 def _home_or_land(s: CommanderInputs) -> Mode:
-    """Return RTL if its conditions hold, else LAND."""
+    """Return mode RTL if its conditions are met, else LAND."""
     return Mode.RTL if s.global_ok and s.home_ok and s.position_ok else Mode.LAND
 
 

@@ -1,7 +1,4 @@
-"""Inputs of the commander: the measured state of the vehicle, its parameters, and the pilot's manual control.
-
-Pure.
-"""
+"""Inputs of the commander: the vehicle's measured state, its parameters, and manual control. Pure."""
 
 from __future__ import annotations
 
@@ -19,24 +16,25 @@ RADIO, JOYSTICK, EITHER, FIRST, NO_MANUAL_CONTROL = range(5)
 
 @dataclass(slots=True, kw_only=True)
 class CommanderInputs:
-    """State of one vehicle at one decision.
+    """State of one vehicle at one decision of the commander.
 
     now: time since boot [s]
-    xy_valid, z_valid, yaw_valid: the estimate of horizontal position, height, heading may be flown on
-    landed: the land detector reports the ground
-    flying: the take-off is complete
+    xy_valid, z_valid, yaw_valid: whether the estimated horizontal position, height and heading are good
+        enough to fly
+    landed: True if the land detector detects the ground
+    flying: True if the take-off is complete
     tilt_rad: angle between body z and down [rad]
     battery: remaining charge 0..1
     offboard_age: time since the last offboard setpoint [s]
-    offboard_needs_position: the last offboard setpoint asks for a position or velocity
+    offboard_needs_position: True if the last offboard setpoint contains a position or velocity
     gcs_age: time since the last heartbeat of a ground station [s]
-    aligned: the estimator has its initial attitude
-    global_ok: position and origin are valid
-    home_ok: the home position is set
-    mission_ok: a feasible mission is stored
-    fence: the violated geofence rule in PX4's words, "" inside
-    poses_rejected: the newest pose contradicts the estimate
-    manual_control: the pilot's sticks are received
+    aligned: True if the estimator has its initial attitude
+    global_ok: True if position and origin are valid
+    home_ok: True if the home position is set
+    mission_ok: True if a feasible mission is stored
+    fence: PX4's text for the violated geofence rule, "" if no rule is violated
+    poses_rejected: True if the newest pose contradicts the estimate
+    manual_control: True if the pilot's sticks are received
     """
 
     now: float = 0.0
@@ -66,7 +64,7 @@ class CommanderInputs:
 
 @dataclass(slots=True, kw_only=True)
 class CommanderParams:
-    """Parameters of arming checks and failsafes, by PX4's names in lower case.
+    """Parameters of arming checks and failsafes, named as in PX4 but in lower case.
 
     fd_fail_rad: the smaller of FD_FAIL_R and FD_FAIL_P that is not 0 [rad], infinite if both are 0
     fd_fail_s: FD_FAIL_R_TTRI [s]
@@ -95,7 +93,7 @@ class CommanderParams:
 
     @classmethod
     def read(cls, params: Params, row: int) -> CommanderParams:
-        """Return the values of the vehicle in a row of the parameter table."""
+        """Read the values of one vehicle. row: row of the vehicle in the parameter table."""
 
         def get(name: str) -> float:
             return float(params[name][row])
@@ -127,11 +125,11 @@ class CommanderParams:
 
 @dataclass(slots=True)
 class ManualControl:
-    """The pilot's sticks.
+    """Reception of the pilot's sticks.
 
-    The built-in autopilot knows only whether they are received; it never flies by them.
+    The built-in autopilot records only that sticks are received. It has no manual flight mode.
 
-    radio: time of the last RC_CHANNELS_OVERRIDE or sample of the simulated radio [s]
+    radio: time of the last RC_CHANNELS_OVERRIDE or of the last sample of the simulated radio [s]
     joystick: time of the last MANUAL_CONTROL [s]
     """
 
@@ -140,15 +138,19 @@ class ManualControl:
     _first: ManualControlSource | None = None
 
     def receive(self, source: ManualControlSource, now: float) -> None:
-        """Record that a source was received at now [s]."""
+        """Record that manual control was received.
+
+        source: `radio` or `joystick`
+        now: time since boot [s]
+        """
         setattr(self, source, now)
         self._first = self._first or source
 
     def is_available(self, now: float, in_mode: int, loss_s: float) -> bool:
-        """Return whether the source selected by COM_RC_IN_MODE was received within COM_RC_LOSS_T.
+        """Return whether manual control was received within the last loss_s seconds.
 
-        in_mode: COM_RC_IN_MODE
-        loss_s: COM_RC_LOSS_T [s]
+        in_mode: value of COM_RC_IN_MODE, which selects the source (radio or joystick)
+        loss_s: value of COM_RC_LOSS_T [s]
         """
         radio, joystick = now - self.radio <= loss_s, now - self.joystick <= loss_s
         first = radio if self._first == "radio" else joystick

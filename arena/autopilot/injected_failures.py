@@ -1,7 +1,7 @@
-"""Failures injected into one vehicle by MAV_CMD_INJECT_FAILURE.
+"""Failures that a client injects into one vehicle with MAV_CMD_INJECT_FAILURE.
 
-PX4 v1.16 SITL does not acknowledge a unit or type that it does not support. Here every command is
-acknowledged.
+PX4 v1.16 SITL sends no acknowledgement for a unit or type that it does not support. The built-in autopilot
+acknowledges every command.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _MAX_MOTORS = 12
 
 @dataclass(slots=True)
 class InjectedFailures:
-    """Failures of one vehicle: barometer, external vision, battery (reads empty), motors (by index)."""
+    """Active failures of one vehicle: barometer, external vision, battery (reads empty), motors by index."""
 
     baro: bool = False
     vision: bool = False
@@ -31,7 +31,7 @@ class InjectedFailures:
         """Inject or clear one failure and return the MAV_RESULT.
 
         p: FAILURE_UNIT, FAILURE_TYPE (OK or OFF) and instance, 0 for all instances
-        enabled: SYS_FAILURE_EN
+        enabled: whether SYS_FAILURE_EN allows failures
         """
         if not enabled:
             return DENIED

@@ -185,7 +185,10 @@ SPECS: dict[str, Spec] = {
 
 
 class Params:
-    """Parameter values of all vehicles. version: increases with each write."""
+    """Parameter values of all vehicles.
+
+    version: increases with each write
+    """
 
     def __init__(self, vehicles: int) -> None:
         self._values: dict[str, Array] = {
@@ -200,7 +203,7 @@ class Params:
         return self._values[name]
 
     def columns(self, *names: str) -> Array:
-        """Return a new array of several parameters (V, len(names))."""
+        """Return the values of several parameters as one new array (V, len(names))."""
         return np.stack([self._values[name] for name in names], axis=-1)
 
     def __contains__(self, name: object) -> bool:
@@ -210,7 +213,7 @@ class Params:
         return iter(self.names)
 
     def set(self, vehicle: int, name: str, value: float) -> None:
-        """Write one value.
+        """Write one parameter of one vehicle.
 
         Raises KeyError for an unknown name, ValueError for a value that is not finite or out of range.
         """
@@ -223,9 +226,9 @@ class Params:
         self.version += 1
 
     def load(self, vehicle: int, values: Mapping[str, float]) -> list[str]:
-        """Write several values; return one message for each that was refused.
+        """Write several parameters of one vehicle; return one message per refused value.
 
-        PX4 prints such a message and boots.
+        As in PX4, a refused value does not prevent the boot.
         """
         problems = []
         for name, value in values.items():

@@ -1,9 +1,8 @@
-"""Reading of PX4 startup scripts, as far as the stand-in supports them. Reads the files; otherwise pure.
+"""Reader of PX4 startup scripts, as far as the PX4 stand-in supports them. Reads the files; otherwise pure.
 
-Supported lines: `. FILE`, `param set NAME VALUE`, `param set-default NAME VALUE`, `simulator_mavlink start`,
-    `mavlink start`.
-`mavlink stream` is ignored, because the built-in autopilot has its own rates. Every other line is reported
-as skipped.
+Supported lines: `. FILE`, `param set NAME VALUE`, `param set-default NAME VALUE`, `simulator_mavlink start`
+and `mavlink start`. `mavlink stream` is ignored, because the built-in autopilot has its own rates. Every
+other line is reported as skipped.
 """
 
 from __future__ import annotations
@@ -26,7 +25,11 @@ _ENV = "PX4_PARAM_"
 
 @dataclass(frozen=True, kw_only=True)
 class UdpLink:
-    """UDP link of the autopilot. local: its port; remote: address of its only partner."""
+    """UDP link of the autopilot.
+
+    local: local port
+    remote: address of the only partner
+    """
 
     name: str
     local: int
@@ -35,11 +38,11 @@ class UdpLink:
 
 @dataclass(kw_only=True)
 class Startup:
-    """Content of the startup scripts.
+    """Settings read from the startup scripts.
 
     simulator: address of the simulator API
     links: MAVLink links
-    params: values by PX4 name
+    params: parameter values by PX4 name
     skipped: lines that are not supported
     """
 
@@ -53,7 +56,8 @@ def read_startup(script: Path, env: Mapping[str, str]) -> Startup:
     """Read a startup script and the files that it sources.
 
     Raises InputError if a file is missing, a value is not a number, or no simulator is given.
-    script: path of the first script; sourced files lie beside it
+
+    script: path of the first script; sourced files are in the same folder
     env: environment; PX4_PARAM_<NAME>=VALUE sets a parameter that `set-default` does not override
     """
     found = Startup(
@@ -67,7 +71,7 @@ def read_startup(script: Path, env: Mapping[str, str]) -> Startup:
 
 
 def _lines(script: Path) -> Iterator[list[str]]:
-    """Yield the words of each line, and of the files that it sources."""
+    """Yield each line of the script and of the files that it sources, split into words."""
     try:
         text = script.read_text()
     except OSError as error:
@@ -108,9 +112,9 @@ def _open(found: Startup, options: Sequence[str]) -> None:
 
 
 def rotors(params: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return the rotors of CA_ROTOR* in the form of a profile. A positive KM turns counter-clockwise.
+    """Return the rotors defined by the CA_ROTOR* parameters, in the form of a profile.
 
-    Raises InputError without rotors.
+    A rotor with positive KM turns counter-clockwise. Raises InputError if no rotor is defined.
     """
     count = int(params.get("CA_ROTOR_COUNT", 0))
     if count < 1:

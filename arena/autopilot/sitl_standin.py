@@ -1,8 +1,9 @@
-"""The PX4 stand-in: the built-in autopilot behind PX4's simulator API, for machines without PX4.
+"""The PX4 stand-in: a process that replaces PX4 SITL on machines without PX4.
 
     python -m arena.autopilot.sitl_standin -d -i N [-s STARTUP] -w WORKDIR ROOTFS
 
-Command line, startup scripts, links and lockstep are PX4's. The differences: docs/howto/fly-px4.md.
+It runs the built-in autopilot behind PX4's simulator API. Command line, startup scripts, links and lockstep
+are PX4's. docs/howto/fly-px4.md lists the differences.
 """
 
 from __future__ import annotations
@@ -45,9 +46,10 @@ _BYTES = 65536
 
 
 class StandIn:
-    """Autopilot of one vehicle, without sockets: bytes of the simulator and datagrams of the links.
+    """Autopilot of one vehicle, without sockets. Input and output: simulator byte stream and link datagrams.
 
     The sensor period is the time between the first two samples.
+
     params: parameters set by the startup script and the environment
     """
 
@@ -62,7 +64,10 @@ class StandIn:
         self.armed = False
 
     def greeting(self) -> bytes:
-        """Return what PX4 sends after it connected: the requested rate of the true state, and a HEARTBEAT."""
+        """Return the bytes that PX4 sends to the simulator after it has connected.
+
+        They contain a request for the true state at a given rate, and a HEARTBEAT.
+        """
         request = mavlink.MAVLink_command_long_message(
             0,
             0,
@@ -87,11 +92,14 @@ class StandIn:
         return self._pack(request) + self._pack(heartbeat)
 
     def events(self) -> list[str]:
-        """Return the events since the last call."""
+        """Return the event lines since the last call."""
         return self._autopilot.events() if self._autopilot is not None else []
 
     def receive(self, link: str, data: bytes) -> None:
-        """Process a datagram that arrived on a link (router, vision, panic)."""
+        """Process a datagram that arrived on a link.
+
+        link: `router`, `vision` or `panic`
+        """
         if self._autopilot is not None:
             self._autopilot.receive(0, link, data)
 
@@ -104,9 +112,10 @@ class StandIn:
         )
 
     def receive_simulator(self, data: bytes) -> bytes:
-        """Process bytes of the simulator and return the reply.
+        """Process bytes from the simulator and return the reply.
 
-        The reply holds one HIL_ACTUATOR_CONTROLS for each sample, from the sample after FREE_RUN on.
+        The reply has one HIL_ACTUATOR_CONTROLS per sample. The first FREE_RUN samples get no reply, as from
+        PX4.
         """
         replies = b""
         for m in self._codec.parse_buffer(data) or []:
@@ -142,14 +151,14 @@ class StandIn:
         return Autopilots({"vehicles": [vehicle]}, dt)
 
     def _hold(self, m: Any) -> None:
-        """Store magnetometer and barometer, which not every sample contains."""
+        """Store magnetometer and barometer readings, because not every sample contains them."""
         if m.fields_updated & _MAG == _MAG:
             self._held["mag_b"] = np.array([[m.xmag, m.ymag, m.zmag]])
         if m.fields_updated & _BARO == _BARO:
             self._held["baro_alt_m"] = np.array([m.pressure_alt])
 
     def _sensors(self, m: Any) -> dict[str, Array]:
-        """Return the sensors as arrays, as the world provides them. The battery is always full."""
+        """Return the readings as arrays in the form of `Autopilots.step`. The battery is always full."""
         return {
             "accel_b": np.array([[m.xacc, m.yacc, m.zacc]]),
             "gyro_b": np.array([[m.xgyro, m.ygyro, m.zgyro]]),
@@ -174,7 +183,10 @@ class StandIn:
 
 
 class Shell:
-    """Sockets of the stand-in: TCP to the world, UDP for each link. The sensor samples are its only clock."""
+    """Sockets of the stand-in: TCP to the world, and one UDP socket per link.
+
+    The sensor samples are the only clock of the stand-in.
+    """
 
     def __init__(self, startup: Startup, core: StandIn) -> None:
         assert startup.simulator is not None
@@ -185,7 +197,7 @@ class Shell:
     def run(self) -> None:
         """Run until SIGTERM or SIGINT.
 
-        Like PX4, it neither ends nor reconnects when the simulator closes the stream.
+        If the simulator closes the connection, the process neither exits nor reconnects, as PX4 does not.
         """
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._stop)
@@ -222,7 +234,7 @@ class Shell:
         return None
 
     def _serve_samples(self, stream: socket.socket, selector: selectors.BaseSelector) -> bool:
-        """Wait for samples and reply; return False when the simulator has closed the stream."""
+        """Wait for samples and reply to them; return False if the simulator has closed the connection."""
         if not selector.select(_POLL_S):
             return True
         try:
@@ -265,9 +277,10 @@ class Shell:
 
 
 def _bind(port: int, partner: str) -> socket.socket:
-    """Return a UDP socket, on the address of the partner if that is a loopback address.
+    """Return a UDP socket bound to the port.
 
-    So arenas on different loopback addresses may use the same port.
+    If the partner has a loopback address, the socket is bound to that address only. So arenas on different
+    loopback addresses may use the same port.
     """
     host = partner if partner.startswith("127.") else "0.0.0.0"
     return listen_udp((host, port), "the PX4 stand-in")
@@ -276,7 +289,7 @@ def _bind(port: int, partner: str) -> socket.socket:
 def take_lock(instance: int, host: str) -> IO[bytes]:
     """Lock a file until this process ends.
 
-    Raises RunError if another stand-in has the same instance and address.
+    Raises RunError if another stand-in with the same instance and address is running.
     """
     path = Path(tempfile.gettempdir()) / f"arena-standin-{os.getuid()}-{host}-{instance}.lock"
     file = path.open("ab")
@@ -286,7 +299,9 @@ def take_lock(instance: int, host: str) -> IO[bytes]:
         file.close()
         if error.errno not in (errno.EAGAIN, errno.EACCES):
             raise
-        raise RunError(f"stand-in {instance} of {host} is already running ({path})") from None
+        raise RunError(
+            f"PX4 stand-in {instance} at {host} is already running: stop it first (lock file {path})"
+        ) from None
     return file
 
 
@@ -296,19 +311,21 @@ def main(argv: list[str] | None = None) -> int:
     try:
         return _serve(given)
     except ArenaError as error:
-        print(f"stand-in: {error}", file=sys.stderr, flush=True)
+        print(f"PX4 stand-in: {error}", file=sys.stderr, flush=True)
         return error.exit_code
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m arena.autopilot.sitl_standin", description=BANNER)
     parser.add_argument("-d", action="store_true", help="no shell; accepted for compatibility with PX4")
-    parser.add_argument("-i", type=int, default=0, metavar="N", help="instance")
+    parser.add_argument("-i", type=int, default=0, metavar="N", help="instance number")
     parser.add_argument(
         "-s", type=Path, metavar="STARTUP", help="startup script, default init.d-posix/rcS of ROOTFS"
     )
     parser.add_argument("-w", type=Path, default=Path(), metavar="WORKDIR", help="working folder")
-    parser.add_argument("rootfs", type=Path, metavar="ROOTFS", help="folder `etc` with the startup scripts")
+    parser.add_argument(
+        "rootfs", type=Path, metavar="ROOTFS", help="folder that contains the startup scripts"
+    )
     return parser.parse_args(argv)
 
 
@@ -318,7 +335,7 @@ def _serve(given: argparse.Namespace) -> int:
     script = given.w / (given.s or given.rootfs.absolute() / "init.d-posix" / "rcS")
     startup = read_startup(script, os.environ)
     for line in startup.skipped:
-        print(f"startup script: ignored, not supported by the stand-in: {line}")
+        print(f"startup script: line ignored, because the PX4 stand-in does not support it: {line}")
     assert startup.simulator is not None  # read_startup raises otherwise
     with take_lock(given.i, startup.simulator[0]) as lock:
         shell = Shell(startup, StandIn(f"instance {given.i}", startup.params))

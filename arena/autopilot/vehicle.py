@@ -1,10 +1,10 @@
-"""State of one vehicle of the built-in autopilot, and the requests on it.
+"""State of one vehicle of the built-in autopilot, and the requests that clients make to it.
 
 No MAVLink bytes, no sockets, no clock.
 
-`Autopilots` updates the measured state of each vehicle and flies it; `mavlink` turns messages into calls of
-the methods here and reads the state for telemetry. The dynamic state (estimate, setpoints, motors) is not
-here: it lies in arrays over all vehicles.
+`Autopilots` updates the measured state of each vehicle and flies it. The package `mavlink` translates
+messages into calls of the methods here, and reads the state for telemetry. The dynamic state (estimate,
+setpoints, motors) is kept in arrays over all vehicles, outside this class.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ Point = tuple[float, float, float]
 class RepositionTarget(NamedTuple):
     """Target of MAV_CMD_DO_REPOSITION. NaN keeps the present value.
 
-    lat, lon: [deg]
+    lat, lon: latitude, longitude [deg]
     alt: altitude AMSL [m]
-    yaw: [rad]
+    yaw: heading [rad]
     """
 
     lat: float
@@ -48,21 +48,21 @@ class RepositionTarget(NamedTuple):
 class Vehicle:
     """State of one vehicle.
 
-    row: its row in the arrays over all vehicles
-    system_id: its MAV_SYS_ID
+    row: row of the vehicle in the arrays over all vehicles
+    system_id: MAVLink system id (MAV_SYS_ID)
     now: time of the last datagram [s]
-    booted: the first decision was made, so commands can be decided
-    inputs, commander_params: what the commander decided on last
+    booted: True after the first decision; before it commands are rejected
+    inputs, commander_params: inputs of the commander's last decision
     aligned, ready_to_arm, landed_state: results of the last decision; landed_state is a MAV_LANDED_STATE
     vision: newest sample of external vision that is not fused yet
-    offboard_setpoint, offboard_setpoint_at: newest setpoint and its time [s]
+    offboard_setpoint, offboard_setpoint_at: newest offboard setpoint and its time [s]
     takeoff_target_d: height requested by NAV_TAKEOFF [m] [NED down], NaN for MIS_TAKEOFF_ALT
-    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
+    origin: latitude, longitude [deg], altitude AMSL [m] of the local frame, None if not set
     home_n, home_yaw: home position [m] [NED] (3,) and heading [rad]
-    reposition_target: not yet flown to
-    requested_speed: [m/s]; NaN for no request, -1 for the default
-    gcs_heartbeat_at: time of the last heartbeat of a ground station, on any link [s]
-    counts: what was received and what was refused, by kind
+    reposition_target: requested target to which the flight has not begun yet, None if there is none
+    requested_speed: requested cruise speed [m/s]; NaN if none is requested, -1 for the default
+    gcs_heartbeat_at: time of the last ground station heartbeat on any link [s]
+    counts: number of received and of refused messages, by kind
     """
 
     def __init__(self, row: int, name: str, system_id: int, params: Params, estimator: Estimator) -> None:
@@ -108,7 +108,11 @@ class Vehicle:
         return now - self.gcs_heartbeat_at
 
     def local_from_global(self, lat: float, lon: float, alt: float) -> Point | None:
-        """Return p_n [m] [NED] of a place, None without an origin. lat, lon: [deg]; alt: AMSL [m]."""
+        """Return p_n [m] [NED] of a global position, None if no origin is set.
+
+        lat, lon: latitude, longitude [deg]
+        alt: altitude AMSL [m]
+        """
         if self.origin is None:
             return None
         n, e = local(self.origin, lat, lon)
@@ -127,31 +131,34 @@ class Vehicle:
         return not self.commander.arm(self.inputs, self.commander_params, why=why)
 
     def disarm(self, *, force: bool) -> bool:
-        """Disarm on the ground, or anywhere with `force`; return whether the vehicle is disarmed."""
+        """Disarm; return whether the vehicle is disarmed. In the air this needs `force`."""
         return not self.commander.disarm(self.inputs, force=force)
 
     def terminate(self, why: str) -> None:
-        """Stop the motors, in flight too."""
+        """Stop the motors, even in flight."""
         self.commander.terminate(why)
 
     def _refresh_offboard(self) -> None:
-        """Update the age of the offboard setpoint to the time of the request.
+        """Update the age of the offboard setpoint, because a request for a mode or arming depends on it.
 
-        Clients request OFFBOARD right after their first setpoint, before the next decision.
+        Clients request OFFBOARD right after their first setpoint, before the next decision updates the age.
         """
         self.inputs.offboard_age = self.now - self.offboard_setpoint_at
         self.inputs.offboard_needs_position = self.offboard_needs_position
 
     def request_takeoff(self, altitude: float) -> bool:
-        """Enter TAKEOFF; return whether it was accepted. altitude: AMSL [m]; NaN or 0 for MIS_TAKEOFF_ALT."""
+        """Enter TAKEOFF; return whether the request was accepted.
+
+        altitude: target altitude AMSL [m]; NaN or 0 for MIS_TAKEOFF_ALT
+        """
         given = self.origin is not None and math.isfinite(altitude) and altitude != 0.0
         self.takeoff_target_d = self.origin[2] - altitude if self.origin and given else math.nan
         return self.request_mode(Mode.TAKEOFF)
 
     def request_reposition(self, target: RepositionTarget, speed: float) -> bool:
-        """Enter HOLD at the target; return whether it was accepted.
+        """Fly to the target and hold there; return whether the request was accepted.
 
-        speed: [m/s], not positive to keep the present one.
+        speed: cruise speed [m/s]; zero or a negative value keeps the present speed
         """
         accepted = self.request_mode(Mode.HOLD)
         if accepted and self.commander.armed:
@@ -160,30 +167,37 @@ class Vehicle:
         return accepted
 
     def set_home_to_current_position(self) -> None:
-        """Set home to the estimated position, if origin and position are valid; return whether they are."""
+        """Set home to the estimated position and heading. The caller checks that they are valid."""
         self.home_n, self.home_yaw = self._estimator.p_n[self.row].tolist(), self.yaw()
 
     def set_home_here(self) -> bool:
-        """Set home to the estimated position; return False without origin or valid position."""
+        """Set home to the estimated position; return False if the origin or the position is not valid."""
         known = self.origin is not None and self.inputs.xy_valid
         if known:
             self.set_home_to_current_position()
         return known
 
     def set_home_at(self, lat: float, lon: float, alt: float) -> bool:
-        """Set home to a latitude, longitude [deg] and altitude AMSL [m]; return False without an origin."""
+        """Set home to a latitude, longitude [deg] and altitude AMSL [m]; return False if no origin is set."""
         point = self.local_from_global(lat, lon, alt)
         self.home_n = list(point) if point else self.home_n
         return point is not None
 
     def set_origin(self, lat: float, lon: float, alt: float) -> None:
-        """Set the origin of the local frame, unless armed or invalid. lat, lon: [deg]; alt: AMSL [m]."""
+        """Set the origin of the local frame. Ignored while armed, and if a value is out of range.
+
+        lat, lon: latitude, longitude [deg]
+        alt: altitude AMSL [m]
+        """
         low, high = _ORIGIN_ALTITUDE_M
         if abs(lat) <= 90.0 and abs(lon) <= 180.0 and low < alt < high and not self.commander.armed:
             self.origin = (lat, lon, alt)
 
     def inject_failure(self, p: Sequence[float]) -> int:
-        """Run MAV_CMD_INJECT_FAILURE and return its MAV_RESULT. p: unit, type, instance."""
+        """Run MAV_CMD_INJECT_FAILURE and return its MAV_RESULT.
+
+        p: FAILURE_UNIT, FAILURE_TYPE and instance
+        """
         result = self.failures.inject(p, enabled=bool(self.params["SYS_FAILURE_EN"][self.row]))
         if result == 0:
             self.commander.report(
@@ -195,24 +209,29 @@ class Vehicle:
 
     @property
     def offboard_needs_position(self) -> bool:
-        """True if the newest offboard setpoint asks for a position or velocity."""
+        """True if the newest offboard setpoint contains a position or velocity."""
         return self.offboard_setpoint is not None and self.offboard_setpoint.needs_position
 
     def set_offboard_setpoint(self, setpoint: OffboardSetpoint, now: float) -> None:
-        """Store a setpoint received at now [s]."""
+        """Store an offboard setpoint. now: time of its arrival [s]."""
         self.offboard_setpoint, self.offboard_setpoint_at = setpoint, now
 
     def refuse_offboard_setpoint(self, reason: str) -> None:
-        """Count a refused setpoint and report one in 100. reason: "" counts only."""
+        """Count a refused setpoint, and report one in 100 to the user.
+
+        reason: reason of the refusal; "" is counted but not reported
+        """
         self.counts["refused setpoint"] += 1
         if reason and self.counts["refused setpoint"] % _REPORT_EVERY_REFUSED == 1:
             self.commander.report(CRITICAL, f"Setpoint ignored: {reason}")
 
     def set_vision(self, sample: VisionSample | None) -> None:
-        """Store a sample of external vision for the next fusion. None counts a refused one.
+        """Store a sample of external vision for the next fusion.
 
-        In flight a pose that repeats the last one bit by bit is dropped: no measurement repeats, so the
-        source is frozen.
+        In flight a pose identical to the last one is dropped. Two measurements are never identical, so the
+        source must be frozen.
+
+        sample: None for a refused sample, which is only counted
         """
         last = self._last_vision
         if sample and self.inputs.flying and last and (sample.p_n, sample.q_nb) == (last.p_n, last.q_nb):

@@ -209,7 +209,7 @@ def test_a_second_stand_in_is_refused_by_the_lock(
     env = {**os.environ, **{f"PX4_PARAM_{k}": param_text(v) for k, v in settings["params"].items()}}
     argv = [*settings["argv"], "-d", "-i", "6", "-w", str(folder), str(folder / "etc")]
     second = subprocess.run(argv, env=env, capture_output=True, text=True, timeout=120, check=False)
-    assert second.returncode == 1 and f"stand-in 6 of {world.address} is already running" in second.stderr
+    assert second.returncode == 1 and f"stand-in 6 at {world.address} is already running" in second.stderr
 
 
 def test_px4_folder_links_all_but_the_arenas_scripts(tmp_path: Path, settings: dict[str, Any]) -> None:

@@ -1,7 +1,7 @@
-"""Control allocation: torques and thrust to motor commands, batched over vehicles. Pure.
+"""Control allocation: computes motor commands from torques and thrust, batched over vehicles. Pure.
 
-The weights come from the vehicle's class (`arena.vehicle_models`). When motors saturate, first the thrust is reduced,
-then roll and pitch by a common factor, then yaw: tilt has priority over heading.
+The weights come from the vehicle's class (`arena.vehicle_models`). When motors saturate, the thrust is
+reduced first, then roll and pitch by a common factor, then yaw, because tilt has priority over heading.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ Array = NDArray[np.float64]
 
 
 class ControlAllocator:
-    """Control allocation of V vehicles.
+    """Control allocation of V vehicles with at most R rotors each.
 
     rows: weights from `VehicleModel.allocation`, zero for rotors that a vehicle does not have (V, R, 3)
-    present: which rotors exist (V, R)
+    present: True for each rotor that exists (V, R)
     """
 
     def __init__(self, rows: Array, present: NDArray[np.bool_]) -> None:
@@ -24,10 +24,10 @@ class ControlAllocator:
         self._tilt_rows, self._yaw_rows = rows[:, :, :2].copy(), rows[:, :, 2].copy()
 
     def allocate(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
-        """Return the motor commands 0..1 (V, R), and the signs of the torque that was not delivered (V, 3).
+        """Return the motor commands 0..1 (V, R), and the sign of the torque that saturation removed (V, 3).
 
         torque: normalised roll, pitch, yaw torque [-] [FRD] (V, 3)
-        thrust: collective 0..1 (V,)
+        thrust: collective thrust 0..1 (V,)
         """
         tilt = (self._tilt_rows @ torque[:, :2, None])[:, :, 0]
         high, low = tilt.max(1), tilt.min(1)

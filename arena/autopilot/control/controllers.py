@@ -1,11 +1,12 @@
 """Cascaded controllers from position to torques, batched over vehicles.
 
-Structure and parameter names are PX4's.
+Structure and parameter names are PX4's:
 
-position P -> velocity PID -> acceleration -> thrust vector and attitude -> attitude P on the quaternion ->
-rate PID.
-Attitude law: Brescianini, Hehn, D'Andrea, "Nonlinear quadrocopter attitude control", ETH, 2013 (tilt first,
-    yaw weighted).
+    position P -> velocity PID -> acceleration -> thrust vector and attitude -> attitude P on the quaternion
+    -> rate PID
+
+Attitude law: Brescianini, Hehn, D'Andrea, "Nonlinear quadrocopter attitude control", ETH, 2013. It corrects
+the tilt first and weights yaw less.
 """
 
 from __future__ import annotations
@@ -68,7 +69,11 @@ class PositionControl:
         self._v_dot[which] = 0.0
 
     def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
-        """Return attitude setpoint [-] wxyz (V, 4) and collective thrust 0..1 (V,) of position setpoints."""
+        """Return the attitude setpoint [-] wxyz (V, 4) and collective thrust 0..1 (V,).
+
+        sp: setpoints; those at position level are used
+        est: estimator of all vehicles
+        """
         if self._version != self.params.version:
             self._read_params()
         self._v_dot += self._lp * ((est.v_n - self._v_last) / self.dt - self._v_dot)
@@ -95,10 +100,10 @@ class PositionControl:
         return np.where(has_p | has_v, v, np.nan)
 
     def _to_thrust(self, a_sp: Array) -> None:
-        """Set the thrust vector of an acceleration setpoint.
+        """Compute the thrust vector from an acceleration setpoint.
 
-        The tilt is limited first. Vertical thrust has priority over horizontal thrust, except for
-        MPC_THR_XY_MARG.
+        The tilt is limited first. Vertical thrust has priority over horizontal thrust, except for a margin of
+        MPC_THR_XY_MARG for horizontal thrust.
         """
         body_z = -a_sp
         body_z[:, 2] = GRAVITY_M_S2
@@ -124,8 +129,8 @@ class PositionControl:
     def _integrate(self, error: Array, a_sp: Array) -> None:
         """Integrate the velocity error, with anti-windup.
 
-        The vertical integral stops where the thrust saturates; the horizontal one tracks the thrust that was
-        produced.
+        The vertical integral is frozen while the thrust saturates. The horizontal integral tracks the thrust
+        that was produced.
         """
         e = error.copy()
         z, thrust_z = e[:, 2], self.thrust_n[:, 2]
@@ -141,10 +146,10 @@ class PositionControl:
 
 
 def attitude_from_thrust(thrust_n: Array, yaw: Array) -> Array:
-    """Return the attitude with body z opposite to the thrust and a given heading; wxyz, w >= 0 (V, 4).
+    """Return the attitude wxyz, w >= 0 (V, 4), whose body z axis is opposite to the thrust.
 
     thrust_n: thrust vector [-] [NED] (V, 3)
-    yaw: [rad] (V,)
+    yaw: heading of the attitude [rad] (V,)
     """
     x, y, z = -thrust_n.T
     cos, sin = np.cos(yaw), np.sin(yaw)
@@ -159,7 +164,7 @@ def attitude_from_thrust(thrust_n: Array, yaw: Array) -> Array:
 
 
 class AttitudeControl:
-    """Attitude controller: attitude setpoint to body rates."""
+    """Attitude controller of V vehicles: computes body rate setpoints from attitude setpoints."""
 
     def __init__(self, params: Params) -> None:
         self.params = params
@@ -177,9 +182,9 @@ class AttitudeControl:
     def update(self, q_nb: Array, r_nb: Array, q_sp: Array, yaw_rate: Array) -> Array:
         """Return the body rate setpoint [rad/s] [FRD] (V, 3).
 
-        q_nb, r_nb: attitude [-] wxyz (V, 4) and its matrix (V, 3, 3)
+        q_nb, r_nb: attitude [-] wxyz (V, 4) and its rotation matrix (V, 3, 3)
         q_sp: attitude setpoint [-] wxyz (V, 4)
-        yaw_rate: feed-forward about down [rad/s] (V,)
+        yaw_rate: feed-forward rotation about the down axis [rad/s] (V,)
         """
         if self._version != self.params.version:
             self._read_params()
@@ -203,7 +208,7 @@ class AttitudeControl:
 
 
 class RateControl:
-    """Rate controller of V vehicles: body rates to normalised torques."""
+    """Rate controller of V vehicles: computes normalised torques from body rates."""
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         self.params, self.dt = params, dt
@@ -256,23 +261,23 @@ class RateControl:
 
 
 def _low_pass(cutoff_hz: Array, dt: float) -> Array:
-    """Return the coefficient of a first-order filter for one step (V, 1); 0 Hz switches it off."""
+    """Return the coefficient of a first-order low-pass filter for one step (V, 1); 0 Hz disables it."""
     return np.where(cutoff_hz > 0, 1.0 - np.exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)[:, None]
 
 
 def _limit_length(v: Array, most: Array) -> Array:
-    """Return the vectors (V, 2), shortened to at most a length (V,)."""
+    """Limit the length of each vector (V, 2) to its maximum `most` (V,)."""
     length = np.hypot(v[:, 0], v[:, 1])
     return np.asarray(v * np.minimum(1.0, most / np.maximum(length, 1e-9))[:, None])
 
 
 def _length(v: Array) -> Array:
-    """Return the lengths of vectors (V, 3). numpy.linalg.norm costs several times as much."""
+    """Return the lengths of vectors (V, 3). numpy.linalg.norm is several times slower."""
     return np.asarray(np.hypot(np.hypot(v[:, 0], v[:, 1]), v[:, 2]))
 
 
 class Cascade:
-    """All controllers of V vehicles: setpoints and estimate in, torques and collective thrust out."""
+    """All controllers of V vehicles: compute torques and collective thrust from setpoints and estimates."""
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
         self.position = PositionControl(params, vehicles, dt * _POSITION_EVERY)

@@ -1,4 +1,4 @@
-"""Setpoints of HOLD, TAKEOFF, LAND and DESCEND, for one vehicle at a time."""
+"""Setpoints for the modes HOLD, TAKEOFF, LAND and DESCEND, for one vehicle at a time."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _NAN3 = (math.nan, math.nan, math.nan)
 
 @dataclass(slots=True)
 class FlightTask:
-    """The automatic flight of one vehicle.
+    """Writes the setpoints of one vehicle in HOLD, TAKEOFF, LAND and DESCEND.
 
     row: row of the vehicle in the arrays over all vehicles
-    mode: the mode that is flown, None if another module flies
+    mode: the mode that this task flies, None if another module flies the vehicle
     target, yaw: target position [m] [NED] and heading [rad]
-    reached: the climb of TAKEOFF is complete
+    reached: True if the climb of TAKEOFF is complete
     """
 
     row: int
@@ -39,9 +39,9 @@ class FlightTask:
         landed: bool,
         takeoff_d: float = math.nan,
     ) -> None:
-        """Begin a mode: set the target where the vehicle can stop.
+        """Begin a mode. The target is the point where the vehicle can come to a stop.
 
-        takeoff_d: [m] [NED down], NaN for MIS_TAKEOFF_ALT.
+        takeoff_d: height of the take-off target [m] [NED down], NaN for MIS_TAKEOFF_ALT
         """
         i = self.row
         p, v = est.p_n[i].tolist(), est.v_n[i].tolist()
@@ -53,7 +53,7 @@ class FlightTask:
         self.target = (p[0] + v[0] * stop, p[1] + v[1] * stop, down)
 
     def fly(self, sp: Setpoints, est: Estimator, params: Params, *, landed: bool) -> None:
-        """Write the setpoint of this decision."""
+        """Write the setpoint of the vehicle for the current mode."""
         i = self.row
         n, e, d = self.target
         if self.mode is Mode.LAND:

@@ -1,6 +1,6 @@
-"""Setpoints of the controllers, as arrays over all vehicles, and of OFFBOARD, for one vehicle.
+"""Setpoints of the controllers: arrays over all vehicles, and the setpoint of one vehicle in OFFBOARD.
 
-NaN means "not given".
+NaN means that a value is not given.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _NAN = math.nan
 
 
 class Level(IntEnum):
-    """The controller that a setpoint is for."""
+    """Controller that a setpoint is for: position, attitude or rate controller."""
 
     NONE = 0  # motors off
     RATE = 1  # omega_b and thrust
@@ -29,14 +29,15 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OffboardSetpoint:
-    """Setpoint of an offboard program.
+    """Setpoint that an offboard program sent.
 
-    level: POSITION uses p_n, v_n, a_n, yaw, yaw_rate; ATTITUDE q_nb, yaw_rate, thrust; RATE omega_b, thrust
-    p_n, v_n, a_n: [m], [m/s], [m/s2] [NED]
-    yaw, yaw_rate: [rad], [rad/s]
+    level: POSITION uses p_n, v_n, a_n, yaw, yaw_rate; ATTITUDE uses q_nb, yaw_rate, thrust; RATE uses
+        omega_b, thrust
+    p_n, v_n, a_n: position [m], velocity [m/s], acceleration [m/s2] [NED]
+    yaw, yaw_rate: heading [rad] and its rate [rad/s]
     q_nb: attitude [-] wxyz
     omega_b: body rates [rad/s] [FRD]
-    thrust: collective 0..1
+    thrust: collective thrust 0..1
     """
 
     level: Level
@@ -51,20 +52,20 @@ class OffboardSetpoint:
 
     @property
     def needs_position(self) -> bool:
-        """True if a position or velocity is given, which needs a valid estimate of it."""
+        """True if the setpoint contains a position or velocity: it needs a valid position estimate."""
         return self.level is Level.POSITION and any(math.isfinite(x) for x in (*self.p_n, *self.v_n))
 
 
 class Setpoints:
-    """Setpoints of V vehicles, one row for each.
+    """Setpoints of V vehicles, one row per vehicle.
 
     level: `Level` (V,)
-    p_n, v_n, a_n: [m], [m/s], [m/s2] [NED] (V, 3)
-    yaw, yaw_rate: [rad], [rad/s] (V,)
+    p_n, v_n, a_n: position [m], velocity [m/s], acceleration [m/s2] [NED] (V, 3)
+    yaw, yaw_rate: heading [rad] and its rate [rad/s] (V,)
     q_nb: attitude [-] wxyz (V, 4)
     omega_b: body rates [rad/s] [FRD] (V, 3)
-    thrust: collective 0..1 (V,)
-    yaw_rate_ff: yaw rate added by the attitude controller [rad/s] (V,)
+    thrust: collective thrust 0..1 (V,)
+    yaw_rate_ff: yaw rate that is added after the attitude controller [rad/s] (V,)
     """
 
     def __init__(self, vehicles: int) -> None:
@@ -81,7 +82,7 @@ class Setpoints:
         self.yaw_rate_ff = np.zeros(v)
 
     def at(self, level: Level) -> Bool:
-        """Return which vehicles have a setpoint of this level (V,)."""
+        """Return a mask of the vehicles whose setpoint has this level (V,)."""
         return np.asarray(self.level == level.value)  # as int: numpy is slow with enums
 
     def clear(self, i: int) -> None:
@@ -101,7 +102,7 @@ class Setpoints:
         yaw: float = np.nan,
         yaw_rate: float = np.nan,
     ) -> None:
-        """Set a setpoint of the position level for vehicle i. Axes and values left out are not controlled."""
+        """Set a position-level setpoint for vehicle i. Axes and values left as NaN are not controlled."""
         self.level[i] = Level.POSITION
         self.p_n[i], self.v_n[i], self.a_n[i] = p_n, v_n, a_n
         self.yaw[i], self.yaw_rate[i] = yaw, yaw_rate

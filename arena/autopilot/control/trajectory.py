@@ -1,4 +1,4 @@
-"""Trajectory to a target: a point that moves ahead of the vehicle, limited in speed, acceleration and jerk.
+"""Trajectory to a target: a point that moves ahead of the vehicle with limited speed, acceleration and jerk.
 
 Pure.
 """
@@ -17,10 +17,10 @@ class TrajectoryLimits:
     """Limits of a trajectory.
 
     cruise, up, down: horizontal, climb and sink speed [m/s]
-    accel, accel_up, accel_down: horizontal and vertical acceleration [m/s2]
+    accel, accel_up, accel_down: horizontal, upward and downward acceleration [m/s2]
     jerk: [m/s3]
     yaw_rate: [rad/s]
-    lead_m: largest distance of the point from the vehicle [m]
+    lead_m: largest distance between the moving point and the vehicle [m]
     """
 
     cruise: float
@@ -44,13 +44,18 @@ class Trajectory:
     yaw: float = 0.0
 
     def begin(self, p_n: Sequence[float], v_n: Sequence[float], yaw: float) -> None:
-        """Start at the position [m], velocity [m/s] [NED] and heading [rad] of the vehicle."""
+        """Start the trajectory at the vehicle's position [m], velocity [m/s] [NED] and heading [rad]."""
         self.p_n, self.v_n, self.a_n, self.yaw = list(p_n), list(v_n), [0.0, 0.0, 0.0], yaw
 
     def advance(
         self, to: Sequence[float], vehicle_n: Sequence[float], limits: TrajectoryLimits, dt: float
     ) -> None:
-        """Move the point towards `to` [m] [NED] for dt [s]. vehicle_n: position of the vehicle [m] [NED]."""
+        """Move the point towards a target for one time step.
+
+        to: target position [m] [NED]
+        vehicle_n: position of the vehicle [m] [NED]
+        dt: time step [s]
+        """
         if math.dist(self.p_n, vehicle_n) > limits.lead_m:
             self.v_n, self.a_n = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]  # wait for the vehicle
             return
@@ -61,7 +66,7 @@ class Trajectory:
             self.p_n[k] += self.v_n[k] * dt
 
     def turn(self, yaw: float, limits: TrajectoryLimits, dt: float) -> None:
-        """Turn the heading towards yaw [rad] for dt [s]; NaN keeps it."""
+        """Turn the heading towards `yaw` [rad] for a time step `dt` [s]. NaN keeps the heading."""
         if math.isfinite(yaw):
             left, most = wrap_angle(yaw - self.yaw), limits.yaw_rate * dt
             self.yaw = wrap_angle(self.yaw + min(max(left, -most), most))
@@ -88,9 +93,9 @@ class Trajectory:
 
 
 def _approach(distance: float, accel: float, jerk: float) -> float:
-    """Return the speed [m/s] from which to stop within a distance [m].
+    """Return the largest speed [m/s] from which the vehicle can stop within a distance [m].
 
-    The vehicle needs v^2 / 2a, and v * 2a/j while the deceleration builds up.
+    The stopping distance is v^2 / 2a, plus v * 2a/j while the deceleration builds up.
     """
     b = 4.0 * accel * accel / jerk
     return 0.5 * (math.sqrt(b * b + 8.0 * accel * distance) - b)
@@ -102,5 +107,5 @@ def _limit_length(v: list[float], most: float) -> list[float]:
 
 
 def wrap_angle(angle: float) -> float:
-    """Return the angle [rad] within -pi .. pi."""
+    """Return the equivalent angle [rad] between -pi and pi."""
     return (angle + math.pi) % (2.0 * math.pi) - math.pi

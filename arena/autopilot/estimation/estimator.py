@@ -1,16 +1,16 @@
-"""Error-state Kalman filter, batched over vehicles: IMU, corrected by external vision with a known delay.
+"""Error-state Kalman filter, batched over vehicles: IMU prediction, corrected by delayed external vision.
 
 Nominal state at the present time: p_n, v_n, q_nb, gyro bias, accelerometer bias.
-Error state, 15 numbers in this order, with q_true = q_nb * exp(dtheta_b):
+Error state of 15 numbers, in this order, with q_true = q_nb * exp(dtheta_b):
 
     dp_n, dv_n, dtheta_b, dbg, dba
 
-A measurement of age tau is compared with the state stored at its time, and its Jacobian contains the age. To
-first order dp(t - tau) = dp - tau dv. So no state is predicted twice, and the stored states are corrected
-together with the present one.
+A measurement of age tau is compared with the state that was stored at its time, and its Jacobian contains the
+age: to first order dp(t - tau) = dp - tau dv. So the filter predicts each state only once. A correction
+changes the present state and the stored states together.
 
-Of the measured attitude only the yaw is fused, the rotation about the down axis. Tilt is estimated from the
-motion, so a rigid body defined with a tilt error does no harm.
+The filter fuses only the yaw of the measured attitude (the rotation about the down axis). It estimates the
+tilt from the motion, so a rigid body that was defined with a tilt error does no harm.
 
 Error dynamics: Sola, "Quaternion kinematics for the error-state Kalman filter", 2017. Noise parameters, gates
 and timeouts have PX4's names and meaning.
@@ -56,12 +56,12 @@ _EYE = np.eye(15)
 
 
 class VisionSample(NamedTuple):
-    """Pose of external vision.
+    """Pose measured by external vision.
 
     p_n: position [m] [NED]
-    q_nb: attitude [-] wxyz, NaN when not given
-    var_p: variance of the position [m2], 0 where the sender does not know
-    var_yaw: variance of the heading [rad2], 0 where the sender does not know
+    q_nb: attitude [-] wxyz, NaN if not given
+    var_p: variance of the position [m2], 0 if the sender gives none
+    var_yaw: variance of the heading [rad2], 0 if the sender gives none
     """
 
     p_n: Triple
@@ -71,16 +71,18 @@ class VisionSample(NamedTuple):
 
 
 class Estimator:
-    """Estimator of V vehicles. dt: IMU period [s].
+    """State estimator of V vehicles.
 
+    dt: IMU period [s]
     p_n, v_n, a_n: position [m], velocity [m/s], acceleration [m/s2] [NED] (V, 3)
-    q_nb, r_nb: attitude wxyz (V, 4) and its matrix (V, 3, 3)
+    q_nb, r_nb: attitude wxyz (V, 4) and its rotation matrix (V, 3, 3)
     omega_b: body rates without bias [rad/s] [FRD] (V, 3)
     cov: covariance of the error state (V, 15, 15)
-    aligned: the initial attitude is set (V,)
-    test_ratio: innovation squared over its gate, for position and yaw [-] (V, 2)
-    innovation, innovation_var: of position [m] [NED] and yaw [rad], and their variances [m2] [rad2] (V, 4)
-    rejected, reset_counter: number of rejected samples and of new alignments (V,)
+    aligned: True if the initial attitude is set (V,)
+    test_ratio: squared innovation divided by its gate, for position and yaw [-] (V, 2)
+    innovation, innovation_var: innovations of position [m] [NED] and yaw [rad], and their variances [m2]
+        [rad2] (V, 4)
+    rejected, reset_counter: number of rejected samples, and number of realignments (V,)
     """
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
@@ -130,22 +132,28 @@ class Estimator:
     # -- validity --------------------------------------------------------------------------------------------
 
     def xy_valid(self, now: float) -> Bool:
-        """Return where horizontal position and velocity are valid (V,).
+        """Return a mask of the vehicles whose horizontal position and velocity are valid (V,).
 
-        Valid: fused within EKF2_NOAID_TOUT, and converged.
+        They are valid if vision was fused within the last EKF2_NOAID_TOUT and the filter has converged.
         """
         return np.asarray(self.aligned & (now - self.last_xy < self._timeout_s) & self._converged(now))
 
     def z_valid(self, now: float) -> Bool:
-        """Return where the height is valid (V,). The barometer maintains it after a loss of vision."""
+        """Return a mask of the vehicles whose height is valid (V,).
+
+        When vision is lost, the height stays valid if the barometer is fused.
+        """
         return np.asarray(self.aligned & ((now - self.last_z < self._timeout_s) | self._baro_seen))
 
     def yaw_valid(self, now: float) -> Bool:
-        """Return where the heading is valid: fused within EKF2_NOAID_TOUT, or not fused at all (V,)."""
+        """Return a mask of the vehicles whose heading is valid (V,).
+
+        It is valid if yaw was fused within the last EKF2_NOAID_TOUT, or if the parameters disable yaw fusion.
+        """
         return np.asarray(self.aligned & ((now - self.last_yaw < self._timeout_s) | (self._ctrl & 8 == 0)))
 
     def velocity_known(self, i: int) -> bool:
-        """Return whether the velocity of vehicle i is good enough to brake, with or without vision."""
+        """Return whether vehicle i can brake by its estimated velocity, with or without vision."""
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
 
     def _converged(self, now: float) -> Bool:
@@ -155,7 +163,7 @@ class Estimator:
     # -- prediction ------------------------------------------------------------------------------------------
 
     def predict(self, accel_b: Array, gyro_b: Array) -> None:
-        """Advance by one IMU period.
+        """Advance the state by one IMU period.
 
         accel_b: specific force [m/s2] [FRD] (V, 3)
         gyro_b: body rates [rad/s] [FRD] (V, 3)
@@ -205,12 +213,13 @@ class Estimator:
     def fuse_vision(
         self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, var_yaw: Array, now: float
     ) -> None:
-        """Fuse one sample of external vision for each of m vehicles, arrived in this period.
+        """Fuse one sample of external vision for each of m vehicles. The samples arrived in this period.
 
-        Its age is EKF2_EV_DELAY, as on PX4 for samples stamped on arrival.
+        The age of a sample is EKF2_EV_DELAY, as PX4 assumes for samples that are stamped on arrival.
+
         idx: rows of the vehicles (m,)
         p_n: position [m] [NED] (m, 3)
-        q_nb: attitude [-] wxyz, NaN for none (m, 4)
+        q_nb: attitude [-] wxyz, NaN if not given (m, 4)
         var_p, var_yaw: variances [m2] (m, 3) and [rad2] (m,)
         now: time since boot [s]
         """
@@ -242,12 +251,12 @@ class Estimator:
         self._gate_and_update(idx, y, h, r, has_yaw, now)
 
     def _gate_and_update(self, idx: Index, y: Array, h: Array, r: Array, has_yaw: Bool, now: float) -> None:
-        """Fuse the innovations y inside their gates.
+        """Fuse the innovations `y` that are inside their gates.
 
-        A rejected one gets a variance so large that it has no weight.
+        A rejected innovation gets a variance so large that it has no effect.
 
-        A gate does not widen after a rejection, although the estimate becomes less certain: a pose that
-        jumped stays rejected until it returns to where it was expected.
+        A gate does not widen after a rejection, although the estimate becomes less certain. So after a jump
+        the poses are rejected until they return to the expected place.
         """
         hp = h @ self.cov[idx]
         s_diag = np.einsum("mij,mij->mi", hp, h) + r
@@ -286,7 +295,7 @@ class Estimator:
         self._inject(idx, dx)
 
     def _inject(self, idx: Index, dx: Array) -> None:
-        """Correct the nominal state and the stored past states by the estimated error."""
+        """Add the estimated error `dx` to the nominal state and to the stored past states."""
         r_nb = self.r_nb[idx]
         dtheta_n = (r_nb @ dx[:, _TH, None])[:, :, 0]
         turn = quat_exp(dtheta_n)
@@ -304,9 +313,9 @@ class Estimator:
         self._ring_q[at] = quat_multiply(turn[None], self._ring_q[at])
 
     def fuse_baro(self, baro_alt_m: Array, now: float) -> None:
-        """Fuse the barometer if vision does not give the height, else estimate the offset of the barometer.
+        """Fuse the barometer if vision gives no height, else estimate the barometer's offset.
 
-        baro_alt_m: [m] up, NaN for a failed sensor (V,)
+        baro_alt_m: altitude, up [m], NaN for a failed sensor (V,)
         now: time since boot [s]
         """
         height = -self.p_n[:, 2]
@@ -325,7 +334,7 @@ class Estimator:
             self._update(idx, y, h, np.full((len(idx), 1), 0.25), h @ self.cov[idx])
 
     def realign(self, idx: Index) -> None:
-        """Reset all but the biases, so that the next vision sample aligns again. On the ground only."""
+        """Reset all states but the biases; the next vision sample aligns them. Use on the ground only."""
         self.aligned[idx] = False
         self.reset_counter[idx] += 1
 
@@ -351,7 +360,7 @@ class Estimator:
         self.last_xy[idx] = self.last_z[idx] = self.last_yaw[idx] = now
 
     def _past(self, idx: Index, delay_s: Array) -> tuple[Array, Array]:
-        """Return position and attitude of delay_s [s] (m,) ago, interpolated between two stored states."""
+        """Return position and attitude `delay_s` seconds (m,) ago, interpolated from stored states."""
         age = delay_s / self.dt
         whole = np.floor(age).astype(int)
         part = (age - whole)[:, None]
@@ -362,7 +371,7 @@ class Estimator:
 
 
 def _repaired(cov: Array) -> Array:
-    """Return covariances (m, 15, 15) with each negative variance made small and uncorrelated, as on PX4."""
+    """Make negative variances of the covariances (m, 15, 15) small and uncorrelated, as PX4 does."""
     lost = np.einsum("mii->mi", cov) < 0.0
     if lost.any():
         cov = np.where(lost[:, :, None] | lost[:, None, :], 0.0, cov)

@@ -1,9 +1,9 @@
 """Land detector and take-off ramp, batched over vehicles, with PX4's conditions and parameters (LNDMC_*).
 
-A vehicle is landed if for LNDMC_TRIG_TIME its thrust is low and it neither moves nor turns. An armed vehicle
-with a setpoint to
-climb takes off: after COM_SPOOLUP_TIME the allowed climb rate grows over MPC_TKO_RAMP_T, from no thrust to
-    its full value (MPC_Z_VEL_MAX_UP in OFFBOARD, else MPC_TKO_SPEED).
+A vehicle is landed if its thrust is low and it neither moves nor turns for LNDMC_TRIG_TIME.
+
+An armed vehicle takes off when its setpoint is a climb. After COM_SPOOLUP_TIME the allowed climb rate grows
+for MPC_TKO_RAMP_T, from no thrust to its full value (MPC_Z_VEL_MAX_UP in OFFBOARD, else MPC_TKO_SPEED).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _LOW_THRUST = 0.3  # share of the way from MPC_THR_MIN to MPC_THR_HOVER
 class LandDetector:
     """Land detector of V vehicles.
 
-    landed: on the ground (V,)
-    contact: probably on the ground, after a third of LNDMC_TRIG_TIME (V,)
+    landed: True if on the ground (V,)
+    contact: True if probably on the ground; it is set after one third of LNDMC_TRIG_TIME (V,)
     """
 
     def __init__(self, params: Params, vehicles: int) -> None:
@@ -39,9 +39,9 @@ class LandDetector:
         """Update `landed` and `contact`.
 
         now: time since boot [s]
-        thrust: collective 0..1 (V,)
-        climbing: the setpoint is a climb (V,)
-        v_sp_down: sink rate setpoint [m/s], NaN for none (V,)
+        thrust: collective thrust 0..1 (V,)
+        climbing: True if the setpoint is a climb (V,)
+        v_sp_down: setpoint of the sink rate [m/s], NaN if there is none (V,)
         """
         p = self.params
         low = p["MPC_THR_MIN"] + _LOW_THRUST * (p["MPC_THR_HOVER"] - p["MPC_THR_MIN"])
@@ -62,7 +62,8 @@ class LandDetector:
 class TakeoffRamp:
     """Take-off ramp of V vehicles.
 
-    flying: the take-off is complete (V,); begun: its start [s], infinite before (V,).
+    flying: True if the take-off is complete (V,)
+    begun: start time of the ramp [s], infinite before its start (V,)
     """
 
     def __init__(self, params: Params, vehicles: int) -> None:
@@ -75,8 +76,8 @@ class TakeoffRamp:
 
         now: time since boot [s]
         armed_since: time of arming [s], infinite while disarmed (V,)
-        landed: from the land detector (V,)
-        climbing: the setpoint is a climb (V,)
+        landed: True if the land detector detects the ground (V,)
+        climbing: True if the setpoint is a climb (V,)
         """
         spooled = now - armed_since >= self.params["COM_SPOOLUP_TIME"]
         go = spooled & climbing
@@ -87,9 +88,9 @@ class TakeoffRamp:
         self.flying = spooled & (self.flying & ~landed | done & climbing)
 
     def speed_up(self, now: float, full: Array) -> Array:
-        """Return the allowed climb rate [m/s] (V,). It starts negative, where the thrust is zero.
+        """Return the allowed climb rate [m/s] (V,). At the start it is negative, which means zero thrust.
 
-        full: rate at the end of the ramp [m/s] (V,)
+        full: climb rate at the end of the ramp [m/s] (V,)
         """
         p = self.params
         part = np.clip((now - self.begun) / np.maximum(p["MPC_TKO_RAMP_T"], 1e-3), 0.0, 1.0)
@@ -99,7 +100,7 @@ class TakeoffRamp:
 
 
 def climb_requested(sp: Setpoints, est: Estimator, params: Params) -> Bool:
-    """Return where the setpoint is a climb, by height, climb rate or thrust (V,)."""
+    """Return a mask of the vehicles whose setpoint is a climb, by height, climb rate or thrust (V,)."""
     by_height = (
         sp.p_n[:, 2] - est.p_n[:, 2] < -0.1
     )  # NaN compares false, so axes without a setpoint are ignored

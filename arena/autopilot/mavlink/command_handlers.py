@@ -1,7 +1,7 @@
-"""MAV_CMD commands: what each does to a vehicle, and the MAV_RESULT of its acknowledgement.
+"""Handlers of MAV_CMD commands. Each acts on a vehicle and returns the MAV_RESULT of the acknowledgement.
 
-PX4 accepts some meaningless arguments (NaN as "disarm", 0.5 as "arm", an unknown mode as "no change"). They
-are denied here, so that the client gets to know its mistake.
+PX4 accepts some meaningless arguments (NaN as "disarm", 0.5 as "arm", an unknown mode as "no change"). The
+built-in autopilot denies them, so that the client learns of its mistake.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ _LONGEST_INTERVAL_S = 2147.0  # MESSAGE_INTERVAL cannot report a longer one
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """Command for a vehicle.
+    """Command that a vehicle received.
 
-    link: where the command arrived and its replies go
-    params: param1 to param7, a place in degrees
-    send_now: sends a message, by its id, on the link; returns False if it is not available
+    link: link on which the command arrived; replies are sent on the same link
+    params: param1 to param7, latitude and longitude in degrees
+    send_now: sends the message with the given id on the link; returns False if it is not available
     """
 
     vehicle: Vehicle
@@ -45,7 +45,9 @@ Command = Callable[[Request], int]
 def run(number: int, request: Request) -> int:
     """Run a command and return its MAV_RESULT.
 
-    Before the first decision every command is rejected temporarily.
+    Until the vehicle has booted, every command returns TEMPORARILY_REJECTED.
+
+    number: the MAV_CMD
     """
     command = COMMANDS.get(number)
     if not request.vehicle.booted:
@@ -57,7 +59,7 @@ def run(number: int, request: Request) -> int:
 
 
 def parameters_of(m: Any) -> tuple[float, ...]:
-    """Return param1 to param7 of COMMAND_LONG or COMMAND_INT, with the place in degrees, NaN if not given."""
+    """Return param1 to param7 of COMMAND_LONG or COMMAND_INT; places in degrees, NaN if not given."""
     if m.get_msgId() == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
         return (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
     x, y = (math.nan if v == INT32_NOT_GIVEN else v * 1e-7 for v in (m.x, m.y))
@@ -143,17 +145,17 @@ def _inject_failure(r: Request) -> int:
 
 
 def _is_place(lat: float, lon: float, alt: float) -> bool:
-    """Return whether a latitude, longitude [deg] and altitude [m] exist.
+    """Return whether latitude, longitude [deg] and altitude [m] are within their valid ranges.
 
-    NaN, which keeps the present value, is accepted.
+    NaN is valid: it means that the present value is kept.
     """
     return not (abs(lat) > 90.0 or abs(lon) > 180.0 or abs(alt) > 1e5)
 
 
 def _set_message_interval(r: Request) -> int:
-    """Set the interval of a stream [us]: negative stops it, 0 restores the default.
+    """Set the interval of a stream [us]. A negative value stops the stream, 0 restores the default.
 
-    HEARTBEAT cannot be changed.
+    The interval of HEARTBEAT cannot be changed.
     """
     p, link = r.params, r.link
     if not all(math.isfinite(x) for x in p[:2]) or any(
@@ -171,7 +173,7 @@ def _set_message_interval(r: Request) -> int:
 
 
 def _get_message_interval(r: Request) -> int:
-    """Reply with the interval of a stream, 0 for a message that is not streamed on this link."""
+    """Reply with the interval of a stream, 0 if the message is not streamed on this link."""
     if not math.isfinite(r.params[0]) or not 0 <= r.params[0] < 65535.5:
         return DENIED
     msgid = math.floor(r.params[0] + 0.5)

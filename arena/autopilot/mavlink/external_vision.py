@@ -1,4 +1,4 @@
-"""Decoding of external vision messages: which poses PX4 would fuse, and which it ignores."""
+"""Decoding of external vision messages. Poses that PX4 would not fuse are ignored here, too."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _NO_ATTITUDE = (math.nan,) * 4
 
 
 def from_odometry(m: Odometry) -> VisionSample | None:
-    """Return the sample of an ODOMETRY, or None if PX4 would not fuse it or it holds no pose."""
+    """Decode ODOMETRY. Returns None if the message has no pose or PX4 would not fuse its pose."""
     if m.estimator_type not in _FUSED or m.frame_id not in _FRAMES:
         return None
     return _sample(m.p_n, m.q, m.variances)
 
 
 def from_vision_estimate(m: Any) -> VisionSample | None:
-    """Return the sample of a VISION_POSITION_ESTIMATE, or None if it holds no pose."""
+    """Decode VISION_POSITION_ESTIMATE. Returns None if the message has no pose."""
     rpy = (m.roll, m.pitch, m.yaw)
     if not all(math.isfinite(x) for x in rpy):
         return _sample((m.x, m.y, m.z), _NO_ATTITUDE, [m.covariance[k] for k in _DIAGONAL])

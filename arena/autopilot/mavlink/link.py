@@ -1,4 +1,4 @@
-"""MAVLink channel of a vehicle: the frames to send and the schedule of its streams. No sockets, no clock."""
+"""MAVLink channel of a vehicle: its queue of frames and its stream schedule. No sockets, no clock."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _ROUNDING_S = 1e-6
 
 @dataclass(slots=True)
 class MavlinkLink:
-    """Channel of a vehicle: router, vision or panic.
+    """MAVLink channel of a vehicle: the link `router`, `vision` or `panic`.
 
     queue: frames to send
     intervals: period of each scheduled message [s], by message id
-    schedule: heap of (time [s], message id), one entry for each scheduled message
-    gcs_heartbeat_at: time of the last heartbeat of a ground station on this link [s]
+    schedule: heap of (time [s], message id), one entry per scheduled message
+    gcs_heartbeat_at: time of the last ground station heartbeat on this link [s]
     """
 
     name: str
@@ -32,7 +32,11 @@ class MavlinkLink:
     gcs_heartbeat_at: float = -1e9
 
     def set_interval(self, msgid: int, interval_s: float, first_s: float) -> None:
-        """Send a message every interval_s [s], from first_s on. interval_s: 0 stops the stream."""
+        """Schedule a message periodically.
+
+        interval_s: period [s], 0 stops the stream
+        first_s: time of the first message [s]
+        """
         self.intervals[msgid] = interval_s
         self.schedule = [entry for entry in self.schedule if entry[1] != msgid]
         if interval_s > 0:
@@ -44,7 +48,7 @@ class MavlinkLink:
         return self.schedule[0][0] if self.schedule else math.inf
 
     def take_due(self, now: float) -> list[int]:
-        """Return the ids of the messages that are due at now [s], and schedule each again."""
+        """Return the ids of the messages that are due at `now` [s], and schedule the next of each."""
         schedule, until, oldest, due = self.schedule, now + _ROUNDING_S, now - _CATCH_UP_S, []
         while schedule and schedule[0][0] <= until:
             when, msgid = schedule[0]
@@ -54,16 +58,16 @@ class MavlinkLink:
         return due
 
     def send(self, message: Any) -> None:
-        """Queue a message; drop it if the queue is full. None queues nothing."""
+        """Queue a message, or drop it if the queue is full. None is ignored."""
         if message is not None and len(self.queue) < _QUEUE_LIMIT:
             self.queue.append(self.codec.pack(message))
 
     def send_payload(self, msgid: int, payload: bytes) -> None:
-        """Queue a message with an encoded payload; drop it if the queue is full."""
+        """Queue a message whose payload is already encoded, or drop it if the queue is full."""
         if len(self.queue) < _QUEUE_LIMIT:
             self.queue.append(self.codec.frame(msgid, payload))
 
     def take_datagram(self) -> bytes:
-        """Return all queued frames as one datagram."""
+        """Remove all queued frames and return them as one datagram."""
         datagram, self.queue = b"".join(self.queue), []
         return datagram

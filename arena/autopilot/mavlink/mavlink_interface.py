@@ -1,9 +1,10 @@
-"""MAVLink of one vehicle: datagrams in become requests on the `Vehicle`, its state becomes datagrams out.
+"""MAVLink interface of one vehicle.
 
-No sockets, no clock.
+Received datagrams call methods of `Vehicle`. The state of the vehicle is sent as datagrams. No sockets, no
+clock.
 
-Any bytes may arrive. Frames that cannot be decoded, that name another vehicle or that are not supported are
-counted; nothing raises.
+Any bytes may arrive. Frames are only counted if they cannot be decoded, address another vehicle or are not
+supported. No received data raises an exception.
 """
 
 from __future__ import annotations
@@ -40,9 +41,9 @@ _PHASE_S, _PHASES = 0.004, 5  # between the streams of neighbouring vehicles
 
 
 class MavlinkInterface:
-    """The links of one vehicle: router, vision and panic.
+    """The MAVLink links `router`, `vision` and `panic` of one vehicle.
 
-    telemetry: returns the state of all vehicles at the last step, None before the first step
+    telemetry: function that returns the state of all vehicles at the last step, None before the first step
     """
 
     def __init__(self, vehicle: Vehicle, telemetry: Callable[[], TelemetryState | None]) -> None:
@@ -67,7 +68,11 @@ class MavlinkInterface:
     # -- receiving -------------------------------------------------------------------------------------------
 
     def receive(self, link_name: str, data: bytes, now: float) -> None:
-        """Process one datagram that arrived on a link at now [s]."""
+        """Process one received datagram.
+
+        link_name: link on which it arrived
+        now: time since boot [s]
+        """
         link = self.links[link_name]
         self.vehicle.now = now
         for frame in link.codec.frames(data):
@@ -77,9 +82,9 @@ class MavlinkInterface:
                 self._receive_message(link, message)
 
     def _receive_record(self, data: bytes, frame: Frame) -> None:
-        """Read a frequent message without a message object.
+        """Process a frequent message without creating a message object, which saves time.
 
-        The rules of addressing are those of all messages.
+        The same rules of addressing apply as for all messages.
         """
         vehicle = self.vehicle
         if frame.target_sys not in (0, vehicle.system_id) or frame.target_comp not in (0, 1):
@@ -142,7 +147,7 @@ class MavlinkInterface:
         self.vehicle.set_vision(from_vision_estimate(m))
 
     def _on_origin(self, link: MavlinkLink, m: Any) -> None:
-        """Set the origin, and reply with the origin that holds, accepted or not."""
+        """Set the origin, and reply with the origin in use, whether or not the new one was accepted."""
         self.vehicle.set_origin(m.latitude * 1e-7, m.longitude * 1e-7, m.altitude * 1e-3)
         link.send(streams.gps_global_origin(self.vehicle, self.vehicle.now))
 
@@ -156,9 +161,9 @@ class MavlinkInterface:
             link.send(reply)
 
     def _on_mission(self, link: MavlinkLink, m: Any) -> None:
-        """Pass on a message of the mission protocol.
+        """Pass a message of the mission protocol to `MissionProtocol` if it addresses this vehicle.
 
-        PX4 accepts no broadcast here, but the mission planner's component id.
+        As in PX4, a broadcast is not accepted, but the component id of the mission planner is.
         """
         own = self._is_own(m)
         if own or m.target_system != self.vehicle.system_id or m.target_component not in _MISSION_COMPONENTS:
@@ -202,7 +207,7 @@ class MavlinkInterface:
         link.send(ack)
 
     def _send_now(self, link: MavlinkLink, msgid: int) -> bool:
-        """Send one message on request; return False if it is not supported or has no valid content."""
+        """Send one requested message; return False if it is not supported or has no valid content."""
         state = self._telemetry()
         if state is None:
             return False
@@ -212,7 +217,7 @@ class MavlinkInterface:
     # -- sending ---------------------------------------------------------------------------------------------
 
     def has_output(self, now: float) -> bool:
-        """Return whether something is due at now [s] or waits to be sent."""
+        """Return whether a message is due at `now` [s] or waiting in a queue."""
         return (
             now >= self._idle_until
             or now >= self.mission_protocol.due
@@ -221,9 +226,9 @@ class MavlinkInterface:
         )
 
     def prepare(self, now: float) -> list[tuple[MavlinkLink, int]]:
-        """Queue replies, texts and lists; return the telemetry due at now [s] as (link, message id).
+        """Queue replies and texts; return the telemetry that is due at `now` [s] as (link, message id).
 
-        The caller encodes the telemetry of all vehicles at once and passes it to `send_telemetry`.
+        The caller encodes the telemetry of all vehicles as one batch and passes it to `send_telemetry`.
         """
         if now >= self.mission_protocol.due or self.mission_protocol.has_progress:
             self.mission_protocol.update(now)
@@ -243,8 +248,9 @@ class MavlinkInterface:
         state: TelemetryState,
         payloads: Mapping[int, Mapping[int, bytes]],
     ) -> bool:
-        """Queue one message of telemetry; return False if it is not supported or has no valid content.
+        """Queue one telemetry message; return False if it is not supported or has no valid content.
 
+        state: state of all vehicles
         payloads: result of `telemetry_batch.payloads`
         """
         if msgid in payloads:
@@ -270,7 +276,7 @@ class MavlinkInterface:
                     self._send_text(link, severity, text)
 
     def _send_text(self, link: MavlinkLink, severity: int, text: str) -> None:
-        """Send a text in as many numbered chunks of STATUSTEXT as it needs."""
+        """Send a text as STATUSTEXT, split into numbered chunks if it is too long for one message."""
         raw = text.encode(errors="replace")
         chunks = [raw[k : k + _TEXT_BYTES] for k in range(0, len(raw), _TEXT_BYTES)]
         self._text_id = self._text_id % 65535 + 1
@@ -279,7 +285,7 @@ class MavlinkInterface:
             link.send(mavlink.MAVLink_statustext_message(severity, chunk, text_id, k))
 
     def take_datagrams(self) -> list[tuple[str, bytes]]:
-        """Return what to send now: (link name, datagram), at most one for each link."""
+        """Remove and return the queued data as (link name, datagram), at most one datagram per link."""
         links = self.links.values()
         datagrams = [(link.name, link.take_datagram()) for link in links if link.queue]
         due = min([link.next_due() for link in links])
@@ -287,7 +293,7 @@ class MavlinkInterface:
         return datagrams
 
     def received_counts(self) -> Counter[str]:
-        """Return what was received and refused, by kind, over all links."""
+        """Return the number of received and refused messages, by kind, over all links."""
         return sum((link.codec.counts for link in self.links.values()), self.vehicle.counts + self.counts)
 
 

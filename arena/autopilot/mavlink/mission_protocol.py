@@ -1,6 +1,6 @@
 """MAVLink's mission protocol for one vehicle, as PX4 v1.16 implements it.
 
-Messages and time in, messages out; no sockets, no clock. A transfer that fails leaves the stored list
+Input: messages and the time. Output: messages. No sockets, no clock. A failed transfer leaves the stored list
 unchanged.
 """
 
@@ -34,7 +34,7 @@ _IDLE, _RECEIVING, _SENDING = "idle", "receiving", "sending"
 
 
 class _Ack(mavlink.MAVLink_mission_ack_message):  # type: ignore[misc]
-    """MISSION_ACK with opaque_id, an extension that pymavlink lacks."""
+    """MISSION_ACK with the extension field opaque_id, which pymavlink's message lacks."""
 
     def __init__(self, to: tuple[int, int], result: int, kind: int, opaque_id: int) -> None:
         super().__init__(*to, result, kind)
@@ -49,7 +49,7 @@ class _Ack(mavlink.MAVLink_mission_ack_message):  # type: ignore[misc]
 
 
 class _Count(mavlink.MAVLink_mission_count_message):  # type: ignore[misc]
-    """MISSION_COUNT with opaque_id, an extension that pymavlink lacks."""
+    """MISSION_COUNT with the extension field opaque_id, which pymavlink's message lacks."""
 
     def __init__(self, to: tuple[int, int], count: int, kind: int, opaque_id: int) -> None:
         super().__init__(*to, count, kind)
@@ -64,7 +64,7 @@ class _Count(mavlink.MAVLink_mission_count_message):  # type: ignore[misc]
 
 
 class _Current(mavlink.MAVLink_mission_current_message):  # type: ignore[misc]
-    """MISSION_CURRENT with mission_id, fence_id and rally_points_id, extensions that pymavlink lacks."""
+    """MISSION_CURRENT with mission_id, fence_id and rally_points_id, which pymavlink's message lacks."""
 
     def __init__(self, seq: int, total: int, ids: dict[int, int]) -> None:
         super().__init__(seq, total)
@@ -77,14 +77,14 @@ class _Current(mavlink.MAVLink_mission_current_message):  # type: ignore[misc]
 
 @dataclass(slots=True)
 class _Transfer:
-    """State of one link.
+    """State of the mission transfer on one link.
 
     partner: system and component id of the client
     kind: MAV_MISSION_TYPE
-    seq: the item expected next
-    ints: request MISSION_ITEM_INT; set once the partner has sent one
-    received_at, sent_at: time of the last message [s]
-    announced: current and reached item as sent on this link
+    seq: sequence number of the item expected next
+    ints: whether to request items as MISSION_ITEM_INT; set once the partner has sent one
+    received_at, sent_at: time of the last message received and sent [s]
+    announced: current item and reached item last sent on this link
     repeats: how often the reached item was repeated
     progress_at: time of the next periodic MISSION_CURRENT [s]
     """
@@ -105,9 +105,9 @@ class _Transfer:
 
 
 class MissionProtocol:
-    """Transfers between the links of one vehicle and its mission store.
+    """Transfers of mission, geofence and rally points between the links of one vehicle and its mission store.
 
-    due: when `update` has something to do next [s]
+    due: time at which `update` must be called next [s]
     """
 
     def __init__(self, store: MissionStore, links: tuple[str, ...]) -> None:
@@ -121,13 +121,17 @@ class MissionProtocol:
 
     @property
     def has_progress(self) -> bool:
-        """True if the flight reported progress since the last `update`."""
+        """True if the flight has reached or begun an item since the last `update`."""
         return self.store.progress_changes != self._seen_progress
 
     # -- receiving -------------------------------------------------------------------------------------------
 
     def receive(self, link: str, m: Any, now: float) -> None:
-        """Process one message addressed to this vehicle, received at now [s]."""
+        """Process one message that is addressed to this vehicle.
+
+        link: link on which it arrived
+        now: time since boot [s]
+        """
         self.due = 0.0
         _HANDLERS[m.get_msgId()](self, link, self._links[link], m, now)
 
@@ -200,7 +204,7 @@ class MissionProtocol:
         self._request(link, t, now)
 
     def _begin(self, t: _Transfer, sender: tuple[int, int], m: Any) -> int | None:
-        """Begin an upload, or return the MAV_MISSION_RESULT that ends it at once."""
+        """Begin an upload. If it ends at once, return the MAV_MISSION_RESULT of its acknowledgement."""
         t.partner, t.kind, t.crc, t.seq = sender, m.mission_type, 0, 0
         if m.mission_type not in CAPACITY:
             return int(mavlink.MAV_MISSION_INVALID if m.count == 0 else mavlink.MAV_MISSION_NO_SPACE)
@@ -278,9 +282,9 @@ class MissionProtocol:
     # -- sending ---------------------------------------------------------------------------------------------
 
     def update(self, now: float) -> None:
-        """Repeat requests, end transfers that timed out, announce progress.
+        """Repeat requests, end transfers that timed out, and send the mission progress.
 
-        Call it at `due` or if `has_progress`.
+        Call this method at time `due`, or earlier if `has_progress`.
         """
         self._seen_progress = self.store.progress_changes
         for name, t in self._links.items():
@@ -323,7 +327,7 @@ class MissionProtocol:
         return found
 
     def take_texts(self) -> list[tuple[int, str]]:
-        """Return the messages for people, as (MAV_SEVERITY, text)."""
+        """Return the texts for the user, as (MAV_SEVERITY, text)."""
         texts, self._texts = self._texts, []
         return texts
 
@@ -353,7 +357,7 @@ def _sender(m: Any) -> tuple[int, int]:
 
 
 def _refusal(item: Item, kind: int) -> int:
-    """Return MAV_MISSION_ERROR for a misplaced fence command or an incomplete polygon, else 0."""
+    """Return MAV_MISSION_ERROR for a fence command in the wrong list or an incomplete polygon, else 0."""
     strange = kind == MISSION and item.command in (*FENCE_COMMANDS, mavlink.MAV_CMD_NAV_RALLY_POINT)
     few = kind == FENCE and item.command in POLYGONS and item.params[0] < 3
     return int(mavlink.MAV_MISSION_ERROR) if strange or few else 0

@@ -1,6 +1,7 @@
-"""Decoding of offboard setpoint messages, with the type masks, frames and refusals of PX4.
+"""Decoding of offboard setpoint messages, with PX4's rules for type masks, frames and refusals.
 
-Each function returns an `OffboardSetpoint`, or the reason of the refusal; "" refuses without a report.
+Each function returns an `OffboardSetpoint`, or a text with the reason of the refusal. The text "" means that
+the refusal is not reported.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ _MAX_ABS = 1e6  # [m], [m/s], [m/s2], [rad], [rad/s]: a larger value is a mistak
 def from_position_target(m: Any, q_nb: list[float]) -> OffboardSetpoint | str:
     """Decode SET_POSITION_TARGET_LOCAL_NED.
 
-    In body axes a velocity is rotated by the heading alone, an acceleration by the whole attitude, a position
-    is ignored, and one ignored axis ignores all three.
+    In body frames a velocity is rotated by the heading alone, an acceleration by the whole attitude, and a
+    position is ignored. If one axis of a body-frame vector is ignored, all three are.
+
     q_nb: present attitude [-] wxyz
     """
     mask = m.type_mask
@@ -49,8 +51,9 @@ def from_global_target(
 ) -> OffboardSetpoint | str:
     """Decode SET_POSITION_TARGET_GLOBAL_INT.
 
-    local: latitude, longitude [deg], altitude AMSL [m] -> p_n [m] [NED], None without an origin
-    home_d: height of home [m] [NED down], None without home
+    local: converts latitude, longitude [deg], altitude AMSL [m] to p_n [m] [NED]; returns None without an
+        origin
+    home_d: height of home [m] [NED down], None if home is not set
     """
     mask, frame = m.type_mask, m.coordinate_frame
     p = _NOT_GIVEN
@@ -93,7 +96,7 @@ def _complete(p: Triple, v: Triple, a: Triple) -> bool:
 
 
 def from_attitude_target(m: Any) -> OffboardSetpoint | str:
-    """Decode SET_ATTITUDE_TARGET. An attitude takes precedence over body rates."""
+    """Decode SET_ATTITUDE_TARGET. If it has an attitude, body rates are ignored."""
     mask = m.type_mask
     by_attitude = not mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
     if not by_attitude and mask & _ROLL_PITCH_RATE_IGNORED:

@@ -1,10 +1,10 @@
 """MAVLink's parameter protocol for one vehicle, as PX4 implements it: list, read, write, hash.
 
-Messages in, messages out.
+Input and output are messages.
 
-Like PX4 it does not reply to an unknown name, another type or an index beyond the end. Unlike PX4 it refuses
-a value that is not
-finite or out of its documented range: the reply holds the value that stays.
+Like PX4, it sends no reply to an unknown name, a wrong type or an index that does not exist. Unlike PX4, it
+refuses
+a value that is not finite or outside its documented range: the reply then contains the old value.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ MESSAGE_IDS = (
 
 @dataclass(slots=True)
 class ParamServer:
-    """The vehicle's side of the protocol.
+    """Parameter server of one vehicle.
 
     row: row of the vehicle in the parameter table
-    refused: reasons of refused writes, removed by the reader
+    refused: reasons of refused writes; the reader removes them
     """
 
     row: int
@@ -44,7 +44,7 @@ class ParamServer:
     _to_list: dict[str, deque[str]] = field(default_factory=dict)
 
     def receive(self, link: str, m: Any) -> list[Any]:
-        """Process a message addressed to this vehicle and return the replies for its link."""
+        """Process a message that is addressed to this vehicle; return the replies for the same link."""
         kind = m.get_msgId()
         if kind == mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
             again = bool(self._to_list.get(link))
@@ -56,16 +56,16 @@ class ParamServer:
 
     @property
     def busy(self) -> bool:
-        """True while a list is being sent."""
+        """True while a parameter list is being sent on any link."""
         return any(self._to_list.values())
 
     def next_values(self, link: str) -> list[Any]:
-        """Return the next messages of the list requested on this link."""
+        """Return the next messages of the parameter list that was requested on this link."""
         left = self._to_list.get(link)
         return [self.value(left.popleft()) for _ in range(min(_VALUES_PER_STEP, len(left)))] if left else []
 
     def value(self, name: str) -> Any:
-        """Return PARAM_VALUE of a known name."""
+        """Return the message PARAM_VALUE for an existing parameter."""
         count = len(self.params.names)
         if name == HASH_NAME:
             value = _as_float_bytes("<I", self.hash())
@@ -78,7 +78,10 @@ class ParamServer:
         return mavlink.MAVLink_param_value_message(name.encode(), value, kind, count, self.params.index[name])
 
     def hash(self) -> int:
-        """Return the hash of all names and values. A ground station with the same hash needs no list."""
+        """Return the hash of all parameter names and values.
+
+        A ground station that has cached the same hash need not request the list.
+        """
         found = 0
         for name in self.params.names:
             value = float(self.params[name][self.row])
@@ -118,5 +121,5 @@ class ParamServer:
 
 
 def _as_float_bytes(layout: str, value: int) -> float:
-    """Return the float with the same bytes as an integer."""
+    """Return the float whose four bytes are those of an integer. layout: struct format of the integer."""
     return float(struct.unpack("<f", struct.pack(layout, value))[0])

@@ -1,8 +1,8 @@
-"""Telemetry streams: the default rate of each message on each link, and the builders of the rare messages.
+"""Telemetry streams: default rate of each message on each link, and functions that build the rare messages.
 
 The rates are those of PX4's onboard link, measured on v1.16 SITL in simulation time. `telemetry_batch`
-encodes the frequent messages for many vehicles at once. A builder here returns the message of one vehicle, or
-None without valid content.
+encodes the frequent messages for many vehicles at once. Each function here builds the message of one vehicle;
+it returns None if the vehicle has no valid content for it.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ _NAN = math.nan
 
 
 class AllModes:
-    """The AVAILABLE_MODES messages of all selectable modes, packed as one."""
+    """Batch of AVAILABLE_MODES messages, one per selectable mode, that is packed like a single message."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
-        """Return one frame for each selectable mode, in PX4's order.
+        """Return one AVAILABLE_MODES frame per selectable mode, in PX4's order.
 
         Advances the sequence number of `sender`.
         """
@@ -79,7 +79,7 @@ def battery_status(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def _charge_state(v: Vehicle, s: TelemetryState) -> int:
-    """Return the MAV_BATTERY_CHARGE_STATE: 1 for OK, plus 1 for each threshold that the charge is below."""
+    """Return the MAV_BATTERY_CHARGE_STATE: 1 for OK, plus 1 per threshold that the charge is below."""
     p, left = v.commander_params, s.battery[v.row]
     return 1 + sum(bool(left <= t) for t in (p.bat_low_thr, p.bat_crit_thr, p.bat_emergen_thr))
 
@@ -107,7 +107,7 @@ def home_position(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def gps_global_origin(v: Vehicle, now: float) -> Any:
-    """Return GPS_GLOBAL_ORIGIN at now [s], or None without an origin."""
+    """Return the message GPS_GLOBAL_ORIGIN, or None if no origin is set. now: time since boot [s]."""
     if v.origin is None:
         return None
     lat, lon, alt = v.origin

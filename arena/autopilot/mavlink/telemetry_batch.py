@@ -1,7 +1,7 @@
 """Encoding of the frequent telemetry messages for many vehicles at once, in a few numpy calls.
 
-Each `_fill` function writes the fields of one message (names and layout: `arena.wire.mavlink_records`) for
-the given vehicles.
+Each `_fill` function writes the fields of one message for the given vehicles. `arena.wire.mavlink_records`
+defines the names and the layout of the fields.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ _DIAGONAL = np.array((0, 6, 11, 15, 18, 20))  # of the row-major upper triangle
 
 @dataclass(slots=True)
 class Rows:
-    """The vehicles that send a message now.
+    """Vehicles that send one message in this step.
 
-    i: their rows in the arrays over all vehicles
-    s: the arrays
+    i: row numbers of the vehicles in the arrays over all vehicles
+    s: state of all vehicles
     """
 
     vehicles: list[Vehicle]
@@ -49,11 +49,11 @@ class Rows:
 
 @dataclass(frozen=True, slots=True)
 class BatchedMessage:
-    """How one message is encoded.
+    """Describes how one message is encoded for many vehicles.
 
-    template: a record with the constant fields
-    fill: writes the other fields
-    available: whether a vehicle has valid content, None for always
+    template: record with the constant fields filled in
+    fill: function that writes the other fields
+    available: function that returns whether a vehicle has valid content; None if it always has
     """
 
     template: Records
@@ -62,10 +62,11 @@ class BatchedMessage:
 
 
 def payloads(requested: Iterable[tuple[Vehicle, int]], s: TelemetryState) -> dict[int, dict[int, bytes]]:
-    """Encode the requested messages that are batched.
+    """Encode those of the requested messages that this module can encode.
 
-    requested: (vehicle, message id), in any order, repeats allowed
-    Returns the payloads by message id and vehicle row; a vehicle without valid content has none.
+    requested: (row of the vehicle, message id), in any order; an entry may occur more than once
+
+    Returns the payloads by message id and row. A vehicle without valid content has no payload.
     """
     senders: defaultdict[int, dict[int, Vehicle]] = defaultdict(dict)
     for v, msgid in requested:

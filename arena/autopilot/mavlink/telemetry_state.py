@@ -1,4 +1,4 @@
-"""State of all vehicles at one step, for telemetry. Derived values are computed on first use."""
+"""State of all vehicles at one step, for telemetry. Derived values are computed when first used."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ class TelemetryState:
     """Arrays over V vehicles with R rotors, valid until the next step.
 
     now_s: time since boot [s]
-    est, sp, cascade: estimator, setpoints and controllers, by reference
+    est, sp, cascade: estimator, setpoints and controllers (not copies)
     thrust: collective thrust 0..1 (V,)
     motors: motor commands 0..1 (V, R)
-    gyro_b, accel_b, mag_b: [rad/s], [m/s2], [gauss] [FRD] (V, 3)
-    baro_alt_m, battery_v, battery_a: [m], [V], [A] (V,)
+    gyro_b, accel_b, mag_b: body rates [rad/s], specific force [m/s2], magnetic field [gauss] [FRD] (V, 3)
+    baro_alt_m: barometric altitude [m] (V,)
+    battery_v, battery_a: voltage [V] and current [A] (V,)
     battery: remaining charge 0..1 (V,)
     consumed_mah: consumed charge [mAh] (V,)
     """
@@ -82,24 +83,24 @@ class TelemetryState:
 
     @cached_property
     def xy_valid(self) -> list[bool]:
-        """Validity of the horizontal position (V,)."""
+        """True if the horizontal position is valid (V,)."""
         valid: list[bool] = self.est.xy_valid(self.now_s).tolist()
         return valid
 
     @cached_property
     def z_valid(self) -> list[bool]:
-        """Validity of the height (V,)."""
+        """True if the height is valid (V,)."""
         valid: list[bool] = self.est.z_valid(self.now_s).tolist()
         return valid
 
     @cached_property
     def variance(self) -> Array:
-        """Variance of position [m2], velocity [m2/s2] and attitude [rad2] (V, 9)."""
+        """Variances of position [m2], velocity [m2/s2] and attitude [rad2] (V, 9)."""
         return np.asarray(np.diagonal(self.est.cov, axis1=1, axis2=2)[:, :9])
 
     @cached_property
     def setpoint(self) -> Array:
-        """Setpoint: p_n, v_n, a_n [NED], yaw [rad], yaw rate [rad/s]; NaN where not controlled (V, 11)."""
+        """Setpoint (V, 11): p_n, v_n, a_n [NED], yaw [rad], yaw rate [rad/s]. NaN if not controlled."""
         sp, position = self.sp, self.cascade.position
         by_position = sp.at(Level.POSITION)[:, None]
         found = np.empty((len(sp.level), 11))

@@ -1,8 +1,8 @@
-"""Flight of AUTO.MISSION, AUTO.RTL and reposition targets, for all vehicles.
+"""Flight in AUTO.MISSION, in AUTO.RTL and to reposition targets, for all vehicles.
 
-Checks missions and geofences, and runs a navigator for each vehicle that needs one.
+Checks missions and geofences, and runs one navigator per vehicle that needs one.
 
-A vehicle without mission, geofence or return costs one comparison for each decision.
+A vehicle that uses none of these costs one comparison per decision.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ _MODES = (Mode.MISSION, Mode.RTL)
 
 @dataclass(slots=True)
 class _Checked:
-    """Result of the last check of one vehicle.
+    """Result of the last check of one vehicle's lists.
 
-    key: what it depended on; fence_id: the fence list of `fence.areas`.
+    key: the values that the result depends on; when they change, the lists are checked again
+    fence_id: identifier of the fence list that `fence.areas` was read from
     """
 
     key: object = None
@@ -38,7 +39,10 @@ class _Checked:
 
 
 class AutoModes:
-    """Navigators of all vehicles. dt: time between two decisions [s]."""
+    """Navigators of all vehicles.
+
+    dt: time between two decisions [s]
+    """
 
     def __init__(self, params: Params, est: Estimator, vehicles: int, dt: float) -> None:
         self.params, self.est, self.dt = params, est, dt
@@ -46,7 +50,7 @@ class AutoModes:
         self._navigators: dict[int, Navigator] = {}
 
     def check(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Write into s whether origin, home, mission and geofence are in order."""
+        """Check origin, home, mission and geofence of a vehicle, and write the results into `s`."""
         s.global_ok = v.origin is not None and s.xy_valid and s.z_valid
         s.home_ok = v.origin is not None and v.home_n is not None
         checked = self._checked[v.row]
@@ -60,12 +64,12 @@ class AutoModes:
             s.fence = checked.fence.breach(self.est.p_n[v.row].tolist()) if s.xy_valid else ""
 
     def is_flying(self, v: Vehicle) -> bool:
-        """Return whether this module flies the present mode of the vehicle."""
+        """Return whether the vehicle's current mode is one that this module handles."""
         mode = v.commander.mode
         return mode in _MODES or (mode is Mode.HOLD and self._is_repositioned(v))
 
     def fly(self, v: Vehicle, s: CommanderInputs, sp: Setpoints) -> Mode | None:
-        """Write the setpoint; return the flight mode that the mission requests, or None."""
+        """Write the vehicle's setpoint. Return the flight mode that the mission requests, or None."""
         if v.origin is None or v.home_n is None:
             return Mode.HOLD
         n = self._navigator(v)
@@ -82,7 +86,7 @@ class AutoModes:
         return n.requested_mode
 
     def leave(self, v: Vehicle, *, armed: bool) -> None:
-        """Stop navigating the vehicle: another module flies it, or it is disarmed."""
+        """Stop navigating the vehicle, because another module flies it or it is disarmed."""
         n = self._navigators.get(v.row)
         if n is not None:
             n.leave(armed=armed)
@@ -125,7 +129,7 @@ class AutoModes:
         )
 
     def _check_lists(self, v: Vehicle, s: CommanderInputs, checked: _Checked, home: Point | None) -> None:
-        """Check geofence and mission again after a change of a list, the home position or a parameter."""
+        """Check geofence and mission again, because a list, the home position or a parameter has changed."""
         store, p, i = v.missions, self.params, v.row
         horizontal, vertical = float(p["GF_MAX_HOR_DIST"][i]), float(p["GF_MAX_VER_DIST"][i])
         kept = checked.fence.areas

@@ -1,6 +1,6 @@
-"""Geofence of one vehicle: uploaded polygons and circles, and the largest distances from home. Pure.
+"""Geofence of one vehicle: uploaded polygons and circles, and maximum distances from home. Pure.
 
-The reaction to a breach, GF_ACTION, is decided by the commander.
+The commander runs the reaction to a breach (GF_ACTION).
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ _INCLUSIONS = (mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, mavlink.MAV_C
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Area:
-    """Polygon or circle.
+    """Polygon or circle of a geofence.
 
-    corners: north, east [m] of each corner, or of the centre alone
+    corners: north, east [m] of each corner; for a circle, of its centre
     radius_m: radius of a circle [m]
-    inside: the vehicle must stay inside, else outside
+    inside: True if the vehicle must stay inside, False if it must stay outside
     """
 
     corners: tuple[Point, ...]
@@ -31,14 +31,14 @@ class Area:
     inside: bool
 
     def allows(self, p: Point) -> bool:
-        """Return whether the vehicle may be at p, north and east [m]."""
+        """Return whether the vehicle may be at the point `p`: north, east [m]."""
         return (self._in_circle(p) if len(self.corners) == 1 else self._in_polygon(p)) == self.inside
 
     def _in_circle(self, p: Point) -> bool:
         return math.dist(p, self.corners[0]) < self.radius_m
 
     def _in_polygon(self, p: Point) -> bool:
-        """Return whether an odd number of edges lies north of p (Jordan curve theorem)."""
+        """Return whether `p` is inside: an odd number of edges lies north of it (Jordan curve theorem)."""
         crossings = 0
         for (n1, e1), (n2, e2) in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
             if (e1 > p[1]) != (e2 > p[1]) and p[0] < n1 + (n2 - n1) * (p[1] - e1) / (e2 - e1):
@@ -47,7 +47,7 @@ class Area:
 
 
 def read_areas(items: Sequence[Item], origin: tuple[float, float, float]) -> list[Area]:
-    """Return the areas of an uploaded fence. An incomplete polygon is closed over the corners that exist.
+    """Return the areas of an uploaded fence. A polygon with missing corners is closed over the received ones.
 
     origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
     """
@@ -67,8 +67,8 @@ def read_areas(items: Sequence[Item], origin: tuple[float, float, float]) -> lis
 class Fence:
     """Active geofence of one vehicle.
 
-    home_n: home position [m] [NED], None for none
-    max_horizontal_m, max_vertical_m: distances from home [m], 0 for no limit
+    home_n: home position [m] [NED], None if not set
+    max_horizontal_m, max_vertical_m: maximum distances from home [m], 0 for no limit
     """
 
     areas: tuple[Area, ...] = ()
@@ -77,7 +77,10 @@ class Fence:
     max_vertical_m: float = 0.0
 
     def breach(self, p_n: Sequence[float]) -> str:
-        """Return PX4's text of the rule that p_n [m] [NED] violates, "" for none."""
+        """Return PX4's text for the geofence rule that a position violates, "" if it violates none.
+
+        p_n: position [m] [NED]
+        """
         if self.home_n is not None:
             away = math.hypot(p_n[0] - self.home_n[0], p_n[1] - self.home_n[1])
             if 0.0 < self.max_horizontal_m <= away:
@@ -92,10 +95,12 @@ class Fence:
 def usable_areas(
     found: list[Area], home: Point | None, here: Point | None
 ) -> tuple[tuple[Area, ...], list[str]]:
-    """Return the areas that contain home and the vehicle, and PX4's text for each dropped area.
+    """Drop the areas that forbid the home position or the vehicle's position.
 
     home: north, east [m], None if not set
-    here: position of a vehicle in flight, north, east [m], else None
+    here: north, east [m] of a vehicle in flight, None on the ground
+
+    Returns the other areas, and PX4's text for each dropped area.
     """
     kept, reasons = [], []
     for area in found:

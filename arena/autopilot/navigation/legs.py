@@ -1,4 +1,4 @@
-"""Flight along one leg: the setpoint of each decision, and when the leg is complete. Pure."""
+"""Flight along one leg: the setpoint of each decision, and the check whether the leg is complete. Pure."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ class Situation:
 
     now: time since boot [s]
     p_n, v_n, yaw: estimated position [m] [NED], velocity [m/s] [NED] and heading [rad]
-    landed, flying: the vehicle is on the ground; the take-off is complete
+    landed: True if the vehicle is on the ground
+    flying: True if the take-off is complete
     origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
     home_n, home_yaw: home position [m] [NED] and heading [rad]
-    report: sends a message to people, (MAV_SEVERITY, text)
+    report: function that sends a text to the user, called with MAV_SEVERITY and text
     """
 
     now: float
@@ -41,13 +42,13 @@ class Situation:
 class Leg:
     """Part of a flight.
 
-    kind: climb, go, land, stay (until another leg is set), wait (for hold_s) or instant (done at once)
+    kind: climb, go, land, stay (until another leg is set), wait (for hold_s) or instant (complete at once)
     to: target position [m] [NED]
     yaw: heading [rad]; NaN points the nose along the path
-    within_m, within_up_m: acceptance radius and height [m]
-    hold_s: time at the target [s]
-    reports: the mission item is reached at the end of this leg
-    then: stage of the same item that follows, "" for the next item
+    within_m, within_up_m: acceptance radius, horizontal and vertical [m]
+    hold_s: time to stay at the target [s]
+    reports: whether the end of this leg reports that the mission item is reached
+    then: next stage of the same mission item, "" if the next item follows
     """
 
     kind: str
@@ -62,7 +63,7 @@ class Leg:
 
 @dataclass(slots=True)
 class LegFollower:
-    """Flight of one vehicle along its present leg.
+    """Flies one vehicle along its current leg.
 
     row: row of the vehicle in the arrays over all vehicles
     cruise: cruise speed [m/s], NaN for MPC_XY_CRUISE
@@ -77,15 +78,15 @@ class LegFollower:
     _heading_met: bool = False
 
     def begin(self, s: Situation) -> None:
-        """Start the trajectory at the state of the vehicle."""
+        """Start the trajectory at the vehicle's present position, velocity and heading."""
         self.trajectory.begin(s.p_n, s.v_n, s.yaw)
 
     def set_leg(self, leg: Leg) -> None:
-        """Replace the present leg."""
+        """Replace the current leg."""
         self.leg, self._arrived_at, self._heading_met = leg, math.nan, False
 
     def is_complete(self, s: Situation) -> bool:
-        """Return whether the leg is complete: position, heading and hold time."""
+        """Return whether position and heading of the leg are reached and its hold time has passed."""
         leg = self.leg
         if leg.kind in ("stay", "instant"):
             return leg.kind == "instant"
@@ -114,7 +115,7 @@ class LegFollower:
         )
 
     def steer(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Advance by dt [s] and write the setpoint of the leg."""
+        """Write the setpoint of the leg. dt: time since the last call [s]."""
         leg, trajectory, limits = self.leg, self.trajectory, self._limits()
         if leg.kind == "stay" and not s.flying:
             # Keep descending on the ground: the land detector needs it to stay landed.
@@ -153,7 +154,7 @@ class LegFollower:
         )
 
     def _heading(self, s: Situation) -> float:
-        """Return the heading of the leg [rad]: its own, or along the path while the target is far."""
+        """Return the heading [rad]: that of the leg, or along the path while the target is far away."""
         leg = self.leg
         if math.isfinite(leg.yaw) or leg.kind in ("climb", "stay", "wait", "land"):
             return leg.yaw

@@ -1,4 +1,4 @@
-"""Feasibility checks of an uploaded mission: PX4 v1.16's for a multirotor, with its texts. Pure."""
+"""Feasibility checks of an uploaded mission: those of PX4 v1.16 for a multirotor, with PX4's texts. Pure."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MOVES = (
 
 
 def moves(item: Item) -> bool:
-    """Return whether an item has a position to fly to."""
+    """Return whether a mission item has a position to fly to."""
     return item.has_position and item.command in _MOVES
 
 
@@ -42,12 +42,15 @@ def why_infeasible(
     max_first_distance_m: float,
     required_items: int,
 ) -> str:
-    """Return the first reason to reject the mission, "" if it is feasible.
+    """Return the first reason to reject a mission, "" if it is feasible.
 
+    items: items of the mission
     origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
     home_n: home position [m] [NED]
-    max_first_distance_m: MIS_DIST_1WP [m]
-    required_items: MIS_TKO_LAND_REQ
+    fence: active geofence
+    landed: whether the vehicle is on the ground
+    max_first_distance_m: value of MIS_DIST_1WP [m]
+    required_items: value of MIS_TKO_LAND_REQ
     """
     return (
         _items(items, origin, home_n, landed=landed)

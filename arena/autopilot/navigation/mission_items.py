@@ -1,7 +1,8 @@
-"""Decoding and encoding of mission, fence and rally items, as PX4 v1.16 does it.
+"""Decoding and encoding of mission, fence and rally items, as in PX4 v1.16.
 
 PX4 stores and returns only what it supports: yaw within 0..360 degrees, unused parameters as zero. So a
-client that downloads its mission gets other values than it uploaded, here as on PX4.
+client that downloads its mission may get values that differ from those it uploaded. The built-in autopilot
+does the same.
 """
 
 from __future__ import annotations
@@ -97,13 +98,13 @@ _WITHOUT_POSITION = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Item:
-    """Stored item.
+    """Stored item of a mission, fence or rally point list.
 
     frame: MAV_FRAME as received
     command: MAV_CMD
-    params: the first four parameters, as kept
-    x, y, z: latitude, longitude [deg], altitude [m] (above home if `relative`) if `has_position`, else param5
-        to param7
+    params: param1 to param4, as stored
+    x, y, z: if `has_position`, latitude, longitude [deg] and altitude [m] (above home if `relative`), else
+        param5 to param7
     autocontinue, current: flags as received
     """
 
@@ -118,19 +119,19 @@ class Item:
 
     @property
     def has_position(self) -> bool:
-        """True for a global frame, False for MAV_FRAME_MISSION."""
+        """True if the item has a global frame, False for MAV_FRAME_MISSION."""
         return bool(self.frame != mavlink.MAV_FRAME_MISSION)
 
     @property
     def relative(self) -> bool:
-        """True if the altitude counts from home."""
+        """True if the altitude is measured from home."""
         return self.frame in _RELATIVE
 
 
 def item_of(m: Any, *, ints: bool) -> Item | int:
-    """Decode a MISSION_ITEM, or with `ints` a MISSION_ITEM_INT.
+    """Decode a MISSION_ITEM, or a MISSION_ITEM_INT if `ints`.
 
-    Return the MAV_MISSION_RESULT of a refused one.
+    Returns a MAV_MISSION_RESULT instead of an item if the item is refused.
     """
     params = (m.param1, m.param2, m.param3, m.param4)
     refused = _refusal(m.frame, m.command, params, ints)
@@ -194,7 +195,13 @@ def _kept(command: int, params: tuple[float, float, float, float]) -> tuple[floa
 
 
 def item_crc(m: Any, before: int, *, ints: bool) -> int:
-    """Return the list id after one more item: PX4's CRC-32 (without inversions) of the received fields."""
+    """Add one item to the checksum of a list, and return the new checksum.
+
+    It is PX4's CRC-32 (without inversions) of the received fields. The checksum of the whole list is its
+    identifier.
+
+    before: checksum of the items before this one
+    """
     raw = struct.pack("<BHB4f", m.frame, m.command, m.autocontinue, m.param1, m.param2, m.param3, m.param4)
     raw += struct.pack("<iif" if ints else "<fff", m.x, m.y, m.z)
     return zlib.crc32(raw, before ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
@@ -211,15 +218,15 @@ def position_of(item: Item, origin: tuple[float, float, float], home_d: float) -
 
 
 def local(origin: tuple[float, float, float], lat: float, lon: float) -> tuple[float, float]:
-    """Return north, east [m] of a latitude, longitude [deg], on PX4's spherical earth."""
+    """Return the north, east [m] of a latitude, longitude [deg], computed on a spherical earth as in PX4."""
     n, e = local_from_globe(origin[0], origin[1], lat, lon)
     return float(n), float(e)
 
 
 def item_message(item: Item, seq: int, kind: int, to: tuple[int, int], *, current: bool, ints: bool) -> Any:
-    """Return MISSION_ITEM, or with `ints` MISSION_ITEM_INT, of an item.
+    """Encode an item as MISSION_ITEM, or as MISSION_ITEM_INT if `ints`.
 
-    to: system and component id of the client.
+    to: system and component id of the client
     """
     frame, x, y = item.frame, item.x, item.y
     if item.has_position:

@@ -12,15 +12,15 @@ CAPACITY = {MISSION: 10000, FENCE: 64, RALLY: 32}
 
 
 class MissionStore:
-    """Three lists of items, by MAV_MISSION_TYPE.
+    """Mission, fence and rally points of one vehicle: three lists of items, by MAV_MISSION_TYPE.
 
     items: the stored items
     ids: identifier of each list, a checksum of its items, 0 if empty
-    current: index of the mission item that is flown, or will be
-    reached: index of the last item reached, -1 for none
-    valid: the mission is feasible; set by whoever checks it
+    current: index of the mission item that is flown now, or will be flown first
+    reached: index of the last item reached, -1 if none
+    valid: True if the mission is feasible; written by the feasibility check
     version: increases with each change of a list
-    current_changes: increases when `current` is set from outside the flight
+    current_changes: increases when a client sets `current`
     progress_changes: increases when the flight reports progress
     """
 
@@ -32,7 +32,11 @@ class MissionStore:
         self.version, self.current_changes, self.progress_changes = 0, 0, 0
 
     def replace(self, kind: int, items: tuple[Item, ...], list_id: int) -> None:
-        """Store a list in place of the old one. kind: MAV_MISSION_TYPE."""
+        """Replace a list.
+
+        kind: MAV_MISSION_TYPE
+        list_id: identifier of the new list
+        """
         self.items[kind], self.ids[kind] = items, list_id
         self.version += 1
         if kind == MISSION:
@@ -41,12 +45,12 @@ class MissionStore:
             self.set_current(marked[-1] if marked else max(0, min(self.current, len(items) - 1)))
 
     def set_current(self, index: int) -> None:
-        """Select the mission item to fly next, from outside the flight."""
+        """Select the mission item to fly next, as requested by a client."""
         self.current = index
         self.current_changes += 1
 
     def set_progress(self, *, current: int | None = None, reached: int | None = None) -> None:
-        """Record that the flight began or reached an item. None keeps the value."""
+        """Record that the flight has begun (`current`) or reached an item. None keeps the stored value."""
         self.current = self.current if current is None else current
         self.reached = self.reached if reached is None else reached
         self.progress_changes += 1

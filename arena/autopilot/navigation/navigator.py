@@ -1,6 +1,6 @@
-"""Navigation of one vehicle in AUTO.MISSION, AUTO.RTL and to a reposition target: items, legs and setpoints.
+"""Navigation of one vehicle in AUTO.MISSION, in AUTO.RTL and to a reposition target.
 
-Pure.
+Splits each mission item into legs and writes the setpoints. Pure.
 
 The rules are PX4 v1.16's for a multirotor: climb before the first item if it is higher, acceptance radii,
 required heading, hold times, jumps, landing from above the landing point, return height within a cone around
@@ -26,12 +26,12 @@ _MAX_JUMPS = 64
 
 
 class Navigator:
-    """Progress of one vehicle along its mission, return or reposition.
+    """Flies one vehicle along its mission, its return to home, or to a reposition target.
 
     row: row of the vehicle in the arrays over all vehicles
-    mode: the mode that is navigated, None if another module flies
-    running: a mission is flown and not finished
-    requested_mode: flight mode that the mission requests
+    mode: the mode that is navigated, None if another module flies the vehicle
+    running: True while a mission is flown and not finished
+    requested_mode: flight mode that the mission requests, None if it requests none
     """
 
     def __init__(self, row: int, params: Params, missions: MissionStore) -> None:
@@ -50,7 +50,7 @@ class Navigator:
     # -- interface -------------------------------------------------------------------------------------------
 
     def enter(self, mode: Mode, s: Situation) -> None:
-        """Begin MISSION or RTL at the present position."""
+        """Begin MISSION or RTL at the vehicle's present position."""
         self.mode, self.requested_mode = mode, None
         self._follower.begin(s)
         if mode is Mode.RTL:
@@ -59,9 +59,10 @@ class Navigator:
             self._begin_mission(s)
 
     def reposition(self, to: Point, yaw: float, s: Situation) -> None:
-        """Fly to a point [m] [NED] and hold there (DO_REPOSITION).
+        """Fly to a point and hold there (DO_REPOSITION).
 
-        yaw: [rad], NaN points the nose along the path.
+        to: target position [m] [NED]
+        yaw: heading [rad], NaN points the nose along the path
         """
         if self.mode is not Mode.HOLD:
             self.mode, self.requested_mode = Mode.HOLD, None
@@ -73,7 +74,7 @@ class Navigator:
         self._follower.cruise = speed
 
     def leave(self, *, armed: bool) -> None:
-        """Stop navigating: another mode flies, or the vehicle is disarmed."""
+        """Stop navigating, because another module flies the vehicle or it is disarmed."""
         if self.mode is Mode.MISSION:
             self.missions.set_progress(reached=-1)
         self.mode, self.running = None, False
@@ -81,7 +82,7 @@ class Navigator:
             self._disarmed, self._follower.cruise = True, math.nan
 
     def fly(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Advance by dt [s] and write the setpoint."""
+        """Advance by `dt` [s] and write the setpoint."""
         if self.mode is Mode.MISSION and self.missions.current_changes != self._seen_changes:
             self._start_current_item(s)
         if self._follower.is_complete(s):
@@ -104,7 +105,7 @@ class Navigator:
             self._load(s)
 
     def _start_current_item(self, s: Situation) -> None:
-        """Check the mission and load its current item, after a start or a change from outside."""
+        """Check the mission and load its current item, at the start or after a client changed the item."""
         begun, self._seen_changes = self._seen_changes < 0, self.missions.current_changes
         if not (self.missions.items[MISSION] and self.missions.valid):
             rest = "refusing takeoff" if s.landed else "loitering"
@@ -128,7 +129,7 @@ class Navigator:
         return d if s.p_n[2] - d > self._param("NAV_MC_ALT_RAD") else math.nan
 
     def _load(self, s: Situation) -> None:
-        """Begin the current item, after its jumps."""
+        """Follow jumps, then begin the current item."""
         items = self.missions.items[MISSION]
         k = self._past_jumps(self.missions.current)
         if k is None or k >= len(items):
@@ -154,7 +155,10 @@ class Navigator:
         return None
 
     def _leg_of(self, item: Item, s: Situation, stage: str) -> Leg:
-        """Return the next leg of an item. stage: the part of the item that is done, "" for none."""
+        """Return the next leg of an item.
+
+        stage: the stage of the item that is complete, "" if none is
+        """
         if not moves(item):
             return self._run_item(item, s)
         to = position_of(item, s.origin, s.home_n[2])
@@ -196,9 +200,9 @@ class Navigator:
         )
 
     def _run_item(self, item: Item, s: Situation) -> Leg:
-        """Run an item without a position.
+        """Run an item that has no position.
 
-        A command that the built-in autopilot does not support does nothing.
+        An unsupported command has no effect.
         """
         command, p = item.command, item.params
         if command == mavlink.MAV_CMD_DO_CHANGE_SPEED:
@@ -259,7 +263,7 @@ class Navigator:
             self._move_home(d, s)
 
     def _return_destination(self, s: Situation) -> Point:
-        """Return home [m] [NED], or a rally point that is nearer by _RALLY_MARGIN_M."""
+        """Return the return target [m] [NED]: home, or a rally point that is nearer by _RALLY_MARGIN_M."""
         best, least = s.home_n, math.dist(s.home_n[:2], s.p_n[:2])
         for item in self.missions.items[RALLY]:
             point = position_of(item, s.origin, s.home_n[2])
@@ -270,7 +274,7 @@ class Navigator:
     def _return_d(self, s: Situation) -> float:
         """Return the height of the return flight [m] [NED down].
 
-        Never below the present height; limited by RTL_CONE_ANG and RTL_RETURN_ALT.
+        RTL_CONE_ANG and RTL_RETURN_ALT determine it. It is never below the present height.
         """
         away = math.dist(self._destination[:2], s.p_n[:2])
         most, now = self._param("RTL_RETURN_ALT"), self._destination[2] - s.p_n[2]
