@@ -1,4 +1,4 @@
-"""The validated arena that `load_arena` returns: frozen, nothing left to a default."""
+"""The validated arena that `load_arena` returns: frozen dataclasses in which every default is filled in."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """A value and its source in words: `arena.yaml:14`, `default`, `profile iris`, `--set`."""
+    """A value, and a text that says where the value comes from: `arena.yaml:14`, `default`, `profile iris`, `--set`."""
 
     value: Value
     source: str
@@ -30,13 +30,14 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True)
 class Px4:
-    """A PX4 on this machine.
+    """A PX4 SITL that is installed on this computer.
 
-    argv: start of its command line: absolute path of the binary.
-    data: folder `etc` with its startup scripts.
-    version: from the binary; "" when unknown.
-    home: folder in which it was found; source: the setting that names the folder.
-    stand_in: arena's own stand-in (`arena.autopilot.sitl_standin`), not PX4.
+    argv: first part of the command line, which starts with the absolute path of the binary.
+    data: folder `etc` with PX4's startup scripts.
+    version: release found in the binary; "" if unknown.
+    home: folder in which PX4 was found.
+    source: setting that names this folder.
+    stand_in: true for arena's PX4 stand-in (`arena.autopilot.sitl_standin`) instead of PX4.
     """
 
     argv: tuple[str, ...]
@@ -48,7 +49,7 @@ class Px4:
 
     @property
     def words(self) -> str:
-        """Name and version for people."""
+        """Name and version, as shown to the user."""
         return (
             "arena's stand-in for PX4" if self.stand_in else f"PX4 {self.version or 'of an unknown version'}"
         )
@@ -56,7 +57,7 @@ class Px4:
 
 @dataclass(frozen=True, kw_only=True)
 class Fence:
-    """The box that the centres of the vehicles must stay in, with the margin already taken off.
+    """The geofence: the box that the vehicles' centres must stay in, already reduced by the margin.
 
     north, east: lowest and highest coordinate [m] [NED].
     up: height above the floor [m].
@@ -67,17 +68,17 @@ class Fence:
     up: float
 
     def slice(self) -> dict[str, Any]:
-        """Return the box as plain JSON, for slices."""
+        """Return the box as a JSON object, for the configuration files (slices) of processes."""
         return {"north": list(self.north), "east": list(self.east), "up": self.up}
 
     def farthest(self, north: float, east: float) -> float:
-        """Return the horizontal distance from a place to the farthest corner [m]."""
+        """Return the horizontal distance [m] from the point (north, east) to the farthest corner of the box."""
         return max(math.dist((north, east), corner) for corner in itertools.product(self.north, self.east))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Program:
-    """A user's program. path: absolute path."""
+    """The user program of a vehicle. path: absolute path of the program."""
 
     path: str
     args: tuple[str, ...] = ()
@@ -86,20 +87,23 @@ class Program:
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """A vehicle after the merge of all layers: nothing is left to a default.
+    """A vehicle, with every default filled in.
 
-    id: MAV_SYS_ID.
-    profile: with the vehicle's own overrides; profile_key: its name, or the absolute path of its file.
-    autopilot: the one that flies; asked: the one that the YAML names.
-    position: north, east, down of the lowest point at the start [m] [NED].
+    id: MAVLink system id (MAV_SYS_ID).
+    profile: vehicle profile, already changed by `overrides`.
+    profile_key: name of the profile, or the absolute path of its file.
+    autopilot: autopilot that is used.
+    asked: autopilot that the YAML asks for, such as `auto`.
+    position: lowest point of the vehicle at the start: north, east, down [m] [NED].
     rpy_deg: roll, pitch, yaw at the start [deg].
-    gcs: further addresses of ground stations.
-    own_params: PX4 parameters that the user names; `arena.plan.firmware` makes the complete set.
-    overrides: mass and sensor noise that replace the profile's.
-    wind_m_s: wind at this vehicle [m/s] [NED]; None for that of the world.
-    forward: whether a pose forwarder feeds the autopilot, pose_rate_hz times per second.
-    wire: connection to a real flight controller; None when the autopilot runs on this computer.
-    px4_version: version of the PX4 that flies, or that the YAML names; "" when unknown.
+    gcs: addresses of additional ground stations.
+    own_params: PX4 parameters that the user sets; `arena.plan.firmware` makes the complete set.
+    overrides: mass and sensor noise from the YAML that replace the profile's.
+    wind_m_s: wind at this vehicle [m/s] [NED]; None: the world's wind.
+    forward: whether a pose forwarder sends poses to the autopilot, pose_rate_hz times per second.
+    wire: connection to a real flight controller; None if the autopilot runs on this computer.
+    sticks: whether the vehicle has an RC transmitter.
+    px4_version: version in the PX4 binary, else the version in the YAML; "" if unknown.
     """
 
     name: str
@@ -127,7 +131,10 @@ class Vehicle:
     px4_version: str = ""
 
     def port_address(self, port: Port, address: str) -> tuple[str, int] | None:
-        """Return host and number of one of the vehicle's ports. address: of the arena."""
+        """Return (host, number) of one of the vehicle's ports, or None if the vehicle does not bind it.
+
+        address: the arena's address.
+        """
         if port.key != "wire":
             return address, getattr(self.ports, port.key)
         wire = self.wire
@@ -135,19 +142,20 @@ class Vehicle:
 
     @property
     def simulated(self) -> bool:
-        """True when the vehicle's body is in the simulated world, whatever autopilot flies it."""
+        """True if the vehicle's body is in the simulated world. The autopilot can still be a real flight controller (hitl)."""
         return self.autopilot != "hardware"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Arena:
-    """A validated arena: intent only, without PX4 parameters and processes.
+    """A validated arena: what the user wants, without PX4 parameters and processes.
 
-    file: path of the YAML as the user named it; folder: its absolute folder.
-    address: numeric address that everything local binds.
-    px4: the PX4 that flies; None when no vehicle flies one.
-    geofence: None without a geofence.
-    source: the YAML with the places of its values, for problems found later.
+    file: path of the YAML as the user gave it.
+    folder: absolute path of the folder of the YAML.
+    address: numeric address that all local sockets bind.
+    px4: the PX4 SITL in use; None if no vehicle uses PX4 SITL.
+    geofence: None if the arena has no geofence.
+    source: the YAML with the line of each value, for the messages of later checks.
     origins: dotted key -> value and its source, for `arena plan --explain`.
     """
 
@@ -175,7 +183,7 @@ class Arena:
 
     @property
     def simulated(self) -> tuple[Vehicle, ...]:
-        """Vehicles with a body in the simulated world, in the order of its rows."""
+        """Vehicles with a body in the simulated world. The world's arrays have one row per vehicle in this order."""
         return tuple(v for v in self.vehicles if v.simulated)
 
     @property
@@ -183,9 +191,9 @@ class Arena:
         return tuple(v for v in self.vehicles if not v.simulated)
 
     def port_address(self, port: Port, vehicle: Vehicle | None = None) -> tuple[str, int] | None:
-        """Return host and number of a row of the port table, or None where there is no such port.
+        """Return (host, number) of a row of the port table, or None if this arena or vehicle does not have the port.
 
-        vehicle: the vehicle of a port that each vehicle has.
+        vehicle: the vehicle, if `port.per_vehicle`.
         """
         if port.per_vehicle:
             return None if vehicle is None else vehicle.port_address(port, self.address)

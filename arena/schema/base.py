@@ -1,4 +1,4 @@
-"""The base of all YAML models: frozen, strict, no unknown keys, no NaN, no infinity."""
+"""Base class and common types of all YAML models."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
 class Strict(BaseModel):
-    """Base of all models."""
+    """Base of all YAML models: frozen and strict. Refuses unknown keys, NaN and infinity."""
 
     model_config = ConfigDict(
         frozen=True,

@@ -1,4 +1,4 @@
-"""The input of every cross-check: the arena, the places of its values, and the file system behind a Protocol."""
+"""The input of every cross-check: the arena, the line of each value, and the file system (a Protocol)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from arena.schema.source import Source
 
 
 class Files(Protocol):
-    """The file system, as far as the checks look at it. Paths are absolute."""
+    """The file system operations that the checks need. Paths are absolute."""
 
     def is_file(self, path: str) -> bool: ...
 
@@ -29,7 +29,7 @@ class Files(Protocol):
 
 
 class RealFiles:
-    """The one of this machine."""
+    """The file system of this computer."""
 
     def is_file(self, path: str) -> bool:
         return Path(path).is_file()
@@ -54,7 +54,7 @@ class RealFiles:
 class Check:
     """The input of a cross-check.
 
-    pruned: paths that are wrong by themselves and must not be judged again.
+    pruned: paths of values that are already reported as wrong; checks skip them.
     """
 
     arena: Arena
@@ -63,11 +63,11 @@ class Check:
     files: Files
 
     def where(self, vehicle: str, *key: str) -> YamlPath:
-        """Return the path at which a vehicle's key is written: under the vehicle, else under `defaults`."""
+        """Return the YAML path of a vehicle's key: under the vehicle if it is written there, else under `defaults`."""
         return self.source.layer(vehicle, *key)
 
     def place_of(self, vehicle: Vehicle, key: str) -> str:
-        """Return where a vehicle's key is written: `arena.yaml:14`."""
+        """Return file and line of a vehicle's key as text: `arena.yaml:14`."""
         file, line = self.source.place(self.where(vehicle.name, key))
         return f"{file}:{line}" if line else file
 
@@ -76,6 +76,6 @@ class Check:
         return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
 
     def sound(self, vehicle: Vehicle, *keys: str) -> bool:
-        """Return whether these keys of a vehicle are right by themselves."""
+        """Return whether no problem is reported yet for these keys of a vehicle, so that checks can use them."""
         roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
         return not any(path[: len(root)] == root for path in self.pruned for root in roots)

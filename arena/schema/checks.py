@@ -1,4 +1,7 @@
-"""Cross-checks of a whole arena: what no single key shows. Pure but for `Files`, which is injected; all problems at once."""
+"""Cross-checks of a whole arena: problems that involve several keys. Pure, except for the injected `Files`.
+
+All problems are reported at once.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +33,8 @@ def check(c: Check) -> list[Problem]:
 
 
 def _names(c: Check) -> Iterator[Problem]:
-    """Check names: they become file names, process names and rigid bodies."""
-    said = "expected a name of lower-case letters, digits and _, a letter first, 32 at most"
+    """Check the names of vehicles and tools, because they become file names, process names and rigid bodies."""
+    said = "expected at most 32 lower-case letters, digits and _, starting with a letter"
     for vehicle in c.arena.vehicles:
         if not _NAME.fullmatch(vehicle.name):
             yield c.source.problem(
@@ -62,7 +65,7 @@ def _not_yet(c: Check) -> Iterator[Problem]:
 
 
 def _empty_sections(c: Check) -> Iterator[Problem]:
-    """Refuse a bare `copilot:`, which looks enabled and is not. Only `--set copilot=null` removes a section."""
+    """Refuse an empty `copilot:` or `geofence:`, because it looks enabled and is not. `--set copilot=null` is allowed."""
     written = c.source.document.data
     for key, meaning in (("copilot", "all its defaults"), ("geofence", "the whole room")):
         if (
@@ -81,20 +84,16 @@ def _px4(c: Check) -> Iterator[Problem]:
         return
     home = c.source.value(("px4", "home"))
     if isinstance(home, str) and any(v.asked in ("auto", "px4") for v in c.arena.vehicles):
-        said = (
-            f"got {home}, and no PX4 is there: expected its source, build or installation folder, or stand-in"
-        )
-        yield c.source.problem(
-            ("px4", "home"), f"{said}. `arena doctor` lists what it finds, and the ways to get PX4."
-        )
+        said = f"got {home}, which contains no PX4. Expected PX4's source, build or installation folder, or stand-in"
+        yield c.source.problem(("px4", "home"), f"{said}. Run `arena doctor` to see how to get PX4.")
         return
     for vehicle in c.arena.vehicles:
         if vehicle.asked == "px4":
-            message = "got px4, and no PX4 was found on this machine. Try autopilot: builtin, or set PX4_HOME to a build of it."
+            message = "got px4, but no PX4 was found on this machine. Try autopilot: builtin, or set PX4_HOME to PX4's build folder."
             yield c.problem(
                 vehicle.name,
                 ("autopilot",),
-                f"{message} `arena doctor` lists where it looked, and the ways to get PX4.",
+                f"{message} `arena doctor` lists the searched folders, and how to get PX4.",
             )
 
 
@@ -108,7 +107,9 @@ def _ids(c: Check) -> Iterator[Problem]:
             )
     for vehicle in c.arena.vehicles:
         if vehicle.id > 250:
-            yield c.source.problem(("vehicles", vehicle.name), "is one vehicle too many: ids end at 250.")
+            yield c.source.problem(
+                ("vehicles", vehicle.name), "would get an id above 250. An arena has at most 250 vehicles."
+            )
 
 
 def _free_id(arena: Arena) -> int:
@@ -117,7 +118,7 @@ def _free_id(arena: Arena) -> int:
 
 
 def _ports(c: Check) -> Iterator[Problem]:
-    """Check that every port has one owner; a second vehicle with the same id is reported by `_ids` alone."""
+    """Check that no two owners have the same port. Vehicles with the same id are skipped, because `_ids` reports them."""
     owners: dict[int, tuple[str, YamlPath]] = {}
     reported: set[tuple[str, ...]] = set()
     for port, words, path in _claims(c):
@@ -132,7 +133,7 @@ def _ports(c: Check) -> Iterator[Problem]:
 
 
 def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlPath]) -> Problem:
-    """Return the problem at the one of the two keys that the user wrote."""
+    """Return the problem of two owners of one port. Its place is the key that the user wrote, if only one is written."""
     (words, path), (other, other_path) = (
         (one, two) if c.source.given(one[1]) or not c.source.given(two[1]) else (two, one)
     )
@@ -143,7 +144,7 @@ def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlP
 
 
 def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
-    """Yield every port of the arena: number, owner, and the path of the key that moves it."""
+    """Yield (number, owner, path of the YAML key that changes the number) of every port of the arena."""
     for port in PORTS:
         place = c.arena.port_address(port)
         if place is not None:
@@ -173,12 +174,12 @@ def _port_range(c: Check) -> Iterator[Problem]:
             yield c.problem(
                 vehicle.name,
                 ("port",),
-                f"got {vehicle.ports.program}, expected at most {most}: the SDK's is 6000 above.",
+                f"got {vehicle.ports.program}, expected at most {most}, because the SDK's port is this number + 6000.",
             )
 
 
 def _start(c: Check) -> Iterator[Problem]:
-    """Check that every vehicle starts inside the room with its whole body."""
+    """Check that the whole body of every simulated vehicle starts inside the room."""
     north, east, height = c.arena.world.size
     for v in c.arena.simulated:
         if not c.sound(v, "start", "profile") or ("world", "size") in c.pruned:
@@ -187,7 +188,7 @@ def _start(c: Check) -> Iterator[Problem]:
         yield from _beside(c, v, "N", n, north / 2 - radius)
         yield from _beside(c, v, "E", e, east / 2 - radius)
         if d > 0:
-            said = f"got D {d:g}, expected 0 or less: D points down. Try {-d:g} or 0."
+            said = f"got D {d:g}, expected 0 or less, because D points down. Try {-d:g} or 0."
             yield c.problem(v.name, ("start", "position"), f"starts below the floor: {said}")
         elif -d > height - v.profile.height_m:
             said = f"got D {d:g}, expected {v.profile.height_m - height:.2f} .. 0. Try 0."
@@ -195,11 +196,11 @@ def _start(c: Check) -> Iterator[Problem]:
 
 
 def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Iterator[Problem]:
-    """Check one axis of a start. room: largest distance of the vehicle's centre from the middle [m]."""
+    """Check one horizontal axis of a start position. room: largest allowed distance from the room's middle [m]."""
     if abs(value) > room:
         best = math.copysign(max(math.floor(room * 100) / 100, 0.0), value)
-        why = f"the walls, less the vehicle's radius of {v.profile.radius_m:g} m"
-        said = f"starts outside the arena: got {axis} {value:g}, expected {-room:.2f} .. {room:.2f}: {why}"
+        why = f"(the walls, less the vehicle's radius of {v.profile.radius_m:g} m)"
+        said = f"starts outside the arena: got {axis} {value:g}, expected {-room:.2f} .. {room:.2f} {why}"
         yield c.problem(v.name, ("start", "position"), f"{said}. Try {best:g}.")
 
 
@@ -245,7 +246,7 @@ def _pose_rate(c: Check, vehicle: Vehicle, frames: float) -> Iterator[Problem]:
             f"got {rate:g}, must divide mocap.rate_hz ({frames:g}). Try {tries or f'{frames:g}'}.",
         )
     elif rate < _LEAST_POSE_RATE_HZ:
-        said = f"got {rate:g}, expected at least {_LEAST_POSE_RATE_HZ:g}: the estimator gives up after gaps of 0.2 s"
+        said = f"got {rate:g}, expected at least {_LEAST_POSE_RATE_HZ:g}, because the estimator rejects poses after gaps of 0.2 s"
         yield c.problem(vehicle.name, ("pose_rate_hz",), f"{said}. Try {frames / math.ceil(frames / 60):g}.")
 
 
@@ -258,7 +259,7 @@ def _capture(c: Check) -> Iterator[Problem]:
         if c.source.given(("mocap", key)):
             used = " and ".join(mocap.vendors)
             yield c.source.problem(
-                ("mocap", key), f"is a key of {vendor}, and this arena uses {used}. Remove it."
+                ("mocap", key), f"is a key of {vendor}, but this arena uses {used}. Remove the key."
             )
 
 

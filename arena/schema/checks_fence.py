@@ -1,4 +1,7 @@
-"""Cross-checks of the geofence: it has an inside, in the room where that is simulated, and every vehicle starts in it. Pure."""
+"""Cross-checks of the geofence. Pure.
+
+The box must not be empty. With simulated vehicles, the box must lie inside the room, and they must start inside the box.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +27,14 @@ def fence(c: Check) -> Iterator[Problem]:
 
 
 def _span(c: Check, axis: str, kept: tuple[float, float]) -> Iterator[Problem]:
-    """Check one side of the fence. kept: lowest and highest value, less the margin [m]."""
+    """Check one horizontal axis of the fence. kept: lowest and highest coordinate after the margin is taken off [m]."""
     margin, wall = _margin(c), c.arena.world.size[axis == "east"] / 2.0
     low, high = kept[0] - margin, kept[1] + margin
     if low >= high:
-        said = f"got [{low:g}, {high:g}], expected the lesser first"
+        said = f"got [{low:g}, {high:g}], expected the smaller number first"
         yield c.source.problem(("geofence", axis), f"{said}. Try [{high:g}, {low:g}].")
     elif kept[0] >= kept[1]:
-        said = f"got {margin:g}, which leaves nothing of {axis} {low:g} .. {high:g}"
+        said = f"got {margin:g}, which is too large: nothing remains of {axis} {low:g} .. {high:g}"
         yield c.source.problem(("geofence", "margin_m"), f"{said}. Try {(high - low) / 8.0:.2g}.")
     elif c.arena.simulated and (low < -wall - _ROUNDING_M or high > wall + _ROUNDING_M):
         near = low < wall and high > -wall
@@ -44,7 +47,7 @@ def _up(c: Check, kept: float) -> Iterator[Problem]:
     margin, height = _margin(c), c.arena.world.size[2]
     up = kept + margin
     if kept <= 0.0:
-        said = f"got {margin:g}, which leaves nothing of a fence {up:g} m high"
+        said = f"got {margin:g}, which is too large: nothing remains of a fence {up:g} m high"
         yield c.source.problem(("geofence", "margin_m"), f"{said}. Try {up / 8.0:.2g}.")
     elif c.arena.simulated and up > height + _ROUNDING_M:
         said = f"got {up:g}, expected at most the room's height, {height:g}"

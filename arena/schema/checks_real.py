@@ -1,4 +1,4 @@
-"""Cross-checks of what is real: hardware vehicles, controllers in the loop, the vendor's motion capture. Pure."""
+"""Cross-checks for real devices: hardware vehicles, flight controllers in the loop, the vendor's motion capture. Pure."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from arena.schema.checking import Check
 from arena.schema.loader import YamlPath
 from arena.transport import EXPECTED_URL, parse_url
 
-# Bytes a second on a serial wire: an ODOMETRY with its covariances is some 245 long; HIL_SENSOR 250 times a second beside it.
+# Load of a serial connection: about 245 bytes per ODOMETRY with covariances; for hitl also 250 HIL_SENSOR of 76 bytes per second.
 _POSE_BYTES, _HIL_BYTES_S, _BITS = 245, 250 * 76, 10
 _USUAL_BAUD = (57_600, 115_200, 230_400, 460_800, 921_600, 1_500_000, 3_000_000)
 
 
 def _wires(c: Check) -> Iterator[Problem]:
-    """Check the keys of the connection to a flight controller."""
+    """Check the keys `url`, `serial` and `baud` against the vehicle's autopilot."""
     for v in c.arena.vehicles:
         keys = {"hardware": "url", "hitl": "serial"}
         wanted = keys.get(v.autopilot)
@@ -29,7 +29,7 @@ def _wires(c: Check) -> Iterator[Problem]:
                 yield c.problem(
                     v.name,
                     (key,),
-                    f"is for autopilot: {other}, and {v.name} has {v.asked}. Remove one of the two.",
+                    f"is for autopilot: {other}, but {v.name} has autopilot: {v.asked}. Remove `{key}` or change `autopilot`.",
                 )
         if wanted is None or not c.sound(v, wanted, "autopilot"):
             continue
@@ -41,7 +41,7 @@ def _wires(c: Check) -> Iterator[Problem]:
 
 def _no_wire(c: Check, v: Vehicle, key: str) -> Iterator[Problem]:
     path: YamlPath = ("vehicles", v.name, key)
-    expected = EXPECTED_URL if key == "url" else "the device of the flight controller, as in /dev/ttyACM0"
+    expected = EXPECTED_URL if key == "url" else "the flight controller's serial device, such as /dev/ttyACM0"
     if not c.source.given(path):
         yield c.problem(v.name, ("autopilot",), f"got {v.asked}, which needs `{key}`: {expected}.")
         return
@@ -54,7 +54,7 @@ def _no_wire(c: Check, v: Vehicle, key: str) -> Iterator[Problem]:
 
 
 def _baud(c: Check, v: Vehicle, baud: int) -> Iterator[Problem]:
-    """Check that a serial connection carries all poses: on a slow one they arrive late."""
+    """Check that the baud rate is high enough for all poses, because poses arrive late on a slow connection."""
     needed = _POSE_BYTES * v.pose_rate_hz if v.forward else 0.0
     needed = _BITS * (needed + (_HIL_BYTES_S if v.autopilot == "hitl" else 0.0))
     if baud < needed:
@@ -64,7 +64,7 @@ def _baud(c: Check, v: Vehicle, baud: int) -> Iterator[Problem]:
         best = next((b for b in _USUAL_BAUD if b >= needed), _USUAL_BAUD[-1])
         less = " or a lower pose_rate_hz" if v.autopilot == "hardware" else ""
         yield c.problem(
-            v.name, ("baud",), f"got {baud}, and {what} need at least {needed:.0f}. Try {best}{less}."
+            v.name, ("baud",), f"got {baud}, but {what} need at least {needed:.0f}. Try {best}{less}."
         )
 
 
@@ -83,7 +83,7 @@ def _shared_wires(c: Check) -> Iterator[Problem]:
         )
         if same_device or same_port or same_vehicle:
             key = "serial" if b.autopilot == "hitl" else "url"
-            said = f"got {b.wire}, which {a.name} has too. Give each vehicle a connection of its own."
+            said = f"got {b.wire}, which is also the connection of {a.name}. Give each vehicle its own connection."
             yield c.problem(b.name, (key,), said)
 
 
@@ -91,25 +91,25 @@ def _speed(c: Check) -> Iterator[Problem]:
     """Check that arenas with a real flight controller run in real time."""
     real = [v for v in c.arena.vehicles if v.wire is not None or v.autopilot in ("hardware", "hitl")]
     if real and c.arena.sim.speed != 1.0 and ("sim", "speed") not in c.pruned:
-        said = f"got {c.arena.sim.speed}, and {real[0].name} is {real[0].autopilot}, which knows real time only. Try 1."
+        said = f"got {c.arena.sim.speed}, but {real[0].name} has autopilot: {real[0].autopilot}, which runs in real time only. Try 1."
         yield c.source.problem(("sim", "speed"), said)
 
 
 def _capture(c: Check) -> Iterator[Problem]:
-    """Check that a motion capture sees every vehicle that needs poses."""
+    """Check that the motion capture source can see every vehicle that needs poses."""
     mocap, hardware = c.arena.mocap, c.arena.hardware
     if ("mocap", "source") in c.pruned:
         return
     if mocap.source == "emulator":
         for key in ("server", "local"):
             if getattr(mocap, key) is not None:
-                said = (
-                    f"is for a vendor's server, and the source is the emulator. Add source: {mocap.emulates}."
-                )
+                said = f"is for a vendor's server, but the source is the emulator. Set mocap.source: {mocap.emulates}, or remove the key."
                 yield c.source.problem(("mocap", key), said)
         for v in (v for v in hardware if v.forward and v.wire is not None):
-            said = f"got hardware, which the emulator cannot see. Set mocap.source: {mocap.emulates} and mocap.server, or forward: false"
-            yield c.problem(v.name, ("autopilot",), f"{said} for a vehicle that needs no captured pose.")
+            said = f"got hardware, which the emulator cannot see. Set mocap.source: {mocap.emulates} and mocap.server."
+            yield c.problem(
+                v.name, ("autopilot",), f"{said} If the vehicle needs no pose, set forward: false instead."
+            )
     elif mocap.source not in VENDORS:
         return
     elif mocap.server is None and ("mocap", "server") not in c.pruned:
@@ -118,9 +118,7 @@ def _capture(c: Check) -> Iterator[Problem]:
         )
         yield c.source.problem(("mocap", "source"), said)
     elif not hardware:
-        said = (
-            f"got {mocap.source}, and every vehicle is simulated: the server cannot see them. Use emulator."
-        )
+        said = f"got {mocap.source}, which cannot see simulated vehicles, and every vehicle is simulated. Use emulator."
         yield c.source.problem(("mocap", "source"), said)
 
 

@@ -18,23 +18,23 @@ _PARAM = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 
 
 def _senses(c: Check) -> Iterator[Problem]:
-    """Check keys that only some autopilots use."""
+    """Check that `gps` and `sticks` are true only for autopilots that use them."""
     for v in c.arena.vehicles:
         for key, fits in (("gps", ("px4", "hitl")), ("sticks", ("px4", "builtin"))):
             if getattr(v, key) and v.autopilot not in fits and c.sound(v, key, "autopilot"):
-                said = f"got true, which is for autopilot: {' or '.join(fits)}, and {v.name} has {v.autopilot}. Remove it."
+                said = f"got true, which is for autopilot: {' or '.join(fits)}, but {v.name} has {v.autopilot}. Remove the key."
                 yield c.problem(v.name, (key,), said)
 
 
 def _overrides(c: Check) -> Iterator[Problem]:
-    """Check mass and sensor noise against the profile, and that only simulated vehicles have noise and wind."""
+    """Check mass and sensor noise against the profile. Refuse sensor noise and wind for vehicles that are not simulated."""
     for v in c.arena.vehicles:
         if c.sound(v, "profile", "mass_kg", "sensors"):
             for keys, message in override_problems(v.profile, v.overrides):
                 yield c.problem(v.name, keys, message)
         for key in ("sensors", "wind_m_s"):
             if c.source.given(("vehicles", v.name, key)) and not v.simulated:
-                message = f"is for simulated vehicles, and {v.name} is hardware. Remove it."
+                message = f"is for simulated vehicles, but {v.name} is hardware. Remove the key."
                 yield c.problem(v.name, (key,), message)
 
 
@@ -108,7 +108,7 @@ def _gcs(c: Check) -> Iterator[Problem]:
                 yield c.problem(
                     v.name,
                     ("gcs", i),
-                    f"got {address}, which is the arena's own address and served anyway. Remove it.",
+                    f"got {address}, the arena's own address, which always gets MAVLink. Remove it.",
                 )
             elif address in v.gcs[:i]:
                 yield c.problem(v.name, ("gcs", i), f"got {address} a second time. Remove it.")
@@ -118,7 +118,9 @@ def _params(c: Check) -> Iterator[Problem]:
     for v in c.arena.vehicles:
         for name in v.own_params:
             if not _PARAM.fullmatch(name):
-                said = f"got {name!r}, expected a PX4 name: capitals, digits and _, 16 at most"
+                said = (
+                    f"got {name!r}, expected a PX4 parameter name: at most 16 capital letters, digits and _"
+                )
                 yield c.problem(v.name, ("params", name), f"{said}. Try {name.upper()[:16]}.")
         if v.own_params.get("MAV_SYS_ID", v.id) != v.id:
             yield c.problem(

@@ -1,4 +1,4 @@
-"""The section `copilot` of the YAML: rules that are watched in flight, and their actions. An empty section enables all rules."""
+"""The section `copilot` of the YAML: safety rules that the copilot checks in flight. An empty section enables all rules."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ _STEPS = ("none", "hold", "land", "terminate")
 
 
 class GeofenceRule(Strict):
-    """Stopping distance up to the geofence; without a geofence, up to the room's walls."""
+    """Rule: the vehicle must be able to stop before the geofence or, without a geofence, before the room's walls."""
 
     do: Do = "hold"
-    """What is done: none, hold, land or terminate."""
+    """Action: none, hold, land or terminate."""
     reserve_m: NotNegative = 0.2
-    """Reserve beside the stopping distance [m]."""
+    """Distance added to the stopping distance [m]."""
 
 
 class SeparationRule(Strict):
-    """Distance between two vehicles, now and predicted. The later one in the YAML yields."""
+    """Rule: smallest distance between two vehicles, now and predicted. The vehicle that comes later in the YAML yields."""
 
     do: Do = "hold"
-    """What is done: none, hold, land or terminate."""
+    """Action: none, hold, land or terminate."""
     at_m: Positive = 0.8
-    """Smallest distance of their centres [m]."""
+    """Smallest distance between the centres [m]."""
     ahead_s: Annotated[float, Field(gt=0, le=10)] = 3.0
     """Prediction time [s]."""
 
 
 class TiltRule(Strict):
-    """Tilt of a vehicle."""
+    """Rule: largest tilt of a vehicle."""
 
     do: Do = "land"
-    """What is done: none, hold, land or terminate."""
+    """Action: none, hold, land or terminate."""
     above_deg: Annotated[float, Field(gt=0, le=180)] = 55.0
     """Largest tilt [deg]."""
     for_s: NotNegative = 0.3
@@ -45,77 +45,77 @@ class TiltRule(Strict):
 
 
 class SpeedRule(Strict):
-    """Speed of a vehicle."""
+    """Rule: largest speed of a vehicle."""
 
     do: Do = "hold"
-    """What is done: none, hold, land or terminate."""
+    """Action: none, hold, land or terminate."""
     above_m_s: Positive = 5.0
     """Largest speed [m/s]."""
 
 
 class PoseAgeRule(Strict):
-    """Age of the motion capture pose of a vehicle that flies by it."""
+    """Rule: largest age of the motion capture pose, for vehicles that receive poses from a pose forwarder."""
 
     do: Do = "land"
-    """What is done: none, hold, land or terminate."""
+    """Action: none, hold, land or terminate."""
     above_s: Positive = 0.5
     """Largest age [s]."""
 
 
 class EstimateRule(Strict):
-    """Difference between the autopilot's estimate and the motion capture."""
+    """Rule: largest distance between the autopilot's position estimate and the motion capture position."""
 
     do: Do = "land"
-    """What is done: none, hold, land or terminate."""
+    """Action: none, hold, land or terminate."""
     off_m: Positive = 0.3
-    """Largest difference [m]."""
+    """Largest distance [m]."""
     for_s: NotNegative = 0.5
     """Time before the rule acts [s]."""
 
 
 class BatteryRule(Strict):
-    """Charge of a battery, independent of the autopilot's own failsafe."""
+    """Rule: lowest battery charge. It does not replace the autopilot's own failsafe."""
 
     do: Do = "land"
-    """What is done: none, hold, land or terminate."""
+    """Action: none, hold, land or terminate."""
     below: Annotated[float, Field(gt=0, lt=1)] = 0.1
     """Lowest charge, from 0 to 1."""
 
 
 class ProgramRule(Strict):
-    """Heartbeat of the program in OFFBOARD, once it has sent one since arming."""
+    """Rule: the program sends heartbeats in OFFBOARD. It applies after the first heartbeat since arming."""
 
     do: Do = "land"
-    """What is done: none, hold, land or terminate."""
+    """Action: none, hold, land or terminate."""
     silent_s: Annotated[float, Field(ge=0.5, le=60)] = 1.0
-    """Time before the rule acts [s]."""
+    """Time without a heartbeat before the rule acts [s]."""
 
 
 class Copilot(Strict):
-    """A process that watches every vehicle by the motion capture, and orders hold, land or terminate by these rules."""
+    """A process that observes all vehicles with the motion capture, and commands hold, land or terminate when a rule is violated."""
 
     on_loss: Literal["land", "restart", "warn"] = "land"
-    """What happens when the copilot itself ends: land and stop the arena, restart the copilot, or warn."""
+    """Reaction to the end of the copilot process: land and stop the arena, restart the copilot, or warn."""
     escalate_after_s: Annotated[float, Field(ge=0.5, le=60)] = 2.0
-    """Time after which a rule that is still violated gets the next step: hold, land, terminate [s]."""
+    """Time after which a rule that is still violated causes the next stronger action: hold, land, terminate [s]."""
     at_most: Step = "land"
-    """Strongest step. Only `terminate` may stop the motors of a flying vehicle."""
+    """Strongest action that is allowed. Only `terminate` stops the motors of a flying vehicle."""
     geofence: GeofenceRule = GeofenceRule()
-    """Stopping before the fence."""
+    """Vehicles stop before the geofence."""
     separation: SeparationRule = SeparationRule()
-    """Distance between vehicles."""
+    """Smallest distance between two vehicles."""
     tilt: TiltRule = TiltRule()
-    """Tilt."""
+    """Largest tilt of a vehicle."""
     speed: SpeedRule = SpeedRule()
-    """Speed."""
+    """Largest speed of a vehicle."""
     pose_age: PoseAgeRule = PoseAgeRule()
-    """Age of poses."""
+    """Largest age of motion capture poses."""
     estimate: EstimateRule = EstimateRule()
-    """Estimate against motion capture."""
+    """Largest distance between the estimated and the captured position."""
     battery: BatteryRule = BatteryRule()
-    """Battery charge."""
+    """Lowest battery charge."""
     program: ProgramRule = ProgramRule()
-    """The program's heartbeat."""
+    """The program sends heartbeats."""
 
     @model_validator(mode="after")
     def _within_at_most(self) -> Copilot:
@@ -124,7 +124,7 @@ class Copilot(Strict):
             do: str = getattr(self, rule).do
             if _STEPS.index(do) > _STEPS.index(self.at_most):
                 raise ValueError(
-                    f"at_most: {do}, which {rule}.do asks for, or a gentler {rule}.do; at_most is {self.at_most}"
+                    f"an at_most that allows {rule}.do: {do}, but at_most is {self.at_most}. Set at_most: {do}, or change {rule}.do"
                 )
         return self
 

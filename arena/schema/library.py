@@ -1,4 +1,4 @@
-"""The data that ships with arena, `profiles/` and `templates/`, and the mass and sensor noise that replace a profile's."""
+"""Access to the profiles and templates that come with arena, and profiles with a vehicle's own mass and sensor noise."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from arena.schema.validate import Validated, validate
 
 
 def data_folder(name: str) -> Path:
-    """Return the folder of `profiles` or `templates`: in an installed package inside it, in a checkout beside it."""
+    """Return the folder `profiles` or `templates`: inside an installed package, or beside the package in a checkout."""
     package = Path(__file__).resolve().parent.parent
     installed = package / "_data" / name
     return installed if installed.is_dir() else package.parent / name
@@ -26,7 +26,7 @@ def profile_names() -> list[str]:
 
 
 def load_profile(name: str) -> Profile:
-    """Return a profile that ships with arena. Raises InputError when there is none, or its file is wrong."""
+    """Return a profile that comes with arena. Raises InputError when there is no such profile, or its file is wrong."""
     if name not in profile_names():
         raise InputError(f"got {name!r}, expected a profile. {near(name, profile_names())}")
     return read_profile(data_folder("profiles") / f"{name}.yaml")
@@ -45,24 +45,24 @@ def read_profile(path: Path) -> Profile:
 
 
 Overrides = Mapping[str, Any]
-"""`mass_kg`, and `sensors`: sensor -> key -> value, as the YAML of a vehicle gives them."""
+"""The values in a vehicle's YAML that replace the profile's: `mass_kg`, and `sensors` (sensor -> key -> value)."""
 
 
 def with_overrides(profile: Profile, overrides: Overrides) -> Profile:
-    """Return the profile with a vehicle's overrides, or unchanged when they are wrong: `override_problems` has the reasons."""
+    """Return the profile with a vehicle's overrides. Wrong overrides are ignored here; `override_problems` reports them."""
     found = _validated(profile, overrides)
     return profile if found.model is None or found.problems else found.model
 
 
 def override_problems(profile: Profile, overrides: Overrides) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Yield (path under the vehicle, message) for every override that the profile cannot have."""
+    """Yield (path under the vehicle, message) for every wrong override."""
     found = _validated(profile, overrides)
     for problem in found.problems:
         yield tuple(problem.field.split(".")), problem.message
     if found.model is not None and not found.problems:
         most = found.model.curve.max_newtons / GRAVITY_M_S2
         if found.model.mass_kg >= most:
-            message = f"got {found.model.mass_kg:g}, expected less than {most:.2f}: the rotors lift no more."
+            message = f"got {found.model.mass_kg:g}, expected less than {most:.2f}, which is the most that the rotors lift."
             yield ("mass_kg",), message
 
 
@@ -72,7 +72,7 @@ def _validated(profile: Profile, overrides: Overrides) -> Validated[Profile]:
 
 
 def _merged(under: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return two mappings merged key by key, at every depth."""
+    """Merge two nested mappings key by key; values of `over` replace values of `under`."""
     found = dict(under)
     for key, value in over.items():
         inner = found.get(key)

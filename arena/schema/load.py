@@ -1,4 +1,7 @@
-"""`load_arena`: arena.yaml and overrides -> Arena, or an InputError with every problem found."""
+"""Entry point of the package: `load_arena` turns arena.yaml and `--set` overrides into an Arena.
+
+Raises one InputError with every problem found.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ def load_arena(path: str | Path, overrides: Sequence[str] = (), files: Files | N
 
 
 def arena_of(document: Document, overrides: Sequence[str] = (), files: Files | None = None) -> Arena:
-    """Return the validated arena of a document that is already parsed, such as one inside a scenario."""
+    """Return the validated arena of a YAML document that is already parsed, such as the arena in a scenario."""
     source = with_overrides(document, overrides)
     found = validate(ArenaFile, source)
     if found.model is None:
@@ -50,7 +53,7 @@ def arena_of(document: Document, overrides: Sequence[str] = (), files: Files | N
 
 
 def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], list[Problem]]:
-    """Return every profile in use by its name, and a problem for each that cannot be loaded."""
+    """Return profile name -> profile for all profiles in use, and a problem for each profile that cannot be loaded."""
     profiles, problems = {DEFAULT_PROFILE: load_profile(DEFAULT_PROFILE)}, []
     asked: dict[YamlPath, str] = {
         ("vehicles", name, "profile"): v.profile for name, v in model.vehicles.items() if v.profile
@@ -70,7 +73,7 @@ def _profiles(model: ArenaFile, source: Source) -> tuple[dict[str, Profile], lis
 
 
 def _params_files(model: ArenaFile, source: Source) -> tuple[dict[str, Mapping[str, float]], list[Problem]]:
-    """Return every `params_file` in use by its name, and a problem for each that cannot be read."""
+    """Return file name -> parameters for every `params_file`, and a problem for each file that cannot be read."""
     found: dict[str, Mapping[str, float]] = {}
     problems = []
     asked: dict[YamlPath, str] = {

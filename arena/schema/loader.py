@@ -1,6 +1,7 @@
-"""Strict YAML: text -> plain values and the line of each. YAML 1.2 scalars, no duplicate keys, no tags that run code.
+"""Strict YAML reader: text -> plain Python values and the line number of each.
 
-Built on PyYAML's composer, which keeps the marks; its constructor is not used. All duplicates are reported at once.
+Scalars follow YAML 1.2. Duplicate keys and tags are refused; all duplicates are reported at once. The reader uses PyYAML's
+composer, because it keeps line numbers, and not PyYAML's constructor.
 """
 
 from __future__ import annotations
@@ -22,19 +23,24 @@ from arena.errors import InputError, Problem
 
 YamlPath = tuple[str | int, ...]
 
-_MOST_VALUES = 100_000  # aliases can make a small file unfold into a huge one
+_MOST_VALUES = 100_000  # with aliases, a small file can expand to a huge number of values
 
 
 @dataclass(frozen=True, kw_only=True)
 class Document:
-    """data: mappings as dict, sequences as tuple.  lines: path -> the line (1-based) of its key or item."""
+    """A parsed YAML file.
+
+    file: path of the file, for messages.
+    data: plain values; mappings are dicts, sequences are tuples.
+    lines: path of a value -> line of its key or list item (the first line is 1).
+    """
 
     file: str
     data: Any
     lines: dict[YamlPath, int] = field(default_factory=dict)
 
     def line(self, path: YamlPath) -> int:
-        """Return the line of a path, or of the nearest enclosing one in the file."""
+        """Return the line of a path. If the path is not in the file, return the line of the nearest enclosing path."""
         for end in range(len(path), -1, -1):
             if path[:end] in self.lines:
                 return self.lines[path[:end]]
@@ -47,7 +53,7 @@ _START = "`vehicles:`, or run `arena init`"
 def load_yaml(path: str | Path, start: str = _START) -> Document:
     """Read a YAML file.
 
-    start: hint for an empty file: how such a file begins.
+    start: first line of a valid file, for the error message if the file is empty.
     Raises InputError when the file cannot be read, is not YAML, or has a key twice.
     """
     try:
@@ -63,7 +69,11 @@ def load_yaml(path: str | Path, start: str = _START) -> Document:
 
 
 def parse_yaml(text: str, file: str, start: str = _START) -> Document:
-    """Parse YAML text. file: name for the messages; start: see `load_yaml`. Raises InputError."""
+    """Parse YAML text. Raises InputError with every problem.
+
+    file: file name for messages.
+    start: first line of a valid file, for the error message if the text is empty.
+    """
     node = _compose(text, file)
     if node is None:
         raise InputError(Problem(file=file, line=0, field="", message=f"is empty. Start with {start}"))
@@ -83,7 +93,7 @@ def parse_scalar(text: str) -> Any:
 
 
 def dump_yaml(data: Any) -> str:
-    """Return plain values as YAML that `parse_yaml` reads back equal; lists come back as tuples."""
+    """Return plain values as YAML text. `parse_yaml` reads the same values back, except that lists become tuples."""
     return yaml.dump(
         data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
     )
@@ -103,7 +113,7 @@ def _compose(text: str, file: str) -> yaml.Node | None:
         ) from error
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, int(error.position)) + 1
-        said = f"holds the character {error.character!r}, which YAML does not allow"
+        said = f"contains the character {error.character!r}, which YAML does not allow"
         raise InputError(Problem(file=file, line=line, field="", message=said)) from error
     except RecursionError as error:
         raise InputError(Problem(file=file, line=1, field="", message="is nested too deeply")) from error
@@ -111,7 +121,7 @@ def _compose(text: str, file: str) -> yaml.Node | None:
 
 
 class _Resolver(BaseResolver):
-    """The core schema of YAML 1.2: `no`, `on` and `12:30` are text, 010 is ten, 1e-3 is a number, `<<` is a key."""
+    """Types of unquoted scalars by YAML 1.2: `no`, `on` and `12:30` are text, 010 is 10, 1e-3 is a number, `<<` is a key."""
 
 
 class _Loader(Reader, Scanner, Parser, Composer, _Resolver):
@@ -152,7 +162,7 @@ for _name, _pattern, _ in _KINDS:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Quotes what our resolver, not YAML 1.1's, would read as something else."""
+    """YAML writer that quotes every text that `_Resolver` would read as another type."""
 
     yaml_implicit_resolvers = _Resolver.yaml_implicit_resolvers
 
@@ -166,7 +176,7 @@ _MAKERS: dict[str, Callable[[str], Any]] = {_TAG + name: make for name, _, make 
 
 
 class _Walk:
-    """Pass over the composed nodes that collects values, lines and problems."""
+    """Conversion of PyYAML's nodes to plain values. Collects the line of each value, and every problem."""
 
     def __init__(self, file: str) -> None:
         self.file = file
@@ -183,11 +193,11 @@ class _Walk:
                     file=self.file,
                     line=_line(node),
                     field="",
-                    message=f"unfolds to more than {_MOST_VALUES} values",
+                    message=f"expands to more than {_MOST_VALUES} values through its aliases",
                 )
             )
         if id(node) in self._open:
-            self._complain(node, path, "holds itself through an alias")
+            self._complain(node, path, "contains itself through an alias")
             return None
         self._open.add(id(node))
         try:
@@ -211,7 +221,9 @@ class _Walk:
         try:
             return _MAKERS[node.tag](node.value)
         except ValueError:
-            self._complain(node, path, f"got {node.value[:40]!r}, which is no {node.tag.removeprefix(_TAG)}")
+            self._complain(
+                node, path, f"got {node.value[:40]!r}, which is not a valid {node.tag.removeprefix(_TAG)}"
+            )
             return None
 
     def _sequence(self, node: yaml.SequenceNode, path: YamlPath) -> tuple[Any, ...]:
@@ -238,7 +250,7 @@ class _Walk:
         if isinstance(node, yaml.ScalarNode) and node.tag == _TAG + "str":
             return str(node.value)
         shown = repr(node.value) if isinstance(node, yaml.ScalarNode) else "a collection"
-        self._complain(node, path, f"got the key {shown}, expected a word. Quote it if it is meant as a name")
+        self._complain(node, path, f"got the key {shown}, expected text. If it is a name, put it in quotes")
         return None
 
     def _complain(self, node: yaml.Node, path: YamlPath, message: str) -> None:
@@ -250,7 +262,7 @@ def _line(node: yaml.Node) -> int:
 
 
 def dotted(path: YamlPath) -> str:
-    """`("start", "position", 0)` -> `start.position[0]`."""
+    """Return a path as text: `("start", "position", 0)` -> `start.position[0]`."""
     text = ""
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part

@@ -1,7 +1,7 @@
-"""The YAML keys of motion capture: those that every vendor has, and those of one vendor.
+"""The YAML keys under `mocap`: keys for all vendors, and keys of each vendor.
 
-A vendor's own keys are one class and one row of `VENDOR_KEYS`; `Mocap` inherits the class, so that the keys stand directly
-under `mocap:`. What the keys mean to a client and a server is in the vendor's package (`arena.mocap.vendors`).
+Each vendor with keys of its own has a class here and a row in `VENDOR_KEYS`. `Mocap` inherits the class, so that users write
+these keys directly under `mocap:`. The vendor's package uses their values (`arena.mocap.vendors`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from arena.schema.base import Address, NotNegative, Port, Strict
 
 
 class MocapNoise(Strict):
-    """Noise of one camera measurement, rms per axis."""
+    """Noise of one measured pose: rms per axis."""
 
     position_mm: NotNegative = 0.3
     """[mm]."""
@@ -30,9 +30,9 @@ class NatNetKeys(Strict):
     version: Literal["3.1", "4.1"] = "3.1"
     """NatNet version that the emulator serves."""
     transport: Literal["multicast", "unicast"] = "multicast"
-    """How NatNet frames travel."""
+    """Transmission of NatNet frames: multicast or unicast."""
     group: Address | None = None
-    """NatNet multicast group. Default: by rule from `address`."""
+    """NatNet multicast group. Default: derived from `address`."""
     command_port: Port = 1510
     """NatNet command port."""
     data_port: Port = 1511
@@ -40,34 +40,34 @@ class NatNetKeys(Strict):
 
 
 class Mocap(NatNetKeys):
-    """The motion-capture system."""
+    """The motion capture system."""
 
     source: Literal["emulator", "natnet", "vrpn"] = "emulator"
-    """Where poses come from: the emulator, or a server of this vendor."""
+    """Source of poses: the emulator, or the name of the vendor whose server is used."""
     emulates: Literal["natnet"] = DEFAULT_VENDOR
     """Vendor whose protocol the emulator serves."""
     server: Address | None = None
-    """Address of the vendor's server, unless the source is the emulator. It sees hardware vehicles, the emulator simulated ones."""
+    """Numeric address of the vendor's server, which measures hardware vehicles. Not used if the source is the emulator."""
     local: Address | None = None
-    """Address of this computer's interface towards the server. Default: the one whose route leads there."""
+    """Address of this computer in the server's network. Default: taken from the route to the server."""
     rate_hz: Annotated[float, Field(ge=10, le=1000)] = 180.0
     """Frames per second."""
     noise: MocapNoise = MocapNoise()
     """Noise that the emulator adds."""
     latency_ms: Annotated[float, Field(ge=0, le=1000)] = 10.0
-    """Time from exposure to the frame on the network [ms]; at least one sensor step."""
+    """Delay from the camera exposure to the frame on the network [ms]; at least one sensor step."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     """Seed of the camera noise."""
 
     @property
     def vendors(self) -> tuple[str, ...]:
-        """Return the vendors in use: that of the server, where there is one, and the one that the emulator imitates."""
+        """Return the vendors in use: the vendor of the server, if there is one, and the vendor that the emulator imitates."""
         served = (self.source,) if self.source in VENDORS else ()
         return tuple(dict.fromkeys((*served, self.emulates)))
 
     @property
     def keys(self) -> dict[str, Any]:
-        """Return the values of all keys, as a vendor's `settings` reads them."""
+        """Return key -> value of all keys, the input of a vendor's settings."""
         return self.model_dump()
 
 
@@ -78,7 +78,7 @@ VENDOR_KEYS: Mapping[str, type[Strict]] = {
 
 
 def keys_of_other_vendors(mocap: Mocap) -> dict[str, str]:
-    """Return the YAML keys that only vendors have which are not in use -> the vendor that has each."""
+    """Return the keys that belong only to vendors that are not in use: YAML key -> vendor."""
     used = {
         key for vendor in mocap.vendors if vendor in VENDOR_KEYS for key in VENDOR_KEYS[vendor].model_fields
     }

@@ -1,7 +1,7 @@
-"""The models of arena.yaml, key by key. Defaults of the sections are here; those of a vehicle are in `resolve`.
+"""The pydantic models of arena.yaml: every section and key with its type. Defaults of sections are here, defaults of vehicles in `resolve`.
 
-A docstring under a key is its line in the reference page and in the JSON schema. Keys that are known but not built yet are in
-`NOT_YET` with what to use instead: they are refused, never ignored.
+The docstring under a key is also the key's description in the reference page and in the JSON schema. Keys that are planned
+but not available yet are in `NOT_YET`, with what to use instead. They are refused, never ignored.
 """
 
 from __future__ import annotations
@@ -66,13 +66,13 @@ class World(Strict):
     size: PositiveVector = (7.0, 4.0, 3.0)
     """North, east and height of the room [m]."""
     heading_deg: Degrees = 0.0
-    """Where the arena's north points [deg]; turns only magnetometer, GPS and global position."""
+    """Direction of the arena's north axis, clockwise from true north [deg]; affects magnetometer, GPS and global position only."""
     origin: Origin = Origin()
-    """Where on the earth the floor's centre is."""
+    """Global position of the floor's centre."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
-    """Seed of every simulated noise of the world."""
+    """Seed of all random noise that the world simulates."""
     wind_m_s: Vector = (0.0, 0.0, 0.0)
-    """Steady wind, north, east, down [m/s]."""
+    """Steady wind: north, east, down [m/s]."""
 
 
 class Sim(Strict):
@@ -81,7 +81,7 @@ class Sim(Strict):
     physics_hz: Annotated[int, Field(ge=100, le=10000)] = 500
     """Physics steps per second."""
     sensor_hz: Annotated[int, Field(ge=50, le=1000)] = 250
-    """Sensor samples and autopilot steps per second; divides physics_hz."""
+    """Sensor samples and autopilot steps per second; must divide physics_hz."""
     speed: Speed = 1.0
     """Simulated seconds per second, or `max`."""
     gui: bool = False
@@ -91,32 +91,32 @@ class Sim(Strict):
 
 
 class Px4Keys(Strict):
-    """PX4 software in the loop."""
+    """The PX4 SITL of this computer."""
 
     home: str | None = None
-    """Its source, build or installation folder, or `stand-in` for arena's own. Default: $PX4_HOME, else `px4` on PATH."""
+    """PX4's source, build or installation folder, or `stand-in` for arena's PX4 stand-in. Default: $PX4_HOME, else `px4` on PATH."""
 
 
 class Preflight(Strict):
-    """Conditions for arming hardware, or a flight controller in the loop."""
+    """Conditions for arming a real flight controller (autopilot `hardware` or `hitl`)."""
 
     position_m: Positive = 0.2
-    """Largest distance between the motion capture pose and the vehicle's estimate [m]."""
+    """Largest distance between the motion capture position and the autopilot's estimate [m]."""
     yaw_deg: Annotated[float, Field(gt=0, le=180)] = 15.0
-    """Largest yaw difference between the two [deg]."""
+    """Largest difference between the motion capture yaw and the autopilot's estimate [deg]."""
     pose_age_s: Annotated[float, Field(gt=0, le=1)] = 0.1
     """Largest age of the last pose sent to the vehicle [s]."""
     battery: Annotated[float, Field(ge=0, le=1)] = 0.2
-    """Lowest charge, 0 to 1; 0 for a vehicle that does not measure it."""
+    """Lowest battery charge, from 0 to 1. Use 0 for a vehicle that does not measure its charge."""
     params: bool = True
-    """Whether hardware must hold all parameters that `arena params push` writes; false: those under `params` alone."""
+    """Which parameters hardware must have. true: all that `arena params push` writes; false: only those under `params`."""
 
 
 Share = Annotated[float, Field(gt=0, lt=1)]
 
 
 class OffboardLoss(Strict):
-    """Setpoints stop in OFFBOARD."""
+    """Reaction to missing setpoints in OFFBOARD."""
 
     action: Literal["land", "hold", "return", "terminate", "disarm"] = "land"
     """What the vehicle does."""
@@ -125,38 +125,40 @@ class OffboardLoss(Strict):
 
 
 class PositionLoss(Strict):
-    """Poses stop, or the estimator rejects them."""
+    """Reaction to missing poses, or to poses that the estimator rejects."""
 
     action: Literal["land", "terminate", "disarm"] = "land"
-    """What the vehicle does; `land` is straight down, by its inertial sensors."""
+    """What the vehicle does. `land` descends vertically with the inertial sensors only."""
     after_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0
     """How long they may be missing [s]."""
 
 
 class LowBattery(Strict):
-    """Remaining charge, from 0 to 1."""
+    """Reactions to a low battery charge (1 = full, 0 = empty)."""
 
     warn: Share = 0.15
     """Charge at which the vehicle warns."""
     land: Share | None = 0.07
-    """Charge at which the vehicle lands; null: it flies on until the battery is empty."""
+    """Charge at which the vehicle lands; null: the vehicle does not land because of its battery."""
 
     @model_validator(mode="after")
     def _in_order(self) -> LowBattery:
         if self.land is not None and self.land >= self.warn:
-            raise ValueError(f"land below warn; got land {self.land:g} and warn {self.warn:g}")
+            raise ValueError(
+                f"land to be less than warn, but land is {self.land:g} and warn is {self.warn:g}"
+            )
         return self
 
 
 class RcLoss(Strict):
-    """RC input stops."""
+    """Reaction to missing RC input."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] | None = None
-    """What the vehicle does. Default: land with an RC transmitter, else none."""
+    """What the vehicle does. Default: land if it has an RC transmitter, else none."""
 
 
 class DataLinkLoss(Strict):
-    """Heartbeats of ground stations stop."""
+    """Reaction to missing heartbeats of the ground stations."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] = "none"
     """What the vehicle does."""
@@ -165,60 +167,60 @@ class DataLinkLoss(Strict):
 
 
 class AttitudeLoss(Strict):
-    """The vehicle tilts too far: hit, turned over, or with a lost rotor."""
+    """Reaction to too much roll or pitch, for example after a collision or a rotor failure."""
 
     action: Literal["none", "terminate"] = "none"
-    """What the vehicle does; `terminate` stops its motors. Not given: hardware keeps its own setting."""
+    """What the vehicle does; `terminate` stops its motors. Without this key, hardware keeps its own setting."""
     above_deg: Annotated[int, Field(ge=50, le=90)] = 60
-    """Roll or pitch that counts as a failure [deg]; above the largest tilt in flight (`MPC_TILTMAX_AIR`, 45)."""
+    """Roll or pitch that counts as a failure [deg]; must exceed the largest tilt in flight (`MPC_TILTMAX_AIR`, 45)."""
 
 
 class FenceLoss(Strict):
-    """A geofence is crossed: the one under `geofence`, or one that was uploaded."""
+    """Reaction to leaving a geofence: the one under `geofence`, or one uploaded to the autopilot."""
 
     action: Literal["none", "warn", "hold", "return", "land", "terminate"] = "land"
     """What the vehicle does."""
 
 
 class Failsafe(Strict):
-    """Reactions to losses. They become parameters of the vehicles' autopilots."""
+    """Reactions of the autopilots to failures and lost connections. They become PX4 parameters."""
 
     offboard_loss: OffboardLoss = OffboardLoss()
-    """When setpoints stop."""
+    """Reaction to missing setpoints in OFFBOARD."""
     position_loss: PositionLoss = PositionLoss()
-    """When poses stop."""
+    """Reaction to missing or rejected poses."""
     low_battery: LowBattery = LowBattery()
-    """When the battery is low."""
+    """Reactions to a low battery charge."""
     rc_loss: RcLoss = RcLoss()
-    """When RC input stops."""
+    """Reaction to missing RC input."""
     data_link_loss: DataLinkLoss = DataLinkLoss()
-    """When heartbeats of ground stations stop."""
+    """Reaction to missing heartbeats of the ground stations."""
     geofence: FenceLoss = FenceLoss()
-    """When a geofence is crossed."""
+    """Reaction to leaving a geofence."""
     attitude: AttitudeLoss = AttitudeLoss()
-    """When the attitude is lost."""
+    """Reaction to too much roll or pitch."""
 
 
 class Geofence(Strict):
-    """A box that the vehicles' centres must stay in. The reaction to leaving it is `failsafe.geofence`."""
+    """A box that the vehicles' centres must stay in. `failsafe.geofence` sets the reaction to leaving the box."""
 
     north: Span | None = None
     """Lowest and highest north coordinate from the floor's centre [m]. Default: the room's walls."""
     east: Span | None = None
     """Lowest and highest east coordinate [m]. Default: the room's walls."""
     up: Positive | None = None
-    """Height of its ceiling above the floor [m]. Default: the room's."""
+    """Height of the fence's ceiling above the floor [m]. Default: the room's height."""
     margin_m: NotNegative = 0.0
-    """Distance by which walls and ceiling move inwards [m]."""
+    """Distance by which the fence's walls and ceiling are moved inwards [m]."""
 
 
 class Host(Strict):
     """Another computer that runs part of the arena."""
 
     address: Address
-    """Its numeric address."""
+    """Numeric address of the computer."""
     user: str | None = None
-    """Who logs in there."""
+    """User name for the login."""
 
 
 class Tool(Strict):
@@ -227,22 +229,22 @@ class Tool(Strict):
     argv: Annotated[Words, Field(min_length=1)]
     """The command and its arguments, as a list."""
     env: dict[str, str] = Field(default_factory=dict)
-    """Further environment variables."""
+    """Environment variables to add."""
     cwd: str | None = None
-    """Where it runs; by default the folder of arena.yaml."""
+    """Folder in which the command runs. Default: the folder of arena.yaml."""
     restart: RestartMode = "never"
     """Whether it is started again when it ends."""
     needs: Words | None = None
-    """Names of processes that must be ready first; by default the router."""
+    """Names of processes that must be ready first. Default: the router."""
 
 
 class Program(Strict):
     """The user's program of one vehicle."""
 
     path: str
-    """The program's file, relative to arena.yaml."""
+    """Path of the program, relative to arena.yaml."""
     args: Words = ()
-    """Its arguments."""
+    """Command-line arguments."""
     restart: RestartMode = "never"
     """Whether it is started again when it ends."""
 
@@ -251,42 +253,42 @@ class Start(Strict):
     """Pose of a vehicle when the arena starts."""
 
     position: Vector = (0.0, 0.0, 0.0)
-    """North, east, down of its lowest point [m]; D = 0 stands on the floor."""
+    """North, east, down of the vehicle's lowest point [m]; D = 0 is on the floor."""
     rpy_deg: tuple[Degrees, Degrees, Degrees] = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw [deg]."""
 
 
 class VehicleDefaults(Strict):
-    """Keys of a vehicle that `defaults` may give to all of them. None: not given here."""
+    """Keys that can be written under one vehicle, or under `defaults` for all vehicles. None: not written here."""
 
     profile: str | None = None
     """Vehicle type: a name in `profiles/`. Default `iris`."""
     autopilot: Literal["auto", "builtin", "px4", "hardware", "hitl"] | None = None
-    """Which autopilot flies it. Default `auto`."""
+    """Autopilot of the vehicle. Default `auto`: PX4 if it is found, else the built-in autopilot."""
     mass_kg: Positive | None = None
-    """Mass [kg]; the inertia stays that of the profile. Default: the profile's."""
+    """Mass [kg]; does not change the inertia. Default: the profile's mass."""
     sensors: dict[str, dict[str, float]] | None = None
-    """Sensor noise of a simulated vehicle, over that of the profile: `imu`, `baro`, `mag`, `gps` and their keys there."""
+    """Sensor noise of a simulated vehicle that replaces the profile's: `imu`, `baro`, `mag`, `gps`, with the profile's keys."""
     wind_m_s: Vector | None = None
-    """Steady wind at this simulated vehicle, north, east, down [m/s]. Default: `world.wind_m_s`."""
+    """Steady wind at this simulated vehicle: north, east, down [m/s]. Default: `world.wind_m_s`."""
     start: Start | None = None
-    """Where it stands at first. Default: at the origin."""
+    """Pose when the arena starts. Default: at the origin."""
     gcs: tuple[Address, ...] | None = None
-    """Further computers with a ground station: each gets the vehicle's program port, SDK port and UDP 14550."""
+    """Addresses of other computers with a ground station. MAVLink goes to their UDP port 14550 and the vehicle's program and SDK ports."""
     params_file: str | None = None
-    """A file of PX4 parameters, as QGroundControl saves it, relative to arena.yaml; `params` goes before it."""
+    """A file of PX4 parameters in QGroundControl's format, relative to arena.yaml. Values under `params` replace those of the file."""
     params: dict[str, float] | None = None
-    """PX4 parameters by name; merged name by name."""
+    """PX4 parameters: name and value. A vehicle's values are merged with those of `defaults`, name by name."""
     px4_version: Annotated[str | None, AfterValidator(_px4_version)] = None
-    """Which PX4 a hardware vehicle runs, 1.9 to 1.18: its parameters get the names of that version. Default 1.16."""
+    """PX4 version of a hardware vehicle, 1.9 to 1.18. Parameter names follow this version. Default 1.16."""
     gps: bool | None = None
     """Whether a simulated PX4 has GPS reception. Default false."""
     sticks: bool | None = None
-    """Whether a simulated vehicle has an RC transmitter, sticks centred. Default false."""
+    """Whether a simulated vehicle has an RC transmitter (with centred sticks). Default false."""
     forward: bool | None = None
     """Whether a pose forwarder feeds the autopilot. Default true."""
     pose_rate_hz: Positive | None = None
-    """Poses per second to the autopilot; divides mocap.rate_hz. Default: the highest that does, up to 60."""
+    """Poses per second to the autopilot; must divide mocap.rate_hz. Default: the highest divisor up to 60."""
     program: Annotated[Program | None, BeforeValidator(_program)] = None
     """The user's program: a path, or a mapping of path, args and restart. Default: none."""
     args: Words | None = None
@@ -298,27 +300,27 @@ class VehicleDefaults(Strict):
 
 
 class VehicleKeys(VehicleDefaults):
-    """Keys of a vehicle."""
+    """All keys of one vehicle."""
 
     id: Annotated[int | None, Field(ge=1, le=250)] = None
-    """MAV_SYS_ID. Default: the lowest that is free, in order of appearance."""
+    """MAVLink system id (MAV_SYS_ID). Default: the lowest free id, in the order of the YAML."""
     port: Port | None = None
-    """UDP port of its MAVLink for the program; the SDK's is 6000 above. Default: 16000 + id."""
+    """UDP port that receives the vehicle's MAVLink in the program. The SDK's port is this number + 6000. Default: 16000 + id."""
     mocap_body: str | None = None
-    """Its rigid body's name in the motion capture. Default: its own name."""
+    """Name of the vehicle's rigid body in the motion capture. Default: the vehicle's name."""
     url: str | None = None
-    """How a hardware autopilot is reached: udpin:HOST:PORT, udpout:HOST:PORT or serial:DEVICE."""
+    """Connection to a hardware autopilot: udpin:HOST:PORT, udpout:HOST:PORT or serial:DEVICE."""
     serial: str | None = None
-    """The device of a flight controller in the loop (`autopilot: hitl`)."""
+    """Serial device of a flight controller in the loop (`autopilot: hitl`)."""
     baud: Annotated[int | None, Field(ge=1200, le=12_000_000)] = None
-    """Baud rate of a serial autopilot. Default 921600."""
+    """Baud rate of a serial connection to an autopilot. Default 921600."""
 
 
 class ArenaFile(Strict):
     """A whole arena.yaml."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] | None = None
-    """What the arena is called. Default: the name of its folder."""
+    """Name of the arena. Default: the name of its folder."""
     address: Address = "127.0.0.1"
     """Numeric address that all processes bind. Default: 127.0.0.1, or the next free loopback address."""
     world: World = World()
@@ -330,19 +332,19 @@ class ArenaFile(Strict):
     px4: Px4Keys = Px4Keys()
     """The PX4 for vehicles with `autopilot: px4` or `auto`."""
     preflight: Preflight = Preflight()
-    """Conditions for arming a real autopilot."""
+    """Conditions for arming a real flight controller."""
     failsafe: Failsafe = Failsafe()
-    """Reactions to losses."""
+    """Reactions of the autopilots to failures and lost connections."""
     landing_speed_m_s: Annotated[float | None, Field(ge=0.3, le=2)] = None
-    """Of every vehicle [m/s]. Default: its autopilot's own, 0.7 for PX4."""
+    """Landing speed of every vehicle [m/s]. Default: the autopilot's own value (PX4: 0.7)."""
     geofence: Geofence | None = None
-    """Where vehicles may be. Default: no fence; `{}`: the room."""
+    """Box that the vehicles must stay in. Default: none; `geofence: {}` is the whole room."""
     copilot: Copilot | None = None
-    """The process that watches the vehicles in flight. Default: none; `copilot: {}` has all defaults."""
+    """The process that watches the vehicles in flight. Default: none; `copilot: {}` enables all rules with their defaults."""
     hosts: dict[str, Host] = Field(default_factory=dict)
-    """Other computers."""
+    """Other computers that run part of the arena."""
     defaults: VehicleDefaults = VehicleDefaults()
-    """Keys of every vehicle, unless the vehicle has its own."""
+    """Values of vehicle keys for all vehicles. A key under the vehicle itself replaces them."""
     tools: dict[str, Tool] = Field(default_factory=dict)
     """Commands that run beside the arena."""
     vehicles: Annotated[dict[str, VehicleKeys], Field(min_length=1)]
@@ -353,7 +355,7 @@ NOT_YET: Mapping[tuple[str, str | None], str] = {
     ("hosts", None): "Remove it; everything runs on this computer",
     ("mocap.source", "vrpn"): "Use emulator or natnet",
 }
-"""Keys and values of the models that are not available yet: (dotted key, value or None for any) -> what to use instead."""
+"""Keys and values of the models that are not available yet: (dotted key, value or None for every value) -> what to use instead."""
 
 _SENSORS = "Simulated vehicles have an IMU, a barometer, a magnetometer and GPS"
 _EMPTY_ROOM = "The simulated room is empty; walls, floor and ceiling follow from `world.size`"
@@ -376,11 +378,11 @@ PLANNED_VALUES: Mapping[tuple[str, str], str] = {
     ("source", "qualisys"): "Use emulator or natnet",
     ("source", "vicon"): "Use emulator or natnet",
 }
-"""(last part of the key, value) that does not exist yet -> what to use instead."""
+"""Values that a user may look for and that do not exist yet: (last part of the key, value) -> what to use instead."""
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema, draft 2020-12."""
+    """Return the JSON schema of arena.yaml (JSON Schema draft 2020-12)."""
     made = ArenaFile.model_json_schema()
     for name in ("VehicleKeys", "VehicleDefaults"):
         made["$defs"][name]["properties"]["program"]["anyOf"].insert(0, {"type": "string"})

@@ -1,4 +1,4 @@
-"""The port table: every port of an arena, its rule, the processes that bind it and the senders they answer.
+"""The port table: every port of an arena, the rule for its number, the processes that bind it and the senders they accept.
 
 The checks, the plan, `arena check`, `arena doctor` and docs/reference/ports.md are made from `PORTS`. Ports of motion
 capture are in the table of vendors, `arena.mocap.vendors`.
@@ -19,7 +19,7 @@ MOST_ID = 250
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePorts:
-    """Ports of one vehicle, all on the arena's address; `PORTS` has the meaning of each."""
+    """Port numbers of one vehicle, all on the arena's address. `PORTS` says what each port is for."""
 
     program: int
     sdk: int
@@ -39,9 +39,9 @@ class VehiclePorts:
 class Binder:
     """A kind of process that binds a port.
 
-    kind: process kind.
-    answers: the senders that it answers, or obeys.
-    autopilots: only for vehicles with these autopilots; () for all.
+    kind: kind of process, such as `router`.
+    answers: text that names the senders from which this process accepts datagrams.
+    autopilots: the process binds the port only for vehicles with these autopilots; () for all vehicles.
     """
 
     kind: str
@@ -53,14 +53,14 @@ class Binder:
 class Port:
     """Row of the port table.
 
-    key: field of `VehiclePorts`, or name of a port of the arena.
-    rule: the number, in words.
+    key: field of `VehiclePorts`, or the name of a port that the arena has once.
+    rule: rule for the number, as text: `24000 + 10 id + 2`.
     name: short name in plans and messages.
-    owner: who binds the port, in words.
+    owner: name of the program that binds the port, for people.
     use: what the port is for.
-    per_vehicle: one for each vehicle.
-    offset: distance from 24000 + 10 id; None where another rule holds.
-    binders: the processes of a running arena that bind the port; others belong to programs outside.
+    per_vehicle: whether each vehicle has such a port; false: the arena has one.
+    offset: number - (24000 + 10 id); None if the number follows another rule.
+    binders: arena's processes that bind the port; () if a program outside the arena binds it.
     """
 
     key: str
@@ -74,15 +74,15 @@ class Port:
     binders: tuple[Binder, ...] = ()
 
     def binder(self, kind: str) -> Binder | None:
-        """Return the binder of a process kind, or None when such a process does not bind this port."""
+        """Return the binder of a process kind, or None if processes of this kind do not bind the port."""
         return next((binder for binder in self.binders if binder.kind == kind), None)
 
 
-_THIS_COMPUTER = "this computer alone"
+_THIS_COMPUTER = "this computer only"
 _YAML_ADDRESSES = "the addresses that the YAML names"
-_PARTNER = "its fixed partner alone"
+_PARTNER = "its fixed partner only"
 _COMMANDS = f"commands from {_THIS_COMPUTER}"
-_ANY_SENDER = "any sender: PX4 binds its links on every address; let the firewall close them"
+_ANY_SENDER = "any sender, because PX4 binds its links on every address; block them with a firewall"
 
 
 def _link(offset: int, key: str, owner: str, name: str, *binders: Binder, use: str = "") -> Port:
@@ -196,7 +196,7 @@ PORTS: tuple[Port, ...] = (
 
 
 def vehicle_ports(vehicle_id: int, port: int | None = None) -> VehiclePorts:
-    """Return the ports of a vehicle by the rules of `PORTS`. port: the program port where the YAML gives one."""
+    """Return the ports of a vehicle by the rules of `PORTS`. port: the vehicle's `port` in the YAML, or None."""
     program = PROGRAM_BASE + vehicle_id if port is None else port
     base = LINK_BASE + 10 * vehicle_id
     by_rule = {row.key: base + row.offset for row in PORTS if row.offset is not None}

@@ -1,4 +1,4 @@
-"""The model of a vehicle's profile: mass, rotors, thrust, sensors. Profiles are files in `profiles/`."""
+"""The pydantic model of a vehicle profile: mass, rotors, thrust curve, sensors. Each file in `profiles/` is one profile."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from arena.thrust_curve import ThrustCurve, thrust_curve
 
 
 class Rotor(Strict):
-    """A rotor, in PX4's motor order."""
+    """A rotor. A profile lists its rotors in PX4's motor order."""
 
     position_m: Vector
     """Position [m] [FRD], from the body origin."""
@@ -22,17 +22,20 @@ class Rotor(Strict):
 
 
 class QuadraticCurve(Strict):
-    """Total thrust T = a u^2 + b u [N]."""
+    """Thrust curve T = a u^2 + b u: total thrust T [N] of a motor command u from 0 to 1."""
 
     kind: Literal["quadratic"]
     a: Positive
     b: NotNegative
     fade_speed_m_s: Positive | None = None
-    """At airspeed v the rotors give the share 1 - v / fade_speed of it [m/s]."""
+    """Loss of thrust with airspeed [m/s]: at airspeed v the thrust is (1 - v / fade_speed) T. None: no loss."""
 
 
 class TangentCurve(Strict):
-    """Command u = (tan((T - offset) / scale) + phase) / gain for a total thrust T [N]; a line from the origin below low_u."""
+    """Thrust curve u = (tan((T - offset) / scale) + phase) / gain: motor command u for a total thrust T [N].
+
+    Below the command low_u, the curve is a straight line from the origin.
+    """
 
     kind: Literal["tangent"]
     offset_n: float
@@ -44,7 +47,7 @@ class TangentCurve(Strict):
 
 
 class Imu(Strict):
-    """Inertial measurement unit: noise rms per axis at 250 Hz; biases are drawn once per flight."""
+    """Inertial measurement unit. Noise and bias are rms values per axis (at 250 Hz); the bias is random and constant in a flight."""
 
     accel_noise_m_s2: NotNegative
     accel_bias_m_s2: NotNegative
@@ -53,19 +56,19 @@ class Imu(Strict):
 
 
 class Baro(Strict):
-    """Barometer."""
+    """Barometer: rms noise of the height."""
 
     noise_m: NotNegative
 
 
 class Mag(Strict):
-    """Magnetometer, rms per axis."""
+    """Magnetometer: rms noise per axis."""
 
     noise_gauss: NotNegative
 
 
 class Gps(Strict):
-    """Satellite receiver, rms per axis."""
+    """GPS receiver: rms noise per axis, and rate of the fixes."""
 
     horizontal_noise_m: NotNegative
     vertical_noise_m: NotNegative
@@ -74,7 +77,7 @@ class Gps(Strict):
 
 
 class Sensors(Strict):
-    """The sensors that the vehicle carries, by their names in `arena.sim.sensors.SENSORS`."""
+    """Sensors of the vehicle. The keys are the names in `arena.sim.sensors.SENSORS`."""
 
     imu: Imu
     baro: Baro
@@ -83,15 +86,15 @@ class Sensors(Strict):
 
 
 class GroundEffect(Strict):
-    """More thrust near the floor, by the method of images."""
+    """Ground effect: the increase of thrust near the floor, computed with the method of images."""
 
     rotor_radius_m: Positive
     body_lift: NotNegative = 2.0
-    """Lift of the fountain between the rotors [-]."""
+    """Lift coefficient of the upwash (fountain effect) between the rotors [-]."""
 
 
 class Battery(Strict):
-    """Battery: a voltage that drops with the charge and with the current through a resistance."""
+    """Battery model: the voltage falls with the charge, and with the current through the internal resistance."""
 
     cells: Annotated[int, Field(ge=1, le=14)]
     capacity_mah: Positive
@@ -101,34 +104,34 @@ class Battery(Strict):
     idle_a: NotNegative
     hover_a: Positive
     thrust_at_v: Positive | None = None
-    """Voltage at which the thrust curve holds [V]; without it thrust does not depend on the voltage."""
+    """Battery voltage at which the thrust curve was measured [V]. None: thrust does not depend on the voltage."""
 
 
 class Profile(Strict):
-    """A vehicle type."""
+    """A vehicle type: its dynamics, sensors, battery and PX4 parameters."""
 
     name: str
     vehicle_class: Literal["multirotor"] = "multirotor"
-    """Model of its dynamics, a row of `arena.vehicle_models.VEHICLE_MODELS`."""
+    """Model of the dynamics: a key of `arena.vehicle_models.VEHICLE_MODELS`."""
     mass_kg: Positive
     inertia_kg_m2: PositiveVector
     """Principal moments Ixx, Iyy, Izz [kg m2] about the body axes."""
     radius_m: Positive
-    """From the origin to the farthest point, horizontally [m]."""
+    """Horizontal distance from the body origin to the farthest point of the vehicle [m]."""
     height_m: Positive
     ground_clearance_m: Positive
-    """Body origin above the vehicle's lowest point [m]."""
+    """Height of the body origin above the vehicle's lowest point [m]."""
     num_rotors: Annotated[int, Field(ge=3, le=8)]
     rotors: tuple[Rotor, ...]
     moment_ratio_m: Positive
-    """Reaction torque per thrust [m]."""
+    """Reaction torque of a rotor divided by its thrust [m]."""
     motor_up_s: Positive
     motor_down_s: Positive
     thrust_curve: Annotated[QuadraticCurve | TangentCurve, Field(discriminator="kind")]
     drag_kg_s: tuple[NotNegative, NotNegative, NotNegative]
-    """Drag of the rotors at hover: force per airspeed along x, y, z [N s/m] [FRD]."""
+    """Linear drag of the rotors at hover: force divided by airspeed, along x, y, z [N s/m] [FRD]."""
     body_drag_kg_m: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
-    """Drag of the body: force per square of the airspeed along x, y, z [N s2/m2] [FRD]."""
+    """Quadratic drag of the body: force divided by the square of the airspeed, along x, y, z [N s2/m2] [FRD]."""
     ground_effect: GroundEffect | None = None
     sensors: Sensors
     battery: Battery
@@ -141,18 +144,20 @@ class Profile(Strict):
 
     @property
     def hover_command(self) -> float:
-        """The command u at which the static thrust carries the vehicle [-]: PX4's MPC_THR_HOVER."""
+        """Motor command u (0 to 1) at which the static thrust equals the weight: PX4's MPC_THR_HOVER."""
         return round(float(self.curve.command(self.mass_kg * GRAVITY_M_S2)), 4)
 
     def problems(self) -> list[str]:
-        """Return what is wrong between several fields, a sentence each."""
+        """Return one sentence for each contradiction between fields: number of rotors, and thrust against weight."""
         found = []
         if len(self.rotors) != self.num_rotors:
-            found.append(f"num_rotors: got {self.num_rotors}, but {len(self.rotors)} rotors are listed")
+            found.append(f"num_rotors: got {self.num_rotors}, but `rotors` lists {len(self.rotors)}")
         if not math.isfinite(most := self.curve.max_newtons) or most <= self.mass_kg * GRAVITY_M_S2:
-            found.append(f"thrust_curve: gives {most:.1f} N at most, which does not lift {self.mass_kg} kg")
+            found.append(
+                f"thrust_curve: the largest thrust is {most:.1f} N, which does not lift {self.mass_kg} kg"
+            )
         return found
 
     def slice(self) -> dict[str, Any]:
-        """Return the profile as JSON for the slices."""
+        """Return the profile as a JSON object, for the configuration files (slices) of processes."""
         return self.model_dump(mode="json")

@@ -1,9 +1,9 @@
-"""Search for PX4 SITL on this machine, and its version. Runs and changes nothing.
+"""Search for PX4 SITL and its version on this computer. Reads files only.
 
 The search order is the folder in the YAML's `px4.home`, else $PX4_HOME, else `px4` on PATH. A folder may be a source tree,
 a build folder or an installation: it needs a binary `bin/px4` and a folder `etc` with the startup scripts. The value
-`stand-in` selects arena's own stand-in: the built-in autopilot behind PX4's simulator API and command line, for machines
-and tests without PX4.
+`stand-in` selects arena's PX4 stand-in: the built-in autopilot with PX4's simulator API and command line. It is for tests,
+and for computers without PX4.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ HOME = "PX4_HOME"
 STAND_IN = "stand-in"
 _BUILDS = ("", "build/px4_sitl_default", "build/px4_sitl_nolockstep", "build/px4_sitl")
 _DATA = ("etc", "../etc", "../share/px4/etc", "share/px4/etc", "../lib/px4/etc")
-# 1.9 and newer: PX4's tests of its own version strings, with versions up to 1.8, are linked into the same binary
+# Versions before 1.9 are ignored, because the binary also contains version strings up to 1.8 from PX4's own tests
 _TAG = re.compile(rb"\x00v(1\.(?:9|[1-9]\d)\.\d{1,2}(?:-[0-9a-z.\-]{1,40})?)\x00")
 
 WAYS = (
@@ -34,7 +34,11 @@ WAYS = (
 
 
 def find_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> Px4 | None:
-    """Return the first complete PX4 of the search order, or None. home: `px4.home` of the YAML, then the only place searched."""
+    """Return the first complete PX4 in the search order, or None.
+
+    home: `px4.home` of the YAML. If it is given, no other folder is searched.
+    env: environment variables; None for those of this process.
+    """
     for folder, source in _candidates(home, os.environ if env is None else env):
         found = _stand_in(source) if str(folder) == STAND_IN else _at(folder, source)
         if found is not None:
@@ -48,7 +52,7 @@ def need_px4(home: str | None = None, env: Mapping[str, str] | None = None) -> P
     if found is None:
         places = _candidates(home, os.environ if env is None else env)
         looked = ", ".join(f"{source} ({folder})" for folder, source in places) or "PATH"
-        raise NotInstalledError(f"PX4 was not found; looked at {looked}. To get it:\n  " + "\n  ".join(WAYS))
+        raise NotInstalledError(f"PX4 was not found; searched {looked}. To get it:\n  " + "\n  ".join(WAYS))
     return found
 
 
@@ -85,7 +89,7 @@ def _stand_in(source: str) -> Px4:
 
 
 def version_of(binary: Path) -> str:
-    """Return the release that is written in the binary, such as "1.16.0"; "" when none is."""
+    """Return the release found in the PX4 binary, such as "1.16.0"; "" if there is none."""
     try:
         found = _TAG.search(binary.read_bytes())
     except OSError:

@@ -1,6 +1,7 @@
-"""Model + source -> Arena: the one merge, defaults -> profile -> `defaults` -> vehicle -> `--set`, with the origin of each value.
+"""Conversion of the YAML model to an Arena. Merges the layers of values, and records where each value comes from.
 
-Never fails: what is missing or wrong has been reported by `validate` or will be by `checks`, which judge the result.
+Later layers win: built-in defaults, profile, `defaults`, the vehicle's own keys, `--set`. `resolve` never raises, because
+`validate` (before) and `checks` (after) report missing and wrong values.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ def resolve(
 ) -> Arena:
     """Return the arena of a validated model.
 
-    profiles: by name; a missing one is replaced by the default profile, and `checks` reports it.
-
-    find_px4: asked once, when a vehicle may fly it.  params_files: what is in them, by the name that the YAML gives.
+    profiles: name -> profile. A missing profile is replaced by the default profile.
+    find_px4: searches PX4; called with `px4.home`, at most once, if a vehicle may use PX4.
+    params_files: file name in the YAML -> parameters in this file.
     """
     folder = Path(source.document.file).absolute().parent
     origins: dict[str, Origin] = {}
@@ -95,7 +96,7 @@ def resolve(
 
 
 def fence_of(model: ArenaFile) -> Fence | None:
-    """Return the geofence: walls that are not given are those of the room, all less the margin."""
+    """Return the geofence, reduced by the margin. Sides that the YAML does not give are the room's walls and ceiling."""
     drawn = model.geofence
     if drawn is None:
         return None
@@ -105,7 +106,7 @@ def fence_of(model: ArenaFile) -> Fence | None:
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
-    """Return `px4.home` relative to the YAML's folder; `stand-in` is no folder and stays."""
+    """Return `px4.home` as a path; relative paths start at the YAML's folder. `stand-in` is returned unchanged."""
     home = model.px4.home
     return str(folder / Path(home).expanduser()) if home and home != STAND_IN else home
 
@@ -127,7 +128,7 @@ def pose_rate_hz(frame_rate_hz: float) -> float:
 
 
 class _Merge:
-    """Merge of the layers of a vehicle; each `_take` notes the origin of its value."""
+    """Merge of the layers of one vehicle: built-in defaults, `defaults`, own keys. Records the origin of each value."""
 
     def __init__(
         self,
@@ -151,7 +152,7 @@ class _Merge:
         overrides = self._overrides()
         profile = with_overrides(self.profiles.get(wanted, self.profiles[DEFAULT_PROFILE]), overrides)
         ports = vehicle_ports(vehicle_id, own.port)
-        self._own("id", vehicle_id, "rule: lowest free, in order of appearance")
+        self._own("id", vehicle_id, "rule: lowest free id, in the order of the YAML")
         self._own("port", ports.program, "rule: 16000 + id")
         self._note("sdk_port", ports.sdk, "rule: port + 6000")
         asked = self._take("autopilot", "auto")
@@ -198,7 +199,10 @@ class _Merge:
         return "px4" if self.px4 and asked in ("auto", "px4") else "builtin"
 
     def _wire(self, autopilot: str) -> ConnectionUrl | None:
-        """Return the connection to a flight controller; None also when its key is missing or wrong: `checks` reports it."""
+        """Return the connection to a real flight controller, or None.
+
+        A missing or wrong key gives None, too; `checks` reports it.
+        """
         if autopilot not in ("hardware", "hitl"):
             return None
         key = "url" if autopilot == "hardware" else "serial"
@@ -213,7 +217,7 @@ class _Merge:
             return None
 
     def _take(self, key: str, default: Any, words: str = "default") -> Any:
-        """Return the vehicle's value, else that of `defaults`, else the default."""
+        """Return the value under the vehicle, else the value under `defaults`, else `default`; record its origin."""
         for layer, path in ((self.own, ("vehicles", self.name, key)), (self.common, ("defaults", key))):
             value = getattr(layer, key)
             if value is not None:
@@ -221,7 +225,7 @@ class _Merge:
         return self._note(key, default, words)
 
     def _own(self, key: str, value: Any, words: str) -> Any:
-        """Return the value of a key that `defaults` cannot have."""
+        """Return the value of a key that cannot be written under `defaults`; record its origin."""
         path = ("vehicles", self.name, key)
         return self._note(key, value, self.source.origin(path) if self.source.given(path) else words)
 
@@ -239,13 +243,13 @@ class _Merge:
         return Start(**layers)
 
     def _px4_version(self, autopilot: Autopilot) -> str:
-        """Return the version in the PX4 binary, or for other autopilots that of the YAML."""
+        """Return the version of the PX4 SITL binary. For other autopilots, return `px4_version` of the YAML."""
         if autopilot == "px4" and self.px4 is not None:
             return str(self._note("px4_version", self.px4.version, f"rule: {self.px4.words}"))
         return str(self._take("px4_version", ""))
 
     def _overrides(self) -> dict[str, Any]:
-        """Return the vehicle's mass and sensor noise that replace the profile's: `defaults`, then the vehicle's own."""
+        """Return mass and sensor noise that replace the profile's. The vehicle's own values win over `defaults`."""
         found: dict[str, Any] = {}
         if (mass := self._take("mass_kg", None, "default: the profile's")) is not None:
             found["mass_kg"] = mass
@@ -261,7 +265,7 @@ class _Merge:
         return found
 
     def _own_params(self) -> dict[str, float]:
-        """Return the PX4 parameters that the user names: `params_file`, then `defaults`, then the vehicle."""
+        """Return the PX4 parameters that the user sets. Later layers win: `params_file`, `defaults`, the vehicle's `params`."""
         found: dict[str, float] = {}
         if name := self._take("params_file", None):
             for key, value in self.params_files.get(name, {}).items():
@@ -296,7 +300,7 @@ class _Merge:
 
 
 def _trace(origins: dict[str, Origin], source: Source, path: YamlPath, value: Any) -> None:
-    """Record the origin of every value of a section."""
+    """Record the origin of every value of a YAML section."""
     if isinstance(value, BaseModel):
         for key in type(value).model_fields:
             _trace(origins, source, (*path, key), getattr(value, key))

@@ -1,4 +1,4 @@
-"""The places of values: the document with the `--set` overrides laid over it, and the text of its problems."""
+"""The YAML document with the `--set` overrides applied, and file and line of each value for messages."""
 
 from __future__ import annotations
 
@@ -15,14 +15,19 @@ from arena.schema.loader import Document, YamlPath, dotted, parse_scalar
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """document: as read.  data: with the overrides.  overrides: the paths that `--set` gave."""
+    """A YAML document with `--set` overrides.
+
+    document: the document as read from the file.
+    data: values of the document with the overrides applied.
+    overrides: paths that `--set` changed.
+    """
 
     document: Document
     data: Any
     overrides: tuple[YamlPath, ...] = ()
 
     def given(self, path: YamlPath) -> bool:
-        """Return whether a value other than null is written at this path."""
+        """Return whether this path has a value other than null."""
         here = self.data
         for part in path:
             in_dict = isinstance(here, dict) and part in here
@@ -33,39 +38,45 @@ class Source:
         return here is not None
 
     def value(self, path: YamlPath) -> Any:
-        """Return what is written at this path; None when nothing is."""
+        """Return the value at this path, or None if there is no value. Paths into lists are not supported."""
         here = self.data
         for part in path:
             here = here.get(part) if isinstance(here, dict) else None
         return here
 
     def layer(self, vehicle: str, *key: str) -> YamlPath:
-        """Return the path at which a vehicle's key is written: under the vehicle, else under `defaults`."""
+        """Return the YAML path of a vehicle's key: under `defaults` if the key is written only there, else under the vehicle."""
         own: YamlPath = ("vehicles", vehicle, *key)
         common: YamlPath = ("defaults", *key)
         return common if not self.given(own) and self.given(common) else own
 
     def place(self, path: YamlPath) -> tuple[str, int]:
-        """Return file and line of a path, or of the nearest enclosing one; `--set` and 0 for an override."""
+        """Return (file, line) of a path or, if it is not in the file, of the nearest enclosing path.
+
+        Values from `--set` have the place (`--set`, 0).
+        """
         if any(path[: len(o)] == o for o in self.overrides):
             return "--set", 0
         return self.document.file, self.document.line(path)
 
     def origin(self, path: YamlPath) -> str:
-        """Return the place of a value in words: `arena.yaml:14`, `--set` or `default`."""
+        """Return where a value comes from, as text: `arena.yaml:14`, `--set` or `default`."""
         if not self.given(path):
             return "default"
         file, line = self.place(path)
         return f"{file}:{line}" if line else file
 
     def problem(self, path: YamlPath, message: str, at: YamlPath | None = None) -> Problem:
-        """Return a problem of the value at a path. at: path where the value is written, if another (`defaults`)."""
+        """Return a problem of the value at a path.
+
+        at: path at which the value is written, if it is a different one, such as a path under `defaults`.
+        """
         file, line = self.place(path if at is None else at)
         return Problem(file=file, line=line, field=dotted(path), message=message)
 
 
 def with_overrides(document: Document, overrides: Sequence[str]) -> Source:
-    """Return the document with `key=value` texts laid over it. Raises InputError with every wrong override."""
+    """Return the document with `--set` overrides (`key=value` texts) applied. Raises InputError with every wrong override."""
     data, paths, problems = copy.deepcopy(document.data), [], []
     for text in overrides:
         try:
@@ -86,7 +97,9 @@ def _lay(data: Any, text: str) -> YamlPath:
     here = data
     for i, part in enumerate(path):
         if not isinstance(here, dict):
-            raise InputError(f"{'.'.join(path[:i]) or 'the file'} is no mapping, so it has no {part}")
+            raise InputError(
+                f"{'.'.join(path[:i]) or 'the file'} is not a mapping, so the key {part} cannot be set"
+            )
         if i == len(path) - 1:
             here[part] = parse_scalar(value)
         else:
@@ -97,7 +110,7 @@ def _lay(data: Any, text: str) -> YamlPath:
 
 
 def near(name: str, known: Sequence[str]) -> str:
-    """Return a hint that ends a message: the most similar known name, or all of them."""
+    """Return a hint for the end of a message: the known name that is most similar to `name`, or else all known names."""
     close = (
         get_close_matches(name, list(known), n=1, cutoff=0.6) or [k for k in known if name and name in k][:1]
     )
@@ -105,12 +118,12 @@ def near(name: str, known: Sequence[str]) -> str:
 
 
 def as_list(words: Sequence[str]) -> str:
-    """Return words as a YAML list of text: numbers are quoted."""
+    """Return words as a YAML list of texts. Words that YAML would read as numbers are quoted."""
     return "[" + ", ".join(w if isinstance(parse_scalar(w), str) else f"'{w}'" for w in words) + "]"
 
 
 def show(value: Any) -> str:
-    """Return a value as the user wrote it, short."""
+    """Return a value in YAML's notation, shortened, for messages."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

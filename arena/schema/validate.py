@@ -1,7 +1,7 @@
-"""Document -> model, with every problem as one clear line.
+"""Validation of a YAML document by a pydantic model. Each problem becomes one line of plain text.
 
-A wrong value is reported and removed, and the document is validated again, so that one wrong type does not hide later
-problems. `Validated.pruned` lists the removed values: cross-checks skip them.
+A wrong value is reported and removed. Then the document is validated again, so that one wrong type does not hide further
+problems. Cross-checks skip the removed values, which are in `Validated.pruned`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,11 @@ M = TypeVar("M", bound=Strict)
 
 @dataclass(frozen=True, kw_only=True)
 class Validated(Generic[M]):
-    """model: None when too much is wrong.  pruned: paths that were left out because they are wrong."""
+    """Result of a validation.
+
+    model: the model, or None if too many values are wrong.
+    pruned: paths of wrong values, which were removed.
+    """
 
     model: M | None
     problems: tuple[Problem, ...]
@@ -48,7 +52,7 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
             if detail["type"] in ("missing", "too_short") and any(p[: len(path)] == path for p in pruned):
                 pruned.add(
                     _prune(data, path, missing=detail["type"] == "missing")
-                )  # it is missing because it was wrong
+                )  # missing because it was removed as wrong; already reported
                 continue
             problems.append(source.problem(path, _sentence(kind, path, detail)))
             pruned.add(_prune(data, path, missing=detail["type"] == "missing"))
@@ -58,7 +62,7 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
 
 
 def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:
-    """Remove the mapping key that holds the path's value; returns the path removed."""
+    """Remove the value at a path, or the nearest enclosing mapping key; return the path that was removed."""
     end = len(path) - (1 if missing else 0)
     while end and not isinstance(path[end - 1], str):
         end -= 1
@@ -90,12 +94,12 @@ def _sentence(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
     if type_ == "string_type" and isinstance(got, (int, float)):
         hint = f" Did you mean '{show(got)}', in quotes?"
     if type_ == "value_error" and isinstance(got, dict) and set(got) <= set(keys_at(kind, path)):
-        return f"expected {expected}."  # a mapping is right, what it says is not
+        return f"expected {expected}."  # the mapping's keys are right, the values contradict each other
     return f"got {show(got)}, expected {expected}." + (hint if hint.startswith(" Did") else "")
 
 
 def _instead(kind: type[BaseModel], path: YamlPath) -> str:
-    """Return a hint that ends a message: the only key of this name in another section, else the most similar one here."""
+    """Return a hint for an unknown key: the same key in another section if there is exactly one, else the most similar key."""
     elsewhere = [keys for keys in _below(kind) if len(keys) > len(path) and keys[-len(path) :] == path]
     if len(elsewhere) == 1:
         return f"Did you mean {dotted(elsewhere[0])}?"
@@ -103,7 +107,7 @@ def _instead(kind: type[BaseModel], path: YamlPath) -> str:
 
 
 def _below(kind: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the path of every key of the model and of the models in it, except in mappings by name."""
+    """Yield the path of every key of a model and of its nested models. Mappings by name (vehicles, tools) are skipped."""
     model = _model_of(kind)
     for key, field in model.model_fields.items() if model is not None else ():
         yield (*path, key)
@@ -119,8 +123,8 @@ def _choices(detail: ErrorDetails) -> list[str]:
 
 _EXPECTED = {
     "string_type": "text",
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
+    "int_type": "an integer",
+    "int_from_float": "an integer",
     "float_type": "a number",
     "bool_type": "true or false",
     "finite_number": "a finite number",
@@ -131,7 +135,7 @@ _EXPECTED = {
     "greater_than_equal": "at least {ge:g}",
     "less_than": "less than {lt:g}",
     "less_than_equal": "at most {le:g}",
-    "string_pattern_mismatch": "letters, digits, _ . and - only, a letter or digit first",
+    "string_pattern_mismatch": "only letters, digits, _ . and -, starting with a letter or digit",
 }
 
 
@@ -145,12 +149,12 @@ def _expected(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
     if type_ in ("model_type", "model_attributes_type"):
         return f"a mapping with keys such as {', '.join(keys_at(kind, path)[:4])}"
     if type_ in ("too_short",):
-        return f"at least {context['min_length']} in it"
+        return f"at least {context['min_length']} entry"
     return _EXPECTED[type_].format(**context) if type_ in _EXPECTED else detail["msg"]
 
 
 def keys_at(kind: Any, path: YamlPath) -> list[str]:
-    """Return the keys of the model at this path; for a mapping by name, the keys of its items."""
+    """Return the keys that the model allows at this path. A mapping by name has the keys of its items."""
     for part in path:
         model = _model_of(kind)
         field = model.model_fields.get(str(part)) if model is not None else None

@@ -38,9 +38,9 @@ def test_every_port_of_the_plan_is_listed_with_its_senders(tmp_path):
 
 def test_ports_that_other_computers_reach_are_listed(tmp_path):
     lines = open_lines(plan_of(tmp_path, address="192.168.77.5"))
-    assert "open: udp 192.168.77.5:24016,24026 tools (router) answers this computer alone" in lines
+    assert "open: udp 192.168.77.5:24016,24026 tools (router) answers this computer only" in lines
     assert (
-        "open: udp 192.168.77.5:24014,24024 panic link (world) answers commands from this computer alone"
+        "open: udp 192.168.77.5:24014,24024 panic link (world) answers commands from this computer only"
         in lines
     )
     assert (
@@ -63,4 +63,4 @@ def test_ports_of_fifty_vehicles_share_a_line(tmp_path):
     vehicles = {f"v{k}": {"autopilot": "builtin", "start": {"position": [k, 0, 0]}} for k in range(1, 51)}
     plan = plan_of(tmp_path, address="192.168.77.5", world={"size": [200, 10, 3]}, vehicles=vehicles)
     (tools,) = [line for line in open_lines(plan) if " tools " in line]
-    assert tools == "open: udp 192.168.77.5:24016..24506[50] tools (router) answers this computer alone"
+    assert tools == "open: udp 192.168.77.5:24016..24506[50] tools (router) answers this computer only"

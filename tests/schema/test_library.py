@@ -100,7 +100,7 @@ def test_a_curve_of_no_known_kind_is_refused() -> None:
     [
         ("mass_kg: 1.52", "mass_kg: -1", "mass_kg: got -1"),
         ("mass_kg: 1.52", "mass_kg: 9", "does not lift 9.0 kg"),
-        ("num_rotors: 4", "num_rotors: 6", "4 rotors are listed"),
+        ("num_rotors: 4", "num_rotors: 6", "`rotors` lists 4"),
         ("kind: quadratic", "kind: cubic", "thrust_curve"),
         ("radius_m: 0.275", "radius: 0.275", "Did you mean radius_m?"),
     ],

@@ -98,7 +98,9 @@ GOLDEN: dict[str, tuple[str, list[str]]] = {
     ),
     "mass that the rotors cannot lift": (
         V + "{mass_kg: 9}\n",
-        ["arena.yaml:2: vehicles.uav1.mass_kg: got 9, expected less than 4.20: the rotors lift no more."],
+        [
+            "arena.yaml:2: vehicles.uav1.mass_kg: got 9, expected less than 4.20, which is the most that the rotors lift."
+        ],
     ),
     "negative mass": (
         V + "{mass_kg: -1}\n",
@@ -118,7 +120,9 @@ GOLDEN: dict[str, tuple[str, list[str]]] = {
     ),
     "wind at hardware": (
         NATNET + V + "{" + HARDWARE + ", wind_m_s: [1, 0, 0]}\n",
-        ["arena.yaml:3: vehicles.uav1.wind_m_s: is for simulated vehicles, and uav1 is hardware. Remove it."],
+        [
+            "arena.yaml:3: vehicles.uav1.wind_m_s: is for simulated vehicles, but uav1 is hardware. Remove the key."
+        ],
     ),
     "old name for wind": (
         V + "{wind: [1, 0, 0]}\n",
