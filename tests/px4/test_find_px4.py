@@ -123,7 +123,9 @@ def test_parameters_have_the_names_of_the_flown_px4_version(tmp_path: Path, bina
 
 
 def test_a_home_without_px4_is_an_error_with_its_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"arena.yaml:2: px4.home: got \./PX4, which contains no PX4") as error:
+    with pytest.raises(
+        InputError, match=r"arena.yaml:2: px4.home: got \./PX4, which contains no PX4"
+    ) as error:
         load_arena(arena_file(tmp_path, "px4: {home: ./PX4}\n"))
     assert "arena doctor" in str(error.value)
 
