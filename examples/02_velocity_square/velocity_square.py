@@ -1,7 +1,7 @@
 """Velocity setpoints: a square of 1.5 m, one side north, one east, one south, one west, with the nose along the way.
 
-A velocity setpoint is sent once by each call, which then waits for its turn: 50 calls a second here. When the calls
-stop, the vehicle notices within a second and lands by itself. Try it: put an endless loop at the end of this file.
+Each call sends one velocity setpoint and then waits for one period: 50 calls a second here. When the calls stop, the
+autopilot detects the loss after 1 s and lands. Try it: put `while True: pass` after the loop over SIDES.
 """
 
 from math import pi
