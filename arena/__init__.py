@@ -1,4 +1,4 @@
-"""Orchestration of drones in a motion-capture arena, simulated or real, from a YAML file."""
+"""Toolkit that flies several drones in a motion-capture arena, simulated or real, from one YAML file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """Import `UAV` and `Heartbeat` when a program asks for them, so that other processes do not load them.
+    """Import `arena.uav` at the first use of `UAV` or `Heartbeat`, so that other processes do not load it.
 
     `Heart` is the deprecated name of `Heartbeat`.
     """

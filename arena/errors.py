@@ -4,15 +4,15 @@
     ├── InputError                   2   the YAML, a file or a command-line argument is wrong
     │   └── NotInstalledError        2   something the arena needs is not on this machine
     ├── RunError                     1   a process, vehicle or assertion failed
-    ├── WireError                    1   bytes that are not what their format says
+    ├── WireError                    1   received bytes violate their format
     └── VehicleError                 1   raised in user programs by arena.uav
         ├── SetpointError            1   a setpoint with the wrong shape, or not finite (also a ValueError)
-        ├── CommandRefusedError      1   the autopilot said no, with its own reason
-        ├── NotConfirmedError        1   the autopilot did not answer, or did not do it, in time
-        ├── OffboardLostError        1   something else left OFFBOARD or disarmed: the pilot wins
-        └── StaleDataError           1   a group of values is older than allowed
+        ├── CommandRefusedError      1   the autopilot refused a command
+        ├── NotConfirmedError        1   the autopilot did not confirm a command in time
+        ├── OffboardLostError        1   a pilot or a failsafe left OFFBOARD mode or disarmed
+        └── StaleDataError           1   telemetry is older than allowed
 
-0 is success, 130 an interrupt.
+Exit code 0 means success, 130 an interrupt (Ctrl-C).
 """
 
 from __future__ import annotations
@@ -27,17 +27,18 @@ EXIT_INTERRUPTED = 130
 
 
 class ArenaError(Exception):
-    """Base of all. `exit_code` is what the command line ends with."""
+    """Base class of all exceptions of arena. `exit_code`: exit code of the command that ends with this error."""
 
     exit_code = EXIT_FAILED
 
 
 @dataclass(frozen=True, kw_only=True, order=True)
 class Problem:
-    """A fault in an input; faults are ordered as they are read.
+    """Description of one error in an input file. Problems are sorted by file and line.
 
-    file: path as the user gave it; line: 1-based, 0 when unknown; field: dotted key, "" for the file as a whole.
-    message: what was found, what was expected and what to do, in one line.
+    file: path as the user gave it.  line: 1-based, 0 if unknown.
+    field: dotted YAML key, "" for the whole file.
+    message: one line with the value found, the value expected and what to do.
     """
 
     file: str
@@ -51,7 +52,7 @@ class Problem:
 
 
 class InputError(ArenaError):
-    """The input is wrong. Carries every problem found, not just the first."""
+    """An error in the YAML, in another file or on the command line. `problems` lists every error that was found."""
 
     exit_code = EXIT_INPUT
 
@@ -64,36 +65,36 @@ class InputError(ArenaError):
 
 
 class NotInstalledError(InputError):
-    """Something the arena needs is not on this machine; the message says how to get it."""
+    """Error for a missing program or package. The message says how to install it."""
 
 
 class RunError(ArenaError):
-    """A process, a vehicle or an assertion failed."""
+    """Error of a run: a process, a vehicle or an assertion failed."""
 
 
 class WireError(ArenaError):
-    """Bytes that are not what their format says: where, what was found, what was expected."""
+    """Received bytes that violate their format. The message says at which place, the value found and the value expected."""
 
 
 class VehicleError(ArenaError):
-    """Base of what a user program can meet while flying."""
+    """Base class of the errors that `arena.uav` raises in user programs."""
 
 
 class SetpointError(VehicleError, ValueError):
-    """A setpoint of the wrong shape or with a value that is not finite."""
+    """A setpoint that has the wrong shape or contains a value that is not finite."""
 
 
 class CommandRefusedError(VehicleError):
-    """The autopilot refused a command; the message holds its own reason."""
+    """The autopilot refused a command. The message contains the reason that the autopilot gave."""
 
 
 class NotConfirmedError(VehicleError):
-    """The autopilot did not confirm in time."""
+    """The autopilot did not confirm a command in time: no reply, or the requested state was not reached."""
 
 
 class OffboardLostError(VehicleError):
-    """Something other than the program left OFFBOARD or disarmed. Nothing re-arms by itself."""
+    """The vehicle left OFFBOARD mode or was disarmed, and not by the user program. It is not armed again automatically."""
 
 
 class StaleDataError(VehicleError):
-    """A group of values is older than its limit, or was never received."""
+    """Telemetry that the user program reads is older than its limit, or was never received."""

@@ -1,13 +1,13 @@
-"""The frame of every supervised process: its slice of the plan, its title, and its socket to the supervisor.
+"""Common start of every supervised process: its JSON configuration (slice), its title, and its socket to the supervisor.
 
-The supervisor gives each child one end of a local packet socket (its number in ARENA_FD). The child sends on it, one JSON
-object per packet:
-    {"entered": true}                its modules are loaded, so that its start costs no more CPU
-    {"ready": true}                  the process serves
-    {"facts": {"uav1.armed": true}}  values that the supervisor's decisions and `--until-done` depend on
-    {"stats": {...}}                 figures for the table and the summary; the last packet wins, key by key
+The supervisor gives each child one end of a local packet socket; the environment variable ARENA_FD contains its number.
+The child sends packets on this socket, each one JSON object:
+    {"entered": true}                all modules of the process are loaded
+    {"ready": true}                  the process is ready
+    {"facts": {"uav1.armed": true}}  values that the supervisor uses for decisions
+    {"stats": {...}}                 measurements for the table and the summary; a new value replaces the old one of its key
     {"event": "..."}                 one line for events.jsonl and the terminal
-The socket's end of file means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
+End of file on the socket means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
 """
 
 from __future__ import annotations
@@ -30,10 +30,12 @@ SOCKET_VARIABLE = "ARENA_FD"
 
 
 class ProcessContext:
-    """The running process, as its plan describes it.
+    """Configuration of the running process, and its connection to the supervisor.
 
-    settings: its slice.  stopping: True after SIGTERM or SIGINT; loops check it.
-    unsent: packets that the supervisor did not take, because it is stopped or dead.
+    name: name of the process, such as `forward.uav1`.
+    settings: JSON configuration of the process (slice).
+    stopping: True after SIGTERM or SIGINT; the loop of the process checks it and ends.
+    unsent: number of packets that could not be sent, because the supervisor is stopped or dead.
     """
 
     def __init__(self, name: str, settings: dict[str, Any], channel: socket.socket | None) -> None:
@@ -45,14 +47,15 @@ class ProcessContext:
 
     @classmethod
     def enter(cls, argv: list[str] | None = None) -> ProcessContext:
-        """Read the slice named by the first argument, set the process title `arena:<name>` and handle the stop signals.
+        """Read the configuration file (slice), set the process title `arena:<name>` and handle SIGTERM and SIGINT.
 
-        Raises InputError when the slice cannot be read.
+        argv: one argument, the path of the slice; None for the command line.
+        Raises InputError if the slice cannot be read.
         """
         arguments = sys.argv[1:] if argv is None else argv
         if len(arguments) != 1:
             raise InputError(
-                "expected one argument: the JSON slice that `arena up` writes into the run folder"
+                "expected one argument: the configuration file (slices/*.json in the run folder, from `arena up`)"
             )
         try:
             settings = json.loads(Path(arguments[0]).read_text())
@@ -72,7 +75,7 @@ class ProcessContext:
 
     @property
     def orphaned(self) -> bool:
-        """True once the supervisor has died. Costs one system call: read it a few times a second."""
+        """True once the supervisor has died. Each read makes a system call, so read it only a few times a second."""
         if self._socket is not None and not self._orphaned:
             try:
                 self._orphaned = self._socket.recv(4096) == b""
@@ -83,15 +86,15 @@ class ProcessContext:
         return self._orphaned
 
     def ready(self, **facts: Any) -> None:
-        """Report that the process serves."""
+        """Report to the supervisor that the process is ready. facts: first facts, sent in the same packet."""
         self._send({"ready": True, "facts": facts} if facts else {"ready": True})
 
     def facts(self, facts: dict[str, Any]) -> None:
-        """Send facts, such as {"uav1.armed": True}."""
+        """Send facts to the supervisor: values that its decisions depend on, such as {"uav1.armed": True}."""
         self._send({"facts": facts})
 
     def stats(self, stats: dict[str, Any]) -> None:
-        """Send figures for the table and the summary."""
+        """Send measurements for the status table and the summary, such as {"rate_hz": 99.8}."""
         self._send({"stats": stats})
 
     def event(self, text: str) -> None:
@@ -113,11 +116,12 @@ class ProcessContext:
 def run_room(
     word: str, make: Callable[[ProcessContext], Callable[[], int | None]], argv: list[str] | None = None
 ) -> int:
-    """Run a supervised process and return its exit code. An error becomes one line on stderr.
+    """Run a supervised process and return its exit code. An ArenaError is printed as one line on stderr.
 
-    word: what the line of an error begins with.
-    make: builds the serve function from the context. Both may raise ArenaError; `make` may raise KeyError for a key that
-        the slice lacks. The serve function returns the exit code, None for 0.
+    word: text at the beginning of an error line, such as the name of the process.
+    make: function that builds the serve function from the context. The serve function runs until the process ends and
+        returns the exit code; None means 0. Both functions may raise ArenaError. `make` may raise KeyError for a missing
+        key of the configuration (slice).
     """
     try:
         context = ProcessContext.enter(argv)
@@ -125,7 +129,7 @@ def run_room(
             serve = make(context)
         except KeyError as error:
             raise InputError(
-                f"the slice of {context.name}: {error} is missing (docs/architecture.md, Slices)"
+                f"configuration file of {context.name}: the key {error} is missing (docs/architecture.md, Slices)"
             ) from error
         return serve() or 0
     except ArenaError as error:
@@ -134,7 +138,7 @@ def run_room(
 
 
 def supervisor_socket() -> socket.socket | None:
-    """Return this process's end of the socket to its supervisor, or None without one. Removes it from the environment."""
+    """Return the socket to the supervisor; None if no supervisor started this process. Removes ARENA_FD from the environment."""
     number = os.environ.pop(SOCKET_VARIABLE, "")
     if not number:
         return None
@@ -146,10 +150,12 @@ def supervisor_socket() -> socket.socket | None:
 
 @dataclass(kw_only=True)
 class ShutdownPolicy:
-    """Decides when a process whose supervisor has died may end: its vehicles are disarmed for `settle_s`, or `limit_s` is over.
+    """Rule for the end of a process whose supervisor has died. Pure: no clock, no socket.
 
-    limit_s: time since the death of the supervisor [s]; None for hardware, which is served until it is disarmed.
-    Pure: no clock, no socket.
+    The process ends when its vehicles have been disarmed for `settle_s`, or `limit_s` after the death of the supervisor.
+
+    settle_s: time for which the vehicles must be disarmed [s].
+    limit_s: longest time after the death of the supervisor [s]; None (for real vehicles) means no limit.
     """
 
     limit_s: float | None = 60.0
@@ -158,9 +164,9 @@ class ShutdownPolicy:
     _disarmed_since: float | None = field(default=None, init=False)
 
     def over(self, *, orphaned: bool, any_armed: bool, now: float) -> bool:
-        """Return True when the process should end.
+        """Return whether the process should end.
 
-        orphaned: the supervisor has died.  any_armed: a vehicle that it serves is armed.  now: monotonic [s].
+        orphaned: the supervisor has died.  any_armed: a vehicle that the process serves is armed.  now: monotonic [s].
         """
         if not orphaned:
             return False

@@ -1,4 +1,4 @@
-"""The private folders of running arenas: where the supervisor makes them and where tools find them."""
+"""Location of the runtime folders: private folders for the sockets of running arenas. Other commands find runs through them."""
 
 from __future__ import annotations
 
@@ -8,17 +8,20 @@ import tempfile
 from pathlib import Path
 
 RUNTIME_DIR_VARIABLE = "ARENA_RUNTIME_DIR"
-"""Environment variable. When it is set, runtime folders are made and searched there only, as tests need it."""
+"""Environment variable for tests: the only folder in which runtime folders are created and searched."""
 
 
 def pointers() -> list[Path]:
-    """Return the `run` file of every runtime folder of this user. Folders that others may have written are ignored."""
+    """Return the path of the `run` file in every runtime folder of this user. This file contains the path of a run folder.
+
+    Folders that other users own or may write to are ignored.
+    """
     bases = [base for base in runtime_bases() if _is_ours(base)]
     return [pointer for base in bases for pointer in sorted(base.glob("*/run")) if _is_ours(pointer.parent)]
 
 
 def _is_ours(folder: Path) -> bool:
-    """Return whether a path is a folder of this user that not everybody may write to."""
+    """Return whether a path is a folder that this user owns and that is not writable for all users."""
     try:
         found = folder.lstat()
     except OSError:
@@ -27,9 +30,9 @@ def _is_ours(folder: Path) -> bool:
 
 
 def runtime_bases() -> list[Path]:
-    """Return the folders that may hold runtime folders; new runs use the first.
+    """Return the folders that may contain runtime folders. New runs use the first one.
 
-    All are searched, because a login without XDG_RUNTIME_DIR must find the runs of one that has it.
+    All are searched, because a terminal without XDG_RUNTIME_DIR must find the runs of a terminal in which it is set.
     """
     if only := os.environ.get(RUNTIME_DIR_VARIABLE):
         return [Path(only)]

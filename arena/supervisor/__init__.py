@@ -1,4 +1,4 @@
-"""The supervisor: runs a plan and knows nothing of drones. The only room that forks or sends signals."""
+"""The supervisor: runs the processes of a plan. It contains no drone logic. Only this package forks and sends signals."""
 
 from arena.supervisor.control_socket import Control
 from arena.supervisor.loop import Options, Supervisor

@@ -1,8 +1,8 @@
-"""The only place that forks. A Child is one started process with its session, its log and its status socket.
+"""Start, signal and reap processes. A `Child` is one started process with its session, its log and its status socket.
 
-A child leads a session and a process group of its own; signals go to the group. A child that must not outlive the
-supervisor gets a parent-death signal. That signal fires when the *thread* that forked ends, so start children from
-the main thread only.
+Each child has its own session and process group; signals go to the group. A child that must not outlive the
+supervisor gets a parent-death signal. The kernel sends this signal when the *thread* that forked ends. Therefore
+start children from the main thread only.
 """
 
 from __future__ import annotations
@@ -41,9 +41,11 @@ class Child:
 
     pid: also the number of its process group and session.  start_s: when the kernel started it [s since boot].
     channel: the supervisor's end of the status socket; None once the other end is closed.
-    garbage: number of packets that were not JSON objects.  cut: how often its log was cut.
-    cpu_s: CPU time of the process and its children [s], known once it is reaped.
-    stopped: the signal that stopped it, as of the last `reap`; "" when it may run. A debugger's stop does not count.
+    garbage: number of packets that were not JSON objects.
+    cut: how often the log file was shortened.
+    cpu_s: CPU time of the process and its children [s]; 0 until `reap` returns an Exit.
+    stopped: name of the signal that stopped it, found by the last `reap`; "" if not stopped. A stop by a debugger does
+        not count.
     """
 
     spec: ProcessSpec
@@ -58,19 +60,20 @@ class Child:
     _popen: subprocess.Popen[bytes] | None = field(default=None, repr=False)
 
     def signal(self, number: int) -> None:
-        """Send a signal to the whole group. A group that has ended already is no error."""
+        """Send a signal to the whole process group. Does nothing if the group has ended already."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, number)
 
     def reap(self) -> Exit | None:
-        """Return how it ended, or None while it runs.
+        """Return how the process ended, or None while it runs.
 
-        Kills the rest of its group before its pid is released, so that the group's number cannot be reused.
+        If it ended: kill the other processes of its group before its pid is released, so that no new group can have the
+        same number.
         """
         try:
             found = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
         except ChildProcessError:
-            return Exit(code=1, text="ended; its exit code was taken by another process")
+            return Exit(code=1, text="ended; its exit code is unknown, because something else waited for it")
         if found is None or found.si_code == os.CLD_STOPPED:
             self.stopped = _signal_name(found.si_status) if found is not None else ""
             return None
@@ -82,9 +85,9 @@ class Child:
         return exit_of(status)
 
     def receive(self) -> list[dict[str, Any]]:
-        """Return the packets that wait on its socket, at most _PACKETS_PER_CALL.
+        """Return the packets received on the status socket, at most _PACKETS_PER_CALL.
 
-        Other data is counted in `garbage`; at end of file `channel` becomes None.
+        Data that is not a JSON object is counted in `garbage`. At end of file `channel` becomes None.
         """
         packets: list[dict[str, Any]] = []
         for _ in range(_PACKETS_PER_CALL):
@@ -115,15 +118,15 @@ class Child:
         return data
 
     def close(self) -> None:
-        """Close its socket."""
+        """Close the status socket."""
         if self.channel is not None:
             self.channel.close()
             self.channel = None
 
     def cut_log(self) -> bool:
-        """Cut a log over LOG_LIMIT_BYTES back to its first mebibyte. Return True when it was cut.
+        """Cut a log file longer than LOG_LIMIT_BYTES to its first LOG_KEPT_BYTES. Return True if it was cut.
 
-        The child has the log open for appending, so it continues to write at the new end.
+        The child has the file open for appending, so the child continues to write at the new end.
         """
         with contextlib.suppress(OSError):
             if self.log.stat().st_size > LOG_LIMIT_BYTES:
@@ -134,9 +137,10 @@ class Child:
 
 
 def start(spec: ProcessSpec, log: Path, run: str) -> Child:
-    """Fork and exec a process. Raises OSError.
+    """Fork and exec a process. Raises OSError if it cannot be started.
 
-    spec: with its placeholders filled; its env is added to the supervisor's own.  log: where its output is appended.
+    spec: the process, with all placeholders filled; its `env` is added to the supervisor's environment.
+    log: file to which the output of the process is appended.
     run: path of the run folder, for the environment variable ARENA_RUN.
     """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -172,7 +176,7 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
 
 
 def last_line(log: Path) -> str:
-    """Return the last line of a log that is not blank; "" when there is none."""
+    """Return the last line of a log file that is not blank; "" if there is none."""
     try:
         with log.open("rb") as file:
             file.seek(max(0, log.stat().st_size - 4096))
@@ -191,15 +195,16 @@ def exit_of(status: int) -> Exit:
 
 
 def adopt_orphans() -> None:
-    """Make this process the parent of descendants whose parents have ended, so that a process that forks twice is still found."""
+    """Make this process the parent of every descendant whose own parent has ended, so that `reap_adopted` finds it."""
     _libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
-    """Kill adopted descendants whose process of the plan has ended. Return the pids that were killed.
+    """Kill adopted descendants of processes of the plan that have ended. Return the pids of the killed descendants.
 
-    known: pids that the supervisor started itself.  mark: the entry that every process of this run has in its environment.
-    alive: names of processes whose descendants may stay.
+    known: pids that the supervisor started itself; these are not touched.
+    mark: `KEY=value` entry that every process of this run has in its environment.
+    alive: names of the running processes; their descendants are not killed.
     """
     killed = []
     for pid in proc_fs.children(os.getpid()):
@@ -216,7 +221,7 @@ def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
 
 
 def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
-    """Return the function that runs in the child between fork and exec. None allows the faster vfork."""
+    """Return the function that the child runs between fork and exec; None if not needed, so that the faster vfork is used."""
     if spec.outlives and not spec.nice and not os.getpriority(os.PRIO_PROCESS, 0):
         return None
     supervisor, nice, dies_with_us = os.getpid(), spec.nice, not spec.outlives
@@ -229,8 +234,8 @@ def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
         with contextlib.suppress(OSError):
             os.nice(nice)  # added to the caller's
         if found := os.getpriority(os.PRIO_PROCESS, 0):
-            # With autogroups the kernel gives every session an equal share, whatever the nice values of its processes:
-            # the group has a nice value of its own.
+            # With autogroups the kernel gives every session an equal share of the CPU. The nice values of processes
+            # have no effect between sessions, so set the nice value of the autogroup.
             with contextlib.suppress(OSError):
                 _AUTOGROUP.write_text(str(found))
 

@@ -1,14 +1,14 @@
-"""The control socket of a running arena: one JSON object per line, both ways. It serves `ps`, `restart`, `down` and `subscribe`.
+"""The control socket of a running arena. Requests and replies are one JSON object per line.
 
     {"do": "ps"}                       -> {"name": ..., "processes": {...}, "facts": {...}, ...}
     {"do": "restart", "name": "x", "yes": false}  -> {"ok": true}
     {"do": "down", "now": false}       -> {"ok": true}
-    {"do": "subscribe"}                -> {"ok": true}, then {"say": "..."} for every line shown, until the run has ended
-Any other line is answered with {"error": "..."}. No client can make the loop wait: a client that does not read is
-disconnected.
+    {"do": "subscribe"}                -> {"ok": true}, then {"say": "..."} for every line that the run shows, until its end
+The reply to any other line is {"error": "..."}. The server never waits for a client: a client that does not read its
+replies is disconnected.
 
-Socket and folder belong to their owner only. The server also asks the kernel for the user of every connection, and
-refuses and counts users other than the owner and root.
+Only the user who started the arena can open the socket and its folder. The server also gets the user of every
+connection from the kernel, and refuses users other than the owner and root.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ class _Client:
 
 
 class ControlServer:
-    """The server's side, driven by the loop's selector.
+    """Server of the control socket. The selector of the main loop calls it; it never blocks.
 
-    path: of the socket, in the run's private folder.
-    answer: returns the reply to a request; raises KeyError or ValueError with a text for the client.
+    path: path of the socket, in the private runtime folder of the run.
+    answer: function that returns the reply to a request, or raises KeyError or ValueError with a text for the client.
     refused: called with a text when a user is refused for the first time.
-    users: ids of the users that are served; by default the owner and root.
+    users: ids of the users that are allowed; None for the owner and root.
     """
 
     def __init__(
@@ -101,11 +101,11 @@ class ControlServer:
 
     def _refuse(self, connection: socket.socket, user: int) -> None:
         with contextlib.suppress(OSError):
-            connection.send(json.dumps({"error": f"user {user} may not command this arena"}).encode() + b"\n")
+            connection.send(json.dumps({"error": f"user {user} is not allowed to command this arena"}).encode() + b"\n")
         connection.close()
         self.refused[user] = self.refused.get(user, 0) + 1
         if self.refused[user] == 1:
-            self._on_refused(f"refused a connection of user {user}: only the owner may command this arena")
+            self._on_refused(f"refused a connection of user {user}: only the owner and root may command this arena")
 
     def _serve(self, client: _Client) -> None:
         self._flush(client)
@@ -122,14 +122,14 @@ class ControlServer:
         for line in lines:
             self._send(client, self._reply(client, line))
         if len(client.received) > _LONGEST_REQUEST:
-            self._send(client, {"error": f"a request is one line of at most {_LONGEST_REQUEST} bytes"})
+            self._send(client, {"error": f"request too long: expected one line of at most {_LONGEST_REQUEST} bytes"})
             self._drop(client)
 
     def _reply(self, client: _Client, line: bytes) -> dict[str, Any]:
         try:
             request = json.loads(line)
             if not isinstance(request, dict):
-                raise ValueError("a request is a JSON object")
+                raise ValueError("expected a JSON object as the request")
             if request.get("do") == "subscribe":
                 client.subscribed = True
                 return {"ok": True}
@@ -170,16 +170,17 @@ class ControlServer:
 
 
 def _user(connection: socket.socket) -> int:
-    """Return the id of the connected user, from the kernel (SO_PEERCRED: pid, uid, gid)."""
+    """Return the user id of the connected process, from the kernel (SO_PEERCRED: pid, uid, gid)."""
     _, user, _ = struct.unpack("iII", connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
     return int(user)
 
 
 class Control:
-    """The client's side.
+    """Client of the control socket.
 
-    timeout_s: limit of every wait [s].
-    Raises RunError when no arena answers.
+    path: path of the socket.
+    timeout_s: longest wait for each reply [s].
+    Raises RunError if no arena replies.
     """
 
     def __init__(self, path: Path, timeout_s: float = 5.0) -> None:
@@ -194,9 +195,9 @@ class Control:
             raise RunError(f"no arena answers at {path} ({error.strerror or error})") from error
 
     def ask(self, **request: Any) -> dict[str, Any]:
-        """Send one request and return the answer. Raises RunError with the text of an error.
+        """Send one request and return the reply. Raises RunError if there is no reply or the reply is an error.
 
-        Lines of a subscription that arrive before the answer are kept for `listen`.
+        Lines of a subscription that arrive before the reply are kept; `listen` returns them later.
         """
         kept: list[dict[str, Any]] = []
         try:
@@ -213,7 +214,7 @@ class Control:
         return answer
 
     def listen(self, timeout_s: float | None = None) -> dict[str, Any] | None:
-        """Return the next packet, or None at the end of the run. Raises TimeoutError."""
+        """Return the next packet, or None at the end of the run. Raises TimeoutError after `timeout_s`."""
         if self._kept:
             return self._kept.pop(0)
         if timeout_s is not None:

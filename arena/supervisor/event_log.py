@@ -1,4 +1,4 @@
-"""events.jsonl: every change of state with its reason, and the events that processes send. Each is also shown."""
+"""The event log of a run, events.jsonl: changes of process states and events that processes send. Each is also shown."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ MAX_EVENT_CHARACTERS = 2000
 MAX_EVENTS_PER_PROCESS = 2000
 
 Show = Callable[[Message], None]
-"""Shows a line to a person. Never raises: a closed terminal must not end a flight."""
+"""Function that shows one line to a person. It never raises, because a closed terminal must not end a flight."""
 
 
 class EventLog:
-    """Appends to events.jsonl and shows the same lines. A full disk costs events, not the flight; `lost` counts them.
+    """Writer of events.jsonl, which also shows each entry as a line. `lost` counts entries that the disk did not take.
 
-    vehicles: names; an event that begins with `<vehicle>: ` is shown as a line about that vehicle.
-    time_s: returns the time to show in front of a line [s], or None.
+    path: the file.  show: function that shows a line.
+    vehicles: names of the vehicles; an event that begins with `<vehicle>: ` is shown as a line about that vehicle.
+    time_s: function that returns the time to show in front of a line [s], or None for no time.
     """
 
     def __init__(
@@ -42,27 +43,28 @@ class EventLog:
     def transition(
         self, mono: float, process: str, before: State, after: State, reason: str, *, level: Level
     ) -> None:
-        """Log a change of state. mono: monotonic time [s]."""
+        """Log a change of the state of a process. mono: monotonic time [s]."""
         self._write({"mono": mono, "process": process, "from": before, "to": after, "reason": reason})
         self.show(Message(source=process, text=transition_text(after, reason), level=level))
 
     def event(self, mono: float, process: str, text: str, *, level: Level | None = None) -> None:
-        """Log something that happened to a process, or that the process sent.
+        """Log an event of a process: something that happened to it, or a text that it sent.
 
-        level: None chooses it by the text. Events of a process after MAX_EVENTS_PER_PROCESS are dropped.
+        mono: monotonic time [s].  level: level of the shown line; None chooses it from the text.
+        Events after the first MAX_EVENTS_PER_PROCESS of a process are dropped.
         """
         self._counts[process] += 1
         if self._counts[process] > MAX_EVENTS_PER_PROCESS:
             return
         last = self._counts[process] == MAX_EVENTS_PER_PROCESS
-        text = text[:MAX_EVENT_CHARACTERS] + (" (its further events are dropped)" if last else "")
+        text = text[:MAX_EVENT_CHARACTERS] + (" (further events are dropped)" if last else "")
         self._write({"mono": mono, "process": process, "event": text})
         vehicle, _, about = text.partition(": ")
         source, shown = (vehicle, about) if vehicle in self._vehicles else (process, text)
         self.show(Message(source=source, text=shown, level=event_level(text) if level is None else level))
 
     def show(self, message: Message) -> None:
-        """Show a line with the time in front, and log nothing."""
+        """Show a line with the time in front, without writing it to events.jsonl."""
         self._show(
             Message(text=message.text, source=message.source, level=message.level, time_s=self._time_s())
         )

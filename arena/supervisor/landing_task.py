@@ -1,7 +1,7 @@
-"""The landing before the stop: runs the plan's land task until every vehicle is confirmed on the ground.
+"""The landing at the end of a run: runs the plan's land task until every vehicle is confirmed on the ground.
 
-Simulated vehicles get ATTEMPTS attempts within TIMEOUT_S. For real vehicles it tries again without a limit, because
-the processes that serve a flying vehicle must not be stopped.
+If only simulated vehicles fly, there are at most ATTEMPTS attempts within TIMEOUT_S. If a real vehicle flies, the
+number of attempts is not limited, because the processes that serve a flying vehicle must not be stopped.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ _NOTICE_S = 5.0
 
 
 class LandingTask:
-    """The landing of one run. Call `step` until it returns True.
+    """Landing of all vehicles of one run. Call `step` until it returns True.
 
-    landed: the landing is confirmed, or nothing was flying.  summary: how it stands, for people.
+    landed: true if the landing is confirmed or no vehicle was flying.  summary: state of the landing, for people.
     """
 
     def __init__(self, plan: Plan, folder: RunFolder, log: EventLog) -> None:
@@ -47,11 +47,11 @@ class LandingTask:
         world_gone: bool = False,
         down: Mapping[str, str] | None = None,
     ) -> bool:
-        """Start, watch or repeat the land task. Return True once the landing has ended.
+        """Start, monitor or repeat the land task. Return True when the landing has ended, successfully or not.
 
         flying: vehicles that may be in the air.  now: monotonic [s].
         world_gone: the simulated world has ended, so its vehicles do not fly.
-        down: vehicle -> why the landing does not wait for it.
+        down: vehicle -> reason why the landing does not wait for the vehicle.
         """
         self._now = now
         self._log_down(down or {})
@@ -78,7 +78,7 @@ class LandingTask:
         self._down = {**self._down, **down}
 
     def _spec(self, flying: Sequence[str]) -> ProcessSpec:
-        """Return the land task without the vehicles that are down, because they would never confirm."""
+        """Return the land task, without the vehicles in `down`: they would never confirm the landing."""
         assert self._plan.land is not None
         spared = [vehicle for vehicle in self._down if vehicle not in flying]
         extra = ("--except", ",".join(spared)) if spared else ()
@@ -113,7 +113,7 @@ class LandingTask:
         return False
 
     def _hurry(self, task: SideTask, flying: Sequence[str], now: float) -> None:
-        """Kill the task when nothing has been flying for _NOTICE_S."""
+        """Kill the land task if no vehicle has been flying for _NOTICE_S."""
         if flying:
             self._nothing_since = None
         elif self._nothing_since is None:
@@ -122,8 +122,8 @@ class LandingTask:
             task.stop()
 
     def _failed(self, exit: Exit, flying: Sequence[str], now: float) -> None:
-        """Log a failed attempt. If no vehicle is armed by now, the next step ends the landing as successful."""
-        self.summary = f"the landing of {', '.join(flying) or 'all'} is not confirmed ({exit.text})"
+        """Log a failed attempt. If no vehicle flies any more, the next step ends the landing as successful."""
+        self.summary = f"the landing of {', '.join(flying) or 'all vehicles'} is not confirmed ({exit.text})"
         self._log.event(now, "arena", self.summary)
 
     def _give_up(self, why: str) -> bool:

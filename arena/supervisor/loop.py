@@ -1,13 +1,13 @@
-"""The supervisor: starts a plan, keeps it running, lands the vehicles, stops everything, and records what happened.
+"""The main loop of the supervisor: starts a plan, keeps it running, lands the vehicles, stops all processes, writes the result.
 
-One thread, one selector. The phases of a run:
+The loop uses one thread and one selector. The phases of a run:
 
-    RUN  --an end-->  LAND  --on the ground, disarmed-->  STOP  --nothing runs-->  REPORT  -->  OVER
+    RUN  --the end is decided-->  LAND  --all on the ground, disarmed-->  STOP  --no process runs-->  REPORT  -->  OVER
 
-RUN restarts processes that die; from LAND on nothing is started any more. In LAND everything goes on running, programs
-too: their setters raise when the landing takes OFFBOARD away. A second Ctrl-C kills the programs at once. A process that
-serves a flying vehicle is never stopped before the landing has ended. `arena down --now` lands real vehicles only, and
-stops everything else at once.
+In RUN, processes that end unexpectedly are restarted. From LAND on, no process is started. In LAND all processes
+continue, user programs too. Their setpoint calls raise an error when the landing takes the vehicle out of OFFBOARD.
+A second Ctrl-C kills the user programs at once. A process that serves a flying vehicle is never stopped before the
+landing has ended. `arena down --now` lands real vehicles only, and stops all other processes at once.
 """
 
 from __future__ import annotations
@@ -56,25 +56,26 @@ class Phase(StrEnum):
 
 
 class Show(Protocol):
-    """The output of a run, as the supervisor needs it. Called from the loop; no method may raise or wait."""
+    """Interface for the output of a run to a person. The loop calls it, so no method may raise or block."""
 
     def say(self, message: Message) -> None:
         """Show one line."""
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Redraw a table if it is due. now: monotonic [s]."""
+        """Redraw the live table if the refresh period is over. status: returns the state to show. now: monotonic [s]."""
 
     def started(self, failed: list[str]) -> None:
-        """Report that every process is started. failed: a text for each process that could not be."""
+        """Report that all processes were started. failed: one text per process that failed to start."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How a run ends.
+    """Options that decide when a run ends.
 
-    until_done: end when every program has ended and every vehicle is disarmed.  time_limit_s: end after it [s].
-    adopt: become the parent of descendants that fork away, to end them with their program. Only for a process
-    that has no other children.
+    until_done: end when every program has ended and every vehicle is disarmed.
+    time_limit_s: end after this time [s]; None for no limit.
+    adopt: become the parent of processes that detach from a program, so that they end with the program. Use it only in a
+        process that has no other children.
     """
 
     until_done: bool = False
@@ -83,7 +84,7 @@ class Options:
 
 
 class Supervisor:
-    """The run of a plan. `run()` returns the exit code."""
+    """Main loop of a run: supervises all processes of one plan. `run()` returns the exit code."""
 
     def __init__(self, plan: Plan, folder: RunFolder, show: Show, options: Options) -> None:
         self.plan, self.folder, self.options, self._show = plan, folder, options, show
@@ -111,7 +112,7 @@ class Supervisor:
         self._exit_code = EXIT_OK
 
     def run(self) -> int:
-        """Run the plan to its end and return the exit code. Call it in the main thread: it handles signals and forks."""
+        """Run the plan to its end and return the exit code. Call it in the main thread, because it handles signals and forks."""
         if self.options.adopt:
             child_process.adopt_orphans()
         with SignalQueue() as signals:
@@ -129,7 +130,7 @@ class Supervisor:
         return self._exit_code
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer to one request of the control socket. Raises ValueError when it is refused."""
+        """Return the reply to one request of the control socket. Raises ValueError when the request is refused."""
         match request.get("do"):
             case "ps":
                 return self.status()
@@ -145,7 +146,7 @@ class Supervisor:
         raise ValueError(f"got request {request.get('do')!r}, expected ps, restart, down or subscribe")
 
     def status(self) -> dict[str, Any]:
-        """Return what `arena ps --json` prints."""
+        """Return the status of the run, as `arena ps --json` prints it."""
         now = time.monotonic()
         return {
             "name": self.plan.name,
@@ -171,7 +172,7 @@ class Supervisor:
                 self._request_end(_CAUSES[signal.Signals(number)], hurry=number == signal.SIGINT)
             elif number == signal.SIGTSTP:
                 self._show_line(
-                    "Ctrl-Z is ignored: a stopped arena would not watch its vehicles. Ctrl-C lands them"
+                    "Ctrl-Z is ignored, because a stopped arena cannot watch its vehicles. Use Ctrl-C to land them and stop"
                 )
         if self._processes.changed or now >= self._next_round:
             self._decide(now)
@@ -207,7 +208,7 @@ class Supervisor:
         if lost := run_end.lost(self.plan, statuses):
             self._begin_end(Cause.LOST, lost)
         elif limit is not None and now - self._began >= limit:
-            self._begin_end(Cause.TIME_LIMIT, f"the time limit of {limit:g} s is over")
+            self._begin_end(Cause.TIME_LIMIT, f"the time limit of {limit:g} s has passed")
         elif self.options.until_done and self._is_quiet(now):
             self._begin_end(Cause.DONE, "every program has ended and every vehicle is disarmed")
         else:
@@ -242,7 +243,7 @@ class Supervisor:
             raise ValueError(f"no process {name!r} in this arena; there are {', '.join(specs)}")
         if self.phase is not Phase.RUN:
             raise ValueError(
-                f"{name} is not restarted: the arena is {self.phase} and starts nothing any more"
+                f"{name} is not restarted: the arena is {self.phase}, so it starts no processes"
             )
         if not in_flight and (refusal := run_end.restart_refusal(specs[name], self._flying())):
             raise ValueError(refusal)
@@ -257,7 +258,7 @@ class Supervisor:
     # -- the end
 
     def _request_end(self, cause: Cause, *, hurry: bool) -> None:
-        """End the run for a person. A second request with `hurry` kills the programs."""
+        """End the run because the user asked for it. A second request with `hurry` kills the user programs."""
         first = self.phase is Phase.RUN
         if first:
             self._begin_end(
@@ -267,9 +268,9 @@ class Supervisor:
             self._report.stop()
         elif hurry and (not first or cause is Cause.DOWN) and not self._orders.kill:
             programs = {spec.name for spec in self.plan.processes if spec.kind == "program"}
-            self._orders.kill, self._orders.why = programs, f"{cause}: not waited for"
+            self._orders.kill, self._orders.why = programs, f"{cause}: killed without waiting"
             serves = "a real vehicle" if self._at_once else "a vehicle"
-            self._event(f"programs are killed; whatever serves {serves} goes on until it has landed")
+            self._event(f"programs are killed; processes that serve {serves} continue until it has landed")
         elif not first:
             self._show_line(f"{self.phase}: waiting for {self._waited_for()}")
         self._processes.changed = True
@@ -293,7 +294,7 @@ class Supervisor:
             p.changed = True
 
     def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-        """Move simulated vehicles from `flying` to `down`, because `arena down --now` does not land them."""
+        """Return `flying` and `down` with the simulated vehicles moved to `down`: `arena down --now` does not land them."""
         simulated = {v.name for v in self.plan.vehicles if v.simulated}
         left = simulated & set(flying)
         if left:
@@ -361,7 +362,7 @@ class Supervisor:
         return ", ".join(self._processes.alive) or "the report"
 
     def _record(self) -> None:
-        """Write state.json when a process has started or ended, so that another command can end a stale run."""
+        """Write state.json if a process has started or ended. `arena down` reads state.json if this supervisor dies."""
         members = self._processes.members()
         if (pids := {m.pid for m in members.values()}) != self._recorded:
             self._recorded = pids
@@ -369,8 +370,8 @@ class Supervisor:
                 self.folder.write_state(self.plan, members)
             except OSError as error:
                 self._event(
-                    f"state.json cannot be written ({error.strerror}): if the supervisor dies, "
-                    f"`arena down` will not find these processes"
+                    f"state.json cannot be written ({error.strerror}). If the supervisor dies, "
+                    f"`arena down` cannot find the processes of this run"
                 )
 
     def _end_runaways(self, now: float) -> None:
@@ -379,7 +380,7 @@ class Supervisor:
         alive = set(self._processes.children) | {task.name for task in tasks}
         mark = f"{child_process.RUN}={self.folder.path}"
         for pid in child_process.reap_adopted(known, mark, alive):
-            self._event(f"killed process {pid}, which had left the group of its program and outlived it")
+            self._event(f"killed process {pid}: a program started it in another process group and has ended")
 
     def _event(self, text: str) -> None:
         self._log.event(time.monotonic(), "arena", text)
@@ -394,4 +395,4 @@ class Supervisor:
 
 
 def _ignore(text: str) -> None:
-    """Drop a line of the report task: its output stays in its log, and `arena up` prints the summary that it writes."""
+    """Ignore a line of the report task, because its log keeps the line and `arena up` prints the summary."""

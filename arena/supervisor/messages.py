@@ -1,4 +1,4 @@
-"""The lines that a run shows to a person: which changes get a line, at which level, with which text. Pure."""
+"""Text and level of the lines that a run shows to a person. Pure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arena.supervisor.process_state import State
 
 
 class Level(IntEnum):
-    """How important a line is."""
+    """Importance of a line: decides with which options of `arena up` the line is shown."""
 
     DETAIL = 0
     """Shown with -v only."""
@@ -26,7 +26,7 @@ class Message:
     """A line for a person.
 
     source: the process or vehicle that the line is about; "" for none.
-    time_s: simulated time [s]; time since the start where no world runs; None before the world runs.
+    time_s: simulated time [s], None before the world runs. Without a simulated world: time since the start [s].
     """
 
     text: str
@@ -48,23 +48,23 @@ _STATE_WORDS = {
     State.FATAL: "failed",
     State.STOPPED: "not started",
 }
-# Reasons that add nothing to the word before them.
+# Reasons that are not shown, because the state already implies them.
 _PLAIN_REASONS = frozenset({"its needs are ready", "reported ready", "started"})
-# Events that repeat what the facts of the router say.
+# Ends of events that repeat facts of the router.
 _REPEATED = (": airborne", ": disarmed")
 
 
 def transition_text(after: State, reason: str) -> str:
-    """Return a change of state in words: `ready`, `ended (exit 1)`."""
+    """Return the text of a line about a new state, such as `ready` or `ended (exit 1)`."""
     if reason in _PLAIN_REASONS:
         return _STATE_WORDS[after]
     return f"{_STATE_WORDS[after]}: {reason}" if "(" in reason else f"{_STATE_WORDS[after]} ({reason})"
 
 
 def transition_level(after: State, *, kind: str, starts: int, ending: bool) -> Level:
-    """Return how important a change of state is.
+    """Return the level of a line about a new state.
 
-    kind: of the process.  starts: how often the process was started.  ending: the run ends, so every process stops.
+    kind: kind of the process.  starts: how often the process was started.  ending: the run ends, so all processes stop.
     """
     if after is State.FATAL:
         return Level.RESULT
@@ -76,18 +76,18 @@ def transition_level(after: State, *, kind: str, starts: int, ending: bool) -> L
 
 
 def event_level(text: str) -> Level:
-    """Return how important the event of a process is."""
+    """Return the level of a line about an event that a process sent."""
     return Level.DETAIL if text.endswith(_REPEATED) else Level.CHANGE
 
 
 class VehicleChanges:
-    """Turns facts such as `uav1.armed` into lines such as `uav1: armed, OFFBOARD`."""
+    """Converter from facts, such as `uav1.armed: true`, to lines, such as `uav1: armed, OFFBOARD`."""
 
     def __init__(self) -> None:
         self._known: dict[str, dict[str, Any]] = {}
 
     def on_facts(self, facts: Mapping[str, Any]) -> list[Message]:
-        """Return a line for each change that matters. facts: those of one packet, `<vehicle>.<name>` -> value."""
+        """Return the lines for the facts that have changed. facts: facts of one packet, `<vehicle>.<name>` -> value."""
         new: dict[str, dict[str, Any]] = {}
         for key, value in facts.items():
             vehicle, _, name = key.rpartition(".")

@@ -12,11 +12,11 @@ from arena.supervisor import proc_fs
 from arena.supervisor.run_folder import RunFolder
 
 _LEAST_S = 3.0
-"""Over a shorter time [s] the real-time factor says nothing."""
+"""Shortest time over which the real-time factor is reported [s]."""
 
 
 class RealTimeMeter:
-    """Reads the simulated time of a run and measures the real-time factor: simulated seconds per second."""
+    """Meter of the real-time factor of a run: simulated seconds per second of wall time. Also reads the simulated time."""
 
     def __init__(self, plan: Plan, folder: RunFolder) -> None:
         world = plan.slices.get("world.json", {})
@@ -29,7 +29,7 @@ class RealTimeMeter:
         self._last = (0.0, 0.0)
 
     def time_s(self) -> float | None:
-        """Return the simulated time [s], or None before the world runs. Without a world: the time since the start [s]."""
+        """Return the simulated time [s], or None before the world runs. Without a simulated world: time since the start [s]."""
         if self._stem is None:
             return time.monotonic() - self._began
         try:
@@ -39,13 +39,16 @@ class RealTimeMeter:
         return self._clock.now() or None
 
     def sample(self, now: float) -> None:
-        """Extend the measured time to now, monotonic [s]. Called while the world runs."""
+        """Take a sample of the simulated time. Called about once a second while the world runs. now: monotonic [s]."""
         if self._stem is not None and (time_s := self.time_s()) is not None:
             self._first = self._first or (now, time_s)
             self._last = (now, time_s)
 
     def result(self) -> dict[str, float | None] | None:
-        """Return the `factor` over the run and the factor `asked` for (None: as fast as possible); None when unknown."""
+        """Return the mean real-time factor of the run, `factor`, and the requested one, `asked`.
+
+        `asked` is None if the simulation runs as fast as possible. Return None if too little was measured.
+        """
         if self._first is None or (wall_s := self._last[0] - self._first[0]) < _LEAST_S:
             return None
         return {"factor": round((self._last[1] - self._first[1]) / wall_s, 3), "asked": self._asked}
@@ -53,9 +56,10 @@ class RealTimeMeter:
 
 @dataclass(kw_only=True)
 class Meter:
-    """CPU and memory of one process with its descendants.
+    """Meter of CPU and memory of one process with its descendants.
 
-    now_cpu: fraction of a core over the last sample [-].  now_mb: resident memory [MB].  peak_mb: its maximum [MB].
+    now_cpu: CPU use since the sample before, as a fraction of one core [-].
+    now_mb: resident memory [MB].  peak_mb: maximum of the resident memory [MB].
     """
 
     now_cpu: float = 0.0
@@ -73,19 +77,19 @@ class Meter:
         return self._past_cpu_s + self._cpu_s
 
     def alive_s(self, now: float) -> float:
-        """Return how long it ran over all starts [s]. now: monotonic [s]."""
+        """Return how long the process has run, summed over all starts [s]. now: monotonic [s]."""
         return self._past_alive_s + (now - self._since if self._since is not None else 0.0)
 
     def cpu_mean(self, now: float) -> float:
-        """Return the mean fraction of a core while it ran [-]."""
+        """Return the mean CPU use while the process ran, as a fraction of one core [-]. now: monotonic [s]."""
         return self.cpu_s / alive if (alive := self.alive_s(now)) > 0 else 0.0
 
     def started(self, now: float) -> None:
-        """Begin a new start of the process. now: monotonic [s]."""
+        """Record that the process was started. now: monotonic [s]."""
         self._since = self._sampled_at = now
 
     def sample(self, pid: int, now: float) -> None:
-        """Measure the process and its descendants. now: monotonic [s]."""
+        """Measure CPU and memory of the process and its descendants. now: monotonic [s]."""
         used = [u for member in proc_fs.tree(pid) if (u := proc_fs.usage(member)) is not None]
         cpu_s = max(self._cpu_s, sum(u.cpu_s for u in used))
         if now > self._sampled_at:
@@ -95,13 +99,13 @@ class Meter:
         self._cpu_s, self._sampled_at = cpu_s, now
 
     def ended(self, cpu_s: float, now: float) -> None:
-        """Close the account of a start. cpu_s: CPU time that the kernel reported at the end [s]."""
+        """Record that the process ended. cpu_s: its CPU time, as the kernel reported at the end [s]. now: monotonic [s]."""
         self._past_cpu_s += max(self._cpu_s, cpu_s)
         self._past_alive_s += now - self._since if self._since is not None else 0.0
         self._cpu_s, self._since, self.now_cpu, self.now_mb = 0.0, None, 0.0, 0.0
 
     def over_budget(self, spec: ProcessSpec, now: float) -> list[str]:
-        """Return a text for each budget that is exceeded."""
+        """Return one text per exceeded budget (`cpu_budget`, `memory_budget_mb` of the process). now: monotonic [s]."""
         found = []
         if (mean := self.cpu_mean(now)) > spec.cpu_budget and self.alive_s(now) > 1.0:
             found.append(f"CPU {mean:.2f} of a core, budget {spec.cpu_budget:g}")

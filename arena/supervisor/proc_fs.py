@@ -1,4 +1,4 @@
-"""Facts about processes, read from /proc directly: the supervisor reads forty times a second and must cost little."""
+"""Information about processes, read from /proc directly, because the supervisor reads it often and must use little CPU."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Usage:
 
 @cache
 def boot_id() -> str:
-    """Return the id of this boot of the kernel. Start times of another boot mean nothing."""
+    """Return the kernel's id of the current boot. Start times of processes are comparable only within one boot."""
     return _read("/proc/sys/kernel/random/boot_id").decode().strip()
 
 
 def _read(path: str) -> bytes:
-    """Return the content of one small file of /proc; empty when the process has ended."""
+    """Return the content of a small file of /proc; empty if the process has ended."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
@@ -45,12 +45,12 @@ def _read(path: str) -> bytes:
 
 
 def _stat(pid: int) -> list[bytes]:
-    """Return the fields of /proc/PID/stat after the name: [0] is field 3, the state."""
+    """Return the fields of /proc/PID/stat after the process name. Element 0 is field 3 of proc(5), the state."""
     return _read(f"/proc/{pid}/stat").rpartition(b")")[2].split()
 
 
 def usage(pid: int) -> Usage | None:
-    """Return the resources of a process, or None when there is no such process."""
+    """Return the CPU time and the memory of a process, or None if there is no such process."""
     fields = _stat(pid)
     if len(fields) < 22:
         return None
@@ -58,40 +58,43 @@ def usage(pid: int) -> Usage | None:
 
 
 def start_time(pid: int) -> float | None:
-    """Return when the kernel started a process [s since boot], to 0.01 s; None when there is no such process.
+    """Return when the kernel started a process [s since boot], with a resolution of 0.01 s; None if there is no such process.
 
-    Pid and start time together identify a process. Wall time would not: it jumps when the clock is set, and a jump of
-    one second would make a live run look dead.
+    Pid and start time together identify a process. Wall time is not used, because it jumps when the clock is set, and a
+    running process would then seem to be another one.
     """
     fields = _stat(pid)
     return int(fields[19]) * _TICK_S if len(fields) >= 20 else None
 
 
 def is_zombie(pid: int) -> bool:
-    """Return whether a process has ended and waits to be reaped."""
+    """Return whether a process has ended but its parent has not yet collected its exit status."""
     fields = _stat(pid)
     return bool(fields) and fields[0] in (b"Z", b"X")
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether a signal or a debugger keeps a process from running."""
+    """Return whether a process is stopped by a signal or by a debugger."""
     fields = _stat(pid)
     return bool(fields) and fields[0] in (b"T", b"t")
 
 
 def is_same(pid: int, start_s: float) -> bool:
-    """Return whether the recorded process still runs. start_s: its recorded start time [s since boot]."""
+    """Return whether the process with this pid runs and was started at `start_s` [s since boot]."""
     found = start_time(pid)
     return found is not None and abs(found - start_s) < 0.005 and not is_zombie(pid)
 
 
 def children(pid: int) -> list[int]:
-    """Return the children that its main thread forked. Children of other threads are not found: reading every thread costs too much."""
+    """Return the pids of the children that the main thread of a process forked.
+
+    Children of other threads are not found, because reading every thread would take too long.
+    """
     return [int(x) for x in _read(f"/proc/{pid}/task/{pid}/children").split()]
 
 
 def tree(pid: int, depth: int = 4) -> Iterator[int]:
-    """Yield the process and its descendants. depth: number of generations."""
+    """Yield the pids of a process and its descendants. depth: number of generations."""
     yield pid
     if depth:
         for child in children(pid):
@@ -99,12 +102,12 @@ def tree(pid: int, depth: int = 4) -> Iterator[int]:
 
 
 def group_members(pgid: int) -> list[int]:
-    """Return the running processes of a process group. Scans all processes, so it is too slow for a loop."""
+    """Return the pids of the running processes of a process group. Slow, because it scans all processes."""
     return [pid for pid, fields in _all() if int(fields[2]) == pgid and fields[0] not in (b"Z", b"X")]
 
 
 def session_members(sid: int) -> list[int]:
-    """Return the running processes of a session. Scans all processes, so it is too slow for a loop."""
+    """Return the pids of the running processes of a session. Slow, because it scans all processes."""
     return [pid for pid, fields in _all() if int(fields[3]) == sid and fields[0] not in (b"Z", b"X")]
 
 
@@ -117,12 +120,12 @@ def _all() -> Iterator[tuple[int, list[bytes]]]:
 
 
 def environment(pid: int) -> list[str]:
-    """Return the `KEY=value` entries that a process was started with; empty without the right to read them."""
+    """Return the environment that a process was started with, as `KEY=value` entries; empty if this user cannot read it."""
     return [entry.decode(errors="replace") for entry in _read(f"/proc/{pid}/environ").split(b"\0")]
 
 
 def serves_port(pid: int, port: int) -> bool:
-    """Return whether the process or a descendant has a listening TCP or a bound UDP socket on a port."""
+    """Return whether a process or one of its descendants listens on a TCP port or has bound a UDP port."""
     inodes = _listening(port)
     return bool(inodes) and any(inodes & _socket_inodes(member) for member in tree(pid))
 

@@ -1,6 +1,6 @@
-"""All processes of one plan: carries out what `process_state.step` decides, and collects what the processes send.
+"""All processes of one plan: starts and stops them as `process_state.step` decides, and collects the data that they send.
 
-Holds processes and facts, not the reasons why a run ends. Called by the loop only.
+This module does not decide when a run ends. Only the main loop (`loop.py`) calls it.
 """
 
 from __future__ import annotations
@@ -24,17 +24,21 @@ from arena.supervisor.run_folder import Member, RunFolder
 
 MAX_NAMES = 2000
 
-# Loading Python and its packages keeps a core busy for some 0.2 s. Thirty processes that load at once would starve the
-# world, so at most as many load as there are cores. A process that reports nothing counts for a moment.
+# Loading Python and its packages keeps a core busy for about 0.2 s. Thirty processes that load at the same time would
+# starve the world. Therefore at most as many processes load as there are cores. A process that sends no reports counts
+# as loading for _SILENT_LOADING_S.
 MAX_LOADING = max(2, os.cpu_count() or 2)
 _LOADING_S, _SILENT_LOADING_S = 1.0, 0.3
 
 
 @dataclass(kw_only=True)
 class Orders:
-    """The wishes of the loop.
+    """Requests of the main loop to the processes.
 
-    starts_on: processes may start.  stop, kill: names of processes.  why: the reason for all three.
+    starts_on: processes may be started.
+    stop: names of the processes to terminate.
+    kill: names of the processes to kill at once.
+    why: the reason, as text for the log.
     """
 
     starts_on: bool = True
@@ -44,10 +48,12 @@ class Orders:
 
 
 class ProcessSet:
-    """The processes of a plan, their status and what they report.
+    """The processes of a plan, their status and the values that they send.
 
-    facts: values sent by processes that still run.  last_facts: the last value of every fact, whoever sent it.
-    stats: process -> its figures.  changed: something happened that the next round of decisions must see at once.
+    facts: values such as `uav1.armed: true`, from processes that still run.
+    last_facts: the last value of every fact, also from processes that have ended.
+    stats: process -> its measurements.
+    changed: true if something happened that the loop must handle without waiting for the next period.
     """
 
     def __init__(
@@ -74,16 +80,20 @@ class ProcessSet:
 
     @property
     def alive(self) -> list[str]:
-        """Names of the processes that run."""
+        """Names of the processes that are running."""
         return [name for name, status in self.statuses.items() if status.state in ALIVE]
 
     def request_restart(self, name: str) -> None:
-        """Restart a process in the next round. Raises KeyError when there is no such process."""
+        """Restart a process in the next cycle of the loop. Raises KeyError when the plan has no such process."""
         self._restarts.add(self.specs[name].name)
         self.changed = True
 
     def reconcile(self, orders: Orders, now: float) -> None:
-        """Collect ended processes, then step every process; repeat while something changed, because starts form chains."""
+        """Collect ended processes and update the state of every process; start, stop or kill where needed.
+
+        Repeats while something changes: a process that becomes ready allows others to start.
+        now: monotonic [s].
+        """
         self._ending = not orders.starts_on
         for _ in range(2 + len(self.specs)):
             self.changed = False
@@ -97,20 +107,20 @@ class ProcessSet:
                 return
 
     def sample(self, now: float) -> None:
-        """Measure CPU and memory of every process. Called about once a second."""
+        """Measure CPU and memory of every process. Called about once a second. now: monotonic [s]."""
         for name, child in self.children.items():
             self.meters[name].sample(child.pid, now)
 
     def cut_logs(self, now: float) -> None:
-        """Cut every log that has passed its limit."""
+        """Cut every log file that is longer than the limit (see `Child.cut_log`). now: monotonic [s]."""
         for name, child in self.children.items():
             if child.cut_log() and child.cut == 1:
                 limit = child_process.LOG_LIMIT_BYTES >> 20
-                text = f"its log passed {limit} MiB and was cut: it keeps its first MiB and the newest lines"
+                text = f"log file longer than {limit} MiB: cut; the first MiB and the newest lines are kept"
                 self.log.event(now, name, text)
 
     def members(self) -> dict[str, Member]:
-        """Return the running processes as state.json records them."""
+        """Return name -> record of every running process, for state.json."""
         return {n: Member(pid=c.pid, pgid=c.pid, start_s=c.start_s) for n, c in self.children.items()}
 
     def _observe(self, name: str, spec: ProcessSpec, orders: Orders, now: float) -> Observation:
@@ -128,7 +138,7 @@ class ProcessSet:
         needs = [(self.specs[n], self.statuses[n]) for n in spec.needs if n in self.specs]
         restart = name in self._restarts
         self._restarts.discard(name)
-        # Only first starts wait for a free core: a process that is restarted in flight is needed now.
+        # Only first starts wait for a free core. A restart never waits, because it may happen in flight.
         may_load = status.started > 0 or len(self._loading) < MAX_LOADING
         return Observation(
             needs_ready=may_load and all(run_end.is_served(*need) for need in needs),
@@ -182,14 +192,14 @@ class ProcessSet:
         child = self.children.get(spec.name)
         if child is not None and status.stopped_at is not None:
             limit_s = spec.stopped_for_s
-            what = "it is left alone" if limit_s is None else f"it is killed after {limit_s:g} s"
+            what = "the arena does not kill it" if limit_s is None else f"killed after {limit_s:g} s"
             text = f"stopped by {child.stopped}; {what}; `kill -CONT {child.pid}` continues it"
             self.log.event(now, spec.name, text)
         elif child is not None and before.stopped_at is not None:
             self.log.event(now, spec.name, f"continues after {now - before.stopped_at:.1f} s")
 
     def _log_last_line(self, name: str, exit: Exit, now: float) -> None:
-        """Show the end of the log of a process that failed: it usually names the cause."""
+        """Log the last line that a failed process printed, because it usually names the cause."""
         if exit.code and exit.ran and (line := last_line(self.folder.log(name))):
             self.log.event(now, name, f"last line of its log: {line}")
 
@@ -226,7 +236,7 @@ class ProcessSet:
         if child.channel is None:
             self._selector.unregister(fd)
         if child.garbage and not garbage:
-            text = "sent a packet that is not a JSON object: it is ignored and counted"
+            text = "sent a packet that is not a JSON object; such packets are ignored"
             self.log.event(time.monotonic(), name, text)
 
     def _take(self, name: str, packet: Mapping[str, Any]) -> None:
@@ -244,7 +254,10 @@ class ProcessSet:
             self.log.event(time.monotonic(), name, event)
 
     def _take_facts(self, name: str, facts: dict[str, Any]) -> None:
-        """Take facts over. A program's `armed` and `landed` are ignored, because the landing depends on them."""
+        """Store the facts that process `name` sent.
+
+        Facts `armed` and `landed` of user programs are ignored, because the landing must rely on the router only.
+        """
         program = self.specs[name].kind == "program"
         taken: dict[str, Any] = {}
         for key, value in facts.items():
@@ -262,7 +275,7 @@ class ProcessSet:
                 self._remove(name, child, exit, now)
 
     def _remove(self, name: str, child: Child, exit: Exit, now: float) -> None:
-        """Take the last packets and the CPU time of an ended process, and drop its facts: nothing confirms them any more."""
+        """Remove an ended process. Its last packets and its CPU time are kept; its facts are deleted."""
         self._receive(child)
         if child.channel is not None:
             self._selector.unregister(child.channel)
@@ -276,7 +289,7 @@ class ProcessSet:
         self.changed = True
 
     def table(self, now: float) -> dict[str, dict[str, Any]]:
-        """Return one row per process, as `arena ps --json`, the live table and outcome.json show it."""
+        """Return process name -> status values, for `arena ps --json`, the live table and outcome.json. now: monotonic [s]."""
         return {name: self._row(name, spec, now) for name, spec in self.specs.items()}
 
     def _row(self, name: str, spec: ProcessSpec, now: float) -> dict[str, Any]:

@@ -1,16 +1,17 @@
-"""The states of one supervised process and the decisions between them. Pure: no clock, no process, no file.
+"""State machine of one supervised process. Pure: no clock, no process, no file.
 
-    STOPPED  --needs ready-->  STARTING  --proof-->  READY
-    STARTING, READY  --it ended-->  BACKOFF | EXITED | FATAL        (the restart policy chooses)
-    STARTING  --start time-out-->  STOPPING  --it ended-->  BACKOFF | FATAL
-    STARTING, READY  --asked to stop-->  STOPPING  --it ended-->  EXITED
-    READY  --asked to restart-->  STOPPING  --it ended-->  STARTING
-    STARTING, READY  --stopped by a signal for too long-->  STOPPING  --it ended-->  BACKOFF | EXITED | FATAL
-    READY  --silent for too long-->  STOPPING  --it ended-->  BACKOFF | EXITED | FATAL
-    BACKOFF  --waited-->  STARTING
-    EXITED, FATAL  --asked to restart-->  STARTING
+    STOPPED  --required processes ready-->  STARTING  --proof that it is ready-->  READY
+    STARTING, READY  --ended-->  BACKOFF | EXITED | FATAL        (the restart policy chooses)
+    STARTING  --start time-out-->  STOPPING  --ended-->  BACKOFF | FATAL
+    STARTING, READY  --stop requested-->  STOPPING  --ended-->  EXITED
+    READY  --restart requested-->  STOPPING  --ended-->  STARTING
+    STARTING, READY  --stopped by a signal for too long-->  STOPPING  --ended-->  BACKOFF | EXITED | FATAL
+    READY  --no packet for too long-->  STOPPING  --ended-->  BACKOFF | EXITED | FATAL
+    BACKOFF  --backoff time over-->  STARTING
+    EXITED, FATAL  --restart requested-->  STARTING
 
-EXITED is an end that the restart policy accepts, whatever the exit code; FATAL means that the supervisor has given up on it.
+EXITED: the process ended and the restart policy accepts this. The exit code may be any.
+FATAL: the process failed and the supervisor does not restart it.
 """
 
 from __future__ import annotations
@@ -34,15 +35,15 @@ class State(StrEnum):
 
 
 ALIVE = frozenset({State.STARTING, State.READY, State.STOPPING})
-"""There is a process."""
+"""States in which the operating system process exists."""
 WAITING = frozenset({State.STOPPED, State.BACKOFF})
-"""There is no process; one may be started later without a request."""
+"""States without an operating system process; the supervisor may start one later by itself."""
 ENDED = frozenset({State.EXITED, State.FATAL})
-"""There is no process, and only `arena restart` starts one."""
+"""States without an operating system process; only `arena restart` starts one."""
 
 
 class Action(StrEnum):
-    """The action of the shell after a step."""
+    """Action that the caller of `step` must carry out on the operating system process."""
 
     NONE = "none"
     START = "start"
@@ -51,7 +52,7 @@ class Action(StrEnum):
 
 
 class After(StrEnum):
-    """Why a process is STOPPING, and so what follows."""
+    """The next action for a process that is STOPPING, taken when the process has ended."""
 
     END = "end"
     RESTART = "restart"
@@ -62,7 +63,9 @@ class After(StrEnum):
 class Exit:
     """How a process ended.
 
-    code: exit code as a shell reports it, 128 + n for signal n.  text: for people, `exit 1`.  ran: the exec worked.
+    code: exit code as a shell reports it; 128 + n for signal n.
+    text: for people, such as `exit 1`.
+    ran: false if the executable could not be started.
     """
 
     code: int
@@ -72,13 +75,17 @@ class Exit:
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """Input of a step: events of a process since the last step, and the wishes of the loop.
+    """Input of one `step`: what happened to a process since the last step, and the requests of the loop.
 
-    needs_ready: all its needs are ready.  needs_dead: the name of a need that has ended for good, or "".
-    proof: how readiness was proven, or "".  exit: how it ended, given once.
-    stopped: the kernel does not let it run (SIGSTOP).  silent_s: time since its last packet [s].
+    needs_ready: all processes that it needs (`ProcessSpec.needs`) are ready.
+    needs_dead: name of a needed process that has ended and will not be restarted, or "".
+    proof: text that says how the process has shown that it is ready, or "".
+    exit: how the process ended; set in one step only.
+    stopped: a signal has stopped the process (SIGSTOP).
+    silent_s: time since its last packet [s].
     starts_on: new starts are allowed (False once the run ends).
-    stop: end it.  kill: end it at once.  restart: start it again.  why: the reason for these three.
+    stop: terminate the process.  kill: kill it at once.  restart: start it again.
+    why: the reason for stop, kill or restart.
     """
 
     needs_ready: bool = False
@@ -98,10 +105,12 @@ class Observation:
 class ProcessStatus:
     """The state of a process with its history. Times are monotonic [s].
 
-    since: when it entered this state.  reason: why.  starts: times of the starts within the restart window.
-    unproven: starts in a row that never became READY.  started: number of all starts.
-    next_at: when BACKOFF is over, or when a STOPPING process is killed.
-    stopped_at: when a signal stopped it (SIGSTOP); None when it runs.
+    since: time when the process entered this state.  reason: why it entered this state.
+    starts: times of the starts within the restart window.  started: number of all starts.
+    unproven: number of consecutive starts that never became READY.
+    next_at: in BACKOFF the time of the next start, in STOPPING the time of SIGKILL.
+    after: what follows STOPPING.  exit: how the process ended last.
+    stopped_at: when a signal stopped it (SIGSTOP); None if it is not stopped.
     """
 
     state: State = State.STOPPED
@@ -125,7 +134,7 @@ Step = tuple[ProcessStatus, Action]
 
 
 def step(spec: ProcessSpec, status: ProcessStatus, observation: Observation, now: float) -> Step:
-    """Decide about one process at one instant: return its new status and what to do. The usual action is NONE."""
+    """Advance the state machine of one process and return its new status and the action to carry out. now: monotonic [s]."""
     if observation.exit is not None and status.state in ALIVE:
         return _ended(spec, status, observation, observation.exit, now)
     if status.state is State.STOPPING:
@@ -157,7 +166,7 @@ def _absent(spec: ProcessSpec, status: ProcessStatus, observation: Observation, 
         return status, Action.NONE
     if observation.needs_dead:
         return _to(
-            status, State.FATAL, f"needs {observation.needs_dead}, which has ended for good", now
+            status, State.FATAL, f"needs {observation.needs_dead}, which has ended and is not restarted", now
         ), Action.NONE
     if not observation.needs_ready or (status.state is State.BACKOFF and now < status.next_at):
         return status, Action.NONE
@@ -260,7 +269,10 @@ def _ended(
 def _again(
     spec: ProcessSpec, status: ProcessStatus, observation: Observation, words: str, now: float
 ) -> Step:
-    """Return the status of a process that its policy restarts: BACKOFF, or FATAL after too many starts. now: when it ended."""
+    """Return the next status of an ended process: BACKOFF before another start, FATAL after too many starts.
+
+    EXITED if the run ends or a stop was requested.  words: how it ended.  now: monotonic [s].
+    """
     if not observation.starts_on or observation.stop or observation.kill:
         return _to(status, State.EXITED, words, now), Action.NONE
     if spec.restart.mode == "never":

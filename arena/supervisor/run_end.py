@@ -1,9 +1,9 @@
-"""The end of a run: when it is over, which vehicles must land first, what may stop when, and what failed. Pure.
+"""Rules for the end of a run: when it ends, which vehicles must land, which processes may stop, what failed. Pure.
 
-The exit code is 1 when something failed, 130 after a Ctrl-C, 0 otherwise. These are failures:
-    a program ended with another code than 0 before the end of the run began
+The exit code is 1 if something failed, 130 after Ctrl-C, 0 otherwise. These are failures:
+    a program ended with an exit code other than 0 before the end of the run began
     a program had not ended by itself (with `--until-done`)
-    a process other than a tool ended with an error, or was not restarted any more
+    a process other than a tool of the YAML's `tools` ended with an error, or the supervisor stopped restarting it
     the landing was not confirmed
     a vehicle crashed
 """
@@ -24,17 +24,17 @@ Statuses = Mapping[str, ProcessStatus]
 Stats = Mapping[str, Mapping[str, Any]]
 
 _NO_STATS: Stats = {}
-# State of a PX4 that sends no motor commands, as the world reports it -> text. The motors stand still.
+# State of a PX4 that sends no motor commands, as the world reports it -> text. The motors of such a vehicle do not turn.
 _ABSENT = {
     "never connected": "its PX4 has never connected to the world",
     "gone": "its PX4 has closed its connection",
-    "booting": "its PX4 has not begun to fly",
-    "late": "its PX4 does not answer",
+    "booting": "its PX4 has not finished booting",
+    "late": "its PX4 does not reply",
 }
 
 
 class Cause(StrEnum):
-    """Why a run ends."""
+    """Kind of reason why a run ends."""
 
     DONE = "done"
     TIME_LIMIT = "time limit"
@@ -52,7 +52,8 @@ BY_USER = frozenset({Cause.INTERRUPT, Cause.TERMINATED, Cause.HANGUP, Cause.DOWN
 class End:
     """The decision to end a run.
 
-    cause: the kind of reason.  why: the reason as text.  statuses: every process when the decision was made.
+    cause: the kind of reason.  why: the reason as text.
+    statuses: process -> its status at the time of the decision.
     """
 
     cause: Cause
@@ -61,7 +62,7 @@ class End:
 
 
 def is_served(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether the processes that need this one may start: it is ready, or it is a task that ended with 0."""
+    """Return whether the processes that need this process may start: it is ready, or it is a task that ended with exit code 0."""
     done = (
         spec.kind == "task"
         and status.state is State.EXITED
@@ -72,14 +73,14 @@ def is_served(spec: ProcessSpec, status: ProcessStatus) -> bool:
 
 
 def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether the process has ended for good, so that only `arena restart` starts it again."""
+    """Return whether the process has ended or failed, and only `arena restart` starts it again."""
     return status.state in ENDED and not is_served(spec, status)
 
 
 def lost(plan: Plan, statuses: Statuses) -> str:
-    """Return a text for a process that has ended for good though the whole arena needs it; "" when there is none.
+    """Return a text if a process that the whole arena needs has ended and is not restarted; else "".
 
-    A process of one vehicle is not counted: its end stops only that vehicle's programs.
+    A process that serves one vehicle only is ignored, because its end affects only the programs of that vehicle.
     """
     needed = {need for spec in plan.processes for need in spec.needs}
     for spec in plan.processes:
@@ -89,10 +90,10 @@ def lost(plan: Plan, statuses: Statuses) -> str:
 
 
 def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[str, str]:
-    """Return simulated vehicle -> why it cannot fly any more, though its autopilot may never report `disarmed`.
+    """Return simulated vehicle -> reason why it certainly does not fly, even if its autopilot never reports `disarmed`.
 
-    Such a vehicle's PX4 has ended, or it stands on the floor of the world crashed or without motor commands.
-    Real vehicles are never listed: for them only the report of their own autopilot counts.
+    The reason is that its PX4 has ended, or that it is on the floor of the world and has crashed or gets no motor commands.
+    Real vehicles are never listed, because for them only the report of their autopilot counts.
     """
     worlds = [stats.get(s.name, {}) for s in plan.processes if s.kind == "world"]
     dead = {s.vehicle for s in plan.processes if s.kind == "px4" and is_dead(s, statuses[s.name])}
@@ -105,7 +106,7 @@ def grounded(plan: Plan, statuses: Statuses, stats: Stats = _NO_STATS) -> dict[s
 
 
 def _down(vehicle: str, worlds: Sequence[Mapping[str, Any]]) -> str:
-    """Return why the world reports the vehicle as down; "" when it does not."""
+    """Return the reason why a vehicle on the floor of the world cannot fly; "" if it is in the air or may take off."""
     for world in worlds:
         verdict, pilot = (world.get(key, {}).get(vehicle, {}) for key in ("vehicles", "autopilot"))
         if verdict.get("airborne") is False:
@@ -118,7 +119,7 @@ def _down(vehicle: str, worlds: Sequence[Mapping[str, Any]]) -> str:
 
 
 def is_done(plan: Plan, statuses: Statuses, facts: Mapping[str, Any], stats: Stats = _NO_STATS) -> bool:
-    """Return whether every program has ended for good, every vehicle is disarmed or down, and no process is starting."""
+    """Return whether every program has ended, no process is starting, and every vehicle is disarmed or cannot fly."""
     programs = all(statuses[s.name].state in ENDED for s in plan.processes if s.kind == "program")
     settled = all(statuses[s.name].state in ENDED | {State.READY} for s in plan.processes if s.kind != "tool")
     still = grounded(plan, statuses, stats)
@@ -127,7 +128,7 @@ def is_done(plan: Plan, statuses: Statuses, facts: Mapping[str, Any], stats: Sta
 
 
 def is_world_gone(plan: Plan, statuses: Statuses) -> bool:
-    """Return whether the plan has a simulated world that does not run."""
+    """Return whether the plan has a simulated world and no world process runs."""
     worlds = [statuses[s.name] for s in plan.processes if s.kind == "world"]
     return bool(worlds) and not any(status.state in ALIVE for status in worlds)
 
@@ -141,10 +142,11 @@ def may_fly(
 ) -> list[str]:
     """Return the vehicles that may be in the air.
 
-    facts: sent by processes that still run.  last_facts: the last value of every fact, whoever sent it.
+    facts: facts from processes that still run.
+    last_facts: the last value of every fact, also from processes that have ended.
 
-    A vehicle with an unknown `armed` may fly when its last known value was true, or when any program has run. A
-    simulated vehicle does not fly without its world. A real vehicle without any fact was never commanded by this run.
+    A vehicle whose `armed` is unknown may fly if the last value was true or if any program has run. A simulated vehicle
+    does not fly without its world. A real vehicle that has sent no facts at all was never commanded by this run.
     """
     world_gone = is_world_gone(plan, statuses)
     programs_ran = any(statuses[s.name].started for s in plan.processes if s.kind == "program")
@@ -159,18 +161,18 @@ def may_fly(
 
 
 _IN_FLIGHT = {
-    "world": "nothing simulates them meanwhile, and a new world puts them back on the ground",
-    "px4": "its motors stop and it falls",
-    "link": "it receives no poses and no commands meanwhile",
-    "mocap": "their poses stop for 1 to 3 s, so the autopilots may lose their position and land blind",
-    "forward": "its poses stop for 1 to 3 s, so the autopilot may lose its position and land blind",
+    "world": "the simulation stops, and a new world starts with all vehicles on the ground",
+    "px4": "the motors stop and the vehicle falls",
+    "link": "the vehicle receives no poses and no commands until the restart is complete",
+    "mocap": "the poses stop for 1 to 3 s, so the autopilots may lose their position and land without it",
+    "forward": "the poses stop for 1 to 3 s, so the autopilot may lose its position and land without it",
     "router": "programs and ground stations are cut off for 1 to 3 s, so setpoints stop and failsafes act",
 }
-"""Kind of process -> what its restart does to the vehicles that it serves in the air."""
+"""Kind of process -> effect of its restart on flying vehicles that depend on it."""
 
 
 def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
-    """Return why a process must not be restarted now without `--yes`; "" when it may be.
+    """Return the reason why `arena restart` of a process needs `--yes` now; "" if it needs none.
 
     flying: vehicles that may be in the air.
     """
@@ -178,13 +180,13 @@ def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
     if not served or spec.kind not in _IN_FLIGHT:
         return ""
     return (
-        f"{spec.name} is not restarted: {', '.join(served)} may be flying, and {_IN_FLIGHT[spec.kind]}. "
+        f"{spec.name} is not restarted: {', '.join(served)} may be flying. During a restart {_IN_FLIGHT[spec.kind]}. "
         f"Land first (`arena land-all`), or restart in flight with --yes"
     )
 
 
 def may_stop(plan: Plan, statuses: Statuses) -> set[str]:
-    """Return the processes that may stop now: no process that runs needs them."""
+    """Return the names of the processes that may stop now, because no running process needs them."""
     held = {need for spec in plan.processes if statuses[spec.name].state in ALIVE for need in spec.needs}
     return {spec.name for spec in plan.processes} - held
 
@@ -192,9 +194,10 @@ def may_stop(plan: Plan, statuses: Statuses) -> set[str]:
 def failures(
     plan: Plan, end: End, statuses: Statuses, stats: Stats, landed: bool, until_done: bool
 ) -> list[str]:
-    """Return a text for everything that failed in the run.
+    """Return one text per failure of the run.
 
-    landed: the landing was confirmed, or nothing flew.  until_done: the run had to wait for its programs.
+    landed: the landing was confirmed, or no vehicle flew.
+    until_done: the run had to wait until its programs ended.
     """
     found = [] if landed else ["the landing was not confirmed"]
     if end.cause is Cause.LOST or (end.cause is Cause.TIME_LIMIT and until_done):
@@ -202,7 +205,7 @@ def failures(
     for spec in plan.processes:
         then = end.statuses[spec.name]
         if then.state is State.FATAL and not then.started and found:
-            continue  # it never ran because of a failure that is listed already
+            continue  # it never started, because of a failure that is listed already
         words = _failure(spec, then, statuses[spec.name], until_done and end.cause is not Cause.LOST)
         found.extend([f"{spec.name}: {words}"] if words and f"{spec.name}: {words}" not in found else [])
     return found + crashes(stats)
@@ -219,7 +222,10 @@ def _failure(spec: ProcessSpec, then: ProcessStatus, last: ProcessStatus, until_
 
 
 def crashes(stats: Stats) -> list[str]:
-    """Return a text for each vehicle that crashed: `vehicles: {uav1: {"crashed": reason or ""}}` in the stats of the world."""
+    """Return one text per crashed vehicle.
+
+    stats: process -> its measurements. The world reports `vehicles: {uav1: {"crashed": reason}}`, "" if not crashed.
+    """
     found = []
     for own in stats.values():
         vehicles = own.get("vehicles")
@@ -243,8 +249,9 @@ def outcome(
 ) -> dict[str, Any]:
     """Return the content of outcome.json, which the report task merges with the flight logs.
 
-    began: wall time.  real_time: `factor` (simulated seconds per second) and `asked`, None without a world. The loop adds
-    `facts` (the last value of each) and `processes` (one row per process, as in `arena ps --json`).
+    began: wall time of the start.  lasted_s: duration of the run [s].  landing: state of the landing, as text.
+    real_time: `factor`, measured simulated seconds per second, and `asked`, the requested value; None without a world.
+    The loop adds `facts` (the last value of each fact) and `processes` (as in `arena ps --json`).
     """
     return {
         "name": name,

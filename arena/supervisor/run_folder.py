@@ -1,8 +1,8 @@
-"""The folder of one run, its private folder for sockets, and how other terminals find both.
+"""The two folders of a run: the run folder with its results, and a private runtime folder for sockets.
 
-`<runtime base>/<run>/run` holds the path of the run folder; `<run folder>/state.json` lists the running processes. It
-is written before the first process starts and removed at a clean end. A run with a state.json whose supervisor has
-ended is a stale run.
+Other commands find a run through the file `<runtime base>/<run>/run`, which contains the path of the run folder.
+`<run folder>/state.json` lists the running processes. state.json is written before the first process starts and removed
+at a clean end. A run is stale if state.json exists but its supervisor has ended.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _LONGEST_SOCKET = "/router.faults"
 
 @dataclass(frozen=True, kw_only=True)
 class Member:
-    """A process as recorded in state.json.
+    """A process as recorded in state.json. `pid` and `start_s` together identify the process.
 
-    pid: also the number of its session.  pgid: its group.  start_s: when it started [s since boot]; pid and start time
-    together identify it.
+    pid: process id, also the number of its session.  pgid: number of its process group.
+    start_s: start time [s since boot].
     """
 
     pid: int
@@ -40,7 +40,7 @@ class Member:
 
     @property
     def alive(self) -> bool:
-        """True while this very process runs."""
+        """True while the recorded process runs; false if another process has the same pid now."""
         return proc_fs.is_same(self.pid, self.start_s)
 
 
@@ -48,8 +48,9 @@ class Member:
 class RunState:
     """The content of state.json.
 
-    name: of the arena.  run, rt: path of the run folder and of the runtime folder.  address: of the arena.
-    boot: the kernel's boot id.  processes: name -> the running process.
+    name: name of the arena.  address: IP address on which its processes open their ports.
+    run: path of the run folder.  rt: path of the runtime folder.
+    boot: the kernel's boot id.  processes: name -> running process.
     """
 
     name: str
@@ -62,26 +63,26 @@ class RunState:
 
     @property
     def live(self) -> bool:
-        """True while its supervisor runs."""
+        """True while the supervisor of the run exists."""
         return self.boot == proc_fs.boot_id() and self.supervisor.alive
 
     @property
     def stopped(self) -> bool:
-        """True while its supervisor is stopped by a signal (SIGSTOP) and does not answer."""
+        """True while the supervisor of the run is stopped by a signal (SIGSTOP), so that it does not reply."""
         return self.live and proc_fs.is_stopped(self.supervisor.pid)
 
     def survivors(self) -> dict[str, list[int]]:
-        """Return process name -> the pids of its recorded group that still run."""
+        """Return process name -> pids of its process group that still run; only processes with such pids are listed."""
         members = self.processes if self.boot == proc_fs.boot_id() else {}
         found = {name: _still_there(member) for name, member in members.items()}
         return {name: pids for name, pids in found.items() if pids}
 
 
 def _still_there(member: Member) -> list[int]:
-    """Return the running processes of a recorded group.
+    """Return the pids of the running processes of a recorded process group.
 
-    The leader is identified by its start time; its descendants by the session and by a later start. The kernel does not
-    give the number of a group to a new process while a member of the group runs.
+    The leader is identified by its start time, its descendants by their session and a later start time. The kernel does
+    not reuse the number of a group as a pid while a member of the group runs.
     """
     if proc_fs.start_time(member.pid) is not None and not (member.alive or proc_fs.is_zombie(member.pid)):
         return []
@@ -94,7 +95,8 @@ def _still_there(member: Member) -> list[int]:
 class RunFolder:
     """The two folders of a run.
 
-    path: the run folder.  rt: the private runtime folder, whose path is short enough for sockets.
+    path: the run folder.
+    rt: the private runtime folder. Its path is short enough for Unix sockets.
     """
 
     path: Path
@@ -106,11 +108,11 @@ class RunFolder:
         return self.rt / "control.sock"
 
     def fill(self, text: str) -> str:
-        """Replace the placeholders `{run}` and `{rt}`."""
+        """Return the text with the placeholders `{run}` and `{rt}` replaced by the paths of the two folders."""
         return text.replace("{run}", str(self.path)).replace("{rt}", str(self.rt))
 
     def spec(self, spec: ProcessSpec) -> ProcessSpec:
-        """Return a copy of `spec` with every placeholder filled."""
+        """Return a copy of `spec` with every placeholder replaced (see `fill`)."""
         return dataclasses.replace(
             spec,
             argv=tuple(map(self.fill, spec.argv)),
@@ -119,11 +121,11 @@ class RunFolder:
         )
 
     def log(self, name: str) -> Path:
-        """Return the path of a process's log."""
+        """Return the path of the log file of a process."""
         return self.path / "logs" / f"{name}.log"
 
     def write_state(self, plan: Plan, processes: dict[str, Member]) -> None:
-        """Write state.json with the processes that run now."""
+        """Write state.json. processes: name -> record of each process that runs now."""
         state = RunState(
             name=plan.name,
             run=str(self.path),
@@ -136,13 +138,17 @@ class RunFolder:
         write_whole(self.path / "state.json", json.dumps(dataclasses.asdict(state), indent=1))
 
     def close(self) -> None:
-        """Remove state.json and the runtime folder, after a clean end."""
+        """Remove state.json and the runtime folder. Call it after a clean end of the run."""
         (self.path / "state.json").unlink(missing_ok=True)
         shutil.rmtree(self.rt, ignore_errors=True)
 
 
 def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
-    """Make a new run folder under `runs`, and its runtime folder. now_s: wall time [s]. Raises RunError."""
+    """Create a new run folder in `runs`, and its runtime folder.
+
+    now_s: wall time for the name of the folder [s since epoch]; None for the current time.
+    Raises RunError if a folder cannot be created.
+    """
     stamp = time.strftime("%Y%m%d-%H%M%S", time.localtime(now_s))
     try:
         path = _make_unique(runs.resolve(), f"{stamp}-{plan.name}")
@@ -158,12 +164,12 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
         folder.rt.mkdir(mode=0o700)
         (folder.rt / "run").write_text(str(path))
     except OSError as error:
-        raise RunError(f"cannot make the run folder: {error.filename or runs}: {error.strerror}") from error
+        raise RunError(f"cannot create the run folder: {error.filename or runs}: {error.strerror}") from error
     return folder
 
 
 def open_run(path: Path) -> RunState | None:
-    """Return the state of the run in this folder, or None when it ended cleanly or is no run."""
+    """Return the content of state.json of a run folder; None if the run ended cleanly or `path` is not a run folder."""
     try:
         raw = json.loads((path / "state.json").read_text())
         raw["supervisor"] = Member(**raw["supervisor"])
@@ -174,7 +180,7 @@ def open_run(path: Path) -> RunState | None:
 
 
 def active_runs() -> list[RunState]:
-    """Return every run of this user that has not ended cleanly, oldest first. Those with a supervisor are `live`."""
+    """Return every run of this user that has not ended cleanly, oldest first. Runs with a running supervisor are `live`."""
     found = []
     for pointer in pointers():
         with contextlib.suppress(OSError):
@@ -185,7 +191,10 @@ def active_runs() -> list[RunState]:
 
 
 def started_from(state: RunState) -> Path | None:
-    """Return the YAML file that a run was started from, which its resolved YAML names in the first line."""
+    """Return the path of the YAML file from which a run was started; None if the run folder cannot be read.
+
+    The path is in the first line of arena.yaml in the run folder.
+    """
     try:
         with (Path(state.run) / "arena.yaml").open(errors="replace") as file:
             return Path(file.readline().partition("# resolved from ")[2].strip()).resolve()
@@ -194,7 +203,7 @@ def started_from(state: RunState) -> Path | None:
 
 
 def plan_of(state: RunState) -> Plan | None:
-    """Return the plan of a run, or None when it cannot be read."""
+    """Return the plan of a run, or None if plan.json cannot be read."""
     try:
         return Plan.from_json((Path(state.run) / "plan.json").read_text())
     except (OSError, ValueError, TypeError, KeyError):
@@ -202,13 +211,13 @@ def plan_of(state: RunState) -> Plan | None:
 
 
 def myself() -> Member:
-    """Return the record of this process."""
+    """Return the record of the calling process, for state.json."""
     pid = os.getpid()
     return Member(pid=pid, pgid=os.getpgid(0), start_s=proc_fs.start_time(pid) or 0.0)
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Replace a file at once, so that a reader gets the old content or the new one, never a part."""
+    """Write a file atomically, so that a reader gets the complete old text or the complete new text."""
     half = path.with_name(path.name + ".new")
     half.write_text(text)
     half.replace(path)
@@ -219,13 +228,13 @@ def _free_runtime(name: str) -> Path:
     base.mkdir(mode=0o700, exist_ok=True)
     if base.stat().st_uid != os.getuid() or base.is_symlink():
         raise RunError(
-            f"{base} belongs to another user: remove it, or set XDG_RUNTIME_DIR to a folder of yours"
+            f"{base} belongs to another user: remove it, or set XDG_RUNTIME_DIR to a folder that you own"
         )
     base.chmod(0o700)
     room = _SOCKET_PATH_BYTES - len(os.fsencode(base)) - len("/-999" + _LONGEST_SOCKET)
     if room < len("20261121"):
         raise RunError(
-            f"{base} is too long a path for local sockets: set {RUNTIME_DIR_VARIABLE} to a shorter one"
+            f"the path {base} is too long for Unix sockets: set {RUNTIME_DIR_VARIABLE} to a shorter path"
         )
     short = name[:room]
     return next(rt for rt in (base / f"{short}{end}" for end in _endings()) if not rt.exists())
@@ -237,7 +246,7 @@ def _make_unique(runs: Path, name: str) -> Path:
         with contextlib.suppress(FileExistsError):
             (path := runs / f"{name}{end}").mkdir()
             return path
-    raise RunError(f"{runs}: 999 run folders of this second exist already: try again")
+    raise RunError(f"{runs}: already has 999 run folders with the current time in their names: wait 1 s and try again")
 
 
 def _endings() -> list[str]:

@@ -1,4 +1,4 @@
-"""A task beside the plan's processes: the landing or the report. Its output is logged and passed on line by line."""
+"""The land task and the report task of a plan, which run at the end of a run and are not among the plan's processes."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ _BYTES_PER_POLL = 1 << 16
 
 @dataclass(kw_only=True)
 class SideTask:
-    """A running task.
+    """A running land task or report task. It is killed at its deadline, or after a signal has stopped it for STOPPED_S.
 
-    deadline: when its group is killed, monotonic [s]. A task that a signal has stopped for STOPPED_S is killed too.
-    on_line: called with each line of its output.  expired: why it was killed, or "".
+    deadline: time at which its process group is killed, monotonic [s].
+    on_line: function that is called with each line of its output.
+    expired: why the task was killed, or "".
     """
 
     name: str
@@ -42,9 +43,9 @@ class SideTask:
         now: float,
         on_line: Callable[[str], None],
     ) -> SideTask | Exit:
-        """Start the task; return an Exit when it could not be started. now: monotonic [s].
+        """Start the task, or return an Exit if it cannot be started. timeout_s: time until it is killed [s]. now: monotonic [s].
 
-        The task outlives the supervisor, so that a landing is completed.
+        The task continues if the supervisor dies, so that a landing is completed.
         """
         log = folder.log(spec.name)
         try:
@@ -55,7 +56,7 @@ class SideTask:
         return cls(name=spec.name, child=child, deadline=now + timeout_s, on_line=on_line, _shown=shown)
 
     def poll(self, now: float) -> Exit | None:
-        """Pass its new output on. Return how it ended, or None while it runs. now: monotonic [s]."""
+        """Call `on_line` with each new line of output. Return how the task ended, or None while it runs. now: monotonic [s]."""
         exit = self.child.reap()
         self._pass_output_on()
         if exit is not None:
@@ -74,7 +75,7 @@ class SideTask:
         return None
 
     def stop(self, why: str = "did not end in time") -> None:
-        """Kill its group. why: shown in front of its exit."""
+        """Kill the process group of the task. why: text in front of its exit status."""
         self.expired = self.expired or why
         self.child.signal(signal.SIGKILL)
 

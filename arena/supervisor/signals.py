@@ -1,4 +1,4 @@
-"""A queue of received signals and a file descriptor that wakes the loop. The handlers only append."""
+"""A queue of received signals, with a file descriptor that wakes the main loop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ _HANDLED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP, signal
 
 
 class SignalQueue:
-    """A context that handles the signals on entry and restores the old handlers on exit. fd: readable when a signal waits."""
+    """Context manager that collects signals: installs handlers on entry and restores the old handlers on exit.
+
+    fd: file descriptor that becomes readable when a signal is received.
+    """
 
     def __init__(self) -> None:
         self._queue: list[int] = []
@@ -33,13 +36,13 @@ class SignalQueue:
         os.close(self._wake)
 
     def drain(self) -> None:
-        """Empty the pipe, so that it can wake again."""
+        """Read all bytes from `fd`, so that the next signal makes it readable again."""
         with contextlib.suppress(BlockingIOError):
             while os.read(self.fd, 4096):
                 pass
 
     def take(self) -> Iterator[int]:
-        """Yield the signals since the last call, in order."""
+        """Yield the numbers of the signals received since the last call, in order, and remove them from the queue."""
         while self._queue:
             yield self._queue.pop(0)
 

@@ -1,4 +1,4 @@
-"""Sweeps of runs whose supervisor has died or is stopped: land the vehicles, then end the processes that are left.
+"""Cleanup of stale runs (their supervisor has died or is stopped): land the vehicles, then end the remaining processes.
 
 Processes are identified by the pid and start time in state.json, never by name.
 """
@@ -24,13 +24,14 @@ from arena.supervisor.run_folder import RunFolder, RunState
 _GRACE_S = 5.0
 
 Say = Callable[[str], None]
-"""Prints one line."""
+"""Function that prints one line."""
 
 
 def sweep_all(say: Say, address: str) -> None:
-    """Sweep every stale run on this address. Runs on other addresses are in nobody's way and end by themselves.
+    """Sweep (clean up) every stale run on this address. Stale runs on other addresses use other ports and do not disturb.
 
-    Raises RunError when a run cannot be swept without risk to a real vehicle.
+    say: function that prints a line.
+    Raises RunError if a run cannot be cleaned up without risk to a real vehicle.
     """
     for state in run_folder.active_runs():
         if not state.live and state.address == address:
@@ -38,12 +39,12 @@ def sweep_all(say: Say, address: str) -> None:
 
 
 def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
-    """Sweep one stale run: land its vehicles, end its processes, remove its runtime folder.
+    """Sweep (clean up) one stale run: land its vehicles, end its processes, remove its runtime folder.
 
-    say: called with what is found and done.  now: land real vehicles only.
+    say: function that prints each step.  now: land real vehicles only.
     A stopped supervisor is killed after the landing.
 
-    Raises RunError when a real vehicle is not confirmed on the ground; its processes then go on running.
+    Raises RunError if a real vehicle is not confirmed on the ground. The processes of the run then continue.
     """
     plan = run_folder.plan_of(state)
     if left := state.survivors():
@@ -53,8 +54,8 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
         if not landed and (any(not v.simulated for v in plan.vehicles) if plan is not None else not now):
             unread = "" if plan is not None else "its plan cannot be read, so it may serve real vehicles; "
             raise RunError(
-                f"{state.run}: {unread}a real vehicle is not confirmed on the ground, so its processes go on running. "
-                f"Land it by hand or with `arena land-all`, then run `arena down --run {state.run}` again"
+                f"{state.run}: {unread}a real vehicle is not confirmed on the ground, so the processes are not ended. "
+                f"Land the vehicle by hand or with `arena land-all`, then run `arena down --run {state.run}` again"
             )
     _end_supervisor(state)
     if left:
@@ -63,7 +64,7 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
 
 
 def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say, *, now: bool) -> bool:
-    """Run the land task if a vehicle may be in the air. Return True when the landing is confirmed or nothing can fly."""
+    """Run the land task if a vehicle may be in the air. Return True if the landing is confirmed or no vehicle can fly."""
     real = [v.name for v in plan.vehicles if not v.simulated] if plan is not None else []
     if not _may_fly(plan, set(left)) or (now and plan is not None and not real):
         return True
@@ -75,7 +76,7 @@ def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say, *, 
         argv, cwd, env = list(spec.argv), spec.cwd, {**env, **dict(spec.env)}
     if now and real:
         argv += ["--only", ",".join(real)]
-        say(f"{', '.join(real)} may be flying, and a real vehicle is always landed")
+        say(f"{', '.join(real)} may be flying: real vehicles are landed even with --now")
     say(f"landing first: {' '.join(argv)}")
     try:
         return (
@@ -90,7 +91,10 @@ def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say, *, 
 
 
 def _may_fly(plan: Plan | None, left: set[str]) -> bool:
-    """Return whether a vehicle may be in the air: a simulated one while its world runs, a real one always."""
+    """Return whether a vehicle may be in the air. Simulated vehicles may while their world runs, real vehicles always.
+
+    plan: None if unknown.  left: names of the processes that still run.
+    """
     if plan is None:
         return True
     world = any(spec.kind == "world" and spec.name in left for spec in plan.processes)
@@ -98,7 +102,7 @@ def _may_fly(plan: Plan | None, left: set[str]) -> bool:
 
 
 def _end_supervisor(state: RunState) -> None:
-    """Kill the supervisor. The kernel ends its programs and tools with it."""
+    """Kill the supervisor. The kernel then kills the user programs and tools, which must not outlive the supervisor."""
     deadline = time.monotonic() + _GRACE_S
     while state.live and time.monotonic() < deadline:
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -107,7 +111,7 @@ def _end_supervisor(state: RunState) -> None:
 
 
 def _end(state: RunState, plan: Plan | None, say: Say) -> None:
-    """End programs and tools first, then the other processes; kill those that do not end in time."""
+    """End user programs and tools first, then the other processes. Kill the processes that do not end in time."""
     specs = plan.processes if plan is not None else ()
     late = {spec.name for spec in specs if spec.outlives}
     alive = state.survivors()
@@ -115,13 +119,13 @@ def _end(state: RunState, plan: Plan | None, say: Say) -> None:
     for names in (set(state.processes) - late, late):
         _signal(state, names, signal.SIGTERM)
         if left := _wait(state, names, grace_s):
-            say(f"{', '.join(left)}: not ended within {grace_s:g} s; killing")
+            say(f"{', '.join(left)}: did not end within {grace_s:g} s; killing")
             _signal(state, names, signal.SIGKILL)
             _wait(state, names, _GRACE_S)
 
 
 def _signal(state: RunState, names: set[str], number: int) -> None:
-    """Send a signal to every recorded process that still runs."""
+    """Send a signal to the processes with these names that still run, and to the members of their groups."""
     for name, pids in state.survivors().items():
         for pid in pids if name in names else []:
             try:
@@ -131,7 +135,7 @@ def _signal(state: RunState, names: set[str], number: int) -> None:
 
 
 def _wait(state: RunState, names: set[str], limit_s: float) -> list[str]:
-    """Wait at most `limit_s` for processes to end; return the names of those that did not."""
+    """Wait at most `limit_s` for the processes with these names to end. Return the names of the processes that did not."""
     deadline = time.monotonic() + limit_s
     while (left := sorted(names & set(state.survivors()))) and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -1,4 +1,4 @@
-"""The status of a run as tables of vehicles and processes, for the live view and for `arena ps`. Pure."""
+"""Tables of the vehicles and processes of a run, for the live view of `arena up` and for `arena ps`. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 SLOW_FACTOR = 0.98
-"""Below this share of the speed that was asked for, the simulation is shown as too slow."""
+"""Real-time factor below which the simulation is shown as too slow."""
 OLD_POSE_MS = 200.0
 
 _COLOURS = {
@@ -25,13 +25,13 @@ _COLOURS = {
 
 
 def status_view(status: Mapping[str, Any]) -> Group:
-    """Return the answer of `ps` as a header line and one or two tables."""
+    """Return a header line and the tables of vehicles and processes. status: reply of the supervisor to `ps`."""
     vehicles = [vehicles_table(status)] if status["vehicles"] else []
     return Group(header(status), *vehicles, processes_table(status))
 
 
 def header(status: Mapping[str, Any]) -> Text:
-    """Return `lab: running, 12.4 s, real-time factor 0.99`; the factor is yellow below SLOW_FACTOR."""
+    """Return the header line, such as `lab: running, 12 s, real-time factor 0.99`. The factor is yellow below SLOW_FACTOR."""
     rows = status["processes"].values()
     text = Text(f"{status['name']}: {status['phase']}, {status['up_s']:.0f} s", style="bold")
     if status["phase"] == "starting":
@@ -47,9 +47,9 @@ def header(status: Mapping[str, Any]) -> Text:
 
 
 def processes_table(status: Mapping[str, Any]) -> Table:
-    """Return a row per process: state, CPU, memory, restarts and rates."""
+    """Return a table with one row per process: state, CPU, memory, restarts and message rates."""
     table = Table(box=None, pad_edge=False)
-    # in a narrow terminal only the last column gives way
+    # In a narrow terminal only the last column is shortened.
     longest = max(map(len, status["processes"]), default=0)
     table.add_column("process", no_wrap=True, min_width=longest)
     table.add_column("state", no_wrap=True, min_width=max(map(len, _COLOURS)))
@@ -70,7 +70,7 @@ def processes_table(status: Mapping[str, Any]) -> Table:
 
 
 def vehicles_table(status: Mapping[str, Any]) -> Table:
-    """Return a row per vehicle: mode, armed, on the ground, height, battery and age of the last pose."""
+    """Return a table with one row per vehicle: mode, armed, landed, height, battery and age of the last pose."""
     table = Table(box=None, pad_edge=False)
     for name in ("vehicle", "mode", "armed", "landed"):
         table.add_column(name, no_wrap=True)
@@ -93,7 +93,7 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
 
 
 def rates(stats: Mapping[str, Any]) -> str:
-    """Return up to three rates of a process: figures whose name ends in `_hz`."""
+    """Return up to three rates of a process as text. Rates are measurements whose name ends in `_hz`."""
     found = [(k, v) for k, v in stats.items() if k.endswith("_hz") and isinstance(v, int | float)]
     return ", ".join(f"{name[:-3]} {value:.1f} Hz" for name, value in found[:3])
 

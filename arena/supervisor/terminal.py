@@ -1,4 +1,4 @@
-"""Ways to show a run: plain lines, lines of JSON, or a live table under lines. Printing never raises and never ends a flight."""
+"""Output of a run on the terminal: plain lines, JSON lines, or a live table. Printing never raises, so it cannot end a flight."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _STYLES = {Level.DETAIL: "dim", Level.CHANGE: "", Level.RESULT: "bold red"}
 
 
 class Lines:
-    """Plain lines on stdout. After the first failure, such as a closed terminal, stdout becomes /dev/null.
+    """Output as plain lines on stdout. After the first write error, such as a closed terminal, output goes to /dev/null.
 
-    level: lines below it are not shown.
+    level: lowest level that is shown.
     """
 
     def __init__(self, level: Level = Level.CHANGE) -> None:
@@ -37,20 +37,20 @@ class Lines:
             self.print(str(message))
 
     def print(self, text: str) -> None:
-        """Print a text, whatever the level."""
+        """Print a text, independent of the level."""
         try:
             print(text, flush=True)
         except (OSError, ValueError):
             _silence()
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Redraw a table if it is due. There is none here."""
+        """Do nothing, because plain lines have no table to redraw."""
 
     def started(self, failed: list[str]) -> None:
-        """Ignore that every process is started: `arena up --detach` uses it."""
+        """Do nothing. The subclass for `arena up --detach` reports here that all processes were started."""
 
     def close(self) -> None:
-        """End a live table. There is none here."""
+        """Do nothing, because plain lines have no live table to remove."""
 
 
 class JsonLines(Lines):
@@ -69,7 +69,7 @@ class JsonLines(Lines):
 
 
 class LiveTable(Lines):
-    """Lines above, the tables of vehicles and processes below, redrawn once a second. For a terminal."""
+    """Output on a terminal: lines, and below them the tables of vehicles and processes, redrawn once a second."""
 
     def __init__(self, level: Level = Level.CHANGE) -> None:
         super().__init__(level)
@@ -82,14 +82,14 @@ class LiveTable(Lines):
         self._live.start()
 
     def say(self, message: Message) -> None:
-        """Keep a line until the next refresh: redrawing the table below every line would slow the start."""
+        """Keep a line until the next refresh, because redrawing the table after every line would slow the start."""
         if self._live is None:
             super().say(message)
         elif message.level >= self.level:
             self._waiting.append(message)
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Print the lines that wait and redraw the tables, if due. now: monotonic [s]."""
+        """Print the kept lines and redraw the tables if the refresh period is over. now: monotonic [s]."""
         if self._live is None or now < self._next - (_REFRESH_S - _LINES_S if self._waiting else 0.0):
             return
         self._next = now + _REFRESH_S
@@ -102,7 +102,7 @@ class LiveTable(Lines):
             self._lost()
 
     def close(self) -> None:
-        """Remove the tables and print the lines that wait."""
+        """Remove the tables and print the kept lines."""
         live, self._live = self._live, None
         if live is not None:
             with contextlib.suppress(OSError, ValueError):
@@ -117,7 +117,7 @@ class LiveTable(Lines):
 
 
 def _with_progress(status: dict[str, Any]) -> RenderableType:
-    """Return the tables, with a spinner above them while the arena starts, lands, stops or makes the report."""
+    """Return the tables, with a spinner above them in the phases starting, landing, stopping and report."""
     view = status_view(status)
     if status["phase"] not in _WAITING_PHASES:
         return view
@@ -125,7 +125,7 @@ def _with_progress(status: dict[str, Any]) -> RenderableType:
 
 
 def _silence() -> None:
-    """Redirect stdout and stderr to /dev/null, so that nothing raises from now on, at exit neither."""
+    """Redirect stdout and stderr to /dev/null, so that later writes do not raise, not even at exit."""
     with contextlib.suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         for stream in (sys.stdout, sys.stderr):

@@ -493,7 +493,7 @@ def _fate_of(events: list[dict[str, str]]) -> Fate | None:
         stopped = any(r.startswith("stopped for ") for r in reasons)
         return Fate.KILLED if stopped else Fate.AGAIN
     first = next((e for e in events if e.get("to") in ("EXITED", "FATAL")), None)
-    if any("it is left alone" in e.get("event", "") for e in events):
+    if any("the arena does not kill it" in e.get("event", "") for e in events):
         return Fate.ALONE
     return Fate.ENDED if first is not None else None
 

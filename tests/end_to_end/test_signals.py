@@ -52,7 +52,7 @@ def test_repeated_ctrl_c_never_disarms_in_flight(hangar: Hangar) -> None:
     for _ in range(5):
         flight.signal(signal.SIGINT)
         eventually(lambda: flight.heights().min() > 0.0, 1, "still in the air")
-    flight.until_said("programs are killed; whatever serves a vehicle goes on", 5)
+    flight.until_said("programs are killed; processes that serve a vehicle continue", 5)
     assert flight.wait() == 130, flight.said()
     for vehicle in ("uav1", "uav2"):
         assert_landed_softly(flight, vehicle)

@@ -81,7 +81,7 @@ def test_missing_slice_is_an_input_error(tmp_path):
         (
             lambda room: room.settings["hz"],
             2,
-            "x: the slice of x.uav1: 'hz' is missing (docs/architecture.md, Slices)\n",
+            "x: configuration file of x.uav1: the key 'hz' is missing (docs/architecture.md, Slices)\n",
         ),
         (lambda room: partial(fail, RunError("the port is taken")), 1, "x: the port is taken\n"),
     ],

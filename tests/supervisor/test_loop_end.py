@@ -144,7 +144,7 @@ def test_restart_in_flight_is_refused_without_yes(start, tmp_path, kind):
     serves = spec("serves", "good", kind=kind)
     run = begin(start, flying(tmp_path, serves, waits=False))
     run.until("serves", "READY")
-    with pytest.raises(RunError, match=r"serves is not restarted: uav1 may be flying, and .* --yes"):
+    with pytest.raises(RunError, match=r"serves is not restarted: uav1 may be flying\. During .* --yes"):
         run.control().ask(do="restart", name="serves")
     assert run.control().ask(do="restart", name="serves", yes=True) == {"ok": True}
     run.until("serves", "READY", times=2)
@@ -254,7 +254,7 @@ def test_down_now_lands_a_real_vehicle_first_and_says_so(start, tmp_path):
     run = begin(start, flying(tmp_path, simulated=False))
     run.control().ask(do="down", now=True)
     run.until_said("landing all")
-    run.until_said("whatever serves a real vehicle goes on until it has landed")
+    run.until_said("processes that serve a real vehicle continue until it has landed")
     run.until("p", "EXITED")
     assert is_running(run.pid("world"))
     (tmp_path / "go").touch()
@@ -296,7 +296,7 @@ def test_down_now_of_a_stale_run_lands_real_vehicles_only(start, tmp_path, simul
     code = "from arena.supervisor import active_runs, sweep; [sweep(state, print, now=True) for state in active_runs()]"
     said = run_python(code)
     assert ("landed all" in said) is not simulated
-    assert ("uav1 may be flying, and a real vehicle is always landed" in said) is not simulated
+    assert ("uav1 may be flying: real vehicles are landed even with --now" in said) is not simulated
     assert not is_running(run.pid("stubborn")) and open_run(run.folder) is None
 
 

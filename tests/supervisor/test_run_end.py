@@ -90,8 +90,8 @@ def test_crashed_vehicle_in_the_air_is_landed():
     [
         ("never connected", "its PX4 has never connected to the world"),
         ("gone", "its PX4 has closed its connection"),
-        ("booting", "its PX4 has not begun to fly"),
-        ("late", "its PX4 does not answer"),
+        ("booting", "its PX4 has not finished booting"),
+        ("late", "its PX4 does not reply"),
         ("in step", ""),
     ],
 )
