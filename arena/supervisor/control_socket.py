@@ -101,11 +101,15 @@ class ControlServer:
 
     def _refuse(self, connection: socket.socket, user: int) -> None:
         with contextlib.suppress(OSError):
-            connection.send(json.dumps({"error": f"user {user} is not allowed to command this arena"}).encode() + b"\n")
+            connection.send(
+                json.dumps({"error": f"user {user} is not allowed to command this arena"}).encode() + b"\n"
+            )
         connection.close()
         self.refused[user] = self.refused.get(user, 0) + 1
         if self.refused[user] == 1:
-            self._on_refused(f"refused a connection of user {user}: only the owner and root may command this arena")
+            self._on_refused(
+                f"refused a connection of user {user}: only the owner and root may command this arena"
+            )
 
     def _serve(self, client: _Client) -> None:
         self._flush(client)
@@ -122,7 +126,9 @@ class ControlServer:
         for line in lines:
             self._send(client, self._reply(client, line))
         if len(client.received) > _LONGEST_REQUEST:
-            self._send(client, {"error": f"request too long: expected one line of at most {_LONGEST_REQUEST} bytes"})
+            self._send(
+                client, {"error": f"request too long: expected one line of at most {_LONGEST_REQUEST} bytes"}
+            )
             self._drop(client)
 
     def _reply(self, client: _Client, line: bytes) -> dict[str, Any]:

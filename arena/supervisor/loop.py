@@ -242,9 +242,7 @@ class Supervisor:
         if name not in specs:
             raise ValueError(f"no process {name!r} in this arena; there are {', '.join(specs)}")
         if self.phase is not Phase.RUN:
-            raise ValueError(
-                f"{name} is not restarted: the arena is {self.phase}, so it starts no processes"
-            )
+            raise ValueError(f"{name} is not restarted: the arena is {self.phase}, so it starts no processes")
         if not in_flight and (refusal := run_end.restart_refusal(specs[name], self._flying())):
             raise ValueError(refusal)
         self._processes.request_restart(name)

@@ -246,7 +246,9 @@ def _make_unique(runs: Path, name: str) -> Path:
         with contextlib.suppress(FileExistsError):
             (path := runs / f"{name}{end}").mkdir()
             return path
-    raise RunError(f"{runs}: already has 999 run folders with the current time in their names: wait 1 s and try again")
+    raise RunError(
+        f"{runs}: already has 999 run folders with the current time in their names: wait 1 s and try again"
+    )
 
 
 def _endings() -> list[str]:

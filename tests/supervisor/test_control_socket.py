@@ -62,7 +62,9 @@ def test_another_user_is_refused_and_counted(serve):
     """The server believes this process's own user to be another."""
     served = serve(users=[os.getuid() + 1])
     for _ in range(3):
-        assert json.loads(served.ask()) == {"error": f"user {os.getuid()} is not allowed to command this arena"}
+        assert json.loads(served.ask()) == {
+            "error": f"user {os.getuid()} is not allowed to command this arena"
+        }
     assert not served.asked and served.server.refused == {os.getuid(): 3}
     assert served.told == [
         f"refused a connection of user {os.getuid()}: only the owner and root may command this arena"
