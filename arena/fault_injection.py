@@ -1,25 +1,27 @@
-"""Faults that a scenario injects into a simulated arena while it flies. One datagram on a local socket is one fault, a JSON object.
+"""Fault injection for simulated arenas: a scenario sends faults to running processes, one JSON object per
+datagram.
 
-Each process that can have faults (the world, the motion capture emulator, the router) receives them on `<path>`, a socket in the
-run's private folder, and reads it before every step, frame or turn. On a lockstep clock, a fault that is sent while the sender is
-awake is active at the next of these, because simulation time has not moved. Arenas with real vehicles have no such sockets: their
-slices name none.
+The world, the motion capture emulator and the router can receive faults. Each has a local socket `<path>` in
+the run's private folder, and reads it before every step, frame or loop cycle. On a lockstep clock, a fault
+takes effect at the next of these if the sender is awake when it sends, because simulation time has not
+advanced. Arenas with real vehicles have no such sockets.
 
-    world    {"do": "motor", "vehicle": "uav1", "rotor": 1, "thrust": 0.0}     share of its thrust that the rotor (1..) still gives
+    world    {"do": "motor", "vehicle": "uav1", "rotor": 1, "thrust": 0.0}     share of its thrust that rotor 1 still produces
              {"do": "battery", "vehicle": "uav1", "empty_in_s": 20.0}          discharge time from full to empty; null: by load
-             {"do": "wind", "wind_m_s": [3, 0, 0]}                             [NED]
+             {"do": "wind", "wind_m_s": [3, 0, 0]}                             wind velocity [NED]
              {"do": "sticks", "vehicle": "uav1", "on": false}                  the pilot's radio
     mocap    {"do": "dropout", "body": "uav1", "on": true}                     the body is not tracked
              {"do": "freeze", "body": "uav1", "on": true}                      the last pose is repeated, marked as tracked
              {"do": "jump", "body": "uav1", "by_m": [1, 0, 0], "yaw_deg": 0}   offset of every pose [NED]; zeros end it
              {"do": "swap", "bodies": ["uav1", "uav2"], "on": true}            each body gets the other's pose
              {"do": "delay", "ms": 200}                                        additional latency of all poses
-    router   {"do": "loss", "vehicle": "uav1", "share": 0.3}                   of its link's datagrams, in each direction
+    router   {"do": "loss", "vehicle": "uav1", "share": 0.3}                   share of lost datagrams, in each direction
              {"do": "delay", "vehicle": "uav1", "ms": 200}                     in each direction, in simulation time
-             {"do": "heartbeat", "on": false}                                  the ground station's
+             {"do": "heartbeat", "on": false}                                  heartbeat of the ground station
 
-A delay keeps the order. When it shrinks, what has waited long enough leaves at once. Each fault is reported as an event,
-`fault: wind 3 0 0 m/s`; an invalid one is refused with an event and changes nothing.
+A delay does not change the order of datagrams. If a delay is reduced, datagrams that have already waited long
+enough are sent at once. Each fault is reported as an event, `fault: wind 3 0 0 m/s`. An invalid fault is
+refused with an event and changes nothing.
 """
 
 from __future__ import annotations
@@ -42,10 +44,10 @@ _SEND_TIMEOUT_S = 1.0
 
 
 class FaultReceiver:
-    """The socket that a process receives faults on.
+    """Socket on which a process receives faults.
 
-    path: of the socket; None for a process without faults
-    Raises RunError when the socket cannot be made.
+    path: path of the socket; None for a process without faults
+    Raises RunError if the socket cannot be created.
     """
 
     def __init__(self, path: str | Path | None) -> None:
@@ -63,11 +65,14 @@ class FaultReceiver:
                 raise RunError(f"cannot receive faults at {self._path}: {error}") from error
 
     def fileno(self) -> int:
-        """Return the file descriptor, readable when a fault waits; -1 without a socket."""
+        """Return the file descriptor, readable when a fault has arrived; -1 without a socket."""
         return -1 if self._socket is None else self._socket.fileno()
 
     def take(self) -> list[Fault]:
-        """Return the faults since the last call, {} for a datagram that is not a fault. Costs one system call when there is none."""
+        """Return the faults received since the last call, with {} for each datagram that is not a fault.
+
+        If there is none, the call costs one system call.
+        """
         found: list[Fault] = []
         while self._socket is not None and len(found) < _MAX_FAULTS:
             try:
@@ -77,9 +82,9 @@ class FaultReceiver:
         return found
 
     def apply(self, function: Callable[[Fault], str]) -> list[str]:
-        """Pass each received fault to `function` and return an event for each.
+        """Pass each received fault to `function` and return one event per fault.
 
-        function: applies a fault and returns it in words, or raises InputError
+        function: applies a fault and returns its description, or raises InputError
         """
         return [_event(fault, function) for fault in self.take()]
 
@@ -91,7 +96,9 @@ class FaultReceiver:
 
 
 def inject(path: str | Path, fault: Fault) -> None:
-    """Send a fault. Raises RunError when no process receives faults there, or it has read none for a second."""
+    """Send a fault to a process. Raises RunError if no process receives faults at `path`, or if the process
+    has not read for one second.
+    """
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as sender:
         sender.settimeout(_SEND_TIMEOUT_S)
         try:
@@ -105,7 +112,7 @@ def inject(path: str | Path, fault: Fault) -> None:
 
 
 def word(fault: Fault, key: str, choices: Collection[str]) -> str:
-    """Return one word of `choices`."""
+    """Return the value of `key` if it is one of `choices`, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, str) or found not in choices:
         raise _wrong(key, found, f"one of {', '.join(choices)}")
@@ -113,7 +120,9 @@ def word(fault: Fault, key: str, choices: Collection[str]) -> str:
 
 
 def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple[str, ...]:
-    """Return `count` different words of `choices`."""
+    """Return the value of `key` if it is a list of `count` different words of `choices`, else raise
+    InputError.
+    """
     found = fault.get(key)
     fits = (
         isinstance(found, list)
@@ -126,7 +135,7 @@ def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple
 
 
 def flag(fault: Fault, key: str) -> bool:
-    """Return true or false."""
+    """Return the value of `key` if it is true or false, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, bool):
         raise _wrong(key, found, "true or false")
@@ -134,7 +143,7 @@ def flag(fault: Fault, key: str) -> bool:
 
 
 def number(fault: Fault, key: str, low: float, high: float) -> float:
-    """Return a finite number from `low` to `high`."""
+    """Return the value of `key` if it is a finite number from `low` to `high`, else raise InputError."""
     found = fault.get(key)
     if not _is_number(found, low, high):
         raise _wrong(key, found, f"a number from {low:g} to {high:g}")
@@ -142,15 +151,15 @@ def number(fault: Fault, key: str, low: float, high: float) -> float:
 
 
 def whole(fault: Fault, key: str, low: int, high: int) -> int:
-    """Return a whole number from `low` to `high`."""
+    """Return the value of `key` if it is an integer from `low` to `high`, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, int) or not _is_number(found, low, high):
-        raise _wrong(key, found, f"a whole number from {low} to {high}")
+        raise _wrong(key, found, f"an integer from {low} to {high}")
     return found
 
 
 def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
-    """Return three numbers between -most and most."""
+    """Return the value of `key` if it is a list of three numbers from -most to most, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, list) or len(found) != 3 or not all(_is_number(x, -most, most) for x in found):
         raise _wrong(key, found, f"three numbers from {-most:g} to {most:g}")
@@ -158,7 +167,7 @@ def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
 
 
 def plain(values: Sequence[float]) -> str:
-    """Return numbers as a person writes them: 3 0 -0.5."""
+    """Format numbers without unnecessary digits: "3 0 -0.5"."""
     return " ".join(f"{x:g}" for x in values)
 
 

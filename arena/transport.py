@@ -1,11 +1,11 @@
-"""UDP sockets, serial devices and the connection URLs that name them: the only place where they are opened and parsed.
+"""UDP sockets, serial devices and their connection URLs. Only this module opens and parses them.
 
     udpin:HOST:PORT        listen on HOST:PORT; the vehicle sends to it
     udpout:HOST:PORT       send to HOST:PORT
     serial:DEVICE[:BAUD]   a serial device
 
-Only the standard library is imported here, because `land-all` must start without any other package; pyserial is imported when a
-serial device is opened. Nothing here reads or writes MAVLink.
+This module imports only the standard library, because `land-all` must start without any other package. It
+imports pyserial only when a serial device is opened. It must not read or write MAVLink.
 """
 
 from __future__ import annotations
@@ -65,7 +65,9 @@ class ConnectionUrl:
 
     @property
     def url(self) -> str:
-        """The URL as the YAML writes it; there the baud rate has a key of its own."""
+        """The URL in the form of the YAML. The baud rate is not in it, because the YAML has a separate key
+        for it.
+        """
         return f"serial:{self.device}" if self.kind == "serial" else f"{self.kind}:{self.host}:{self.port}"
 
     @property
@@ -74,10 +76,9 @@ class ConnectionUrl:
 
 
 def parse_url(url: str, *, baud: int = DEFAULT_BAUD) -> ConnectionUrl:
-    """Parse a connection URL.
+    """Parse a connection URL. Raises ValueError, with the expected forms, for anything else.
 
-    baud: baud rate of a serial URL that names none [bit/s]
-    Raises ValueError, with the expected forms, for anything else.
+    baud: baud rate of a serial URL that does not contain one [bit/s]
     """
     kind, _, rest = url.partition(":")
     if kind == "serial" and rest.startswith("/"):
@@ -93,9 +94,10 @@ def parse_url(url: str, *, baud: int = DEFAULT_BAUD) -> ConnectionUrl:
 
 
 def url_from_json(raw: Mapping[str, Any]) -> ConnectionUrl:
-    """Return the connection that a slice describes: {kind, address} or {kind, device, baud}.
+    """Return the connection in a process's JSON configuration (slice): {kind, address} or {kind, device,
+    baud}.
 
-    Raises KeyError, TypeError or ValueError when it describes none.
+    Raises KeyError, TypeError or ValueError if the JSON has another form.
     """
     kind = raw["kind"]
     if kind == "serial":
@@ -114,7 +116,9 @@ def _parse_serial(rest: str, baud: int) -> ConnectionUrl:
 
 
 def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> ConnectionUrl:
-    """Return a UDP connection. Refuses a host name: looking it up would block, and fails when the network is down."""
+    """Return a UDP connection. Raises ValueError for a host name, because a name lookup may block, and fails
+    without a network.
+    """
     try:
         address = ipaddress.IPv4Address("127.0.0.1" if host == "localhost" else host)
     except ValueError as error:
@@ -132,11 +136,11 @@ def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> Connecti
 def open_udp(
     local: Address | None = None, *, receive_buffer_bytes: int | None = RECEIVE_BUFFER_BYTES
 ) -> socket.socket:
-    """Open a non-blocking IPv4 UDP socket.
+    """Open a non-blocking IPv4 UDP socket. Raises OSError if the address cannot be bound.
 
-    local: address to bind; None leaves the choice to the kernel
-    receive_buffer_bytes: large, so that a process that is busy for a moment loses nothing; None for the kernel's default
-    Raises OSError when the address cannot be bound.
+    local: address to bind; None lets the kernel choose
+    receive_buffer_bytes: large by default, so that no datagram is lost while the process is busy for a
+    moment; None for the kernel's default
     """
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     opened.setblocking(False)
@@ -155,9 +159,9 @@ def open_udp(
 def listen_udp(
     local: Address, owner: str = "", *, receive_buffer_bytes: int = RECEIVE_BUFFER_BYTES
 ) -> socket.socket:
-    """Open a UDP socket as `open_udp` does; raises RunError when the address cannot be bound.
+    """Open a UDP socket as `open_udp` does, but raise RunError if the address cannot be bound.
 
-    owner: what the socket is for, as the error's first words: "the router"
+    owner: process that needs the socket, the first words of the error message: "the router"
     """
     try:
         return open_udp(local, receive_buffer_bytes=receive_buffer_bytes)
@@ -169,10 +173,11 @@ def listen_udp(
 def receive_datagrams(
     source: socket.socket, limit: int = MAX_DATAGRAMS_PER_READ
 ) -> Iterator[tuple[bytes, Address]]:
-    """Yield (datagram, sender) for what has arrived, without waiting.
+    """Yield (datagram, sender) for each datagram that has arrived. Never waits.
 
-    limit: most datagrams of one call, so that a flood on one socket does not starve the others
-    Errors that the network returns for something sent before (ICMP) are skipped.
+    limit: maximum number of datagrams per call, so that a flood on one socket does not delay the other
+    sockets
+    Network errors (ICMP) about datagrams that were sent earlier are ignored.
     """
     for _ in range(limit):
         try:
@@ -190,7 +195,7 @@ def receive_datagrams(
 class SerialPort:
     """An open serial device, raw and non-blocking.
 
-    Raises OSError, whose text says what to do, when the device cannot be opened.
+    Raises OSError if the device cannot be opened; its text says what to do.
     """
 
     def __init__(self, device: str, baud: int) -> None:
@@ -214,9 +219,9 @@ class SerialPort:
         return self._fd
 
     def read(self, limit: int = 1 << 14) -> bytes | None:
-        """Return what has arrived; None when nothing has.
+        """Return the bytes that have arrived; None if there are none.
 
-        Raises OSError; `is_unplugged` returns whether the device is gone.
+        Raises OSError; `is_unplugged` returns whether the device was unplugged.
         """
         try:
             data = os.read(self._fd, limit)
@@ -227,14 +232,16 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> int:
-        """Write as much as fits; return the number of bytes. Raises OSError when the device is gone."""
+        """Write as many bytes as the driver accepts; return their number. Raises OSError if the device was
+        unplugged.
+        """
         try:
             return os.write(self._fd, data)
         except BlockingIOError:
             return 0
 
     def unsent_bytes(self) -> int:
-        """Return the number of bytes in the driver's send queue; 0 where the driver does not report it."""
+        """Return the number of bytes in the driver's send queue; 0 if the driver does not report it."""
         try:
             return int(struct.unpack("i", fcntl.ioctl(self._fd, termios.TIOCOUTQ, b"\0\0\0\0"))[0])
         except OSError:
@@ -246,7 +253,7 @@ class SerialPort:
 
 
 def is_unplugged(error: OSError) -> bool:
-    """Return whether a serial device's error means that the device is no longer there."""
+    """Return whether an error of a serial device means that the device was unplugged."""
     return error.errno in _UNPLUGGED
 
 

@@ -1,4 +1,6 @@
-"""land-all and kill-all. They need no running supervisor, router, motion capture or monitor.
+"""The commands land-all and kill-all. They work without a running supervisor, router, motion capture or
+copilot.
 
-Only light modules are imported here (no numpy, no schema): the first command must be sent well within a second.
+Only modules that import fast are used here (no numpy, no schema), because the first command must be sent well
+within one second.
 """

@@ -1,8 +1,9 @@
-"""A direct MAVLink connection from `land-all` to a real vehicle.
+"""Direct MAVLink connection from `land-all` to a real vehicle.
 
-It is opened beside the vehicle's link process `link.<v>` while that process works, and in its place when the process has ended or
-no longer reads its socket. A link process that reads is never killed: then the vehicle is silent, and the link process receives
-its first telemetry.
+While the vehicle's link process `link.<v>` works, the direct connection is used in addition to it. If the
+link process has ended or no longer reads its socket, the direct connection replaces it. A link process that
+still reads is never killed: in this case the vehicle itself is silent, and the link process receives its
+telemetry as soon as the vehicle sends again.
 """
 
 from __future__ import annotations
@@ -22,12 +23,13 @@ _CHECK_S, _RETRY_S = 0.1, 0.5
 
 
 class DirectLink:
-    """Call `step` and `send` at every turn of the loop, and `read` when one of `files` is readable.
+    """Direct connection to one real vehicle.
 
-    address: of the vehicle
+    Call `step` and `send` in every cycle of the loop, and `read` when one of `files` is readable.
+    address: address of the vehicle
     system: MAVLink id of the vehicle
-    link_address: UDP address where the link process receives the commands of land-all
-    say: prints a line for the user
+    link_address: UDP address on which the link process receives the commands of land-all
+    say: function that prints a line for the user
     """
 
     def __init__(
@@ -50,7 +52,10 @@ class DirectLink:
         self._printed: set[str] = set()
 
     def step(self, silent_s: float, now: float) -> None:
-        """Open what is needed now. silent_s: time since the vehicle's last telemetry, or since the start [s]."""
+        """Open the connections that are needed now.
+
+        silent_s: time since the vehicle's last telemetry, or since the start [s].
+        """
         if self._replacement is not None or now < self._next_check:
             return
         self._next_check = now + _CHECK_S
@@ -70,7 +75,9 @@ class DirectLink:
             self._kill_link(now)
 
     def send(self, frame: bytes) -> None:
-        """Send a frame on what is open, if anything is. A failure is ignored: every command is sent again."""
+        """Send a frame on the open connections, if there are any. Errors are ignored, because every command
+        is sent again.
+        """
         with contextlib.suppress(OSError):
             if isinstance(self._replacement, SerialPort):
                 self._replacement.write(frame)
@@ -82,7 +89,7 @@ class DirectLink:
         return [file.fileno() for file in (self._replacement, self._beside) if file is not None]
 
     def read(self, fd: int) -> Iterator[bytes]:
-        """Yield what the vehicle has sent to this file descriptor, as whole frames."""
+        """Yield the frames that the vehicle has sent to this file descriptor, as whole frames."""
         for file in (self._replacement, self._beside):
             if file is None or file.fileno() != fd:
                 continue
@@ -112,7 +119,7 @@ class DirectLink:
             self._print(f"{self._process_name} (process {process.pid}) does not respond and cannot be killed")
 
     def _replace_link(self, now: float, why: str) -> None:
-        """Open the link's own port or device; retried while another process holds it."""
+        """Open the port or device of the link process. Retry while another process holds it."""
         if now < self._next_try:
             return
         self._next_try = now + _RETRY_S
@@ -135,7 +142,11 @@ class DirectLink:
                 yield data
 
     def _is_vehicle(self, data: bytes, sender: Address) -> bool:
-        """Accept any address of a vehicle whose address is unknown, else another port of the same host."""
+        """Return whether a datagram is from the vehicle although its sender's address is new.
+
+        It must contain a frame of the vehicle's autopilot. If the vehicle's address is known, its sender must
+        be on the same host.
+        """
         if self._vehicle is not None and sender[0] != self._vehicle[0]:
             return False
         matches = any(f.sysid == self._system and f.compid == AUTOPILOT for f in parse_frames(data).frames)
@@ -158,7 +169,7 @@ class DirectLink:
                 yield buffer[frame.start : frame.end]
 
     def _print(self, text: str) -> None:
-        """Print a line once."""
+        """Print a line, unless it was printed before."""
         if text not in self._printed:
             self._printed.add(text)
             self._say(f"{self._name}: {text}")

@@ -1,6 +1,8 @@
-"""The sockets and the loop of `land-all` and `kill-all`: all vehicles at once, until each is confirmed or the time is over.
+"""Sockets and loop of `land-all` and `kill-all`: command all vehicles at once until each is confirmed or the
+timeout has passed.
 
-Each vehicle is commanded on its panic link and through its router. A real vehicle without telemetry is commanded directly too.
+Each vehicle is commanded on its panic link and through its router. A real vehicle without telemetry is also
+commanded directly.
 """
 
 from __future__ import annotations
@@ -31,9 +33,9 @@ Say = Callable[[str], None]
 
 
 class TargetConnections:
-    """A vehicle, its landing sequence and every connection to it.
+    """Connections to one vehicle, with its landing sequence.
 
-    down: why the run records the vehicle as crashed or ended; "" when it does not
+    down: reason why the run records the vehicle as crashed or ended; "" if it does not
     """
 
     def __init__(self, target: Target, landing: LandingSequence, say: Say, now: float) -> None:
@@ -53,7 +55,7 @@ class TargetConnections:
             )
 
     def send(self, now: float) -> None:
-        """Send what is due on every connection."""
+        """Send the frames that are due, on every connection."""
         frames = self.landing.due(now)
         for frame in frames:
             with contextlib.suppress(OSError):  # a network that is away may be back at the next turn
@@ -71,7 +73,7 @@ class TargetConnections:
             self.panic = _open_panic_link(self.target)
 
     def readers(self) -> dict[int, Callable[[], None]]:
-        """Return file descriptor -> the function that reads it."""
+        """Return file descriptor -> function that reads from it."""
         found: dict[int, Callable[[], None]] = {
             sock.fileno(): partial(self._read, sock) for sock in (self.router, self.panic) if sock is not None
         }
@@ -80,7 +82,9 @@ class TargetConnections:
         return found
 
     def is_over(self, began: float, now: float) -> bool:
-        """Return whether the vehicle is confirmed, or is recorded as down and has been tried long enough."""
+        """Return whether the vehicle is confirmed, or is recorded as down and has been commanded for long
+        enough.
+        """
         if self.landing.confirmed:
             return self.landing.settled(now)
         limit_s = _TRY_SILENT_S if self.landing.reported.received_at is None else _TRY_DOWN_S
@@ -107,10 +111,11 @@ class TargetConnections:
 
 
 def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, say: Say = print) -> int:
-    """Command all vehicles until each is confirmed or the time is over; print a line for each. Returns the exit code.
+    """Command all vehicles until each is confirmed or the timeout has passed; print a line for each. Return
+    the exit code.
 
     timeout_s: [s]
-    say: prints a line for the user
+    say: function that prints a line for the user
     """
     _raise_file_limit()
     began = time.monotonic()
@@ -138,7 +143,9 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
 
 
 class _Isolation:
-    """Keeps an error of one vehicle from stopping the landing of the others: it is printed once."""
+    """Catches the errors of one vehicle, so that they do not stop the landing of the others. Each error is
+    printed once.
+    """
 
     def __init__(self, say: Say) -> None:
         self._say, self._printed = say, set[str]()
@@ -174,7 +181,7 @@ def _work(
 
 
 def _receive(all_connections: list[TargetConnections], isolated: _Isolation) -> None:
-    """Read what arrives within one turn."""
+    """Read the data that arrive within one cycle of the loop."""
     poll = select.poll()
     readers = {
         fd: (connections.target.name, read)
@@ -205,10 +212,10 @@ def _say_refusal(landing: LandingSequence, printed: dict[str, str], say: Say) ->
 
 
 def _open_panic_link(target: Target) -> socket.socket | None:
-    """Open our own end of the panic link; None while another `land-all` holds it.
+    """Open this computer's end of the panic link; None while another `land-all` holds it.
 
-    The autopilot obeys every sender on its panic link but answers only this address. Until it is free, commands leave from another
-    port and telemetry comes through the router.
+    The autopilot obeys every sender on its panic link, but replies only to this address. While the address is
+    taken, commands are sent from another port and telemetry comes through the router.
     """
     try:
         return open_udp(target.partner)
@@ -217,7 +224,9 @@ def _open_panic_link(target: Target) -> socket.socket | None:
 
 
 def _raise_file_limit() -> None:
-    """Allow as many open files as the system permits: three sockets a vehicle exceed some shells' limit."""
+    """Raise the limit of open files to the system's maximum, because three sockets per vehicle exceed the
+    limit of some shells.
+    """
     with contextlib.suppress(OSError, ValueError):
         _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

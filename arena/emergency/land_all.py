@@ -1,4 +1,4 @@
-"""`python -m arena.emergency.land_all`, and the body of `arena land-all` and `arena kill-all`."""
+"""Commands `arena land-all` and `arena kill-all`; also runs as `python -m arena.emergency.land_all`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ def land_all(
     spared: Sequence[str] = (),
     timeout_s: float = LAND_TIMEOUT_S,
 ) -> int:
-    """Land all vehicles found and print a line for each. Returns the exit code. Raises InputError when none is found."""
+    """Land all vehicles that are found, and print a line for each. Return the exit code. Raises InputError if
+    there are none.
+    """
     found, targets = _chosen(arena, run, only, spared)
     if not targets:
         _say("no vehicle to land")
@@ -44,7 +46,7 @@ def kill_all(
     yes: bool = False,
     timeout_s: float = KILL_TIMEOUT_S,
 ) -> int:
-    """Stop all motors, in the air too. Raises InputError without `yes`."""
+    """Stop all motors, also in the air. Return the exit code. Raises InputError without `yes`."""
     if not yes:
         raise InputError(
             "kill-all stops all motors, also in the air: vehicles fall. Confirm with --yes, or land with land-all"
@@ -64,7 +66,7 @@ def _record(command: str, targets: Sequence[Target]) -> None:
 
 
 def _worst(found: Found, code: int) -> int:
-    """Report the vehicles that were not commanded, as the last lines. Returns the exit code."""
+    """Print the vehicles that were not commanded, as the last lines. Return the exit code."""
     for why in found.unread:
         _say(f"NOT COMMANDED: vehicles of an active run that cannot be read: {why}")
     return code or (EXIT_FAILED if found.unread else EXIT_OK)
@@ -76,7 +78,10 @@ def names(text: str) -> tuple[str, ...]:
 
 
 def command(verb: str, arguments: Sequence[str], prog: str = "arena") -> int:
-    """Run one of the two command lines without importing typer. Raises ArenaError, and SystemExit as argparse does."""
+    """Run land-all or kill-all from command-line arguments, without importing typer.
+
+    Raises ArenaError, and SystemExit as argparse does.
+    """
     parser = argparse.ArgumentParser(prog=f"{prog} {verb}".strip(), allow_abbrev=False)
     parser.add_argument("arena", nargs="?", type=Path, help="arena.yaml, read only when no run is active")
     parser.add_argument("--run", type=Path, metavar="DIR", help="the run folder")
@@ -107,7 +112,7 @@ def _say(line: str) -> None:
 
 @contextlib.contextmanager
 def _ignoring_hangup() -> Iterator[None]:
-    """Ignore SIGHUP: a dropped ssh session does not end a landing; Ctrl-C does."""
+    """Ignore SIGHUP, so that a dropped ssh session does not end a landing. Ctrl-C still ends it."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         yield

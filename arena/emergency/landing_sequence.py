@@ -1,7 +1,8 @@
-"""The commands that land or stop one vehicle, and the telemetry that confirms it. Pure: no sockets, no clocks.
+"""Commands that land or stop one vehicle, and the check of the telemetry that confirms it.
 
-A landing is confirmed only by telemetry received after the start: a HEARTBEAT without the armed bit and an EXTENDED_SYS_STATE on
-the ground. A stop of the motors is confirmed by the HEARTBEAT alone.
+Pure: no sockets, no clocks.
+Only telemetry received after the start confirms a landing: a HEARTBEAT without the armed bit and an
+EXTENDED_SYS_STATE with the state on the ground. The HEARTBEAT alone confirms a stop of the motors.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ Action = Literal["land", "kill"]
 
 @dataclass(kw_only=True)
 class ReportedState:
-    """The state that the vehicle has reported since the start; None where it has not. Times are monotonic [s].
+    """State that the vehicle has reported since the start; None for values that it has not reported. Times
+    are monotonic [s].
 
     was_up: the vehicle was armed or off the ground at any time since the start
     """
@@ -48,10 +50,12 @@ class ReportedState:
 
 
 class LandingSequence:
-    """Send what `due` returns a few times a second, pass received datagrams to `on_datagram`, until `confirmed`.
+    """Landing, or motor stop, of one vehicle.
 
+    Send the frames that `due` returns a few times a second, and pass received datagrams to `on_datagram`,
+    until `confirmed`.
     system: MAVLink id of the vehicle
-    component: our own, so that acknowledgements reach this process
+    component: MAVLink component id of this process, so that acknowledgements are sent to it
     now: monotonic [s]
     """
 
@@ -71,7 +75,7 @@ class LandingSequence:
         return self._confirmed_at is not None
 
     def settled(self, now: float) -> bool:
-        """Return whether the vehicle is confirmed and has been watched long enough."""
+        """Return whether the vehicle is confirmed and has been monitored long enough afterwards."""
         if self._confirmed_at is None:
             return False
         return self.reported.was_up or now - self._confirmed_at >= WATCH_S
@@ -88,7 +92,7 @@ class LandingSequence:
         return frames
 
     def on_datagram(self, data: bytes | memoryview, now: float) -> None:
-        """Take in a datagram. Frames of other vehicles and components are ignored; never raises."""
+        """Process a datagram. Frames of other vehicles and components are ignored. Never raises."""
         for at in parse_frames(data).frames:
             if at.sysid == self.system and at.compid == AUTOPILOT:
                 self._on_frame(data, at, now)

@@ -1,6 +1,8 @@
-"""The process `link.<v>` that holds a real vehicle's connection: whether it still reads, and how to kill it when it does not.
+"""Checks on the process `link.<v>`, which holds a real vehicle's connection: whether it still reads, and how
+to kill it.
 
-Reads /proc. A process is signalled by its recorded identity, never by its name.
+Reads /proc. A signal is sent only to a process with the recorded identity; a process is never selected by
+name.
 """
 
 from __future__ import annotations
@@ -22,7 +24,10 @@ _START_TOLERANCE_S = 0.005
 
 
 def unread_bytes(address: Address) -> int | None:
-    """Return what the UDP socket bound to this address has not read yet [bytes]; None when no socket is bound to it here."""
+    """Return the number of received bytes that the owner of a UDP socket has not read yet.
+
+    address: address to which the socket is bound. Returns None if no socket of this computer is bound to it.
+    """
     host, port = struct.unpack("=I", socket.inet_aton(address[0]))[0], address[1]
     wanted = {f"{host:08X}:{port:04X}".encode(), f"{0:08X}:{port:04X}".encode()}
     try:
@@ -36,7 +41,7 @@ def unread_bytes(address: Address) -> int | None:
 
 
 def kill(process: ProcessIdentity) -> bool:
-    """Kill exactly the recorded process and wait for its end; return False when it cannot be killed."""
+    """Kill the recorded process and wait for its end. Return False if it cannot be killed."""
     try:
         handle = os.pidfd_open(process.pid)
     except ProcessLookupError:

@@ -1,10 +1,10 @@
-"""The record of a vehicle in a run folder: a crash, its last address, the process of its link.
+"""Records about a vehicle in a run folder: a crash, its last address, the process of its link.
 
 <run>/events.jsonl    crashes of simulated vehicles and the end of PX4 processes
 <run>/wire/<v>.json   written by link.<v>: {"kind": "udpin", "local": [host, port], "vehicle": [host, port]}
                       or {"kind": "serial", "device": "/dev/...", "baud": 57600}
 <run>/state.json      process ids and start times, written by the supervisor
-<run>/emergency.jsonl what land-all and kill-all have commanded, written here for the programs of the run
+<run>/emergency.jsonl commands of land-all and kill-all, written by this module for the programs of the run
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessIdentity:
-    """A process as state.json records it. start_s [s since boot] distinguishes it from a later process with the same pid."""
+    """Identity of a process in state.json. start_s [s since boot] distinguishes it from a later process with
+    the same pid.
+    """
 
     name: str
     pid: int
@@ -35,12 +37,12 @@ class ProcessIdentity:
 
 @dataclass(frozen=True, kw_only=True)
 class DirectAddress:
-    """How a real vehicle is reached without its router and its link process.
+    """Address of a real vehicle for a connection without its router and its link process.
 
-    connection: as the plan or the YAML gives it
-    local: UDP address that the link bound; None for any
-    vehicle: UDP address of the vehicle; None when unknown
-    link_process: the process that holds the connection; None when unknown
+    connection: URL from the plan or the YAML
+    local: UDP address to which the link process was bound; None for any
+    vehicle: UDP address of the vehicle; None if unknown
+    link_process: the process that holds the connection; None if unknown
     """
 
     connection: ConnectionUrl
@@ -50,7 +52,7 @@ class DirectAddress:
 
     @classmethod
     def of(cls, connection: ConnectionUrl) -> DirectAddress:
-        """Return the address that the connection URL alone gives."""
+        """Return the address as far as the connection URL alone contains it."""
         if connection.kind == "udpin":
             return cls(connection=connection, local=connection.address)
         if connection.kind == "udpout":
@@ -59,7 +61,7 @@ class DirectAddress:
 
 
 def with_run_record(direct: DirectAddress, vehicle: str, run: Path) -> DirectAddress:
-    """Add what the run folder records: the vehicle's last address and the link process."""
+    """Add the records of the run folder: the vehicle's last address and the link process."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         seen = json.loads((run / "wire" / f"{vehicle}.json").read_text())
         if seen["kind"] == direct.connection.kind and seen["kind"] != "serial":
@@ -69,7 +71,9 @@ def with_run_record(direct: DirectAddress, vehicle: str, run: Path) -> DirectAdd
 
 
 def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
-    """Return vehicle -> why it is on the floor, for those that crashed in the world or whose PX4 has ended."""
+    """Return vehicle -> reason, for vehicles that are on the floor because they crashed or their PX4 has
+    ended.
+    """
     found: dict[str, str] = {}
     names = set(vehicles)
     for event in _events(run / "events.jsonl"):
@@ -84,14 +88,16 @@ def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
 
 
 def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
-    """Record a command in the run folder, so that programs can report why they lost their vehicle. Never raises OSError."""
+    """Record a command in the run folder, so that programs can report why they lost their vehicle. Never
+    raises OSError.
+    """
     entry = {"mono": time.monotonic(), "command": command, "vehicles": list(vehicles)}
     with contextlib.suppress(OSError), (run / "emergency.jsonl").open("a") as file:
         file.write(json.dumps(entry) + "\n")
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:
-    """Apply a state change of a PX4 process. A PX4 that was started again is no longer down."""
+    """Apply a state change of a PX4 process to `found`. If the PX4 was started again, remove its vehicle."""
     if state in _ENDED:
         found.setdefault(vehicle, f"its PX4 has ended: {reason}")
     elif state == "READY":
@@ -122,7 +128,9 @@ def _process(name: str, run: Path) -> ProcessIdentity | None:
 
 
 def _address(raw: Any) -> Address:
-    """Return an address. Raises ValueError for a host name, which would need a working network, and for a port out of range."""
+    """Return an address. Raises ValueError for a port out of range, and for a host name, which would need a
+    working network.
+    """
     host, port = raw
     if not 0 <= int(port) <= 65535:
         raise ValueError(f"port: got {port}, expected 0 to 65535")

@@ -1,4 +1,6 @@
-"""The vehicles to land: read from the plan of the active runs, else from the YAML. Reads files only; needs no running process."""
+"""Search for the vehicles to land: in the plan of the active runs, else in the YAML. Reads files only; needs
+no running process.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +22,14 @@ _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """The addresses of one vehicle.
+    """Addresses of one vehicle.
 
     id: MAVLink system id
-    autopilot, partner: the two ends of its panic link, the autopilot's and ours
-    tools: where the router receives frames for this vehicle
+    autopilot, partner: the two ends of its panic link, the autopilot's and this computer's
+    tools: address at which the router receives frames for this vehicle
     run: run folder of a simulated vehicle, which records crashes; None for a real vehicle
-    direct: connection to a real vehicle without router and link process; None when simulated or unknown
+    direct: address for a connection to a real vehicle without router and link process; None if simulated or
+    unknown
     """
 
     name: str
@@ -40,10 +43,10 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """The vehicles that were found.
+    """Vehicles that were found.
 
-    source: the run folders or the YAML that the addresses come from
-    unread: for each active run whose plan cannot be read, why
+    source: the run folders or the YAML that contain the addresses
+    unread: one message per active run whose plan cannot be read
     """
 
     source: str
@@ -52,10 +55,12 @@ class Found:
 
 
 def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
-    """Find the vehicles of `run`, else of the active runs, else of the YAML. Raises InputError when there is none.
+    """Find the vehicles of `run`, else of the active runs, else of the YAML. Raises InputError if there are
+    none.
 
-    arena: a YAML; selects the active runs that were started from it, else an active run on its address
-    run: a run folder
+    arena: path of a YAML. It selects the active runs that were started from it, else an active run on its
+    address.
+    run: path of a run folder
     """
     if run is not None:
         return _of_run(run)
@@ -82,7 +87,7 @@ def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
 
 
 def _of_runs(folders: Iterable[Path]) -> Found | None:
-    """Return the vehicles of all runs that can be read; the others are listed in `unread`."""
+    """Return the vehicles of all runs that can be read. The other runs are listed in `unread`."""
     plans, unread = [], []
     for folder in folders:
         try:
@@ -96,7 +101,9 @@ def _of_runs(folders: Iterable[Path]) -> Found | None:
 
 
 def _began_from(folder: Path) -> str:
-    """Return the path of the YAML that a run was started from, as the first line of its arena.yaml gives it."""
+    """Return the path of the YAML from which a run was started, read from the first line of the run's
+    arena.yaml.
+    """
     try:
         with (folder / "arena.yaml").open(errors="replace") as file:
             return str(Path(file.readline().partition("# resolved from ")[2].strip()).resolve())
@@ -107,7 +114,9 @@ def _began_from(folder: Path) -> str:
 def choose(
     targets: Sequence[Target], only: Sequence[str] = (), spared: Sequence[str] = ()
 ) -> tuple[Target, ...]:
-    """Return the vehicles in `only` (all when empty) that are not in `spared`. Raises InputError for an unknown name."""
+    """Return the vehicles in `only`, or all if `only` is empty, without those in `spared`. Raises InputError
+    for an unknown name.
+    """
     names = [target.name for target in targets]
     for name in (*only, *spared):
         if name not in names:
@@ -116,7 +125,7 @@ def choose(
 
 
 def active_runs() -> list[Path]:
-    """Return this user's run folders that still have a running process, oldest first."""
+    """Return this user's run folders in which a process still runs, oldest first."""
     found = []
     for pointer in pointers():
         with contextlib.suppress(OSError):
@@ -127,11 +136,10 @@ def active_runs() -> list[Path]:
 
 
 def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
-    """Return the vehicles of a plan.json.
+    """Return the vehicles in a plan.json. Raises ValueError, KeyError or TypeError if it is not a plan.
 
-    text: the JSON
-    run: the run folder that it lies in
-    Raises ValueError, KeyError or TypeError when it is not a plan.
+    text: contents of the file
+    run: run folder of the file
     """
     plan = json.loads(text)
     return tuple(
@@ -157,7 +165,9 @@ def _planned_direct(plan: Any, vehicle: str, run: Path | None) -> DirectAddress 
 
 
 def from_yaml(path: Path) -> Found:
-    """Return the vehicles of a YAML, with the ports that the schema assigns. Raises InputError when it names no vehicle."""
+    """Return the vehicles of a YAML, with the ports that the schema assigns. Raises InputError if it names no
+    vehicle.
+    """
     try:
         text = path.read_text(errors="replace")
     except OSError as error:
@@ -181,7 +191,7 @@ def _by_port_rule(vehicle: VehicleEntry, host: str) -> Target:
 
 
 def _of_run(folder: Path) -> Found:
-    """Return the vehicles of a run's plan.json, or of its arena.yaml when the plan cannot be read."""
+    """Return the vehicles in a run's plan.json, or in its arena.yaml if the plan cannot be read."""
     try:
         return Found(source=str(folder), targets=from_plan((folder / "plan.json").read_text(), folder))
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -200,7 +210,10 @@ def _distinct(targets: Iterable[Target]) -> tuple[Target, ...]:
 
 
 def _has_running_process(state: Path) -> bool:
-    """Return whether a recorded process exists; True in doubt, because landing a run that has ended does no harm."""
+    """Return whether one of the recorded processes exists.
+
+    Returns True if this is uncertain, because landing a run that has ended does no harm.
+    """
     try:
         raw = json.loads(state.read_text())
         members: list[Any] = [raw["supervisor"], *raw["processes"].values()]

@@ -1,4 +1,8 @@
-"""Vehicle names, ids and addresses from an arena.yaml that may be broken: anything else in it is ignored, no error stops the reading."""
+"""Reader of vehicle names, ids and addresses from an arena.yaml that may have errors. It ignores everything
+else in the file.
+
+No error in the file stops the reading.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,10 @@ _MOST_DEPTH = 4
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleEntry:
-    """A vehicle of the file. connection: of a real vehicle, by its `url`; None for a simulated one."""
+    """Vehicle in the file.
+
+    connection: connection of a real vehicle, from its `url`; None for a simulated vehicle.
+    """
 
     name: str
     id: int
@@ -21,9 +28,10 @@ class VehicleEntry:
 
 
 def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
-    """Return the document; where it is broken, each block that can be read alone, and None for the others.
+    """Return the document. If it has errors, return the blocks that can be read alone, with None for the
+    other blocks.
 
-    depth: levels of nested blocks that are tried one by one
+    depth: levels of nested blocks that are read separately
     """
     import yaml  # imported late: not needed when a run's plan can be read
 
@@ -34,7 +42,9 @@ def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
 
 
 def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
-    """Return the arena's address and its vehicles. A vehicle without an id gets the lowest free one, in order."""
+    """Return the arena's address and its vehicles. A vehicle without an id gets the lowest free id, in the
+    order of the file.
+    """
     root = document if isinstance(document, dict) else {}
     vehicles = root.get("vehicles")
     vehicles = vehicles if isinstance(vehicles, dict) else {}
@@ -49,7 +59,7 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
 
 
 def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
-    """Return the connection by the vehicle's own keys, else by the file's `defaults`."""
+    """Return the connection from the vehicle's own keys, else from the file's `defaults`."""
     defaults = root.get("defaults")
     own = {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
     if own.get("autopilot", "hardware") != "hardware":
@@ -74,7 +84,7 @@ def _address(raw: Any) -> str:
 
 
 def _blocks(text: str, depth: int) -> dict[str, Any]:
-    """Return the `key: ...` blocks at the outermost indentation, each parsed alone."""
+    """Return the `key: ...` blocks at the outermost indentation, each parsed separately."""
     every = text.lstrip("\ufeff").expandtabs().splitlines()
     lines = [line for line in every if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
@@ -94,7 +104,7 @@ def _blocks(text: str, depth: int) -> dict[str, Any]:
 
 
 def _value(rest: str, inner: list[str], depth: int) -> Any:
-    """Return the value of a key: the lines below it, or the rest of its own line."""
+    """Return the value of a key, from the lines below the key, or from the rest of the key's own line."""
     if rest.partition("#")[0].strip() or not inner:
         text = "\n".join([rest, *inner])
         return read_yaml(text, 0) if inner else _flow(rest)
@@ -102,7 +112,9 @@ def _value(rest: str, inner: list[str], depth: int) -> Any:
 
 
 def _flow(rest: str) -> Any:
-    """Return a value that is written on one line. A broken flow mapping still gives its id and url."""
+    """Return a value that is written on one line. From a flow mapping with errors, return its id and url if
+    they can be found.
+    """
     value = read_yaml(rest, 0)
     if value is not None:
         return value

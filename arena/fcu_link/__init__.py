@@ -1,1 +1,3 @@
-"""The one wire to a flight controller, standing where a simulated autopilot stands. It guards the arming of real vehicles."""
+"""The link process of one flight controller. It connects the controller to the router and the pose forwarder,
+and refuses to arm a real vehicle while a preflight check fails.
+"""

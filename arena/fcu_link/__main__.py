@@ -1,4 +1,7 @@
-"""`python -m arena.fcu_link slice.json`: the process between one flight controller and its router, vision and panic links."""
+"""Process between one flight controller and its router, vision and panic links.
+
+Run as `python -m arena.fcu_link slice.json`.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,9 @@ _HEADER = (
 
 
 class FcuLinkShell:
-    """The sockets and the serial device. Each is read in turn, so that a flood on one does not starve the others."""
+    """Sockets, serial device and loop of the process. They are read in turn, so that a flood on one does not
+    delay the others.
+    """
 
     def __init__(self, process: ProcessContext, settings: Settings) -> None:
         now = time.monotonic()
@@ -54,7 +59,7 @@ class FcuLinkShell:
         self._write_params()
 
     def run(self) -> None:
-        """Serve until a stop signal; without a supervisor, until the vehicle is disarmed."""
+        """Run until a stop signal. If the supervisor dies, run until the vehicle is disarmed."""
         while not (self._process.stopping or self._over):
             self._wait()
             now = time.monotonic()
@@ -76,7 +81,7 @@ class FcuLinkShell:
             s.close()
 
     def _wait(self) -> None:
-        """Wait until there is data to read or room to write, and read the links."""
+        """Wait until data can be read or written, then read the links."""
         now = time.monotonic()
         poll = select.poll()
         for link in self._sockets.values():
@@ -149,7 +154,7 @@ class FcuLinkShell:
         self._process.event(text)
 
     def _report_stats(self, now: float) -> None:
-        """Report the figures of the last second."""
+        """Send the counters of the last second to the supervisor."""
         flow, self._flow = self._core.flow - self._flow, Counter(self._core.flow)
         self._process.stats(
             {
@@ -164,7 +169,9 @@ class FcuLinkShell:
         )
 
     def _write_last_address(self) -> None:
-        """Write the vehicle's address for land-all, which needs it when this process ends or hangs."""
+        """Write the vehicle's address to a file for land-all, which needs the address if this process ends or
+        hangs.
+        """
         address = self._transport.last_address()
         if not self._s.wire_file or address == self._last_address:
             return
@@ -178,7 +185,9 @@ class FcuLinkShell:
             self._say(f"{self._s.vehicle}: cannot write {path}: {error.strerror}")
 
     def _write_params(self) -> None:
-        """Write the required parameters at the start, and again once the vehicle's parameter types are known."""
+        """Write the file of required parameters at the start, and again when the types of the vehicle's
+        parameters are known.
+        """
         if not self._s.params_file or not self._s.params:
             return
         types = self._core.params.types

@@ -1,7 +1,9 @@
-"""Requests to arm a vehicle, and their refusal in the autopilot's name while a preflight check fails. Pure.
+"""Detection of requests to arm a vehicle, and the reply that refuses them while a preflight check fails.
+Pure.
 
-PX4 arms on COMPONENT_ARM_DISARM (also with its force value) and on MISSION_START; a pilot's sticks arm by a gesture. DO_SET_MODE and
-SET_MODE never arm. Any value that rounds to 0 disarms, as PX4 reads it.
+The refusal is sent in the name of the autopilot. PX4 arms on COMPONENT_ARM_DISARM (also with its force value)
+and on MISSION_START; a pilot can arm with a stick gesture. DO_SET_MODE and SET_MODE never arm. As in PX4, any
+value that rounds to 0 disarms.
 """
 
 from __future__ import annotations
@@ -22,12 +24,12 @@ _COMMAND_OFFSET = 28  # in both messages, after seven numbers of four bytes
 
 
 def command_of(data: Buffer, frame: Frame) -> int:
-    """Return the MAV_CMD of a command message; 0 for another message."""
+    """Return the MAV_CMD of a command message; 0 for any other message."""
     return uint_at(data, frame, _COMMAND_OFFSET, 2) if frame.msgid in _COMMANDS else 0
 
 
 def asks_to_arm(data: Buffer, frame: Frame, system: int) -> bool:
-    """Return whether a frame would arm vehicle `system`; broadcasts count."""
+    """Return whether a frame would arm vehicle `system`; a broadcast counts as a request."""
     if frame.target_sys not in (0, system):
         return False
     command = command_of(data, frame)
@@ -37,11 +39,12 @@ def asks_to_arm(data: Buffer, frame: Frame, system: int) -> bool:
 
 
 def pack_refusal(codec: Codec, data: Buffer, frame: Frame, reasons: Sequence[str]) -> bytes:
-    """Pack the answer to a request to arm: a STATUSTEXT per reason, then the COMMAND_ACK.
+    """Encode the reply to a refused request to arm: one STATUSTEXT per reason, then the COMMAND_ACK.
 
-    codec: sends as the autopilot
-    reasons: most severe first; empty when they were sent a moment ago
-    The texts come first, so that a client has them when it reads the acknowledgement; the most severe is the newest.
+    codec: encodes messages in the name of the autopilot
+    reasons: most severe first; empty if they were sent a moment ago
+    The texts are sent first, so that a client has them when it reads the acknowledgement. The most severe
+    reason is sent last.
     """
     severity = mavlink.MAV_SEVERITY_ERROR
     texts = [

@@ -1,11 +1,14 @@
-"""The core of the link to a flight controller: routes frames between the vehicle and its three UDP links. No sockets, no clocks.
+"""Core of the link to a flight controller: routes frames between the vehicle and its UDP links. No sockets,
+no clocks.
 
 vehicle -> router     everything
 vehicle -> vision     the messages that the pose forwarder reads
 vehicle -> panic      everything, while land-all sends
-vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, of a controller in the loop
-links -> vehicle      everything except TIMESYNC replies, which would shift the time stamps of poses, and refused requests to arm
-simulator -> vehicle  the sensors. Not HIL_STATE_QUATERNION: PX4 in HITL takes it for its own estimate (mavlink_receiver)
+vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, for hardware in the loop (HITL)
+links -> vehicle      everything except TIMESYNC replies, which would shift the time stamps of poses, and
+refused requests to arm
+simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own
+estimate (mavlink_receiver)
 """
 
 from __future__ import annotations
@@ -68,10 +71,12 @@ Out = list[tuple[str, bytes]]
 
 
 class FcuLink:
-    """Pass in received data with `from_vehicle`, `from_link` and `from_simulator`, call `tick`, and send what `next_out` returns.
+    """Connection to one flight controller, without sockets.
 
-    counts: frames that were not passed on, by reason
-    flow: frames passed on, by direction
+    Pass in received data with `from_vehicle`, `from_link` and `from_simulator`, call `tick`, and send the
+    frames that `next_out` returns.
+    counts: number of frames that were not passed on, by reason
+    flow: number of frames passed on, by direction
     """
 
     def __init__(self, settings: Settings, now: float) -> None:
@@ -97,25 +102,27 @@ class FcuLink:
 
     @property
     def ever_connected(self) -> bool:
-        """True once a heartbeat was received."""
+        """True after the first heartbeat."""
         return self.checks.heartbeat_at > -math.inf
 
     def alive(self, now: float) -> bool:
         return now - self.checks.received_at <= CONNECTION_TIMEOUT_S
 
     def armed(self, now: float) -> bool:
-        """Return whether the vehicle may be armed.
+        """Return whether the vehicle is armed, as far as this process can know.
 
-        A real vehicle that fell silent while armed may still fly, with a lost radio; a simulated one has ended after 5 s.
+        A real vehicle that fell silent while armed counts as armed, because it may still fly after its radio
+        has failed. A simulated vehicle counts as disarmed after 5 s of silence, because its process has
+        ended.
         """
         return self.checks.armed and (not self._s.simulated or now - self.checks.received_at < 5.0)
 
     def has_autopilot_frame(self, frames: Sequence[Frame]) -> bool:
-        """Return whether a frame is from the vehicle's autopilot."""
+        """Return whether one of the frames was sent by the vehicle's autopilot."""
         return any(f.sysid == self.system and f.compid == AUTOPILOT for f in frames)
 
     def from_vehicle(self, data: Buffer, found: ParsedFrames, now: float) -> Out:
-        """Take in data of the vehicle. Return (link or "simulator", datagram) for each link that receives some of it."""
+        """Process data from the vehicle. Return (link or "simulator", datagram) for each receiver."""
         self._count_noise(data, found)
         parts: dict[str, list[Buffer]] = {}
         for frame in found.frames:
@@ -133,7 +140,7 @@ class FcuLink:
         return [(end, b"".join(frames)) for end, frames in parts.items()]
 
     def on_foreign_datagram(self, data: Buffer, found: ParsedFrames) -> None:
-        """Count a datagram from an address that is not the vehicle's."""
+        """Count a datagram from an address that is not the vehicle's address."""
         self.counts["from the vehicle: unknown sender"] += 1
         self._count_noise(data, found)
         for frame in found.frames:
@@ -154,7 +161,7 @@ class FcuLink:
         return ["router", *vision, *panic]
 
     def _on_autopilot(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Take in a frame of the vehicle's autopilot."""
+        """Process a frame from the vehicle's autopilot."""
         if now - self.checks.received_at > _SILENT_S:
             self._streams.restart()
             if not self.checks.armed:  # another vehicle may have been connected meanwhile
@@ -202,11 +209,13 @@ class FcuLink:
     # -- to the vehicle ------------------------------------------------------------------------------------------------
 
     def reasons(self, now: float) -> list[str]:
-        """Return why the vehicle may not be armed now; empty when it may be."""
+        """Return why the vehicle must not be armed now; empty if arming is allowed."""
         return self.checks.reasons(now, self.params.reasons())
 
     def from_link(self, link: str, data: Buffer, now: float) -> Out:
-        """Take in a datagram of the router, vision or panic link. Return our answers as (link, datagram)."""
+        """Process a datagram from the router, vision or panic link. Return the replies of this process as
+        (link, datagram).
+        """
         found = parse_frames(data)
         if found.garbage:
             self.counts[f"from {link}: garbage bytes"] += found.garbage
@@ -225,7 +234,7 @@ class FcuLink:
         return out
 
     def from_simulator(self, data: Buffer, found: ParsedFrames, now: float) -> None:
-        """Take in data of the world, and queue its sensor messages."""
+        """Process data from the world, and queue its sensor messages for the vehicle."""
         for frame in found.frames:
             if frame.msgid in _SENSORS:
                 self.queue.put(Priority.SIMULATOR, bytes(data[frame.start : frame.end]), frame.msgid, now)
@@ -233,7 +242,9 @@ class FcuLink:
                 self.counts["from the simulator: not for a controller in the loop"] += 1
 
     def next_out(self, now: float) -> bytes | None:
-        """Return the next frame for the vehicle; None when there is none. A pose counts for the checks when it leaves."""
+        """Return the next frame for the vehicle; None if there is none. The preflight checks see a pose when
+        it is returned here.
+        """
         queued = self.queue.take(now)
         if queued is None:
             return None
@@ -248,7 +259,9 @@ class FcuLink:
         self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now)
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
-        """Pass on a request to arm, or refuse it. Return the refusal for its sender and for the router."""
+        """Pass on a request to arm, or refuse it. Return the refusal, which is sent to the requesting link
+        and to the router.
+        """
         flies = self.checks.armed and self.alive(now)
         in_flight = (
             flies and command_of(data, frame) == mavlink.MAV_CMD_MISSION_START
@@ -270,7 +283,7 @@ class FcuLink:
     # -- periodic -----------------------------------------------------------------------------------------------------
 
     def greeting(self) -> bytes:
-        """Return the first bytes for the world: a heartbeat of the controller."""
+        """Return the first bytes to send to the world: a heartbeat of the controller."""
         quad, px4, hil = (
             mavlink.MAV_TYPE_QUADROTOR,
             mavlink.MAV_AUTOPILOT_PX4,
@@ -281,7 +294,9 @@ class FcuLink:
         )
 
     def tick(self, now: float) -> None:
-        """Queue the heartbeat and requests, and report a silent vehicle; call it some twenty times a second."""
+        """Queue the heartbeat and requests that are due, and report a silent vehicle. Call it about twenty
+        times a second.
+        """
         if now - self._heartbeat_at >= 1.0:
             self._heartbeat_at = now
             heartbeat = self._codec.onboard_heartbeat()
@@ -310,7 +325,7 @@ class FcuLink:
         self.queue.put(Priority.ROUTER, self._codec.pack(message), message.get_msgId(), now)
 
     def _report_silence(self, now: float) -> None:
-        """Report what was received since the last report: foreign systems, noise, or nothing."""
+        """Report what was received since the last report: other systems, data without MAVLink, or nothing."""
         connection, since = self._s.connection, now - self._silence_reported_at
         if self._foreign:
             k, others = self.system, f"system {self._foreign >> 8} component {self._foreign & 0xFF}"
@@ -334,7 +349,7 @@ class FcuLink:
         self._events.append(f"{self._s.vehicle}: {text}")
 
     def events(self) -> list[str]:
-        """Return the sentences for the user since the last call, each with the vehicle's name."""
+        """Return the messages for the user since the last call, each with the vehicle's name."""
         for source in (self.params, self._streams):
             for text in source.events:
                 self._say(text)

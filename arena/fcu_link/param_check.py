@@ -1,7 +1,9 @@
-"""The check that a vehicle holds the required parameters: reads them one by one and compares. Writes none on the vehicle. Pure.
+"""Check that a vehicle has the required parameters: reads them one by one and compares. Never changes them.
+Pure.
 
-PX4 does not answer a request for an unknown name. A name counts as unknown only while other parameters are answered: a known one is
-requested in between, to test the connection.
+PX4 does not reply to a request for an unknown name. Therefore a name counts as unknown only if other
+parameters are answered at the same time. To test this, a parameter that is known to exist is requested in
+between.
 """
 
 from __future__ import annotations
@@ -23,16 +25,16 @@ _MAX_SHOWN = 3
 
 @dataclass(kw_only=True)
 class _Param:
-    """A required parameter and what the vehicle has answered.
+    """Required parameter, and the vehicle's replies for it.
 
     wanted: required value
-    value: value read from the vehicle; None before
-    kind: MAV_PARAM_TYPE; 0 before it was read
+    value: value read from the vehicle; None before the first reply
+    kind: MAV_PARAM_TYPE; 0 before the first reply
     asked: time of the last request [s]
-    tries: requests since the last answer
-    unknown: the vehicle does not have it
-    due: it must be read
-    answers_before: answers to all requests when this one was requested first
+    tries: number of requests since the last reply
+    unknown: the vehicle does not have this parameter
+    due: the parameter must be read
+    answers_before: number of replies to all requests at the time of the first request for this parameter
     """
 
     wanted: float
@@ -52,11 +54,11 @@ class _Param:
 
 
 class ParamCheck:
-    """The required parameters and what is known of them.
+    """Check of the required parameters, with the values read so far.
 
     params: name -> required value
     display_path: path of the .params file as shown to the user
-    events: sentences for the user, to be taken and cleared by the caller
+    events: messages for the user; the caller takes them and empties the list
     """
 
     def __init__(self, params: Mapping[str, float], display_path: str) -> None:
@@ -69,7 +71,7 @@ class ParamCheck:
 
     @property
     def complete(self) -> bool:
-        """True once every parameter has been read, or is known not to exist."""
+        """True if every parameter has been read, or is known not to exist."""
         return not any(p.value is None and not p.unknown for p in self._params.values())
 
     @property
@@ -101,21 +103,21 @@ class ParamCheck:
         return list(dict.fromkeys(found))
 
     def on_value(self, received: Value) -> None:
-        """Take in a PARAM_VALUE of the autopilot, whoever requested it."""
+        """Process a PARAM_VALUE of the autopilot, also if another program requested it."""
         p = self._params.get(received.name)
         if p is not None:
             self._answers += 1
             p.value, p.kind, p.unknown, p.due, p.tries = received.value, received.kind, False, False, 0
 
     def on_error(self, name: str, error: int) -> None:
-        """Take in a PARAM_ERROR, which only newer autopilots send."""
+        """Process a PARAM_ERROR, which only newer autopilots send."""
         p = self._params.get(name)
         if p is not None and error == DOES_NOT_EXIST:
             self._answers += 1
             p.unknown, p.due, p.value = True, False, None
 
     def reasons(self) -> list[str]:
-        """Return why the vehicle may not be armed: the first three reasons, and how many more."""
+        """Return why the vehicle must not be armed: the first three reasons, and the number of other reasons."""
         found = list(self._differences())
         unread = sum(p.value is None and not p.unknown for p in self._params.values())
         if unread:
@@ -132,7 +134,9 @@ class ParamCheck:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
     def _mark_unknown(self, p: _Param) -> bool:
-        """Mark a parameter as unknown after enough requests, while others were answered. Return whether it was."""
+        """Mark a parameter as unknown after enough requests, if other parameters were answered. Return
+        whether it is unknown.
+        """
         if p.tries >= TRIES and self._answers - p.answers_before >= 2:
             p.unknown, p.due = True, False
             return True
@@ -148,7 +152,7 @@ class ParamCheck:
                 p.due, p.tries, p.asked = True, 0, -math.inf
 
     def _report(self, now: float) -> None:
-        """Add an event once all are read, and whenever the differences change."""
+        """Add an event when all parameters are read, and whenever the differences change."""
         if not self.complete:
             return
         if self._next_recheck == math.inf:

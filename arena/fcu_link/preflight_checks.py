@@ -1,6 +1,6 @@
-"""The preflight checks of a real vehicle: connection, poses, estimate, place and battery. Pure.
+"""Preflight checks of a real vehicle: connection, poses, estimate, position and battery. Pure.
 
-Each reason fits one STATUSTEXT of 50 bytes, because it is shown to whoever asked to arm.
+Each reason fits in one STATUSTEXT of 50 bytes, because it is sent to the program that requested arming.
 """
 
 from __future__ import annotations
@@ -27,16 +27,20 @@ Vector = tuple[float, float, float]
 
 
 def sentence(text: str) -> str:
-    """Return "Preflight: ..." within 50 bytes; a long text loses the prefix, and is cut when it is still too long."""
+    """Return "Preflight: ..." with at most 50 bytes. A long text is sent without the prefix, and is cut if it
+    is still too long.
+    """
     full = f"Preflight: {text}"
     return full if len(full.encode()) <= TEXT_BYTES else text.encode()[:TEXT_BYTES].decode(errors="ignore")
 
 
 class PreflightChecks:
-    """Pass the autopilot's messages to `on_autopilot` and each sent pose to `on_pose`; `reasons` returns what fails.
+    """Preflight checks of one vehicle.
 
-    received_at: time of the last frame of the autopilot [s]
-    heartbeat_at: time of its last heartbeat [s]
+    Pass the autopilot's messages to `on_autopilot` and each sent pose to `on_pose`. `reasons` returns the
+    checks that fail.
+    received_at: time of the autopilot's last frame [s]
+    heartbeat_at: time of the autopilot's last heartbeat [s]
     """
 
     def __init__(self, preflight: Preflight) -> None:
@@ -47,7 +51,7 @@ class PreflightChecks:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all telemetry, because the autopilot has rebooted."""
+        """Delete all telemetry, because the autopilot has rebooted."""
         self._local: tuple[float, Vector] | None = None
         self._yaw: tuple[float, float] | None = None
         self._battery: tuple[float, int] | None = None
@@ -56,7 +60,7 @@ class PreflightChecks:
         self._poses: deque[float] = deque()
 
     def on_autopilot(self, m: Any, now: float) -> None:
-        """Take in a decoded message of the vehicle's autopilot."""
+        """Process a decoded message of the vehicle's autopilot."""
         kind = m.get_type()
         if kind == "HEARTBEAT":
             self.heartbeat_at, self.armed = now, bool(m.base_mode & 128)
@@ -72,13 +76,16 @@ class PreflightChecks:
             self._packs[m.id] = now, m.battery_remaining
 
     def on_pose(self, m: Any, now: float) -> None:
-        """Take in an ODOMETRY that is sent to the vehicle."""
+        """Process an ODOMETRY message that is sent to the vehicle."""
         self._pose = now, (m.x, m.y, m.z), _yaw(m.q)
         self._poses.append(now)
         self._trim(now)
 
     def reasons(self, now: float, more: Sequence[str] = ()) -> list[str]:
-        """Return why the vehicle must not be armed, most severe first; empty when it may be. more: reasons of the parameter check."""
+        """Return why the vehicle must not be armed, most severe first; empty if arming is allowed.
+
+        more: reasons of the parameter check.
+        """
         found = [
             *self._connection(now),
             *(self._poses_reasons(now) if self._p.poses else self._estimate(now)),
@@ -87,7 +94,7 @@ class PreflightChecks:
         return [sentence(text) for text in (*found, *self._charge(now), *more)]
 
     def pose_rate_hz(self, now: float) -> float:
-        """Return the rate of the poses sent within the last second."""
+        """Return the rate at which poses were sent in the last second [Hz]."""
         self._trim(now)
         return len(self._poses) / _WINDOW_S
 
@@ -102,7 +109,7 @@ class PreflightChecks:
         return [f"no telemetry for {silent:.1f} s"] if silent > CONNECTION_TIMEOUT_S else []
 
     def _poses_reasons(self, now: float) -> list[str]:
-        """Check the poses sent to the vehicle, and that its estimate agrees with them."""
+        """Check the poses sent to the vehicle, and that the vehicle's estimate agrees with them."""
         if self._pose is None:
             return ["no pose received", *self._estimate(now)]
         at, p_n, yaw = self._pose
@@ -115,7 +122,7 @@ class PreflightChecks:
         return found + (self._estimate(now) or self._agreement(p_n, yaw))
 
     def _agreement(self, p_n: Vector, yaw: float) -> list[str]:
-        """Compare the pose with the estimate, which `_estimate` has found fresh."""
+        """Compare the pose with the autopilot's estimate. Call it only if `_estimate` has found no error."""
         assert self._local is not None and self._yaw is not None
         apart = math.dist(p_n, self._local[1])
         turned = abs(math.degrees(math.remainder(yaw - self._yaw[1], math.tau)))
@@ -125,7 +132,7 @@ class PreflightChecks:
         )
 
     def _estimate(self, now: float) -> list[str]:
-        """Check that there is a fresh position and attitude estimate."""
+        """Check that position and attitude estimates have arrived, are recent and are finite."""
         if self._local is None:
             return ["no position estimate"]
         if self._yaw is None:
@@ -166,7 +173,7 @@ class PreflightChecks:
         )
 
     def _remaining(self, now: float) -> int | None:
-        """Return the charge [%]: the autopilot's total, else of the emptiest battery; None when unknown."""
+        """Return the charge [%]: the autopilot's total, else that of the emptiest battery; None if unknown."""
         if (
             self._battery is not None
             and self._battery[1] >= 0

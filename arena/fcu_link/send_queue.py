@@ -1,6 +1,6 @@
-"""The queue of frames to the flight controller: short, by priority, and never old. Pure.
+"""Queue of frames for the flight controller, sorted by priority. Old frames are dropped. Pure.
 
-A pose or a setpoint that has waited is wrong, not late: the autopilot takes it for a current one.
+The queue is short, because the autopilot would treat a pose or setpoint that has waited as a current one.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ MAX_AGE_S = 1.0
 
 
 class Priority(IntEnum):
-    """The priority of a frame, by its source; a smaller number is sent first."""
+    """Priority of a frame, by its source; a smaller number is sent first."""
 
     PANIC = 0
     ROUTER = 1
@@ -34,7 +34,7 @@ _MAX_WAITING = {
 
 
 class QueuedFrame(NamedTuple):
-    """A frame that waits since `since` [s]."""
+    """Frame in the queue. since: time at which it was added [s]."""
 
     frame: bytes
     msgid: int
@@ -43,7 +43,7 @@ class QueuedFrame(NamedTuple):
 
 
 class SendQueue:
-    """Frames by priority. counts: frames that were not sent, by reason."""
+    """Queue of frames, sorted by priority. counts: number of frames that were not sent, by reason."""
 
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
@@ -68,7 +68,9 @@ class SendQueue:
             self._drop(self._queues[lowest].popleft(), "queue full")
 
     def take(self, now: float) -> QueuedFrame | None:
-        """Remove and return the next frame to send; None when there is none. Frames older than `MAX_AGE_S` are dropped."""
+        """Remove and return the next frame to send; None if there is none. Drop frames older than
+        `MAX_AGE_S`.
+        """
         for queue in self._queues.values():
             while queue:
                 found = queue.popleft()
@@ -79,7 +81,9 @@ class SendQueue:
         return None
 
     def clear(self) -> None:
-        """Drop all frames, because the connection is away: none may be sent when it is back."""
+        """Drop all frames, because the connection is interrupted and old frames must not be sent after it is
+        restored.
+        """
         for queue in self._queues.values():
             for queued in queue:
                 self._counts[f"to the vehicle: not connected ({queued.priority.name.lower()})"] += 1

@@ -1,4 +1,4 @@
-"""The slice of a `link.<vehicle>` process as frozen data."""
+"""Settings of a `link.<vehicle>` process, read from its JSON configuration (slice)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from arena.transport import Address, ConnectionUrl, url_from_json
 
 @dataclass(frozen=True, kw_only=True)
 class LinkAddresses:
-    """The two ends of a UDP link. local: our address; remote: the only address that is accepted."""
+    """Both ends of a UDP link. local: address of this process; remote: the only address that is accepted."""
 
     local: Address
     remote: Address
@@ -22,12 +22,12 @@ class LinkAddresses:
 
 @dataclass(frozen=True, kw_only=True)
 class Preflight:
-    """The limits that a vehicle must meet before it may be armed.
+    """Limits of the preflight checks: a vehicle outside these limits cannot be armed.
 
-    position_m, yaw_deg: largest difference between the captured pose and the autopilot's estimate
-    pose_age_s: largest age of the last pose sent to the vehicle
-    pose_rate_hz: rate that poses are sent at
-    battery: smallest charge, 0 to 1 [-]; 0 for a battery that is not measured
+    position_m, yaw_deg: maximum difference between the captured pose and the autopilot's estimate
+    pose_age_s: maximum age of the last pose sent to the vehicle
+    pose_rate_hz: rate at which poses are sent
+    battery: minimum charge, 0 to 1 [-]; 0 for a battery that is not measured
     size_m: size of the arena north, east and up [m]
     height_m: distance from the body's origin down to its lowest point [m]
     poses: a pose forwarder sends poses to the vehicle
@@ -45,14 +45,15 @@ class Preflight:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """The settings of one link process.
+    """Settings of one link process.
 
-    connection: to the flight controller
+    connection: URL of the flight controller
     links: router, vision and panic link
-    simulator: TCP address of the world's simulator port, for a controller in the loop; None for a flying vehicle
-    params: parameters that the vehicle must hold before arming
-    params_file: file that they are written to, for QGroundControl; "" for none
-    wire_file: file that the vehicle's last address is written to, for land-all; "" for none
+    simulator: TCP address of the world's simulator port, for hardware in the loop; None for a vehicle that
+    flies
+    params: parameters that the vehicle must have before it can be armed
+    params_file: file for QGroundControl to which the parameters are written; "" for none
+    wire_file: file for land-all to which the vehicle's last address is written; "" for none
     """
 
     vehicle: str
@@ -68,7 +69,9 @@ class Settings:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Settings:
-        """Read the slice. Raises InputError that names a missing or wrong key: a missing limit never switches a check off."""
+        """Read the configuration. Raises InputError that names a missing or wrong key, so that a missing
+        limit never disables a check.
+        """
         try:
             return cls(
                 vehicle=str(raw["vehicle"]),
@@ -119,13 +122,13 @@ def _above(name: str, value: Any) -> float:
     number = _finite(name, value)
     if number <= 0.0:
         raise InputError(
-            f"the link's slice: {name}: got {value!r}, expected a number above 0; 0 does not switch the check off"
+            f"the link's slice: {name}: got {value!r}, expected a number above 0 (0 does not disable the check)"
         )
     return number
 
 
 def _finite(name: str, value: Any) -> float:
-    """Return a finite number unchanged: an int stays an int."""
+    """Return the value if it is a finite number, else raise InputError. An int stays an int."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(f"the link's slice: {name}: got {value!r}, expected a finite number")
     return value

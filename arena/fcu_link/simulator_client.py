@@ -1,4 +1,4 @@
-"""The TCP client of the world's simulator port, for a controller in the loop, as PX4 SITL is one."""
+"""TCP client of the world's simulator port, for hardware in the loop. To the world it looks like PX4 SITL."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ _MAX_READS = 16
 
 
 class SimulatorClient:
-    """The connection to the world, open only while the controller sends: the motors of an absent one must not keep turning.
+    """Connection to the world. It is open only while the controller sends, so that the motors of an absent
+    controller stop.
 
-    greeting: the first bytes sent; the world accepts a controller that has sent something
-    events: sentences for the user, to be taken and cleared by the caller
+    greeting: the first bytes sent; the world accepts a controller only after it has sent something
+    events: messages for the user; the caller takes them and empties the list
     """
 
     def __init__(self, address: Address, counts: Counter[str], greeting: bytes) -> None:
@@ -42,7 +43,10 @@ class SimulatorClient:
         return self._connected
 
     def tick(self, wanted: bool, now: float) -> None:
-        """Connect, or disconnect when not wanted. wanted: the controller is connected to this process."""
+        """Connect while `wanted`, else disconnect.
+
+        wanted: whether the flight controller is connected to this process.
+        """
         if not wanted:
             if self._connected:
                 self.events.append(
@@ -70,7 +74,7 @@ class SimulatorClient:
             yield self._stream.feed(data)
 
     def write(self, data: bytes) -> None:
-        """Send whole frames or none: a half frame would break the next one."""
+        """Send whole frames or nothing, because half a frame would make the next one unreadable."""
         if self._socket is None or not self._connected:
             return
         try:
@@ -110,7 +114,7 @@ class SimulatorClient:
         self.events.append(f"connected to the world at {self._address[0]}:{self._address[1]}")
 
     def _on_refused(self, number: int) -> None:
-        """Retry later: the world is not ready, or restarts. Reported once."""
+        """Schedule another try, because the world is not ready or restarts. The first refusal is reported."""
         self.close()
         self._refusals += 1
         if self._refusals == _REPORT_AFTER:

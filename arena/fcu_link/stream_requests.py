@@ -1,7 +1,7 @@
-"""Requests for MAVLink streams that the arena needs and the autopilot does not send often enough. Pure.
+"""Requests for MAVLink streams that the autopilot does not send at the required rate. Pure.
 
-PX4 streams by the profile of its port, and a telemetry port's profile has few messages. Only one request is pending at a time,
-because an acknowledgement does not name the message that it is for.
+PX4 selects its streams by the profile of the port, and the profile of a telemetry port has few messages. Only
+one request is pending at a time, because an acknowledgement does not name the requested message.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ _RETRY_S, _RETRY_REFUSED_S = 10.0, 30.0
 
 @dataclass(kw_only=True)
 class _Stream:
-    """The required and the measured rate of a message.
+    """Required and measured rate of one message.
 
     hz: required rate
-    since, count: start [s] and messages of the present measurement
+    since, count: start [s] and number of messages of the current measurement
     rate_hz, slow: result of the last measurement
-    tries: requests without an answer
-    reported: the user was informed that the rate cannot be had
+    tries: number of requests without a reply
+    reported: the user was informed that the autopilot does not send at this rate
     next: earliest time of the next request [s]
     """
 
@@ -61,8 +61,10 @@ class _Stream:
 
 
 class StreamRequests:
-    """Pass every received message id to `on_message`; send what `due` returns, a few times a second.
+    """Measures the rates of the streams and requests those that are too slow.
 
+    Pass every received message id to `on_message`. Call `due` a few times a second, and send the request that
+    it returns.
     wide: the connection is fast enough for messages that only logs need
     """
 
@@ -83,7 +85,7 @@ class StreamRequests:
             stream.count += 1
 
     def due(self, now: float) -> tuple[int, float] | None:
-        """Return (message id, interval [us]) of a message to request; None when there is none.
+        """Return (message id, interval [us]) of a message to request; None if there is none.
 
         Call it only while the vehicle is connected.
         """
@@ -98,7 +100,7 @@ class StreamRequests:
         return self._request(now)
 
     def on_ack(self, result: int, now: float) -> None:
-        """Take in the COMMAND_ACK of our SET_MESSAGE_INTERVAL."""
+        """Process the COMMAND_ACK for this process's SET_MESSAGE_INTERVAL."""
         if self._pending is None:
             return
         msgid, stream = self._pending[0], self._streams[self._pending[0]]

@@ -1,4 +1,6 @@
-"""The transports to the flight controller: a UDP socket or a serial device, reopened when it comes back."""
+"""Transports to the flight controller: a UDP socket, or a serial device that is opened again after it was
+unplugged.
+"""
 
 from __future__ import annotations
 
@@ -29,52 +31,56 @@ NextFrame = Callable[[], bytes | None]
 
 
 class FcuTransport(Protocol):
-    """Call `read` when `fileno` is readable and at every tick, `write` when frames wait, `tick` a few times a second.
+    """Interface of the transports.
 
-    events: sentences for the user, to be taken and cleared by the caller
+    Call `read` when `fileno` is readable and at every tick, `write` when frames wait, `tick` a few times a
+    second.
+    events: messages for the user; the caller takes them and empties the list
     """
 
     events: list[str]
 
     def fileno(self) -> int | None:
-        """Return the file descriptor to poll; None while the device is away."""
+        """Return the file descriptor to poll; None if the device is absent."""
 
     def read(self, now: float) -> Iterator[tuple[Buffer, ParsedFrames]]:
-        """Yield what has arrived from the vehicle, without waiting."""
+        """Yield the data that have arrived from the vehicle. Never waits."""
 
     def write(self, next_frame: NextFrame, now: float) -> bool:
-        """Send frames while they fit; return False when the device is away or the vehicle's address is unknown.
+        """Send frames until the transport accepts no more. Return False if the device is absent or the
+        vehicle's address is unknown.
 
-        next_frame: returns the next frame to send; None when there is none
+        next_frame: returns the next frame to send; None if there is none
         """
 
     def wants_write(self) -> bool:
-        """Return whether a frame is half written."""
+        """Return whether only a part of the last frame has been written."""
 
     def tick(self, now: float) -> None: ...
 
     def peer(self) -> str:
-        """Return the vehicle's address or device for people; "" while unknown."""
+        """Return the vehicle's address or device, as text for the user; "" if unknown."""
 
     def last_address(self) -> dict[str, Any]:
-        """Return where the vehicle was reached last, as JSON, for `land-all`."""
+        """Return the last known address of the vehicle as JSON, for `land-all`."""
 
     def close(self) -> None: ...
 
 
 def open_transport(connection: ConnectionUrl, core: FcuLink, now: float) -> FcuTransport:
-    """Open the connection to the flight controller.
+    """Open the connection to the flight controller. Raises RunError if a UDP port cannot be bound.
 
-    core: recognises the vehicle's frames and counts the foreign ones
-    Raises RunError when a UDP port cannot be bound. A serial device may be absent: it is opened when it appears.
+    core: recognises the vehicle's frames, and counts frames of other senders
+    A serial device may be absent: it is opened when it appears.
     """
     return SerialTransport(connection, now) if connection.kind == "serial" else UdpTransport(connection, core)
 
 
 class LearnedPeer:
-    """The vehicle's address on a listening socket: the first one that its autopilot sends from. Pure.
+    """Address of the vehicle, learned by a listening socket: the first address from which its autopilot
+    sends. Pure.
 
-    Another address may follow after `PEER_SILENT_S` without the first.
+    Another address is accepted after `PEER_SILENT_S` without data from the first one.
     """
 
     def __init__(self) -> None:
@@ -83,9 +89,9 @@ class LearnedPeer:
         self._received_at = -math.inf
 
     def accepts(self, sender: Address, from_autopilot: bool, now: float) -> bool:
-        """Return whether a datagram of this sender is the vehicle's.
+        """Return whether a datagram from this sender comes from the vehicle.
 
-        from_autopilot: the datagram holds a frame of the vehicle's autopilot
+        from_autopilot: the datagram contains a frame of the vehicle's autopilot
         """
         silent_s = now - self._received_at
         if sender != self.address and from_autopilot and silent_s > PEER_SILENT_S:
@@ -104,7 +110,11 @@ class LearnedPeer:
 
 
 class UdpTransport:
-    """udpin: a bound socket that learns the vehicle's address. udpout: sends to one address and accepts only that one."""
+    """UDP transport.
+
+    A `udpin` URL opens a bound socket that learns the vehicle's address. A `udpout` URL sends to one address
+    and accepts only data from it.
+    """
 
     def __init__(self, connection: ConnectionUrl, core: FcuLink) -> None:
         self.events: list[str] = []
@@ -168,7 +178,10 @@ class UdpTransport:
 
 
 class SerialTransport:
-    """A serial device that may be absent, refused or unplugged: each change is reported once, opening is retried every second."""
+    """Serial transport. The device may be absent, refused or unplugged.
+
+    Each change is reported once. Opening is retried every second.
+    """
 
     def __init__(self, connection: ConnectionUrl, now: float) -> None:
         self.events: list[str] = []
@@ -244,7 +257,7 @@ class SerialTransport:
         self._report(f"{self._device} {what}: {ask}")
 
     def _report(self, text: str) -> None:
-        """Add an event, unless it repeats the last one."""
+        """Add an event, unless it repeats the last event."""
         if text != self._last_event:
             self._last_event = text
             self.events.append(text)

@@ -1,5 +1,6 @@
-"""The MAVLink router: each vehicle's clients receive that vehicle, ground stations receive all. One process for an arena.
+"""The MAVLink router, one process per arena. A vehicle's clients receive this vehicle; ground stations
+receive all vehicles.
 
-It reads frame headers and targets, and a few fields for the supervisor and the terminal. It must not decode, change or create
-messages, except its own ground-station heartbeat.
+The router reads frame headers and target ids, and a few fields that the supervisor and the terminal show. It
+must not decode, change or create messages, except its own heartbeat as a ground station.
 """

@@ -1,6 +1,6 @@
-"""`python -m arena.mavlink_router slice.json`: the router process.
+"""Process of the MAVLink router. Run as `python -m arena.mavlink_router slice.json`.
 
-The shell with fault injection is imported and used only when the slice names a socket for faults.
+The module for fault injection is imported only if the JSON configuration (slice) has a path in `faults`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def make_shell(process: ProcessContext) -> RouterShell:
-    """Return the shell that the process's slice asks for: with fault injection when `faults` is a path."""
+    """Return the shell for this configuration: with fault injection if `faults` is a path."""
     table, faults = Table.from_slice(process.settings), process.settings.get("faults")
     if faults is None:
         return RouterShell(process, table)

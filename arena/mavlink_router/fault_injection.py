@@ -1,7 +1,8 @@
-"""The router's shell with fault injection: the socket for faults, and the clock that delays are measured on.
+"""Router process with fault injection: receives faults, and delays datagrams by the right clock.
 
-While no fault is active, datagrams take the path of `RouterShell`. With a simulation clock a delay is in simulation time: while a
-datagram waits, the router is a client of the clock, so that time waits for the router.
+While no fault is active, datagrams are routed as in `RouterShell`. With a simulation clock, delays are in
+simulation time. While a datagram is delayed, the router is a client of this clock, so that simulation time
+waits for the router.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class FaultInjectionShell(RouterShell):
     """A `RouterShell` whose links can lose and delay datagrams.
 
     faults: path of the socket that receives faults
-    impaired: the router behind the impaired links
+    impaired: the router with impaired links
     """
 
     def __init__(self, process: ProcessContext, table: Table, faults: str) -> None:
@@ -59,7 +60,10 @@ class FaultInjectionShell(RouterShell):
             self._send(self.impaired.outgoing(self._router.heartbeat(frame), self._delay_time(now)))
 
     def _update(self, now: float) -> None:
-        """Apply received faults, send the datagrams whose delay is over, and request the next wake-up. now: monotonic [s]."""
+        """Apply received faults, send datagrams whose delay has ended, and request the next wake-up.
+
+        now: monotonic [s].
+        """
         for text in self._faults.apply(self.impaired.apply):
             self._process.event(text)
         try:
@@ -85,7 +89,7 @@ class FaultInjectionShell(RouterShell):
         return now if self._clock is None else self._clock.now()
 
     def _join_clock(self) -> None:
-        """Connect to the simulation clock while there is a delay. Raises RunError when the clock has ended."""
+        """Connect to the simulation clock if a delay is active. Raises RunError if the clock has ended."""
         if self._clock is None and self.impaired.delaying and self._clock_path is not None:
             self._clock = SimClock(self._clock_path, self._process.name)
             self._poll.register(self._clock.fileno(), select.EPOLLIN)

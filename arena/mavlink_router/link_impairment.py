@@ -1,7 +1,8 @@
-"""A router whose links to the autopilots lose and delay datagrams. Pure.
+"""Router whose links to the autopilots can lose and delay datagrams, for fault injection. Pure.
 
-Losses are drawn per datagram, by a random generator for each direction of each link, so that the traffic of one link does not
-change the losses of another. A delay keeps the order. When it shrinks, datagrams that have waited long enough leave at once.
+Each direction of each link has its own random generator for losses, so that the traffic on one link does not
+change the losses on another. A delay does not change the order of datagrams. If a delay is reduced, datagrams
+that have already waited long enough are sent at once.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ Waiting = deque[tuple[float, Address, bytes]]
 
 @dataclass(kw_only=True)
 class _Direction:
-    """The random generator and the waiting datagrams of one direction of a link."""
+    """State of one direction of a link: its random generator and its delayed datagrams."""
 
     random: Random
     waiting: Waiting = field(default_factory=deque)
@@ -33,7 +34,7 @@ class _Direction:
 
 @dataclass(kw_only=True)
 class _ImpairedLink:
-    """The impairment of a vehicle's link. share: of datagrams that are lost, 0 to 1 [-]."""
+    """Impairment of a vehicle's link. share: share of datagrams that are lost, 0 to 1 [-]."""
 
     share: float = 0.0
     delay_s: float = 0.0
@@ -46,10 +47,10 @@ class _ImpairedLink:
 
 
 class ImpairedRouter:
-    """Takes the place of a `Router` while a fault is active.
+    """Routes datagrams in place of a `Router` while a fault is active.
 
-    at: time that delays are measured on [s]; any time that never runs back
-    now: monotonic [s], as for the router
+    at: time for measuring delays [s], by any clock that never goes backwards
+    now: monotonic [s], as in `Router`
     muted: the ground station's heartbeat must not be sent
     """
 
@@ -65,7 +66,9 @@ class ImpairedRouter:
         self.muted = False
 
     def apply(self, fault: Fault) -> str:
-        """Apply one fault of `arena.fault_injection` and return it in words. Raises InputError when it is invalid."""
+        """Apply one fault, see `arena.fault_injection`, and return its description. Raises InputError if it
+        is invalid.
+        """
         kinds: dict[str, Callable[[Fault], str]] = {
             "loss": self._apply_loss,
             "delay": self._apply_delay,
@@ -80,7 +83,7 @@ class ImpairedRouter:
 
     @property
     def active(self) -> bool:
-        """True while a link has a fault, or still holds datagrams."""
+        """True while a link has a fault, or datagrams are still delayed."""
         return any(
             link.share or link.delay_s or link.up.waiting or link.down.waiting
             for link in self._links.values()
@@ -92,7 +95,7 @@ class ImpairedRouter:
 
     @property
     def due(self) -> float | None:
-        """Time when the next delayed datagram leaves [s]; None when there is none."""
+        """Time at which the next delayed datagram must be sent [s]; None if there is none."""
         return min(
             (
                 direction.waiting[0][0] + link.delay_s
@@ -104,14 +107,14 @@ class ImpairedRouter:
         )
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float, at: float) -> list[Out]:
-        """Return what leaves at once, as `Router.on_datagram` does."""
+        """Route a received datagram, as `Router.on_datagram` does. Return the datagrams to send at once."""
         link = self._links.get(socket)
         if link is None or self._passes(link, link.down, sender, data, at):
             return self.outgoing(self._router.on_datagram(socket, sender, data, now), at)
         return []
 
     def outgoing(self, out: list[Out], at: float) -> list[Out]:
-        """Return the part of `out` that leaves at once."""
+        """Return the datagrams of `out` to send at once; others are lost or delayed."""
         return [
             (data, left)
             for data, places in out
@@ -119,7 +122,7 @@ class ImpairedRouter:
         ]
 
     def release(self, now: float, at: float) -> list[Out]:
-        """Return the datagrams whose delay is over."""
+        """Return the datagrams whose delay has ended."""
         out: list[Out] = []
         for key, link in self._links.items():
             for _, sender, data in _take_until(link.down, at - link.delay_s):
@@ -134,7 +137,7 @@ class ImpairedRouter:
     def _passes(
         self, link: _ImpairedLink, direction: _Direction, address: Address, data: Buffer, at: float
     ) -> bool:
-        """Return whether a datagram passes at once; otherwise it is lost or waits."""
+        """Return whether to send a datagram at once. If not, it is lost or delayed."""
         if link.share and direction.random.random() < link.share:
             self._router.counts.dropped[LOST] += 1
         elif link.delay_s or direction.waiting:

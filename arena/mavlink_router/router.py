@@ -1,12 +1,13 @@
-"""The core of the router: datagrams in, datagrams out, by a table and by MAVLink target. No sockets, no clocks, no decoding.
+"""Core of the router: returns the receivers of each datagram, by a table and by MAVLink target. No sockets,
+no clocks, no decoding.
 
 Routes:
     vehicle, message to all     its clients, tools and logger, and all ground stations
     vehicle, message to one     the endpoints that this system and component sends from, and the logger
     client or tool -> vehicle   its own vehicle, for messages to that vehicle or to all
     ground station -> vehicle   the vehicle that the message names, or all
-A message never returns to its sender. TIMESYNC replies never reach a vehicle: they would shift the time stamps of its poses.
-What is not forwarded is counted by reason in `counts.dropped`.
+A message is never returned to its sender. TIMESYNC replies are never sent to a vehicle, because they would
+shift the time stamps of its poses. Frames that are not forwarded are counted by reason in `counts.dropped`.
 """
 
 from __future__ import annotations
@@ -52,10 +53,10 @@ Handler = Callable[[Address, Buffer, float], list[Out]]
 
 @dataclass(kw_only=True)
 class Endpoint:
-    """The address of one client.
+    """Address of one client.
 
     socket: index in `Router.sockets`
-    senders: system << 8 | component of everything that has sent from this address, oldest first
+    senders: system << 8 | component of every sender that has used this address, oldest first
     last: time of the last frame, monotonic [s]
     """
 
@@ -65,7 +66,7 @@ class Endpoint:
     last: float = 0.0
 
     def serves(self, target: int) -> bool:
-        """Return whether a message to `target` is for this client.
+        """Return whether this client must receive a message to `target`.
 
         target: system << 8 | component; component 0 means every component of the system
         """
@@ -76,7 +77,7 @@ class Endpoint:
 
 @dataclass(kw_only=True)
 class VehicleRoutes:
-    """The sockets, clients and cached routes of one vehicle.
+    """Sockets, clients and cached routes of one vehicle.
 
     serve_socket, tool_socket: indices in `Router.sockets`
     up: the autopilot's end of the router link
@@ -97,7 +98,7 @@ class VehicleRoutes:
 
 @dataclass(kw_only=True)
 class Counts:
-    """Frames and bytes since the start. A frame that is sent counts once per receiver."""
+    """Number of frames and bytes since the start. A frame that is sent counts once per receiver."""
 
     frames_from_vehicles: int = 0
     frames_from_clients: int = 0
@@ -110,8 +111,10 @@ class Counts:
 
 
 class Router:
-    """Pass received datagrams to `on_datagram` and call `tick` a few times a second; send what `on_datagram` returns.
+    """Routes datagrams between vehicles, clients and ground stations.
 
+    Pass received datagrams to `on_datagram`, and send the datagrams that it returns. Call `tick` a few times
+    a second.
     sockets: the addresses to bind, in the order of their indices
     """
 
@@ -133,10 +136,10 @@ class Router:
         return {v.vehicle.name: v.up[0][0] for v in self._vehicles}
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
-        """Return the datagrams to send for a received one.
+        """Route a received datagram. Return the datagrams to send.
 
-        socket: index in `sockets` of the socket it arrived on
-        data: the returned datagrams are slices of it
+        socket: index in `sockets` of the socket that received the datagram
+        data: the returned datagrams are slices of this buffer
         now: monotonic [s]
         """
         self.counts.bytes_in += len(data)
@@ -152,11 +155,11 @@ class Router:
                 v.routes.clear()
 
     def heartbeat(self, frame: bytes) -> list[Out]:
-        """Return a frame as one datagram to every vehicle."""
+        """Return the datagrams that send `frame` to every vehicle."""
         return [(frame, self._up_routes[_TO_ALL])]
 
     def changed_facts(self) -> dict[str, Fact]:
-        """Return the facts that changed since the last call, as {"uav1.armed": True}."""
+        """Return the facts that have changed since the last call, such as {"uav1.armed": True}."""
         if not self._changed_facts:
             return {}
         found = dict(self._changed_facts)
@@ -164,14 +167,16 @@ class Router:
         return found
 
     def warnings(self) -> list[str]:
-        """Return the autopilots' warnings since the last call, as `uav1: Failsafe activated: ...`."""
+        """Return the autopilots' warnings since the last call, such as `uav1: Failsafe activated: ...`."""
         found = [f"{v.vehicle.name}: {text}" for v in self._vehicles for text in v.telemetry.texts]
         for v in self._vehicles if found else ():
             v.telemetry.texts.clear()
         return found
 
     def telemetry(self) -> dict[str, dict[str, float | None]]:
-        """Return vehicle -> its height above the floor [m] and its battery [%], None where unknown."""
+        """Return {vehicle: {"height_m": ..., "battery": ...}}: height above the floor [m] and remaining
+        charge [%], or None.
+        """
         return {
             v.vehicle.name: {
                 "height_m": None if v.telemetry.height_m is None else round(v.telemetry.height_m, 2),
@@ -181,17 +186,21 @@ class Router:
         }
 
     def any_armed(self, *, simulated: bool) -> bool:
-        """Return whether any simulated vehicle, or any real one, is armed."""
+        """Return whether any vehicle is armed: of the simulated vehicles if `simulated`, else of the real
+        vehicles.
+        """
         return any(v.status.armed for v in self._vehicles if v.vehicle.simulated == simulated)
 
     @property
     def all_connected(self) -> bool:
-        """True once every simulated vehicle has sent a heartbeat. A real vehicle may be switched on later."""
+        """True when every simulated vehicle has sent a heartbeat. Real vehicles are not included, because
+        they may be switched on later.
+        """
         return not self.missing
 
     @property
     def missing(self) -> list[str]:
-        """The simulated vehicles that have never sent a heartbeat."""
+        """Names of the simulated vehicles that have never sent a heartbeat."""
         return [v.vehicle.name for v in self._vehicles if v.vehicle.simulated and not v.status.ever_connected]
 
     def gcs_alive(self, now: float) -> bool:
@@ -209,7 +218,11 @@ class Router:
         return v
 
     def _serve(self, local: Address, handler: Handler, clients: Iterable[Address]) -> dict[Address, Endpoint]:
-        """Add a second socket for clients on other computers: a socket bound to loopback cannot send to them."""
+        """Add the socket for `clients`, and a second socket if some clients are on other computers. Return
+        their endpoints.
+
+        A socket that is bound to loopback cannot send to other computers.
+        """
         near = self._add(local, handler)
         far = {c for c in clients if _is_loopback(local) and not _is_loopback(c)}
         wide = self._add(_ANY_ADDRESS, handler) if far else near
@@ -238,7 +251,7 @@ class Router:
         return out
 
     def _target_of(self, v: VehicleRoutes, data: Buffer, frame: Frame, now: float) -> int:
-        """Return the target of a vehicle's frame: system << 8 | component."""
+        """Return the target of a frame from a vehicle: system << 8 | component."""
         _, _, _, _, sysid, compid, msgid, target_sys, target_comp = frame
         if sysid != v.vehicle.id:
             self.counts.dropped["foreign system on a vehicle's link"] += 1
@@ -299,7 +312,10 @@ class Router:
     def _up(
         self, v: VehicleRoutes | None, endpoint: Endpoint, frames: list[Frame], data: Buffer
     ) -> list[Out]:
-        """Route frames of a client to vehicles. v: the only vehicle it may command; None for ground stations."""
+        """Route frames from a client to vehicles.
+
+        v: the only vehicle that the client may command; None for ground stations.
+        """
         self.counts.frames_from_clients += len(frames)
         out: list[Out] = []
         for target, start, end, count in _runs(
@@ -311,7 +327,7 @@ class Router:
         return out
 
     def _vehicle_of(self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame) -> int:
-        """Return the system id of the vehicle that a client's frame goes to."""
+        """Return the system id of the vehicle to which a client's frame must be sent."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self.counts.dropped["a vehicle's message, returned by a client"] += 1
@@ -355,7 +371,9 @@ def _is_loopback(address: Address) -> bool:
 
 
 def _runs(frames: list[Frame], targets: list[int]) -> list[tuple[int, int, int, int]]:
-    """Join adjoining frames with the same target: (target, start, end, number of frames). Frames to `_TO_NONE` are left out."""
+    """Join adjacent frames with the same target: (target, start, end, number of frames). Frames to `_TO_NONE`
+    are omitted.
+    """
     if len(frames) == 1:
         return [(targets[0], frames[0][0], frames[0][1], 1)] if targets[0] != _TO_NONE else []
     runs: list[tuple[int, int, int, int]] = []

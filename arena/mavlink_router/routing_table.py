@@ -1,4 +1,4 @@
-"""The addresses of vehicles and clients: the router's slice of the plan as frozen data."""
+"""Addresses of vehicles and clients, read from the router's JSON configuration (slice)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from arena.transport import Address
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """A vehicle and the clients that receive only this vehicle.
+    """Addresses of a vehicle and of the clients that receive only this vehicle.
 
     id: MAVLink system id
-    local, remote: the two ends of the router link, ours and the autopilot's
-    serve: our address towards `clients` and `logger`
-    tools: our address that any program on this computer may send to
+    local, remote: the router's end and the autopilot's end of the router link
+    serve: address of the router for `clients` and `logger`
+    tools: address of the router to which any program on this computer may send
     simulated: a simulated vehicle is present when the arena starts; a real one may be switched on later
     """
 
@@ -35,7 +35,10 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """All vehicles and ground stations. heartbeat: send a ground station's heartbeat, which PX4's data link failsafe watches."""
+    """All vehicles and ground stations.
+
+    heartbeat: send the heartbeat of a ground station, which PX4's data link failsafe monitors.
+    """
 
     vehicles: tuple[Vehicle, ...]
     gcs_local: Address
@@ -45,7 +48,7 @@ class Table:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Table:
-        """Read the router's slice. Raises InputError that names the missing key or the wrong address."""
+        """Read the router's configuration. Raises InputError that names the missing key or the wrong address."""
         try:
             return cls(
                 vehicles=tuple(_vehicle(v) for v in raw["vehicles"]),
@@ -73,7 +76,9 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
 
 
 def _address(raw: Any) -> Address:
-    """Return an address. Refuses a host name: each message would look it up and block."""
+    """Return an address. Raises an error for a host name, because every message would look the name up and
+    block.
+    """
     try:
         host, port = raw
         return str(ipaddress.IPv4Address(host)), int(port)

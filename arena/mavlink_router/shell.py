@@ -1,4 +1,4 @@
-"""The sockets, the clock and the heartbeat of the router process."""
+"""Sockets, clock and heartbeat of the router process."""
 
 from __future__ import annotations
 
@@ -26,7 +26,11 @@ _GCS_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
 
 
 class RouterShell:
-    """Reads one datagram of each waiting socket in turn, so that a flood on one socket does not starve the others."""
+    """Sockets and loop of the router.
+
+    Each cycle reads one datagram from each socket that has some, so that a flood on one socket does not delay
+    the others.
+    """
 
     def __init__(self, process: ProcessContext, table: Table) -> None:
         self._process, self._router = process, Router(table)
@@ -49,13 +53,15 @@ class RouterShell:
         self._over = False
 
     def run(self) -> None:
-        """Route until a stop signal, or until the vehicles are disarmed after the supervisor's death."""
+        """Route until a stop signal. If the supervisor dies, route until the vehicles are disarmed."""
         while not (self._process.stopping or self._over):
             self.turn(max(0.0, self._next_tick - time.monotonic()))
         self._process.stats(self._stats())
 
     def turn(self, timeout_s: float) -> None:
-        """Wait for datagrams, at most `timeout_s`, route them, and do what is due."""
+        """Run one cycle: wait at most `timeout_s` for datagrams, route them, and do the periodic work that is
+        due.
+        """
         for fd, _ in self._poll.poll(timeout_s):
             self._read(fd)
         for (
@@ -110,9 +116,10 @@ class RouterShell:
             self._process.stats(self._stats())
 
     def _heartbeat(self, now: float) -> None:
-        """Send the ground station's heartbeat; called once a second of wall time and once a second of simulation time.
+        """Send the ground station's heartbeat. Called once a second of wall time and once a second of
+        simulation time.
 
-        With both, no autopilot misses its ground station in a world that runs faster than real time.
+        With both, no autopilot misses the heartbeat in a world that runs faster than real time.
         """
         if self._world_time is not None:
             self._next_heartbeat = self._world_time.now() + _SECOND_S
@@ -136,7 +143,7 @@ class RouterShell:
 
 
 def _world_time(path: str | None) -> SimTime | None:
-    """Return the simulation's time; None without a world."""
+    """Return the simulation time; None if there is no simulated world."""
     if path is not None:
         with contextlib.suppress(RunError):
             return SimTime(path)

@@ -1,4 +1,4 @@
-"""The facts of one vehicle that the supervisor waits for, from HEARTBEAT and EXTENDED_SYS_STATE."""
+"""State of one vehicle that the supervisor waits for, read from HEARTBEAT and EXTENDED_SYS_STATE."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Fact = bool | str | float
 
 @dataclass(kw_only=True)
 class VehicleStatus:
-    """The facts `connected`, `armed`, `mode`, `landed` and `airborne_s` of one vehicle.
+    """State of one vehicle as facts: `connected`, `armed`, `mode`, `landed` and `airborne_s`.
 
     changed: receives each changed fact as "uav1.armed" -> value; shared by all vehicles of a router
-    A vehicle that falls silent keeps its last `armed`.
+    The fact `armed` of a vehicle that falls silent keeps its last value.
     """
 
     name: str
@@ -50,12 +50,12 @@ class VehicleStatus:
                 self._on_landed_state(state == LANDED_ON_GROUND, now)
 
     def tick(self, now: float) -> None:
-        """Set `connected` to False after `SILENT_AFTER_S` without a heartbeat."""
+        """Set `connected` to False if no heartbeat has arrived for `SILENT_AFTER_S`."""
         if self._received_at is not None and now - self._received_at > SILENT_AFTER_S:
             self._set("connected", False)
 
     def _on_landed_state(self, landed: bool, now: float) -> None:
-        """Update `airborne_s`, the vehicle's time in the air [s], at each take-off and landing."""
+        """Update `airborne_s`, the total time in the air [s], at each take-off and landing."""
         if landed and self._took_off_at is not None:
             self._airborne_s += now - self._took_off_at
             self._took_off_at = None

@@ -1,6 +1,6 @@
-"""Height, battery and warnings of one vehicle, read from the messages that pass through the router.
+"""Height, battery and warnings of one vehicle, read from the messages that the router forwards.
 
-For the terminal of `arena up` and for events.jsonl. Nothing here decides how a frame is routed.
+They are shown in the terminal of `arena up` and written to events.jsonl. They must not influence the routing.
 """
 
 from __future__ import annotations
@@ -20,9 +20,11 @@ _FLOAT = struct.Struct("<f")
 
 
 class VehicleTelemetry:
-    """height_m: above the arena's floor [m], None before the first message.  battery: charge left [%], None when unknown.
+    """Height, battery and warnings of one vehicle.
 
-    texts: warnings of the autopilot that nobody has taken yet.
+    height_m: height above the arena's floor [m], None before the first message.
+    battery: remaining charge [%], None if unknown.
+    texts: warnings of the autopilot; the reader must empty the list.
     """
 
     def __init__(self) -> None:
@@ -44,7 +46,7 @@ class VehicleTelemetry:
             self._on_text(data, frame, now)
 
     def _on_text(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Join the chunks of a long text; a chunk with a zero byte in it is the last one."""
+        """Join the chunks of a long text. The last chunk is the one that contains a zero byte."""
         raw, number = _bytes_at(data, frame, _TEXT, _TEXT_BYTES), uint_at(data, frame, _ID, 2)
         if number and byte_at(data, frame, _CHUNK):
             raw = self._chunks.pop(number, b"") + raw
@@ -60,6 +62,6 @@ class VehicleTelemetry:
 
 
 def _bytes_at(data: Buffer, frame: Frame, offset: int, width: int) -> bytes:
-    """Return `width` bytes of the payload; zeros beyond its end, which MAVLink 2 cuts off."""
+    """Return `width` bytes of the payload. Zeros replace bytes that MAVLink 2 has truncated."""
     end = frame.payload + min(offset + width, frame.size)
     return bytes(data[frame.payload + offset : end]).ljust(width, b"\0")

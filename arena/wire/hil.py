@@ -1,6 +1,8 @@
-"""PX4's simulator API: the messages of every simulation step, values <-> MAVLink 2 frames. No sockets, no clocks.
+"""PX4's simulator API: encodes and decodes the messages of each simulation step as MAVLink 2 frames. No
+sockets, no clocks.
 
-Every step of the world waits for them, so they are packed by their layout: some microseconds each, where pymavlink takes tens.
+The world sends and receives these messages in every step. They are packed with struct layouts, which takes a
+few microseconds per message instead of tens with pymavlink.
 
     HIL_SENSOR (107)             <Q 13f I B             time_usec, accel, gyro, mag, pressure, its difference, height, degrees,
                                                         fields, id
@@ -33,7 +35,7 @@ _UNKNOWN_COURSE, _FIX_3D, _UNUSED_CHANNEL, _RSSI = 65535, 3, 65535, 100
 
 
 class Controls(NamedTuple):
-    """HIL_ACTUATOR_CONTROLS: PX4's answer to a sensor sample.
+    """HIL_ACTUATOR_CONTROLS: PX4's reply to a sensor sample.
 
     time_usec: time of that sample [us]
     controls: 0..1 [-] (16,); the first four are motors
@@ -54,16 +56,16 @@ class Controls(NamedTuple):
 
 
 class HilSender:
-    """Packs the messages of one system and component, with increasing sequence numbers."""
+    """Encoder for the messages of one system and component. The sequence number increases with each message."""
 
     def __init__(self, system: int, component: int) -> None:
         self.srcSystem, self.srcComponent, self.seq = system, component, 0
 
     def sensor(self, time_usec: int, readings: Sequence[float], fields: int) -> bytes:
-        """Pack a HIL_SENSOR.
+        """Encode a HIL_SENSOR message.
 
-        readings: accel [m/s2], gyro [rad/s] and mag [gauss], each [FRD] (3,), then absolute and differential pressure [hPa],
-            height [m] and temperature [deg C]
+        readings: accel [m/s2], gyro [rad/s] and mag [gauss], each [FRD] (3,), then absolute and differential
+        pressure [hPa], height [m] and temperature [deg C]
         fields: bits of the readings that are new
         """
         return self._frame(HIL_SENSOR, _SENSOR.pack(time_usec, *readings, fields, 0))
@@ -78,11 +80,11 @@ class HilSender:
         airspeed_cm_s: int,
         accel_mg: Sequence[int],
     ) -> bytes:
-        """Pack a HIL_STATE_QUATERNION.
+        """Encode a HIL_STATE_QUATERNION message.
 
         q_nb: wxyz [-] (4,)
         place: latitude, longitude [1e-7 deg], altitude [mm]
-        airspeed_cm_s: indicated and true airspeed
+        airspeed_cm_s: used as indicated and as true airspeed
         """
         payload = _STATE.pack(
             time_usec, *q_nb, *omega_b, *place, *v_n_cm_s, airspeed_cm_s, airspeed_cm_s, *accel_mg
@@ -97,7 +99,7 @@ class HilSender:
         v_cm_s: Sequence[int],
         satellites: int,
     ) -> bytes:
-        """Pack a HIL_GPS with a 3-D fix.
+        """Encode a HIL_GPS message with a 3-D fix.
 
         place: latitude, longitude [1e-7 deg], altitude [mm]
         accuracy_cm: horizontal and vertical
@@ -108,7 +110,7 @@ class HilSender:
         return self._frame(HIL_GPS, _GPS.pack(time_usec, *rest))
 
     def sticks(self, time_ms: int, channels: Sequence[int]) -> bytes:
-        """Pack an RC_CHANNELS. channels: pulse widths [us], up to 18."""
+        """Encode an RC_CHANNELS message. channels: pulse widths [us], up to 18."""
         pulses = (*channels, *(_UNUSED_CHANNEL,) * (18 - len(channels)))
         return self._frame(RC_CHANNELS, _RC.pack(time_ms, *pulses, len(channels), _RSSI))
 
@@ -119,7 +121,7 @@ class HilSender:
 
 
 def controls(data: Buffer, found: Frame) -> Controls:
-    """Decode a HIL_ACTUATOR_CONTROLS frame of `data`."""
+    """Decode a HIL_ACTUATOR_CONTROLS message. found: its frame in `data`."""
     payload = bytes(data[found.payload : found.payload + found.size]).ljust(_CONTROLS.size, b"\0")
     time_usec, flags, *outputs, mode = _CONTROLS.unpack_from(payload)
     return Controls(time_usec, tuple(outputs), mode, flags)
@@ -131,12 +133,12 @@ Sensors = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class HilFields:
-    """The fields of HIL_SENSOR that one simulated sensor fills.
+    """Description of the HIL_SENSOR fields that one simulated sensor fills.
 
-    bits: of fields_updated; PX4 refuses a group of which only a part is set
-    every: sensor periods between two updates
-    first: place of the first value among HIL_SENSOR's 13 readings
-    values: (readings, row of the vehicle) -> the values, in the units of HIL_SENSOR
+    bits: bits of fields_updated. PX4 rejects a group if only some of its bits are set.
+    every: number of sensor periods between two updates
+    first: index of the first value among HIL_SENSOR's 13 readings
+    values: function (readings, row of the vehicle) -> the values, in the units of HIL_SENSOR
     """
 
     bits: int
@@ -147,12 +149,13 @@ class HilFields:
 
 @dataclass(frozen=True, kw_only=True)
 class HilMessage:
-    """A message of the simulator API that one simulated sensor sends, such as HIL_GPS.
+    """Description of a message of the simulator API that one simulated sensor sends, such as HIL_GPS.
 
-    name: key of the vehicle's row in the world slice that says whether it carries the sensor
-    every: sensor periods between two messages
-    reading: without it among the readings there is no message
-    pack: (sender, time [us], readings, row of the vehicle) -> the frame
+    name: key in the vehicle's row of the world's configuration; its value says whether the vehicle has the
+    sensor
+    every: number of sensor periods between two messages
+    reading: name of the reading that the message needs; without it no message is sent
+    pack: function (sender, time [us], readings, row of the vehicle) -> the frame
     """
 
     name: str

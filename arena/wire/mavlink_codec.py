@@ -1,7 +1,7 @@
-"""MAVLink messages <-> datagrams, by pymavlink's dialect.
+"""Encoder and decoder for MAVLink messages in datagrams, with pymavlink's dialect.
 
-Each datagram is parsed alone: an incomplete frame or a stray magic byte never swallows the beginning of the next datagram, as it
-would in a parser for a serial stream.
+Each datagram is parsed separately. A parser for serial streams would lose the beginning of the next datagram
+after an incomplete frame or a wrong magic byte.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from arena.wire.mavlink_minimal import pack_onboard_heartbeat
 
 
 class Codec:
-    """Packs messages of one system and component, and decodes received ones.
+    """Encodes messages of one system and component, and decodes received messages.
 
-    counts: bytes and messages that could not be decoded, by reason
+    counts: number of bytes and messages that could not be decoded, by reason
     """
 
     def __init__(self, system: int, component: int) -> None:
@@ -33,17 +33,17 @@ class Codec:
         return data
 
     def frame(self, msgid: int, payload: bytes) -> bytes:
-        """Return the frame of a packed payload, with the next sequence number."""
+        """Return the frame of an encoded payload, with the next sequence number."""
         data = pack_frame(msgid, payload, self._sender, SEEDS[msgid])
         self._sender.seq = (self._sender.seq + 1) % 256
         return data
 
     def onboard_heartbeat(self) -> bytes:
-        """Return the frame of an onboard controller's HEARTBEAT, with the next sequence number."""
+        """Return the frame of a HEARTBEAT as onboard controller, with the next sequence number."""
         return pack_onboard_heartbeat(self._sender)
 
     def frames(self, datagram: Buffer) -> list[Frame]:
-        """Return every frame of a datagram, undecoded. Never raises."""
+        """Return every frame of a datagram, without decoding the payloads. Never raises."""
         found = parse_frames(datagram)
         if found.garbage:
             self.counts["garbage bytes"] += found.garbage
@@ -52,7 +52,7 @@ class Codec:
         return found.frames
 
     def decode(self, datagram: Buffer, at: Frame) -> Any | None:
-        """Return the message of a frame; None when the dialect does not have it. Never raises."""
+        """Return the message of a frame; None if the dialect does not contain it. Never raises."""
         try:
             return self._sender.decode(bytearray(datagram[at.start : at.end]))
         except (mavlink.MAVError, ValueError, IndexError):  # unknown message, or a string that is not UTF-8
@@ -60,7 +60,7 @@ class Codec:
             return None
 
     def parse(self, datagram: Buffer, wanted: Container[int] | None = None) -> list[Any]:
-        """Return every message of a datagram that the dialect has. Never raises.
+        """Return every message of a datagram that the dialect contains. Never raises.
 
         wanted: message ids to decode; None decodes all
         """

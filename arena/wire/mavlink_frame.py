@@ -1,11 +1,14 @@
-"""MAVLink 1 and 2 frames: datagrams -> frames by their headers, payloads -> frames. Of a payload, only the target is read.
+"""MAVLink 1 and 2 frames: finds frames in datagrams and packs payloads into frames. Reads only headers and
+target ids.
 
     MAVLink 1   FE len seq sys comp id                          payload  crc lo, hi
     MAVLink 2   FD len incompat compat seq sys comp id id id    payload  crc lo, hi  [13 bytes of signature]
 
-The CRC is X.25 (mcrf4xx) over all bytes between the magic byte and the CRC, then the message's seed byte (CRC_EXTRA).
-A datagram holds whole frames: an incomplete tail is garbage. MAVLink 2 cuts zeros off the end of a payload, so a byte beyond its
-end is 0. Work is bounded: after `TRIES` false starts the rest of a datagram is skipped.
+The CRC is X.25 (mcrf4xx) over all bytes between the magic byte and the CRC, then the message's seed byte
+(CRC_EXTRA).
+A datagram contains whole frames, so an incomplete frame at its end is garbage. MAVLink 2 truncates zeros at
+the end of a payload, so a byte beyond the end of the payload is 0. The work per datagram is bounded: after
+`TRIES` false starts the rest of the datagram is skipped.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ _V1_HEAD, _V2_HEAD, _CRC, _SIGNATURE = 6, 10, 2, 13
 _SIGNED = 0x01
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 SEEDS = {number: bytes([extra]) for number, extra in CRC_EXTRA.items()}
-"""Message id -> the byte that the CRC ends with."""
+"""Message id -> seed byte CRC_EXTRA, the last byte that the CRC includes."""
 _HEAD, _LITTLE = struct.Struct("<BBBBBBHB"), struct.Struct("<H")
 _crc = crc16.mcrf4xx
 _new = tuple.__new__  # a NamedTuple's constructor costs twice as much, and there is one call per message
@@ -35,7 +38,9 @@ Buffer = bytes | bytearray | memoryview
 
 
 class MavlinkSender(Protocol):
-    """The sender's system id, component id and next sequence number, as attributes of `pymavlink.MAVLink`."""
+    """Identity of a sender: its system id, component id and next sequence number, with the attribute names of
+    `pymavlink.MAVLink`.
+    """
 
     seq: int
     srcSystem: int
@@ -43,7 +48,9 @@ class MavlinkSender(Protocol):
 
 
 def pack_frame(msgid: int, payload: bytes, sender: MavlinkSender, crc_extra: bytes) -> bytes:
-    """Pack a payload into a MAVLink 2 frame; zeros at its end are cut off. The sequence number is not advanced."""
+    """Pack a payload into a MAVLink 2 frame, without the zeros at its end. Does not increase the sequence
+    number.
+    """
     if not payload[-1]:
         payload = payload.rstrip(b"\0") or b"\0"
     body = (
@@ -56,12 +63,12 @@ def pack_frame(msgid: int, payload: bytes, sender: MavlinkSender, crc_extra: byt
 
 
 class Frame(NamedTuple):
-    """The position of a frame in its buffer, its sender and its target.
+    """Position of a frame in its buffer, with its sender and its target.
 
     start, end: byte range with magic, CRC and signature
     payload, size: offset and length of the payload as sent
     sysid, compid: sender
-    target_sys, target_comp: 0 when the message names no target, or all
+    target_sys, target_comp: 0 if the message has no target, or is for all
     """
 
     start: int
@@ -78,9 +85,9 @@ class Frame(NamedTuple):
 class ParsedFrames(NamedTuple):
     """All frames of a datagram.
 
-    garbage: bytes that belong to no frame
-    bad_crc: frames of a known message with a wrong CRC
-    unknown: frames of messages that are not in the table, accepted by their length
+    garbage: number of bytes that belong to no frame
+    bad_crc: number of frames of a known message with a wrong CRC
+    unknown: number of frames whose message is not in the table; they are accepted because their length fits
     """
 
     frames: list[Frame]
@@ -113,10 +120,12 @@ def parse_frames(data: Buffer) -> ParsedFrames:
 
 
 class Stream:
-    """A parser for a byte stream in pieces of any length, as from a serial line: the frames do not depend on the pieces.
+    """Parser for a byte stream, such as a serial line, that arrives in pieces of any length. The frames do
+    not depend on the pieces.
 
-    A frame is returned once it is complete and its CRC is correct. A false start costs one byte, then the search goes on, so that
-    at most one frame's length is kept. A message that is not in the table is accepted only between two other frames.
+    A frame is returned when it is complete and its CRC is correct. After a false start the search continues
+    at the next byte, so at most one frame's length is buffered. A message that is not in the table is
+    accepted only between two other frames.
     """
 
     def __init__(self) -> None:
@@ -124,7 +133,7 @@ class Stream:
         self._clean = True  # the kept bytes begin at the end of a frame
 
     def feed(self, data: Buffer) -> tuple[bytes, ParsedFrames]:
-        """Parse the next piece. Return a buffer, and the frames in it. Never raises."""
+        """Parse the next piece. Return a buffer and the frames found in it. Never raises."""
         buffer = self._kept + bytes(data)
         frames: list[Frame] = []
         size, at, garbage, bad_crc, unknown = len(buffer), 0, 0, 0, 0
@@ -158,18 +167,20 @@ class Stream:
 
 
 def byte_at(data: Buffer, frame: Frame, offset: int) -> int:
-    """Return one byte of the payload; 0 beyond its end."""
+    """Return one byte of the payload; 0 beyond the end of the payload."""
     return data[frame.payload + offset] if offset < frame.size else 0
 
 
 def uint_at(data: Buffer, frame: Frame, offset: int, width: int) -> int:
-    """Return a little-endian unsigned number of the payload; bytes beyond its end are 0."""
+    """Return a little-endian unsigned integer of the payload; bytes beyond the end of the payload are 0."""
     end = frame.payload + min(offset + width, frame.size)
     return int.from_bytes(data[frame.payload + offset : end], "little")
 
 
 def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
-    """Return the frame that begins at `at`, by its length fields only; None when there is none or it is incomplete."""
+    """Return the frame that begins at `at`, from its length fields only; None if there is none or it is
+    incomplete.
+    """
     magic = data[at]
     if magic == _V2 and at + _V2_HEAD + _CRC <= size:
         length, flags, payload = data[at + 1], data[at + 2], at + _V2_HEAD
@@ -196,7 +207,7 @@ def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
 
 
 def _begins(data: Buffer, at: int, size: int) -> bool:
-    """Return whether a frame may begin here, by the header bytes received so far."""
+    """Return whether a frame may begin at `at`, judged by the header bytes received so far."""
     if data[at] == _V2:
         return at + 2 >= size or not data[at + 2] & ~_SIGNED
     return data[at] == _V1
@@ -210,8 +221,9 @@ def _crc_fits(data: Buffer, frame: Frame, seed: bytes) -> bool:
 
 
 def _plausible(data: Buffer, frame: Frame, clean: bool, size: int) -> bool:
-    """Return whether a frame of an unknown message is accepted: its CRC cannot be checked, so its neighbours must be frames.
+    """Return whether to accept a frame of an unknown message: its CRC cannot be checked, so its neighbours
+    must be frames.
 
-    clean: all bytes before it in the datagram belong to frames
+    clean: all earlier bytes of the datagram belong to frames
     """
     return clean and frame.sysid != 0 and (frame.end == size or data[frame.end] in (_V1, _V2))

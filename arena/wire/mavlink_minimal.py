@@ -1,7 +1,8 @@
-"""The few MAVLink messages that `land-all` sends and reads, packed by their layout, without pymavlink.
+"""The few MAVLink messages that `land-all` sends and reads, encoded without pymavlink.
 
-Importing pymavlink's dialect takes longer than all the rest of `land-all` together. Tests compare each message with pymavlink's
-bytes. The onboard heartbeat and the words for MAV_RESULT stand here too, for every process that needs them.
+Importing pymavlink's dialect takes longer than everything else that `land-all` does at its start. Tests
+compare each message with pymavlink's bytes. The onboard heartbeat and the texts for MAV_RESULT are also in
+this module, for all processes that need them.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ RESULT_WORDS = {
     8: "only as COMMAND_INT",
     9: "unsupported frame",
 }
-"""MAV_RESULT -> words for people."""
+"""MAV_RESULT -> text for the user."""
 
 _HEARTBEAT, _COMMAND = struct.Struct("<IBBBBB"), struct.Struct("<7fHBBB")
 _ACK, _EXTENDED = struct.Struct("<HB"), struct.Struct("BB")
@@ -39,14 +40,17 @@ _ONBOARD_HEARTBEAT = _HEARTBEAT.pack(0, TYPE_ONBOARD, AUTOPILOT_INVALID, 0, STAT
 
 
 class HeartbeatFields(NamedTuple):
-    """The flight mode and the armed bit of a HEARTBEAT."""
+    """Flight mode and armed bit of a HEARTBEAT."""
 
     custom_mode: int
     base_mode: int
 
 
 class AckFields(NamedTuple):
-    """A COMMAND_ACK. target: (system, component) that sent the command; zeros when the autopilot does not name it."""
+    """Fields of a COMMAND_ACK.
+
+    target: (system, component) that sent the command; zeros if the autopilot does not report it.
+    """
 
     command: int
     result: int
@@ -54,7 +58,7 @@ class AckFields(NamedTuple):
 
 
 class MinimalSender:
-    """Packs messages of one system and component, with increasing sequence numbers."""
+    """Encoder for the messages of one system and component. The sequence number increases with each message."""
 
     def __init__(self, system: int, component: int) -> None:
         self.seq, self.srcSystem, self.srcComponent = 0, system, component
@@ -63,26 +67,30 @@ class MinimalSender:
         return pack_onboard_heartbeat(self)
 
     def command(self, system: int, component: int, number: int, *params: float) -> bytes:
-        """Pack a COMMAND_LONG to `system` and `component`. params: up to seven; missing ones are 0."""
+        """Encode a COMMAND_LONG for `system` and `component`. params: up to seven; missing ones are 0."""
         filled = (*params, *(0.0,) * (7 - len(params)))
         return _pack(self, COMMAND_LONG, _COMMAND.pack(*filled, number, system, component, 0))
 
 
 def own_component() -> int:
-    """Return a MAVLink component id, 190 to 249, that differs between two processes that run at the same time."""
+    """Return a MAVLink component id for this process, 190 to 249, from its process id.
+
+    Two processes that run at the same time usually get different ids.
+    """
     return 190 + os.getpid() % 60
 
 
 def pack_onboard_heartbeat(sender: MavlinkSender) -> bytes:
-    """Pack the HEARTBEAT of an onboard controller: every process of the arena sends this one, except the router's ground station.
+    """Encode the HEARTBEAT of an onboard controller. All processes of the arena send it, except the router,
+    which is a ground station.
 
-    sender: its sequence number is advanced
+    sender: its sequence number is increased
     """
     return _pack(sender, HEARTBEAT, _ONBOARD_HEARTBEAT)
 
 
 def result_words(result: int) -> str:
-    """Return a MAV_RESULT in words: "denied"; "result 42" for an unknown number."""
+    """Return the text for a MAV_RESULT, such as "denied"; "result 42" for an unknown number."""
     return RESULT_WORDS.get(result, f"result {result}")
 
 
@@ -92,7 +100,7 @@ def parse_heartbeat(data: Buffer, at: Frame) -> HeartbeatFields:
 
 
 def parse_landed_state(data: Buffer, at: Frame) -> int:
-    """Return `landed_state` of an EXTENDED_SYS_STATE: a MAV_LANDED_STATE."""
+    """Decode an EXTENDED_SYS_STATE and return its `landed_state`, a MAV_LANDED_STATE."""
     return int(_EXTENDED.unpack(_payload(data, at, _EXTENDED.size))[1])
 
 
@@ -109,5 +117,5 @@ def _pack(sender: MavlinkSender, msgid: int, payload: bytes) -> bytes:
 
 
 def _payload(data: Buffer, at: Frame, size: int) -> bytes:
-    """Return the first `size` bytes of a payload, with the zeros that MAVLink 2 cuts off."""
+    """Return the first `size` bytes of a payload. Zeros replace bytes that MAVLink 2 has truncated."""
     return bytes(data[at.payload : at.payload + min(at.size, size)]).ljust(size, b"\0")

@@ -1,4 +1,4 @@
-"""MAVLink's parameter messages, bytes <-> values, as PX4 reads and writes them. No sockets, no clocks.
+"""Encoder and decoder for MAVLink's parameter messages, in PX4's variant. No sockets, no clocks.
 
     PARAM_REQUEST_READ (20)   <h B B 16s     index (-1: by name), system, component, name
     PARAM_REQUEST_LIST (21)   <B B           system, component
@@ -7,8 +7,8 @@
     PARAM_ERROR (345)         <h B B 16s B   index, system, component, name, error
     COMMAND_LONG (76)         <7f H B B B    parameters, command, system, component, confirmation
 
-The four bytes of a value are a float, or an integer as it is in memory. An integer is never copied as a float: some integers are
-the bit pattern of a signalling NaN, which a copy would change.
+The four bytes of a value are a float, or the bytes of an integer. An integer must never be copied as a float,
+because some integers are the bit pattern of a signalling NaN, which a copy would change.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ Message = tuple[int, bytes]
 
 
 class Value(NamedTuple):
-    """A PARAM_VALUE.
+    """Contents of a PARAM_VALUE message.
 
     value: an int for an integer type
     kind: MAV_PARAM_TYPE
@@ -71,7 +71,7 @@ def parse_value(data: Buffer, frame: Frame) -> Value:
 
 
 def parse_error(data: Buffer, frame: Frame) -> tuple[str, int, str]:
-    """Decode a PARAM_ERROR: (name, error, the error in words)."""
+    """Decode a PARAM_ERROR. Return (name, error, text for the error)."""
     *_, name, error = _ERROR.unpack(_payload(data, frame, _ERROR.size))
     return _text(name), error, _ERRORS.get(error, f"error {error}")
 
@@ -81,28 +81,30 @@ def request_list(system: int) -> Message:
 
 
 def request_read(system: int, what: str | int) -> Message:
-    """Return a request for one parameter. what: its name, or its index in the list."""
+    """Return a request for one parameter. what: name of the parameter, or its index in the list."""
     if isinstance(what, int):
         return REQUEST_READ, _READ.pack(what, system, AUTOPILOT, b"")
     return REQUEST_READ, _READ.pack(-1, system, AUTOPILOT, what.encode())
 
 
 def set_value(system: int, name: str, value: float, kind: int) -> Message:
-    """Return a PARAM_SET. value: as `fitted` returns it."""
+    """Return a PARAM_SET message. value: as returned by `fitted`."""
     return SET, _SET.pack(_to_bytes(value, kind), system, AUTOPILOT, name.encode(), kind)
 
 
 def reboot(system: int) -> Message:
-    """Return MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: reboot the autopilot."""
+    """Return a command that reboots the autopilot: MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN."""
     return COMMAND_LONG, _COMMAND.pack(1.0, *(0.0,) * 6, REBOOT, system, AUTOPILOT, 0)
 
 
 def fitted(value: float, kind: int) -> float:
-    """Return the value as a parameter of this type stores it. Raises ValueError with the reason when it cannot."""
+    """Return the value as a parameter of this type stores it. Raises ValueError with the reason if the type
+    cannot store it.
+    """
     if not math.isfinite(value):
         raise ValueError("it must be a finite number")
     if kind in INTEGERS and value != int(value):
-        raise ValueError("it must be a whole number")
+        raise ValueError("it must be an integer")
     try:
         return _from_bytes(_to_bytes(value, kind), kind)
     except (OverflowError, struct.error):
@@ -110,7 +112,9 @@ def fitted(value: float, kind: int) -> float:
 
 
 def alike(a: float, b: float, kind: int) -> bool:
-    """Return whether two values are equal: floats to the digits that a .params file keeps."""
+    """Return whether two values are equal. Floats are equal if they agree in all digits that a .params file
+    contains.
+    """
     return a == b if kind in INTEGERS else math.isclose(a, b, rel_tol=_SAME)
 
 
@@ -133,7 +137,9 @@ def _from_bytes(raw: bytes, kind: int) -> float:
 
 
 def _payload(data: Buffer, frame: Frame, size: int) -> bytes:
-    """Return `size` bytes of a payload: with the zeros that MAVLink 2 cuts off, without fields of later versions."""
+    """Return `size` bytes of a payload: zeros replace bytes that MAVLink 2 has truncated, fields of later
+    versions are removed.
+    """
     return bytes(data[frame.payload : frame.payload + min(frame.size, size)]).ljust(size, b"\0")
 
 

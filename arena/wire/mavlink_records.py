@@ -1,8 +1,9 @@
-"""The messages that an autopilot sends and receives many times a second, as plain records instead of pymavlink's objects.
+"""Messages that an autopilot sends and receives many times a second, as plain records, which are faster than
+pymavlink's objects.
 
-Sent: one numpy record per vehicle, in wire order; `payloads` splits the records of all vehicles. Fields that belong together are
-one field: `p_n` is x, y, z. Received: `Odometry` and `PositionTarget`, with the fields that are read. Tests compare both with
-pymavlink.
+Sent messages: one numpy record per vehicle, in wire order; `payloads` splits the records of all vehicles.
+Values that belong together are one field: `p_n` is x, y, z. Received messages: `Odometry` and
+`PositionTarget`, with only the fields that are used. Tests compare both directions with pymavlink.
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ LAYOUTS: dict[int, Any] = {
 
 
 def record(msgid: int, **constants: Any) -> Records:
-    """Return one record of a message (1,), zero except for the given fields."""
+    """Return one record of a message (1,). All fields are zero, except the given ones."""
     blank = np.zeros(1, np.dtype(LAYOUTS[msgid]))
     for name, value in constants.items():
         blank[name] = value
@@ -158,7 +159,7 @@ class Odometry(NamedTuple):
 
 
 class PositionTarget(NamedTuple):
-    """SET_POSITION_TARGET_LOCAL_NED, fields named and ordered as in the message."""
+    """SET_POSITION_TARGET_LOCAL_NED, with the fields and the order of the message."""
 
     time_boot_ms: int
     x: float
@@ -190,7 +191,7 @@ _POSITION_TARGET = struct.Struct("<I11fHBBB")
 
 
 def _unpacked(layout: struct.Struct, data: Buffer, at: Frame) -> tuple[Any, ...]:
-    """Return the payload's values; bytes that MAVLink 2 cuts off are 0."""
+    """Return the values of a payload; bytes that MAVLink 2 has truncated count as 0."""
     if at.size >= layout.size:
         return layout.unpack_from(data, at.payload)
     return layout.unpack(bytes(data[at.payload : at.payload + at.size]).ljust(layout.size, b"\0"))

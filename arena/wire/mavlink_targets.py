@@ -1,9 +1,10 @@
-"""The CRC seed and the position of the target of each MAVLink message.
+"""Tables of MAVLink messages: the CRC seed byte, and the position of the target ids in the payload.
 
-CRC_EXTRA: message id -> the seed byte that ends the frame's CRC.
+CRC_EXTRA: message id -> seed byte, the last byte that the frame's CRC includes.
 TARGETS: message id -> (payload offset of target_system, of target_component or -1), in wire order.
 
-Tables of the `common` dialect, printed from pymavlink by `python -m arena.wire.mavlink_targets`; a test compares.
+The tables are those of the `common` dialect. `python -m arena.wire.mavlink_targets` prints them from
+pymavlink, and a test compares them.
 """
 
 from __future__ import annotations
@@ -325,7 +326,7 @@ def _wrapped(name: str, kind: str, entries: list[str]) -> str:
 
 
 def source() -> str:
-    """Return the source code of the two tables above."""
+    """Return the source code of the two tables in this module."""
     from pymavlink.dialects.v20 import common
 
     crc_extra, targets = tables_of(common)

@@ -1,11 +1,12 @@
-"""PX4's flight modes: custom_mode numbers <-> the names of its ground stations, and the two MAVLink messages about modes.
+"""PX4's flight modes: converts custom_mode numbers to and from the names of its ground stations, and encodes
+two messages about modes.
 
-pymavlink's `common` dialect does not have these messages yet, so they are packed by their layout:
+pymavlink's `common` dialect does not contain these messages yet, so this module packs them itself:
 
     CURRENT_MODE (436)     <I I B          custom_mode, intended_custom_mode, standard_mode
     AVAILABLE_MODES (435)  <I I B B B 35s  custom_mode, properties, number_modes, mode_index (from 1), standard_mode, mode_name
 
-`land-all` imports this module: it must not import pymavlink.
+`land-all` imports this module, so it must not import pymavlink.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ def split_mode(custom_mode: int) -> tuple[int, int]:
 
 
 def mode_words(custom_mode: int) -> str:
-    """Return the name of a custom_mode: "OFFBOARD", "AUTO.LAND"; "AUTO.11" or "mode 9" for an unknown one."""
+    """Return the name of a custom_mode: "OFFBOARD", "AUTO.LAND". An unknown number gives "AUTO.11" or "mode
+    9".
+    """
     main, sub = split_mode(custom_mode)
     if main == 4:
         return f"AUTO.{AUTO.get(sub, sub)}"
@@ -65,14 +68,19 @@ def mode_words(custom_mode: int) -> str:
 
 
 def mode_numbers(words: str) -> tuple[int, int]:
-    """Return main and sub mode of a name as `mode_words` gives it. Raises KeyError for an unknown name."""
+    """Return (main mode, sub mode) of a name as returned by `mode_words`. Raises KeyError for an unknown
+    name.
+    """
     main, _, sub = words.partition(".")
     return {v: k for k, v in MAIN.items()}[main], {v: k for k, v in AUTO.items()}[sub] if sub else 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurrentMode:
-    """CURRENT_MODE. intended: the mode requested last; differs from `custom_mode` while a failsafe flies."""
+    """Contents of CURRENT_MODE.
+
+    intended: the mode that was requested last; a failsafe can change `custom_mode`, but not `intended`.
+    """
 
     custom_mode: int
     intended: int
@@ -85,7 +93,7 @@ class CurrentMode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AvailableMode:
-    """AVAILABLE_MODES, for one mode.
+    """Contents of AVAILABLE_MODES, which describes one mode.
 
     index: 1 to `count`
     name: empty for a standard mode

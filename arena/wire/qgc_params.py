@@ -1,9 +1,10 @@
-"""QGroundControl's `.params` text <-> values: what its Vehicle Setup > Parameters > Tools saves and loads.
+"""Reader and writer of QGroundControl's `.params` files (Vehicle Setup > Parameters > Tools, save and load).
 
     # a comment
     sysid <TAB> component <TAB> NAME <TAB> value <TAB> type        MAV_PARAM_TYPE: 6 int32, 9 float
 
-Plain lines `NAME value` are read as well. Lines of other components than the autopilot (a camera, a gimbal) are ignored.
+Plain lines `NAME value` are accepted too. Lines for components other than the autopilot (a camera, a gimbal)
+are ignored.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ _LAYOUT = "expected five columns (system, component, NAME, value, type), or `NAM
 
 
 class Entry(NamedTuple):
-    """A parameter of one line.
+    """Parameter in one line of a .params file.
 
-    kind: MAV_PARAM_TYPE; None for a line without a type
+    kind: MAV_PARAM_TYPE; None if the line has no type
     line: line number, from 1
     """
 
@@ -42,7 +43,7 @@ class Entry(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """A wrong line. message: the text found and what is expected."""
+    """A line with an error. message: the text found and the text expected."""
 
     line: int
     name: str
@@ -50,7 +51,7 @@ class Fault(NamedTuple):
 
 
 def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
-    """Return every parameter of the autopilot, and every wrong line, in the order of the text."""
+    """Return every parameter of the autopilot, and every line with an error, in the order of the text."""
     entries: dict[str, Entry] = {}
     faults: list[Fault] = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -78,7 +79,9 @@ def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
 
 
 def parse_params(text: str) -> dict[str, float]:
-    """Return {name: value}; whole numbers as int. Raises WireError with the number of the first wrong line."""
+    """Return {name: value}; integers as int. Raises WireError with the number of the first line that has an
+    error.
+    """
     entries, faults = parse_entries(text)
     for fault in faults:
         raise WireError(f"line {fault.line}: {fault.message}")
@@ -110,7 +113,9 @@ def format_params(
 
 
 def _line(words: list[str], number: int) -> Entry | None:
-    """Parse the words of a line; None for a line of another component. Raises ValueError with the reason."""
+    """Parse the words of a line. Return None for a line of another component. Raises ValueError with the
+    reason.
+    """
     if len(words) == 2:
         return Entry(_name(words[0]), _value(words[1], None), None, number)
     if len(words) != 5:
@@ -139,5 +144,5 @@ def _value(word: str, kind: int | None) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{word} is not a value for a parameter, expected a finite number")
     if kind is not None and kind in INTEGERS and not whole:
-        raise ValueError(f"{word} is not a whole number, but type {kind} is an integer")
+        raise ValueError(f"{word} is not an integer, but the type {kind} is an integer type")
     return int(word) if whole and kind != REAL32 else value

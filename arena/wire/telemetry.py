@@ -1,7 +1,9 @@
-"""Telemetry of a PX4-style autopilot: MAVLink datagrams -> values, by group. No sockets, no clocks.
+"""Telemetry of a PX4-style autopilot: decodes datagrams and keeps the newest value of each group. No sockets,
+no clocks.
 
-Only the messages of `_HANDLERS` are decoded; of all others, more than half of an onboard stream, only the checksum is checked.
-Units are SI and radians, frames NED and FRD, quaternions wxyz. Each value keeps the time at which it was received.
+Only the messages in `_HANDLERS` are decoded. Of all other messages, more than half of an onboard stream, only
+the checksum is checked. Units are SI and radians, frames NED and FRD, quaternions wxyz. Each value contains
+the time at which it was received.
 """
 
 from __future__ import annotations
@@ -93,7 +95,7 @@ class Actuators:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeartbeatState:
-    """HEARTBEAT. mode: name of the flight mode, as `mode_words` returns it."""
+    """HEARTBEAT. mode: name of the flight mode, as returned by `mode_words`."""
 
     received_at: float
     mode: str
@@ -102,7 +104,10 @@ class HeartbeatState:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Status:
-    """SYS_STATUS. prearm: the vehicle can be armed in its present mode. battery: remaining [%], or nan."""
+    """SYS_STATUS.
+
+    prearm: the vehicle can be armed in its current mode. battery: remaining charge [%], or nan.
+    """
 
     received_at: float
     prearm: bool
@@ -119,7 +124,9 @@ class Ground:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Reference:
-    """POSITION_TARGET_LOCAL_NED: pos [m] (3,), vel [m/s] (3,) [NED], yaw [rad]; nan for what is not controlled."""
+    """POSITION_TARGET_LOCAL_NED: pos [m] (3,), vel [m/s] (3,) [NED], yaw [rad]; nan for values that are not
+    controlled.
+    """
 
     received_at: float
     boot_s: float
@@ -159,11 +166,12 @@ class Ack:
 
 
 class Telemetry:
-    """The newest value of each group, None before the first. Each value is replaced as a whole.
+    """Newest value of each group, None before the first message.
 
-    system_id, component_id: of the autopilot; other senders are ignored
-    only: message ids to decode; None decodes all that have a group
-    refused: frames with a wrong checksum or layout
+    A new message replaces the whole value of its group.
+    system_id, component_id: ids of the autopilot; messages of other senders are ignored
+    only: message ids to decode; None decodes all messages that belong to a group
+    refused: number of frames with a wrong checksum or layout
     """
 
     def __init__(
@@ -194,7 +202,10 @@ class Telemetry:
         self._text_id = 0
 
     def on_datagram(self, datagram: bytes, now: float) -> bool:
-        """Decode a datagram. Return whether it holds a message of the autopilot. now: [s], of any clock."""
+        """Decode a datagram. Return whether it contains a message of the autopilot.
+
+        now: time of arrival [s], by any clock.
+        """
         received = False
         found = parse_frames(datagram)
         self.refused += found.bad_crc
@@ -212,7 +223,10 @@ class Telemetry:
         return received
 
     def recent_texts(self, since: float, worst: int = mavlink.MAV_SEVERITY_INFO) -> list[str]:
-        """Return the STATUSTEXTs received since a time [s], each text once. worst: largest severity number that is returned."""
+        """Return the STATUSTEXTs received since a time [s], each text once.
+
+        worst: largest severity number that is returned (0 emergency .. 7 debug).
+        """
         return list(
             dict.fromkeys(t.text for t in self.texts if t.received_at >= since and t.severity <= worst)
         )

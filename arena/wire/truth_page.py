@@ -1,14 +1,15 @@
 """The truth page: the true state of the simulated vehicles, in shared memory.
 
-A ring of samples, so that a reader can interpolate between two of them. One writer (the world), any number of readers
-(motion capture emulator, logger, referee). Layout, native doubles:
+The page is a ring of samples, so that a reader can interpolate between two samples. The world writes it; any
+number of processes read it (motion capture emulator, logger, referee). Layout, native doubles:
 
     [0] samples written so far   [1] vehicles V   [2] ring length K   [3] unused
     K rows of: time [s], then per vehicle 20 numbers:
         p_n (3) [m] [NED], q_nb (4) [-] wxyz, v_n (3) [m/s] [NED], omega_b (3) [rad/s] [FRD],
         accel_b (3) specific force [m/s2] [FRD], motors (4) output of the first four rotors, 0..1 [-]
 
-The writer fills a row, then increases the count. A reader that finds the count K - 1 or more ahead of its row reads again.
+The writer fills a row, then increases the sample count. A reader reads the count again after the row. If the
+count is K - 1 or more ahead of the row, the row may have been overwritten, and the reader repeats the read.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _NEARLY_ONE = 0.9999
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """The state of V vehicles at one time.
+    """True state of V vehicles at one time.
 
     time_s: simulation time [s]
     p_n: position of the body origin [m] [NED] (V, 3)
@@ -67,7 +68,7 @@ class Truth:
 
 
 class TruthWriter:
-    """The writing side, of the world. path: file of the page; an existing one is replaced."""
+    """Writer of the truth page, used by the world. path: file of the page; an existing file is replaced."""
 
     def __init__(self, path: str | Path, vehicles: int) -> None:
         width = 1 + vehicles * _PER_VEHICLE
@@ -92,7 +93,9 @@ class TruthWriter:
 
 
 class TruthReader:
-    """Any other room. Raises RunError when there is no page, WireError when it is not one."""
+    """Reader of the truth page. Raises RunError if there is no page, WireError if the file is not a truth
+    page.
+    """
 
     def __init__(self, path: str | Path) -> None:
         try:
@@ -117,7 +120,9 @@ class TruthReader:
         return None
 
     def at(self, time_s: float) -> Truth | None:
-        """Return the state at time_s [s], interpolated between its two neighbours; None when they are not both in the ring."""
+        """Return the state at time_s [s], interpolated between two samples; None if the ring does not contain
+        both.
+        """
         count = int(self._all[0])
         held = min(count, self._ring - 1)
         found = self._around(time_s, count, held)
@@ -127,7 +132,7 @@ class TruthReader:
         return None if found is None else _between(*found, time_s)
 
     def _around(self, time_s: float, count: int, held: int) -> tuple[Array, Array] | None:
-        """Return the samples before and after time_s, searched from the newest backwards."""
+        """Return the samples before and after time_s; the search begins at the newest sample."""
         rows, ring = self._rows, self._ring
         if held < 2 or time_s > rows[(count - 1) % ring, 0] + 1e-9:
             return None

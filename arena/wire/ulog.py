@@ -1,4 +1,5 @@
-"""A ULog's parameters: bytes -> values. https://docs.px4.io/main/en/dev_log/ulog_file_format
+"""Reader of the parameters in a PX4 log file (ULog), see
+https://docs.px4.io/main/en/dev_log/ulog_file_format.
 
     header: 55 4C 6F 67 01 12 35, version (1 byte), time stamp (8 bytes)
     then messages: <H B  size, type, and `size` bytes
@@ -7,8 +8,8 @@
       'A', 'L' or 'C': the first of them ends the definitions; a 'P' after it is a parameter that was changed
       'S' synchronisation, to find a message again after damaged ones
 
-A parameter is an int32_t or a float. Most logs end within their data, which is no error. A log that ends or breaks within its
-definitions has lost parameters and is refused.
+A parameter is an int32_t or a float. Most logs end in the middle of their data, which is accepted. A log that
+ends or is damaged within its definitions is refused, because parameters are missing.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ _NAME = re.compile(r"[A-Za-z0-9_]{1,16}")
 
 @dataclass
 class Log:
-    """The parameters and information messages of a log.
+    """Parameters and information messages of a log.
 
     initial: name -> value at the start of the log
     changed: name -> last value that was set after the start
     types: name -> "INT32" or "FLOAT"
     info: information messages that are text or a number
-    damaged: positions [byte] from which a part could not be read
+    damaged: positions [byte] at which an unreadable part begins
     """
 
     initial: dict[str, float] = field(default_factory=dict)
@@ -50,7 +51,9 @@ class Log:
 
 
 def parse_ulog(data: bytes) -> Log:
-    """Read a ULog. Raises WireError with the byte where it is not a ULog, or where its definitions end too early."""
+    """Read a ULog file. Raises WireError, with the byte position, if it is not a ULog or its definitions are
+    incomplete.
+    """
     if not data.startswith(MAGIC) or len(data) < _START:
         raise WireError("byte 0: not a ULog header, expected 55 4C 6F 67 01 12 35")
     return _Reader(data).read()
@@ -85,7 +88,7 @@ class _Reader:
         return self.log
 
     def _next(self) -> tuple[int, bytes] | None:
-        """Return the message that begins here; None when the log ends before it is complete."""
+        """Return the next message; None if the log ends before the message is complete."""
         if len(self.data) - self.at < _HEAD.size:
             return None
         size, kind = _HEAD.unpack_from(self.data, self.at)
@@ -147,7 +150,7 @@ class _Reader:
         self.log.types[name] = "FLOAT" if form == "float" else "INT32"
 
     def _recover(self, place: int) -> bool:
-        """Continue after the next synchronisation message. Return False when there is none."""
+        """Continue after the next synchronisation message. Return False if there is none."""
         self.log.damaged.append(place)
         found = self.data.find(_SYNC, place)
         self.at = found + len(_SYNC)
