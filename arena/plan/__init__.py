@@ -1,6 +1,6 @@
-"""Arena -> Plan: processes as data. Pure; names rooms by their command line and imports none of them.
+"""Conversion of an Arena to a Plan: the list of processes as data. Pure. Imports no package that runs as a process.
 
-`arena.plan.model` alone costs nothing to import: land-all reads plans with it.
+`arena.plan.model` imports the standard library only, so that land-all can read plans quickly.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["LinkPlan", "Listen", "Plan", "ProcessSpec", "Restart", "VehiclePlan"
 
 
 def __getattr__(name: str) -> Any:
-    """make_plan brings the schema and pydantic along, so it is imported when it is asked for."""
+    """Import `make_plan` at its first use, because it imports the schema and pydantic."""
     if name == "make_plan":
         from arena.plan.make import make_plan
 

@@ -1,4 +1,4 @@
-"""Checks that need the plan: the processes that tools wait for, and the PX4 parameters that the user names. Pure."""
+"""Checks that need the plan: the processes that tools wait for, and the PX4 parameters that the user sets. Pure."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from arena.schema.source import near
 
 
 def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
-    """Raise InputError with every problem found.
+    """Check the needs of tools, PX4 versions and PX4 parameters. Raises InputError with every problem found.
 
-    process_names: in start order.
+    process_names: names of all processes, in start order.
     """
     problems = [*_tool_needs(arena, process_names), *_versions(arena)]
     problems += _parameters(arena) if not problems else []
@@ -25,7 +25,7 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
 
 
 def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]:
-    """Find needs that are no process, or a tool that starts later: nothing may wait in a circle."""
+    """Find tools that wait for an unknown process, or for a tool that starts later (processes could wait in a circle)."""
     before = [name for name in process_names if not name.startswith("tool.")]
     own: list[tuple[str, Tool, YamlPath]] = [
         (f"tool.{name}", tool, ("tools", name)) for name, tool in arena.tools.items()
@@ -38,8 +38,9 @@ def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]
     for process, tool, path in own:
         for need in tool.needs or ():
             if need not in before:
-                hint = "Name it after what it needs." if need in process_names else near(need, before)
-                message = f"got {need!r}, expected a process before it. {hint}"
+                later = "List this tool below the tool that it needs."
+                hint = later if need in process_names else near(need, before)
+                message = f"got {need!r}, expected a process that starts before this tool. {hint}"
                 yield arena.source.problem((*path, "needs"), message)
         before.append(process)
 
@@ -54,9 +55,10 @@ def _versions(arena: Arena) -> Iterator[Problem]:
 
 
 def _parameters(arena: Arena) -> Iterator[Problem]:
-    """Find wrong parameters under `params`; those of a `params_file` are not judged: it may be of another vehicle.
+    """Find wrong parameters under `params`.
 
-    Hardware may have parameters of its own modules: an unknown name without a similar one is allowed there.
+    Parameters of a `params_file` are not checked, because the file may come from another vehicle. For hardware, an unknown
+    name is allowed if no known name is similar, because the PX4 build may have its own modules.
     """
     for name, _, finding in written_param_findings(arena):
         v = arena.vehicle(name)

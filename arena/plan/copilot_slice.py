@@ -1,4 +1,4 @@
-"""The slice of the copilot: its rules, and addresses, fence and braking limits of each vehicle. Pure."""
+"""Content of the copilot's configuration file (slice): its rules, and address, fence and braking limits of each vehicle. Pure."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ def _vehicle(job: Job, v: Vehicle) -> Json:
 
 
 def _walls(arena: Arena, v: Vehicle) -> Json:
-    """Return where the vehicle's centre may be: the room, less the vehicle's size."""
+    """Return the box in which the vehicle's centre must stay so that its body does not touch the room's walls."""
     (north, east, up), radius = arena.world.size, v.profile.radius_m
     n, e = north / 2.0 - radius, east / 2.0 - radius
     return {"north": [-n, n], "east": [-e, e], "up": up - v.profile.height_m / 2.0}
 
 
 def _captures(arena: Arena) -> list[Json]:
-    """Return one receiver for each motion capture server that sees some of the vehicles."""
+    """Return the settings of one receiver for each motion capture server that sees at least one vehicle."""
     found = []
     for simulated in (True, False):
         bodies = [v.mocap_body for v in arena.vehicles if v.simulated is simulated]

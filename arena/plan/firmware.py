@@ -1,6 +1,6 @@
-"""The PX4 parameters that an arena asks of each vehicle: the one place where configuration becomes parameters.
+"""The PX4 parameters that the arena's configuration requires of each vehicle. Pure.
 
-`arena params`, the preflight check of hardware, the start of PX4 and the world's slice read them here. Pure.
+`arena params`, the preflight check of hardware, the start of PX4 SITL and the built-in autopilots all use these functions.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ Fleet = Mapping[str, "Firmware"]
 """Vehicle name -> its firmware."""
 
 SIMULATED_VERSION = "1.16"
-"""PX4 version whose parameter names the built-in autopilot has, and every vehicle of an unknown version."""
+"""PX4 version whose parameter names are used for the built-in autopilot, and for vehicles whose version is unknown."""
 _FORWARDING_MS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """The parameters that one vehicle's autopilot must hold.
+    """The parameters that one vehicle's autopilot must have.
 
     version: PX4 version of the parameter names.
-    lines: one per parameter, with its reason.
-    not_possible: requirements that this version has no parameter for, a sentence each.
+    lines: one per parameter, with its value and reason.
+    not_possible: one sentence per requirement for which this version has no parameter.
     """
 
     version: str
@@ -53,15 +53,15 @@ class Firmware:
 
 
 def all_firmware(arena: Arena) -> dict[str, Firmware]:
-    """Return the firmware of every vehicle by its name. Raises InputError for a PX4 version without a table."""
+    """Return vehicle name -> firmware parameters. Raises InputError for a PX4 version that is not in the parameter table."""
     return {v.name: firmware(arena, v) for v in arena.vehicles}
 
 
 def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
-    """Return the parameters that a vehicle's autopilot must hold.
+    """Return the parameters that a vehicle's autopilot must have.
 
-    version: PX4 version instead of the vehicle's own.
-    Raises InputError for a PX4 version without a table.
+    version: PX4 version to use instead of the vehicle's own; "" for the vehicle's own.
+    Raises InputError for a PX4 version that is not in the parameter table.
     """
     version = px4_version(vehicle, version)
     made = generate(_held(requirements(arena, vehicle), vehicle.autopilot), version)
@@ -71,7 +71,7 @@ def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
-    """Return the origins of all parameters (`vehicles.NAME.params.PARAMETER`) and of their PX4 versions."""
+    """Return where all parameters and their PX4 versions come from: `vehicles.NAME.params.PARAMETER` -> origin."""
     found: dict[str, Origin] = {}
     for name, each in all_firmware(arena).items():
         key = f"vehicles.{name}.px4_version"
@@ -82,7 +82,7 @@ def origins(arena: Arena) -> dict[str, Origin]:
 
 
 class WrittenParamFinding(NamedTuple):
-    """A problem of a parameter that a user wrote. place: `arena.yaml:7`, or the name of the params_file."""
+    """A problem of a parameter that the user wrote. place: `arena.yaml:7`, or the name of the `params_file`."""
 
     vehicle: str
     place: str
@@ -90,10 +90,10 @@ class WrittenParamFinding(NamedTuple):
 
 
 def written_param_findings(arena: Arena) -> list[WrittenParamFinding]:
-    """Return the problems of the parameters under `params` and in `params_file`, vehicle by vehicle.
+    """Return the problems of all parameters under `params` and in `params_file`, in the order of the vehicles.
 
-    Finds unknown, renamed and removed parameters (with the nearest name), wrong types, and values outside PX4's limits.
-    Raises InputError for a PX4 version without a table.
+    Finds unknown, renamed and removed parameters (with the most similar name), wrong types, and values outside PX4's limits.
+    Raises InputError for a PX4 version that is not in the parameter table.
     """
     return [
         WrittenParamFinding(v.name, arena.origins[f"vehicles.{v.name}.params.{finding.name}"].source, finding)
@@ -103,10 +103,10 @@ def written_param_findings(arena: Arena) -> list[WrittenParamFinding]:
 
 
 def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
-    """Return the PX4 version whose parameter names a vehicle has: the asked one, the vehicle's, or 1.16.
+    """Return the PX4 version whose parameter names apply to a vehicle: `asked`, else the vehicle's own, else 1.16.
 
-    Raises InputError when the asked version, or that of the YAML, has no table. A PX4 binary of an unknown
-    version gets the names of 1.16.
+    Raises InputError if `asked` or the version in the YAML is not in the parameter table. For a PX4 binary whose version is
+    not in the table, the result is 1.16.
     """
     if asked:
         return str(Version.parse(asked))
@@ -121,7 +121,7 @@ def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
 
 
 def requirements(arena: Arena, v: Vehicle) -> Requirements:
-    """Return what the arena requires of one vehicle's PX4, each with its reason."""
+    """Return the arena's requirements for one vehicle's PX4, each with its reason."""
     rotors = tuple(
         Rotor(x_m=r.position_m[0], y_m=r.position_m[1], spin=1 if r.direction == "ccw" else -1)
         for r in v.profile.rotors
@@ -145,15 +145,18 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements without rotor geometry and RC mapping for autopilots that have their own.
+    """Return the requirements; for hardware and the built-in autopilot without rotor geometry and RC mapping.
 
-    Hardware knows its rotors and its radio, and so does the built-in autopilot.
+    Hardware keeps its own settings of these, and the built-in autopilot reads them from the profile.
     """
     return replace(required, rotors=(), channels=0) if autopilot in ("builtin", "hardware") else required
 
 
 def _checked_lines(arena: Arena, v: Vehicle, made: Generated) -> tuple[Line, ...]:
-    """Return all lines, or with `preflight.params: false` those that the user wrote for this hardware."""
+    """Return the parameters that the preflight check compares.
+
+    For hardware with `preflight.params: false`, return only those that the user wrote.
+    """
     if v.autopilot == "hardware" and not arena.preflight.params:
         return tuple(line for line in made.lines if line.name in v.own_params)
     return made.lines
@@ -166,7 +169,7 @@ def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
         "rotors": profile,
         "system_id": "rule: id",
         "hover": f"thrust curve of {profile}",
-        "ceiling_m": "under the ceiling: 0.6 of the room's height",
+        "ceiling_m": "below the ceiling: 0.6 of the room's height",
         "vision": "arena's default with motion capture",
         "vision_delay_ms": "mocap.latency_ms + 1 ms of forwarding",
     }
@@ -177,16 +180,16 @@ def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
         if source.given(path):
             found[".".join(path)] = source.origin(path)
     if arena.geofence is not None:
-        found["ceiling_m"] = "under the ceiling, the room's or the fence's: 0.6 of the lower one"
+        found["ceiling_m"] = "below the ceiling: 0.6 of the height of room or fence, whichever is lower"
     return found | {
         f"own.{name}": arena.origins[f"vehicles.{v.name}.params.{name}"].source for name in v.own_params
     }
 
 
 def _fence(arena: Arena, v: Vehicle) -> FenceCylinder | None:
-    """Return the cylinder around the vehicle's start that holds the whole geofence.
+    """Return the smallest cylinder around the vehicle's start that contains the whole geofence.
 
-    The start of hardware is not known: the farthest one is assumed, a corner.
+    The start of hardware is not known, so the worst case is assumed: a start in a corner.
     """
     fence = arena.geofence
     if fence is None:
@@ -197,7 +200,7 @@ def _fence(arena: Arena, v: Vehicle) -> FenceCylinder | None:
 
 
 def requirements_failsafe(given: FailsafeKeys, *, has_sticks: bool) -> Failsafe:
-    """Return the section `failsafe` of the YAML as requirements. has_sticks: the vehicle has an RC transmitter."""
+    """Return the section `failsafe` of the YAML as requirements. has_sticks: whether the vehicle has an RC transmitter."""
     return Failsafe(
         offboard_loss=given.offboard_loss.action,
         offboard_loss_after_s=given.offboard_loss.after_s,

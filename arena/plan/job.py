@@ -1,4 +1,4 @@
-"""The input of every row of the process table, and the addresses of a vehicle's MAVLink links. Pure."""
+"""`Job`, the input of the functions that make one process, and the addresses of a vehicle's MAVLink links. Pure."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Address = list[Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """Input for the plan of one process.
+    """All that is needed to describe one process of the plan.
 
-    fleet: the firmware parameters of every vehicle.
-    python: interpreter of arena's processes and of `.py` programs.
-    vehicle: the vehicle of a process that each vehicle has; None for a process of the whole arena.
+    fleet: vehicle name -> firmware parameters.
+    python: path of the Python interpreter for arena's processes and `.py` programs.
+    vehicle: vehicle that the process belongs to; None for a process of the whole arena.
     """
 
     arena: Arena
@@ -29,14 +29,14 @@ class Job:
 
     @property
     def v(self) -> Vehicle:
-        """The vehicle. Raises ValueError for a process of the whole arena."""
+        """The vehicle of this process. Raises ValueError for a process of the whole arena."""
         if self.vehicle is None:
             raise ValueError("this process belongs to no vehicle")
         return self.vehicle
 
     @property
     def firmware(self) -> Firmware:
-        """The firmware parameters of the vehicle."""
+        """The firmware parameters of the process's vehicle."""
         return self.fleet[self.v.name]
 
 
@@ -54,7 +54,7 @@ def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:
 def _autopilot_host(arena: Arena, vehicle: Vehicle) -> str:
     """Return the source address of an autopilot's datagrams.
 
-    PX4 binds its sockets to no address: on the loopback the kernel sends from 127.0.0.1, whatever the partner's address.
+    PX4 binds its sockets to 0.0.0.0. On the loopback network the kernel then always sends from 127.0.0.1.
     """
     return (
         "127.0.0.1" if flies_real_px4(arena, vehicle) and arena.address.startswith("127.") else arena.address
@@ -62,7 +62,7 @@ def _autopilot_host(arena: Arena, vehicle: Vehicle) -> str:
 
 
 def flies_real_px4(arena: Arena, vehicle: Vehicle) -> bool:
-    """Return whether a PX4 binary flies the vehicle, not its stand-in."""
+    """Return whether a real PX4 binary flies the vehicle, and not arena's PX4 stand-in."""
     return vehicle.autopilot == "px4" and arena.px4 is not None and not arena.px4.stand_in
 
 
@@ -79,7 +79,7 @@ def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
 
 
 def partner_end(link: LinkPlan) -> Json:
-    """Return the end of a link's fixed partner: local and remote address."""
+    """Return local and remote address of a link's other end (router, pose forwarder or land-all)."""
     return {
         "local": [link.partner_host, link.partner_port],
         "remote": [link.autopilot_host, link.autopilot_port],

@@ -22,7 +22,7 @@ _MOST_PORTS_SHOWN = 4
 
 
 class Probe(Protocol):
-    """The parts of a machine that the checks need."""
+    """The questions about a computer that the checks ask; tests replace them."""
 
     def has_module(self, name: str) -> bool: ...
 
@@ -31,11 +31,11 @@ class Probe(Protocol):
     def has_device(self, path: str) -> bool: ...
 
     def refusal(self, address: str, port: int) -> str:
-        """Return why a UDP port cannot be bound; "" when it can."""
+        """Return the reason why a UDP port cannot be bound; "" if the port is free."""
         ...
 
     def holder(self, address: str, port: int) -> str:
-        """Return the process that holds a UDP port, `pid 123 (qgroundcontrol)`; "" when the kernel does not reveal it."""
+        """Return the process that has bound a UDP port: `pid 123 (qgroundcontrol)`; "" if the kernel does not reveal it."""
         ...
 
 
@@ -75,10 +75,10 @@ class Machine:
 
 @dataclass(frozen=True, kw_only=True)
 class AddressChoice:
-    """The address for an arena whose YAML names none.
+    """The address that was chosen for an arena without `address` in the YAML.
 
-    address: the first free one.
-    why: sentence on why it is not the default; "" when it is.
+    address: first free address.
+    why: sentence that explains why it is not the default address; "" if it is.
     """
 
     address: str
@@ -86,11 +86,11 @@ class AddressChoice:
 
 
 def choose_address(plan: Plan, runs: Mapping[str, str], probe: Probe) -> AddressChoice:
-    """Return the first loopback address from the plan's on (127.0.0.1, 127.0.0.2, ...) that is free.
+    """Return the first free loopback address, from the plan's address on (127.0.0.1, 127.0.0.2, ...).
 
     plan: the plan for the default address.
-    runs: address -> words for the arena that runs there.
-    Raises InputError when 50 addresses are taken. Binds ports for an instant; starts nothing.
+    runs: address -> description of the arena that runs there.
+    Raises InputError when 50 addresses are in use. Binds each port for an instant; starts nothing.
     """
     first, why = plan.address, ""
     network, _, last = first.rpartition(".")
@@ -100,11 +100,13 @@ def choose_address(plan: Plan, runs: Mapping[str, str], probe: Probe) -> Address
         if not taken:
             return AddressChoice(address=address, why=f"{why}: using {address}" if why else "")
         why = why or f"{address} is in use by {taken}"
-    raise InputError(f"{why}, and so are {network}.{last} to {address}. Set `address` in the YAML.")
+    raise InputError(
+        f"{why}. The addresses {network}.{last} to {address} are all in use. Set `address` in the YAML."
+    )
 
 
 def _use_of(plan: Plan, address: str, runs: Mapping[str, str], probe: Probe) -> str:
-    """Return who uses an address, in words; "" when the arena can have it."""
+    """Return a description of the arena or process that uses an address; "" if the address is free."""
     if address in runs:
         return runs[address]
     for _, bound_to, port in _wanted(plan):  # what is bound to every address is not moved by another one
@@ -114,9 +116,9 @@ def _use_of(plan: Plan, address: str, runs: Mapping[str, str], probe: Probe) -> 
 
 
 def check_machine(arena: Arena, plan: Plan, probe: Probe | None = None) -> None:
-    """Check that this machine has everything that the arena needs.
+    """Check that this computer has everything that the arena needs: free ports, pybullet, devices, commands of tools.
 
-    Raises NotInstalledError when only software is missing, else InputError; the message names everything found.
+    Raises NotInstalledError if only software is missing, else InputError. The message lists every problem.
     """
     probe = probe or Machine()
     missing, taken = list(_missing(arena, probe)), list(_taken(arena, plan, probe))
@@ -130,11 +132,11 @@ def check_machine(arena: Arena, plan: Plan, probe: Probe | None = None) -> None:
 def _missing(arena: Arena, probe: Probe) -> Iterator[str]:
     if arena.simulated and not probe.has_module("pybullet"):
         names = ", ".join(v.name for v in arena.simulated)
-        yield f"pybullet is not installed, and {names} would be simulated. Try: pip install 'flying-arena[sim]'"
+        yield f"pybullet is not installed, but {names} must be simulated. Try: pip install 'flying-arena[sim]'"
     for words, tool in _tools(arena):
         folder = str(Path(arena.folder) / (tool.cwd or ""))
         if not probe.has_command(tool.argv[0], folder):
-            yield f"{arena.file}: {words}.argv: the command {tool.argv[0]!r} is not on this machine. Install it."
+            yield f"{arena.file}: {words}.argv: the command {tool.argv[0]!r} was not found on this computer. Install or rename it."
 
 
 def _tools(arena: Arena) -> Iterator[tuple[str, Tool]]:
@@ -146,12 +148,12 @@ def _tools(arena: Arena) -> Iterator[tuple[str, Tool]]:
 
 
 def _wanted(plan: Plan) -> list[tuple[str, str, int]]:
-    """Return process name, address and number of every UDP port that the plan's processes bind at their start."""
+    """Return (process name, address, port) of every UDP port that the plan's processes bind when they start."""
     return [(p.name, x.address, x.port) for p in plan.processes for x in p.listens if x.protocol == "udp"]
 
 
 def _taken(arena: Arena, plan: Plan, probe: Probe) -> Iterator[str]:
-    """Yield one sentence per address and process that holds ports of the arena, and one per missing device."""
+    """Yield one sentence for each other process that has bound ports of the arena, and one for each missing device."""
     held: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for process, address, port in _wanted(plan):
         if why := probe.refusal(address, port):
@@ -162,7 +164,7 @@ def _taken(arena: Arena, plan: Plan, probe: Probe) -> Iterator[str]:
     for v in arena.vehicles:
         if v.wire is not None and v.wire.kind == "serial" and not probe.has_device(v.wire.device):
             device = v.wire.device
-            yield f"{arena.file}: {device}, the serial device of {v.name}, does not exist. Plug it in, or change its name."
+            yield f"{arena.file}: {device}, the serial device of {v.name}, does not exist. Connect the device, or correct its name."
 
 
 def _sentence(arena: Arena, address: str, why: str, ports: list[tuple[int, str]]) -> str:

@@ -20,8 +20,8 @@ from arena.schema.models import Tool
 def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
     """Return the plan of an arena.
 
-    python: interpreter of arena's processes and of `.py` programs.
-    Raises InputError with every problem that only a plan shows: PX4 parameters, and the needs of tools.
+    python: path of the Python interpreter for arena's processes and `.py` programs.
+    Raises InputError with every problem of PX4 parameters, PX4 versions and the needs of tools.
     """
     check_arena(arena, process_names(arena))
     job = Job(arena=arena, fleet=all_firmware(arena), python=python)
@@ -55,7 +55,10 @@ def process_names(arena: Arena) -> list[str]:
 
 
 def _slices(job: Job) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield file name and slice; a vehicle without a program has the file for one that a person starts."""
+    """Yield (file name, slice) of a process.
+
+    A vehicle without a program gets the program's file, too, because the user may start a program by hand.
+    """
     for row in TABLE:
         if row.slice is None:
             continue

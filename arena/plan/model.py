@@ -1,4 +1,4 @@
-"""The plan: processes as data. Made by `make_plan`, printed by `arena plan`, obeyed by the supervisor.
+"""Data classes of the plan, which lists the processes of a run. `make_plan` makes it, and the supervisor runs it.
 
 Text in argv, env, cwd and slices may hold two placeholders that only a run can fill:
     {run}  the run folder, absolute       {rt}  the run's private folder for local sockets and shared pages
@@ -14,9 +14,11 @@ from typing import Any, Literal
 
 @dataclass(frozen=True, kw_only=True)
 class Restart:
-    """mode: whether an exit is followed by a new start. limit: starts within window_s [s] before it is FATAL.
+    """Policy for restarting a process.
 
-    backoff_s: the first wait [s]; doubled at each further one.
+    mode: when an exit is followed by a restart.
+    limit: number of starts within window_s [s] after which the process becomes FATAL.
+    backoff_s: wait before the first restart [s]; it doubles with each further restart.
     """
 
     mode: Literal["never", "on_failure", "always"] = "never"
@@ -27,7 +29,7 @@ class Restart:
 
 @dataclass(frozen=True, kw_only=True)
 class Listen:
-    """A socket that this process will have open. protocol: udp or tcp; what: the words for a person."""
+    """A port that a process binds. protocol: udp or tcp; what: what the port is for, as shown to the user."""
 
     protocol: Literal["udp", "tcp"]
     address: str
@@ -37,19 +39,21 @@ class Listen:
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessSpec:
-    """A process with everything that its start, supervision and stop need.
+    """A process, with everything that the supervisor needs to start, watch and stop the process.
 
     needs: names of the processes that must be READY first.
-    ready: proof of readiness: `reported` (the process sends it), `started` (the exec succeeded: programs and tools),
-        `port` (something listens on ready_port).
-    start_timeout_s, stop_timeout_s: limits for becoming READY, and for ending after the stop signal [s].
-    stopped_for_s: kill a process that is stopped (SIGSTOP) for this time [s]; None only reports it.
-    silent_for_s: kill a process that has reported nothing for this time [s]; None for no limit.
-    restart: holds after such a kill too.
-    outlives: the process serves a vehicle that may be flying: it survives the supervisor and ends by itself. Others get
-        a parent-death signal.
-    nice: added to the caller's priority.
-    cpu_budget, memory_budget_mb: [cores], resident [MB]; a process above them is reported.
+    ready: condition for READY: `reported` (the process sends READY), `started` (exec succeeded; for programs and tools),
+        `port` (ready_port accepts connections).
+    start_timeout_s: longest time from start to READY [s].
+    stop_timeout_s: longest time from the stop signal to the exit [s].
+    stopped_for_s: kill the process if it is stopped by SIGSTOP for this time [s]; None: only report it.
+    silent_for_s: kill the process if it reports nothing for this time [s]; None: no limit.
+    restart: restart policy; also used after such a kill.
+    outlives: true if the process serves a vehicle that may be flying. It then continues when the supervisor dies, and ends
+        by itself. All other processes get a parent-death signal.
+    nice: added to the supervisor's own nice value.
+    cpu_budget: expected CPU [cores]; the supervisor reports a process that uses more.
+    memory_budget_mb: expected resident memory [MB]; the supervisor reports a process that uses more.
     listens: UDP and TCP ports that the process binds.
     """
 
@@ -87,7 +91,7 @@ class LinkPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePlan:
-    """The names and addresses of a vehicle, for land-all, tools and the live table. id: MAV_SYS_ID."""
+    """Names and addresses of one vehicle, for land-all, tools and the live table. id: MAVLink system id (MAV_SYS_ID)."""
 
     name: str
     id: int
@@ -106,11 +110,12 @@ class VehiclePlan:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Everything a run does.
+    """Everything that the supervisor needs for one run: processes, their configuration files, and tasks.
 
-    slices: file name under the run's `slices/` -> the JSON object that a room reads.  land: the task that the supervisor runs
-    before it stops anything while a vehicle may be flying.  report: the task it runs when all has stopped.
-    yaml: the resolved arena, as text, for the run folder.
+    slices: file name in the run's folder `slices/` -> configuration of one process, as a JSON object.
+    land: task that lands all vehicles; the supervisor runs it before it stops processes while a vehicle may be flying.
+    report: task that the supervisor runs after all processes have stopped.
+    yaml: text of the resolved arena.yaml, for the run folder.
     """
 
     name: str
@@ -123,7 +128,7 @@ class Plan:
     yaml: str = ""
 
     def to_json(self) -> str:
-        """Return the text of `plan.json`, which `from_json` reads back equal."""
+        """Return the plan as JSON, the text of `plan.json`. `from_json` reads the same plan back."""
         return json.dumps(dataclasses.asdict(self), indent=1)
 
     @classmethod

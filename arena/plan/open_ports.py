@@ -1,7 +1,7 @@
-"""Every socket that a run has open, by its plan, and the senders that each answers. Pure.
+"""List of all sockets that a run opens, taken from its plan, and of the senders that each socket accepts. Pure.
 
-The ports of the port table, the multicast ports that receivers share, ports that the kernel chooses for requests (port 0),
-and the local sockets in the run's private folder.
+The list has the ports of the port table, multicast ports that receivers share, ports that the kernel chooses for requests
+(port 0), and the local sockets in the run's private folder.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from arena.mocap.vendors import SocketUse, vendor_settings
 from arena.plan.model import Plan, ProcessSpec
 from arena.schema.ports import PORTS
 
-# (process kind, short name of the port) -> the senders that are answered, from the port table
+# (process kind, short name of the port) -> the senders that are accepted, from the port table
 _ANSWERS = {(binder.kind, port.name): binder.answers for port in PORTS for binder in port.binders}
 
 
@@ -23,12 +23,12 @@ _ANSWERS = {(binder.kind, port.name): binder.answers for port in PORTS for binde
 class OpenSocket:
     """An open socket of a run.
 
-    process: name of the process that has it.
-    address: numeric host; the path of a `unix` socket.
-    port: 0 when the kernel chooses it.
-    what: its use.
-    who: the senders that it answers, or obeys.
-    always: open as long as the process runs.
+    process: name of the process that opens the socket.
+    address: numeric host address; for a `unix` socket its path.
+    port: port number; 0 if the kernel chooses it.
+    what: what the socket is for.
+    who: text that names the accepted senders.
+    always: whether the socket is open as long as the process runs.
     interface: address of the interface that joins a multicast group.
     """
 
@@ -43,7 +43,7 @@ class OpenSocket:
 
     @property
     def local(self) -> bool:
-        """True when no other computer can reach the socket."""
+        """True if no other computer can reach the socket."""
         return self.protocol == "unix" or (self.interface or self.address).startswith("127.")
 
 
@@ -61,7 +61,7 @@ def open_sockets(plan: Plan) -> tuple[OpenSocket, ...]:
 
 
 def open_lines(plan: Plan) -> list[str]:
-    """Return a line for each socket that other computers can reach; ports with the same use share a line."""
+    """Return the lines `open: ...` for all sockets that other computers can reach. Ports with the same use share a line."""
     found = [opened for opened in open_sockets(plan) if not opened.local and opened.port]
     lines: dict[tuple[str, str, str, str], list[OpenSocket]] = {}
     for opened in found:
@@ -112,7 +112,7 @@ def _sockets_of(plan: Plan, spec: ProcessSpec) -> Iterator[OpenSocket]:
 
 
 def _captures(slice_: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the motion capture receivers in a slice: one, several, or none."""
+    """Return the settings of all motion capture receivers in a slice."""
     found = slice_.get("captures", slice_.get("capture"))
     return [found] if isinstance(found, dict) else list(found or ())
 

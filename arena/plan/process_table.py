@@ -1,8 +1,8 @@
 """The process table: one row per kind of process, in start order. Pure.
 
-A new kind of process is a package with a `__main__`, its slice function in `arena.plan.slices` and one row here, plus a row
-in `arena.schema.ports` for each port that it binds. The plan, `arena plan`, docs/reference/processes.md and the checks
-follow from the rows. Processes stop in the reverse order of what they need.
+To add a kind of process: write a package with a `__main__`, a function in `arena.plan.slices` that makes its configuration,
+one row here, and a row in `arena.schema.ports` for each port that it binds. The plan, `arena plan`, the checks and
+docs/reference/processes.md are made from the rows. A process stops before the processes that it needs.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from arena.plan.model import Listen, ProcessSpec, Restart
 from arena.schema import Arena, Vehicle
 from arena.schema.ports import PORTS
 
-# numpy's own threads would take the second core from the arena
+# without this, numpy's threads take the CPU cores that other processes of the arena need
 ENV = (("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("PYTHONUNBUFFERED", "1"))
 
 NICE_PROGRAM, NICE_LOGGER = 2, 6
 NICE_WORLD_REALTIME, NICE_COPILOT_FIRST = -10, -5
 
 REAL_START_TIMEOUT_S = 600.0
-"""Hardware may be switched on long after the arena."""
+"""Start time limit for processes of hardware, because hardware may be switched on long after the arena [s]."""
 COPILOT_SILENT_S = 5.0
-"""Restart the copilot of hardware after this silence. In a simulated arena it sleeps on a clock that may stand still."""
+"""Kill the copilot of hardware if it reports nothing for this time [s]. Not used in simulation, where time may stand still."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessKind:
-    """Row of the process table.
+    """A row of the process table: a kind of process, and how to make its `ProcessSpec`.
 
-    kind: the process is named `kind`, or `kind.VEHICLE` when each vehicle has one.
-    module: package that `python -m` runs with the path of the slice; "" for the command of a user.
+    kind: name of the process, or with `per_vehicle` the first part of `kind.VEHICLE`.
+    module: package that `python -m` runs with the path of the slice; "" if the user gives the command.
     purpose: what the process does, for the reference page.
-    per_vehicle: each vehicle may have one.
-    exists: whether this arena, or this vehicle, has one.
-    needs: names of processes that must be ready first.
-    slice: makes the JSON object that the process reads; None without one.
-    cpu_budget, memory_budget_mb: [cores], [MB]; a process above them is reported.
-    fields: further fields of `ProcessSpec`: readiness, restart policy, time limits, priority.
-    configured: further fields that depend on the arena.
-    command: command line, where it is not `python -m MODULE SLICE`.
+    per_vehicle: whether each vehicle can have such a process; false: the arena has at most one.
+    exists: function that returns whether this arena, or this vehicle, has such a process.
+    needs: function that returns the names of processes that must be ready first.
+    slice: function that makes the process's JSON configuration (slice); None if the process has no slice.
+    cpu_budget, memory_budget_mb: expected CPU [cores] and memory [MB]; the supervisor reports a process that uses more.
+    fields: other fields of `ProcessSpec`: readiness, restart policy, time limits, priority.
+    configured: function that returns further fields, which depend on the arena.
+    command: function that returns the command line; None for `python -m MODULE SLICE`.
     """
 
     kind: str
@@ -71,7 +71,10 @@ def _world_if_simulated(job: Job) -> tuple[str, ...]:
 
 
 def _forwarder_needs(job: Job) -> tuple[str, ...]:
-    """Return the needs of a forwarder. One whose PX4 never starts is given up with it, and with it the program."""
+    """Return the processes that a forwarder needs.
+
+    A forwarder needs its PX4, so that forwarder and program are not started if PX4 fails to start.
+    """
     if not job.v.simulated:
         return (f"link.{job.v.name}",)
     cameras = ("world", "mocap")
@@ -93,12 +96,12 @@ def _copilot_fields(job: Job) -> dict[str, Any]:
 
 
 def required_copilot(arena: Arena) -> tuple[str, ...]:
-    """Return the copilot as a need: the vehicles land when it ends, unless the YAML asks for a warning alone."""
+    """Return ("copilot",) if processes need the copilot, else (). With `on_loss: warn` vehicles fly without a copilot."""
     return ("copilot",) if arena.copilot is not None and arena.copilot.on_loss != "warn" else ()
 
 
 def _logger_needs(job: Job) -> tuple[str, ...]:
-    """Return the needs of a logger. Without a program the logger carries the vehicle's need of the copilot."""
+    """Return the processes that a logger needs. It needs the copilot only if the vehicle has no program to need it."""
     return ("router",) if job.v.program is not None else ("router", *required_copilot(job.arena))
 
 
@@ -110,7 +113,7 @@ def _program_needs(job: Job) -> tuple[str, ...]:
 
 
 def _program_command(job: Job, name: str) -> tuple[str, ...]:
-    """Return the command line of the user's program: a `.py` file under arena's interpreter, else the file itself."""
+    """Return the command line of the user program. A `.py` file runs in arena's Python, any other file as an executable."""
     program = job.v.program
     if program is None:
         raise ValueError(f"{job.v.name} has no program")
@@ -125,9 +128,10 @@ def _program_fields(job: Job) -> dict[str, Any]:
     }
 
 
-# Nice values are added to that of the caller. While thirty processes start at once on two cores, programs and loggers leave
-# the CPU to what carries simulated time, poses and messages. No process takes a higher priority than the caller's, unless
-# `sim.realtime` asks for it, or hardware flies and a copilot watches it. Where the system refuses, the caller's value stays.
+# Nice values are added to the supervisor's own. Programs and loggers have a lower priority than the processes that carry
+# simulated time, poses and messages; this matters when many processes start at once on few cores. A priority above the
+# supervisor's is used only for the world with `sim.realtime`, and for the copilot with `sim.realtime` or hardware.
+# If the system refuses the higher priority, the process keeps the supervisor's.
 TABLE: tuple[ProcessKind, ...] = (
     ProcessKind(
         kind="world",
@@ -161,7 +165,7 @@ TABLE: tuple[ProcessKind, ...] = (
         slice=slices.px4,
         cpu_budget=0.3,
         memory_budget_mb=150.0,
-        # never killed for being stopped: its PX4 flies on, and would fall with it
+        # never killed while stopped (SIGSTOP): PX4 still flies, and would end with this process
         fields={"restart": Restart(), "start_timeout_s": 60.0, "stopped_for_s": None},
     ),
     ProcessKind(
@@ -198,7 +202,7 @@ TABLE: tuple[ProcessKind, ...] = (
     ProcessKind(
         kind="copilot",
         module="arena.copilot",
-        purpose="watches all vehicles by motion capture; orders hold, land or terminate",
+        purpose="watches all vehicles with the motion capture; commands hold, land or terminate",
         exists=lambda job: job.arena.copilot is not None,
         needs=_copilot_needs,
         slice=copilot,
@@ -234,7 +238,7 @@ TABLE: tuple[ProcessKind, ...] = (
 
 
 def jobs(row: ProcessKind, job: Job) -> Iterator[Job]:
-    """Yield a job for each process of this kind that the arena has."""
+    """Yield one `Job` (all that is needed to describe one process) for each process of this kind in the arena."""
     arena = job.arena
     candidates = arena.vehicles if row.per_vehicle else (None,)
     for vehicle in candidates:
@@ -265,9 +269,9 @@ def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
 
 
 def listens(arena: Arena, kind: str, vehicle: Vehicle | None) -> Iterator[Listen]:
-    """Yield every port that a process binds for itself; the shared port of multicast receivers is not among them.
+    """Yield the ports that only this process binds. Multicast ports that several receivers share are not included.
 
-    vehicle: None for a process of the whole arena, which binds the ports of every vehicle.
+    vehicle: vehicle of the process; None for a process of the whole arena, which binds ports for every vehicle.
     """
     vehicles = arena.vehicles if vehicle is None else (vehicle,)
     if kind == "mocap":
@@ -283,7 +287,7 @@ def listens(arena: Arena, kind: str, vehicle: Vehicle | None) -> Iterator[Listen
                 continue
             if v is not None and binder.autopilots and v.autopilot not in binder.autopilots:
                 continue
-            # PX4 binds its links on every address of the computer; the stand-in binds the arena's
+            # PX4 binds its links on every address of the computer; the PX4 stand-in binds the arena's address
             everywhere = kind == "px4" and v is not None and flies_real_px4(arena, v)
             host, number = place
             words = port.name if v is None else f"{port.name} of {v.name}"

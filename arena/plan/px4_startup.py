@@ -12,12 +12,12 @@ from arena.schema.library import data_folder
 
 SCRIPTS = ("px4-rc.mavlink", "px4-rc.mavlinksim")
 
-# Simulated PX4s only: no compass, a battery that discharges completely, a log from arming to disarming
+# Only for simulated PX4: no compass, battery may discharge completely, log from arming to disarming
 SIMULATED: dict[str, float] = {"SYS_HAS_MAG": 0, "SIM_BAT_MIN_PCT": 0.0, "SDLOG_MODE": 0}
 
 
 def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
-    """Return the startup scripts: file name under `etc/init.d-posix` -> text. given: values for the templates."""
+    """Return PX4's startup scripts: file name in `etc/init.d-posix` -> text. given: values for the templates."""
     import jinja2
 
     loader = jinja2.FileSystemLoader(str(data_folder("templates") / "px4"))
@@ -28,7 +28,10 @@ def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
 
 
 def px4_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int]:
-    """Return every parameter that differs from PX4's airframe. values: the vehicle's firmware parameters."""
+    """Return the parameters that a simulated PX4 sets at its start, in addition to its airframe's.
+
+    values: the vehicle's firmware parameters.
+    """
     battery = v.profile.battery
     lasts = {"SIM_BAT_DRAIN": round(3.6 * battery.capacity_mah / battery.hover_a)}
     compass = (
@@ -36,7 +39,7 @@ def px4_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int
     )  # with GPS alone the heading comes from the compass
     found: dict[str, float] = {**SIMULATED, **lasts, **compass, **values}
     found.pop("MAV_SYS_ID", None)  # the startup script sets it, after PX4 has set its own
-    # Whole numbers without a decimal point: `param set` refuses one for an integer
+    # Integers without a decimal point, because `param set` refuses a decimal point for INT32
     return {
         name: int(value) if float(value).is_integer() else float(value)
         for name, value in sorted(found.items())
@@ -48,7 +51,7 @@ def reset_by_startup(params: Mapping[str, float | int], version: str) -> dict[st
 
     PX4's startup treats a value equal to the firmware's default as unset, and applies its own default for simulated
     vehicles (COM_LOW_BAT_ACT 0 became 3).
-    version: of the PX4 binary; an unknown one counts as the newest.
+    version: version of the PX4 binary; an unknown version counts as the newest.
     """
     try:
         known = parameters(version)
@@ -58,7 +61,7 @@ def reset_by_startup(params: Mapping[str, float | int], version: str) -> dict[st
 
 
 def hitl_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int]:
-    """Return the parameters that a flight controller in the loop (HITL) must hold. Source: PX4 airframe 1001, HIL outputs."""
+    """Return the parameters that a flight controller in the loop (HITL) must have. Source: PX4 airframe 1001, HIL outputs."""
     outputs = {f"HIL_ACT_FUNC{i + 1}": 101 + i for i in range(len(v.profile.rotors))}
     # SIM_* parameters do not exist on a board
     held = {name: value for name, value in px4_params(v, values).items() if not name.startswith("SIM_")}

@@ -13,7 +13,7 @@ from arena.schema.models import Tool
 
 
 def arena_yaml(arena: Arena, fleet: Fleet | None = None) -> str:
-    """Return the resolved arena as YAML text that loads to the same plan; nothing is left to a default."""
+    """Return the arena as YAML text with every default filled in. Loading the text gives the same plan."""
     fleet = all_firmware(arena) if fleet is None else fleet
     return f"# resolved from {Path(arena.folder) / Path(arena.file).name}\n" + dump_yaml(
         {

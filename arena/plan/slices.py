@@ -1,4 +1,7 @@
-"""The slice of each process: the JSON object that it reads at its start (docs/architecture.md lists the keys). Pure."""
+"""Functions that make the slice of each process: the JSON configuration that the process reads when it starts. Pure.
+
+docs/reference/slices.md lists the keys.
+"""
 
 from __future__ import annotations
 
@@ -72,10 +75,10 @@ def _origin(arena: Arena) -> Json:
 
 
 def px4(job: Job) -> Json:
-    """Return the slice of the process that runs a vehicle's PX4."""
+    """Return the slice of the process that runs a vehicle's PX4 SITL."""
     arena, v = job.arena, job.v
     if arena.px4 is None:
-        raise ValueError(f"{v.name} flies PX4, and none was found")
+        raise ValueError(f"{v.name} needs PX4 SITL, but no PX4 was found")
     params = px4_params(v, job.firmware.values)
     given: Json = {
         "vehicle": v.name,
@@ -121,7 +124,7 @@ def mocap(job: Job) -> Json:
 
 
 def _faults(arena: Arena, room: str) -> str | None:
-    """Return the socket for fault injection, or None in an arena with hardware."""
+    """Return the path of the socket for fault injection, or None in an arena with hardware."""
     return None if arena.hardware else f"{{rt}}/{room}.faults"
 
 
@@ -131,10 +134,10 @@ def _noise(arena: Arena) -> Json:
 
 
 def link(job: Job) -> Json:
-    """Return the slice of the link to a vehicle's flight controller."""
+    """Return the slice of the process that owns the connection to a vehicle's real flight controller."""
     arena, v = job.arena, job.v
     if v.wire is None:
-        raise ValueError(f"{v.name} has no wire")
+        raise ValueError(f"{v.name} has no connection to a real flight controller")
     if v.wire.kind == "serial":
         wire: Json = {"kind": "serial", "device": v.wire.device, "baud": v.wire.baud}
     else:
@@ -155,7 +158,7 @@ def link(job: Job) -> Json:
             "battery": p.battery,
             "size_m": list(arena.world.size),
             "poses": v.forward,
-            # the lab defines where the origin of a real body is: no lower than its lowest point
+            # for hardware, the lab chooses the rigid body's origin; it is not below the vehicle's lowest point
             "height_m": v.profile.height_m / 2.0 if v.simulated else 0.0,
         },
         "params": hitl_params(v, job.firmware.values) if v.simulated else job.firmware.values,
@@ -166,10 +169,10 @@ def link(job: Job) -> Json:
 
 
 def capture(arena: Arena, bodies: list[str], *, simulated: bool) -> Json | None:
-    """Return how a receiver reaches the motion capture, or None where none sees such vehicles.
+    """Return the settings of a motion capture receiver, or None if no server sees these vehicles.
 
     bodies: names of the rigid bodies to receive.
-    simulated: of simulated vehicles (the emulator), else of hardware (the vendor's server).
+    simulated: true for simulated vehicles (emulator), false for hardware (the vendor's server).
     """
     m = arena.mocap
     if simulated:
@@ -265,7 +268,7 @@ def logger(job: Job) -> Json:
 
 
 def program(job: Job) -> Json:
-    """Return the file that a vehicle's program gets with `--uav`."""
+    """Return the content of the file that a vehicle's program gets with `--uav`."""
     arena, v = job.arena, job.v
     neighbours = [{"name": n, "body": arena.vehicle(n).mocap_body} for n in v.neighbours if n != v.name]
     kept = ("mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")
@@ -289,12 +292,12 @@ def program(job: Job) -> Json:
 
 
 def heartbeat_address(arena: Arena) -> Address | None:
-    """Return the address for the heartbeats of programs, or None without a copilot."""
+    """Return the copilot's address, to which programs send heartbeats, or None if there is no copilot."""
     return [arena.address, COPILOT] if arena.copilot is not None else None
 
 
 def _captures(arena: Arena, v: Vehicle) -> Json | list[Json] | None:
-    """Return the receivers that see the vehicle and its neighbours: one, a list of several, or None."""
+    """Return the settings of the receivers that see the vehicle and its neighbours: one, a list, or None."""
     seen = [v, *(arena.vehicle(n) for n in v.neighbours if n != v.name)]
     found = []
     for simulated in (v.simulated, not v.simulated):

@@ -84,8 +84,8 @@ def test_missing_software_is_named_with_the_command_to_get_it() -> None:
     with pytest.raises(NotInstalledError) as raised:
         check_machine(*load(), Bench(modules=False, commands=False))
     assert str(raised.value).splitlines() == [
-        "pybullet is not installed, and uav1, uav2 would be simulated. Try: pip install 'flying-arena[sim]'",
-        "arena.yaml: tools.rec.argv: the command 'sleep' is not on this machine. Install it.",
+        "pybullet is not installed, but uav1, uav2 must be simulated. Try: pip install 'flying-arena[sim]'",
+        "arena.yaml: tools.rec.argv: the command 'sleep' was not found on this computer. Install or rename it.",
     ]
 
 
@@ -165,5 +165,7 @@ def test_address_with_a_port_in_use_is_skipped_with_the_process() -> None:
 
 
 def test_no_free_address_is_an_error() -> None:
-    with pytest.raises(InputError, match=r"and so are 127.0.0.1 to 127.0.0.50. Set `address` in the YAML"):
+    with pytest.raises(
+        InputError, match=r"The addresses 127.0.0.1 to 127.0.0.50 are all in use. Set `address` in the YAML"
+    ):
         choose_address(load()[1], {}, Bench(held={("", 24000): "pid 1 (x)"}))

@@ -463,7 +463,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "tools that need each other": (
         "tools:\n  a: {argv: [x], needs: [tool.b]}\n  b: {argv: [x], needs: [tool.a]}\nvehicles:\n" + V1,
         "2: tools.a.needs: ",
-        "Name it after what it needs",
+        "List this tool below the tool that it needs",
     ),
     "no vehicles": ("name: x\n", "1: vehicles: ", "is missing. Give at least one vehicle"),
     "an empty list of vehicles": ("vehicles: {}\n", "1: vehicles: ", "at least 1"),

@@ -130,7 +130,9 @@ GOLDEN: dict[str, tuple[str, list[str]]] = {
     ),
     "tool that needs an unknown process": (
         "tools:\n  rec: {argv: [sleep], needs: [rooter]}\n" + V + "{autopilot: builtin}\n",
-        ["arena.yaml:2: tools.rec.needs: got 'rooter', expected a process before it. Did you mean router?"],
+        [
+            "arena.yaml:2: tools.rec.needs: got 'rooter', expected a process that starts before this tool. Did you mean router?"
+        ],
     ),
 }
 

@@ -188,7 +188,10 @@ def test_arena_that_does_not_start_is_a_failed_result(smoke: Any, temporary: Pat
     flown = smoke(str(tmp_path / "quits.smoke.yaml"))
     assert flown.wait() == 1, flown.output
     text = " ".join(flown.output.split())
-    assert "the arena did not start (exit 2)" in text and "'/does/not/exist' is not on this machine" in text
+    assert (
+        "the arena did not start (exit 2)" in text
+        and "'/does/not/exist' was not found on this computer" in text
+    )
     assert_nothing_left(flown, temporary)
 
 
