@@ -1,4 +1,4 @@
-"""The international standard atmosphere below 11 km (ISO 2533): height above mean sea level <-> pressure."""
+"""International standard atmosphere below 11 km (ISO 2533): pressure as a function of height."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Physical and protocol constants that several rooms use. Each has one value, here."""
+"""Physical and protocol constants that several packages use."""
 
 from __future__ import annotations
 

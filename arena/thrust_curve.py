@@ -1,13 +1,20 @@
-"""Thrust curves of the profiles: static thrust against normalised command. Pure; used by the world, the autopilot and user programs.
+"""Thrust curves of the profiles: static thrust as a function of normalised command.
 
-Every curve is for the vehicle's TOTAL thrust; one of n equal rotors gives a share of 1/n. The command u is 0..1. Both
-directions are limited to what the vehicle can do, so a tangent never wraps, and are exact inverses of each other at rest:
+Pure. The world, the built-in autopilot and user programs use them.
+
+Every curve is for the vehicle's TOTAL thrust; one of n equal rotors gives a share of 1/n. The command u is
+0..1. Both directions are limited to what the vehicle can do, so the argument of a tangent stays within one
+branch. At rest they are exact inverses of each other:
+
     newtons(command(T)) = T   for 0 <= T <= max_newtons          command(newtons(u)) = u   for 0 <= u <= 1
-At airspeed v the rotors give the share `1 - v / fade_speed_m_s` of it, if the profile has that figure.
 
-The iris's two published formulas differ slightly: T = 34.068 u^2 + 7.1202 u is the curve, and
-u = (T - 14.906) / 45.34 + 0.561 its tangent near hover (0.7 % of u off at hover, 0.14 off at full thrust, 0.23 at none).
-`newtons` is the first one and `command` its inverse; the share lost at speed comes from the second one.
+At airspeed v the rotors give the share `1 - v / fade_speed_m_s` of this thrust, if the profile has that
+value.
+
+The two published formulas for the iris differ slightly. The curve is T = 34.068 u^2 + 7.1202 u. The other
+formula is its tangent near hover, u = (T - 14.906) / 45.34 + 0.561; it differs in u by 0.7 % at hover, 0.14
+at full thrust and 0.23 at zero thrust. `newtons` is the first formula and `command` its inverse. The share
+that is lost at speed comes from the second.
 """
 
 from __future__ import annotations
@@ -31,7 +38,7 @@ _MIN_SHARE = (
 
 @dataclass(frozen=True, kw_only=True)
 class ThrustCurve:
-    """Total thrust against command, both directions.
+    """Total thrust as a function of command, and its inverse.
 
     max_newtons: total static thrust at u = 1 [N]
     fade_speed_m_s: airspeed at which the rotors would give no thrust [m/s]
@@ -43,11 +50,19 @@ class ThrustCurve:
     _command: Callable[[Array], Array] = field(repr=False)
 
     def newtons(self, u: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """Return the total thrust [N] at a command [-], limited to 0..1, and an airspeed [m/s]. Any shapes that broadcast."""
+        """Return the total thrust [N]. The arguments may have any shapes that broadcast.
+
+        u: command, limited to 0..1 [-]
+        speed_m_s: airspeed [m/s]
+        """
         return self._newtons(np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)) * self._share(speed_m_s)
 
     def command(self, newtons: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """Return the command 0..1 [-] that gives a total thrust [N], or the nearest possible one, at an airspeed [m/s]."""
+        """Return the command 0..1 [-] that gives a total thrust, or the nearest possible thrust.
+
+        newtons: total thrust [N]
+        speed_m_s: airspeed [m/s]
+        """
         static = np.asarray(newtons, dtype=np.float64) / self._share(speed_m_s)
         return np.clip(self._command(np.clip(static, 0.0, self.max_newtons)), 0.0, 1.0)
 
@@ -58,7 +73,7 @@ class ThrustCurve:
 
 
 def thrust_curve(settings: Mapping[str, Any]) -> ThrustCurve:
-    """Return the curve of a profile's `thrust_curve`. Raises InputError when its kind is not known."""
+    """Return the curve for a profile's `thrust_curve`. Raises InputError if its kind does not exist."""
     maker = _KINDS.get(settings.get("kind", ""))
     if maker is None:
         raise InputError(
@@ -82,7 +97,8 @@ def _quadratic(s: Mapping[str, Any]) -> ThrustCurve:
 def _tangent(s: Mapping[str, Any]) -> ThrustCurve:
     """Return the curve u = (tan((T - offset) / scale) + phase) / gain. offset, scale [N]; phase, gain [-].
 
-    Below the command `low_u` the fit is not valid (it gives thrust at u = 0); a straight line from the origin replaces it.
+    Below the command `low_u` the fit is not valid, because it gives thrust at u = 0. A straight line from the
+    origin replaces it there.
     """
     offset, scale, phase, gain, low = (float(s[k]) for k in ("offset_n", "scale_n", "phase", "gain", "low_u"))
 

@@ -1,4 +1,4 @@
-"""Frames and rotations, and their conventions. Pure numpy, batched over leading axes.
+"""Frames, rotations and their conventions. Pure numpy, batched over leading axes.
 
 | letter | frame       | axes                                   |
 |--------|-------------|----------------------------------------|
@@ -7,8 +7,9 @@
 | w      | arena world | x east, y north, z up (z-up capture)   |
 | f      | body FLU    | forward, left, up                      |
 
-`q_nb` is a unit Hamilton quaternion, wxyz, with v_n = q_nb * v_b * conj(q_nb); read it "n from b".
-Inner letters cancel: q_nf = q_nw * q_wf.  Every array is float64; vectors (..., 3), quaternions (..., 4).
+`q_nb` is a unit Hamilton quaternion, wxyz, with v_n = q_nb * v_b * conj(q_nb); read it as "n from b". In a
+product the inner letters cancel: q_nf = q_nw * q_wf. Every array is float64; vectors (..., 3), quaternions
+(..., 4).
 """
 
 from arena.geometry.frames import (

@@ -1,7 +1,7 @@
-"""Conversion of vectors and attitudes between frames (n <-> w, b <-> f, see the package docstring), and of global positions.
+"""Conversion of vectors and attitudes between frames (n <-> w, b <-> f), and of global positions.
 
-A global position is projected on a plane that touches a sphere at the origin. In a room this equals PX4's azimuthal
-projection (v1.16, src/lib/geo) within some micrometres.
+The package docstring defines the frames. A global position is projected on a plane that touches a sphere at
+the origin. In a room this equals PX4's azimuthal projection (v1.16, src/lib/geo) within some micrometres.
 """
 
 from __future__ import annotations
@@ -23,23 +23,35 @@ EARTH_M = 6_371_000.0
 
 
 def ned_from_world(v_w: ArrayLike) -> Array:
-    """Convert a vector from z-up world axes to NED: (y, x, -z). v_w: any vector (..., 3)."""
+    """Convert a vector from z-up world axes to NED: (x, y, z) -> (y, x, -z).
+
+    v_w: any vector (..., 3)
+    """
     v_w = np.asarray(v_w, float)
     return np.stack([v_w[..., 1], v_w[..., 0], -v_w[..., 2]], axis=-1)
 
 
 def world_from_ned(v_n: ArrayLike) -> Array:
-    """Convert a vector from NED to z-up world axes: (y, x, -z) again. v_n: any vector (..., 3)."""
+    """Convert a vector from NED to z-up world axes: (x, y, z) -> (y, x, -z).
+
+    v_n: any vector (..., 3)
+    """
     return ned_from_world(v_n)
 
 
 def frd_from_flu(v_f: ArrayLike) -> Array:
-    """Convert a vector from FLU to FRD; the same function converts back. v_f: any vector (..., 3)."""
+    """Convert a vector from FLU to FRD. The same function converts from FRD to FLU.
+
+    v_f: any vector (..., 3)
+    """
     return np.asarray(v_f, float) * (1.0, -1.0, -1.0)
 
 
 def q_nb_from_q_wf(q_wf: ArrayLike) -> Array:
-    """Convert an attitude from motion capture's and pybullet's axes (FLU in z-up world) to FRD in NED; wxyz (..., 4)."""
+    """Convert an attitude from FLU in z-up world to FRD in NED; wxyz (..., 4).
+
+    Motion capture and pybullet use FLU in z-up world.
+    """
     return quat_multiply(quat_multiply(_Q_NW_WXYZ, q_wf), _Q_BF_WXYZ * (1, -1, -1, -1))
 
 
@@ -49,24 +61,32 @@ def q_wf_from_q_nb(q_nb: ArrayLike) -> Array:
 
 
 def wxyz_from_xyzw(quat_xyzw: ArrayLike) -> Array:
-    """Convert a scalar-last quaternion (pybullet, NatNet, VRPN) to scalar-first (..., 4)."""
+    """Convert a scalar-last quaternion (pybullet, NatNet, VRPN) to a scalar-first one (..., 4)."""
     return np.roll(np.asarray(quat_xyzw, float), 1, axis=-1)
 
 
 def xyzw_from_wxyz(quat_wxyz: ArrayLike) -> Array:
-    """Convert a scalar-first quaternion to scalar-last (..., 4)."""
+    """Convert a scalar-first quaternion to a scalar-last one (..., 4)."""
     return np.roll(np.asarray(quat_wxyz, float), -1, axis=-1)
 
 
 def globe_from_local(lat0_deg: Any, lon0_deg: Any, north: Any, east: Any) -> tuple[Any, Any]:
-    """Return latitude and longitude [deg], not wrapped, of a place north and east [m] of an origin [deg]."""
+    """Return the latitude and longitude [deg] of a local position. The longitude is not wrapped.
+
+    lat0_deg, lon0_deg: origin of the local frame [deg]
+    north, east: position from the origin [m]
+    """
     return lat0_deg + np.degrees(north / EARTH_M), lon0_deg + np.degrees(
         east / (EARTH_M * np.cos(np.radians(lat0_deg)))
     )
 
 
 def local_from_globe(lat0_deg: Any, lon0_deg: Any, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
-    """Return north and east [m] of an origin [deg] for a latitude and longitude [deg], the shorter way round the Earth."""
+    """Return the local position north, east [m] of a latitude and longitude, the shorter way round the Earth.
+
+    lat0_deg, lon0_deg: origin of the local frame [deg]
+    lat_deg, lon_deg: global position [deg]
+    """
     east_deg = (lon_deg - lon0_deg + 180.0) % 360.0 - 180.0
     return np.radians(lat_deg - lat0_deg) * EARTH_M, np.radians(east_deg) * np.cos(
         np.radians(lat0_deg)

@@ -1,4 +1,4 @@
-"""Unit Hamilton quaternions, wxyz, shape (..., 4), batched. No frames here: see frames.py."""
+"""Unit Hamilton quaternions, wxyz, shape (..., 4), batched. For the frames see frames.py."""
 
 from __future__ import annotations
 
@@ -54,28 +54,28 @@ def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def quat_between(a: ArrayLike, b: ArrayLike) -> Array:
-    """Return conj(a) * b [-] wxyz (..., 4): for two attitudes, b as seen from the body axes of a."""
+    """Return conj(a) * b [-] wxyz (..., 4): the rotation from attitude a to attitude b, in body axes of a."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     products = a[..., :, None] * b[..., None, :]
     return np.asarray(products.reshape(*products.shape[:-2], 16) @ _BETWEEN)
 
 
 def quat_conj(q: ArrayLike) -> Array:
-    """Return the conjugate, which is the inverse of a unit quaternion [-] wxyz (..., 4)."""
+    """Return the conjugate [-] wxyz (..., 4). For a unit quaternion this is the inverse."""
     return np.asarray(np.asarray(q, float) * _CONJ)
 
 
 def quat_normalize(q: ArrayLike) -> Array:
-    """Scale q to unit length [-] wxyz (..., 4). Raises ValueError when the norm is zero or not finite."""
+    """Scale q to unit length [-] wxyz (..., 4). Raises ValueError if its norm is zero or not finite."""
     q = np.asarray(q, float)
     norm = np.sqrt((q * q).sum(-1, keepdims=True))
     if not np.all(np.isfinite(norm)) or np.any(norm < _TINY):
-        raise ValueError(f"a quaternion of norm {norm.ravel()} is no rotation")
+        raise ValueError(f"got a quaternion of norm {norm.ravel()}, expected a finite norm above 0")
     return np.asarray(q / norm)
 
 
 def matrix_from_quat(q: ArrayLike) -> Array:
-    """Return R [-] (..., 3, 3) with R @ v_b = q * v_b * conj(q)."""
+    """Return the rotation matrix R [-] (..., 3, 3) with R @ v_b = q * v_b * conj(q)."""
     q = np.asarray(q, float)
     shape = q.shape[:-1]
     return np.asarray(
@@ -84,7 +84,10 @@ def matrix_from_quat(q: ArrayLike) -> Array:
 
 
 def quat_from_matrix(m: ArrayLike) -> Array:
-    """Return the quaternion of a rotation matrix, w >= 0 [-] wxyz (..., 4). Largest component first (Shepperd, 1978)."""
+    """Return the quaternion of a rotation matrix, w >= 0 [-] wxyz (..., 4).
+
+    The largest component is computed first (Shepperd, 1978), which is the most accurate order.
+    """
     m = np.asarray(m, float)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     # Four times the outer product q q^T; the row of the largest diagonal entry is q up to scale and sign.
@@ -104,7 +107,7 @@ def quat_from_matrix(m: ArrayLike) -> Array:
 
 
 def quat_rotate(q: ArrayLike, v: ArrayLike) -> Array:
-    """Return q * v * conj(q): q_nb rotates v_b into v_n; (..., 4), (..., 3) -> (..., 3)."""
+    """Return q * v * conj(q), shapes (..., 4), (..., 3) -> (..., 3). Example: q_nb rotates v_b into v_n."""
     q, v = np.asarray(q, float), np.asarray(v, float)
     u, w = q[..., 1:], q[..., :1]
     t = 2.0 * _cross(u, v)
@@ -112,7 +115,7 @@ def quat_rotate(q: ArrayLike, v: ArrayLike) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the cross product, without np.cross's overhead, which is ten times the arithmetic for small arrays."""
+    """Return the cross product. For small arrays this is about ten times faster than np.cross."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
@@ -132,7 +135,7 @@ def quat_exp(rotation_vector: ArrayLike) -> Array:
 
 
 def quat_log(q: ArrayLike) -> Array:
-    """Return the rotation vector of q, at most half a turn [rad] (..., 3)."""
+    """Return the rotation vector of q [rad] (..., 3). Its angle is at most pi."""
     q = np.asarray(q, float)
     q = q * np.where(q[..., :1] < 0, -1.0, 1.0)
     v = q[..., 1:]
@@ -143,13 +146,16 @@ def quat_log(q: ArrayLike) -> Array:
 
 
 def quat_slerp(a: ArrayLike, b: ArrayLike, fraction: ArrayLike) -> Array:
-    """Interpolate from a (fraction 0) to b (fraction 1) at constant rate, by at most half a turn [-] wxyz (..., 4)."""
+    """Interpolate at constant rate from a (fraction 0) to b (fraction 1) [-] wxyz (..., 4).
+
+    Takes the shorter way, of at most pi.
+    """
     step = quat_log(quat_multiply(quat_conj(a), b))
     return quat_multiply(a, quat_exp(np.asarray(fraction, float)[..., None] * step))
 
 
 def quat_from_euler(rpy: ArrayLike) -> Array:
-    """Return wxyz (..., 4) of roll, pitch, yaw [rad] (..., 3), intrinsic z-y'-x'' as in aviation."""
+    """Return the quaternion (..., 4) of roll, pitch, yaw [rad] (..., 3), intrinsic z-y'-x'' (aviation)."""
     half = 0.5 * np.asarray(rpy, float)
     cs = np.empty((*half.shape, 2))
     np.cos(half, out=cs[..., 0])
@@ -159,7 +165,7 @@ def quat_from_euler(rpy: ArrayLike) -> Array:
 
 
 def euler_from_quat(q: ArrayLike) -> Array:
-    """Return roll, pitch, yaw [rad] (..., 3) of wxyz (..., 4), intrinsic z-y'-x''."""
+    """Return roll, pitch, yaw [rad] (..., 3) of a quaternion wxyz (..., 4), intrinsic z-y'-x''."""
     return euler_from_matrix(matrix_from_quat(q))
 
 
@@ -174,7 +180,7 @@ def euler_from_matrix(m: ArrayLike) -> Array:
 
 
 def yaw_from_quat(q: ArrayLike) -> Array:
-    """Return the yaw [rad] (...) of wxyz (..., 4)."""
+    """Return the yaw angle [rad] (...) of a quaternion wxyz (..., 4)."""
     q = np.asarray(q, float)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))

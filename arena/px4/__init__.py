@@ -1,1 +1,1 @@
-"""PX4 software in the loop: its process, folder and startup, and the lockstep link between PX4 and the world."""
+"""PX4 software in the loop (SITL): its process, folder and startup, and its lockstep link to the world."""

@@ -1,7 +1,8 @@
-"""`python -m arena.px4 slice.json`: runs one PX4 SITL, in a folder of its own, as long as the world that simulates its sensors.
+"""The process `px4.<vehicle>`: `python -m arena.px4 FILE.json`. It runs one PX4 SITL in a folder of its own.
 
-PX4 has no supervisor of its own: without its simulator it loops for ever on one core. This process starts it, logs its
-output, reports when it is ready, and ends it when the world has ended or the supervisor asks for it.
+PX4 has no supervisor of its own, and without its simulator it would use one core forever. This process starts
+PX4, logs its output, reports when it is ready, and ends it if the world has ended or the supervisor requests
+a stop.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def main() -> int:
 
 
 def serve(context: ProcessContext) -> int:
-    """Run PX4. Returns 0 when it was asked to stop or the world ended, 1 when PX4 ended by itself."""
+    """Run PX4. Returns 0 if a stop was requested or the world ended, 1 if PX4 ended by itself."""
     s = context.settings
     check_free(s)
     folder = make_folder(s)
@@ -73,9 +74,10 @@ def serve(context: ProcessContext) -> int:
 
 
 def leave_core_of(world_pid: int) -> None:
-    """Give up the core of a world that keeps to one (`arena/sim/pacing.py`); PX4 inherits the choice.
+    """Bind this process to the cores that the world is not bound to (`arena/sim/pacing.py`).
 
-    The kernel would else wake PX4 on the core that sends its sensors, and interrupt the world.
+    PX4 inherits the binding. Otherwise the kernel would wake PX4 on the core that sends its sensors, and
+    interrupt the world.
     """
     with contextlib.suppress(OSError):  # it has ended
         others = os.sched_getaffinity(0) - os.sched_getaffinity(world_pid)
@@ -84,7 +86,7 @@ def leave_core_of(world_pid: int) -> None:
 
 
 def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
-    """Log PX4's output, report its state, and return the exit code when it or the world has ended."""
+    """Log PX4's output, report its state, and return the exit code once PX4 or the world has ended."""
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)
     selector = selectors.DefaultSelector()
@@ -118,28 +120,34 @@ def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: Sim
             return 0
         if not ready and time.monotonic() > slow_at:
             slow_at = float("inf")
-            _report(context, f"PX4 has not come up for {_START_WARNING_S:g} s. {last_line(tail)}")
+            _report(context, f"PX4 is not ready after {_START_WARNING_S:g} s. {last_line(tail)}")
     return 0
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether a signal has stopped this child. A child that a debugger holds does not count."""
+    """Return whether a signal has stopped this child process. A stop by a debugger does not count."""
     with contextlib.suppress(ChildProcessError):  # it has just ended
         return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
     return False
 
 
 def end_of(code: int) -> str:
-    """Describe an exit code."""
+    """Describe an exit code, for example `exit 1` or `killed by SIGKILL`."""
     return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
 
 
 def _report_end(context: ProcessContext, why: str, before_ready: str | None) -> int:
-    """Report that PX4 ended; return this process's exit code. before_ready: its last line, when it never was ready."""
+    """Report that PX4 ended; return the exit code of this process.
+
+    before_ready: text about PX4's last line, if PX4 was never ready; else None
+    """
     if before_ready is None:
         _report(context, f"PX4 has ended by itself ({why}); nothing flies this vehicle any more")
     else:
-        _report(context, f"PX4 ended before it was up ({why}): try its binary by hand. {before_ready}")
+        _report(
+            context,
+            f"PX4 ended before it was ready ({why}): start its binary by hand to see why. {before_ready}",
+        )
     context.stats({"ended": why})
     return 1
 
@@ -151,13 +159,16 @@ def _report(context: ProcessContext, text: str) -> None:
 
 
 def last_line(output: bytes) -> str:
-    """Return the last line that PX4 printed, as a sentence."""
+    """Return a sentence with the last line that PX4 printed."""
     lines = [line.strip() for line in output.decode(errors="replace").splitlines() if line.strip()]
     return f"Its last line: {lines[-1]}" if lines else "It has printed nothing"
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End PX4. On SIGINT it saves its log; while it waits for a simulator it ignores the signal and is killed."""
+    """End PX4 with SIGINT, so that it saves its log, or with SIGKILL if it does not end in time.
+
+    PX4 ignores SIGINT while it waits for a simulator.
+    """
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
         try:
@@ -172,12 +183,15 @@ def _die_with_parent() -> None:
 
 
 def param_text(value: float) -> str:
-    """Format a parameter's value for PX4's `param set`: integers without a point."""
+    """Format a parameter value for PX4's `param set`. Integers have no decimal point."""
     return str(int(value)) if float(value).is_integer() and not isinstance(value, float) else repr(value)
 
 
 def make_folder(s: dict[str, Any]) -> Path:
-    """Create PX4's working folder and return it. Its `etc` links to the installed one, except the slice's scripts."""
+    """Create PX4's working folder and return it.
+
+    Its `etc` contains links to the installed files, except the startup scripts given in the configuration.
+    """
     folder, data = Path(s["folder"]), Path(s["data"])
     scripts = folder / "etc" / "init.d-posix"
     scripts.mkdir(parents=True)
@@ -194,16 +208,19 @@ def make_folder(s: dict[str, Any]) -> Path:
 
 
 def check_free(s: dict[str, Any]) -> None:
-    """Check that this instance's lock and ports are free. Raises RunError that names the process which holds them."""
+    """Check that the lock and the ports of this PX4 instance are free.
+
+    Raises RunError with the process that holds them.
+    """
     stand_in = s.get("stand_in", False)
     if not stand_in and _is_locked(Path(LOCK.format(instance=s["instance"]))):
         owner = _lock_owner(s["instance"])
         raise RunError(
-            f"PX4 instance {s['instance']} runs already{owner}: stop it, or give this vehicle another id"
+            f"PX4 instance {s['instance']} is already running{owner}: stop it, or give this vehicle another id"
         )
     for name, link in s["links"].items():
         host, port = link["local"]
-        where = "" if stand_in else "; PX4 binds it on every address"
+        where = "" if stand_in else "; PX4 needs the port on every address of this computer"
         try:
             open_udp((host if stand_in else "0.0.0.0", port)).close()
         except OSError as error:
@@ -212,7 +229,7 @@ def check_free(s: dict[str, Any]) -> None:
 
 
 def _is_locked(lock: Path) -> bool:
-    """Return whether a running PX4 holds the lock. A file left by a PX4 that was killed does not count."""
+    """Return whether a running PX4 holds the lock. A file left by a killed PX4 does not count."""
     try:
         file = lock.open("rb")
     except OSError:  # no such file; or another user's, which PX4 itself will report
@@ -226,7 +243,7 @@ def _is_locked(lock: Path) -> bool:
 
 
 def _holder(port: int) -> str:
-    """Return the process that holds a UDP port as ` by process ...`, "" if the kernel does not reveal it."""
+    """Return ` by process ...`, the process that holds a UDP port, or "" if the kernel does not reveal it."""
     import psutil
 
     with contextlib.suppress(psutil.Error):
@@ -237,7 +254,7 @@ def _holder(port: int) -> str:
 
 
 def _lock_owner(instance: int) -> str:
-    """Return the PX4 of this instance as ` as process ...`, "" when it is not found."""
+    """Return ` as process ...`, the running PX4 of this instance, or "" if it is not found."""
     import psutil
 
     for process in psutil.process_iter(["name", "cmdline", "pid"]):

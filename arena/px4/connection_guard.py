@@ -1,7 +1,8 @@
-"""Admission to one vehicle's simulator port: a client counts as PX4 once it has sent valid MAVLink, which PX4 does at once.
+"""Connection guard of one vehicle's simulator port: accepts only PX4.
 
-Anything may connect to a TCP port: a scanner, a browser, a second PX4 with the same id. None of them may take the place
-of the vehicle's PX4.
+Any program may connect to a TCP port: a port scanner, a browser, a second PX4 with the same id. The guard
+ensures that none of them replaces the vehicle's PX4. A client counts as PX4 once it has sent valid MAVLink,
+which PX4 does at once.
 """
 
 from __future__ import annotations
@@ -20,7 +21,11 @@ _BYTES = 4096
 
 
 class _Client:
-    """A connection that has not identified itself yet. since: wall time of its start [s]; data: all it has sent."""
+    """Connection to a client that has not sent valid MAVLink yet.
+
+    since: wall time of its start [s]
+    data: all bytes that the client has sent
+    """
 
     def __init__(self, connection: socket.socket, peer: str, since: float) -> None:
         self.connection, self.peer, self.since = connection, peer, since
@@ -28,7 +33,11 @@ class _Client:
         self._stream = Stream()
 
     def check(self, now: float) -> str | None:
-        """Return None while it may still identify itself, "" once it has, else why it is refused."""
+        """Check what the client has sent; return the result.
+
+        Returns None while the check is not complete, "" if the client is PX4, else the reason to refuse the
+        client.
+        """
         waiting = (
             None
             if now - self.since < IDENTIFY_TIMEOUT_S
@@ -52,15 +61,14 @@ class _Client:
 
 
 class ConnectionGuard:
-    """Listens on a vehicle's simulator port.
+    """Listener on a vehicle's simulator port.
 
-    name: of the vehicle
-    address: where it listens
+    name: name of the vehicle
+    address: address to listen on
+    counts: refused clients: "strangers" are not PX4, "refused" came while a PX4 is connected
+    events: new event lines of the run
 
-    counts: clients refused as "strangers", because they are no PX4, and "refused", because one is connected
-    events: new lines for the run's events
-
-    Raises RunError when the port is taken.
+    Raises RunError if the port is taken.
     """
 
     def __init__(self, name: str, address: tuple[str, int]) -> None:
@@ -82,10 +90,10 @@ class ConnectionGuard:
         self._listener.setblocking(False)
 
     def accept(self, now: float, *, taken: bool) -> tuple[socket.socket, bytes] | None:
-        """Return the connection of a client that has proven to be PX4 and what it has sent, None while there is none.
+        """Return the connection of a client that is PX4 and the bytes it has sent, or None.
 
         now: wall time [s]
-        taken: a PX4 is connected, every other client is refused
+        taken: whether a PX4 is connected, so that every other client is refused
         """
         while (client := self._next(now)) is not None:
             # our own PX4s connect from one of these two
@@ -133,17 +141,17 @@ class ConnectionGuard:
         self.counts["refused"] += 1
         self._report(
             "refused",
-            f"a further connection from {client.peer} was refused: one PX4 is connected or expected there",
+            f"a connection from {client.peer} was refused: a PX4 is already connected, or is connecting now",
         )
 
     def _reject(self, client: _Client, why: str) -> None:
         self._clients.remove(client)
         client.connection.close()
         self.counts["strangers"] += 1
-        self._report(why, f"a connection from {client.peer} was closed: it {why}, so it is no PX4")
+        self._report(why, f"a connection from {client.peer} was closed: it {why}, so it is not PX4")
 
     def _report(self, kind: str, text: str) -> None:
-        """Add an event once per kind: a scanner that connects every second is reported once."""
+        """Add an event once per kind, so that a scanner that connects every second is reported once."""
         if kind not in self._reported:
             self._reported.add(kind)
             host, port = self._address

@@ -1,9 +1,11 @@
-"""The world's side of PX4's simulator API for several vehicles: one TCP server each, stepped together in lockstep.
+"""The world's side of PX4's simulator API for several vehicles, stepped together in lockstep.
 
-It implements the world's `ExternalAutopilots`. Every vehicle that is in step gets its sample (`begin`), then the replies
-of all are awaited together (`finish`). A vehicle that does not reply in time is reported and not awaited until it
-replies again; one that closes its connection is reported and its motors stop. The other vehicles fly on in both cases. A
-flight controller in the loop (HITL) never sets the lockstep flag and is never awaited.
+Each vehicle has one TCP server. The module implements the world's `ExternalAutopilots`: `begin` sends each
+vehicle in lockstep its sample, and `finish` waits for the replies of all of them together.
+
+A vehicle that does not reply in time is reported, and the world stops waiting for it until it replies again.
+If a vehicle closes its connection, this is reported and its motors stop. The other vehicles fly on in both
+cases. A flight controller in the loop (HITL) never sets the lockstep flag, so the world never waits for it.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ _ACCEPT_EVERY = 16  # steps between two checks for new connections where a PX4 i
 
 
 class _Server:
-    """A vehicle's listening socket, its connection when there is one, and its state."""
+    """Server for one vehicle: its listening socket, its connection if there is one, and its state."""
 
     def __init__(self, row: int, vehicle: Mapping[str, Any], outputs: Sequence[HilOutput]) -> None:
         self.name, self.row = str(vehicle["name"]), row
@@ -52,7 +54,7 @@ class _Server:
 
     @property
     def awaited(self) -> bool:
-        """True while the step waits for the reply to the last sample."""
+        """True while the step must wait for this vehicle's reply to the last sample."""
         return (
             self.connection is not None
             and self.late_since is None
@@ -70,10 +72,11 @@ class _Server:
 class Px4Links:
     """Lockstep with the PX4s of several vehicles.
 
-    vehicles: the world slice's rows that fly PX4, with `simulator`: where PX4 connects; `sticks`: whether radio control
-        is on; and one flag per sensor with a message of its own, such as `gps`
+    vehicles: configuration of the vehicles that fly PX4, with `simulator`: address to which PX4 connects;
+        `sticks`: whether radio control is on; and one flag per sensor with a message of its own, such as
+        `gps`
     origin: latitude, longitude [deg], altitude [m] of the arena, or None
-    outputs: what each simulated sensor adds to the simulator API
+    outputs: data that each simulated sensor adds to the simulator API
     """
 
     def __init__(
@@ -102,14 +105,14 @@ class Px4Links:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Sensors with a message of their own that is due in the next `begin`."""
+        """Names of the sensors with a message of their own that is due in the next `begin`."""
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
         """Ignore a datagram: PX4 has MAVLink links of its own."""
 
     def sticks(self, vehicle: int, on: bool) -> None:
-        """Switch a pilot's radio control on, its sticks in the middle, or off."""
+        """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
         self._servers[vehicle].core.sticks = on
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
@@ -117,22 +120,28 @@ class Px4Links:
         return []
 
     def receive_truth(self, truth: Truth) -> None:
-        """Take the true state now, for the ground truth in PX4's own log. Rows as in `vehicles`."""
+        """Store the present true state; it is sent to PX4 as ground truth for PX4's log.
+
+        truth: rows in the order of `vehicles`
+        """
         self._truth = truth
 
     def step(self, now: float, sensors: Mapping[str, Array]) -> Array:
-        """Return motor commands 0..1 (V, R): `begin`, then `finish`."""
+        """Call `begin`, then `finish`; return the motor commands 0..1 (V, R)."""
         self.begin(now, sensors)
         return self.finish()
 
     def begin(self, now: float, sensors: Mapping[str, Array]) -> None:
-        """Send every PX4 its sample of the sensor period that ends at now [s]. They compute from here on."""
+        """Send each PX4 its sample. The PX4s then start to compute.
+
+        now: time at the end of the sensor period [s]
+        """
         self._accept()
         for server in self._servers:
             self._send(server, now, sensors)
 
     def finish(self) -> Array:
-        """Wait for the PX4s that are in step. Returns motor commands 0..1 (V, R)."""
+        """Wait for the PX4s that are in lockstep; return the motor commands 0..1 (V, R)."""
         self._collect()
         motors = np.zeros((len(self._servers), self._rotors))
         for server in self._servers:
@@ -140,7 +149,7 @@ class Px4Links:
         return motors
 
     def events(self) -> list[str]:
-        """Return the events since the last call, one line each."""
+        """Return the event lines since the last call."""
         found, self._events = self._events, []
         for server in self._servers:
             found += server.guard.events
@@ -164,7 +173,10 @@ class Px4Links:
     # -- connections -------------------------------------------------------------------------------------------------
 
     def _accept(self) -> None:
-        """Check for new connections: at every step where no PX4 is connected, at some steps where one is."""
+        """Check for new connections.
+
+        A vehicle without a PX4 is checked at every step, a vehicle with one less often.
+        """
         self._steps += 1
         every = self._steps % _ACCEPT_EVERY == 0
         due = [s for s in self._servers if every or s.connection is None]
@@ -212,8 +224,8 @@ class Px4Links:
     def _send(self, server: _Server, now: float, sensors: Mapping[str, Array]) -> None:
         """Send one vehicle its sample.
 
-        A late one still gets samples: a PX4 that had nothing to reply to would stay frozen. It gets them no faster than
-        the wall clock, or it would never catch up with a world that does not wait for it.
+        A late PX4 still gets samples, because without a sample to reply to it would stay frozen. It gets them
+        no faster than in real time. Otherwise it could never catch up with a world that does not wait for it.
         """
         if server.connection is None:
             return
@@ -240,10 +252,10 @@ class Px4Links:
         except OSError:
             return self._disconnect(server, "has closed the simulator link")
         if server.unsent and server.late_since is None:
-            self._set_late(server, "does not read its sensors")
+            self._set_late(server, "does not read the sensor data")
 
     def _collect(self) -> None:
-        """Read what has arrived; wait, together, for the missing replies."""
+        """Read the replies that have arrived, and wait for the missing ones together, up to a timeout."""
         deadline = time.monotonic() + REPLY_TIMEOUT_S
         self._sleep_for_most()
         while True:
@@ -256,11 +268,14 @@ class Px4Links:
             if left <= 0.0:
                 for server in awaited:
                     if server.awaited:
-                        self._set_late(server, f"has not answered for {REPLY_TIMEOUT_S:g} s")
+                        self._set_late(server, f"has not replied for {REPLY_TIMEOUT_S:g} s")
                 return
 
     def _sleep_for_most(self) -> None:
-        """Sleep until most of many vehicles have replied, instead of waking for each; adjust how long that takes."""
+        """Sleep for the time in which most vehicles normally reply, if there are many vehicles.
+
+        So the process does not wake up for each reply. The time is adjusted at each step.
+        """
         awaited = [s for s in self._servers if s.awaited]
         if len(awaited) < _SLEEP_FROM:
             return
@@ -285,12 +300,12 @@ class Px4Links:
         if server.late_since is not None and server.core.unanswered == 0:
             silent = time.monotonic() - server.late_since + REPLY_TIMEOUT_S
             server.late_since = None
-            self._events.append(f"{server.name}: PX4 answers again after {silent:.1f} s")
+            self._events.append(f"{server.name}: PX4 replies again after {silent:.1f} s")
 
     def _set_late(self, server: _Server, why: str) -> None:
         server.late_since = time.monotonic()
         server.core.motors = [0.0] * len(server.core.motors)
-        what = "stopped or overloaded; its motors stop until it answers, the world goes on"
+        what = "it is stopped or overloaded; its motors stop until it replies, the world goes on"
         if not server.core.armed:  # for example disarmed in OFFBOARD, waiting for setpoints
             what = "it is disarmed; the world goes on without waiting for it"
         self._events.append(f"{server.name}: PX4 {why}: {what}")

@@ -1,8 +1,11 @@
-"""PX4's simulator API for one vehicle, without its socket: sensor samples -> HIL messages, replies -> motor commands.
+"""PX4's simulator API for one vehicle, without its socket.
 
-PX4 runs free until it has found its sensors and replies to nothing. From its first HIL_ACTUATOR_CONTROLS on it replies to
-each HIL_SENSOR with exactly one, and its clock is the time stamps of the messages. A sensor's group of fields_updated is
-sent whole or not at all: PX4 refuses a part of one.
+It encodes sensor samples as HIL messages, and decodes motor commands from the replies.
+
+PX4 runs free and sends no replies until it has found its sensors. From its first HIL_ACTUATOR_CONTROLS on it
+replies to each HIL_SENSOR with exactly one message, and its clock follows the time stamps of the messages.
+The bits of one sensor in fields_updated are set together or not at all, because PX4 refuses a sample with
+only some of them.
 """
 
 from __future__ import annotations
@@ -32,12 +35,11 @@ _SENT_TIMES = 256
 class SimulatorLink:
     """The world's side of the simulator API for one vehicle.
 
-    rotors: number of motor commands, the first of `controls`
-    outputs: what each simulated sensor adds
-    sticks: whether a pilot's radio control is on; may change
-
-    motors: latest commands 0..1 [-], one per rotor, all 0 while disarmed
-    unanswered: samples sent and not answered yet, once in step
+    rotors: number of motor commands; they are the first ones of `controls`
+    outputs: data that each simulated sensor adds
+    sticks: whether the pilot's radio control is on; may be changed
+    motors: latest motor commands 0..1 [-], one per rotor, all 0 while disarmed
+    unanswered: number of samples sent without a reply so far, counted once PX4 is in lockstep
     """
 
     def __init__(self, rotors: int, outputs: Sequence[hil.HilOutput], *, sticks: bool = False) -> None:
@@ -49,7 +51,7 @@ class SimulatorLink:
         self.reset()
 
     def reset(self) -> None:
-        """Start again, for a new connection."""
+        """Reset the state for a new connection."""
         self.motors = [0.0] * self._rotors
         self.armed, self.in_step, self.unanswered = False, False, 0
         self._samples, self._sent_us, self._stamped = 0, 0, False
@@ -59,9 +61,9 @@ class SimulatorLink:
     def sample(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
         """Return the messages of one sensor period.
 
-        now: simulation time at its end [s]
-        sensors: readings, as the world samples them
-        row: this vehicle's in the readings
+        now: simulation time at the end of the period [s]
+        sensors: readings of the world's sensors
+        row: row of this vehicle in the readings
         """
         values, bits = [0.0] * _READINGS, 0
         for sensor in self._fields:
@@ -79,7 +81,15 @@ class SimulatorLink:
         return data
 
     def messages(self, now: float, sensors: Mapping[str, Array], row: int, carried: frozenset[str]) -> bytes:
-        """Return the sensors' own messages, such as HIL_GPS, of those sampled now that the vehicle carries."""
+        """Return the messages of sensors that have their own message, such as HIL_GPS.
+
+        Only sensors that were sampled now and that the vehicle carries are included.
+
+        now: simulation time [s]
+        sensors: readings of the world's sensors
+        row: row of this vehicle in the readings
+        carried: names of the messages of the sensors that the vehicle carries
+        """
         return b"".join(
             m.pack(self._sender, round(now * 1e6), sensors, row)
             for m in self._messages
@@ -87,7 +97,10 @@ class SimulatorLink:
         )
 
     def truth(self, now: float, truth: Truth, row: int, origin: tuple[float, float, float] | None) -> bytes:
-        """Return HIL_STATE_QUATERNION, which PX4 logs as ground truth, at a fifth of the sensor rate; else b""."""
+        """Return HIL_STATE_QUATERNION for a fifth of the samples, and b"" for the others.
+
+        PX4 logs it as ground truth.
+        """
         if self._samples % _TRUTH_EVERY:
             return b""
         lat, lon, alt = _global(truth.p_n[row], origin or (0.0, 0.0, 0.0))

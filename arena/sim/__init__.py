@@ -1,4 +1,5 @@
-"""The simulated world: bodies, actuators, wind, sensors, batteries, crash detection. `python -m arena.sim` runs it.
+"""The simulated world: bodies, actuators, wind, sensors, batteries and crash detection.
 
-The core (`World`) has no socket, clock or file; pybullet is imported in `bodies` alone.
+`python -m arena.sim` runs it. The core (`World`) uses no socket, clock or file. Only `bodies` imports
+pybullet.
 """

@@ -1,6 +1,6 @@
-"""`python -m arena.sim slice.json`: the world, and in the same process the built-in autopilots of its vehicles.
+"""The process `world`: `python -m arena.sim FILE.json`. It also runs the built-in autopilots.
 
-This is the one place where the cores of several rooms are put together.
+This is the only module that connects the world with the built-in autopilot and with the PX4 links.
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ from arena.sim.sensors import hil_outputs
 
 
 def main(argv: list[str] | None = None, make_autopilots: MakeAutopilots | None = None) -> int:
-    """Run the world and return its exit code. make_autopilots: the default makes what the slice asks for."""
+    """Run the world and return its exit code.
+
+    make_autopilots: creates the autopilots; by default the configuration file selects their kinds
+    """
     try:
         serve(make_autopilots or _by_kind, argv)
     except ArenaError as error:
@@ -27,7 +30,7 @@ def main(argv: list[str] | None = None, make_autopilots: MakeAutopilots | None =
 
 
 def _by_kind(settings: dict[str, Any], dt: float) -> AutopilotSet:
-    """Make the built-in autopilots for the rows that ask for them, and links to PX4 for the others."""
+    """Create a built-in autopilot for each vehicle that uses one, and links to PX4 for the others."""
     vehicles = settings["vehicles"]
     kinds = [v.get("autopilot", "builtin") for v in vehicles]
     for kind, make in (("builtin", _builtin), ("px4", _px4)):

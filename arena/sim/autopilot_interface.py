@@ -1,4 +1,7 @@
-"""The world's interface to autopilots, and several kinds of autopilots behind one. Pure."""
+"""Interface between the world and its autopilots. Pure.
+
+Several kinds of autopilots can be combined into one set.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ Rows = NDArray[np.intp]
 
 
 class AutopilotSet(Protocol):
-    """The autopilots of all vehicles in a world, such as the built-in ones of `arena.autopilot`."""
+    """Autopilots of all vehicles in a world, for example the built-in ones of `arena.autopilot`."""
 
     @property
     def armed(self) -> NDArray[np.bool_]:
@@ -23,51 +26,60 @@ class AutopilotSet(Protocol):
         ...
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """Process a datagram that arrived on one of a vehicle's MAVLink links."""
+        """Process a datagram that a vehicle received.
+
+        link: name of the MAVLink link on which it arrived
+        """
         ...
 
     def sticks(self, vehicle: int, on: bool) -> None:
-        """Switch a pilot's radio control on or off."""
+        """Switch the simulated radio control of a vehicle on or off."""
         ...
 
     def step(self, now: float, sensors: dict[str, Array]) -> Array:
-        """Return motor commands 0..1 (V, R) for the sensor samples at a simulation time [s]."""
+        """Compute one step and return the motor commands 0..1 (V, R).
+
+        now: simulation time [s]
+        sensors: samples of all sensors, by name
+        """
         ...
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the datagrams to send: (vehicle, link, data)."""
+        """Return the datagrams to send: (row of the vehicle, link, data)."""
         ...
 
     def stats(self) -> dict[str, Any]:
-        """Return figures of each vehicle for the process's stats, by name."""
+        """Return the figures of each vehicle for the process's statistics, by vehicle name."""
         ...
 
     def events(self) -> list[str]:
-        """Return the events since the last call, one line each."""
+        """Return the event lines since the last call."""
         ...
 
 
 @runtime_checkable
 class ExternalAutopilots(Protocol):
-    """Autopilots in processes of their own: their step has two halves, and the world does other work in between.
+    """Autopilots that run in processes of their own, such as PX4.
 
-    Each step: `receive_truth`, then `begin` with the sensor samples of the same instant, then `finish`.
-    requested: sensors that `begin` needs and that are sampled on request only
+    Each step has two halves, `begin` and `finish`. The world does other work while the autopilots compute.
+    Each step calls `receive_truth`, then `begin` with the sensor samples of the same instant, then `finish`.
+
+    requested: names of the sensors that the next `begin` needs and that are sampled on request only
     """
 
     @property
     def requested(self) -> tuple[str, ...]: ...
 
     def receive_truth(self, truth: Truth) -> None:
-        """Take the true state now."""
+        """Store the present true state of all vehicles."""
         ...
 
     def begin(self, now: float, sensors: dict[str, Array]) -> None:
-        """Send the sensor samples at a simulation time [s]; the autopilots compute from here on."""
+        """Send the sensor samples of simulation time `now` [s]; the autopilots then start to compute."""
         ...
 
     def finish(self) -> Array:
-        """Wait for the motor commands and return them, 0..1 (V, R)."""
+        """Wait for the motor commands 0..1 and return them (V, R)."""
         ...
 
 
@@ -76,7 +88,7 @@ MakeAutopilots = Callable[[dict[str, Any], float], AutopilotSet]
 
 
 class CompositeAutopilots:
-    """Several kinds of autopilots that look like one set: each flies its own rows of the world.
+    """Combination of several kinds of autopilots in one set. Each kind flies its own rows of the world.
 
     parts: (rows of the world, the autopilots that fly them)
     vehicles, rotors: shape of the motor commands
@@ -97,26 +109,29 @@ class CompositeAutopilots:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Sensors that any part requests."""
+        """Names of the sensors that any part requests."""
         return tuple({name for part in self._external if part is not None for name in part.requested})
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """Process a datagram that arrived on one of a vehicle's MAVLink links."""
+        """Process a datagram that a vehicle received.
+
+        link: name of the MAVLink link on which it arrived
+        """
         part, i = self._by_row[vehicle]
         part.receive(i, link, data)
 
     def sticks(self, vehicle: int, on: bool) -> None:
-        """Switch a pilot's radio control on or off."""
+        """Switch the simulated radio control of a vehicle on or off."""
         part, i = self._by_row[vehicle]
         part.sticks(i, on)
 
     def step(self, now: float, sensors: dict[str, Array]) -> Array:
-        """Return motor commands 0..1 (V, R): `begin`, then `finish`."""
+        """Call `begin`, then `finish`; return the motor commands 0..1 (V, R)."""
         self.begin(now, sensors)
         return self.finish()
 
     def begin(self, now: float, sensors: dict[str, Array]) -> None:
-        """Send the sensor samples to the external autopilots; the others compute in `finish`."""
+        """Send the sensor samples to the external autopilots. The built-in ones compute in `finish`."""
         self._now = now
         self._sensors = [{key: value[rows] for key, value in sensors.items()} for rows, _ in self._parts]
         for external, part in zip(self._external, self._sensors, strict=True):
@@ -132,7 +147,7 @@ class CompositeAutopilots:
         return motors
 
     def receive_truth(self, truth: Truth) -> None:
-        """Give each external part the truth of its rows."""
+        """Pass to each external part the true state of its rows."""
         for (rows, _), external in zip(self._parts, self._external, strict=True):
             if external is not None:
                 external.receive_truth(
@@ -152,15 +167,15 @@ class CompositeAutopilots:
         return [(int(rows[i]), link, data) for rows, part in self._parts for i, link, data in part.transmit()]
 
     def stats(self) -> dict[str, Any]:
-        """Return figures of each vehicle, by name."""
+        """Return the figures of each vehicle, by name."""
         return {name: figures for _, part in self._parts for name, figures in part.stats().items()}
 
     def events(self) -> list[str]:
-        """Return the events of all parts since the last call."""
+        """Return the event lines of all parts since the last call."""
         return [text for _, part in self._parts for text in part.events()]
 
     def close(self) -> None:
-        """Close the parts that have something to close."""
+        """Close each part that has a `close` method."""
         for _, part in self._parts:
             close: Callable[[], None] | None = getattr(part, "close", None)
             if close is not None:

@@ -1,13 +1,18 @@
-"""Batteries of V vehicles: charge used by the motors, voltage that drops under load. Pure, batched.
+"""Batteries of V vehicles: the motors use up charge, and the voltage drops under load. Pure, batched.
 
     current = idle + (hover - idle) * mean((spin / spin at hover)^2)
     voltage = cells * (empty + (full - empty) * remaining) - resistance * current
 
-Electrical power is proportional to thrust^(3/2) (momentum theory: Leishman, "Principles of helicopter aerodynamics",
-2006, chapter 2), which is close to the square of the command for the thrust curves of our profiles. The voltage is that
-of an ideal source behind an inner resistance, the first-order equivalent circuit of Chen and Rincon-Mora ("Accurate
-electrical battery model", IEEE Transactions on Energy Conversion 21(2), 2006) without its slow parts.
-Where a profile has `thrust_at_v`, thrust depends on the voltage (see arena/vehicle_models/multirotor_dynamics.py).
+Electrical power is proportional to thrust^(3/2) (momentum theory: Leishman, "Principles of helicopter
+aerodynamics", 2006, chapter 2). With the thrust curves of our profiles this is close to the square of the
+command.
+
+The voltage is that of an ideal source with an inner resistance. This is the first-order equivalent circuit of
+Chen and Rincon-Mora ("Accurate electrical battery model", IEEE Transactions on Energy Conversion 21(2), 2006)
+without its slow parts.
+
+If a profile has `thrust_at_v`, thrust depends on the voltage (see
+arena/vehicle_models/multirotor_dynamics.py).
 """
 
 from __future__ import annotations
@@ -24,7 +29,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class _Pack:
-    """The `battery` of a profile: charge [mA h], voltages of a cell at no load [V], inner resistance [Ohm], currents [A]."""
+    """Section `battery` of a profile.
+
+    Charge [mA h], voltages of one cell without load [V], inner resistance [Ohm], currents [A].
+    """
 
     cells: float = 4
     capacity_mah: float = 5000.0
@@ -40,12 +48,13 @@ class _Pack:
 class Battery:
     """Charge and voltage of each vehicle's battery, updated by `step`.
 
-    profiles: of the vehicles
-    hover: command that carries each vehicle [-] (V,)
-    supply_per_volt: actuator supply per volt [1/V], 0 where thrust ignores the voltage (V,)
+    profiles: profiles of the vehicles
+    hover: motor command at which each vehicle hovers [-] (V,)
+    supply_per_volt: actuator supply per volt [1/V], 0 if thrust does not depend on the voltage (V,)
     step_s: duration of a step [s]
 
-    After construction and each step: voltage [V], current [A] and remaining 0..1 [-], each (V,).
+    The attributes `voltage` [V], `current` [A] and `remaining` 0..1 [-], each (V,), are valid after
+    construction and after each step.
     """
 
     def __init__(
@@ -67,7 +76,10 @@ class Battery:
         self.step(np.zeros((len(packs), 1)))
 
     def step(self, spin: Array) -> None:
-        """Advance by one step. spin: rotor state during the step, 0..1 [-] (V, R)."""
+        """Advance by one step.
+
+        spin: rotor state during the step, 0..1 [-] (V, R)
+        """
         self.current = self._idle + self._per_square * np.add.reduce(spin * spin, 1)
         used = self.current * self._used_per_a
         for vehicle, share in self._overrides.items():
@@ -76,13 +88,19 @@ class Battery:
         self.voltage = self._empty + self._span * self.remaining - self._resistance * self.current
 
     def override_discharge(self, vehicle: int, empty_in_s: float | None) -> None:
-        """Set the time in which a full battery empties [s], whatever the current; None restores the load model."""
+        """Set a constant discharge rate of one battery, independent of the current.
+
+        empty_in_s: time from full to empty [s]; None restores the load model
+        """
         self._overrides.pop(vehicle, None)
         if empty_in_s is not None:
             self._overrides[vehicle] = self._step_s / empty_in_s
 
     @property
     def supply(self) -> Array:
-        """Voltage per the voltage at which the thrust curve holds, 1 where thrust ignores it [-] (V, 1)."""
+        """Voltage divided by the voltage for which the thrust curve is valid [-] (V, 1).
+
+        It is 1 if thrust does not depend on the voltage.
+        """
         per_volt = self._supply_per_volt
         return np.where(per_volt > 0.0, self.voltage * per_volt, 1.0)[:, None]

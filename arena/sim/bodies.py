@@ -1,9 +1,9 @@
-"""Rigid bodies in pybullet, behind our conventions: vectors in and out are NED and FRD, quaternions wxyz.
+"""Rigid bodies in pybullet, with the project's conventions: vectors are NED and FRD, quaternions wxyz.
 
-pybullet's own conventions are converted here and nowhere else: quaternions xyzw, a z-up world (the `w` frame), links in
-FLU, and angular velocity in *world* axes. By default it damps linear and angular velocity by 0.04 and computes inertia
-from the collision shape; both are overridden. The room has an infinite floor and a wall on each side, as high as the
-arena; it has no ceiling.
+Only this module converts from and to pybullet's conventions: quaternions xyzw, a z-up world (the `w` frame),
+links in FLU, and angular velocity in *world* axes. By default pybullet damps linear and angular velocity by
+0.04 and computes the inertia from the collision shape; both are overridden. The room has an infinite floor
+and a wall on each side, as high as the arena; it has no ceiling.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ _NED[9:, 9:] = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
 
 @dataclass(frozen=True, kw_only=True)
 class Contacts:
-    """Contacts after one step.
+    """Contacts of the vehicles after one step.
 
-    floor: whether each vehicle touches the floor (V,)
-    others: name of the wall or vehicle that a vehicle touches, by vehicle
+    floor: True for each vehicle that touches the floor (V,)
+    others: name of the wall or vehicle that a vehicle touches, by row of the vehicle
     """
 
     floor: NDArray[np.bool_]
@@ -62,16 +62,17 @@ class Contacts:
 
 
 class Bodies:
-    """The rigid bodies of a fleet in a room.
+    """Rigid bodies of a fleet in a room.
 
-    fleet: bodies and where they start
-    size_m: north, east and height of the room [m]
+    fleet: the vehicles' bodies and their start positions
+    size_m: size of the room: north, east, height [m]
     step_s: physics step [s]
-    gui: open pybullet's window
+    gui: True opens pybullet's window
 
-    After construction and each `step`:
+    These attributes are valid after construction and after each `step`:
+
     p_n: position of the body origin [m] [NED] (V, 3)
-    q_nb: attitude [-] wxyz (V, 4); r_nb: its matrix (V, 3, 3)
+    q_nb: attitude [-] wxyz (V, 4); r_nb: its rotation matrix (V, 3, 3)
     v_n: velocity [m/s] [NED] (V, 3)
     omega_b: angular velocity [rad/s] [FRD] (V, 3)
     """
@@ -92,7 +93,11 @@ class Bodies:
         self.read()
 
     def apply_wrenches(self, force_b: Array, torque_b: Array) -> None:
-        """Apply force [N] and torque [N m] at each body's centre of mass for one step, both [FRD] (V, 3)."""
+        """Apply a force and a torque to every body at its centre of mass, for one step.
+
+        force_b: [N] [FRD] (V, 3)
+        torque_b: [N m] [FRD] (V, 3)
+        """
         bullet, client = self._bullet, self._client
         frame = bullet.LINK_FRAME
         apply_force, apply_torque = bullet.applyExternalForce, bullet.applyExternalTorque
@@ -102,7 +107,11 @@ class Bodies:
             apply_torque(body, -1, torque, frame, client)
 
     def apply_wrench(self, i: int, force_b: Triple, torque_b: Triple) -> None:
-        """Apply force [N] and torque [N m] at one body's centre of mass for one step, both [FRD]."""
+        """Apply a force and a torque to body `i` at its centre of mass, for one step.
+
+        force_b: [N] [FRD]
+        torque_b: [N m] [FRD]
+        """
         bullet, client, body = self._bullet, self._client, self._ids[i]
         (fx, fy, fz), (tx, ty, tz) = force_b, torque_b
         bullet.applyExternalForce(body, -1, (fx, -fy, -fz), _ORIGIN, bullet.LINK_FRAME, client)
@@ -114,14 +123,20 @@ class Bodies:
         self.read()
 
     def advance(self) -> None:
-        """Make one physics step with the wrenches applied since the last one. Raises RunError when bullet has ended."""
+        """Make one physics step with the wrenches applied since the last step.
+
+        Raises RunError if pybullet has ended.
+        """
         try:
             self._bullet.stepSimulation(self._client)
         except self._bullet.error as error:
             raise RunError(f"pybullet ended: {error}: was its window closed?") from error
 
     def motion(self, i: int) -> tuple[Triple, Matrix, float]:
-        """Return one vehicle's v_n [m/s] [NED], r_nb and height of its origin above the floor [m], read from bullet now."""
+        """Return the present motion of one vehicle, read from pybullet.
+
+        Returns v_n [m/s] [NED], r_nb, and the height of the body origin above the floor [m].
+        """
         (_, _, height), (x, y, z, w) = self._bullet.getBasePositionAndOrientation(self._ids[i], self._client)
         (vx, vy, vz), _ = self._bullet.getBaseVelocity(self._ids[i], self._client)
         xx, yy, zz, ww = x * x, y * y, z * z, w * w
@@ -153,12 +168,12 @@ class Bodies:
     def place(
         self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
     ) -> None:
-        """Place one vehicle, for tests and experiments.
+        """Move one vehicle to a given state. For tests and experiments.
 
-        p_n: [m] [NED] (3,)
-        q_nb: [-] wxyz (4,)
-        v_n: [m/s] [NED] (3,), None for rest
-        omega_b: [rad/s] [FRD] (3,), None for rest
+        p_n: position [m] [NED] (3,)
+        q_nb: attitude [-] wxyz (4,)
+        v_n: velocity [m/s] [NED] (3,), None for zero
+        omega_b: angular velocity [rad/s] [FRD] (3,), None for zero
         """
         body, client = self._ids[index], self._client
         r_nb = matrix_from_quat(q_nb)
@@ -173,7 +188,7 @@ class Bodies:
 
     @property
     def omega_b(self) -> Array:
-        """Angular velocity [rad/s] [FRD] (V, 3), computed when read."""
+        """Angular velocity [rad/s] [FRD] (V, 3), computed at each access."""
         if self._omega_b is None:  # a row vector times R is R^T times the vector: b from n
             self._omega_b = (self._omega_n[:, None, :] @ self.r_nb)[:, 0]
         return self._omega_b
@@ -184,7 +199,7 @@ class Bodies:
             self._bullet.disconnect(self._client)
 
     def read(self) -> None:
-        """Read the state of all vehicles from bullet."""
+        """Read the state of all vehicles from pybullet."""
         bullet, client = self._bullet, self._client
         pose, velocity = bullet.getBasePositionAndOrientation, bullet.getBaseVelocity
         rows: list[float] = []
@@ -265,7 +280,7 @@ class Bodies:
 
 
 def _import() -> Any:
-    """Import pybullet, without the line that it prints."""
+    """Import pybullet, and hide the line that it prints."""
     try:
         with _no_stderr():
             import pybullet
@@ -276,7 +291,7 @@ def _import() -> Any:
 
 @contextlib.contextmanager
 def _no_stderr() -> Iterator[None]:
-    """Discard what is written to stderr, by C code too."""
+    """Discard all output to stderr, also that of C code."""
     kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:
@@ -288,14 +303,17 @@ def _no_stderr() -> Iterator[None]:
 
 
 def _connect(bullet: Any, gui: bool) -> int:
-    """Start a physics server and return its id. gui: with a window.
+    """Start a physics server and return its id.
 
-    Raises InputError when no display answers: bullet would end the process there.
+    Raises InputError if a window is requested and no display replies, because pybullet would then end the
+    process.
+
+    gui: True opens a window
     """
     if gui and not display_answers(os.environ.get("DISPLAY", "")):
         shown = os.environ.get("DISPLAY") or "not set"
         raise InputError(
-            f"--gui needs an X display, and none answers (DISPLAY is {shown}): start without --gui, or set DISPLAY"
+            f"--gui needs an X display, but none replies (DISPLAY is {shown}): start without --gui, or set DISPLAY"
         )
     client = bullet.connect(bullet.GUI if gui else bullet.DIRECT)
     if client < 0:
@@ -304,7 +322,10 @@ def _connect(bullet: Any, gui: bool) -> int:
 
 
 def display_answers(display: str) -> bool:
-    """Return whether an X server listens. display: value of $DISPLAY, `[host]:number[.screen]`."""
+    """Return whether an X server accepts connections.
+
+    display: value of $DISPLAY, `[host]:number[.screen]`
+    """
     host, colon, rest = display.rpartition(":")
     number = rest.split(".")[0]
     if not colon or not number.isdigit():

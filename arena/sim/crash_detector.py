@@ -1,7 +1,7 @@
-"""Crash detection and flight record of each vehicle, from the true state alone. Pure.
+"""Crash detection and flight record of each vehicle, computed from the true state alone. Pure.
 
-A crash is a contact with anything but the floor, a touchdown that is too fast, or a tilt that is too large; the limits
-are those of the vehicle's class. The first crash of a vehicle is kept.
+A crash is a contact with anything except the floor, a touchdown that is too fast, or a tilt that is too
+large. The vehicle's class sets the limits. Only the first crash of a vehicle is recorded.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _MIN_FLIGHT_S = 0.1  # the contact of a standing body flickers: shorter gaps are
 
 @dataclass(kw_only=True)
 class FlightRecord:
-    """Crash, landings and limits of one vehicle's flight so far.
+    """Crash, landings and extreme values of one vehicle's flight so far.
 
-    crashed: reason and time of the first crash, "" without one
+    crashed: reason and time of the first crash, "" if there was none
     touchdown_m_s: speed at the last landing [m/s], None before the first
     landed_p_n: body origin at the last landing [m] [NED], None before the first
     p_n: body origin now [m] [NED]
-    airborne_s: time off the floor so far [s]
-    airborne: whether it is off the floor now
+    airborne_s: total time off the floor [s]
+    airborne: True if the vehicle is off the floor now
     max_tilt_rad: largest angle between the body's z axis and the vertical [rad]
     max_height_m: largest height of the body origin [m]
     """
@@ -48,7 +48,7 @@ class FlightRecord:
     _airborne_since: float = field(default=math.inf, repr=False)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the record for the process's stats, rounded: SI, the tilt in degrees."""
+        """Return the record for the process's statistics, rounded. The tilt is in degrees."""
         return {
             "crashed": self.crashed,
             "airborne": self.airborne,
@@ -65,7 +65,7 @@ class FlightRecord:
 class CrashDetector:
     """Flight records of all vehicles, updated once per sensor period.
 
-    limits: of each vehicle
+    limits: crash limits of each vehicle
     step_s: sensor period [s]
     """
 
@@ -91,14 +91,14 @@ class CrashDetector:
         floor: NDArray[np.bool_],
         others: Mapping[int, str],
     ) -> None:
-        """Update all records. The arrays are kept, not copied.
+        """Update all records. The arrays are stored without a copy.
 
         now: simulation time [s]
-        p_n: [m] [NED] (V, 3)
-        v_n: [m/s] [NED] (V, 3)
+        p_n: body origin [m] [NED] (V, 3)
+        v_n: velocity [m/s] [NED] (V, 3)
         cos_tilt: cosine of the tilt [-] (V,)
-        floor: whether each vehicle touches the floor (V,)
-        others: name of another thing that a vehicle touches, by vehicle
+        floor: True for each vehicle that touches the floor (V,)
+        others: name of the wall or vehicle that a vehicle touches, by row of the vehicle
         """
         for i, what in others.items():
             self._crash(i, now, f"touched {what}")
@@ -131,7 +131,10 @@ class CrashDetector:
         return {record.name: record.to_json() for record in self.records}
 
     def _touch_down(self, i: int, now: float, p_n: Array) -> None:
-        """Record a contact with the floor. Its speed is that of the step before: this step's contains the impact."""
+        """Record a landing.
+
+        Its speed is that of the previous step, because the speed of this step already contains the impact.
+        """
         record, speed = self.records[i], math.sqrt(float((self._v_n[i] * self._v_n[i]).sum()))
         if now - record._airborne_since >= _MIN_FLIGHT_S:
             record.touchdown_m_s, record.landings = speed, record.landings + 1

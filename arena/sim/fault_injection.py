@@ -1,4 +1,4 @@
-"""Fault injection in the world: one JSON object of `arena.fault_injection` -> a call of the world or its autopilots. Pure."""
+"""Fault injection in the world: applies a fault, a JSON object of `arena.fault_injection`. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _EMPTY_IN_S = (0.1, 1e6)
 
 
 def inject_fault(world: World, autopilots: AutopilotSet, fault: Fault) -> str:
-    """Apply a fault and return a short description. Raises InputError when the fault is not valid."""
+    """Apply a fault and return a short description of it. Raises InputError if the fault is not valid."""
     kinds: dict[str, Callable[[], str]] = {
         "motor": lambda: _motor(world, fault),
         "battery": lambda: _battery(world, fault),
@@ -36,7 +36,7 @@ def _battery(world: World, fault: Fault) -> str:
     name, row = _vehicle(world, fault)
     if "empty_in_s" in fault and fault["empty_in_s"] is None:
         world.override_discharge(row, None)
-        return f"the battery of {name} discharges with its load"
+        return f"the battery of {name} discharges according to its load again"
     empty_in_s = number(fault, "empty_in_s", *_EMPTY_IN_S)
     world.override_discharge(row, empty_in_s)
     return f"the battery of {name} discharges from full to empty in {empty_in_s:g} s"
@@ -52,7 +52,7 @@ def _sticks(world: World, autopilots: AutopilotSet, fault: Fault) -> str:
     name, row = _vehicle(world, fault)
     on = flag(fault, "on")
     if not hasattr(autopilots, "sticks"):
-        raise InputError("the autopilots of this world have no radio control")
+        raise InputError("fault `sticks`: the autopilots of this world have no radio control")
     autopilots.sticks(row, on)
     return f"the radio control of {name} is {'on' if on else 'lost'}"
 

@@ -1,11 +1,17 @@
-"""The world's step loop: steps autopilots and bodies between the sockets and the wall clock. The only shell of this room.
+"""The world's step loop: steps autopilots and bodies, and exchanges data with sockets and shared memory.
 
-Built-in autopilots, each step: wait, read the links, sample the sensors, step the autopilots, step the bodies, publish
-truth and time, send the autopilots' messages.
-Autopilots in processes of their own (PX4), each step: sample and send the sensors, wait for the clock's clients, publish
-truth and time, collect the motor commands, step the bodies. So they compute while this process publishes.
-In both cases the published time does not change while a client of the clock is awake. A fault that such a client injects
-acts on the next step; with autopilots in processes of their own one step later, as that step is already under way.
+It is the only module of this package that uses sockets and the wall clock.
+
+One step with built-in autopilots: wait, read the links, sample the sensors, step the autopilots, step the
+bodies, publish true state and time, send the autopilots' messages.
+
+One step with autopilots in processes of their own (PX4): sample and send the sensors, wait for the clock's
+clients, publish true state and time, collect the motor commands, step the bodies. So the autopilots compute
+while this process publishes.
+
+In both cases the published time does not change while a client of the clock is awake. A fault that such a
+client injects takes effect in the next step. With autopilots in processes of their own it takes effect one
+step later, because that step has already begun.
 """
 
 from __future__ import annotations
@@ -39,7 +45,10 @@ _RTF_TOLERANCE = 0.02
 
 
 class Loop:
-    """Owns everything that must be closed. `run` returns when the process is to stop, or by its `ShutdownPolicy`."""
+    """Runs the world and owns its sockets and files.
+
+    `run` returns if a stop is requested, or when the `ShutdownPolicy` ends the process.
+    """
 
     def __init__(self, context: ProcessContext, make_autopilots: MakeAutopilots) -> None:
         settings = context.settings
@@ -59,7 +68,7 @@ class Loop:
         self._clients_dropped = 0
 
     def run(self) -> None:
-        """Step until the end."""
+        """Step the world until the process must end."""
         if self._external is None:  # else the step itself begins with publishing
             self._publish(self._world.truth())
         self._step()
@@ -71,7 +80,7 @@ class Loop:
         self._serve()
 
     def close(self) -> None:
-        """Close all sockets and remove all pages."""
+        """Close all sockets and remove the shared memory pages."""
         self._faults.close()
         self._clock.close()
         self._links.close()
@@ -93,7 +102,7 @@ class Loop:
             for page in (self._truth_path, Path(f"{clock}.page"), Path(f"{clock}.sock")):
                 page.unlink(missing_ok=True)
             raise RunError(
-                f"cannot serve truth at {self._truth_path} and time at {clock}: {error}"
+                f"cannot publish the true state at {self._truth_path} and the time at {clock}: {error}"
             ) from error
 
     def _listen(self, path: str | None) -> FaultReceiver:
@@ -143,17 +152,17 @@ class Loop:
         self._links.send(autopilots.transmit())
 
     def _inject_faults(self) -> None:
-        """Apply the faults that have arrived: at every step, before anything moves."""
+        """Apply the faults that have arrived. Called in every step, before the vehicles move."""
         for text in self._faults.apply(lambda fault: inject_fault(self._world, self._autopilots, fault)):
             self._context.event(text)
 
     def _publish(self, truth: Truth) -> None:
-        """Publish truth, then time: a client that the time wakes may read the truth."""
+        """Publish the true state before the time: a client that wakes at this time may read the state."""
         self._truth.write(truth)
         self._clock.tick(self._world.now)
 
     def _until_clients_sleep(self) -> None:
-        """Wait for the clock's clients, unless the world runs in real time."""
+        """Wait until all clients of the clock sleep. Does not wait if the world runs in real time."""
         if self._speed == 1.0:
             return
         while not (self._clock.may_advance(self._world.now, time.monotonic()) or self._context.stopping):
@@ -172,14 +181,20 @@ class Loop:
         return now
 
     def _idle(self, left_s: float) -> None:
-        """Poll the clock's sockets for whole milliseconds, and sleep through the last ones, which is more precise."""
+        """Wait for `left_s` [s].
+
+        Poll the clock's sockets first. Sleep during the last milliseconds, because sleeping is more precise.
+        """
         if left_s > 2.0 * _MILLI_S:
             self._clock.poll((math.floor(left_s / _MILLI_S) - 1) * _MILLI_S)
         else:
             time.sleep(left_s)
 
     def _check(self, now: float) -> bool:
-        """Report events; return whether the supervisor has died and no vehicle needs this world any more."""
+        """Report new events; return whether the process must end.
+
+        It must end if the supervisor has died and no vehicle needs this world any more.
+        """
         for text in (*self._world.events(), *self._autopilots.events(), *self._dropped_clients()):
             self._context.event(text)
             print(text, flush=True)  # the log exists when the supervisor does not
@@ -188,16 +203,16 @@ class Loop:
         )
 
     def _log_pace(self, pacer: Pacer) -> None:
-        """Log each second in which the real-time factor missed the requested one."""
+        """Log a line if the real-time factor of the last second differs from the requested one."""
         if math.isfinite(self._speed) and abs(pacer.rtf / self._speed - 1.0) > _RTF_TOLERANCE:
             rtf = f"real-time factor {pacer.rtf:.3f}, requested {self._speed:g}"
-            print(f"the second up to {self._world.now:.1f} s: {rtf}", flush=True)
+            print(f"at {self._world.now:.1f} s: {rtf} (over the last second)", flush=True)
 
     def _dropped_clients(self) -> list[str]:
         names = self._clock.dropped[self._clients_dropped :]
         self._clients_dropped += len(names)
         return [
-            f"{name} has not slept on the clock for a second: the world no longer waits for it"
+            f"{name} has not waited on the simulation clock for 1 s: the world no longer waits for it"
             for name in names
         ]
 
@@ -213,7 +228,10 @@ class Loop:
 
 
 def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> None:
-    """Run the world of the slice that argv names, until it is to stop. Raises ArenaError."""
+    """Run the world until a stop is requested. Raises ArenaError.
+
+    argv: command line; it names the JSON configuration (slice) of the process
+    """
     context = ProcessContext.enter(argv)
     try:
         loop = Loop(context, make_autopilots)

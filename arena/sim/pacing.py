@@ -1,8 +1,8 @@
-"""Pacing of a stepped world against the wall clock, and how well that works. Pure: `now` is an argument.
+"""Pacing of a stepped world against the wall clock, and statistics of its delays. Pure: `now` is an argument.
 
-Deadlines are absolute, so errors do not add up. A delay above 20 ms is skipped: a world that has stood still does not
-then catch up in a burst under programs that use the wall clock; the deadlines move, and how often and how far is
-counted.
+Deadlines are absolute, so errors do not accumulate. A delay above 20 ms is skipped: the deadlines move by the
+delay, and the number and sum of the skipped delays are counted. Otherwise a world that was stopped would
+catch up in a burst, which disturbs programs that use the wall clock.
 """
 
 from __future__ import annotations
@@ -20,21 +20,27 @@ _WINDOW_S = 1.0
 
 @dataclass(kw_only=True)
 class Lateness:
-    """How late steps began: a histogram of 0.1 ms bins, the last one open."""
+    """Histogram of the delays with which steps began: bins of 0.1 ms, the last one without an upper limit."""
 
     worst_s: float = 0.0
     steps: int = 0
     _bins: list[int] = field(default_factory=lambda: [0] * _BINS, repr=False)
 
     def add(self, late_s: float) -> None:
-        """Count one step that began late_s after its deadline [s]."""
+        """Count one step.
+
+        late_s: delay after its deadline [s]
+        """
         late_s = max(0.0, late_s)
         self.steps += 1
         self.worst_s = max(self.worst_s, late_s)
         self._bins[min(int(late_s / _BIN_S), _BINS - 1)] += 1
 
     def percentile(self, percent: float) -> float:
-        """Return the upper edge of the bin below which `percent` of the steps are [s]; 0 before the first step."""
+        """Return a percentile of the delays [s]: the upper edge of its bin. Returns 0 before the first step.
+
+        percent: share of the steps that are at most this late [%]
+        """
         wanted, seen = self.steps * percent / 100.0, 0
         for i, count in enumerate(self._bins):
             seen += count
@@ -44,14 +50,16 @@ class Lateness:
 
 
 class Pacer:
-    """Deadlines of the steps. The loop waits for `wait_s(now)` until that is not positive, calls `begin(now)`, and steps.
+    """Deadlines of the steps.
+
+    For each step the loop waits until `wait_s(now)` is not positive, then calls `begin(now)`.
 
     period_s: simulated time of a step [s]
     speed: simulated seconds per second of wall time; inf for as fast as possible
     now: wall time [s]
-
-    rtf: real-time factor in the last full second of wall time [-], NaN before the first; rtf_min and rtf_max over all
-    skipped, skipped_s: number and sum of the delays that were skipped [s]
+    rtf: real-time factor in the last full second of wall time [-], NaN before the first
+    rtf_min, rtf_max: smallest and largest `rtf` so far [-]
+    skipped, skipped_s: number and sum of the skipped delays [s]
     """
 
     def __init__(self, *, period_s: float, speed: float, now: float) -> None:
@@ -67,7 +75,7 @@ class Pacer:
         return self._deadline - now
 
     def begin(self, now: float) -> None:
-        """Begin a step: record its lateness, skip a long delay, move to the next deadline, update `rtf`."""
+        """Begin a step: record its delay, skip a long delay, set the next deadline, and update `rtf`."""
         if self._wall_s > 0.0:
             self._record(now)
         self._window_steps += 1
@@ -88,7 +96,10 @@ class Pacer:
         self._window_from, self._window_steps = now, 0
 
     def stats(self) -> dict[str, float | int | None]:
-        """Return figures for the process's stats: times in ms; the factors are None before the first full second."""
+        """Return the figures for the process's statistics: times in ms, real-time factors [-].
+
+        The factors are None before the first full second.
+        """
         known = not math.isnan(self.rtf)
         late = self.lateness
         return {
@@ -103,20 +114,21 @@ class Pacer:
 
 
 def speed_of(value: float | str) -> float:
-    """Return the slice's `speed`, a number or "max", as a float: inf for max."""
+    """Return the configured `speed`, a number or "max", as a float. "max" becomes inf."""
     return math.inf if value == "max" else float(value)
 
 
 def own_core(cores: Sequence[int], *, speed: float, external: int, pid: int) -> int | None:
-    """Return the core that the world should keep to, None for all.
+    """Return the CPU core to which the world should be bound, None for no binding.
 
-    cores: that the process may use
+    cores: cores that the process may use
     speed: simulated seconds per second of wall time
     external: number of autopilots in processes of their own
-    pid: of the world, so that several worlds do not choose the same core
+    pid: process id of the world; it makes several worlds choose different cores
 
-    Faster than real time, the world and its external autopilots compute in turns. On two cores these overlap, and a
-    world that stays on one core keeps its caches. That helps only where every autopilot has a core too.
+    Faster than real time, the world and its external autopilots compute in turns. On two cores these turns
+    overlap, and a world that stays on one core keeps its caches. This helps only if every autopilot has a
+    core too.
     """
     if speed == 1.0 or external == 0 or external >= len(cores):
         return None

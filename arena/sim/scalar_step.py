@@ -1,6 +1,7 @@
-"""A sensor period of a small fleet in plain floats: with one or two vehicles numpy's cost per call is most of a step.
+"""Sensor period of a small fleet, computed in plain floats.
 
-Same equations as the batched step in `world`, same results but for rounding; a test compares the two.
+With one or two vehicles most of the time of a batched step is numpy's cost per call. The equations are those
+of the batched step in `world`, and the results are the same except for rounding; a test compares them.
 """
 
 from __future__ import annotations
@@ -19,22 +20,25 @@ MAX_SCALAR_VEHICLES = 2
 
 
 class ScalarStep:
-    """Moves the bodies of at most `MAX_SCALAR_VEHICLES` vehicles. step_s: physics step [s]."""
+    """Moves the bodies of at most `MAX_SCALAR_VEHICLES` vehicles.
+
+    step_s: physics step [s]
+    """
 
     def __init__(self, bodies: Bodies, dynamics: Dynamics, vehicles: int, *, step_s: float) -> None:
         self._bodies, self._dynamics, self._h = bodies, dynamics, step_s
         self._each = [dynamics.scalar(i) for i in range(vehicles)]
 
     def update(self, vehicle: int) -> None:
-        """Read again what a fault has changed in one vehicle's dynamics."""
+        """Read one vehicle's dynamics again, after a fault has changed them."""
         self._each[vehicle].update()
 
     def advance(self, motors: Array, wind_n: Array, substeps: int) -> Array:
         """Move the bodies by one sensor period.
 
-        motors: commands 0..1 [-] (V, R)
+        motors: motor commands 0..1 [-] (V, R)
         wind_n: wind at each vehicle [m/s] [NED] (V, 3)
-        substeps: physics steps in the period
+        substeps: number of physics steps in the period
 
         Returns the mean specific force [m/s2] [FRD] (V, 3).
         """
@@ -67,10 +71,10 @@ def _b_from_n(r: Matrix, v: Triple) -> Triple:
 
 
 def _specific_force(v: Triple, r: Matrix, after: Triple, h: float) -> Triple:
-    """Return the acceleration without gravity, in the body axes before the step [m/s2] [FRD].
+    """Return the specific force (acceleration minus gravity), in the body axes before the step [m/s2] [FRD].
 
     v, after: velocity before and after the step [m/s] [NED]
-    r: rotation from body to NED before the step
+    r: rotation matrix from body to NED before the step
     h: duration of the step [s]
     """
     return _b_from_n(r, ((after[0] - v[0]) / h, (after[1] - v[1]) / h, (after[2] - v[2]) / h - GRAVITY_M_S2))

@@ -1,6 +1,6 @@
-"""The bodies of the world slice's vehicles as arrays, so that one step costs few numpy calls whatever their number.
+"""Bodies of all vehicles as arrays, so that a step needs few numpy calls for any number of vehicles.
 
-Optional figures have defaults, so that a slice written by hand may leave them out.
+Optional values have defaults, so that a JSON configuration (slice) written by hand may omit them.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Fleet:
-    """V rigid bodies and where they start.
+    """Rigid bodies of V vehicles and their start positions.
 
     ids: system ids
-    profiles: as the slice carries them
+    profiles: profiles of the vehicles
     mass: [kg] (V,)
-    inertia: about the body axes [kg m2] (V, 3)
-    radius, height: of the collision cylinder [m] (V,)
-    origin_height: of the body origin above its lowest point [m] (V,)
-    start_p_n: body origin [m] [NED] (V, 3)
-    start_q_nb: attitude [-] wxyz (V, 4)
+    inertia: moments of inertia about the body axes [kg m2] (V, 3)
+    radius, height: size of the collision cylinder [m] (V,)
+    origin_height: height of the body origin above the vehicle's lowest point [m] (V,)
+    start_p_n: start position of the body origin [m] [NED] (V, 3)
+    start_q_nb: start attitude [-] wxyz (V, 4)
     """
 
     names: tuple[str, ...]
@@ -50,9 +50,9 @@ class Fleet:
 
 
 def read_fleet(vehicles: Sequence[dict[str, Any]]) -> Fleet:
-    """Return the bodies of the slice's `vehicles`. Raises InputError when there is none."""
+    """Return the bodies of the configured `vehicles`. Raises InputError if there is none."""
     if not vehicles:
-        raise InputError("the world slice has no vehicles")
+        raise InputError("vehicles: got an empty list, expected at least one vehicle")
     profiles = tuple(v["profile"] for v in vehicles)
     origin_height = np.array(
         [p.get("ground_clearance_m", float(p["height_m"]) / 2.0) for p in profiles], float
@@ -78,7 +78,10 @@ def _start_positions(
     profiles: tuple[dict[str, Any], ...],
     origin_height: Array,
 ) -> Array:
-    """Return the body origins [m] [NED] (V, 3), from the slice's `position` of each vehicle's lowest point."""
+    """Return the start positions of the body origins [m] [NED] (V, 3).
+
+    The configuration gives the position of each vehicle's lowest point.
+    """
     p_n = np.array([v.get("position", (0.0, 0.0, 0.0)) for v in vehicles], float)
     angle = np.linspace(0.0, 2.0 * np.pi, 73)
     for i, profile in enumerate(profiles):

@@ -1,9 +1,12 @@
-"""The UDP sockets of the vehicles' MAVLink links, read without waiting.
+"""UDP sockets of the vehicles' MAVLink links, read without waiting.
 
-On the loopback a link accepts any sender, as PX4 does, and replies to its fixed partner alone. On an address that other
-computers reach it accepts this computer and its partner's; other senders are refused and counted. Reading is limited per
-step, by count on each link and by time in all, so that a flood on one socket delays neither the other links nor the
-step: the datagrams left stay in the kernel, which drops them.
+A link with a loopback address accepts any sender, as PX4 does, but sends to its fixed partner only. A link
+with an address that other computers can reach accepts only this computer and the partner's; other senders are
+refused and counted.
+
+The number of datagrams read per link and step and the total time are limited, so that a flood on one socket
+delays neither the other links nor the step. The other datagrams stay in the kernel's buffer; if it is full,
+the kernel drops them.
 """
 
 from __future__ import annotations
@@ -35,10 +38,10 @@ class _VehicleLink:
 
 
 class VehicleLinks:
-    """All links of all vehicles.
+    """MAVLink links of all vehicles.
 
-    vehicles: of the world slice
-    budget_s: wall time after which `drain` stops at the end of the current turn [s]
+    vehicles: vehicles as configured for the world
+    budget_s: wall time after which `drain` stops at the end of its current pass over the links [s]
     """
 
     def __init__(self, vehicles: Sequence[Mapping[str, Any]], *, budget_s: float) -> None:
@@ -54,7 +57,10 @@ class VehicleLinks:
                     self._open(i, str(vehicle["name"]), name, vehicle["links"][name])
 
     def drain(self, receive: Receive) -> None:
-        """Call receive(vehicle, link, datagram) for each datagram that has arrived. Links take turns, panic links first."""
+        """Call `receive(vehicle, link, datagram)` for each datagram that has arrived.
+
+        It reads a few datagrams per link in each pass over the links, panic links first.
+        """
         ready = [self._by_fd[fd] for fd, _ in self._epoll.poll(0)]
         if not ready:
             return
@@ -69,7 +75,10 @@ class VehicleLinks:
         self.cut_short += 1
 
     def send(self, messages: Sequence[tuple[int, str, bytes]]) -> None:
-        """Send each (vehicle, link, datagram) to the link's partner. A full buffer drops it: MAVLink repeats."""
+        """Send each (vehicle, link, datagram) to the link's partner.
+
+        A datagram is dropped if the buffer is full, because MAVLink repeats its messages.
+        """
         for vehicle, name, data in messages:
             link = self._by_name.get((vehicle, name))
             if link is None:
@@ -81,7 +90,7 @@ class VehicleLinks:
                 self.not_sent += 1
 
     def stats(self) -> dict[str, int]:
-        """Return counts of datagrams for the process's stats."""
+        """Return the number of received, sent and dropped datagrams for the process's statistics."""
         return {
             "received": self.received,
             "sent": self.sent,
@@ -119,7 +128,8 @@ class VehicleLinks:
             made = open_udp(local, receive_buffer_bytes=None)
         except OSError as error:
             raise RunError(
-                f"{vehicle}: {name} link: cannot bind UDP {local[0]}:{local[1]}: {error.strerror}: does another arena run on this address?"
+                f"{vehicle}: {name} link: cannot bind UDP {local[0]}:{local[1]}: {error.strerror}. "
+                "Does another arena run on this address?"
             ) from error
         link = _VehicleLink(
             vehicle=i, link=name, socket=made, remote=remote, hosts=accepted_hosts(local[0], remote[0])
@@ -129,7 +139,12 @@ class VehicleLinks:
 
 
 def accepted_hosts(local: str, remote: str) -> frozenset[str]:
-    """Return the hosts that a link with these two ends accepts; empty for all, on the loopback, which only this computer reaches."""
+    """Return the hosts from which a link accepts datagrams; empty if it accepts all.
+
+    A link on the loopback accepts all, because only this computer can reach it.
+
+    local, remote: the two ends of the link
+    """
     return frozenset() if local.startswith("127.") else frozenset({local, remote})
 
 

@@ -1,6 +1,6 @@
-"""The world: one object that turns motor commands into motion and measurements. No socket, no clock, no file.
+"""The world: turns motor commands into motion and measurements. No socket, no clock, no file.
 
-world = World(settings)                 settings: the world slice of the plan
+world = World(settings)                 settings: the JSON configuration (slice) of the world
 world.step(motors)                      advance by one sensor period
 world.truth(), world.sense()            the true state, and one sample of every sensor
 """
@@ -31,13 +31,13 @@ _G_N = np.array([0.0, 0.0, GRAVITY_M_S2])
 
 
 class World:
-    """Bodies, actuators, batteries, sensors and crash detection of V simulated vehicles.
+    """Simulation of V vehicles: bodies, actuators, batteries, sensors and crash detection.
 
     period_s: sensor period [s]
-    steps: sensor periods that have passed
+    steps: number of sensor periods so far
     wind_n: wind at each vehicle [m/s] [NED] (V, 3)
 
-    Raises InputError when the slice describes no possible world.
+    Raises InputError if the settings are not valid.
     """
 
     def __init__(self, settings: Mapping[str, Any]) -> None:
@@ -73,28 +73,33 @@ class World:
 
     @property
     def now(self) -> float:
-        """Simulation time [s]: a multiple of the period, without the error of a running sum."""
+        """Simulation time [s]. It is a multiple of the period, so rounding errors do not accumulate."""
         return self.steps * self.period_s
 
     @property
     def hover(self) -> Array:
-        """The command that carries each vehicle at rest [-] (V,)."""
+        """Motor command at which each vehicle hovers [-] (V,)."""
         return self._dynamics.hover
 
     @property
     def rotors(self) -> int:
-        """The number of commands per vehicle, R."""
+        """Number of motor commands per vehicle, R."""
         return int(self._dynamics.spin.shape[1])
 
     def step(self, motors: Array) -> None:
-        """Advance by one sensor period: `advance`, then `observe`. motors: commands 0..1 (V, R)."""
+        """Advance by one sensor period: call `advance`, then `observe`.
+
+        motors: motor commands 0..1 [-] (V, R)
+        """
         self.advance(motors)
         self.observe()
 
     def advance(self, motors: Array) -> None:
-        """Move the bodies by one sensor period. Batteries and crash detection are valid again after `observe`.
+        """Move the bodies by one sensor period.
 
-        motors: commands held for the period, limited to 0..1; NaN counts as 0 [-] (V, R)
+        Batteries and crash detection are out of date until `observe` is called.
+
+        motors: motor commands, constant for the period, limited to 0..1; NaN counts as 0 [-] (V, R)
         """
         motors = np.fmin(np.fmax(motors, 0.0), 1.0)
         if self._scalar is not None:
@@ -107,7 +112,7 @@ class World:
         self.steps += 1
 
     def observe(self) -> None:
-        """Update batteries and crash detection, once after each `advance`."""
+        """Update batteries and crash detection. Call this once after each `advance`."""
         if self._observed_steps == self.steps:
             return
         self._observed_steps = self.steps
@@ -125,7 +130,7 @@ class World:
         )
 
     def _substep(self, motors: Array) -> Array:
-        """Make one physics step and return the specific force, contacts included [m/s2] [FRD] (V, 3)."""
+        """Make one physics step; return the specific force including contact forces [m/s2] [FRD] (V, 3)."""
         bodies = self.bodies
         r_nb, v_n = bodies.r_nb, bodies.v_n
         force_b, torque_b = self._dynamics.step(motors, _b_from_n(r_nb, v_n - self.wind_n), -bodies.p_n[:, 2])
@@ -136,13 +141,20 @@ class World:
     # -- fault injection ---------------------------------------------------------------------------------------------
 
     def scale_rotor_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Scale the thrust of one rotor (0..) to a share 0..1 [-]; its speed still follows commands."""
+        """Scale the thrust of one rotor. Its speed still follows commands.
+
+        rotor: index from 0
+        share: remaining share of the thrust 0..1 [-]
+        """
         self._dynamics.scale_thrust(vehicle, rotor, share)
         if self._scalar is not None:
             self._scalar.update(vehicle)
 
     def override_discharge(self, vehicle: int, empty_in_s: float | None) -> None:
-        """Set the time in which a full battery empties [s]; None restores the load model."""
+        """Set a constant discharge rate of one battery.
+
+        empty_in_s: time from full to empty [s]; None restores the load model
+        """
         self._battery.override_discharge(vehicle, empty_in_s)
 
     def set_wind(self, wind_n: Sequence[float]) -> None:
@@ -152,7 +164,7 @@ class World:
     # -- results -----------------------------------------------------------------------------------------------------
 
     def truth(self) -> Truth:
-        """Return the true state now; of a vehicle with more than four rotors the first four."""
+        """Return the present true state, with the outputs of at most four rotors."""
         bodies, motors = self.bodies, self._dynamics.spin
         if self.rotors != 4:
             motors = np.zeros((self.fleet.size, 4))
@@ -168,9 +180,10 @@ class World:
         )
 
     def sense(self, requested: Collection[str] = ()) -> dict[str, Array]:
-        """Return one sample of every sensor; call it once a step.
+        """Return one sample of every sensor. Call this once per step.
 
-        requested: sensors to sample too that are sampled on request only, such as "gps"
+        requested: names of the sensors to sample in addition, which are sampled on request only, such as
+            "gps"
 
         Returns the readings of `arena.sim.sensors`, and battery_v [V], battery_current_a [A],
         battery_remaining 0..1 [-], each (V,).
@@ -185,7 +198,7 @@ class World:
         return found
 
     def flights(self) -> dict[str, dict[str, Any]]:
-        """Return each vehicle's flight so far, by name: crash, landings, limits. See `crash_detector.FlightRecord`."""
+        """Return each vehicle's `crash_detector.FlightRecord` as JSON, by name."""
         return self._crashes.report()
 
     def events(self) -> list[str]:
@@ -198,28 +211,31 @@ class World:
 
 
 def substeps(physics_hz: float, sensor_hz: float) -> int:
-    """Return the physics steps in a sensor period. Raises InputError when that is not a whole number of at least 1."""
+    """Return the number of physics steps in a sensor period.
+
+    Raises InputError if it is not an integer of at least 1.
+    """
     ratio = physics_hz / sensor_hz if sensor_hz > 0 else 0.0
     if ratio < 1.0 or abs(ratio - round(ratio)) > 1e-9:
         raise InputError(
-            f"physics_hz: got {physics_hz:g}, must be a whole multiple of sensor_hz ({sensor_hz:g}). "
+            f"physics_hz: got {physics_hz:g}, expected an integer multiple of sensor_hz ({sensor_hz:g}). "
             f"Try {max(1, round(ratio)) * sensor_hz:g}."
         )
     return round(ratio)
 
 
 def _dynamics(fleet: Fleet, step_s: float) -> Dynamics:
-    """Return the dynamics of a fleet. Raises InputError when it has vehicles of different classes."""
+    """Return the dynamics of a fleet. Raises InputError if its vehicles have different classes."""
     models = {model.name: model for model in map(vehicle_model, fleet.profiles)}
     if len(models) > 1:
         raise InputError(
-            f"vehicles of different classes in one world are not available yet: got {', '.join(sorted(models))}"
+            f"all vehicles of one world must have the same vehicle_class: got {', '.join(sorted(models))}"
         )
     (model,) = models.values()
     return model.dynamics(fleet.profiles, step_s=step_s)
 
 
 def _b_from_n(r_nb: Array, v_n: Array) -> Array:
-    """Rotate vectors from NED to body axes (V, 3): as a row vector, v R is R^T v."""
+    """Rotate vectors (V, 3) from NED to body axes: R^T v, written for row vectors as v R."""
     v_b: Array = (v_n[:, None, :] @ r_nb)[:, 0]
     return v_b

@@ -1,7 +1,8 @@
-"""Vehicle classes: all that the world, the plan and the built-in autopilot must know about one class of vehicle.
+"""Vehicle classes, such as multirotors: the properties and equations of each class in one place.
 
-`VEHICLE_MODELS` names them by the profile's `vehicle_class`. A new class is one module here that implements
-`VehicleModel`, and one row in this table. No sockets, no clocks, no simulator here.
+The world, the plan and the built-in autopilot use them. The table `VEHICLE_MODELS` lists the classes by the
+profile's `vehicle_class`. A new class needs a module here that implements `VehicleModel`, and a row in this
+table. No sockets, no clocks, no simulator here.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ VEHICLE_MODELS: dict[str, VehicleModel] = {"multirotor": Multirotor()}
 
 
 def vehicle_model(profile: Mapping[str, Any]) -> VehicleModel:
-    """Return the model of a profile's `vehicle_class`. Raises InputError when no such class exists."""
+    """Return the model for a profile's `vehicle_class`. Raises InputError if there is no such class."""
     name = str(profile.get("vehicle_class", DEFAULT_CLASS))
     if name not in VEHICLE_MODELS:
         raise InputError(f"vehicle_class: got {name!r}, expected one of {', '.join(sorted(VEHICLE_MODELS))}")

@@ -1,16 +1,23 @@
 """Ground effect: the thrust that a hovering multirotor gains near the floor, tabulated over its height. Pure.
 
-Method of images (Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward flight", ARC R&M
-3021, 1955), with the images of all rotors and the lift of the fountain between them under the body: Sanchez-Cuevas,
-Heredia and Ollero, "Characterization of the aerodynamic ground effect and its influence in multirotor control",
-International Journal of Aerospace Engineering, 2017, article 1823056. For a rotor of radius R, its plane at z above the
-floor:
+Method of images (Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward flight",
+ARC R&M 3021, 1955), with the images of all rotors and the lift from the upward flow (fountain) between the
+rotors and under the
+body: Sanchez-Cuevas, Heredia and Ollero, "Characterization of the aerodynamic ground effect and its influence
+    in
+multirotor control", International Journal of Aerospace Engineering, 2017, article 1823056. For a rotor of
+radius R whose plane is at height z above the floor:
 
-    T_near / T_far = 1 / (1 - (R / 4z)^2 - sum over the others (R^2 / 2) z / (l^2 + 4z^2)^(3/2) - 2 R^2 K z / (b^2 + 4z^2)^(3/2))
+    T_near / T_far = 1 / (1 - (R / 4z)^2 - S - B)
+    S = sum over the other rotors of (R^2 / 2) z / (l^2 + 4z^2)^(3/2)
+    B = 2 R^2 K z / (b^2 + 4z^2)^(3/2)
 
-l: distance to another rotor, b: between opposite rotors, K: lift of the body, 2 in that paper for quadrotors. It was
-measured down to half a radius; below that the value at half a radius holds. The formula is above 1 at any height: here
-the effect ends at REACH radii, and its value there (0.2 %) is subtracted everywhere, so that the thrust has no jump.
+l: distance to another rotor; b: distance between opposite rotors; K: lift of the body, 2 in that paper for
+    quadrotors.
+
+The formula was measured for z of half a radius and more. For a smaller z the value at half a radius is used.
+The formula is above 1 at any height. Here the effect ends at REACH radii, and its value there (0.2 %) is
+subtracted everywhere, so that the thrust has no jump.
 """
 
 from __future__ import annotations
@@ -30,11 +37,11 @@ _MIN_HEIGHT = 0.5  # rotor radii
 
 
 def ground_table(profile: Mapping[str, Any]) -> tuple[Array, float, float]:
-    """Return the table of the ground effect of one profile.
+    """Return the table of the ground effect for one profile.
 
-    Returns the share of the thrust far from the floor, at CELLS + 1 equally spaced heights of the body origin from 0
-    [-] (CELLS + 1,); cells per metre [1/m]; the height at which the effect ends [m]. A profile without `ground_effect`
-    gives ones, 0 and 0.
+    Returns (1) the thrust divided by the thrust far from the floor, at CELLS + 1 equally spaced heights of
+    the body origin from 0 [-] (CELLS + 1,); (2) the number of cells per metre [1/m]; (3) the height at which
+    the effect ends [m]. For a profile without `ground_effect` these are ones, 0 and 0.
     """
     settings = profile.get("ground_effect")
     if not settings:
@@ -55,8 +62,8 @@ def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) ->
     """Return T_near / T_far [-] (n,), averaged over the rotors.
 
     z: height of the rotors' plane above the floor [m] (n,)
-    places: rotors in that plane [m] (R, 2)
-    radius: of one rotor [m]
+    places: positions of the rotors in that plane [m] (R, 2)
+    radius: radius of one rotor [m]
     body_lift: K in the formula [-]
     """
     z = np.maximum(z, _MIN_HEIGHT * radius)
@@ -68,6 +75,9 @@ def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) ->
 
 
 def _image(z: Array, apart: Array) -> Array:
-    """Return the effect of a rotor's image at a horizontal distance `apart` [m], per R^2 [1/m2] (n, ...)."""
+    """Return the effect of a rotor's image, divided by R^2 [1/m2] (n, ...).
+
+    apart: horizontal distance to that rotor [m]
+    """
     z = z.reshape(-1, *[1] * apart.ndim)
     return np.asarray(0.5 * z / (apart**2 + 4.0 * z * z) ** 1.5)

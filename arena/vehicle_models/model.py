@@ -1,4 +1,4 @@
-"""Protocols of a vehicle class: its facts, its actuators' effect, and its dynamics over all vehicles at once."""
+"""Interfaces of a vehicle class: its constants, and its dynamics for all vehicles at once."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class CrashLimits:
-    """Limits above which the world counts a crash.
+    """Limits above which the world records a crash.
 
-    touchdown_m_s: speed at a touchdown [m/s]
+    touchdown_m_s: speed at touchdown [m/s]
     tilt_rad: angle between the body's z axis and the vertical [rad]
     """
 
@@ -28,27 +28,31 @@ class CrashLimits:
 
 
 class ScalarDynamics(Protocol):
-    """`Dynamics` of one vehicle in plain floats: faster than numpy for one or two vehicles."""
+    """`Dynamics` of one vehicle in plain floats, which is faster than numpy for one or two vehicles."""
 
     def update(self) -> None:
-        """Read again what `Dynamics.scale_thrust` may have changed."""
+        """Read the dynamics again after a call of `Dynamics.scale_thrust`."""
         ...
 
     def step(
         self, spin: list[float], motors: list[float], air_b: Triple, height: float
     ) -> tuple[Triple, Triple]:
-        """Advance by one physics step, in place of `Dynamics.step`; `spin` is updated in place."""
+        """Advance by one physics step, in place of `Dynamics.step`.
+
+        spin: state of the actuators, updated in place
+        """
         ...
 
 
 class Dynamics(Protocol):
-    """Actuators of V vehicles of one class: commands -> force and torque on the bodies, batched.
+    """Actuators of V vehicles of one class: compute force and torque on the bodies from commands, batched.
 
-    spin: state of the actuators, as the command that would hold it, 0..1 [-] (V, R)
-    supply: battery voltage per nominal voltage [-] (V, 1); the world writes it
-    voltage_matters: whether `supply` changes anything
-    hover: command that carries each vehicle at rest [-] (V,)
-    supply_per_volt: `supply` per volt of the battery [1/V], 0 for a vehicle whose thrust ignores the voltage (V,)
+    spin: state of the actuators, given as the command that would maintain this state, 0..1 [-] (V, R)
+    supply: battery voltage divided by nominal voltage [-] (V, 1); written by the world
+    voltage_matters: whether the thrust of any vehicle depends on `supply`
+    hover: motor command at which each vehicle hovers [-] (V,)
+    supply_per_volt: `supply` per volt of the battery [1/V], 0 for a vehicle whose thrust does not depend on
+        it (V,)
     """
 
     spin: Array
@@ -66,16 +70,19 @@ class Dynamics(Protocol):
     def step(self, motors: Array, air_b: Array, height: Array) -> tuple[Array, Array]:
         """Advance by one physics step.
 
-        motors: commands 0..1 [-] (V, R)
-        air_b: velocity through the air [m/s] [FRD] (V, 3)
-        height: of the body origins above the floor [m] (V,)
+        motors: motor commands 0..1 [-] (V, R)
+        air_b: velocity relative to the air [m/s] [FRD] (V, 3)
+        height: height of the body origins above the floor [m] (V,)
 
         Returns force [N] and torque about the centre of mass [N m], both [FRD] (V, 3).
         """
         ...
 
     def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Scale one rotor's thrust and torque to a share 0..1 [-]; its speed still follows commands."""
+        """Scale thrust and torque of one rotor. Its speed still follows commands.
+
+        share: remaining share of the thrust 0..1 [-]
+        """
         ...
 
     def scalar(self, vehicle: int) -> ScalarDynamics:
@@ -84,13 +91,13 @@ class Dynamics(Protocol):
 
 
 class VehicleModel(Protocol):
-    """A class of vehicles.
+    """Class of vehicles.
 
-    name: as in the profile's `vehicle_class`
+    name: value of the profile's `vehicle_class`
     mav_type: MAV_TYPE of its heartbeats
-    px4_sim_model: PX4_SIM_MODEL that PX4 SITL is started with, which selects its airframe
+    px4_sim_model: value of PX4_SIM_MODEL with which PX4 SITL is started; it selects the airframe
     px4_autostart: SYS_AUTOSTART of that airframe
-    crash_limits: what counts as a crash
+    crash_limits: limits above which the world records a crash
     """
 
     @property
@@ -109,9 +116,13 @@ class VehicleModel(Protocol):
     def crash_limits(self) -> CrashLimits: ...
 
     def allocation(self, actuators: Sequence[Mapping[str, Any]]) -> Array:
-        """Return the weights of roll, pitch and yaw torque for each actuator, normalised as PX4's (R, 3)."""
+        """Return the weights of roll, pitch and yaw torque for each actuator, normalised as in PX4 (R, 3)."""
         ...
 
     def dynamics(self, profiles: Sequence[Profile], *, step_s: float) -> Dynamics:
-        """Return the dynamics of vehicles of this class. step_s: physics step [s]."""
+        """Return the dynamics of vehicles of this class.
+
+        profiles: profiles of the vehicles
+        step_s: physics step [s]
+        """
         ...

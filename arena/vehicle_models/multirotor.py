@@ -1,4 +1,4 @@
-"""The class of multirotors: three to eight fixed rotors that push along the body's -z axis."""
+"""Vehicle class multirotor: three to eight fixed rotors that push along the body's -z axis."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from arena.vehicle_models.multirotor_dynamics import Rotors, actuator_effect
 
 
 class Multirotor:
-    """Multirotors, as PX4 flies them with a quadrotor airframe and the profile's rotor geometry."""
+    """Multirotor with the profile's rotor geometry. PX4 flies it with a quadrotor airframe."""
 
     name = "multirotor"
     mav_type = 2  # MAV_TYPE_QUADROTOR, which PX4's airframe reports whatever the number of rotors
@@ -36,5 +36,5 @@ class Multirotor:
         return np.asarray(inverse / np.maximum(scale, 1e-9))
 
     def dynamics(self, profiles: Sequence[Profile], *, step_s: float) -> Dynamics:
-        """Return the rotors of these vehicles. Raises InputError when a rotor's direction is not cw or ccw."""
+        """Return the rotor dynamics. Raises InputError if a rotor's direction is not cw or ccw."""
         return Rotors(profiles, step_s=step_s)

@@ -1,15 +1,25 @@
-"""Rotors of multirotors: motor lag, thrust, reaction torque, air drag, ground effect. Pure, batched over vehicles.
+"""Rotors of multirotors: motor lag, thrust, reaction torque, air drag, ground effect.
 
-Lag: first order, faster up than down, as in PX4's Gazebo models (RotorS: Furrer, Burri, Achtelik and Siegwart, 2016).
-Thrust: the profile's static curve at the lagged command; it fades with airspeed as that curve defines.
-Supply: a speed controller without feedback turns its motor at command times voltage, so the lagged command follows
-    motors * volts / thrust_at_v of the profile's battery; without that figure thrust does not depend on the voltage.
-Rotor drag: linear in the airspeed (blade flapping and induced drag: Mahony, Kumar and Corke, "Multirotor aerial
-    vehicles", 2012, section III-B), and in proportion to the rotors' speed, which is proportional to the square root of
-    the thrust; the profile's figure holds at hover. Faessler, Franchi and Scaramuzza (2018) found such a constant to be
-    enough up to 5 m/s.
+Pure, batched over vehicles.
+
+Lag: first order, faster up than down, as in PX4's Gazebo models (RotorS: Furrer, Burri, Achtelik and
+Siegwart, 2016).
+
+Thrust: the profile's static curve at the lagged command. It decreases with airspeed as defined by that curve.
+
+Supply: a motor controller without feedback turns its motor in proportion to command times voltage. So the
+lagged command follows motors * volts / thrust_at_v of the profile's battery. Without `thrust_at_v`, thrust
+does not depend on the voltage.
+
+Rotor drag: linear in the airspeed (blade flapping and induced drag: Mahony, Kumar and Corke, "Multirotor
+aerial vehicles", 2012, section III-B), and proportional to the rotors' speed, which is proportional to the
+square root of the thrust. The profile's value is for hover. Faessler, Franchi and Scaramuzza (2018) found
+that such a constant is accurate enough up to 5 m/s.
+
 Body drag: quadratic in the airspeed, along each body axis.
+
 Ground effect: thrust grows near the floor; see `ground_effect.py`.
+
 Not modelled: the rotors' own angular momentum, the wake of one vehicle on another, walls and ceilings.
 """
 
@@ -34,12 +44,12 @@ _SPIN = {"ccw": 1.0, "cw": -1.0}
 
 
 class Rotors:
-    """Dynamics of V multirotors with at most R rotors each; missing rotors have no effect.
+    """Dynamics of V multirotors with at most R rotors each. Missing rotors have no effect.
 
-    spin: rotor state, as the command that would hold it at nominal voltage, 0..1 [-] (V, R)
-    wrench: thrusts (R,) -> torque x, y, z [N m] and force z [N] [FRD] (V, 4, R)
-    supply: battery voltage per nominal voltage, 1 where thrust does not depend on it [-] (V, 1)
-    hover: command that carries each vehicle at rest [-] (V,)
+    spin: rotor state, given as the command that would maintain it at nominal voltage, 0..1 [-] (V, R)
+    wrench: matrix from thrusts (R,) to torque x, y, z [N m] and force z [N] [FRD] (V, 4, R)
+    supply: battery voltage divided by nominal voltage, 1 if thrust does not depend on it [-] (V, 1)
+    hover: motor command at which each vehicle hovers [-] (V,)
     supply_per_volt: `supply` per volt of the battery [1/V] (V,)
     """
 
@@ -86,15 +96,18 @@ class Rotors:
         self._reach = float(self._ground_reach.max())
 
     def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Scale one rotor's thrust and torque to a share 0..1 [-]; its speed still follows commands."""
+        """Scale thrust and torque of one rotor. Its speed still follows commands.
+
+        share: remaining share of the thrust 0..1 [-]
+        """
         self.wrench[vehicle, :, rotor] = share * self._wrench_intact[vehicle, :, rotor]
 
     def step(self, motors: Array, air_b: Array, height: Array) -> tuple[Array, Array]:
         """Advance by one physics step.
 
-        motors: commands 0..1 [-] (V, R)
-        air_b: velocity through the air [m/s] [FRD] (V, 3)
-        height: of the body origins above the floor [m] (V,)
+        motors: motor commands 0..1 [-] (V, R)
+        air_b: velocity relative to the air [m/s] [FRD] (V, 3)
+        height: height of the body origins above the floor [m] (V,)
 
         Returns force [N] and torque about the centre of mass [N m], both [FRD] (V, 3).
         """
@@ -127,7 +140,7 @@ class Rotors:
         return thrust
 
     def _ground_share(self, height: Array) -> Array:
-        """Return the thrust here per thrust far from the floor [-] (V,)."""
+        """Return the thrust at this height divided by the thrust far from the floor [-] (V,)."""
         place = np.minimum(np.maximum(height * self._ground_scale, 0.0), CELLS - 1e-9)
         cell = place.astype(np.intp)
         at = cell + np.arange(self.size) * (CELLS + 1)
@@ -136,7 +149,10 @@ class Rotors:
 
 
 class ScalarRotors:
-    """A single vehicle of `Rotors` in plain floats: the same equations, equal but for rounding; a test compares the two."""
+    """Rotors of a single vehicle in plain floats.
+
+    The equations are those of `Rotors`, and the results are equal except for rounding; a test compares them.
+    """
 
     def __init__(self, rotors: Rotors, vehicle: int) -> None:
         i, first = vehicle, vehicle * (GRID + 1)
@@ -154,13 +170,16 @@ class ScalarRotors:
         self.update()
 
     def update(self) -> None:
-        """Read the wrench matrix again, after `Rotors.scale_thrust`."""
+        """Read the wrench matrix again after a call of `Rotors.scale_thrust`."""
         self._wrench = [tuple(column) for column in self._rotors.wrench[self._vehicle].T.tolist()]
 
     def step(
         self, spin: list[float], motors: list[float], air_b: Triple, height: float
     ) -> tuple[Triple, Triple]:
-        """Advance by one physics step and update `spin` in place. Returns force [N] and torque [N m], both [FRD]."""
+        """Advance by one physics step and update `spin` in place.
+
+        Returns force [N] and torque about the centre of mass [N m], both [FRD].
+        """
         ax, ay, az = air_b
         share = (
             max(1.0 - math.sqrt(ax * ax + ay * ay + az * az) * self._loss, MIN_THRUST_SHARE)
@@ -190,12 +209,13 @@ class ScalarRotors:
 
 
 def actuator_effect(rotor: Mapping[str, Any], *, moment_ratio_m: float) -> tuple[float, float, float, float]:
-    """Return torque x, y, z [m] and force z [-] per thrust of one rotor [FRD].
+    """Return torque x, y, z [m] and force z [-] that one rotor produces per unit of thrust [FRD].
 
-    The thrust T pushes along -z at r: torque r x (0, 0, -T) = (-y T, x T, 0). The air turns a body against its
-    propellers: one that turns counter-clockwise seen from above turns the body clockwise, +z.
+    The thrust T pushes along -z at position r: torque r x (0, 0, -T) = (-y T, x T, 0). The reaction torque
+    turns the body
+    against the rotor: a rotor that turns counter-clockwise seen from above turns the body clockwise, +z.
 
-    Raises InputError when the direction is not cw or ccw.
+    Raises InputError if the rotor's direction is not cw or ccw.
     """
     x, y, _ = rotor["position_m"]
     if rotor["direction"] not in _SPIN:
@@ -204,7 +224,7 @@ def actuator_effect(rotor: Mapping[str, Any], *, moment_ratio_m: float) -> tuple
 
 
 def wrench_matrix(profile: Profile, columns: int) -> Array:
-    """Return the matrix that turns thrusts (R,) into torque x, y, z [N m] and force z [N] [FRD] (4, columns)."""
+    """Return the matrix from thrusts (R,) to torque x, y, z [N m] and force z [N] [FRD] (4, columns)."""
     out = np.zeros((4, columns))
     for i, rotor in enumerate(profile["rotors"]):
         try:
@@ -219,7 +239,11 @@ def _column(profiles: Sequence[Profile], key: str, default: float) -> Array:
 
 
 def _curve(profile: Profile) -> tuple[Array, float]:
-    """Return one rotor's thrust at each command of the grid [N] (GRID + 1,), and the share lost per airspeed [s/m]."""
+    """Return the thrust curve of one rotor.
+
+    Returns its thrust at each command of the grid [N] (GRID + 1,), and the share of the thrust that is lost
+    per airspeed [s/m].
+    """
     curve = thrust_curve(profile["thrust_curve"])
     return curve.newtons(np.linspace(0.0, 1.0, GRID + 1)) / len(profile["rotors"]), 1.0 / curve.fade_speed_m_s
 

@@ -103,10 +103,10 @@ def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str
     stopped.suspend()
     try:
         eventually(lambda: flight.truth().time_s > began + 1.0, 30, "the world steps on", flight.said)
-        assert "uav2: PX4 answers again" not in flight.said()
+        assert "uav2: PX4 replies again" not in flight.said()
     finally:
         stopped.resume()
-    flight.until_said("uav2: PX4 answers again after ", 10)
+    flight.until_said("uav2: PX4 replies again after ", 10)
     flight.until_event("program.uav3", "EXITED", 100)
     assert flight.wait(100) == 1, (
         "what the world sees down is not waited for, though its PX4 may believe for ever that it flies"
@@ -114,7 +114,7 @@ def test_killed_px4_falls_and_stopped_px4_recovers(hangar: Hangar, px4: list[str
     said, summary = flight.said(), flight.summary
     assert "uav1: PX4 has closed the simulator link: its motors stop, the world goes on without it" in said
     assert "uav1: PX4 has ended by itself (killed by SIGKILL); nothing flies this vehicle any more" in said
-    assert "uav2: PX4 has not answered for 0.5 s" in said and "uav2: PX4 has ended by itself" not in said
+    assert "uav2: PX4 has not replied for 0.5 s" in said and "uav2: PX4 has ended by itself" not in said
     assert any(words.startswith("px4.uav1: exit 1") for words in summary["failed"]), summary["failed"]
     assert not any("px4.uav2" in words for words in summary["failed"])
     assert summary["px4"]["uav1"]["ended"] == "killed by SIGKILL" and summary["px4"]["uav2"]["ended"] == ""
@@ -146,13 +146,13 @@ def test_px4_that_never_connects_is_reported_and_others_fly(hangar: Hangar, scri
     flight.until_said("uav2: in the air", 40)
     exits = "exit 127" in script
     if not exits:
-        flight.until_said("uav1: PX4 has not come up for 20 s. It has printed nothing", 40)
+        flight.until_said("uav1: PX4 is not ready after 20 s. It has printed nothing", 40)
     assert flight.cli("down", "--run", str(flight.folder)).returncode == 1
     assert flight.wait(60) == 1 and landed_all(flight.said())
     why = "its PX4 has ended" if exits else "its PX4 has never connected to the world"
     assert f"uav1 is not waited for: {why}" in flight.said()
     assert not exits or (
-        "PX4 ended before it was up (exit 127)" in flight.said() and "needs px4.uav1" in flight.said()
+        "PX4 ended before it was ready (exit 127)" in flight.said() and "needs px4.uav1" in flight.said()
     )
     assert not any("landing was not confirmed" in words for words in flight.outcome["failed"])
     flight.assert_nothing_left()

@@ -59,7 +59,7 @@ def test_a_client_from_another_address_is_refused(one: World) -> None:
         client.sendall(first_messages())
         one.until(lambda: is_closed(client))
     assert one.links.stats()["uav1"]["strangers"] == 1 and one.status() == ["never connected"]
-    assert "it comes from another address than this computer's, so it is no PX4" in one.events[0]
+    assert "it comes from another address than this computer's, so it is not PX4" in one.events[0]
 
 
 def test_a_silent_client_is_closed_counted_and_reported_once(
@@ -74,7 +74,7 @@ def test_a_silent_client_is_closed_counted_and_reported_once(
     assert len(one.events) == 1 and one.events[0].startswith(
         f"uav1: simulator port {host}:{port}: a connection from "
     )
-    assert one.events[0].endswith("was closed: it sent nothing valid within 0.05 s, so it is no PX4")
+    assert one.events[0].endswith("was closed: it sent nothing valid within 0.05 s, so it is not PX4")
 
 
 @pytest.mark.parametrize(

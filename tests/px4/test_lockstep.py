@@ -72,7 +72,7 @@ def test_a_late_px4_is_reported_and_rejoins(two: World, soon_late: None) -> None
     assert motors.tolist() == [[0.0] * 4, [0.5] * 4]
     assert two.status() == ["late", "in step"]
     assert two.events[2:] == [
-        f"uav1: PX4 has not answered for {LATE_S:g} s: stopped or overloaded; its motors stop until it answers, the world goes on"
+        f"uav1: PX4 has not replied for {LATE_S:g} s: it is stopped or overloaded; its motors stop until it replies, the world goes on"
     ]
     began = time.monotonic()
     seen = len(px4s[1].samples)
@@ -81,7 +81,7 @@ def test_a_late_px4_is_reported_and_rejoins(two: World, soon_late: None) -> None
     assert len(px4s[1].samples) == seen + 100
     px4s[0].resume_reading()
     two.until_in_step()
-    assert two.events[3].startswith("uav1: PX4 answers again after ") and len(two.events) == 4
+    assert two.events[3].startswith("uav1: PX4 replies again after ") and len(two.events) == 4
     assert two.step(50).tolist() == [[0.25] * 4, [0.5] * 4]
 
 

@@ -144,7 +144,9 @@ def test_a_px4_that_ends_early_is_reported_with_its_last_line(
         (told,) = until_ended(started)
     finally:
         started.end()
-    assert told.startswith("uav1: PX4 ended before it was up (exit 127): try its binary by hand.")
+    assert told.startswith(
+        "uav1: PX4 ended before it was ready (exit 127): start its binary by hand to see why."
+    )
     assert told.endswith("Its last line: libfoo.so.1: no such file")
     assert started.process.returncode == 1
 
@@ -162,7 +164,7 @@ def test_a_px4_that_does_not_start_is_reported(
     with subprocess.Popen(["sleep", "60"], stdout=subprocess.PIPE) as process:
         assert room._watch(hanging, process, None) == 0
         process.kill()
-    assert events == ["uav1: PX4 has not come up for 0.1 s. It has printed nothing"]
+    assert events == ["uav1: PX4 is not ready after 0.1 s. It has printed nothing"]
 
 
 def test_a_stopped_px4_is_late_and_goes_on_when_continued(started: Started, world: World) -> None:
@@ -173,7 +175,7 @@ def test_a_stopped_px4_is_late_and_goes_on_when_continued(started: Started, worl
     assert started.process.poll() is None
     child.resume()
     world.until_in_step()
-    assert any("answers again" in text for text in world.events) and not [
+    assert any("replies again" in text for text in world.events) and not [
         t for t in started.receive() if "event" in t
     ]
 
@@ -273,7 +275,7 @@ def test_only_a_held_instance_lock_is_an_error(
     with lock.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         with pytest.raises(
-            RunError, match="PX4 instance 6 runs already: stop it, or give this vehicle another id"
+            RunError, match="PX4 instance 6 is already running: stop it, or give this vehicle another id"
         ):
             check_free(given)
         check_free({**given, "stand_in": True})  # the stand-in has a lock of its own

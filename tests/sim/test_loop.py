@@ -166,7 +166,7 @@ def test_a_hung_clock_client_is_dropped_by_name():
         run.packet("ready")
         clock = SimClock(run.folder / "clock", "hung program")
         held = clock.sleep_until(clock.now() + 0.1)
-        assert "hung program has not slept" in run.packet("event")
+        assert "hung program has not waited" in run.packet("event")
         assert clock.sleep_until(held + 0.5) > held
         clock.close()
 
@@ -260,7 +260,7 @@ def test_a_clock_that_cannot_be_served_is_one_line():
     with running(clock="/nonexistent/" + "x" * 120) as run:
         assert run.child.wait(DEADLINE_S) == 1
         said = run.child.stderr.read()
-        assert said.startswith("arena world: cannot serve truth at") and said.count("\n") == 1
+        assert said.startswith("arena world: cannot publish the true state at") and said.count("\n") == 1
         assert run.left() == []
 
 

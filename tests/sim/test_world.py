@@ -239,7 +239,7 @@ def test_the_battery_empties_as_the_profile_says(build):
 def test_physics_rate_must_be_a_multiple_of_the_sensor_rate():
     assert substeps(500, 250) == 2
     with pytest.raises(
-        InputError, match=r"physics_hz: got 600, must be a whole multiple of sensor_hz \(250\)\. Try 500"
+        InputError, match=r"physics_hz: got 600, expected an integer multiple of sensor_hz \(250\)\. Try 500"
     ):
         substeps(600, 250)
     with pytest.raises(InputError, match="physics_hz"):

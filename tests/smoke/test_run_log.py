@@ -29,9 +29,7 @@ def test_states_events_and_crashes_are_read_from_both_logs(
         {"process": "world", "event": "uav1 crashed: touched a wall at 3.20 s"},
     ]
     (tmp_path / "events.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines) + '{"half')
-    (tmp_path / "logs" / "world.log").write_text(
-        "uav2 crashed: tilted 90 degrees at 4.00 s\nthe second up to 4.0 s: x\n"
-    )
+    (tmp_path / "logs" / "world.log").write_text("uav2 crashed: tilted 90 degrees at 4.00 s\nat 4.0 s: x\n")
     events = run_log.read()
     assert events == [
         "world: READY: it says so",

@@ -1,7 +1,8 @@
-"""Simulated sensors, one module per kind. `SENSORS` names them by their key under a profile's `sensors:`.
+"""Simulated sensors, one module per kind.
 
-A new sensor is one module here with a class that implements `Sensor`, one row in this table, and the model of its
-profile keys in `arena/schema/profile.py`. Pure: no sockets, no clocks; random numbers come from seeded generators.
+The table `SENSORS` lists them by their key under a profile's `sensors:`. A new sensor needs a module here
+with a class that implements `Sensor`, a row in this table, and a model of its profile keys in
+`arena/schema/profile.py`. Pure: no sockets, no clocks. Random numbers come from seeded generators.
 """
 
 from __future__ import annotations
@@ -21,5 +22,5 @@ SENSORS: dict[str, type[Sensor]] = {"imu": Imu, "mag": Magnetometer, "baro": Bar
 
 
 def hil_outputs() -> list[HilOutput]:
-    """Return what each sensor adds to the simulator API, in the order of the table."""
+    """Return the data that each sensor adds to PX4's simulator API, in the order of the table."""
     return [sensor.hil for sensor in SENSORS.values()]

@@ -1,4 +1,4 @@
-"""Barometer, as the pressure altitude above mean sea level."""
+"""Barometer: measures the pressure altitude above mean sea level."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _hil_values(sensors: Mapping[str, Array], row: int) -> tuple[float, float, f
 
 
 class Barometer(Sensor):
-    """Altitude above mean sea level [m] (V,)."""
+    """Barometer. It measures the altitude above mean sea level [m] (V,)."""
 
     stream = 1
     channels = (Channel(axes=1, noise="noise_m", default_noise=0.05, bias="bias_m", default_bias=0.2),)
@@ -32,7 +32,7 @@ class Barometer(Sensor):
         self._altitude_m = site.origin.alt_m if site.origin else 0.0
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
-        """Return baro_alt_m, above mean sea level [m] (V,)."""
+        """Return baro_alt_m, the altitude above mean sea level [m] (V,)."""
         altitude = noise[:, 0]
         altitude += self._altitude_m - motion.p_n[:, 2]
         return {"baro_alt_m": altitude}

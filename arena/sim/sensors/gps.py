@@ -1,7 +1,7 @@
-"""Satellite receiver: global position and velocity, with a position error that wanders.
+"""Satellite receiver: measures global position and velocity, with a position error that varies slowly.
 
-The position error is a Gauss-Markov process of 60 s, as in the simulators that PX4 is tested in. The arena's heading
-turns position and velocity to true north.
+The position error is a Gauss-Markov process with a time constant of 60 s, as in the simulators that PX4 is
+tested in. Position and velocity are rotated to true north by the arena's heading.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def _hil_message(sender: HilSender, time_usec: int, sensors: Mapping[str, Array]
 
 
 class Gps(Sensor):
-    """Latitude, longitude [deg], altitude [m] (V,) and velocity to true north [m/s] (V, 3)."""
+    """Satellite receiver: latitude, longitude [deg], altitude [m] (V,), velocity [m/s] (V, 3)."""
 
     stream = 2
     channels = (
@@ -51,9 +51,9 @@ class Gps(Sensor):
         self._error: Array | None = None  # of the position [m] (V, 3)
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
-        """Return lat_deg, lon_deg, alt_m (V,) and v_true_n: velocity, true north, east, down [m/s] (V, 3).
+        """Return lat_deg, lon_deg, alt_m (V,) and v_true_n: velocity true north, east, down [m/s] (V, 3).
 
-        Each call is the next fix of every receiver. Returns {} when the arena has no global origin.
+        Each call returns the next fix of every receiver. Returns {} if the arena has no global origin.
         """
         if self._origin is None:
             return {}
@@ -66,6 +66,6 @@ class Gps(Sensor):
         return {"lat_deg": lat, "lon_deg": lon, "alt_m": origin.alt_m - position[:, 2], "v_true_n": velocity}
 
     def _true_north(self, v_n: Array) -> Array:
-        """Rotate vectors from the arena's north, `heading` clockwise of true north, to true north (V, 3)."""
+        """Rotate vectors from the arena's axes, `heading` clockwise of true north, to true north (V, 3)."""
         c, s = math.cos(self._heading), math.sin(self._heading)
         return np.stack([c * v_n[:, 0] - s * v_n[:, 1], s * v_n[:, 0] + c * v_n[:, 1], v_n[:, 2]], axis=-1)

@@ -10,7 +10,7 @@ from arena.wire.hil import HilFields
 
 
 class Imu(Sensor):
-    """Accelerometer [m/s2] and gyroscope [rad/s], both [FRD] (V, 3)."""
+    """Inertial measurement unit: specific force [m/s2] and angular velocity [rad/s], both [FRD] (V, 3)."""
 
     stream = 1
     channels = (

@@ -1,4 +1,4 @@
-"""Magnetometer in the field of mid-northern latitudes. The arena's heading turns the field."""
+"""Magnetometer. The field is that of mid-northern latitudes, rotated by the arena's heading."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FIELD_GAUSS, _DIP_RAD = 0.48, math.radians(64.0)
 
 
 class Magnetometer(Sensor):
-    """Magnetic field [gauss] [FRD] (V, 3)."""
+    """Magnetometer: measures the magnetic field [gauss] [FRD] (V, 3)."""
 
     stream = 1
     channels = (

@@ -1,4 +1,4 @@
-"""The plug point of simulated sensors: what one kind of sensor must provide."""
+"""Interface of simulated sensors: what a class must provide to add a kind of sensor."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """A group of equal axes of a sensor: the profile keys of its errors, and their defaults.
+    """Group of similar axes of a sensor: the profile keys of their errors, and the default values.
 
-    axes: how many numbers it measures
+    axes: number of axes
     noise: key of the standard deviation of one sample
-    bias: key of the standard deviation of the bias, drawn once per flight; "" for none
-    range: key of the largest value it measures, either sign; "" for none
+    bias: key of the standard deviation of the bias, drawn once per flight; "" for no bias
+    range: key of the largest absolute value that can be measured; "" for no limit
     """
 
     axes: int
@@ -36,7 +36,7 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True)
 class GlobalOrigin:
-    """The arena's origin on Earth [deg] [deg] [m above mean sea level]."""
+    """Arena origin on Earth: latitude, longitude [deg], altitude above mean sea level [m]."""
 
     lat_deg: float
     lon_deg: float
@@ -45,10 +45,10 @@ class GlobalOrigin:
 
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """The place of the arena on Earth.
+    """Place and heading of the arena on Earth.
 
-    heading_rad: its north, clockwise from true north [rad]
-    origin: None when the YAML gives none
+    heading_rad: direction of the arena's north, clockwise from true north [rad]
+    origin: global origin, None if the YAML gives none
     """
 
     heading_rad: float
@@ -74,15 +74,15 @@ class Motion:
 
 
 class Sensor(Protocol):
-    """A kind of sensor, on all V vehicles at once.
+    """Kind of sensor, simulated for all V vehicles at once.
 
-    stream: number of the random stream it draws from. Sensors that share a stream take turns in it, so a new sensor
-        takes a number of its own: then no other sensor's noise changes.
+    stream: number of its random stream. Sensors with the same number draw from one stream in turn. Give a new
+        sensor a new number, so that the noise of the other sensors does not change.
     channels: its errors and their profile keys
     readings: names of the arrays that `sample` returns
-    on_request: sampled only when an autopilot requests it, else at every step
-    hil: what it adds to PX4's simulator API
-    log_columns: columns of the vehicle's CSV log in which its readings appear, as the autopilot reports them
+    on_request: True if it is sampled only when an autopilot requests it, else it is sampled at every step
+    hil: data that it adds to PX4's simulator API
+    log_columns: columns of the vehicle's CSV log in which the autopilot's report of its readings appears
     """
 
     stream: ClassVar[int]
@@ -93,13 +93,20 @@ class Sensor(Protocol):
     log_columns: ClassVar[tuple[str, ...]]
 
     def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
-        """Read each profile's keys, which are under `sensors:` and the sensor's name in the table."""
+        """Read the sensor's keys from each profile.
+
+        profiles: of the vehicles; the keys are under `sensors:` and the sensor's name in the table
+        """
         ...
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
-        """Return one sample of each reading, name -> values (V,) or (V, axes); {} when there is nothing to measure.
+        """Return one sample of each reading, or {} if nothing can be measured.
 
-        noise: noise plus bias, one column per axis of the channels (V, width). The sensor may add the true values to
-            it in place and return views: the suite then limits them to the channels' ranges.
+        noise: noise plus bias, one column per axis of the channels (V, width). The sensor may add the true
+            values to this array in place and return views of it; the suite then limits them to the ranges of
+            the channels.
+        motion: true motion of the vehicles
+
+        Returns name of the reading -> values (V,) or (V, axes).
         """
         ...

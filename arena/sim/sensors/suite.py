@@ -1,7 +1,7 @@
-"""All sensors of a fleet: seeded noise, biases, ranges, and one call per step for all of them.
+"""All sensors of a fleet: seeded noise, biases and ranges. One call per step samples all of them.
 
-Every vehicle draws from its own streams, seeded by the arena's seed and its id: another vehicle changes no other's
-noise. Each sample has white noise; biases are drawn once.
+Every vehicle has its own random streams, seeded by the arena's seed and the vehicle's id. So adding a vehicle
+does not change the noise of the others. Each sample has white noise; biases are drawn once.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ _BLOCK = 256  # samples drawn at once: the cost of a draw is per call
 
 
 class SensorSuite:
-    """The sensors of a table on V vehicles.
+    """All sensors of V vehicles.
 
-    table: name under the profiles' `sensors:` -> class of the sensor
-    profiles, ids: of the vehicles
-    seed: of the arena
+    table: key under the profiles' `sensors:` -> class of the sensor
+    profiles, ids: profiles and system ids of the vehicles
+    seed: seed of the arena
     """
 
     def __init__(
@@ -47,9 +47,10 @@ class SensorSuite:
                 self._every_step.append(group)
 
     def sample(self, motion: Motion, requested: Collection[str] = ()) -> dict[str, Array]:
-        """Return one sample of every sensor, reading -> values (V,) or (V, axes). Call it once per step.
+        """Return one sample of every sensor: reading -> values (V,) or (V, axes). Call this once per step.
 
-        requested: sensors to sample too that are sampled on request only
+        motion: true motion of the vehicles
+        requested: names of the sensors to sample in addition, which are sampled on request only
         """
         found: dict[str, Array] = {}
         for group in self._every_step:
@@ -66,7 +67,7 @@ class SensorSuite:
 
 
 class _Group:
-    """Sensors that share one random stream per vehicle, side by side in one row of numbers."""
+    """Sensors that share one random stream per vehicle. Their channels are adjacent columns of one array."""
 
     def __init__(
         self,
@@ -109,7 +110,7 @@ class _Group:
         return {name: self._bias[:, columns] for name, _, columns in self._sensors}
 
     def _draw(self) -> Array:
-        """Return noise plus bias of the next sample (V, width)."""
+        """Return noise plus bias for the next sample (V, width)."""
         if self._next == _BLOCK:
             drawn = np.stack([s.standard_normal((_BLOCK, self._width)) for s in self._streams], axis=1)
             self._block, self._next = drawn * self._sigma + self._bias, 0
@@ -118,7 +119,10 @@ class _Group:
 
 
 def _figures(table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, Any]], what: str) -> Array:
-    """Return one figure of every channel: noise, bias or range (V, width)."""
+    """Return one property of every channel (V, width).
+
+    what: name of the property: noise, bias or range
+    """
     rows = [
         [
             x
