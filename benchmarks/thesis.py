@@ -1,15 +1,21 @@
-"""The simulation held against the thesis's real flights: `python benchmarks/thesis.py [--data FOLDER] [--repeat N]`.
+"""Compare the simulation with the real flights of the thesis.
 
-Flies the thesis's setpoint experiment (benchmarks/thesis_flight.py) through `arena up --speed max` with two vehicles of profile
-intel_aero and the built-in autopilot, which stand and are tuned as the two real ones were: the parameters come from the flight
-logs (ULog, PX4 v1.9). Then prints how far tracks lie apart, for the pairs of the data's own README first: that proves the
-measure.
+    python benchmarks/thesis.py [--data FOLDER] [--repeat N]
 
-Tracks: estimated positions, in OFFBOARD alone, from the first step on (t = 0) and from the place there; the lag within 1 s
-that brings them nearest; root of the mean square per axis. Steps: along the straight way from where a step was given to its
-goal. The steps add up where a vehicle believed to be, so whole tracks wander apart: the tracks of each step from its own start
-and place, without any lag, are held against each other, too.
-The data are not part of this project; without them nothing is flown.
+Flies the thesis's setpoint experiment (benchmarks/thesis_flight.py) through `arena up --speed max`, with two
+vehicles of profile intel_aero and the built-in autopilot. Their start positions and parameters are those of
+the two real vehicles, taken from the flight logs (ULog, PX4 v1.9). Then prints the distances between tracks.
+The pairs of flights that the data's own README compares are printed first, to check the method.
+
+Track: estimated positions in OFFBOARD, from the first step on (t = 0), relative to the position at that time.
+Two tracks are compared at the lag of at most 1 s that brings them nearest, by the root mean square per axis.
+Step: a change of the setpoint; the response is measured along the straight line from the position at that
+time to the setpoint.
+
+Each step is added to the estimated position, so the errors of whole tracks add up. Therefore each step is
+also compared alone, from its own start time and position, without a lag.
+
+The data are not part of this project. Without them nothing is flown.
 """
 
 from __future__ import annotations
@@ -79,9 +85,9 @@ Array = NDArray[np.float64]
 
 
 def ulog_params(data: bytes) -> dict[str, float]:
-    """A ULog's parameters as they were at its start. The format: docs.px4.io, "ULog file format"."""
+    """Return the parameters at the start of a ULog. For the format see docs.px4.io, "ULog file format"."""
     if data[:7] != b"ULog\x01\x12\x35":
-        raise SystemExit("this is no ULog file")
+        raise SystemExit("this is not a ULog file")
     found: dict[str, float] = {}
     for kind, body in _messages(data):
         if kind == b"P":
@@ -100,12 +106,16 @@ def _messages(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def of_today(old: Mapping[str, float], hover: float) -> dict[str, float]:
-    """PX4 v1.9's parameters as v1.16's. hover: the thrust that really carries the vehicle [-].
+    """Convert parameters of PX4 v1.9 to v1.16.
 
-    v1.9's velocity gains are normalised thrust per m/s, today's acceleration per m/s: times g per hover thrust, the relation by
-    which PX4 renamed them in v1.11. Vertically v1.9 adds them to MPC_THR_HOVER, whatever carries the vehicle, and so does v1.16
-    when it turns acceleration back into thrust: there MPC_THR_HOVER is what the thrust is. Horizontally v1.9's thrust makes
-    acceleration in proportion to the thrust that carries, v1.16's does not depend on it: there the real hover thrust is.
+    hover: the real hover thrust of the vehicle [-]
+
+    Velocity gains: v1.9's are normalised thrust per m/s, v1.16's are acceleration per m/s. The factor is g
+    divided by the hover thrust, as when PX4 renamed the parameters in v1.11.
+
+    Vertical: both versions use MPC_THR_HOVER as the hover thrust, so it is used in the factor. Horizontal: in
+    v1.9 the acceleration per thrust depends on the real hover thrust, in v1.16 it does not, so the real hover
+    thrust is used.
     """
     now = {name: old[name] for name in SAME_NAME}
     for axis, thrust in (("XY", hover), ("Z", old["MPC_THR_HOVER"])):
@@ -128,7 +138,12 @@ def of_today(old: Mapping[str, float], hover: float) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """rise_s: from 10 to 90 % of the way. overshoot: share of the way beyond its end. error_m: distance at the step's end."""
+    """Response to one step.
+
+    rise_s: time from 10 to 90 % of the distance [s]
+    overshoot: overshoot as a share of the distance [-]
+    error_m: distance to the setpoint at the end of the step [m]
+    """
 
     rise_s: float
     overshoot: float
@@ -137,8 +152,12 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """In OFFBOARD. t: since the first step [s] (n,). p: estimated position from the place there [m] [NED] (n, 3); goal: the
-    position setpoint, from the same place (n, 3). start: rows where a step begins.
+    """Track of one flight in OFFBOARD.
+
+    t: time since the first step [s] (n,)
+    p: estimated position, relative to the position at the first step [m] [NED] (n, 3)
+    goal: position setpoint, relative to the same position [m] [NED] (n, 3)
+    start: rows at which a step begins
     """
 
     t: Array
@@ -147,7 +166,7 @@ class Track:
     start: tuple[int, ...]
 
     def leg(self, k: int) -> tuple[Array, Array]:
-        """Time and place during step k, from its start: [s] (m,), [m] (m, 3)."""
+        """Return time [s] (m,) and position [m] (m, 3) during step k, both relative to its start."""
         begin, end = self.start[k], (*self.start, len(self.t))[k + 1]
         return self.t[begin:end] - self.t[begin], self.p[begin:end] - self.p[begin]
 
@@ -166,7 +185,7 @@ class Track:
 
 
 def read_track(file: Path) -> Track:
-    """A log of the thesis or of ours: they have the same columns."""
+    """Read a flight log. The logs of the thesis and of this project have the same columns."""
     with file.open() as lines:
         rows = [
             row
@@ -184,7 +203,7 @@ def read_track(file: Path) -> Track:
 
 
 def apart(one: Track, other: Track) -> tuple[Array, float]:
-    """Root mean square per axis [m] (3,) at the lag that brings them nearest, and that lag [s]."""
+    """Return the root mean square per axis [m] (3,) at the lag of the best agreement, and that lag [s]."""
     lags = np.arange(-100, 101) / 100.0
     found = [_rms(one, other, lag) for lag in lags]
     best = int(np.argmin([float(x @ x) for x in found]))
@@ -192,7 +211,7 @@ def apart(one: Track, other: Track) -> tuple[Array, float]:
 
 
 def steps_apart(one: Track, other: Track) -> Array:
-    """Root mean square per axis [m] (3,) over all steps, each from its own start and place."""
+    """Return the root mean square per axis [m] (3,) over all steps, each relative to its own start."""
     squares = []
     for k in range(min(len(one.start), len(other.start))):
         (t, p), (u, q) = one.leg(k), other.leg(k)
@@ -212,7 +231,7 @@ def _rms(one: Track, other: Track, lag: float) -> Array:
 
 
 def arena_of(data: Path, given: argparse.Namespace) -> dict[str, Any]:
-    """The two real vehicles as vehicles of an arena, where they stood."""
+    """Return the configuration of an arena with the two real vehicles at their start positions."""
     from arena.schema import load_profile
 
     hover, vehicles = load_profile("intel_aero").hover_command, {}
@@ -270,7 +289,10 @@ def fly(data: Path, given: argparse.Namespace, folder: Path) -> dict[str, Track]
 
 
 def table_of_pairs(tracks: Mapping[str, Track], ours: Mapping[str, Track]) -> tuple[str, bool]:
-    """As markdown; and whether ours lie no farther from the real flights than Gazebo's did."""
+    """Return a Markdown table of all pairs, and whether our flights are near enough to the real ones.
+
+    Near enough: no farther from the real flights than the thesis's Gazebo flights.
+    """
     lines = [
         "| pair | lag s | RMS N / E / D m | by the README | each step alone m |",
         "|---|---|---|---|---|",

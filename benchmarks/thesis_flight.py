@@ -1,4 +1,7 @@
-"""The thesis's setpoint experiment, flown by `benchmarks/thesis.py`: each step adds to the position and yaw estimated then."""
+"""The thesis's setpoint experiment, used by `benchmarks/thesis.py`.
+
+Each step is added to the position and yaw that are estimated at its start.
+"""
 
 from math import pi
 

@@ -1,9 +1,14 @@
-"""Real PX4 and the built-in autopilot on the same three programs, seed and world: `python benchmarks/tracking.py [--repeat N]`.
+"""Compare how well real PX4 and the built-in autopilot track setpoints.
 
-Flies examples 01 (position setpoints), 02 (velocity square) and 03 (attitude and thrust) through `arena up --speed max` once with
-each autopilot, and prints how well each kept to its setpoints, by the world's truth: root of the mean square against the setpoint
-that the autopilot told, and for steps the time to settle and the error at the end. They shall lie within 25 % of each other, or
-within what the cameras and estimators blur (BLUR). PX4 is found as the package finds it (PX4_HOME, PATH).
+    python benchmarks/tracking.py [--repeat N]
+
+Flies examples 01 (position setpoints), 02 (velocity square) and 03 (attitude and thrust) through `arena up
+--speed max`, once with each autopilot, with the same seed and world. Prints the tracking error of each,
+measured with the world's true
+state: the root mean square of the difference to the setpoint that the autopilot reports, and for steps also
+    the
+settling time and the final error. Each pair of results must agree within 25 %, or within the error of cameras
+and estimators (`blur`). PX4 is found as the package finds it (PX4_HOME, PATH).
 """
 
 from __future__ import annotations
@@ -41,7 +46,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """One thing measured. blur: difference that means nothing, whatever the share."""
+    """One measured result.
+
+    blur: difference that is not significant, whatever its percentage
+    """
 
     name: str
     unit: str
@@ -51,12 +59,12 @@ class Figure:
 
 @dataclass(frozen=True, kw_only=True)
 class Log:
-    """The OFFBOARD rows of a flight's log, airborne."""
+    """Rows of a flight's log in OFFBOARD while airborne."""
 
     rows: list[dict[str, str]]
 
     def group(self, name: str, parts: tuple[str, ...] = NED) -> Array:
-        """(n, len(parts)), NaN where a cell is empty."""
+        """Return the columns of a group (n, len(parts)), NaN for empty cells."""
         return np.array([[float(row[f"{name}.{part}"] or "nan") for part in parts] for row in self.rows])
 
     @property
@@ -80,7 +88,7 @@ def read_log(file: Path) -> Log:
 
 
 def position(log: Log) -> list[Figure]:
-    """Against position setpoints: all the way, and step by step."""
+    """Measure the error against position setpoints: over the whole flight, and for each step."""
     t, p, goal = log.t, log.group("truth.pos"), log.group("pos_ref")
     off = np.linalg.norm(p - goal, axis=1)
     starts = [0, *(np.flatnonzero(np.linalg.norm(np.diff(goal, axis=0), axis=1) > STEP_M) + 1).tolist()]
@@ -96,7 +104,7 @@ def position(log: Log) -> list[Figure]:
 
 
 def velocity(log: Log) -> list[Figure]:
-    """Against velocity setpoints, where no position was asked for."""
+    """Measure the error against velocity setpoints, in rows without a position setpoint."""
     v, goal = log.group("truth.vel"), log.group("vel_ref")
     by_velocity = np.isnan(log.group("pos_ref")).any(axis=1) & np.isfinite(goal).all(axis=1)
     off = (v - goal)[by_velocity]
@@ -112,7 +120,7 @@ def velocity(log: Log) -> list[Figure]:
 
 
 def attitude(log: Log) -> list[Figure]:
-    """Against attitude setpoints, where neither position nor velocity was asked for."""
+    """Measure the error against attitude setpoints, in rows without a position or velocity setpoint."""
     alone = np.isnan(log.group("pos_ref")).any(axis=1) & np.isnan(log.group("vel_ref")).any(axis=1)
     is_at, goal = (matrix_from_quat(log.group(name, WXYZ)[alone]) for name in ("truth.att_q", "att_q_ref"))
     known = np.isfinite(goal).all(axis=(1, 2))
@@ -175,7 +183,7 @@ def fly(kind: str, pilot: str, given: argparse.Namespace) -> Log:
 
 
 def compare(kind: str, given: argparse.Namespace) -> int:
-    """Prints the lines of one program; returns how many do not agree."""
+    """Print the results of one program; return the number of results that do not agree."""
     both = [MEASURES[kind](fly(kind, pilot, given)) for pilot in PILOTS]
     bad = 0
     for px4, ours in zip(*both, strict=False):

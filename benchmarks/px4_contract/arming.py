@@ -1,4 +1,4 @@
-"""Arming: refused for each reason that can be provoked, granted, and taken back by itself."""
+"""Cases of arming: every refusal that can be provoked, acceptance, and automatic disarming."""
 
 from __future__ import annotations
 

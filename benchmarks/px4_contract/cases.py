@@ -1,4 +1,4 @@
-"""The cases by name, in the order in which they are run and shown."""
+"""Table of the cases by name, in the order in which they are run and shown."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ Run = Callable[[Rig, Transcript], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """Case of the contract. ground: it ends with a disarmed vehicle in HOLD on the floor, which the next ground case uses."""
+    """Case of the contract.
+
+    ground: True if the case ends with a disarmed vehicle in HOLD on the floor, so that the next ground case
+        can use it
+    """
 
     name: str
     what: str
@@ -26,7 +30,7 @@ CASES: dict[str, Case] = {}
 
 
 def case(name: str, what: str, *, setup: Setup | None = None, ground: bool = True) -> Callable[[Run], Run]:
-    """Register a function as a case."""
+    """Return a decorator that registers a function as a case."""
 
     def register(run: Run) -> Run:
         assert name not in CASES, name

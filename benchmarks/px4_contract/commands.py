@@ -1,4 +1,8 @@
-"""Commands on the ground: each with good and bad arguments, as COMMAND_LONG and COMMAND_INT, to others; and every mode."""
+"""Cases of commands on the ground.
+
+Each command is sent with valid and invalid arguments, as COMMAND_LONG and COMMAND_INT, and to other ids.
+Every flight mode is requested.
+"""
 
 from __future__ import annotations
 

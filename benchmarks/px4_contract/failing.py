@@ -1,4 +1,4 @@
-"""Failsafes: what sets them off, after how long, what the vehicle then does, and how the flight ends."""
+"""Cases of failsafes: trigger, delay, reaction of the vehicle, and end of the flight."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from px4_contract.transcript import Transcript
 
 
 def outcome(r: Rig, t: Transcript, seconds: float = 20.0, key: str = "") -> None:
-    """From the instant of the fault: every mode with its time, where it is at the end, texts by severity."""
+    """Record what follows a fault: each mode with its time, the final state, and texts by severity."""
     begin, lowest, mode = r.now, 0.0, r.mode
     changed: list[tuple[float, str]] = []
     while r.now - begin < seconds and (r.armed or r.p_n[2] < -0.1):
@@ -42,7 +42,7 @@ def outcome(r: Rig, t: Transcript, seconds: float = 20.0, key: str = "") -> None
 
 
 def _watch(r: Rig) -> None:
-    """A heartbeat a second is too coarse to time by, and cannot be had faster: CURRENT_MODE can."""
+    """Request CURRENT_MODE at a high rate, because HEARTBEAT (1 Hz, fixed) is too slow to measure times."""
     r.command(511, 436, 50_000)
     r.command(511, 245, 100_000)
 

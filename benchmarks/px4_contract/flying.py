@@ -1,4 +1,4 @@
-"""Flights by the autopilot's own modes: take-off, hold, land, and commands and modes asked for in the air."""
+"""Cases in the autopilot's own modes: take-off, hold, land, and commands and mode changes in the air."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ SKIP_FLYING = ("PARAM_VALUE",)
 
 
 def hover(r: Rig, height: float = 1.5, *, stream: bool = True) -> None:
-    """In OFFBOARD, `height` above the floor, at rest. Raises when it does not get there. stream: goes on afterwards."""
+    """Hover in OFFBOARD at `height` [m] above the floor. Raises Unfit if the vehicle does not get there.
+
+    stream: whether setpoints continue to be sent afterwards
+    """
     setpoint = r.position(0.0, 0.0, -height)
     r.each.append(setpoint)
     r.run(0.5)
@@ -34,7 +37,7 @@ def hover(r: Rig, height: float = 1.5, *, stream: bool = True) -> None:
 
 
 def come_down(r: Rig) -> None:
-    """However it is: landed and disarmed, or forced."""
+    """Land from any state, and disarm by force if the vehicle does not disarm by itself."""
     r.each.clear()
     r.set_mode(4, 6)
     if r.until(lambda r: not r.armed, 15.0) is None:
@@ -42,7 +45,7 @@ def come_down(r: Rig) -> None:
 
 
 def state(r: Rig) -> str:
-    """Mode and arming, as the next heartbeat tells them."""
+    """Return mode and arming state of the next heartbeat."""
     r.settle()
     return f"{r.mode} {'armed' if r.armed else 'disarmed'}"
 
@@ -54,7 +57,7 @@ def complaint(r: Rig, t: Transcript, key: str) -> None:
 
 
 def watch_modes(r: Rig) -> list[tuple[float, str, int]]:
-    """Every change of (mode, armed) and of landed_state that was heard: (time, words, landed state)."""
+    """Return every received change of (mode, armed) and of landed_state: (time, words, landed state)."""
     found: list[tuple[float, str, int]] = []
     mode, landed = "", -1
     from arena.wire.px4_mode import mode_words

@@ -1,4 +1,7 @@
-"""Accepted differences: reason by pattern of `case: observation`. A difference without a reason fails."""
+"""Accepted differences: pattern of `case: observation` -> reason.
+
+A difference without a reason makes the comparison fail.
+"""
 
 from __future__ import annotations
 

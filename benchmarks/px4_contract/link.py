@@ -1,4 +1,4 @@
-"""Cases of the telemetry: heartbeat, capabilities, every message of each link with its rate and contents."""
+"""Cases of telemetry: heartbeat, capabilities, and every message of each link with its rate and contents."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ RATES_S = 20.0
 
 
 def bits(value: int, names: dict[int, str]) -> str:
-    """The names of the bits set, in order."""
+    """Return the names of the bits that are set, in order."""
     return " ".join(name for bit, name in sorted(names.items()) if value & bit) or "none"
 
 
 def rate(t: Transcript, key: str, count: int, seconds: float) -> None:
-    """Messages a second; a single one more or less does not count, nor 10 %."""
+    """Record the rate of a message [Hz]. A difference of one message or 10 % is accepted."""
     t.number(key, count / seconds, near=1.5 / seconds, part=0.1, unit="Hz")
 
 
@@ -94,7 +94,7 @@ def finite(*values: float) -> str:
 
 
 def contents(r: Rig, t: Transcript) -> None:  # noqa: C901 - a list, not a decision
-    """What stands in each message now. Numbers only where both vehicles must agree on them."""
+    """Record the fields of each message. Numbers are recorded only if both vehicles must agree on them."""
     if m := newest(r, "SYS_STATUS"):
         t.note("SYS_STATUS present", bits(m.onboard_control_sensors_present, SENSORS))
         t.note("SYS_STATUS enabled", bits(m.onboard_control_sensors_enabled, SENSORS))
@@ -188,7 +188,10 @@ def contents(r: Rig, t: Transcript) -> None:  # noqa: C901 - a list, not a decis
 
 
 def modes(r: Rig, t: Transcript) -> None:
-    """CURRENT_MODE (436), which the dialect does not know: standard mode, custom mode, intended custom mode."""
+    """Record CURRENT_MODE (id 436), which the dialect lacks.
+
+    Its fields: standard mode, custom mode, intended custom mode.
+    """
     raw = next((h for h in reversed(r.received) if h.msgid == 436), None)
     if raw is not None:
         custom, intended, standard = struct.unpack("<IIB", bytes(raw.m).ljust(9, b"\0")[:9])

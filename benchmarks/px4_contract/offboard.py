@@ -1,4 +1,4 @@
-"""OFFBOARD: entered by each rule, and what each setpoint's mask and frame does to a hovering vehicle."""
+"""Cases of OFFBOARD: rules for entering it, and the effect of each setpoint's mask and frame in the air."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ YAW, YAW_RATE, FORCE = 0x400, 0x800, 0x200
 
 
 def every(hz: float, say: Each) -> Each:
-    """Speak so often only."""
+    """Return a function for `Rig.each` that calls `say` at a rate of `hz`."""
     last = [-1e9]
 
     def each(r: Rig) -> None:
@@ -58,7 +58,10 @@ def local(mask: int, **values: Any) -> Each:
 )
 def entered(r: Rig, t: Transcript) -> None:
     def asks(key: str) -> None:
-        """In HOLD in the air: on the ground PX4 takes OFFBOARD always, and waits for setpoints then."""
+        """Request OFFBOARD in the air, from HOLD, and record the result.
+
+        On the ground PX4 always accepts OFFBOARD and then waits for setpoints.
+        """
         r.clear()
         r.run(0.4)
         t.words(f"{key}: texts before", "; ".join(dict.fromkeys(f"{s} {x}" for s, x in r.texts())))
@@ -225,7 +228,7 @@ def _yaw(r: Rig) -> float:
 
 
 def _settle(r: Rig) -> bool:
-    """Back to where each begins; False when it has been lost."""
+    """Return the vehicle to the start state of each observation; return False if this fails."""
     r.each[:] = [r.position(0.0, 0.0, -1.5, NOSE)]
     r.run(0.3)
     r.set_mode(6)  # whatever the last heartbeat, a second old, said

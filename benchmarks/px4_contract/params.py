@@ -1,4 +1,4 @@
-"""The parameter protocol: list, read, write, and what is not there."""
+"""Cases of the parameter protocol: list, read, write, and parameters that do not exist."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ INT, FLOAT = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32
 
 
 def packed(value: int) -> float:
-    """An integer as PX4 carries it: its bytes in the float's place."""
+    """Return an integer as PX4 sends it: as the float with the same bytes."""
     return float(struct.unpack("<f", struct.pack("<i", value))[0])
 
 
@@ -38,7 +38,7 @@ def read(r: Rig, name: str, index: int = -1, to: tuple[int, int] | None = None) 
 
 
 def write(r: Rig, name: str, value: float, kind: int, to: tuple[int, int] | None = None) -> str:
-    """PARAM_SET -> how it is answered."""
+    """Send PARAM_SET and return a description of the reply."""
     r.clear()
     r.send(mavlink.MAVLink_param_set_message(*(to or (r.id, 1)), name.encode(), value, kind))
     r.run(0.6)

@@ -1,8 +1,11 @@
-"""One vehicle under test: a world with one PX4 or one built-in autopilot, and this script as the partner of all its links.
+"""Vehicle under test: a world with one PX4 or one built-in autopilot.
 
-The processes and their slices are those of an arena's plan; nothing stands between the script and the autopilot, so that what is
-recorded is what the autopilot says. The script sleeps on the simulation clock: the world waits for it, and a step of the
-script is the same simulated time on any computer. Poses come from the arena's forwarder core, fed with the truth.
+The script is the partner of all its MAVLink links.
+
+The processes and their configurations are those of an arena's plan. No other process lies between the script
+and the autopilot, so the recorded messages are exactly those of the autopilot. The script sleeps on the
+simulation clock, and the world waits for it; so a step of the script is the same simulated time on any
+computer. The arena's pose forwarder computes the poses from the true state.
 """
 
 from __future__ import annotations
@@ -58,12 +61,15 @@ Each = Callable[["Rig"], None]
 
 
 class Unfit(Exception):
-    """The vehicle does not come as far as the case begins."""
+    """Failure of the vehicle to reach the start state of a case."""
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A message and when it came [s]; of one that the dialect does not know, m is the payload."""
+    """Received message and its arrival time t [s].
+
+    m: the decoded message, or the payload if the dialect lacks the message
+    """
 
     t: float
     msgid: int
@@ -73,9 +79,13 @@ class Received:
 
 @dataclass(kw_only=True)
 class Setup:
-    """What a case needs of its vehicle. params: beside the arena's; poses: from the start; origin: told by the forwarder.
+    """Requirements of a case.
 
-    yaml: further lines of the arena's file; sticks: `sticks: true`, and the script is the radio.
+    params: parameters in addition to those of the arena
+    poses: whether poses are sent from the start
+    origin: whether the forwarder sends an origin
+    yaml: additional lines of the arena file
+    sticks: whether the arena file has `sticks: true` and the script simulates the radio
     """
 
     params: dict[str, float] = field(default_factory=dict)
@@ -87,7 +97,7 @@ class Setup:
 
 
 class Link:
-    """This script's end of one link."""
+    """The script's end of one MAVLink link."""
 
     def __init__(self, settings: Mapping[str, Any], system: int) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -111,7 +121,11 @@ class Link:
 
 
 class Rig:
-    """A booted vehicle. `received`: everything the router link has brought since `clear`; `state`: the newest of each message."""
+    """A booted vehicle and the script's connections to it.
+
+    received: all messages received on the router link since `clear`
+    state: newest message of each kind
+    """
 
     def __init__(
         self,
@@ -168,7 +182,7 @@ class Rig:
         return self
 
     def until(self, condition: Callable[[Rig], Any], limit_s: float) -> float | None:
-        """How long it took [s]; None when it did not come true."""
+        """Run steps until the condition is true; return the time this took [s], or None after `limit_s`."""
         begin = self.now
         while not condition(self):
             if self.now - begin > limit_s:
@@ -182,13 +196,16 @@ class Rig:
         self.links[link].send(message)
 
     def lose_rotor(self, rotor: int) -> None:
-        """1..; it gives no thrust from the next step on."""
+        """Set the thrust of one rotor (numbered from 1) to zero, from the next step on."""
         inject(self._faults, {"do": "motor", "vehicle": "uav1", "rotor": rotor, "thrust": 0.0})
 
     def command(
         self, number: int, *p: float, way: str = "long", frame: int = 0, to: tuple[int, int] | None = None
     ) -> str:
-        """The acknowledgements of a command, in words: `accepted`, `denied`, `none`, or several joined by `then`."""
+        """Send a command and return its acknowledgements in words.
+
+        Returns `accepted`, `denied` and so on, several joined by `then`, or `none`.
+        """
         system, component = to or (self.id, 1)
         q = [*p, *[0.0] * 7][:7]
         if way == "long":
@@ -222,7 +239,7 @@ class Rig:
         return self.command(176, 1, main, sub)
 
     def position(self, n: float, e: float, d: float, yaw: float = 0.0) -> Each:
-        """Something for `each`: a position setpoint at every tick."""
+        """Return a function for `each` that sends a position setpoint at every tick."""
         return lambda r: r.local(0b100111111000, (n, e, d), yaw=yaw)
 
     def local(
@@ -264,7 +281,7 @@ class Rig:
         return bool(self.state["HEARTBEAT"].base_mode & 128)
 
     def settle(self) -> Rig:
-        """Wait for the next heartbeat after the last command: there is one per second, at a fixed rate."""
+        """Run until a heartbeat that was sent after the last command has arrived (they are sent at 1 Hz)."""
         return self.run(1.15)
 
     @property
@@ -283,7 +300,7 @@ class Rig:
 
     @property
     def p_n(self) -> Any:
-        """Where it really is [m] [NED] (3,)."""
+        """True position of the vehicle [m] [NED] (3,)."""
         return self.truth().p_n[0]
 
     def _listen(self) -> None:
@@ -315,7 +332,7 @@ class Rig:
     # -- poses -------------------------------------------------------------------------------------------------------------
 
     def _see(self, now: float) -> None:
-        """What motion capture would give, through the forwarder's core, delayed as in an arena."""
+        """Send the simulated motion capture pose through the pose forwarder, delayed as in an arena."""
         self._number += 1
         truth = self._truth.at(now - DELAY_S)
         if self.poses and truth is not None:
@@ -352,7 +369,7 @@ def arena_yaml(autopilot: str, setup: Setup, address: str, number: int) -> str:
 
 @contextlib.contextmanager
 def vehicle(autopilot: str, setup: Setup, *, address: str, number: int, speed: str) -> Iterator[Rig]:
-    """World and autopilot started from the plan's slices, booted, and ended again whatever happens."""
+    """Start world and autopilot as in the plan, yield the booted vehicle, and end both in every case."""
     with tempfile.TemporaryDirectory(prefix="c-") as name:
         folder = Path(name)
         path = folder / "arena.yaml"
@@ -419,7 +436,10 @@ def _clock(folder: Path, children: list[subprocess.Popen[bytes]]) -> SimClock:
 
 
 def _boot(rig: Rig, folder: Path) -> None:
-    """Received, and ready to arm where poses come. The world free-runs while PX4 boots, so the limit is of wall time."""
+    """Wait until messages arrive, and until the vehicle is ready to arm if poses are sent.
+
+    The world does not wait for the script while PX4 boots, so the time limit is in wall time.
+    """
     deadline = time.monotonic() + READY_S
     known = {"HEARTBEAT", "SYS_STATUS"} | ({"LOCAL_POSITION_NED"} if rig.poses else set())
     ready = (lambda: rig.may_arm) if rig.poses and rig.has_origin else (lambda: known <= set(rig.state))

@@ -1,4 +1,4 @@
-"""The comparison as Markdown, for docs/builtin-autopilot.md. Pure."""
+"""Tables of the comparison in Markdown, for docs/builtin-autopilot.md. Pure."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def reasons(differences: Sequence[Difference]) -> str:
 
 
 def section(cases: Mapping[str, str], sizes: Mapping[str, int], differences: Sequence[Difference]) -> str:
-    """Return the section of the page, between its marks."""
+    """Return the section of the page, including its start and end marks."""
     return "\n\n".join(
         [BEGIN, summary(cases, sizes, differences), "What differs, and why:", reasons(differences), END]
     )

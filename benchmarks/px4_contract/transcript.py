@@ -1,9 +1,11 @@
-"""What a case saw of one autopilot, and how two such transcripts differ. Pure: no vehicle, no files.
+"""Transcripts: what a case observed on one autopilot, and the differences between two transcripts.
 
-A transcript is observations by key, in the order they were made. Each says how it is compared:
-    equal    the values are the same
-    number   they are as near as the tolerance of the recorded one (the larger of an absolute and a relative one)
-    words    never compared: shown beside a difference, for people
+Pure: no vehicle, no files. A transcript contains observations by key, in the order in which they were made.
+Each has a kind, which determines how it is compared:
+
+    equal    the values must be the same
+    number   the values must agree within the larger of the absolute and the relative tolerance
+    words    not compared, only shown beside a difference
 """
 
 from __future__ import annotations
@@ -20,7 +22,11 @@ Kind = Literal["equal", "number", "words"]
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """One observation. near: absolute tolerance in `unit`; part: relative one."""
+    """One observation.
+
+    near: absolute tolerance, in `unit`
+    part: relative tolerance
+    """
 
     value: Value
     kind: Kind = "equal"
@@ -46,7 +52,7 @@ class Seen:
 
 @dataclass(kw_only=True)
 class Transcript:
-    """Filled by one case. A key that is noted twice is numbered."""
+    """Observations of one case. If a key is used twice, a number is added to it."""
 
     seen: dict[str, Seen] = field(default_factory=dict)
 
@@ -56,7 +62,7 @@ class Transcript:
     def number(
         self, key: str, value: float | None, *, near: float = 0.0, part: float = 0.0, unit: str = ""
     ) -> None:
-        """value: None when it never came."""
+        """Record a number. value: None if it was never observed."""
         rounded = (
             None
             if value is None
@@ -80,7 +86,12 @@ class Transcript:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """key: `case: observation`. px4, builtin: None where the other alone made the observation. reason: empty when unexplained."""
+    """Difference between two transcripts.
+
+    key: `case: observation`
+    px4, builtin: the observations, None if only the other autopilot has one
+    reason: reason for accepting the difference, empty if there is none
+    """
 
     key: str
     px4: Seen | None
@@ -93,7 +104,7 @@ Known = Mapping[str, str]
 
 
 def same(px4: Seen, builtin: Seen) -> bool:
-    """px4 is the recorded one: its kind and tolerance count."""
+    """Return whether two observations agree. The kind and the tolerance are those of px4's."""
     if px4.kind == "words":
         return True
     a, b = px4.value, builtin.value
@@ -108,7 +119,10 @@ def _is_number(x: Value) -> bool:
 
 
 def compare(px4: Transcripts, builtin: Transcripts, known: Known) -> list[Difference]:
-    """Every difference of the cases that both have, in the order of px4's transcript; reasons by the first pattern that fits."""
+    """Return the differences in all cases that both transcripts have, in the order of px4's.
+
+    The reason of a difference is that of the first pattern that matches.
+    """
     found = []
     for case in px4:
         if case not in builtin:
@@ -124,23 +138,23 @@ def compare(px4: Transcripts, builtin: Transcripts, known: Known) -> list[Differ
 
 
 def reason_of(name: str, known: Known) -> str:
-    """known: pattern -> reason."""
+    """Return the reason of the first matching pattern. known: pattern -> reason."""
     return next((why for pattern, why in known.items() if fits(name, pattern)), "")
 
 
 def fits(name: str, pattern: str) -> bool:
-    """`*` stands for anything, `[3-5]` for one of these letters; nothing else is special."""
+    """Return whether a name matches: `*` is any text, `[3-5]` one of these characters."""
     return fnmatchcase(name, pattern.replace("?", "[?]"))
 
 
 def idle(known: Known, differences: Iterable[Difference]) -> list[str]:
-    """Patterns that explain nothing: what they spoke of has been mended, or its name has changed."""
+    """Return the patterns that match no difference, because it was removed or renamed."""
     names = [d.key for d in differences]
     return [pattern for pattern in known if not any(fits(name, pattern) for name in names)]
 
 
 def dump(transcripts: Transcripts) -> dict[str, Any]:
-    """For JSON: fields at their defaults are left out."""
+    """Return the transcripts as JSON data, without fields that have their default values."""
     plain = Seen(value=None)
     return {
         case: {
