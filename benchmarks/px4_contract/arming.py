@@ -24,7 +24,7 @@ def tries(r: Rig, t: Transcript, key: str, *, force: bool = False) -> None:
         r.run(0.5)
 
 
-@case("arm and disarm", "in HOLD on the ground, twice; then until it disarms by itself", ground=False)
+@case("arm and disarm", "twice in HOLD on the ground; then the time until it disarms by itself", ground=False)
 def arm_and_disarm(r: Rig, t: Transcript) -> None:
     for key, do in (
         ("arm", r.arm),

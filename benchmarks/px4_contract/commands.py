@@ -129,7 +129,7 @@ def on_the_ground(r: Rig, t: Transcript) -> None:
             r.set_mode(4, 3)
 
 
-@case("commands as COMMAND_INT", "the twins of COMMAND_LONG")
+@case("commands as COMMAND_INT", "the commands of COMMAND_LONG, sent as COMMAND_INT")
 def as_int(r: Rig, t: Transcript) -> None:
     for name, number, p in (
         ("arm", 400, (1,)),
@@ -157,7 +157,7 @@ def as_int(r: Rig, t: Transcript) -> None:
         )
 
 
-@case("targets", "the same command to the vehicle, to others, as a broadcast; from unknown senders")
+@case("targets", "the same command to the vehicle, to other vehicles, as a broadcast; from unknown senders")
 def targets(r: Rig, t: Transcript) -> None:
     for key, to in (
         ("it", (r.id, 1)),

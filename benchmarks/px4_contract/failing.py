@@ -84,7 +84,7 @@ for _action in (4, 5, 0):
 
 @case(
     "offboard lost and found",
-    "the setpoints stop, then come again: it stays in the failsafe until asked",
+    "the setpoints stop and return: it stays in the failsafe until a mode is requested",
     ground=False,
 )
 def lost_and_found(r: Rig, t: Transcript) -> None:
@@ -114,7 +114,7 @@ def lost_and_found(r: Rig, t: Transcript) -> None:
 
 @case(
     "offboard left by rule",
-    "a hovering vehicle's setpoints turn wrong: unknown frame, no values, NaN",
+    "the setpoints of a hovering vehicle become invalid: unknown frame, no values, NaN",
     ground=False,
 )
 def left_by_rule(r: Rig, t: Transcript) -> None:
@@ -176,7 +176,7 @@ def poses_back(r: Rig, t: Transcript) -> None:
 def _data_link(action: int) -> None:
     @case(
         f"data link lost, NAV_DLL_ACT {action}",
-        "the ground station falls silent while it hovers in OFFBOARD",
+        "the heartbeats of the ground station stop while it hovers in OFFBOARD",
         ground=False,
     )
     def run(r: Rig, t: Transcript) -> None:
@@ -196,7 +196,7 @@ for _action in (0, 1, 2, 3, 5):
 
 @case(
     "data link never there",
-    "armed with NAV_DLL_ACT 3 and no ground station ever",
+    "armed with NAV_DLL_ACT 3; there was never a ground station",
     ground=False,
     setup=Setup(params={"NAV_DLL_ACT": 3}),
 )

@@ -76,7 +76,7 @@ def watch_modes(r: Rig) -> list[tuple[float, str, int]]:
 
 @case(
     "take off and land",
-    "MAV_CMD_NAV_TAKEOFF from HOLD, hold, MAV_CMD_NAV_LAND: times, heights, states on the way",
+    "MAV_CMD_NAV_TAKEOFF from HOLD, hold, MAV_CMD_NAV_LAND: times, heights and states during the flight",
     ground=False,
 )
 def takeoff_land(r: Rig, t: Transcript) -> None:
@@ -125,7 +125,11 @@ def takeoff_land(r: Rig, t: Transcript) -> None:
     t.words("texts", "; ".join(f"{s} {x}" for s, x in r.texts()))
 
 
-@case("take off to a height", "MAV_CMD_NAV_TAKEOFF with an altitude above the sea and a place", ground=False)
+@case(
+    "take off to a height",
+    "MAV_CMD_NAV_TAKEOFF with an altitude above sea level and a position",
+    ground=False,
+)
 def takeoff_to(r: Rig, t: Transcript) -> None:
     r.run(3.0)
     place = r.state.get("GLOBAL_POSITION_INT")
@@ -162,7 +166,7 @@ def takeoff_disarmed(r: Rig, t: Transcript) -> None:
         r.set_mode(4, 3)
 
 
-@case("land on the ground", "armed in HOLD on the floor, then AUTO.LAND: when it disarms", ground=False)
+@case("land on the ground", "armed in HOLD on the floor, then AUTO.LAND: time until it disarms", ground=False)
 def land_on_ground(r: Rig, t: Transcript) -> None:
     r.arm()
     r.run(1.0)
@@ -289,7 +293,7 @@ def manual_control(r: Rig, t: Transcript) -> None:
 
 @case(
     "other setters",
-    "messages outside the contract that set something: movement of a hovering vehicle",
+    "messages outside the contract that change something: movement of a hovering vehicle",
     ground=False,
     setup=Setup(),
 )

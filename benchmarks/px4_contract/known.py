@@ -31,7 +31,7 @@ _NO_SUCH_MODE = (
 )
 _NOT_THERE = "acknowledged as unsupported; PX4 supports it, does not reply, or accepts it without effect"
 _STAYS = "refused with a text; PX4 v1.16 first acknowledges it, then refuses it without a text"
-_BLIND = "safer: the heading comes from poses only, and arming needs it; PX4 arms without, for attitude and rate control"
+_BLIND = "safer: the heading comes from poses only, and arming needs a heading; PX4 arms without a heading for attitude and rate control"
 _MORE_MESSAGES = "not available; the values exist in other messages"
 _PROTOCOL = "PROTOCOL_VERSION is deprecated and not in the dialect; AUTOPILOT_VERSION contains the same"
 _FTP = "FTP is not supported"
@@ -73,7 +73,7 @@ KNOWN: dict[str, str] = {
     "arm in each mode: 2.0: *": _STICKS,
     "arm in each mode: 3.0: *": _STICKS,
     "arm in each mode: 7.0: *": _STICKS,
-    "arm in each mode: 4.6: ready to arm, reported": "the prearm bit considers the mode, which prevents arming; PX4's does not",
+    "arm in each mode: 4.6: ready to arm, reported": "the prearm bit considers whether the mode allows arming; PX4's does not",
     "arm and disarm: arm: severities*": "no log files; PX4 sends a text when it opens one",
     "commands *: arm 2: *": _ARGUMENTS,
     "commands *: arm nan: *": _ARGUMENTS,
@@ -130,7 +130,7 @@ KNOWN: dict[str, str] = {
     "commands *: command 0: ack": _NOT_THERE,
     "commands *: figure eight: *": _NOT_THERE,
     "commands *: * parameters: ack": "nothing is stored: at the next start the parameters are those of the YAML",
-    "other setters: SET_GPS_GLOBAL_ORIGIN: moved": "safer: an armed vehicle keeps its origin; PX4 flies away by the difference",
+    "other setters: SET_GPS_GLOBAL_ORIGIN: moved": "safer: an armed vehicle keeps its origin; PX4 takes the new one and flies away",
     "commands *: inject failure: ack": "only supported failures are injected, if SYS_FAILURE_EN is set; PX4 accepts unit 0",
     "commands *: set home at no place: ack": _ARGUMENTS,
     "request message: SCALED_IMU: *": _MORE_MESSAGES,
@@ -144,8 +144,8 @@ KNOWN: dict[str, str] = {
     "rates and contents in the air: after landing": _AFTER,
     "*: SYS_STATUS voltage": "the battery is the profile's, with 3 cells; PX4 simulates one with 4",
     "*: HIGHRES_IMU abs_pressure": "in hPa, as the message defines; PX4 v1.16 sends Pa",
-    "*: POSITION_TARGET_LOCAL_NED frame and mask": "axes without a setpoint are masked; PX4 sends zeros and its feed-forward",
-    "*: ESTIMATOR_STATUS flags": "another filter: it predicts the position; PX4 flags a constant one",
+    "*: POSITION_TARGET_LOCAL_NED frame and mask": "axes without a setpoint are masked; PX4 sends zeros or its feed-forward values",
+    "*: ESTIMATOR_STATUS flags": "another filter: it reports a predicted position; PX4 reports a constant position",
     "parameter list: MIS_*": "PX4 lists a parameter only once a module has asked for it",
     "battery empties*: ended by itself": "another battery model; PX4's simulated battery never becomes empty",
     "setpoints in the air, *: target sent": _SETPOINT_SENT,

@@ -206,7 +206,8 @@ def contents_disarmed(r: Rig, t: Transcript) -> None:
 
 
 @case(
-    "request message", "MAV_CMD_REQUEST_MESSAGE of every message of the link, of others and of unknown ones"
+    "request message",
+    "MAV_CMD_REQUEST_MESSAGE for every message of the link, for other messages and for unknown ones",
 )
 def request(r: Rig, t: Transcript) -> None:
     wanted = [
@@ -270,7 +271,7 @@ def request(r: Rig, t: Transcript) -> None:
         t.note(f"{key}: ack", r.command(512, p))
 
 
-@case("message interval", "MAV_CMD_SET_MESSAGE_INTERVAL and GET_MESSAGE_INTERVAL, at each kind of argument")
+@case("message interval", "MAV_CMD_SET_MESSAGE_INTERVAL and GET_MESSAGE_INTERVAL, with each kind of argument")
 def interval(r: Rig, t: Transcript) -> None:
     def hz(seconds: float = 4.0) -> float:
         r.run(0.5).clear()

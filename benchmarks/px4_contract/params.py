@@ -80,7 +80,7 @@ def listing(r: Rig, t: Transcript) -> None:
         t.note(f"list has {name!r}", name in found)
 
 
-@case("parameter read", "PARAM_REQUEST_READ by name, index, of what is not there, for others")
+@case("parameter read", "PARAM_REQUEST_READ by name, by index, of missing parameters, for other vehicles")
 def reading(r: Rig, t: Transcript) -> None:
     for name in ("MPC_XY_P", "COM_OBL_RC_ACT"):
         m = read(r, name)
@@ -110,7 +110,7 @@ def reading(r: Rig, t: Transcript) -> None:
 
 @case(
     "parameter write",
-    "PARAM_SET of each type, wrong types, values out of range, not finite, unknown names, for others",
+    "PARAM_SET of each type, with wrong types, values out of range or not finite, unknown names, for other vehicles",
 )
 def writing(r: Rig, t: Transcript) -> None:
     before = {
