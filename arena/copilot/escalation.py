@@ -131,7 +131,7 @@ class Escalation:
             self._left_alone = mode
         elif violations and self._left_alone != mode:
             self._events.append(
-                f"{self.name}: {violations[0].rule}: {violations[0].why}; not commanded in {mode}"
+                f"{self.name}: {violations[0].rule}: {violations[0].why}; not commanded in {mode} (pilot or failsafe)"
             )
             self._left_alone = mode
 
@@ -141,7 +141,9 @@ class Escalation:
             return
         if status.mode == MODES[order.step]:
             if order.obeyed_at is None:
-                self._events.append(f"{self.name}: {status.mode} after {now - order.given_at:.2f} s")
+                self._events.append(
+                    f"{self.name}: in {status.mode} {now - order.given_at:.2f} s after the command"
+                )
                 self.order = _with(order, obeyed_at=now)
         elif order.obeyed_at is not None and not violations:
             self._events.append(

@@ -135,8 +135,12 @@ class RuleChecker:
 def _fence_text(left: float, way: float, reserve: float, speed: float, side: str) -> str:
     if left < 0.0:
         return (
-            f"it is {-left:.2f} m past the fence in the {side}"
+            f"it is {-left:.2f} m past the {side} side of the fence"
             if side != "ceiling"
-            else f"it is {-left:.2f} m above the fence"
+            else f"it is {-left:.2f} m above the top of the fence"
         )
-    return f"to stop from {speed:.1f} m/s it needs {way:.2f} m and {reserve:g} m in reserve, and the {side} is {left:.2f} m away"
+    limit = "top" if side == "ceiling" else f"{side} side"
+    return (
+        f"to stop from {speed:.1f} m/s it needs {way:.2f} m and {reserve:g} m in reserve, "
+        f"and the {limit} of the fence is {left:.2f} m away"
+    )

@@ -69,7 +69,7 @@ class DirectLink:
             self._unread_since = now
         if silent_s >= BESIDE_AFTER_S and self._beside is None and self._vehicle is not None:
             self._beside = open_udp(("0.0.0.0", 0))
-            self._print(f"no telemetry; sending directly to {self._vehicle[0]}:{self._vehicle[1]} too")
+            self._print(f"no telemetry; also sending directly to {self._vehicle[0]}:{self._vehicle[1]}")
         hangs = self._unread_since is not None and now - self._unread_since >= REPLACE_AFTER_S
         if hangs and silent_s >= REPLACE_AFTER_S:
             self._kill_link(now)
@@ -111,7 +111,9 @@ class DirectLink:
     def _kill_link(self, now: float) -> None:
         process = self._address.link_process
         if process is None:
-            self._print(f"{self._process_name} does not respond and its process id is unknown: give --run")
+            self._print(
+                f"{self._process_name} does not respond and its process id is unknown: name the run folder with --run"
+            )
         elif kill(process):
             what = f"{self._process_name} (process {process.pid})"
             self._replace_link(now, f"{what} did not read for {REPLACE_AFTER_S:g} s and was killed")

@@ -68,7 +68,7 @@ def _record(command: str, targets: Sequence[Target]) -> None:
 def _worst(found: Found, code: int) -> int:
     """Print the vehicles that were not commanded, as the last lines. Return the exit code."""
     for why in found.unread:
-        _say(f"NOT COMMANDED: vehicles of an active run that cannot be read: {why}")
+        _say(f"NOT COMMANDED: the vehicles of an active run whose files cannot be read: {why}")
     return code or (EXIT_FAILED if found.unread else EXIT_OK)
 
 
@@ -91,7 +91,9 @@ def command(verb: str, arguments: Sequence[str], prog: str = "arena") -> int:
         "--timeout", type=float, default=KILL_TIMEOUT_S if verb == "kill-all" else LAND_TIMEOUT_S, metavar="S"
     )
     if verb == "kill-all":
-        parser.add_argument("--yes", action="store_true", help="required: flying vehicles fall")
+        parser.add_argument(
+            "--yes", action="store_true", help="required: confirms that flying vehicles will fall"
+        )
     a = parser.parse_args(arguments)
     selection = {"arena": a.arena, "run": a.run, "only": a.only, "spared": a.spared, "timeout_s": a.timeout}
     with _ignoring_hangup():

@@ -174,7 +174,7 @@ def from_yaml(path: Path) -> Found:
         raise InputError(f"{path}: {error.strerror}") from error
     host, vehicles = vehicles_of(read_yaml(text))
     if not vehicles:
-        raise InputError(f"{path}: it names no vehicle. Expected `vehicles:` with one name per line")
+        raise InputError(f"{path}: the file names no vehicle. Expected `vehicles:` with one name per line")
     return Found(source=str(path), targets=tuple(_by_port_rule(one, host) for one in vehicles))
 
 

@@ -93,7 +93,7 @@ class Settings:
         except (KeyError, TypeError) as error:
             what = f"{type(error).__name__} {error}"
             raise InputError(
-                f"the link's slice is not complete: {what} (docs/architecture.md, Slices)"
+                f"configuration of the link process: missing or wrong key: {what} (docs/architecture.md, Slices)"
             ) from error
 
 
@@ -101,7 +101,7 @@ def _connection(raw: Any) -> ConnectionUrl:
     try:
         return url_from_json(raw)
     except ValueError as error:
-        raise InputError(f"the link's slice: wire: {error}") from error
+        raise InputError(f"configuration of the link process: wire: {error}") from error
 
 
 def _preflight(raw: Mapping[str, Any]) -> Preflight:
@@ -122,7 +122,8 @@ def _above(name: str, value: Any) -> float:
     number = _finite(name, value)
     if number <= 0.0:
         raise InputError(
-            f"the link's slice: {name}: got {value!r}, expected a number above 0 (0 does not disable the check)"
+            f"configuration of the link process: {name}: got {value!r}, "
+            "expected a number above 0 (0 does not disable the check)"
         )
     return number
 
@@ -130,7 +131,9 @@ def _above(name: str, value: Any) -> float:
 def _finite(name: str, value: Any) -> float:
     """Return the value if it is a finite number, else raise InputError. An int stays an int."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"the link's slice: {name}: got {value!r}, expected a finite number")
+        raise InputError(
+            f"configuration of the link process: {name}: got {value!r}, expected a finite number"
+        )
     return value
 
 
@@ -139,4 +142,6 @@ def _address(raw: Any) -> Address:
         host, port = raw
         return str(ipaddress.IPv4Address(host)), int(port)
     except ValueError as error:
-        raise InputError(f"the link's slice: {raw!r} is not [numeric IPv4 host, port]: {error}") from error
+        raise InputError(
+            f"configuration of the link process: {raw!r} is not [numeric IPv4 host, port]: {error}"
+        ) from error

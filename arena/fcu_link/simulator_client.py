@@ -50,7 +50,7 @@ class SimulatorClient:
         if not wanted:
             if self._connected:
                 self.events.append(
-                    "no data from the flight controller: it leaves the world until it sends again"
+                    "no data from the flight controller: disconnected from the world until data arrive"
                 )
             self.close()
         elif self._socket is None and now >= self._next_try:

@@ -253,7 +253,7 @@ class SerialTransport:
         self.close()
         self._next_open = now + _REOPEN_S
         what = "is gone" if is_unplugged(error) else f"failed ({error.strerror})"
-        ask = "is the cable in, and the vehicle powered? It is opened again when it is back"
+        ask = "is the cable in, and the vehicle powered? The device is opened as soon as it is available"
         self._report(f"{self._device} {what}: {ask}")
 
     def _report(self, text: str) -> None:

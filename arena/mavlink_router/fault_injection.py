@@ -70,7 +70,7 @@ class FaultInjectionShell(RouterShell):
             self._join_clock()
             at = self._delay_time(now)
         except RunError as error:
-            self._process.event(f"delays are over: {error}")
+            self._process.event(f"delays have ended: {error}")
             self.impaired.clear()
             self._leave_clock()
             self._clock_path, at = None, math.inf

@@ -58,7 +58,9 @@ class Table:
                 simulated=bool(raw["simulated"]),
             )
         except (KeyError, TypeError) as error:
-            raise InputError(f"the router's slice is not complete: {type(error).__name__} {error}") from error
+            raise InputError(
+                f"configuration of the router: missing or wrong key: {type(error).__name__} {error}"
+            ) from error
 
 
 def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
@@ -83,4 +85,6 @@ def _address(raw: Any) -> Address:
         host, port = raw
         return str(ipaddress.IPv4Address(host)), int(port)
     except ValueError as error:
-        raise InputError(f"the router's slice: {raw!r} is not [numeric IPv4 host, port]: {error}") from error
+        raise InputError(
+            f"configuration of the router: {raw!r} is not [numeric IPv4 host, port]: {error}"
+        ) from error

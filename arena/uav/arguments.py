@@ -75,7 +75,9 @@ def _by_hand(given: argparse.Namespace) -> dict[str, Any]:
 
     digits = given.ns[len(given.ns.rstrip("0123456789")) :]
     if given.id is None and not digits:
-        raise InputError(f"--id: missing, and the name {given.ns!r} does not end in a number to take it from")
+        raise InputError(
+            f"--id: missing, and the name {given.ns!r} does not end in a number that could be the id"
+        )
     number = int(digits) if given.id is None else given.id
     profile = load_profile(given.profile).slice()
     link = given.link or f"udpin:127.0.0.1:{16000 + number}"

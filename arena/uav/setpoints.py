@@ -73,7 +73,7 @@ def period_s(freq: ArrayLike) -> float:
     hz = scalar(freq, "freq")
     if not 0.0 < hz <= 1000.0:
         raise SetpointError(
-            f"freq: got {hz:g} Hz, expected more than 0 and at most 1000 (PX4 leaves OFFBOARD below 2)"
+            f"freq: got {hz:g} Hz, expected more than 0 and at most 1000 (PX4 leaves OFFBOARD below 2 Hz)"
         )
     return 1.0 / hz
 

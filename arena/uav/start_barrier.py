@@ -57,7 +57,7 @@ class StartBarrier:
         """
         if self._folder is None:
             raise InputError(
-                "wait_for: needs a program that `arena up` started, as it waits for the others of the run"
+                "wait_for: needs a program that `arena up` started, because it waits for the other programs of the run"
             )
         if not name.replace("-", "").replace("_", "").isalnum():
             raise InputError(f"wait_for: got the name {name!r}, expected letters, digits, - and _")
@@ -65,7 +65,7 @@ class StartBarrier:
         if not 1 <= count <= len(self._programs):
             programs = ", ".join(self._programs)
             raise InputError(
-                f"wait_for: got n={count}, expected 1 to {len(self._programs)}: the programs of {programs}"
+                f"wait_for: got n={count}, expected 1 to {len(self._programs)}, because this run has the programs of {programs}"
             )
         self._uses[name] += 1
         folder = self._folder / f"{name}.{self._uses[name]}"

@@ -213,7 +213,7 @@ class VehicleControl:
             if result is not None:
                 return self._check_result(result - 1, what)
         raise NotConfirmedError(
-            f"{self._source.ns}: no answer of the autopilot to {what} after {_TRIES} tries{self._texts()}"
+            f"{self._source.ns}: no answer from the autopilot to {what} after {_TRIES} tries{self._texts()}"
         )
 
     def _answer(self, number: int) -> int | None:
@@ -291,7 +291,7 @@ class VehicleControl:
     def _why_not_ready(self) -> str:
         t = self._source.telemetry
         if t.heartbeat is None:
-            return "no heartbeat of the autopilot has arrived" + (
+            return "no heartbeat from the autopilot has arrived" + (
                 f" ({self._connection.fault})" if self._connection.fault else ""
             )
         if self._source.age(t.local) > self._source.stale_s:

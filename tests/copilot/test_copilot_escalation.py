@@ -35,7 +35,7 @@ def test_order_has_a_reason_and_is_repeated_until_its_mode_is_reported() -> None
         h.decide([], at("OFFBOARD"), 1.0 + REPEAT_S).send == "hold"
     )  # latched, although the violation has ended
     seen = h.decide([], at("AUTO.LOITER"), 1.5)
-    assert seen.send is None and "AUTO.LOITER after 0.50 s" in seen.events[0]
+    assert seen.send is None and "in AUTO.LOITER 0.50 s after the command" in seen.events[0]
     assert h.decide([], at("AUTO.LOITER"), 9.0) == h.decide([], at("AUTO.LOITER"), 99.0)
 
 

@@ -72,7 +72,10 @@ def test_fence_has_no_lower_limit() -> None:
 
 def test_reason_has_the_values() -> None:
     (found,) = judge().violations(moment([[4.0, 0.0, -1.0]], [[3.0, 0.0, 0.0]]))
-    assert "to stop from 3.0 m/s it needs" in found.why and "the north is 2.00 m away" in found.why
+    assert (
+        "to stop from 3.0 m/s it needs" in found.why
+        and "the north side of the fence is 2.00 m away" in found.why
+    )
 
 
 def test_tilt_is_violated_after_its_duration() -> None:

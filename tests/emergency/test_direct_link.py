@@ -231,7 +231,7 @@ def test_a_link_that_reads_is_never_killed(lab, capsys):
     assert site.link.poll() is None
     printed = lines(capsys)
     assert printed[-1].startswith("uav1: NOT CONFIRMED")
-    assert any(f"sending directly to {host}:25001 too" in line for line in printed)
+    assert any(f"also sending directly to {host}:25001" in line for line in printed)
     assert not any(" instead" in line for line in printed)
 
 

@@ -284,7 +284,7 @@ def test_a_broken_yaml_keeps_its_address():
 def test_a_file_without_vehicles_is_refused(tmp_path, text):
     file = tmp_path / "arena.yaml"
     file.write_text(text)
-    with pytest.raises(InputError, match="it names no vehicle"):
+    with pytest.raises(InputError, match="the file names no vehicle"):
         from_yaml(file)
 
 

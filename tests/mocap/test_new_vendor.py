@@ -106,7 +106,7 @@ def test_toy_vendor_reports_a_missing_body():
     server.send(EmulatedCameras(server_slice).measure(1, truth_at(0.0)), 0.0, wall=0.0)
     assert select.select([client], [], [], 5.0)[0]
     client.poll(0.0)
-    assert "has no body 'UAV1'; it has 'uav1'. Did you mean 'uav1'?" in client.diagnosis()
+    assert "has no body 'UAV1'; its bodies: 'uav1'. Did you mean 'uav1'?" in client.diagnosis()
     server.close()
     client.close()
 

@@ -219,7 +219,7 @@ def test_missing_body_is_reported_once_with_the_existing_names(tmp_path):
         while time.monotonic() < end:
             arena.step()
         assert len(events()) == 1
-        assert "has no body 'B'; it has 'b'. Did you mean 'b'?" in events()[0]
+        assert "has no body 'B'; its bodies: 'b'. Did you mean 'b'?" in events()[0]
         assert arena.stats["capture unknown body"] > 0
         assert not arena.of("ODOMETRY")
     finally:

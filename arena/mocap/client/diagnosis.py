@@ -13,7 +13,7 @@ _MAX_NAMES = 8
 
 def no_network(server: str, reason: str) -> str:
     """Return what the user must check when no socket to the server can be opened."""
-    return f"motion capture: no network route to {server} ({reason}): is this computer in its network? Retrying every second"
+    return f"motion capture: no network route to {server} ({reason}): is this computer in the server's network? Retrying every second"
 
 
 def no_pose(server: str, bodies: BodyStatus) -> str:
@@ -23,19 +23,20 @@ def no_pose(server: str, bodies: BodyStatus) -> str:
     if bodies.duplicate:
         return (
             f"motion capture: {server} has two bodies called {_list(bodies.duplicate)}, so the poses of both are dropped: "
-            "rename one there"
+            "rename one of them on the server"
         )
     if bodies.missing:
-        there = f"it has {_list(sorted(bodies.names))}" if bodies.names else "it has no bodies"
+        there = f"its bodies: {_list(sorted(bodies.names))}" if bodies.names else "it has no bodies"
         near = _nearest(bodies.missing[0], bodies)
         return (
             f"motion capture: {server} streams, but has no body {_list(bodies.missing)}; {there}."
-            f"{f' Did you mean {near}?' if near else ''} Rename it there, or set the vehicle's mocap_body"
+            f"{f' Did you mean {near}?' if near else ''} "
+            "Rename the body on the server, or set the vehicle's mocap_body to a name from this list"
         )
     if bodies.hidden:
         return (
             f"motion capture: {server} streams, but does not track {_list(bodies.hidden)}: "
-            "is it in view with all its markers, and enabled there?"
+            "is the body in view with all its markers, and enabled on the server?"
         )
     return ""
 

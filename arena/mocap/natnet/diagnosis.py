@@ -44,7 +44,7 @@ def diagnose(c: Condition) -> str:
     if c.version_unsupported and c.answered is not None:
         return (
             f"motion capture: {c.server} uses NatNet {_version(c.answered)}, supported are 3.0 to 4.2: "
-            "choose one of these in its streaming settings"
+            "choose one of these in the server's streaming settings"
         )
     if not c.streaming:
         return _no_frames(c) if c.answered is not None else _no_answer(c)
@@ -58,11 +58,9 @@ def _no_answer(c: Condition) -> str:
             f"{start}, though its frames arrive: is UDP {c.command_port} open in the firewalls on both sides?"
         )
     if c.foreign:
-        return (
-            f"{start}, and {c.foreign} streams to the same group: is that the server? Set mocap.server to it"
-        )
+        return f"{start}, and {c.foreign} streams to the same group: if this is the server, set mocap.server to this address"
     return (
-        f"{start}: is mocap.server right, is streaming enabled there and bound to this network's interface, "
+        f"{start}: is mocap.server right, is streaming enabled on the server and bound to the interface of this network, "
         f"and do the firewalls let UDP {c.command_port} through?"
     )
 
@@ -71,12 +69,12 @@ def _no_frames(c: Condition) -> str:
     if c.malformed and c.answered is not None:
         return (
             f"motion capture: {c.server} answers, but its frames do not have the layout of NatNet {_version(c.answered)} "
-            f"that it announces: choose a version from 3.0 to 4.2 in its streaming settings"
+            f"that it announces: choose a version from 3.0 to 4.2 in the server's streaming settings"
         )
     if c.foreign:
         return (
             f"motion capture: {c.server} answers, but frames come from {c.foreign} and are dropped: "
-            "if that is the same computer, set mocap.server to it"
+            "if this is another address of the same computer, set mocap.server to it"
         )
     way = (
         f"multicast {c.group}:{c.data_port} on {c.local}"
@@ -91,14 +89,14 @@ def _advice(c: Condition) -> str:
     info = c.answered
     if info is not None and info.data_port:
         if info.group and c.transport == "unicast":
-            return f"it streams by multicast to {info.group}:{info.data_port}. Set mocap.transport: multicast"
+            return f"the server streams by multicast to {info.group}:{info.data_port}. Set mocap.transport: multicast"
         if not info.group and c.transport == "multicast":
-            return "it streams by unicast. Set mocap.transport: unicast, or multicast there"
+            return "the server streams by unicast. Set mocap.transport: unicast, or select multicast on the server"
         if info.group and info.group != c.group:
-            return f"it streams to the group {info.group}. Set mocap.group to it"
+            return f"the server streams to the group {info.group}. Set mocap.group: {info.group}"
         if info.data_port != c.data_port:
-            return f"it streams to port {info.data_port}. Set mocap.data_port to it"
-    return f"is it recording or live, and do the firewalls let UDP {c.data_port} through" + (
+            return f"the server streams to port {info.data_port}. Set mocap.data_port: {info.data_port}"
+    return f"is the server live or recording, and do the firewalls let UDP {c.data_port} through" + (
         " and the network multicast?" if c.transport == "multicast" else "?"
     )
 

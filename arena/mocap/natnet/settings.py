@@ -98,7 +98,12 @@ def server_sockets(settings: Settings) -> tuple[SocketUse, ...]:
             what="NatNet commands",
             peer="any client that asks, as NatNet servers do: poses only",
         ),
-        SocketUse(address=address, port=0, what="NatNet frames leave", peer="nobody: it sends"),
+        SocketUse(
+            address=address,
+            port=0,
+            what="NatNet frames, sent from here",
+            peer="no one: this socket only sends",
+        ),
     )
 
 
