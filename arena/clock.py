@@ -167,7 +167,7 @@ class SimClock:
 
 
 class _Client:
-    """Client as the server sees it.
+    """Client of the clock server.
 
     wake: requested wake-up time [s], None while the client is awake. gates: the world waits for this client.
     """

@@ -89,7 +89,7 @@ class Stop:
 
 
 def predict_stops(p_n: Array, v_n: Array, accel_n: Array, react_s: Array, limits: BrakingLimits) -> Stop:
-    """Return the predicted stops.
+    """Return the predicted stops of all vehicles if they are commanded to hold now.
 
     p_n: positions [m] [NED] (N, 3). v_n: velocities [m/s] [NED] (N, 3).
     accel_n: horizontal acceleration, computed from the tilt [m/s2] [NED] (N, 3).

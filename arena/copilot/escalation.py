@@ -43,7 +43,7 @@ class VehicleStatus:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """Order in force.
+    """Command that the copilot has given to a vehicle and that has not ended. step: hold, land or terminate.
 
     given_at: time of the order [s]. obeyed_at: when the commanded mode was first reported [s]; None before.
     """
@@ -67,8 +67,10 @@ class Decision:
 
 
 def may_end(mode: str, order: Order | None) -> bool:
-    """Return whether the copilot may change a vehicle's mode. Its own landing counts as such a mode, because
-    only termination is more severe.
+    """Return whether the copilot may change a vehicle's mode: in the modes of programs, and in a landing of
+    its own.
+
+    It may end its own landing, because only termination is more severe.
     """
     return mode in OPEN or (order is not None and order.step != "hold" and mode == "AUTO.LAND")
 

@@ -28,7 +28,8 @@ _ON_THE_WAY_M = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class SeparationResult:
-    """Result of the separation rule.
+    """Result of the separation rule: who must hold, which pairs have the same target, and the smallest
+    distance.
 
     broken: violations, one per vehicle to hold.
     meeting: (first, yielding) rows of the pairs that are commanded to the same place.
@@ -41,7 +42,7 @@ class SeparationResult:
 
 
 def separation(m: FleetState, at_m: float, ahead_s: float, names: list[str]) -> SeparationResult:
-    """Check all pairs of vehicles.
+    """Check the predicted distance of all pairs of vehicles.
 
     at_m: minimum distance of the origins [m]. ahead_s: prediction time [s].
     """

@@ -14,7 +14,7 @@ STEPS: tuple[Step, ...] = ("hold", "land", "terminate")
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """Rules of an arena.
+    """Rules of the copilot in one arena: actions and limits.
 
     do: rule -> action. figure: "rule.key" -> value, with the names of the YAML.
     escalate_after_s: time for which a violation may last after an order before the next step follows, up to

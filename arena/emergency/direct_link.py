@@ -144,7 +144,7 @@ class DirectLink:
                 yield data
 
     def _is_vehicle(self, data: bytes, sender: Address) -> bool:
-        """Return whether a datagram is from the vehicle although its sender's address is new.
+        """Return whether a datagram is from the vehicle, if its sender's address is not the recorded one.
 
         It must contain a frame of the vehicle's autopilot. If the vehicle's address is known, its sender must
         be on the same host.

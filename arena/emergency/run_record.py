@@ -52,7 +52,7 @@ class DirectAddress:
 
     @classmethod
     def of(cls, connection: ConnectionUrl) -> DirectAddress:
-        """Return the address as far as the connection URL alone contains it."""
+        """Return the address that the connection URL contains, without the records of a run."""
         if connection.kind == "udpin":
             return cls(connection=connection, local=connection.address)
         if connection.kind == "udpout":

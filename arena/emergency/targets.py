@@ -71,7 +71,7 @@ def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
         arena = Path("arena.yaml")
         if not arena.is_file():
             raise InputError(
-                "nothing to land: no run is active, and there is no arena.yaml here. Name one: arena land-all FILE"
+                "nothing to land: no run is active, and there is no arena.yaml in this folder. Name the file: arena land-all FILE"
             )
     arena = arena / "arena.yaml" if arena.is_dir() else arena
     if found := _of_runs([folder for folder in runs if _began_from(folder) == str(arena.resolve())]):

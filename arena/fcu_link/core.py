@@ -242,8 +242,10 @@ class FcuLink:
                 self.counts["from the simulator: not for a controller in the loop"] += 1
 
     def next_out(self, now: float) -> bytes | None:
-        """Return the next frame for the vehicle; None if there is none. The preflight checks see a pose when
-        it is returned here.
+        """Return the next frame for the vehicle; None if there is none.
+
+        A pose counts for the preflight checks only when it is returned here, because older poses in the queue
+        may be dropped.
         """
         queued = self.queue.take(now)
         if queued is None:

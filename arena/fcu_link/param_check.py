@@ -134,8 +134,9 @@ class ParamCheck:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
     def _mark_unknown(self, p: _Param) -> bool:
-        """Mark a parameter as unknown after enough requests, if other parameters were answered. Return
-        whether it is unknown.
+        """Mark a parameter as unknown if enough requests had no reply while other parameters were answered.
+
+        Return whether it is unknown.
         """
         if p.tries >= TRIES and self._answers - p.answers_before >= 2:
             p.unknown, p.due = True, False

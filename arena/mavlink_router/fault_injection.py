@@ -1,8 +1,8 @@
-"""Router process with fault injection: receives faults, and delays datagrams by the right clock.
+"""Router process with fault injection: receives faults, and measures delays in simulation time if there is a
+simulation clock.
 
-While no fault is active, datagrams are routed as in `RouterShell`. With a simulation clock, delays are in
-simulation time. While a datagram is delayed, the router is a client of this clock, so that simulation time
-waits for the router.
+While no fault is active, datagrams are routed as in `RouterShell`. While a datagram is delayed, the router is
+a client of the simulation clock, so that simulation time waits for the router.
 """
 
 from __future__ import annotations

@@ -132,7 +132,7 @@ class Router:
 
     @property
     def links(self) -> dict[str, int]:
-        """Vehicle name -> index in `sockets` of its router link."""
+        """Index in `sockets` of each vehicle's router link, by vehicle name."""
         return {v.vehicle.name: v.up[0][0] for v in self._vehicles}
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:

@@ -1,4 +1,4 @@
-"""Sockets of a user program: receive telemetry and motion capture, send setpoints and commands.
+"""Sockets of a user program. They receive telemetry and motion capture, and send setpoints and commands.
 
 A background thread receives data and sends a heartbeat at 1 Hz, which announces an onboard computer to the
 vehicle. The thread never sends a setpoint. Setpoints are sent only in a call of the user program, so that the

@@ -31,7 +31,7 @@ _AGE_LIMITS = {
 
 
 class Stamped(Protocol):
-    """Interface of a value with its time of arrival [s]."""
+    """Interface of a received value. It contains the time of arrival [s]."""
 
     @property
     def received_at(self) -> float: ...

@@ -39,7 +39,7 @@ class IgnoreAttitude(IntFlag):
 
 
 def vector(value: ArrayLike, what: str, size: int = 3) -> Array:
-    """Return a vector as a float64 array (size,).
+    """Check the shape of a vector and return it as a float64 array (size,).
 
     value: (size,) or (size, 1). Raises SetpointError for any other shape, and for NaN or infinity.
     """
@@ -55,9 +55,9 @@ def vector(value: ArrayLike, what: str, size: int = 3) -> Array:
 
 
 def scalar(value: ArrayLike, what: str) -> float:
-    """Return one finite number.
+    """Check that a value is one finite number, and return the number. Raises SetpointError for anything else.
 
-    value: a number, or an array (1,) or (1, 1). Raises SetpointError for anything else.
+    value: a number, or an array (1,) or (1, 1).
     """
     try:
         found = np.asarray(value, dtype=np.float64)
@@ -79,7 +79,7 @@ def period_s(freq: ArrayLike) -> float:
 
 
 def duration_s(time: ArrayLike) -> float:
-    """Return a duration [s]. Raises SetpointError for a negative one."""
+    """Check a duration and return it [s]. Raises SetpointError for a negative duration."""
     seconds = scalar(time, "time")
     if seconds < 0.0:
         raise SetpointError(f"time: got {seconds:g} s, expected 0 or more")
@@ -87,7 +87,7 @@ def duration_s(time: ArrayLike) -> float:
 
 
 def attitude(att: ArrayLike, kind: AttitudeKind) -> Array:
-    """Return an attitude as q_nb [-] wxyz (4,).
+    """Convert an attitude to a quaternion q_nb [-] wxyz (4,).
 
     att: roll, pitch, yaw [rad] (3,) for the kind "euler"; wxyz (4,) for "quaternion".
     """

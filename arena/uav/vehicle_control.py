@@ -162,7 +162,7 @@ class VehicleControl:
             )
         if not self._is_down():
             raise OffboardLostError(
-                f"{self._source.ns}: the vehicle left AUTO.LAND before the ground ({self._cause()}): {self._state()}"
+                f"{self._source.ns}: the vehicle left AUTO.LAND before it was on the ground ({self._cause()}): {self._state()}"
             )
 
     def request_version(self) -> tuple[int, int, int] | None:

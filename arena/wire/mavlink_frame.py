@@ -38,8 +38,9 @@ Buffer = bytes | bytearray | memoryview
 
 
 class MavlinkSender(Protocol):
-    """Identity of a sender: its system id, component id and next sequence number, with the attribute names of
-    `pymavlink.MAVLink`.
+    """Identity of a sender: its system id, component id and next sequence number.
+
+    The attributes have the names of `pymavlink.MAVLink`, so that an object of that class fits too.
     """
 
     seq: int
@@ -221,7 +222,7 @@ def _crc_fits(data: Buffer, frame: Frame, seed: bytes) -> bool:
 
 
 def _plausible(data: Buffer, frame: Frame, clean: bool, size: int) -> bool:
-    """Return whether to accept a frame of an unknown message: its CRC cannot be checked, so its neighbours
+    """Return whether to accept a frame of an unknown message. Its CRC cannot be checked, so its neighbours
     must be frames.
 
     clean: all earlier bytes of the datagram belong to frames

@@ -30,7 +30,11 @@ _HIGHRES_BARO = 0x1A00
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Local:
-    """LOCAL_POSITION_NED. received_at: time [s]; boot_s: the autopilot's time [s]; pos [m] [NED] (3,); vel [m/s] [NED] (3,)."""
+    """Estimated position and velocity, from LOCAL_POSITION_NED.
+
+    received_at: time of arrival [s]. boot_s: the autopilot's time [s]. pos: [m] [NED] (3,). vel: [m/s] [NED]
+    (3,).
+    """
 
     received_at: float
     boot_s: float
@@ -40,7 +44,10 @@ class Local:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Attitude:
-    """ATTITUDE_QUATERNION. q_nb [-] wxyz (4,); ang_vel: body rates [rad/s] [FRD] (3,)."""
+    """Estimated attitude, from ATTITUDE_QUATERNION.
+
+    q_nb: [-] wxyz (4,). ang_vel: body rates [rad/s] [FRD] (3,).
+    """
 
     received_at: float
     boot_s: float
@@ -50,7 +57,10 @@ class Attitude:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Imu:
-    """HIGHRES_IMU. boot_s: the autopilot's time [s]; acc_body: specific force [m/s2] [FRD] (3,); ang_vel [rad/s] [FRD] (3,)."""
+    """Inertial measurement, from HIGHRES_IMU.
+
+    boot_s: the autopilot's time [s]. acc_body: specific force [m/s2] [FRD] (3,). ang_vel: [rad/s] [FRD] (3,).
+    """
 
     received_at: float
     boot_s: float
@@ -60,7 +70,7 @@ class Imu:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Mag:
-    """HIGHRES_IMU. mag: magnetic field [T] [FRD] (3,)."""
+    """Measured magnetic field, from HIGHRES_IMU. mag: [T] [FRD] (3,)."""
 
     received_at: float
     mag: Array
@@ -68,7 +78,7 @@ class Mag:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Baro:
-    """HIGHRES_IMU. pressure [Pa], temperature [deg C], alt: pressure altitude [m]."""
+    """Barometer, from HIGHRES_IMU. pressure: [Pa]. temperature: [deg C]. alt: pressure altitude [m]."""
 
     received_at: float
     pressure: float
@@ -78,7 +88,10 @@ class Baro:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Gps:
-    """GPS_RAW_INT. pos: latitude [deg], longitude [deg], altitude above mean sea level [m] (3,)."""
+    """Satellite position, from GPS_RAW_INT.
+
+    pos: latitude [deg], longitude [deg], altitude above mean sea level [m] (3,).
+    """
 
     received_at: float
     pos: Array
@@ -86,7 +99,10 @@ class Gps:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Actuators:
-    """SERVO_OUTPUT_RAW or ACTUATOR_CONTROL_TARGET. group: output port or mixer group; output: 0..1 [-] (8,), unused ones zero."""
+    """Actuator outputs, from SERVO_OUTPUT_RAW or ACTUATOR_CONTROL_TARGET.
+
+    group: output port or mixer group. output: 0..1 [-] (8,); unused outputs are zero.
+    """
 
     received_at: float
     group: int
@@ -95,7 +111,7 @@ class Actuators:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeartbeatState:
-    """HEARTBEAT. mode: name of the flight mode, as returned by `mode_words`."""
+    """Mode and arming state, from HEARTBEAT. mode: name of the flight mode, as returned by `mode_words`."""
 
     received_at: float
     mode: str
@@ -104,7 +120,7 @@ class HeartbeatState:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Status:
-    """SYS_STATUS.
+    """State of the autopilot, from SYS_STATUS.
 
     prearm: the vehicle can be armed in its current mode. battery: remaining charge [%], or nan.
     """
@@ -116,7 +132,7 @@ class Status:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ground:
-    """EXTENDED_SYS_STATE. landed: on the ground, as the land detector reports."""
+    """Landed state, from EXTENDED_SYS_STATE. landed: on the ground, according to the land detector."""
 
     received_at: float
     landed: bool
@@ -124,8 +140,9 @@ class Ground:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Reference:
-    """POSITION_TARGET_LOCAL_NED: pos [m] (3,), vel [m/s] (3,) [NED], yaw [rad]; nan for values that are not
-    controlled.
+    """Position reference that the autopilot follows, from POSITION_TARGET_LOCAL_NED.
+
+    pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad]. Values that are not controlled are nan.
     """
 
     received_at: float
@@ -137,7 +154,10 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AttitudeReference:
-    """ATTITUDE_TARGET: q_nb [-] wxyz (4,), ang_vel [rad/s] [FRD] (3,), thrust: normalised 0..1 [-]."""
+    """Attitude reference that the autopilot follows, from ATTITUDE_TARGET.
+
+    q_nb: [-] wxyz (4,). ang_vel: [rad/s] [FRD] (3,). thrust: normalised 0..1 [-].
+    """
 
     received_at: float
     boot_s: float
@@ -148,7 +168,7 @@ class AttitudeReference:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Text:
-    """STATUSTEXT. severity: 0 emergency .. 7 debug."""
+    """Message text of the autopilot, from STATUSTEXT. severity: 0 emergency .. 7 debug."""
 
     received_at: float
     severity: int
@@ -157,7 +177,7 @@ class Text:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ack:
-    """COMMAND_ACK. target: (system, component) that sent the command."""
+    """Reply to a command, from COMMAND_ACK. target: (system, component) that sent the command."""
 
     received_at: float
     command: int

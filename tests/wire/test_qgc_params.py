@@ -41,7 +41,7 @@ def test_plain_lines_are_read():
         ("B inf", ("line 1", "finite")),
         ("B x", ("line 1", "'x' is not a number")),
         ("A 1\n\n1 1 B", ("line 3", "3 columns")),
-        ("1\t1\tB\t2.5\t6", ("line 1", "whole")),
+        ("1\t1\tB\t2.5\t6", ("line 1", "integer")),
         ("1\t1\tB\t2.5\t77", ("line 1", "type")),
         ("1\tx\tB\t2.5\t9", ("line 1", "component")),
         ("MPC-XY 1", ("line 1", "name")),

@@ -14,8 +14,9 @@ _RESTART_COUNT = 9  # old numbers in a row, each greater than the one before: no
 
 
 class FrameOrder:
-    """Check of frame numbers against the newest one. A single old frame is dropped; nine old frames in a row
-    mean that the server has restarted.
+    """Detector that compares each frame number with the newest one.
+
+    A single old frame is dropped. Nine old frames in a row mean that the server has restarted.
     """
 
     def __init__(self) -> None:

@@ -1,5 +1,6 @@
-"""Record of when a client last received what, used for its diagnosis. Pure: every time is an argument,
-monotonic [s].
+"""Record of what a client has received and when, used for its diagnosis.
+
+Pure: every time is an argument, monotonic [s].
 """
 
 from __future__ import annotations

@@ -79,8 +79,9 @@ class EmulatedCameras:
         return frame.exposed_s + self.latency_s + self.delay_s
 
     def enqueue(self, number: int, truth: Truth) -> None:
-        """Measure frame `number` and queue it for sending. truth: true poses at the exposure. Call it one
-        latency after that.
+        """Measure frame `number` and queue it for sending. truth: true poses at the exposure.
+
+        Call it one latency after the exposure.
         """
         self._waiting.append(self.measure(number, truth))
 
@@ -132,9 +133,10 @@ class EmulatedCameras:
         (self._frozen.add if frozen else self._frozen.discard)(body)
 
     def set_offset(self, body: str, offset_n: Sequence[float], yaw_rad: float) -> None:
-        """Shift the measured pose of a body from now on.
+        """Shift all later measured poses of a body.
 
-        offset_n: [m] [NED] (3,). yaw_rad: rotation about the vertical through the body, clockwise from above.
+        offset_n: [m] [NED] (3,). yaw_rad: rotation about the vertical axis through the body, clockwise seen
+        from above.
         """
         i = self._index[body]
         self._offset_n[i], self._rotation[i] = offset_n, quat_from_euler([0.0, 0.0, yaw_rad])

@@ -102,7 +102,7 @@ def message_of(data: bytes) -> int:
     message, size = _HEAD.unpack_from(data)
     if len(data) - _HEAD.size < size:
         raise WireError(
-            f"NatNet packet with {len(data) - _HEAD.size} bytes of payload, its header says {size}"
+            f"NatNet packet with {len(data) - _HEAD.size} bytes of payload, but its header announces {size}"
         )
     return int(message)
 
@@ -252,7 +252,7 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
     reader.skip(_STAMPS.size)
     _, _, timestamp_s, exposure, _, transmit = _STAMPS.unpack_from(reader.data, at)
     if not isfinite(timestamp_s):
-        raise WireError(f"NatNet frame {number} with the time stamp {timestamp_s}")
+        raise WireError(f"NatNet frame {number}: got the time stamp {timestamp_s}, expected a finite number")
     if sized:
         reader.skip(8)
     return Frame(
@@ -317,7 +317,7 @@ class _Reader:
     def i32(self) -> int:
         if self.at + 4 > len(self.data):
             raise WireError(
-                f"NatNet payload of {len(self.data)} bytes ends in the middle of a number at {self.at}"
+                f"NatNet payload of {len(self.data)} bytes ends in the middle of a number at byte {self.at}"
             )
         (value,) = _COUNT.unpack_from(self.data, self.at)
         self.at += 4
@@ -337,30 +337,32 @@ class _Reader:
         data, at = self.data, self.at
         for _ in range(how_many):
             if at + _SIZED.size > len(data):
-                raise WireError(f"NatNet payload of {len(data)} bytes ends before the section at {at}")
+                raise WireError(f"NatNet payload of {len(data)} bytes ends before the section at byte {at}")
             size = _SIZED.unpack_from(data, at)[1]
             at += _SIZED.size + size
             if size < 0 or at > len(data):
                 raise WireError(
-                    f"NatNet section of {size} bytes that ends at {at} in a payload of {len(data)}"
+                    f"NatNet section of {size} bytes ends at byte {at}, but the payload has {len(data)} bytes"
                 )
         self.at = at
 
     def count(self, what: str) -> int:
         value = self.i32()
         if not 0 <= value <= _MAX_COUNT:
-            raise WireError(f"NatNet payload with {value} {what}, expected 0 to {_MAX_COUNT}")
+            raise WireError(f"NatNet payload: got {value} {what}, expected 0 to {_MAX_COUNT}")
         return value
 
     def skip(self, size: int) -> None:
         if size < 0 or self.at + size > len(self.data):
-            raise WireError(f"NatNet section of {size} bytes at {self.at} in a payload of {len(self.data)}")
+            raise WireError(
+                f"NatNet section of {size} bytes at byte {self.at}, but the payload has {len(self.data)} bytes"
+            )
         self.at += size
 
     def text(self) -> str:
         end = self.data.find(b"\0", self.at)
         if end < 0:
-            raise WireError(f"NatNet name at {self.at} without an end")
+            raise WireError(f"NatNet name at byte {self.at} has no end (zero byte)")
         found, self.at = self.data[self.at : end], end + 1
         return found.decode(errors="replace")
 

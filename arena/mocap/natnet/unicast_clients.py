@@ -51,7 +51,7 @@ class UnicastClients:
             self._clients[sender].last_request = self._clients[sender].quiet_until = now
 
     def destinations(self, now: float) -> list[Address]:
-        """Return the addresses to send frames to: the data port of each host, and the port of each client's
+        """Return all addresses to which frames are sent: each host's data port, and the port of each client's
         requests.
         """
         gone = [a for a, c in self._clients.items() if c.keepalives and now - c.last_request >= _SILENT_S]
