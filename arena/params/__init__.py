@@ -1,10 +1,10 @@
-"""PX4 parameters: what they mean in every version, made from requirements, checked, compared, and transferred to vehicles.
+"""Tools for PX4 parameters: facts by version, generation, checks, comparison, and transfer to and from vehicles.
 
 facts/         tables of parameters, changes and failsafes by PX4 version
-generation/    requirements of an arena -> parameters of one version                      (imports facts)
-checks/        findings in a set of parameters; comparison of two sets                    (imports facts)
-transfer/      reading and writing a vehicle's parameters over MAVLink, UDP and serial
+generation/    makes parameters of one version from requirements                          (imports facts)
+checks/        finds problems in a set of parameters; compares two sets                   (imports facts)
+transfer/      reads and writes a vehicle's parameters over MAVLink, by UDP or serial
 param_files    reads `.params` files and ULogs                                            (imports facts)
 
-This room knows no arena: `arena.plan.firmware` turns an arena into requirements.
+This package does not depend on arena.yaml: `arena.plan.firmware` turns an arena into requirements.
 """

@@ -1,6 +1,7 @@
 """Readers of files with a vehicle's parameters: QGroundControl's `.params`, and PX4's logs (ULog).
 
-The first bytes decide which kind a file is, not its name. `checks` judges names and values; this module only reads them.
+The kind of a file is detected from its first bytes, not from its name. This module only reads names and values; `checks`
+checks them.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ _EXPECTED = "expected a .params file of QGroundControl, lines `NAME value`, or a
 class ParamSource:
     """The parameters of a file, a log, a vehicle or a YAML.
 
-    values: parameter -> value, an int where the source has the type INT32.
-    types: parameter -> type, where the source has types.
-    version: the PX4 version, such as 1.9.2; "" when unknown.
-    origin: the source, for messages.
-    notes: remarks about the source, a sentence each.
+    values: parameter -> value; an int if the source gives the type INT32.
+    types: parameter -> type; empty if the source has no types.
+    version: PX4 version, such as 1.9.2; "" if unknown.
+    origin: name of the source, for messages.
+    notes: remarks for the user about the source, one sentence each.
     """
 
     values: Mapping[str, float]
@@ -43,7 +44,7 @@ class ParamSource:
 
 
 def read_values(path: Path | str) -> ParamSource:
-    """Read a file. Raises InputError with every wrong line: what was found, and what was expected."""
+    """Read the parameters of a `.params` file or ULog. Raises InputError with every wrong line."""
     path = Path(path)
     data = _read(path)
     if data.startswith(MAGIC):
@@ -93,7 +94,7 @@ def _parse_ulog_file(path: Path, data: bytes) -> ParamSource:
 
 
 def _release(packed: str | float | None) -> str:
-    """Decode ver_sw_release: major, minor, patch and release type, one byte each. Development versions have a number too."""
+    """Decode ver_sw_release (major, minor, patch, release type; one byte each) to `1.16.0`; "" if it is missing."""
     if not isinstance(packed, int) or packed <= 0:
         return ""
     return f"{packed >> 24 & 255}.{packed >> 16 & 255}.{packed >> 8 & 255}"
@@ -137,13 +138,13 @@ def _type(kind: int) -> Type:
 
 
 def _type_error(entry: Entry) -> str:
-    """Return what is wrong with a value that no type of PX4 can hold; "" for every other value."""
+    """Return the problem of a value that fits neither INT32 nor FLOAT; "" if the value fits."""
     if entry.kind is not None and entry.kind in INTEGERS and not INT32_MIN <= entry.value <= INT32_MAX:
-        return f"got {entry.value:.0f}, expected a whole number from {INT32_MIN} to {INT32_MAX}"
+        return f"got {entry.value:.0f}, expected an integer from {INT32_MIN} to {INT32_MAX}"
     try:
         struct.pack("<f", entry.value)
     except OverflowError:
-        return f"got {entry.value:g}, expected a number that a 32-bit float can hold"
+        return f"got {entry.value:g}, expected a number in the range of a 32-bit float"
     return ""
 
 

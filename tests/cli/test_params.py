@@ -148,7 +148,7 @@ def test_check_takes_the_arena_as_an_argument(folder: Path, capsys: pytest.Captu
         (("push", "--resume"), "push.json: No such file or directory: there is no push to resume"),
         (("push", "--file", "none.params"), "none.params"),
         (("push", "--file", "range.params"), "MPC_XY_P: got 99, expected from 0 to 2"),
-        (("push", "--file", "range.params"), "COM_OBL_RC_ACT: got 1.5, expected a whole number"),
+        (("push", "--file", "range.params"), "COM_OBL_RC_ACT: got 1.5, expected an integer"),
         (("push", "--file", "huge.params"), "huge.params:1: MPC_Z_P: 1e999 is not a value for a parameter"),
         (("pull",), "no arena is running"),
         (
@@ -158,7 +158,7 @@ def test_check_takes_the_arena_as_an_argument(folder: Path, capsys: pytest.Captu
         (("diff", "yaml:uav9", "defaults"), "got vehicle uav9"),
         (("check", "torn.params"), "torn.params:2"),
         (("generate", "--px4-version", "1.8"), "PX4 1.8 is not in the table"),
-        (("generate", "--px4-version", "soon"), "'soon' is not a version of PX4"),
+        (("generate", "--px4-version", "soon"), "'soon' is not a PX4 version"),
         (("generate", "none.yaml"), "none.yaml: cannot be read"),
     ],
 )

@@ -149,7 +149,7 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Environment]] = [
     ("1.9.2", {"EKF2_AID_MASK": 1}, "EKF2_AID_MASK", "error", "not fused", LOW),
     ("1.13", {"EKF2_AID_MASK": 8}, "EKF2_AID_MASK", "error", "no heading", LOW),
     ("1.16", {"EKF2_EN": 0}, "EKF2_EN", "error", "EKF2 is off", LOW),
-    ("1.9.2", {"SYS_MC_EST_GROUP": 1}, "SYS_MC_EST_GROUP", "error", "another estimator", LOW),
+    ("1.9.2", {"SYS_MC_EST_GROUP": 1}, "SYS_MC_EST_GROUP", "error", "other than EKF2", LOW),
     ("1.16", {"EKF2_HGT_REF": 1}, "EKF2_HGT_REF", "warning", "GPS", LOW),
     ("1.13", {"EKF2_HGT_MODE": 0}, "EKF2_HGT_MODE", "warning", "barometer", LOW),
     ("1.16", {"EKF2_EV_DELAY": 0.0}, "EKF2_EV_DELAY", "warning", "unset", LOW),
@@ -213,7 +213,7 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Environment]] = [
     ("1.16", {"BAT1_V_EMPTY": 4.2}, "BAT1_V_EMPTY", "error", "not below", LOW),
     # circuit breakers and attitude
     ("1.16", {"CBRK_FLIGHTTERM": 121212}, "CBRK_FLIGHTTERM", "warning", "circuit breaker", LOW),
-    ("1.9.2", {"CBRK_FLIGHTTERM": 121212}, "CBRK_FLIGHTTERM", "warning", "only warns", LOW),
+    ("1.9.2", {"CBRK_FLIGHTTERM": 121212}, "CBRK_FLIGHTTERM", "warning", "only warn", LOW),
     ("1.16", {"CBRK_FLIGHTTERM": 1}, "CBRK_FLIGHTTERM", "warning", "neither 0 nor 121212", LOW),
     ("1.16", {"CBRK_SUPPLY_CHK": 894281}, "CBRK_SUPPLY_CHK", "error", "battery", LOW),
     ("1.13", {"CBRK_SUPPLY_CHK": 894281}, "CBRK_SUPPLY_CHK", "warning", "power supply", LOW),
@@ -254,7 +254,7 @@ WRONG: list[tuple[str, dict[str, float], str, str, str, Environment]] = [
     ("1.16", {"com_of_loss_t": 1.0}, "com_of_loss_t", "error", "write COM_OF_LOSS_T", LOW),
     ("1.16", {"MY_OWN": 1}, "MY_OWN", "warning", "module of your own", LOW),
     # types and ranges
-    ("1.16", {"EKF2_HGT_REF": 2.5}, "EKF2_HGT_REF", "error", "whole number", LOW),
+    ("1.16", {"EKF2_HGT_REF": 2.5}, "EKF2_HGT_REF", "error", "not an integer", LOW),
     ("1.16", {"EKF2_HGT_REF": 2.0**31}, "EKF2_HGT_REF", "error", "too large", LOW),
     ("1.16", {"MPC_THR_HOVER": float("nan")}, "MPC_THR_HOVER", "error", "finite", LOW),
     ("1.16", {"MPC_THR_HOVER": float("inf")}, "MPC_THR_HOVER", "error", "finite", LOW),

@@ -116,7 +116,7 @@ def test_requirements_without_a_parameter_are_not_possible() -> None:
         w for w in made("1.9", gains={"MPC_JERK_NEW": 1.0, "MPC_JERK_MAX": 2.0}).not_possible if "JERK" in w
     ] == ["gains: PX4 1.9 has no MPC_JERK_NEW (1)"]
     assert made("1.16", failsafe=failsafe(rc_loss="land")).not_possible == (
-        "failsafe.rc_loss: the vehicle has no RC (`sticks: true`): land is not set",
+        "failsafe.rc_loss: land is not set, because the vehicle has no RC. Set `sticks: true` if it has",
     )
     no_ground_station = failsafe(data_link_loss="terminate")
     assert made("1.13", failsafe=no_ground_station).values["NAV_DLL_ACT"] == 5, (
@@ -128,7 +128,7 @@ def test_requirements_without_a_parameter_are_not_possible() -> None:
     ]
     soon = failsafe(data_link_loss="land", data_link_loss_after_s=2)
     assert any(
-        "COM_DL_LOSS_T -0.5, outside the limits of PX4 1.16: 5 is set" in words
+        "COM_DL_LOSS_T -0.5, which is outside the limits of PX4 1.16; 5 is set instead" in words
         for words in made("1.16", failsafe=soon).not_possible
     )
     assert any("RTL_DESCEND_ALT" in words for words in made("1.9").not_possible), (
@@ -158,7 +158,7 @@ def test_attitude_failsafe_is_set_only_when_configured() -> None:
     )
     narrow = made("1.12", failsafe=failsafe(attitude="terminate", attitude_above_deg=50))
     assert narrow.values["FD_FAIL_R"] == 60 and any(
-        "FD_FAIL_R 50, outside the limits of PX4 1.12" in w for w in narrow.not_possible
+        "FD_FAIL_R 50, which is outside the limits of PX4 1.12" in w for w in narrow.not_possible
     )
 
 

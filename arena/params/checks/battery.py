@@ -1,4 +1,4 @@
-"""Rules for the battery: it is measured, its thresholds are in order, and a low battery causes a landing. Pure."""
+"""Rules for the battery: PX4 can measure it, its thresholds are in order, and a low battery causes a landing. Pure."""
 
 from __future__ import annotations
 
@@ -7,19 +7,26 @@ from collections.abc import Iterator
 from arena.params.checks.findings import CheckContext, Finding
 from arena.params.checks.link_loss import current_action
 
-_MIN_CELL_V = 3.2  # of a lithium polymer cell under load; below it the voltage collapses
+_MIN_CELL_V = 3.2  # voltage of a lithium polymer cell under load, below which the voltage collapses
 
 
 def low_battery(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a wrong action for a low battery."""
+    """Find an action for a low battery that is not a landing."""
     name, expected = "COM_LOW_BAT_ACT", "2 (land)"
     action, fix = current_action(ctx, "low_battery"), f"set {name} 2 (land)"
     if action == "warn":
-        problem = "a low battery causes a warning and no reaction"
+        problem = "a low battery causes a warning, but no reaction"
         yield ctx.finding(
-            "warning", name, problem, expected=expected, why="the vehicle flies until it falls", fix=fix
+            "warning",
+            name,
+            problem,
+            expected=expected,
+            why="the vehicle flies until the battery is empty, and falls",
+            fix=fix,
         )
-    elif action is None and ctx.value(name) != 1:  # 1 still works, although newer versions do not list it
+    elif (
+        action is None and ctx.value(name) != 1
+    ):  # the value 1 still works, although newer versions do not list it
         problem = "no action for a low battery"
         yield ctx.finding(
             "error", name, problem, expected=expected, why="an empty battery causes no reaction", fix=fix
@@ -27,7 +34,7 @@ def low_battery(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def battery_thresholds(ctx: CheckContext) -> Iterator[Finding]:
-    """Find thresholds that are in the wrong order or never reached."""
+    """Find thresholds that are in the wrong order, or that the charge never reaches."""
     low, critical, emergency = (ctx.value(f"BAT_{n}_THR") for n in ("LOW", "CRIT", "EMERGEN"))
     if low is None or critical is None or emergency is None:
         return
@@ -37,7 +44,7 @@ def battery_thresholds(ctx: CheckContext) -> Iterator[Finding]:
             "BAT_CRIT_THR",
             "the battery failsafe is never reached",
             expected="above 0",
-            why="no charge is below 0",
+            why="the charge is never below 0",
             fix="set BAT_CRIT_THR 0.1",
             related=("BAT_EMERGEN_THR",),
         )

@@ -1,7 +1,7 @@
-"""The check of PX4 parameters from a file, a log or a vehicle for an indoor arena. Pure.
+"""Check of PX4 parameters (from a file, a log or a vehicle) for flights in an indoor arena. Pure.
 
-`RULES` lists every rule. A rule reads the parameters of one vehicle and yields findings: what is wrong, why it matters, what to do.
-A parameter that is not given counts as the version's default, and a problem of defaults alone is a note.
+`RULES` lists every rule. A rule is a function that reads the parameters of one vehicle and yields findings: what is wrong, why it
+matters, what to do. Parameters that are not given count as the version's defaults. A problem caused only by defaults is a note.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ RULES: tuple[Rule, ...] = (
     names_and_ranges.types_and_ranges,
 )
 WRITTEN_RULES: tuple[Rule, ...] = (names_and_ranges.unknown_names, names_and_ranges.types_and_ranges)
-"""Rules that hold for every single parameter, whatever the other parameters are."""
+"""Rules that check each parameter alone, independent of the other parameters."""
 _ORDER: tuple[Severity, ...] = ("error", "warning", "note")
 
 
@@ -54,22 +54,22 @@ def check(
     environment: Environment | None = None,
     types: Mapping[str, Type] | None = None,
 ) -> list[Finding]:
-    """Return everything that is wrong with a vehicle's parameters, errors first.
+    """Return all findings about a vehicle's parameters, errors first.
 
     values: parameter -> value.
-    version: PX4 version whose parameters these are.
-    environment: what the arena offers; by default motion capture, no GPS, no RC.
-    types: parameter -> type, where the file has a type column (`ParamSource.types`).
+    version: PX4 version of the parameters.
+    environment: equipment of the arena; by default motion capture, no GPS, no RC.
+    types: parameter -> type, if the file has a type column (`ParamSource.types`).
     Raises InputError for a version that is not in the table.
     """
     return _findings(RULES, values, version, environment or Environment(), types or {})
 
 
 def check_written(values: Mapping[str, float], version: Version | str) -> list[Finding]:
-    """Return what is wrong with parameters that a user writes in a YAML file, each looked at alone.
+    """Return all findings about parameters that a user writes in a YAML file. Each parameter is checked alone.
 
-    Finds unknown, renamed and removed parameters (with the nearest name), wrong types, and values outside PX4's limits. `arena check`
-    adds the place in the YAML. Raises InputError for a version that is not in the table.
+    Finds unknown, renamed and removed parameters (with the most similar name), wrong types, and values outside PX4's limits.
+    Raises InputError for a version that is not in the table.
     """
     return _findings(WRITTEN_RULES, values, version, Environment(), {})
 

@@ -1,6 +1,6 @@
-"""Comparison of two sets of parameters, of the same or of two PX4 versions, or with the defaults of a version. Pure.
+"""Comparison of two sets of parameters (of the same PX4 version or of two), or of one set with PX4's defaults. Pure.
 
-Parameters that nobody sets are left out (`NOT_SETTINGS`): calibrations, counters and the autopilot's own state.
+Parameters that users do not set are left out (`NOT_SETTINGS`): calibrations, counters and the autopilot's own state.
 """
 
 from __future__ import annotations
@@ -16,7 +16,11 @@ from arena.params.facts.parameter_table import Parameter, Version, parameters
 
 
 class Difference(NamedTuple):
-    """A parameter that differs. a, b: its values; None where a side does not have it.  note: further information, or ""."""
+    """A parameter that differs between two sets.
+
+    a, b: values in the first and second set; None if the set does not have the parameter.
+    note: remark for the user, or "".
+    """
 
     name: str
     a: float | None
@@ -25,7 +29,7 @@ class Difference(NamedTuple):
 
 
 class ExcludedNames(NamedTuple):
-    """Parameters that are no settings. names: pattern of the whole name.  why: the reason."""
+    """A pattern of parameters that users do not set. names: pattern that matches the whole name; why: the reason."""
 
     names: str
     why: str
@@ -47,14 +51,14 @@ _PATTERNS = tuple((re.compile(excluded.names), excluded.why) for excluded in NOT
 
 
 def exclusion_reason(name: str) -> str:
-    """Return why a parameter is no setting; "" for a setting."""
+    """Return why a parameter is left out of comparisons; "" if users set it."""
     return next((why for pattern, why in _PATTERNS if pattern.fullmatch(name)), "")
 
 
 def same(a: float, b: float, kind: str = "") -> bool:
-    """Return whether an autopilot holds two values as the same: INT32 exactly, FLOAT in 32 bits.
+    """Return whether two values are equal when an autopilot stores them: INT32 exactly, FLOAT in 32 bits.
 
-    kind: the parameter's type; "" when unknown: two int count as INT32.
+    kind: type of the parameter. "" if unknown; then two Python ints count as INT32.
     """
     if math.isnan(a) or math.isnan(b):
         return math.isnan(a) and math.isnan(b)
@@ -71,11 +75,11 @@ def diff(
     *,
     include_excluded: bool = False,
 ) -> list[Difference]:
-    """Return the parameters that differ, sorted by name.
+    """Return the parameters that differ, sorted by name. Values of the older version are converted to the newer one first.
 
-    version: PX4 version of `a`, and of `b` where `version_b` is None; "" when unknown.
-    include_excluded: compare parameters that are no settings too.
-    The values of the older version are converted to the newer one first.
+    version: PX4 version of `a`; "" if unknown.
+    version_b: PX4 version of `b`; None for the same version as `a`.
+    include_excluded: also compare parameters that users do not set.
     """
     first = _version(version)
     second = first if version_b is None else _version(version_b)
@@ -99,10 +103,7 @@ def diff(
 def diff_from_defaults(
     values: Mapping[str, float], version: Version | str, *, include_excluded: bool = False
 ) -> list[Difference]:
-    """Return the given values that differ from the defaults of a PX4 version; `b` is the default.
-
-    Parameters that are not given are not compared.
-    """
+    """Return the parameters in `values` that differ from the defaults of a PX4 version. `Difference.b` is the default."""
     at = Version.of(version)
     table = parameters(at)
     return [
@@ -132,13 +133,13 @@ def _type(name: str, table: Mapping[str, Parameter]) -> str:
 def _converted(
     older: Mapping[str, float], since: Version, to: Version
 ) -> tuple[dict[str, float], dict[str, str]]:
-    """Return the older values under the newer version's names, and {new name: what was converted}."""
+    """Return the older values converted to the newer version, and {new name: note about the conversion}."""
     together = convert(older, since, to).values
     values: dict[str, float] = {}
     notes: dict[str, str] = {}
     for name, value in older.items():
         alone = convert({name: value}, since, to)
-        if not alone.values:  # without a successor: shown under the old name
+        if not alone.values:  # no parameter replaces it, so it is shown under its old name
             values[name], notes[name] = value, "; ".join(alone.notes)
             continue
         for new, number in alone.values.items():

@@ -1,4 +1,4 @@
-"""Rules for EKF2: it must fuse what the arena has (external vision, GPS or neither), with the right delay and noise. Pure.
+"""Rules for EKF2: it must fuse the sensors that the arena has (external vision, GPS or neither), with the right delay and noise. Pure.
 
 Bits of EKF2_EV_CTRL (PX4 1.14 and newer): horizontal position 1, height 2, velocity 4, yaw 8.
 Bits of EKF2_AID_MASK (PX4 1.13 and older): GPS 1, vision position 8, vision yaw 16.
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from arena.params.checks.findings import CheckContext, Finding
 
-_DELAY_TOLERANCE_MS = 20.0  # 0.1 m of position at 5 m/s
+_DELAY_TOLERANCE_MS = 20.0  # an error of 0.1 m in position at 5 m/s
 _MAX_VISION_NOISE_M = 0.05
 _MAX_WITHOUT_AID_S = 2.0
 _NO_MAGNETOMETER = (5, 6)  # none; none after the first heading (since 1.16)
@@ -20,21 +20,21 @@ _EV_CTRL_SINCE = 14  # EKF2_EV_CTRL replaced EKF2_AID_MASK
 
 
 def estimator_runs(ctx: CheckContext) -> Iterator[Finding]:
-    """Find another estimator than EKF2."""
-    why = "only EKF2 fuses external vision as this arena sends it"
+    """Find an estimator other than EKF2."""
+    why = "only EKF2 can use the poses that the arena sends"
     if ctx.value("EKF2_EN") == 0:
         fix = "set EKF2_EN 1, and LPE_EN and ATT_EN 0"
         yield ctx.finding("error", "EKF2_EN", "EKF2 is off", expected="1", why=why, fix=fix)
     group = ctx.value("SYS_MC_EST_GROUP")
     if group is not None and group != 2:
-        problem = "another estimator than EKF2 runs"
+        problem = "an estimator other than EKF2 runs"
         yield ctx.finding(
             "error", "SYS_MC_EST_GROUP", problem, expected="2", why=why, fix="set SYS_MC_EST_GROUP 2"
         )
 
 
 def vision_is_fused(ctx: CheckContext) -> Iterator[Finding]:
-    """Find bits of external vision that are off."""
+    """Find position, height or yaw of external vision that EKF2 does not fuse."""
     if not ctx.environment.vision:
         return
     new = ctx.minor >= _EV_CTRL_SINCE
@@ -68,14 +68,14 @@ def vision_is_fused(ctx: CheckContext) -> Iterator[Finding]:
             expected=f"{bits | yaw}",
             why="the heading comes from the magnetometer, which steel and motors disturb"
             if has_magnetometer
-            else "no magnetometer is used either, so there is no heading",
+            else "the magnetometer is not used either, so there is no heading",
             fix=f"set {name} {bits | yaw}",
             related=("EKF2_MAG_TYPE",),
         )
 
 
 def height_reference(ctx: CheckContext) -> Iterator[Finding]:
-    """Find another height reference than external vision."""
+    """Find a height reference other than external vision."""
     name = "EKF2_HGT_REF" if ctx.minor >= _EV_CTRL_SINCE else "EKF2_HGT_MODE"
     value = ctx.value(name)
     if ctx.environment.vision and value is not None and value != 3:
@@ -85,18 +85,18 @@ def height_reference(ctx: CheckContext) -> Iterator[Finding]:
             name,
             f"the height reference is {source}",
             expected="3 (external vision)",
-            why="a door or a fan shifts the barometer by a metre, and there is no GPS indoors: the floor is not at 0 m",
+            why="indoors there is no GPS, and a door or a fan shifts the barometer's height by a metre, so the floor is not at 0 m",
             fix=f"set {name} 3 (external vision)",
         )
 
 
 def vision_delay(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a vision delay that differs from the arena's, or that nobody set."""
+    """Find a vision delay that differs from the arena's latency, or that is not set."""
     name, value = "EKF2_EV_DELAY", ctx.value("EKF2_EV_DELAY")
     if not ctx.environment.vision or value is None:
         return
     latency = ctx.environment.latency_ms
-    why = "poses are stamped on arrival: an error of 100 ms at 1 m/s is 0.1 m of position, and oscillation"
+    why = "poses get their time stamp on arrival: a wrong delay of 100 ms at 1 m/s is a position error of 0.1 m and causes oscillation"
     if latency is not None and abs(value - latency) > _DELAY_TOLERANCE_MS:
         problem = f"differs by {abs(value - latency):g} ms from the arena's latency"
         yield ctx.finding(
@@ -115,21 +115,21 @@ def vision_delay(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def vision_noise(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a noise of external vision that is too large for cameras."""
+    """Find an assumed noise of external vision that is larger than the noise of motion capture."""
     name, value = "EKF2_EVP_NOISE", ctx.value("EKF2_EVP_NOISE")
     if ctx.environment.vision and value is not None and value > _MAX_VISION_NOISE_M:
         yield ctx.finding(
             "note",
             name,
-            f"external vision is taken as accurate to {value:g} m only",
+            f"EKF2 assumes a noise of {value:g} m for external vision",
             expected="0.01 to 0.04 m",
-            why="it is the least noise that EKF2 assumes whatever the message says; cameras measure millimetres",
+            why="EKF2 never assumes less than this noise, but motion capture is accurate to millimetres",
             fix=f"choose {name} between 0.01 and 0.04",
         )
 
 
 def magnetometer(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a magnetometer in use indoors."""
+    """Find a magnetometer that is used indoors."""
     value = ctx.value("EKF2_MAG_TYPE")
     indoors = ctx.environment.vision and not ctx.environment.gps
     if indoors and value is not None and value not in _NO_MAGNETOMETER:
@@ -144,7 +144,7 @@ def magnetometer(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def gps_is_fused(ctx: CheckContext) -> Iterator[Finding]:
-    """Find GPS in use where the arena has none."""
+    """Find GPS that is fused although the arena has no GPS."""
     new = ctx.minor >= _EV_CTRL_SINCE
     name = "EKF2_GPS_CTRL" if new else "EKF2_AID_MASK"
     used = ctx.bits(name) if new else ctx.bits(name) & 1
@@ -161,7 +161,7 @@ def gps_is_fused(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def gps_is_required(ctx: CheckContext) -> Iterator[Finding]:
-    """Find checks before arming that wait for a GPS where the arena has none."""
+    """Find preflight checks that require GPS although the arena has no GPS."""
     if ctx.environment.gps:
         return
     if ctx.value("COM_ARM_WO_GPS") == 0:
@@ -179,13 +179,13 @@ def gps_is_required(ctx: CheckContext) -> Iterator[Finding]:
             "SYS_HAS_GPS",
             "a GPS receiver is expected",
             expected="0",
-            why="PX4 v1.16 without a receiver never became ready to arm, and gave no reason",
+            why="without a receiver, PX4 v1.16 never becomes ready to arm and gives no reason",
             fix="set SYS_HAS_GPS 0",
         )
 
 
 def time_without_aid(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a long time that EKF2 reports a valid position without any aid."""
+    """Find a long time-out after which EKF2, without poses and GPS, no longer reports a valid position."""
     name, value = "EKF2_NOAID_TOUT", ctx.value("EKF2_NOAID_TOUT")
     if value is not None and value * 1e-6 > _MAX_WITHOUT_AID_S:
         yield ctx.finding(

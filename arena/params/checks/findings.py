@@ -1,4 +1,4 @@
-"""A finding of the parameter checks, and the parameters that a rule looks at. Pure: no files, no sockets."""
+"""`Finding`, the result of a parameter check, and `CheckContext`, the input of a rule. Pure: no files, no sockets."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Severity = Literal["error", "warning", "note"]
 class Finding(NamedTuple):
     """A problem of one parameter.
 
-    severity: error: the vehicle cannot fly here, or a failsafe does not work.
+    severity: error: the vehicle cannot fly in the arena, or a failsafe does not work.
         warning: the vehicle flies or lands worse than it could.  note: for information.
-    name: the parameter.
-    value: the value found; None where the vehicle does not have the parameter.
-    expected: the value or range that is right.
+    name: name of the parameter.
+    value: value found; None if the vehicle does not have the parameter.
+    expected: correct value or range.
     problem: what is wrong.
-    why: the consequence.
+    why: consequence of the problem.
     fix: what to do.
     """
 
@@ -37,11 +37,13 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Environment:
-    """The equipment and the room that an arena gives to a vehicle.
+    """The equipment and the room of an arena, as far as the rules need them.
 
-    vision: poses from motion capture.  gps: a GPS receiver.  rc: an RC transmitter with a pilot.
-    latency_ms: from the exposure to the arrival of a pose at the autopilot [ms]; None when unknown.
-    height_m: height of the room [m]; None when unknown.
+    vision: whether the vehicle gets poses from motion capture.
+    gps: whether the vehicle has a GPS receiver with reception.
+    rc: whether there is an RC transmitter with a pilot.
+    latency_ms: delay from the camera exposure to the arrival of a pose at the autopilot [ms]; None if unknown.
+    height_m: height of the room [m]; None if unknown.
     """
 
     vision: bool = True
@@ -55,8 +57,8 @@ class Environment:
 class CheckContext:
     """The parameters of one vehicle, completed with the defaults of its PX4 version.
 
-    given: parameter -> value, as the file, log or vehicle has it.
-    types: parameter -> type, where the file says it.
+    given: parameter -> value in the file, log or vehicle.
+    types: parameter -> type in the file; empty if the file has no types.
     """
 
     given: Mapping[str, float]
@@ -79,15 +81,15 @@ class CheckContext:
         return self.version.minor
 
     def value(self, name: str) -> float | None:
-        """Return the value of a parameter, None where the version does not have the parameter."""
+        """Return the value of a parameter, or None if this PX4 version does not have the parameter."""
         return self.values.get(name) if name in self.table else None
 
     def default(self, name: str) -> float | None:
-        """Return the version's default of a parameter, None where the version does not have the parameter."""
+        """Return the default value of a parameter, or None if this PX4 version does not have the parameter."""
         return self.table[name].default if name in self.table else None
 
     def bits(self, name: str) -> int:
-        """Return the value of a bit mask; 0 where the version does not have the parameter or the value is not finite."""
+        """Return the value of a bit mask, or 0 if this PX4 version does not have the parameter or the value is not finite."""
         value = self.value(name)
         return int(value) if value is not None and math.isfinite(value) else 0
 
@@ -102,9 +104,9 @@ class CheckContext:
         fix: str,
         related: tuple[str, ...] = (),
     ) -> Finding:
-        """Return a finding; a problem of default values alone becomes a note.
+        """Return a finding. Its severity is "note" if only default values cause the problem.
 
-        The vehicle may hold other values than the defaults where a file leaves a parameter out.
+        The reason: a parameter that is not in the file may have another value than the default in the vehicle.
         related: other parameters that the problem depends on.
         """
         if not any(parameter in self.given for parameter in (name, *related)):

@@ -15,7 +15,7 @@ _MAX_ARMED_AFTER_LANDING_S = 5.0
 
 
 class _Breaker(NamedTuple):
-    """A circuit breaker and what it switches off. since, until: the minor versions in which it does."""
+    """A circuit breaker parameter and the problem that it causes. since, until: first and last minor version with this effect."""
 
     name: str
     since: int
@@ -32,7 +32,7 @@ _BREAKERS = (
         9,
         "warning",
         "this circuit breaker switches off the reaction to an attitude failure",
-        "an overturned vehicle keeps its propellers running; this version only warns, even without the breaker",
+        "an overturned vehicle keeps its propellers running; without the circuit breaker this version would only warn",
     ),
     _Breaker(
         "CBRK_FLIGHTTERM",
@@ -102,7 +102,7 @@ def circuit_breakers(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def attitude_limits(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a failure detector that is off, or that normal flight can trigger."""
+    """Find an attitude failure detector that is off, or that a normal flight can trigger."""
     limits: Mapping[str, float] = {
         name: value for name in ("FD_FAIL_R", "FD_FAIL_P") if (value := ctx.value(name)) is not None
     }
@@ -126,7 +126,7 @@ def attitude_limits(ctx: CheckContext) -> Iterator[Finding]:
             yield ctx.finding(
                 "error" if active else "warning",
                 name,
-                f"the vehicle may tilt to {tilt:g} deg, and {lowest:g} deg counts as an attitude failure",
+                f"the vehicle can tilt by {tilt:g} deg, but {lowest:g} deg counts as an attitude failure",
                 expected=f"below {lowest:g} deg",
                 why="a fast manoeuvre "
                 + ("ends the flight" if active else "would end the flight without CBRK_FLIGHTTERM"),
@@ -136,7 +136,7 @@ def attitude_limits(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def landing(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a fast landing, and motors that run on after it."""
+    """Find a landing speed that is too high, and motors that run too long after a landing."""
     speed = ctx.value("MPC_LAND_SPEED")
     if speed is not None and speed > _MAX_LANDING_M_S:
         yield ctx.finding(
@@ -144,7 +144,7 @@ def landing(ctx: CheckContext) -> Iterator[Finding]:
             "MPC_LAND_SPEED",
             f"the vehicle lands at {speed:g} m/s",
             expected=f"at most {_MAX_LANDING_M_S:g} m/s",
-            why="a descent without a position has this speed too, and the vehicle bounces",
+            why="the vehicle bounces; a descent without a position estimate also has this speed",
             fix="set MPC_LAND_SPEED 0.6",
         )
     name, delay = "COM_DISARM_LAND", ctx.value("COM_DISARM_LAND")
@@ -154,7 +154,7 @@ def landing(ctx: CheckContext) -> Iterator[Finding]:
             name,
             "the vehicle does not disarm after a landing",
             expected="2 s",
-            why="the propellers run until somebody disarms; a landing counts as finished when disarmed",
+            why="the propellers run until the vehicle is disarmed by command; a landing is complete only when disarmed",
             fix=f"set {name} 2",
         )
     elif delay is not None and delay > _MAX_ARMED_AFTER_LANDING_S:
@@ -169,7 +169,7 @@ def landing(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def hover_thrust(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a hover thrust that nobody set."""
+    """Find a hover thrust that is still the default."""
     name, value = "MPC_THR_HOVER", ctx.value("MPC_THR_HOVER")
     if value is not None and value == ctx.default(name):
         yield ctx.finding(
@@ -177,7 +177,7 @@ def hover_thrust(ctx: CheckContext) -> Iterator[Finding]:
             name,
             f"the hover thrust is the default, {value:g}",
             expected="the thrust command at which this vehicle hovers",
-            why="take-off and a descent without a position start from this thrust",
+            why="take-off and a descent without a position estimate start with this thrust",
             fix=f"set {name} to the thrust command in hover",
         )
 
@@ -190,7 +190,7 @@ def geofence(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "warning",
             "GF_ACTION",
-            "a geofence is set, and its breach causes no reaction",
+            "a geofence is set, but its breach causes no reaction",
             expected=wanted,
             why="the vehicle flies on outside the geofence",
             fix=f"set {wanted}",
@@ -201,8 +201,8 @@ def geofence(ctx: CheckContext) -> Iterator[Finding]:
             "GF_MAX_HOR_DIST",
             "the autopilot has no geofence",
             expected="the room's size",
-            why="the autopilot does not know where the walls are",
-            fix="set GF_MAX_HOR_DIST and GF_MAX_VER_DIST; both need a home position, and so an origin",
+            why="the autopilot cannot keep the vehicle away from the walls",
+            fix="set GF_MAX_HOR_DIST and GF_MAX_VER_DIST; both need a home position, which needs a global origin",
         )
     room_m = ctx.environment.height_m
     if room_m and height and height > room_m:

@@ -1,6 +1,6 @@
-"""Rules for what follows a loss of setpoints, RC or ground station, and for failsafe actions that are wrong indoors. Pure.
+"""Rules for the reactions to a loss of setpoints, RC or ground station, and for failsafe actions that are wrong indoors. Pure.
 
-`facts.failsafe_table` says which value means which action; these rules judge the actions for a room of some 5 m by 5 m by 3 m.
+`facts.failsafe_table` has the action of each parameter value. These rules assume a room of about 5 m by 5 m by 3 m.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from arena.params.facts.failsafe_table import (
 )
 
 _MAX_LOSS_S = 1.5  # from the last setpoint to the failsafe
-_MIN_LOSS_S = 0.25  # busy computers and radios pause that long
+_MIN_LOSS_S = 0.25  # busy computers and radios can pause for this time
 _LOW_ROOM_M = 3.0
 _MAX_HOLD_S = 2.0
 _NEEDS_RC: tuple[Action, ...] = ("position", "altitude", "stabilized")
@@ -28,24 +28,27 @@ _STOPS_MOTORS: tuple[Action, ...] = ("disarm", "terminate")
 
 
 def settings_text(ctx: CheckContext, event: Event, action: Action) -> str:
-    """Return the parameter values that make an event lead to an action, "" where the version cannot."""
+    """Return the parameter values with which an event leads to an action, as text; "" if the version cannot take the action."""
     if action not in failsafe_actions(event, ctx.version).settings:
         return ""
     return ", ".join(f"{name} {value}" for name, value in settings_for(event, action, ctx.version).items())
 
 
 def expected_text(settings: str, name: str, action: Action) -> str:
-    """Return the expected value of a parameter, "4 (land)", from the settings of an action; "" without settings."""
+    """Return the expected value of a parameter as text, "4 (land)"; "" if there are no settings.
+
+    settings: result of `settings_text`, such as "NAV_RCL_ACT 4".
+    """
     return f"{settings.removeprefix(name + ' ')} ({action})" if settings else ""
 
 
 def current_action(ctx: CheckContext, event: Event) -> Action | None:
-    """Return the action that an event leads to with the current values, None when the values name no action."""
+    """Return the action that an event leads to with the current values, or None if the table does not have these values."""
     return selected_action(event, ctx.values, ctx.version)
 
 
 def _parameter(ctx: CheckContext, event: Event) -> str:
-    """Return the parameter that selects the action, "" where the version leaves no choice."""
+    """Return the parameter that selects the action for an event; "" if the version has a fixed action."""
     return next(
         (name for settings in failsafe_actions(event, ctx.version).settings.values() for name in settings), ""
     )
@@ -55,7 +58,7 @@ def _parameter(ctx: CheckContext, event: Event) -> str:
 
 
 def offboard_loss_action(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a wrong action for lost setpoints."""
+    """Find an action after lost setpoints that is unsafe indoors."""
     name, action = "COM_OBL_RC_ACT", current_action(ctx, "offboard_loss")
     land = settings_text(ctx, "offboard_loss", "land")
     expected, fix = expected_text(land, name, "land"), f"set {land} (land)"
@@ -71,7 +74,7 @@ def offboard_loss_action(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding("error", name, problem, expected=expected, why=why, fix=fix)
     elif action in _NEEDS_RC:
         why = (
-            "without RC nobody flies this mode: the vehicle descends without a position"
+            "this mode needs a pilot with RC; without RC the vehicle descends without a position"
             if without_rc
             else "the pilot must take over at once; after a program failure a landing is safer"
         )
@@ -82,7 +85,7 @@ def offboard_loss_action(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def offboard_loss_action_without_rc(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a wrong action for lost setpoints without RC; PX4 1.13 and older have a parameter for it."""
+    """Find an unsafe action after lost setpoints without RC. PX4 1.13 and older have a separate parameter for this case."""
     if ctx.minor >= 14:
         return
     action = current_action(ctx, "offboard_loss_without_rc")
@@ -99,7 +102,7 @@ def offboard_loss_action_without_rc(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def offboard_loss_time(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a time-out of setpoints that is too short or too long."""
+    """Find a setpoint time-out that is too short or too long."""
     name, value = "COM_OF_LOSS_T", ctx.value("COM_OF_LOSS_T")
     if value is None:
         return
@@ -112,12 +115,12 @@ def offboard_loss_time(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding("error", name, problem, expected=expected, why=why, fix=f"set {name} 0.5")
     elif value <= 0:
         problem = f"the failsafe acts {fixed:g} s after the last setpoint, the shortest time possible"
-        why = "one pause of the program or of the radio ends the flight"
+        why = "a short pause of the program or of the radio ends the flight"
         fix = f"set {name} 0.5, which makes {fixed + 0.5:g} s"
         yield ctx.finding("warning", name, problem, expected=expected, why=why, fix=fix)
     elif total < _MIN_LOSS_S:
         problem = f"setpoints may pause for {total:g} s only"
-        why = "a busy computer or a radio pauses that long"
+        why = "a busy computer or a radio can pause for longer"
         yield ctx.finding("warning", name, problem, expected=expected, why=why, fix=f"set {name} 0.5")
     elif total > _MAX_LOSS_S:
         problem = f"the failsafe acts {total:g} s after the last setpoint"
@@ -130,7 +133,7 @@ def offboard_loss_time(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def rc_input(ctx: CheckContext) -> Iterator[Finding]:
-    """Find an RC input mode that does not match the arena."""
+    """Find an RC input mode that does not match the arena's RC."""
     name, value = "COM_RC_IN_MODE", ctx.value("COM_RC_IN_MODE")
     none = rc_input_mode("none", ctx.version)
     if value is None:
@@ -148,7 +151,7 @@ def rc_input(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "error" if value == 0 else "warning",
             name,
-            "an RC transmitter is expected, and the arena has none",
+            "an RC transmitter is expected, but the arena has none",
             expected=f"{none} (RC not required)",
             why="the vehicle does not arm without RC",
             fix=f"set {name} {none} (RC not required)",
@@ -157,7 +160,7 @@ def rc_input(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "warning",
             name,
-            "RC or a joystick is expected, and the arena has none",
+            "RC or a joystick is expected, but the arena has none",
             expected=f"{none} (no manual control)",
             why="RC or a joystick that connects and disconnects triggers a failsafe in flight",
             fix=f"set {name} {none} (no manual control)",
@@ -165,7 +168,7 @@ def rc_input(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def rc_loss(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a loss of RC that causes no reaction; checked only where the arena has RC."""
+    """Find a loss of RC that causes no reaction. Checked only if the arena has RC."""
     if not ctx.environment.rc:
         return
     action = current_action(ctx, "rc_loss")
@@ -200,14 +203,14 @@ def data_link_loss(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "note",
             name,
-            "the loss of the ground station is answered in OFFBOARD too",
+            "the loss of the ground station causes a failsafe in OFFBOARD, too",
             expected=f"{none}, or a ground station that stays connected",
             why="without a ground station the vehicle does not arm; closing it in flight ends the flight",
             fix=f"keep a ground station connected, or set {none}",
         )
 
 
-# --- actions that are wrong indoors, whatever triggers them
+# --- actions that are wrong indoors after any event
 
 
 _JUDGED_ELSEWHERE: tuple[Event, ...] = (
@@ -215,12 +218,12 @@ _JUDGED_ELSEWHERE: tuple[Event, ...] = (
     "data_link_loss_in_offboard",
     "position_loss_in_offboard",
     "position_loss_in_position_mode",
-    "attitude_failure",  # to terminate is right for an overturned vehicle
+    "attitude_failure",  # terminate is the right action for an overturned vehicle
 )
 
 
 def _events_leading_to(ctx: CheckContext, *actions: Action) -> Iterator[tuple[str, Event, Action]]:
-    """Yield (parameter, event, action) of the events that lead to one of these actions, each parameter once."""
+    """Yield (parameter, event, action) for every event that leads to one of these actions. Each parameter is yielded once."""
     seen = set()
     for event in EVENTS:
         if event in _JUDGED_ELSEWHERE or (event == "rc_loss" and not ctx.environment.rc):
@@ -232,7 +235,7 @@ def _events_leading_to(ctx: CheckContext, *actions: Action) -> Iterator[tuple[st
 
 
 def motors_stop_in_flight(ctx: CheckContext) -> Iterator[Finding]:
-    """Find failsafes that stop the motors in the air."""
+    """Find failsafe actions that stop the motors in the air."""
     for name, event, action in _events_leading_to(ctx, *_STOPS_MOTORS):
         land = settings_text(ctx, event, "land")
         yield ctx.finding(
@@ -246,7 +249,7 @@ def motors_stop_in_flight(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
-    """Find failsafes that return, where the return altitude is above the ceiling."""
+    """Find failsafe actions that return to home, if the return altitude is above the ceiling."""
     altitude = ctx.value("RTL_RETURN_ALT")
     ceiling = ctx.environment.height_m or _LOW_ROOM_M
     if altitude is None or altitude < ceiling:
@@ -257,7 +260,7 @@ def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
         yield ctx.finding(
             "warning",
             name,
-            f"leads to a return when {EVENTS[event]}, and a return climbs to RTL_RETURN_ALT {altitude:g} m",
+            f"leads to a return when {EVENTS[event]}, and a return first climbs to RTL_RETURN_ALT {altitude:g} m",
             expected=expected_text(land, name, "land") or f"RTL_RETURN_ALT below {ceiling:g}",
             why=f"the vehicle hits the ceiling: {room} {ceiling:g} m high",
             fix=f"set {land} (land), or RTL_RETURN_ALT below {ceiling:g}"
@@ -268,7 +271,7 @@ def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def hold_before_failsafe(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a long hold before failsafes act."""
+    """Find a long time in hold before failsafes act."""
     name, value = "COM_FAIL_ACT_T", ctx.value("COM_FAIL_ACT_T")
     if value is not None and value > _MAX_HOLD_S:
         yield ctx.finding(
@@ -276,6 +279,6 @@ def hold_before_failsafe(ctx: CheckContext) -> Iterator[Finding]:
             name,
             f"the vehicle holds for {value:g} s before most failsafes act",
             expected=f"0 to {_MAX_HOLD_S:g} s",
-            why="the hold lets a pilot take over; an empty battery may not last that long",
+            why="this time is for a pilot to take over, but an empty battery may not last as long",
             fix=f"set {name} 0",
         )

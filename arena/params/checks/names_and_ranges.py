@@ -15,7 +15,7 @@ _MAV_PARAM_TYPE = {"INT32": "6 (INT32)", "FLOAT": "9 (FLOAT)"}
 
 
 def unknown_names(ctx: CheckContext) -> Iterator[Finding]:
-    """Find parameters that this PX4 version does not have, with the new, the old or the nearest name."""
+    """Find parameters that this PX4 version does not have. The finding suggests the new, the old or the most similar name."""
     for name, value in ctx.given.items():
         change = _change_before(name, ctx)
         if change is not None and value != ctx.default(name):
@@ -25,7 +25,7 @@ def unknown_names(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def _change_before(name: str, ctx: CheckContext) -> Change | None:
-    """Return the last change, up to this version, after which the name is no longer used as before."""
+    """Return the last change up to this version that removed, renamed or redefined a parameter, or None."""
     done = [c for c in CHANGES if c.old == name and c.since <= ctx.minor and name not in c.new]
     return done[-1] if done and (done[-1].still_defined or name not in ctx.table) else None
 
@@ -59,7 +59,7 @@ def _replaced(name: str, value: float, change: Change, ctx: CheckContext) -> Fin
 
 
 def _of_another_version(name: str, value: float, ctx: CheckContext) -> Finding | None:
-    """Return the finding for a parameter of a later or an earlier PX4 version, None for one of no version."""
+    """Return the finding for a parameter that only other PX4 versions have; None if no version has the parameter."""
     having = [version for version in versions() if name in parameters(version)]
     later = [version for version in having if version.minor > ctx.minor]
     if later:
@@ -76,7 +76,7 @@ def _of_another_version(name: str, value: float, ctx: CheckContext) -> Finding |
             f"use {names}" if names else f"remove {name}, or fly PX4 {first} or newer",
         )
     if having:
-        why = f"PX4 {ctx.version} does not have this parameter, and no successor of it is recorded"
+        why = f"PX4 {ctx.version} does not have this parameter, and no parameter is known to replace it"
         problem = f"removed after PX4 {having[-1]}"
         return Finding(
             "warning", name, value, "no such parameter", problem, why, f"remove {name} from the file"
@@ -90,14 +90,14 @@ def _misspelt(name: str, value: float, ctx: CheckContext) -> Finding:
     near = nearest_name(name, ctx.version)
     if near:
         return Finding(
-            "error", name, value, f"perhaps {near}", problem, why, f"write {near} if that is meant"
+            "error", name, value, f"perhaps {near}", problem, why, f"write {near} if you mean this parameter"
         )
     fix = f"remove {name}, unless a module of your own PX4 build defines it"
     return Finding("warning", name, value, "a parameter of PX4", problem, why, fix)
 
 
 def nearest_name(name: str, version: Version) -> str:
-    """Return the most similar parameter name of this PX4 version, else of any version; "" when none is similar."""
+    """Return the most similar parameter name of this PX4 version, else of any version; "" if there is no similar name."""
     every = {known for each in versions() for known in parameters(each)}
     for names in (parameters(version).keys(), every):
         if found := difflib.get_close_matches(name.upper(), names, n=1, cutoff=0.85):
@@ -106,7 +106,7 @@ def nearest_name(name: str, version: Version) -> str:
 
 
 def types_and_ranges(ctx: CheckContext) -> Iterator[Finding]:
-    """Find values that the parameter's type cannot hold, wrong types, and values outside PX4's limits."""
+    """Find values that do not fit the parameter's type, wrong types in the file, and values outside PX4's limits."""
     for name, value in ctx.given.items():
         p = ctx.table.get(name)
         if p is None:
@@ -139,25 +139,32 @@ def types_and_ranges(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def _type_error(value: float, p: Parameter) -> tuple[str, str, str] | None:
-    """Return (expected, problem, why) where the parameter's type cannot hold the value."""
+    """Return (expected, problem, why) if the value does not fit the parameter's type, else None."""
     if not math.isfinite(value):
-        return "a finite number", "not a finite number", "everything computed from it is not finite either"
+        return (
+            "a finite number",
+            "not a finite number",
+            "values that PX4 computes from it are not finite either",
+        )
     if p.type == "INT32" and value != int(value):
-        return "a whole number", "not a whole number", "the parameter is an INT32"
+        return "an integer", "not an integer", "the parameter is an INT32"
     if p.type == "INT32" and not INT32_MIN <= value <= INT32_MAX:
         limits = f"{INT32_MIN} to {INT32_MAX}"
-        return limits, "too large for its type", f"the parameter is an INT32, which holds {limits}"
+        return limits, "too large for its type", f"the parameter is an INT32, whose range is {limits}"
     return None
 
 
 def _within(value: float, p: Parameter) -> bool:
-    """Return whether a value is within PX4's limits, to the precision of a 32-bit float."""
+    """Return whether a value is within PX4's limits, with the rounding of a 32-bit float."""
     slack = 0.0 if p.type == "INT32" else 1e-6 * max(abs(value), 1e-6)
     return (p.min is None or value >= p.min - slack) and (p.max is None or value <= p.max + slack)
 
 
 def _checked_elsewhere(name: str) -> bool:
-    """Return whether limits do not apply: circuit breakers have a rule, flight time counters exceed their limits."""
+    """Return whether the limits are not checked here.
+
+    Circuit breakers have their own rule. Counters of flight time can exceed their limits.
+    """
     return name.startswith(("CBRK_", "LND_FLIGHT_T_"))
 
 

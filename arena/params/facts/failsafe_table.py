@@ -1,26 +1,27 @@
 """Table of PX4's failsafes by version: the parameter values of each action, and the delays. Pure apart from reading two files.
 
-failsafe_actions.csv: one row per event and span of versions. `actions` lists `PARAMETER: action=value ...`, parts separated by `;`;
-an action that needs no parameter stands alone. An action that is missing from a row is one that these versions cannot take: `note`
-says why. failsafe_delays.csv: seconds = value of the parameter * scale_s + fixed_s.
+failsafe_actions.csv has one row per event and span of versions. The column `actions` lists `PARAMETER: action=value ...`, with
+`;` between parts. An action that needs no parameter is listed without a value. These versions cannot take an action that is
+missing in their row; the column `note` gives the reason. In failsafe_delays.csv, seconds = value * scale_s + fixed_s.
 
 Sources: PX4's commander of v1.9.2, v1.10.2, v1.11.3, v1.12.3, v1.13.3, v1.14.4, v1.15.4, v1.16.0, v1.17.0, and main of 2026-07-08
 for 1.18. `source` names the files below src/modules/commander: up to 1.13 state_machine_helper.cpp and Commander.cpp, from 1.14 on
 failsafe/failsafe.cpp and failsafe/framework.cpp.
 
-PX4 replaces an action that is impossible at that moment:
-- up to 1.13, after a loss of setpoints, hold, return and land need a *global* position; without one the vehicle descends on its
-  barometer (NAVIGATION_STATE_DESCEND). A room needs an origin (SET_GPS_GLOBAL_ORIGIN), where the version accepts one.
-- from 1.14 on land needs a local position, hold a global one, return a home position too. An impossible action becomes the next of
-  position, altitude, stabilized, hold, return, land, descend, terminate (ModeUtil/mode_requirements.cpp, framework.cpp).
+PX4 replaces an action that is not possible when the failsafe starts:
+- Up to 1.13, after a loss of setpoints, hold, return and land need a *global* position. Without one the vehicle descends with its
+  barometer (NAVIGATION_STATE_DESCEND). Indoors, set an origin (SET_GPS_GLOBAL_ORIGIN) if the version accepts one.
+- From 1.14 on, land needs a local position, hold a global position, and return also a home position. PX4 replaces an impossible
+  action with the next one in this order: position, altitude, stabilized, hold, return, land, descend, terminate
+  (ModeUtil/mode_requirements.cpp, framework.cpp).
 
 Delays:
-- COM_FAIL_ACT_T: framework.cpp (checkFailsafe) starts it for actions that a pilot may take over from. The fallback of a mode that
-  cannot run, which a loss of setpoints or of the position is, does not wait. Measured on 1.16 with COM_FAIL_ACT_T 5: position mode
-  1.03 s after the last setpoint.
-- COM_DL_LOSS_T: HEARTBEAT_TIMEOUT_US of msg/telemetry_status.msg comes first. Measured on 1.16 with 10 s: 12.3 s.
-- EKF2_NOAID_TOUT: from 1.14 on 0.4 s less, and at least 0.6 s, where poses stop altogether (EKF/ev_control.cpp); in full where
-  poses arrive and are rejected. Measured on 1.16: 0.6 s of 1 s, 2.6 s of 3 s.
+- COM_FAIL_ACT_T: framework.cpp (checkFailsafe) applies this delay to actions during which a pilot can take over. It does not apply
+  when the current mode cannot continue, as after a loss of setpoints or of the position. Measured on 1.16 with COM_FAIL_ACT_T 5:
+  position mode 1.03 s after the last setpoint.
+- COM_DL_LOSS_T: starts after HEARTBEAT_TIMEOUT_US of msg/telemetry_status.msg. Measured on 1.16 with 10 s: 12.3 s.
+- EKF2_NOAID_TOUT: from 1.14 on, if no poses arrive, the delay is 0.4 s shorter, but at least 0.6 s (EKF/ev_control.cpp). If poses
+  arrive and are rejected, the whole delay applies. Measured on 1.16 without poses: 0.6 s for 1 s, 2.6 s for 3 s.
 """
 
 from __future__ import annotations
@@ -82,16 +83,16 @@ EVENTS: Mapping[Event, str] = {
     "attitude_failure": "roll or pitch exceeds FD_FAIL_R or FD_FAIL_P",
     "motor_failure": "a motor fails",
 }
-"""Event -> when it happens, to be read after "when"."""
+"""Event -> the end of a sentence that begins "... when"."""
 
 
 class FailsafeActions(NamedTuple):
-    """The actions for one event in a span of versions.
+    """The actions that PX4 can take after one event, for a span of versions.
 
-    since, until: minor versions, both included.
-    settings: action -> {parameter: value}; {} where the action needs no parameter.
-    note: why other actions are missing, or a limitation.
-    source: PX4's files, below src/modules/commander.
+    since, until: first and last minor version.
+    settings: action -> {parameter: value} that selects the action; {} if the action needs no parameter.
+    note: reason why other actions are missing, or a limitation.
+    source: files in PX4's folder src/modules/commander.
     """
 
     event: Event
@@ -103,7 +104,10 @@ class FailsafeActions(NamedTuple):
 
 
 class FailsafeDelay(NamedTuple):
-    """A delay between an event and the action: seconds = value * scale_s + fixed_s. since, until: minor versions, both included."""
+    """A delay between an event and the action: seconds = parameter value * scale_s + fixed_s.
+
+    since, until: first and last minor version.
+    """
 
     event: Event
     parameter: str
@@ -128,7 +132,7 @@ RC_INPUT_MODES: Mapping[str, tuple[tuple[int, int, int], ...]] = {
 
 
 def failsafe_actions(event: Event, version: Version | str) -> FailsafeActions:
-    """Return the row of an event in a version."""
+    """Return the actions that a PX4 version can take after an event."""
     minor = Version.of(version).minor
     return next(row for row in all_actions() if row.event == event and row.since <= minor <= row.until)
 
@@ -140,9 +144,9 @@ def supported_actions(event: Event, version: Version | str) -> tuple[Action, ...
 
 
 def settings_for(event: Event, action: Action, version: Version | str) -> Mapping[str, int]:
-    """Return the {parameter: value} that make an event lead to an action.
+    """Return the {parameter: value} with which PX4 takes this action after this event.
 
-    Raises InputError with the reason where the version cannot take the action.
+    Raises InputError with the reason if the version cannot take the action.
     """
     row = failsafe_actions(event, version)
     if action not in row.settings:
@@ -154,7 +158,7 @@ def settings_for(event: Event, action: Action, version: Version | str) -> Mappin
 
 
 def selected_action(event: Event, values: Mapping[str, float], version: Version | str) -> Action | None:
-    """Return the action that parameter values select for an event, None where they select none that this table has."""
+    """Return the action that the parameter values select for an event, or None if the table does not have these values."""
     settings = failsafe_actions(event, version).settings
     for action in ACTIONS:
         if action in settings and all(values.get(name) == value for name, value in settings[action].items()):
@@ -163,7 +167,7 @@ def selected_action(event: Event, values: Mapping[str, float], version: Version 
 
 
 def delays(event: Event, version: Version | str) -> tuple[FailsafeDelay, ...]:
-    """Return the delays between an event and the action, in order."""
+    """Return the delays that pass between an event and the action, in order."""
     minor = Version.of(version).minor
     return tuple(d for d in _all_delays() if d.event == event and d.since <= minor <= d.until)
 
@@ -171,7 +175,7 @@ def delays(event: Event, version: Version | str) -> tuple[FailsafeDelay, ...]:
 def rc_input_mode(source: str, version: Version | str) -> int:
     """Return COM_RC_IN_MODE for a source of manual control: radio, joystick, both, first or none.
 
-    Raises InputError where the version has no such source.
+    Raises InputError if the version has no such source.
     """
     minor = Version.of(version).minor
     known = {
@@ -182,7 +186,7 @@ def rc_input_mode(source: str, version: Version | str) -> int:
     }
     if source not in known:
         raise InputError(
-            f"PX4 1.{minor} takes no manual control from {source!r}; expected one of {', '.join(known)}"
+            f"PX4 1.{minor} has no manual control from {source!r}; expected one of {', '.join(known)}"
         )
     return known[source]
 

@@ -1,16 +1,17 @@
-"""Parameters that PX4 removed, renamed or gave another meaning, from 1.9 to 1.18. Pure apart from reading one file, once.
+"""Parameters that PX4 removed, renamed or redefined between 1.9 and 1.18. Pure apart from reading one file, once.
 
-parameter_changes.csv lists what an indoor multicopter may have in an old parameter file; outputs and mixers (PWM_*, CA_*), receivers
-and other vehicle types are left out. "PX4 converts it itself" means that PX4 converts a stored value at its first start. `convert`
-takes a file's values from one version to a newer one and reports every value that changes; it never goes to an older version.
+parameter_changes.csv lists the parameters that an indoor multicopter can have in an old parameter file. Outputs and mixers
+(PWM_*, CA_*), receivers and other vehicle types are left out. "PX4 converts it itself" means that PX4 converts a stored value
+when the new version starts for the first time. `convert` changes values to the names and numbers of a newer version (never of
+an older one) and reports every change.
 
-The column `conversion` says how a value of the old parameter becomes values of the new ones:
-    (empty)               nothing takes its place, or the value must be chosen again
+The column `conversion` defines how a value of the old parameter becomes values of the new parameters:
+    (empty)               not converted: no new parameter, or the user must choose a new value
     same                  the same value under every new name
     times F               the value times F
-    map NEW 0=4 1=5 / ..  whole numbers by table; a missing number is not converted
-    replace 4=2           like map, and every other number stays
-    keep A..B             numbers from A to B stay, every other number is not converted; A or B may be missing
+    map NEW 0=4 1=5 / ..  integers by table; an integer that is not in the table is not converted
+    replace 4=2           like map, but every other number stays
+    keep A..B             numbers from A to B stay, other numbers are not converted; A or B can be left out
     NAME                  the function NAME of `_FUNCTIONS`
 """
 
@@ -27,19 +28,19 @@ from arena.errors import InputError
 from arena.params.facts.parameter_table import Version
 
 Conversion = Callable[[float], Mapping[str, float]]
-"""Value of the old parameter -> {new parameter: value}; {} where the value cannot be converted."""
+"""Function: value of the old parameter -> {new parameter: value}; {} if the value cannot be converted."""
 
 
 class Change(NamedTuple):
-    """A parameter that is no longer used as before.
+    """A parameter that was removed, renamed or redefined.
 
-    old: the parameter.
+    old: name of the parameter.
     since: minor version of the change.
-    new: the parameters that take its place; () when none does.
-    conversion: None when the value must be chosen again.
-    note: the reason.
-    source: file in PX4's tree, below src.
-    still_defined: PX4 still has the old name then, without effect or with another meaning.
+    new: parameters that replace it; () if there are none.
+    conversion: conversion of its value; None if the user must choose a new value.
+    note: reason for the change.
+    source: file in PX4's folder src.
+    still_defined: whether PX4 still has the old name after the change, without effect or with another meaning.
     """
 
     old: str
@@ -52,14 +53,18 @@ class Change(NamedTuple):
 
 
 class ConvertedParams(NamedTuple):
-    """Parameters of a newer version. notes: what was renamed, converted or dropped, a sentence each."""
+    """Result of a conversion to a newer PX4 version.
+
+    values: parameters of the newer version.
+    notes: one sentence for each parameter that was renamed, converted or dropped.
+    """
 
     values: Mapping[str, float]
     notes: tuple[str, ...]
 
 
 def changes(since: Version | str, to: Version | str) -> tuple[Change, ...]:
-    """Return the changes between two versions, in order. Raises InputError when `to` is the older one."""
+    """Return the changes between two versions, oldest first. Raises InputError if `to` is older than `since`."""
     first, last = (Version.of(v) for v in (since, to))
     if (last.major, last.minor) < (first.major, first.minor):
         raise InputError(
@@ -69,7 +74,7 @@ def changes(since: Version | str, to: Version | str) -> tuple[Change, ...]:
 
 
 def successors(name: str, since: Version | str, to: Version | str) -> tuple[str, ...]:
-    """Return the names in version `to` of a parameter of version `since`; () when it has no successor."""
+    """Return the names in version `to` of a parameter of version `since`; () if no parameter replaces it."""
     names: tuple[str, ...] = (name,)
     for change in changes(since, to):
         if change.old in names:
@@ -78,9 +83,9 @@ def successors(name: str, since: Version | str, to: Version | str) -> tuple[str,
 
 
 def convert(values: Mapping[str, float], since: Version | str, to: Version | str) -> ConvertedParams:
-    """Return values under the names and numbers of a newer version.
+    """Convert parameters to the names and values of a newer version.
 
-    A value that is already given under a new name stays. Raises InputError when `to` is the older version.
+    If `values` already has a new name, that value is kept. Raises InputError if `to` is older than `since`.
     """
     held = dict(values)
     notes: list[str] = []
@@ -88,7 +93,7 @@ def convert(values: Mapping[str, float], since: Version | str, to: Version | str
     for minor in sorted({change.since for change in steps}):
         here = [c for c in steps if c.since == minor and c.old in held]
         found = [(c, held.pop(c.old)) for c in here]
-        # a changed number under its own name goes first, so that converted values of other names do not replace it
+        # parameters that keep their name are converted first, so that converted values of other parameters do not replace them
         for change, value in sorted(found, key=lambda pair: pair[0].old not in pair[0].new):
             converted = change.conversion(value) if change.conversion else {}
             notes += _notes(change, value, converted, held)
@@ -108,7 +113,7 @@ def _notes(
     kept = [n for n, number in converted.items() if n in held and held[n] != number]
     return [
         f"{version}: {change.old} {value:g} becomes {new}: {change.note}",
-        *(f"{version}: {name} stays {held[name]:g}, as given under this name" for name in kept),
+        *(f"{version}: {name} stays {held[name]:g}, because it is already given" for name in kept),
     ]
 
 
@@ -136,7 +141,11 @@ def _keep(low: float, high: float, name: str, value: float) -> Mapping[str, floa
 
 
 def _ekf2_aid_mask(value: float) -> Mapping[str, float]:
-    """Convert bits: GNSS 1, flow 2, no accelerometer bias 4, drag 32, GNSS yaw 128; of vision position 8, yaw 16, velocity 256."""
+    """Convert the bits of EKF2_AID_MASK to the parameters that replace it.
+
+    Bits: 1 GNSS, 2 optical flow, 4 no accelerometer bias, 8 vision position, 16 vision yaw, 32 drag, 128 GNSS yaw,
+    256 vision velocity.
+    """
     bits = int(value)
     return {
         "EKF2_EV_CTRL": (3 if bits & 8 else 0) | (4 if bits & 256 else 0) | (8 if bits & 16 else 0),
@@ -148,7 +157,7 @@ def _ekf2_aid_mask(value: float) -> Mapping[str, float]:
 
 
 def _ekf2_hgt_mode(value: float) -> Mapping[str, float]:
-    """Convert the one height source into a reference and switches; sources that were not selected are off."""
+    """Convert EKF2_HGT_MODE, which selects one height source, to the height reference and one switch per source."""
     mode = int(value)
     return {
         "EKF2_HGT_REF": mode,
@@ -184,7 +193,7 @@ _FUNCTIONS: Mapping[str, Conversion] = {
 
 
 def _conversion(text: str, new: tuple[str, ...]) -> Conversion | None:
-    """Parse the column `conversion` (see the module docstring)."""
+    """Parse the column `conversion`, which the module docstring describes."""
     kind, _, rest = text.partition(" ")
     if not kind:
         return None
@@ -204,7 +213,7 @@ def _conversion(text: str, new: tuple[str, ...]) -> Conversion | None:
 
 
 def _number_table(pairs: list[str]) -> dict[float, float]:
-    """Parse ["0=4", "1=5"]."""
+    """Parse ["0=4", "1=5"] to {0: 4, 1: 5}."""
     return {int(old): int(new) for old, new in (pair.split("=") for pair in pairs)}
 
 

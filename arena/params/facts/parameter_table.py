@@ -1,7 +1,7 @@
 """The table of PX4's parameters by version, from px4_parameters.csv. Pure apart from reading that file, once.
 
-A row is valid for the versions `since` to `until`, both included. The point releases of one minor version share their rows: the last
-release of each was read, and nothing differs between v1.16.0 and v1.16.2.
+A row is valid from version `since` to version `until`. All patch releases of a minor version share their rows, which come from
+its last patch release. v1.16.0 and v1.16.2 do not differ.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ _HEAD = re.compile(r"# (\d+\.\d+) ([=~]) (.+)")
 
 
 class Parameter(NamedTuple):
-    """A parameter of a PX4 version.
+    """A parameter of one PX4 version.
 
-    unit: as PX4 writes it; "" when it has none.
-    default, min, max: in that unit, int for INT32; None where PX4 gives no limit.
-    reboot: a new value takes effect after a reboot only.
+    unit: unit as written by PX4; "" if there is none.
+    default: default value in this unit; an int for INT32.
+    min, max: PX4's limits in this unit; None if PX4 gives no limit.
+    reboot: whether a new value takes effect only after a reboot.
     """
 
     name: str
@@ -43,9 +44,12 @@ class Parameter(NamedTuple):
     reboot: bool
 
     def expected_instead(self, value: float) -> str:
-        """Return what is expected instead of a value; "" when it is allowed. PX4 itself accepts any number over MAVLink."""
+        """Return a text that says which values are allowed; "" if this value is allowed.
+
+        The check is needed because PX4 accepts any number over MAVLink.
+        """
         if not math.isfinite(value) or (self.type == "INT32" and not float(value).is_integer()):
-            return "a whole number" if self.type == "INT32" else "a number"
+            return "an integer" if self.type == "INT32" else "a number"
         least, most = (
             (-math.inf if self.min is None else self.min),
             (math.inf if self.max is None else self.max),
@@ -61,7 +65,7 @@ def _range(least: float, most: float) -> str:
 
 @dataclass(frozen=True, order=True)
 class Version:
-    """A version of PX4. The table has one set of parameters for each minor version."""
+    """A minor version of PX4, such as 1.16. The table has one set of parameters per minor version."""
 
     major: int
     minor: int
@@ -69,16 +73,19 @@ class Version:
 
     @classmethod
     def of(cls, version: Version | str) -> Version:
-        """Return the version, parsed where it is a text. Raises InputError as `parse` does."""
+        """Return a Version from a Version or a text. Raises InputError as `parse` does."""
         return cls.parse(version) if isinstance(version, str) else version
 
     @classmethod
     def parse(cls, text: str) -> Version:
-        """Parse a text like 1.16, v1.9.2 or 1.18.0-beta1. Raises InputError with the known versions."""
+        """Parse a text like 1.16, v1.9.2 or 1.18.0-beta1.
+
+        Raises InputError, with a list of the known versions, if the text is not a version or the version is not in the table.
+        """
         found = _VERSION.fullmatch(text.strip())
         if found is None:
             raise InputError(
-                f"{text!r} is not a version of PX4; expected one like 1.16 or v1.9.2. {_known()}"
+                f"{text!r} is not a PX4 version; expected a version such as 1.16 or v1.9.2. {_known()}"
             )
         version = cls(*(int(part or 0) for part in found.groups()))
         if version.table not in provenance():
@@ -95,7 +102,7 @@ class Version:
 
 
 class Provenance(NamedTuple):
-    """Origin of a version's rows. text: the tag or commit.  released: whether it is a release of this version."""
+    """Source of the rows of one version. text: PX4's tag or commit; released: whether this is a release of the version."""
 
     text: str
     released: bool
@@ -107,7 +114,7 @@ def versions() -> tuple[Version, ...]:
 
 
 def parameters(version: Version | str) -> Mapping[str, Parameter]:
-    """Return every parameter of a version by name. Raises InputError for a version that is not in the table."""
+    """Return parameter name -> parameter of a version. Raises InputError for a version that is not in the table."""
     version = Version.of(version)
     if version.table not in provenance():
         raise InputError(f"PX4 {version} is not in the table of parameters. {_known()}")
@@ -115,7 +122,7 @@ def parameters(version: Version | str) -> Mapping[str, Parameter]:
 
 
 def defaults(version: Version | str) -> Mapping[str, float]:
-    """Return the default of every parameter of a version. Raises InputError for a version that is not in the table."""
+    """Return parameter name -> default value of a version. Raises InputError for a version that is not in the table."""
     version = Version.of(version)
     parameters(version)
     return _defaults(version.table)
@@ -127,13 +134,13 @@ def _defaults(table: str) -> Mapping[str, float]:
 
 
 def is_unreleased(version: Version | str) -> bool:
-    """Return whether the rows come from a development version, because the version was not released yet."""
+    """Return whether the version was not released when the table was made, so that its rows are from a development version."""
     version = Version.of(version)
     return not provenance()[version.table].released
 
 
 def source_file(name: str, version: Version | str) -> str:
-    """Return the file in PX4's tree that defines a parameter in a version; "" when it is unknown."""
+    """Return the file in PX4's source tree that defines a parameter in a version; "" if unknown."""
     version = Version.of(version)
     at = list(provenance()).index(version.table)
     return next((row[9] for row, since, until in _spans() if row[0] == name and since <= at <= until), "")
@@ -141,7 +148,7 @@ def source_file(name: str, version: Version | str) -> str:
 
 @cache
 def provenance() -> Mapping[str, Provenance]:
-    """Return where the rows of each minor version come from, oldest first."""
+    """Return minor version -> source of its rows, oldest version first."""
     heads = (found.groups() for line in _parts()[0] if (found := _HEAD.fullmatch(line)))
     return MappingProxyType({name: Provenance(text, mark == "=") for name, mark, text in heads})
 
@@ -165,7 +172,7 @@ def _parameter(row: list[str]) -> Parameter:
 
 @cache
 def _spans() -> tuple[tuple[list[str], int, int], ...]:
-    """Return each row with the indices of its first and last version."""
+    """Return (columns of a row, index of its first version, index of its last version) for each row."""
     _, rows = _parts()
     places = {name: place for place, name in enumerate(provenance())}
     return tuple((row, places[row[7]], places[row[8]]) for row in csv.reader(rows[1:]))
@@ -173,7 +180,7 @@ def _spans() -> tuple[tuple[list[str], int, int], ...]:
 
 @cache
 def _parts() -> tuple[list[str], list[str]]:
-    """Return the lines of the head, which name the tags, and the lines of the table with its column names."""
+    """Return the file's comment lines, which name the tags, and the lines of the table with its column names."""
     lines = files(__package__).joinpath(CSV).read_text(encoding="utf-8").splitlines()
     head = next(place for place, line in enumerate(lines) if not line.startswith("#"))
     return lines[:head], lines[head:]

@@ -1,13 +1,13 @@
-"""Writer of px4_parameters.csv from the parameters.xml or parameters.json of PX4 builds.
+"""Program that writes px4_parameters.csv from the parameters.xml or parameters.json of PX4 builds.
 
     python -m arena.params.facts.regenerate DIR                         read DIR/<version>/*.xml and *.json; later files win
     python -m arena.params.facts.regenerate FILE --version 1.16         replace the rows of that version
     python -m arena.params.facts.regenerate FILE --version 1.16 --over  replace or add the parameters of the file only
 
-A build has the parameters of its own board and modules: use `--over` for such a file. `--tree` is PX4's source tree of that version,
-from which the column `source` is filled (DIR/<version>/tree.txt may name it); without it every parameter keeps its source.
-`--of` is the tag or commit, with `~` before it when it is no release of the version.
-Only names, types, units and numbers are copied, never PX4's descriptions.
+The file of a single build has only the parameters of its board and modules: use `--over` for such a file. `--tree` is the path
+of PX4's source tree of that version, which is searched to fill the column `source`. For DIR, the file DIR/<version>/tree.txt can
+contain this path. Without the tree every parameter keeps its source. `--of` is the tag or commit; write `~` before it if it is
+not a release of the version. Only names, types, units and numbers are copied, never PX4's descriptions.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ _GENERATED = {
     "SER_": "../Tools/serial/generate_config.py",
     "PWM_": "drivers/pwm_out/module.yaml",
 }
-"""Prefix -> generator of parameters whose names stand in no file."""
+"""Prefix of generated parameters, whose names are in no file -> script or file that generates them."""
 
 
 class Fact(NamedTuple):
-    """The columns of one parameter, as text."""
+    """The columns of one parameter in px4_parameters.csv, as text."""
 
     type: str
     unit: str
@@ -52,8 +52,12 @@ class Fact(NamedTuple):
 
 
 class Table(NamedTuple):
-    """The whole file. facts: version -> name -> columns.  sources: version -> name -> file in PX4's tree.
-    of: version -> `=` or `~`, and the tag or commit."""
+    """Content of px4_parameters.csv.
+
+    facts: version -> parameter name -> columns.
+    sources: version -> parameter name -> file in PX4's source tree.
+    of: version -> `=` or `~`, followed by the tag or commit.
+    """
 
     facts: dict[str, dict[str, Fact]]
     sources: dict[str, dict[str, str]]
@@ -61,7 +65,7 @@ class Table(NamedTuple):
 
 
 def read_xml(data: bytes) -> dict[str, Fact]:
-    """Return the parameters of a parameters.xml by name."""
+    """Return parameter name -> columns from the content of a parameters.xml."""
     found = {}
     for node in ElementTree.fromstring(data).iter("parameter"):
         text = {child.tag: (child.text or "").strip() for child in node}
@@ -78,9 +82,9 @@ def read_xml(data: bytes) -> dict[str, Fact]:
 
 
 def read_json(data: bytes) -> dict[str, Fact]:
-    """Return the parameters of a parameters.json by name.
+    """Return parameter name -> columns from the content of a parameters.json.
 
-    Up to 1.18 it has rebootRequired for parameters where parameters.xml has `false` (14 in 1.16): the XML is right.
+    Prefer parameters.xml. Up to 1.18 the JSON file sets rebootRequired for parameters that do not need a reboot (14 in 1.16).
     """
     rows: list[dict[str, Any]] = json.loads(data)["parameters"]
     return _named({row["name"]: _row(row) for row in rows})
@@ -92,7 +96,7 @@ def _row(row: Mapping[str, Any]) -> Fact:
 
 
 def read(path: Path) -> dict[str, Fact]:
-    """Read a file by its ending: .xml, .json, either with .xz."""
+    """Return parameter name -> columns from a file with the ending .xml, .json, .xml.xz or .json.xz."""
     data = path.read_bytes()
     name = path.name
     if name.endswith(".xz"):
@@ -101,7 +105,7 @@ def read(path: Path) -> dict[str, Fact]:
         return read_xml(data)
     if name.endswith(".json"):
         return read_json(data)
-    raise InputError(f"{path}: expected parameters.xml or parameters.json, perhaps with .xz")
+    raise InputError(f"{path}: expected a file name that ends in .xml, .json, .xml.xz or .json.xz")
 
 
 def _fact(kind: str, unit: str | None, default: object, least: object, most: object, reboot: bool) -> Fact:
@@ -130,7 +134,7 @@ def _named(found: dict[str, Fact]) -> dict[str, Fact]:
 
 
 def sources(tree: Path, names: Sequence[str]) -> dict[str, str]:
-    """Return the file below PX4's `src` that defines each name; generated names are found by their pattern or prefix."""
+    """Return parameter name -> file in PX4's `src` that defines it. Generated names are found by their pattern or prefix."""
     exact: dict[str, str] = {}
     patterns: dict[str, str] = {}
     for path in sorted(tree.glob("src/**/*")):
@@ -172,7 +176,7 @@ def load(text: str) -> Table:
 
 
 def dump(table: Table) -> str:
-    """Return the text of px4_parameters.csv: one row per name and span of versions with equal columns."""
+    """Return the text of px4_parameters.csv. Consecutive versions in which a parameter has the same columns share a row."""
     out = io.StringIO()
     order = sorted(table.facts, key=_key)
     out.writelines(f"# {version} {table.of[version]}\n" for version in order)
@@ -207,7 +211,13 @@ def _key(version: str) -> tuple[int, ...]:
 def replaced(
     table: Table, version: str, facts: dict[str, Fact], found: Mapping[str, str], of: str, over: bool
 ) -> Table:
-    """Return the table with one version replaced, or with `over` its given parameters only. found: sources by name."""
+    """Return the table with the parameters of one version replaced.
+
+    facts: new parameters of the version.
+    found: parameter name -> source file in PX4's tree.
+    of: `=` or `~`, and the tag or commit of the version.
+    over: replace or add only the parameters in `facts`; false: remove all others.
+    """
     new = {**table.facts.get(version, {}), **facts} if over else facts
     known = {
         name: place
@@ -231,12 +241,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--version", help="PX4 version of the file: 1.16")
     parser.add_argument("--over", action="store_true", help="replace or add only the parameters of the file")
     parser.add_argument(
-        "--of", default="", help="the tag or commit: v1.16.0, or '~ main of 2026-07-08' for no release"
+        "--of",
+        default="",
+        help="tag or commit, such as v1.16.0; with ~ if it is not a release: '~ main of 2026-07-08'",
     )
     parser.add_argument(
         "--tree", type=Path, help="PX4's source tree of that version, for the column `source`"
     )
-    parser.add_argument("--table", type=Path, default=TABLE, help="the table that is rewritten")
+    parser.add_argument("--table", type=Path, default=TABLE, help="the table to rewrite")
     given = parser.parse_args(arguments)
     table = load(given.table.read_text()) if given.table.exists() else Table({}, {}, {})
     for version, files, of, tree in _inputs(given):
@@ -251,7 +263,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _inputs(given: argparse.Namespace) -> Iterator[tuple[str, list[Path], str, Path | None]]:
-    """Yield (version, its files, their tag or commit, the source tree)."""
+    """Yield (version, parameter files, tag or commit, PX4's source tree) for each version on the command line."""
     if given.place.is_file():
         yield _minor(given.version or given.place.parent.name), [given.place], given.of, given.tree
         return
@@ -274,7 +286,9 @@ def _inputs(given: argparse.Namespace) -> Iterator[tuple[str, list[Path], str, P
 def _minor(text: str) -> str:
     found = _MINOR.fullmatch(text)
     if found is None:
-        raise InputError(f"{text!r} is not a version: give the PX4 version of the file, as in --version 1.16")
+        raise InputError(
+            f"{text!r} is not a version. Give the PX4 version of the file, for example --version 1.16"
+        )
     return found[1]
 
 

@@ -1,1 +1,1 @@
-"""Generation of PX4 parameters from the requirements of an arena."""
+"""Generation of the parameters of one PX4 version from an arena's requirements."""

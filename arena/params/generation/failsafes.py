@@ -1,7 +1,7 @@
-"""The failsafes of an arena as PX4 parameters of one version. Pure.
+"""Generation of the PX4 parameters that configure an arena's failsafes, for one PX4 version. Pure.
 
-Which value leads to which action stands in `facts.failsafe_table`. An event that needs nothing but an action (`Failsafe.actions`)
-needs no code here.
+`facts.failsafe_table` has the parameter values of each action. Events for which the YAML sets only an action
+(`Failsafe.actions`) need no code here.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from arena.params.facts.failsafe_table import (
 from arena.params.generation.lines import Line, LineWriter
 from arena.params.generation.requirements import Failsafe, Reaction
 
-_EMERGENCY_SHARE = 0.7  # of the charge at which the vehicle lands
+_EMERGENCY_SHARE = 0.7  # emergency charge, as a share of the charge at which the vehicle lands
 _EXCEPT_ALL = (
-    7  # COM_RCL_EXCEPT: missions, hold and take-off, offboard; landing and return continue in any case
+    7  # COM_RCL_EXCEPT: missions, hold and take-off, offboard; landing and return are never interrupted
 )
 _MEANINGS: Mapping[Action, str] = {"none": "no reaction", "warn": "a warning only"}
 _POSITION_ACTIONS = ("land", "hold", "return")  # without a position estimate PX4 descends instead
 
 
 def failsafe_lines(w: LineWriter) -> Iterator[Line]:
-    """Yield the parameters of all failsafes; actions that the version does not have are added to `not_possible`."""
+    """Yield the parameters of all failsafes. Actions that the version does not have are added to `w.not_possible`."""
     failsafe = w.required.failsafe
     yield from _offboard_loss(w, failsafe)
     yield from _position_loss(w, failsafe)
@@ -46,7 +46,7 @@ def failsafe_lines(w: LineWriter) -> Iterator[Line]:
 
 def _offboard_loss(w: LineWriter, f: Failsafe) -> Iterator[Line]:
     key, rc = "offboard_loss", w.required.sticks
-    # COM_RCL_EXCEPT selects which of two parameters 1.12 and 1.13 use: both get the same action
+    # 1.12 and 1.13 use one of two parameters, depending on COM_RCL_EXCEPT; so both get the same action
     two = "COM_OBL_ACT" in w.known
     when = EVENTS["offboard_loss_without_rc" if two else "offboard_loss"]
     yield from _reaction(w, key, "offboard_loss_without_rc", f.offboard_loss, when=when)
@@ -71,8 +71,8 @@ def _position_loss(w: LineWriter, f: Failsafe) -> Iterator[Line]:
     same_as_offboard_loss = _settings(w, "offboard_loss_without_rc", f.offboard_loss)
     if not settings or any(same_as_offboard_loss.get(n, value) != value for n, value in settings.items()):
         w.not_possible.append(
-            f"failsafe.position_loss: PX4 {w.version} has no action of its own when poses stop in OFFBOARD: it takes the action of"
-            f" offboard_loss ({f.offboard_loss}), or descends where that needs a position; {f.position_loss} is not set"
+            f"failsafe.position_loss: PX4 {w.version} has no separate action when poses stop in OFFBOARD: it takes the action of"
+            f" offboard_loss ({f.offboard_loss}), or descends if that action needs a position; {f.position_loss} is not set"
         )
 
 
@@ -81,13 +81,18 @@ def _battery(w: LineWriter, f: Failsafe) -> Iterator[Line]:
     action: Reaction = "warn" if f.low_battery_land is None else "land"
     yield from _reaction(w, "low_battery", "low_battery", action)
     warning = w.within_limits("BAT_LOW_THR", f.low_battery_warn, f"{key}: warn")
-    yield w.line("BAT_LOW_THR", warning, "charge of the warning [-]", key)
+    yield w.line("BAT_LOW_THR", warning, "charge at which the vehicle warns [-]", key)
     if f.low_battery_land is not None:
         critical = w.within_limits("BAT_CRIT_THR", f.low_battery_land, f"{key}: land")
         limits = w.known["BAT_EMERGEN_THR"]
         emergency = min(max(round(_EMERGENCY_SHARE * critical, 3), limits.min or 0.0), limits.max or 1.0)
-        yield w.line("BAT_CRIT_THR", critical, "charge of the landing [-]", key)
-        yield w.line("BAT_EMERGEN_THR", emergency, "charge of an emergency, which is a landing too [-]", key)
+        yield w.line("BAT_CRIT_THR", critical, "charge at which the vehicle lands [-]", key)
+        yield w.line(
+            "BAT_EMERGEN_THR",
+            emergency,
+            "charge that counts as an emergency; the vehicle lands, too [-]",
+            key,
+        )
 
 
 def _rc_loss(w: LineWriter, f: Failsafe) -> Iterator[Line]:
@@ -101,7 +106,7 @@ def _rc_loss(w: LineWriter, f: Failsafe) -> Iterator[Line]:
             yield w.line("COM_RCL_EXCEPT", _EXCEPT_ALL, "no reaction when RC is lost", "failsafe.rc_loss")
     elif f.rc_loss != "none":
         w.not_possible.append(
-            f"failsafe.rc_loss: the vehicle has no RC (`sticks: true`): {f.rc_loss} is not set"
+            f"failsafe.rc_loss: {f.rc_loss} is not set, because the vehicle has no RC. Set `sticks: true` if it has"
         )
 
 
@@ -109,8 +114,8 @@ def _data_link_loss(w: LineWriter, f: Failsafe) -> Iterator[Line]:
     action, key = f.data_link_loss, "data_link_loss"
     if action == "terminate" and w.version.minor >= 14:
         w.not_possible.append(
-            f"failsafe.data_link_loss: PX4 {w.version} counts the ground station as lost while it boots, and a termination is"
-            " final, so the vehicle could never fly: terminate is not set; use disarm"
+            f"failsafe.data_link_loss: PX4 {w.version} counts the ground station as lost while it boots, and cannot undo a"
+            " termination, so the vehicle could never fly: terminate is not set; use disarm"
         )
         action = "none"
     yield from _reaction(w, key, "data_link_loss", action)
@@ -130,17 +135,17 @@ def _attitude(w: LineWriter, f: Failsafe) -> Iterator[Line]:
         limit = w.within_limits(
             name, f.attitude_above_deg, f"failsafe.attitude: {f.attitude_above_deg:g} deg"
         )
-        yield w.line(name, limit, "angle of an attitude failure [deg]", "failsafe.attitude")
+        yield w.line(name, limit, "angle that counts as an attitude failure [deg]", "failsafe.attitude")
 
 
 def _reaction(
     w: LineWriter, key: str, event: Event, action: Action, *, when: str = "", report: bool = True
 ) -> Iterator[Line]:
-    """Yield the parameters that make an event lead to an action.
+    """Yield the parameters with which PX4 takes this action after this event.
 
-    key: key of the YAML's section `failsafe`.
-    when: the event in words; by default those of the table.
-    report: add the reason to `not_possible` when the version does not have the action.
+    key: key in the YAML's section `failsafe`.
+    when: description of the event; "" for that of `EVENTS`.
+    report: if the version does not have the action, add the reason to `w.not_possible`.
     """
     try:
         settings = settings_for(event, action, w.version)
@@ -162,7 +167,7 @@ def _settings(w: LineWriter, event: Event, action: Action) -> Mapping[str, int]:
 
 
 def _delay(w: LineWriter, key: str, event: Event, name: str, seconds: float, meaning: str) -> Line:
-    """Return a delay parameter, less the time that passes before it starts."""
+    """Return a parameter that sets a delay. PX4's own fixed delay before it is subtracted. seconds: wanted total delay [s]."""
     delay = next((d for d in delays(event, w.version) if d.parameter == name), None)
     scale, fixed = (delay.scale_s, delay.fixed_s) if delay else (1.0, 0.0)
     value = w.within_limits(name, (seconds - fixed) / scale, f"failsafe.{key}: {seconds:g} s")

@@ -1,6 +1,7 @@
-"""Requirements -> PX4 parameters, with the names and units of one PX4 version. Pure.
+"""Generation of PX4 parameters from requirements, with the names and units of one PX4 version. Pure.
 
-Requirements that a version has no parameter for are listed in `Generated.not_possible`. `failsafes` makes the failsafes' part.
+`Generated.not_possible` lists requirements for which a version has no parameter. The module `failsafes` makes the parameters of
+failsafes.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from arena.params.generation.lines import Line, LineWriter
 from arena.params.generation.requirements import Requirements
 
 RETURN_SHARE = 0.6
-"""Return altitude of AUTO.RTL as a share of the ceiling's height [-]."""
+"""Altitude to which AUTO.RTL climbs, divided by the ceiling's height [-]."""
 VISION_NOISE_M, VISION_NOISE_RAD = 0.01, 0.05
-"""Least noise of poses that EKF2 assumes, whatever covariance comes with them."""
+"""Smallest noise that EKF2 assumes for poses, even if their covariance is smaller."""
 
 _EV_CTRL = 15  # position 1, height 2, velocity 4, yaw 8
 _AID_MASK = 8 | 16  # vision position and yaw, up to 1.13
@@ -36,8 +37,8 @@ _OLD_VELOCITY_GAINS = {
 class Generated(NamedTuple):
     """The parameters of one vehicle.
 
-    lines: one per parameter.
-    not_possible: requirements that this version has no parameter for, a sentence each.
+    lines: one per parameter, with value and reason.
+    not_possible: one sentence per requirement for which this version has no parameter.
     """
 
     lines: tuple[Line, ...]
@@ -52,7 +53,7 @@ class Generated(NamedTuple):
 def generate(required: Requirements, version: Version | str) -> Generated:
     """Return the parameters that meet the requirements in this PX4 version.
 
-    A later line replaces an earlier one of the same name; parameters that the user names come last.
+    Parameters that the user sets replace generated parameters of the same name.
     Raises InputError for a version that is not in the table.
     """
     writer = LineWriter(required, Version.of(version))
@@ -75,8 +76,10 @@ def _vision(w: LineWriter) -> Iterator[Line]:
     height = "EKF2_HGT_REF" if "EKF2_HGT_REF" in w.known else "EKF2_HGT_MODE"
     yield w.line(height, _HEIGHT_FROM_VISION, "height comes from poses", "vision")
     yield w.line("EKF2_MAG_TYPE", _NO_MAGNETOMETER, "no magnetometer: heading comes from poses", "vision")
-    yield w.line("EKF2_EVP_NOISE", VISION_NOISE_M, "least position noise of poses [m]", "vision")
-    yield w.line("EKF2_EVA_NOISE", VISION_NOISE_RAD, "least attitude noise of poses [rad]", "vision")
+    yield w.line("EKF2_EVP_NOISE", VISION_NOISE_M, "smallest position noise assumed for poses [m]", "vision")
+    yield w.line(
+        "EKF2_EVA_NOISE", VISION_NOISE_RAD, "smallest attitude noise assumed for poses [rad]", "vision"
+    )
     yield w.line("EKF2_EV_DELAY", delay_ms, "age of a pose on arrival [ms]", "vision_delay_ms")
 
 
@@ -95,13 +98,13 @@ def _sensors(w: LineWriter) -> Iterator[Line]:
 
 
 def _geofence(w: LineWriter) -> Iterator[Line]:
-    """Yield a cylinder around home that contains the whole box: no PX4 version has a box."""
+    """Yield the parameters of a cylindrical geofence that contains the whole box, because PX4 has no box-shaped geofence."""
     fence = w.required.fence
     if fence is None:
         return
     if w.required.vision_delay_ms is None and not w.required.gps:
         w.not_possible.append(
-            "geofence: without poses and GPS the vehicle has no home position to measure from: no geofence is set"
+            "geofence: not set, because without poses and GPS the vehicle has no home position"
         )
         return
     radius = math.ceil(fence.radius_m * 1e3 - 1e-6) / 1e3

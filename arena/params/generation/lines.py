@@ -1,4 +1,4 @@
-"""Lines of generated parameters, and what every part of the generation shares. Pure."""
+"""`Line`, one generated parameter, and `LineWriter`, which makes lines and collects unmet requirements. Pure."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from arena.params.generation.requirements import Requirements
 class Line(NamedTuple):
     """A generated parameter.
 
-    meaning: its effect here.
-    reason: who asked for it: `arena.yaml:7`, `profile iris`, `arena's default`, ...
+    meaning: effect of this value, as text.
+    reason: source of the requirement: `arena.yaml:7`, `profile iris`, `arena's default`, ...
     """
 
     name: str
@@ -24,7 +24,12 @@ class Line(NamedTuple):
 
 
 class LineWriter:
-    """The requirements of one vehicle, the parameters that its version has, and what turned out not to be possible."""
+    """Maker of the lines of one vehicle's parameters.
+
+    required: requirements of the vehicle.
+    version: PX4 version of the vehicle.
+    not_possible: one sentence per requirement that could not be met.
+    """
 
     def __init__(self, required: Requirements, version: Version) -> None:
         self.required, self.version = required, version
@@ -32,11 +37,14 @@ class LineWriter:
         self.not_possible: list[str] = []
 
     def line(self, name: str, value: float, meaning: str, requirement: str) -> Line:
-        """Return a line whose reason is that of a requirement (a key of `Requirements.reasons`)."""
+        """Return a line. requirement: key of `Requirements.reasons`, which has the line's reason."""
         return Line(name, value, meaning, self.required.reasons.get(requirement, "arena's default"))
 
     def within_limits(self, name: str, value: float, requirement: str) -> float:
-        """Return the nearest value that PX4 accepts, rounded for an INT32; a changed value is added to `not_possible`."""
+        """Return the nearest value within PX4's limits, rounded if the parameter is an INT32.
+
+        If the value had to change, a sentence is added to `not_possible`.
+        """
         known = self.known[name]
         accepted = min(
             max(value, -math.inf if known.min is None else known.min),
@@ -44,6 +52,6 @@ class LineWriter:
         )
         if abs(accepted - value) > 1e-6 * max(1.0, abs(value)):
             self.not_possible.append(
-                f"{requirement} would be {name} {value:g}, outside the limits of PX4 {self.version}: {accepted:g} is set"
+                f"{requirement} needs {name} {value:g}, which is outside the limits of PX4 {self.version}; {accepted:g} is set instead"
             )
         return round(accepted) if known.type == "INT32" else accepted

@@ -1,6 +1,6 @@
-"""The requirements of an arena on a vehicle's PX4, independent of the PX4 version. Data only.
+"""The requirements of an arena for a vehicle's PX4, independent of the PX4 version. Data only.
 
-Defaults of the failsafes stand once, in `arena.schema.models`: here every field is given.
+The defaults of failsafes are defined in `arena.schema.models` only, so every field here must be given.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ Reaction = Literal["none", "warn", "hold", "return", "land", "terminate", "disar
 ACTION_ONLY_EVENTS: tuple[Event, ...] = tuple(
     event for event in EVENTS if event not in ("offboard_loss", "rc_loss", "data_link_loss", "low_battery")
 )
-"""Events that a key of the YAML's `failsafe` section of the same name configures by an action alone."""
+"""Events for which the YAML sets only an action, under `failsafe` with the same name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Failsafe:
-    """The reaction to each kind of loss, and the time before it.
+    """PX4's reaction to each failure or lost connection, and the time before the reaction.
 
-    offboard_loss, offboard_loss_after_s: no setpoints for this time [s].
-    position_loss, position_loss_after_s: no poses for this time [s]; `land` descends without a position estimate.
-    low_battery_warn, low_battery_land: remaining charge, 0 to 1 [-]; land None: the vehicle only warns.
-    rc_loss: no RC input.
-    data_link_loss, data_link_loss_after_s: no heartbeat of a ground station for this time [s].
-    actions: every other event -> action, such as geofence.
-    attitude, attitude_above_deg: roll or pitch above this angle [deg]; None leaves the vehicle's own setting.
+    offboard_loss, offboard_loss_after_s: action after this time without setpoints [s].
+    position_loss, position_loss_after_s: action after this time without poses [s]; `land` descends without a position estimate.
+    low_battery_warn, low_battery_land: charge at which the vehicle warns or lands, 0 to 1 [-]; None: the vehicle does not land.
+    rc_loss: action without RC input.
+    data_link_loss, data_link_loss_after_s: action after this time without a heartbeat of a ground station [s].
+    actions: actions after other events, such as `geofence`: event -> action.
+    attitude, attitude_above_deg: action for roll or pitch above this angle [deg]; None keeps the vehicle's own setting.
     """
 
     offboard_loss: Reaction
@@ -47,7 +47,7 @@ class Failsafe:
 
 @dataclass(frozen=True, kw_only=True)
 class FenceCylinder:
-    """A geofence around the vehicle's home.
+    """A cylindrical geofence around the vehicle's home position.
 
     radius_m: horizontal distance from home [m].
     height_m: height above home [m].
@@ -59,9 +59,9 @@ class FenceCylinder:
 
 @dataclass(frozen=True, kw_only=True)
 class Rotor:
-    """Position of a rotor.
+    """Position and direction of rotation of a rotor.
 
-    x_m, y_m: forward and right of the centre of mass [m] [FRD].
+    x_m, y_m: distance forward and to the right of the centre of mass [m] [FRD].
     spin: +1 for counter-clockwise seen from above, -1 for clockwise.
     """
 
@@ -74,19 +74,21 @@ class Rotor:
 class Requirements:
     """Everything that an arena requires of one vehicle's PX4.
 
-    system_id: MAV_SYS_ID.
+    system_id: MAVLink system id (MAV_SYS_ID).
     hover: thrust command in hover, 0 to 1 [-].
-    vision_delay_ms: from the exposure to the arrival of a pose [ms]; None without external vision.
-    gps, sticks: a GPS receiver; an RC transmitter.
-    channels: RC channels; 0 leaves the vehicle's own mapping.
-    failsafe: reactions to losses.
-    landing_speed_m_s: None leaves the vehicle's own [m/s].
+    vision_delay_ms: delay from the camera exposure to the arrival of a pose at the autopilot [ms]; None: no external vision.
+    gps: whether the vehicle has a GPS receiver.
+    sticks: whether the vehicle has an RC transmitter.
+    channels: number of RC channels; 0 keeps the vehicle's own mapping.
+    failsafe: reactions to failures and lost connections.
+    landing_speed_m_s: landing speed [m/s]; None keeps the vehicle's own.
     ceiling_m: height of the room [m].
-    fence: None for no geofence.
-    rotors, moment_ratio_m: geometry, and reaction torque per thrust [m]; () leaves the vehicle's own.
-    gains: gains of the profile, under the names of the newest PX4.
-    own: parameters that the user names, as written.
-    reasons: requirement (`hover`, `failsafe.offboard_loss`, `own.NAME`, ...) -> who asked for it, in words.
+    fence: geofence; None: no geofence.
+    rotors: rotor geometry; () keeps the vehicle's own.
+    moment_ratio_m: reaction torque of a rotor divided by its thrust [m].
+    gains: controller gains of the profile; parameter name of the newest PX4 -> value.
+    own: parameters that the user sets; name -> value.
+    reasons: requirement (`hover`, `failsafe.offboard_loss`, `own.NAME`, ...) -> text that says where it comes from.
     """
 
     system_id: int

@@ -1,11 +1,13 @@
 """Transfer of parameters to and from vehicles over MAVLink.
 
-request_window   requests in flight, repeated until answered; decides when a missing answer means "no such parameter"
-transfer         one vehicle: heartbeats, time-outs, rebooting; base of reader and writer
-reader, writer   read some parameters or the whole list; write what differs and read it back
-push_record      push.json, from which an interrupted push is resumed
-transports       one connection: UDP socket or serial device
-session          many vehicles at once
+request_window   repeats requests until they are answered; decides when a missing answer means "no such parameter"
+transfer         transfer with one vehicle: heartbeats, time-outs, reboot; base class of reader and writer
+reader           reads some parameters or the whole list
+writer           writes the parameters that differ and reads them back
+push_record      the file push.json, from which an interrupted push is resumed
+transports       connection to one vehicle: UDP socket or serial device
+session          transfers with many vehicles at the same time
 
-All but `transports`, `session` and the file of `push_record` are pure: frames and time in, frames and state out.
+`transports` and `session` use sockets, devices and clocks, and `push_record` a file. The others are pure: they take received
+frames and the time, and return the frames to send.
 """

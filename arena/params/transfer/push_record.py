@@ -1,7 +1,7 @@
-"""The record of a push (push.json): the wanted values, the values before, the values written.
+"""The record of a push (push.json): wanted values, old values, and values written so far.
 
-The record is saved before the first value of a vehicle is written, and while the push goes on. A resumed push writes `wanted` again:
-values that the vehicle already has are not written twice, and `before` keeps the values from before the first attempt.
+The record is saved before the first value of a vehicle is written, and repeatedly during the push. A resumed push writes
+`wanted` again, except values that the vehicle already has. `before` keeps the values from before the first attempt.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _FORMAT = "arena params push 1"
 
 @dataclass(kw_only=True)
 class VehicleRecord:
-    """The part of one vehicle, parameter -> value.
+    """The part of the record about one vehicle.
 
-    wanted: as the user gave them.
-    before: old values of the parameters that differed.
-    written: values that the vehicle acknowledged.
+    wanted: parameter -> value that the user wants.
+    before: parameter -> old value, for parameters that differed.
+    written: parameter -> value that the vehicle acknowledged.
     ending: why the transfer ended; "" while it runs.
-    at: where the vehicle is reached, as text.
+    at: address of the vehicle, as text.
     """
 
     wanted: dict[str, float]
@@ -38,7 +38,7 @@ class VehicleRecord:
 
 
 class PushRecord:
-    """The record file at `path`. Each saved state replaces the one before as a whole."""
+    """The record of a push, kept in the file `path`. Each `save` replaces the whole file."""
 
     def __init__(self, path: Path, vehicles: dict[str, VehicleRecord]) -> None:
         self.path, self.vehicles = path, vehicles
@@ -47,10 +47,10 @@ class PushRecord:
     def begin(
         cls, path: Path, wanted: Mapping[str, Mapping[str, float]], at: Mapping[str, str] | None = None
     ) -> PushRecord:
-        """Return the record of a new push, not saved yet.
+        """Return the record of a new push. It is not saved yet.
 
         wanted: vehicle -> {parameter: value}.
-        at: vehicle -> where it is reached, as text.
+        at: vehicle -> address, as text.
         """
         return cls(
             path,
@@ -62,7 +62,7 @@ class PushRecord:
 
     @classmethod
     def read(cls, path: Path) -> PushRecord:
-        """Read a record. Raises InputError when the file is missing or is no record."""
+        """Read a record. Raises InputError if the file is missing or is not a record."""
         try:
             raw = json.loads(path.read_text())
             if raw["format"] != _FORMAT:
@@ -75,18 +75,18 @@ class PushRecord:
 
     @property
     def unfinished(self) -> bool:
-        """True when values were written to a vehicle that is not done."""
+        """True if the push of at least one vehicle started to write and did not complete."""
         return any(vehicle.written and vehicle.ending != "done" for vehicle in self.vehicles.values())
 
     @property
     def wanted(self) -> dict[str, dict[str, float]]:
-        """Vehicle -> {parameter: value} of the vehicles that are not done."""
+        """Wanted values of the vehicles whose push did not complete: vehicle -> {parameter: value}."""
         return {name: dict(v.wanted) for name, v in self.vehicles.items() if v.ending != "done"}
 
     def update(
         self, vehicle: str, before: Mapping[str, float], written: Mapping[str, float], ending: str
     ) -> bool:
-        """Update one vehicle and return whether anything changed. The oldest values in `before` stay."""
+        """Update the part of one vehicle; return whether anything changed. Existing values in `before` are kept."""
         old = self.vehicles[vehicle]
         new = VehicleRecord(
             wanted=old.wanted,
@@ -99,7 +99,7 @@ class PushRecord:
         return new != old
 
     def save(self) -> None:
-        """Write the file. Raises OSError when it cannot be written."""
+        """Write the file. Raises OSError if the file cannot be written."""
         vehicles = {name: asdict(vehicle) for name, vehicle in self.vehicles.items()}
         text = json.dumps({"format": _FORMAT, "vehicles": vehicles}, indent=1)
         part = self.path.with_name(f".{self.path.name}.{os.getpid()}")

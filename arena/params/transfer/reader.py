@@ -1,6 +1,6 @@
-"""Reading the parameters of one vehicle: some by name, or the whole list. Pure.
+"""Reader of one vehicle's parameters: some by name, or the whole list. Pure.
 
-After PARAM_REQUEST_LIST the vehicle sends the whole list; parameters that were lost on the way are requested by index.
+After PARAM_REQUEST_LIST the vehicle sends the whole list. Parameters whose message was lost are then requested by index.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _MAX_LIST_REQUESTS = 5
 
 
 class ParamReader(Transfer):
-    """A transfer that reads parameters.
+    """Transfer that reads parameters.
 
-    names: the parameters to read; None: the vehicle's whole list.
-    values: what was read, by name.
-    missing: name, or index in the list -> "unknown" or "unanswered", once the transfer is done.
+    names: names of the parameters to read; None: the vehicle's whole list.
+    values: parameter name -> value read.
+    missing: parameter name, or index in the list -> "unknown" or "unanswered"; set when the transfer ends.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class ParamReader(Transfer):
         elif missing:
             self._window = RequestWindow(missing, self._link, next(iter(self._list.received)))
         else:
-            self.ending = "no connection"  # heartbeats arrive, and no request is answered
+            self.ending = "no connection"  # heartbeats arrive, but no request is answered
         return []
 
     def _on_value(self, value: Value, now: float) -> None:
@@ -98,11 +98,11 @@ class ParamReader(Transfer):
 
 
 class _ParamList:
-    """The part of a vehicle's parameter list that has arrived.
+    """The part of a vehicle's parameter list that was received.
 
     count: length of the list; 0 while unknown.
-    received: index -> name.
-    requests: how often the list was requested.
+    received: index in the list -> parameter name.
+    requests: number of requests for the list.
     """
 
     def __init__(self) -> None:
@@ -112,11 +112,11 @@ class _ParamList:
 
     @property
     def missing(self) -> list[str | int]:
-        """Indices that have not arrived."""
+        """Indices of the list that were not received."""
         return [index for index in range(self.count) if index not in self.received]
 
     def is_paused(self, now: float) -> bool:
-        """Return whether nothing new has arrived for a while, or the list is complete."""
+        """Return whether the list is complete, or no new parameter was received for a while."""
         return now - self._new_at >= _LIST_PAUSE_S * max(self.requests, 1) or (
             self.count > 0 and len(self.received) == self.count
         )
@@ -126,7 +126,7 @@ class _ParamList:
         self.requests, self._new_at = self.requests + 1, now
 
     def add(self, value: Value, now: float) -> bool:
-        """Add a parameter. Returns True when the length of the list has changed, which makes earlier indices wrong."""
+        """Add a received parameter. Return True if the list's length has changed, because earlier indices are then invalid."""
         changed = self.count not in (0, value.total)
         if changed:
             self.received.clear()
@@ -139,7 +139,7 @@ class _ParamList:
 
 
 def record_answer(window: RequestWindow[str | int], value: Value, now: float) -> None:
-    """Record a PARAM_VALUE as the answer to a request by name and to a request by index."""
+    """Record a PARAM_VALUE as the answer to the request of this name, and to the request of this index."""
     window.answer(value.name, now)
     if value.place != NO_INDEX:
         window.answer(value.place, now)

@@ -1,8 +1,9 @@
-"""Requests to a vehicle over a lossy link: several in flight, repeated until answered. Pure.
+"""Repetition of requests to a vehicle over a lossy link, with several requests in flight. Pure.
 
-PX4 does not answer a request for a parameter that it does not have, which looks like a lost packet. A request counts as ignored once
-its missing answers would be a chance of one in a million, given the share of packets that this link loses. Only tries during which
-the vehicle answered other requests count. When no other requests are left, a probe is sent: a request that is always answered.
+PX4 does not answer a request for a parameter that it does not have. This looks like a lost packet. A request counts as
+"ignored" after so many unanswered tries that packet loss alone would explain them in one case of a million; the loss of the
+link is measured. Only tries during which the vehicle answered other requests count. If no other requests are open, a probe is
+sent: a request that the vehicle always answers.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
-WINDOW = 10  # requests in flight, some 400 bytes
+WINDOW = 10  # requests in flight, about 400 bytes
 _MIN_TRIES, _MAX_TRIES = 5, 30  # before a request counts as ignored
 _LOST_TRIES = 10  # tries without an answer to any request, before a request counts as lost
 _ACCIDENT_PROBABILITY = 1e-6
@@ -21,12 +22,12 @@ _BACKOFF, _BACKOFF_STEPS = 1.3, 2
 
 Key = TypeVar("Key", bound=Hashable)
 RequestState = Literal["open", "answered", "ignored", "lost"]
-"""open: an answer may still come.  ignored: the vehicle answers others, not this one.  lost: the link loses everything."""
+"""open: not answered yet.  ignored: the vehicle answers other requests, but not this one.  lost: no request is answered."""
 
 
 @dataclass(kw_only=True)
 class LinkEstimate:
-    """The round-trip time (RFC 6298) and the share of unanswered requests, as measured on a link."""
+    """Measured quality of a link: round-trip time (RFC 6298) and share of unanswered requests."""
 
     _mean_s: float = 0.0
     _deviation_s: float = 0.0
@@ -35,10 +36,10 @@ class LinkEstimate:
     _answers: int = 1
 
     def add_answer(self, tries: int, delay_s: float) -> None:
-        """Add an answer to the measurement.
+        """Add the answer to one request to the measurement.
 
-        tries: how often the request was sent.
-        delay_s: time since it was last sent [s].
+        tries: number of times that the request was sent.
+        delay_s: time since the request was last sent [s].
         """
         self._requests += tries
         self._answers += 1
@@ -51,12 +52,12 @@ class LinkEstimate:
         self._timeout_s = min(max(self._mean_s + 4.0 * self._deviation_s, _MIN_TIMEOUT_S), _MAX_TIMEOUT_S)
 
     def timeout_s(self, tries: int) -> float:
-        """Return how long to wait for an answer to the `tries`-th try of a request [s]."""
+        """Return how long to wait for an answer [s] after a request was sent for the `tries`-th time."""
         return self._timeout_s * _BACKOFF ** min(tries - 1, _BACKOFF_STEPS)
 
     @property
     def tries_until_ignored(self) -> int:
-        """Number of unanswered tries that are no accident on this link."""
+        """Number of unanswered tries that packet loss on this link does not explain."""
         loss = (self._requests - self._answers + 1) / (self._requests + 2)
         tries = math.ceil(math.log(_ACCIDENT_PROBABILITY) / math.log(loss))
         return min(max(tries, _MIN_TRIES), _MAX_TRIES)
@@ -64,13 +65,13 @@ class LinkEstimate:
 
 @dataclass(kw_only=True)
 class _Request:
-    """A request.
+    """State of one request.
 
-    tries: how often it was sent.
+    tries: number of times that the request was sent.
     sent_at: time of the last try [s].
-    deadline: end of the wait for an answer [s].
-    answers_before: answers to any request up to the last try.
-    unanswered: tries without an answer while other requests were answered.
+    deadline: time at which the wait for an answer ends [s].
+    answers_before: number of answers to any request before the last try.
+    unanswered: number of unanswered tries during which other requests were answered.
     """
 
     tries: int = 0
@@ -82,11 +83,11 @@ class _Request:
 
 
 class RequestWindow(Generic[Key]):
-    """A set of requests, until each is answered, ignored or lost.
+    """A set of requests that are repeated until each is answered, ignored or lost.
 
-    keys: the requests.
-    link: measurement of the link, shared between windows.
-    probe: a request that is always answered; it is not one of `keys`.
+    keys: one key per request: a parameter name or an index.
+    link: measured quality of the link; several windows can share it.
+    probe: key of a request that the vehicle always answers; not one of `keys`.
     """
 
     def __init__(self, keys: Iterable[Key], link: LinkEstimate, probe: Key) -> None:
@@ -97,7 +98,7 @@ class RequestWindow(Generic[Key]):
 
     @property
     def done(self) -> bool:
-        """True when no request is open."""
+        """True if no request is open."""
         return not self._open
 
     def with_state(self, *states: RequestState) -> list[Key]:
@@ -105,7 +106,7 @@ class RequestWindow(Generic[Key]):
         return [key for key, request in self._requests.items() if request.state in states]
 
     def due(self, now: float) -> list[Key]:
-        """Return the requests to send now, with the probe where all of them were sent before."""
+        """Return the requests to send now. If all of them are repetitions, add the probe, which shows whether the link works."""
         self._close_overdue(now)
         in_flight = sum(request.deadline > now for request in self._open.values())
         waiting = sorted(
@@ -121,20 +122,20 @@ class RequestWindow(Generic[Key]):
         return [key for key, _ in chosen] + ([self._probe] if needs_probe else [])
 
     def answer(self, key: Key, now: float) -> None:
-        """Record an answer to a request or to the probe; an answer to anything else is ignored."""
+        """Record an answer to a request or to the probe. Other answers are ignored."""
         request = self._sent(key)
         if request is not None:
             self._link.add_answer(request.tries, now - request.sent_at)
             self._close(key, request, "answered")
 
     def refuse(self, key: Key, state: RequestState) -> None:
-        """Record an error message of the vehicle. state: what becomes of the request."""
+        """Close a request to which the vehicle replied with an error. state: new state of the request."""
         request = self._sent(key)
         if request is not None:
             self._close(key, request, state)
 
     def _sent(self, key: Key) -> _Request | None:
-        """Count an answer and return its request, None where that is not open or was never sent."""
+        """Count an answer. Return its request, or None if the request is not open or was never sent."""
         request = self._open.get(key)
         sent = request is not None and request.tries > 0
         self._answers += sent or key == self._probe

@@ -1,10 +1,10 @@
-"""Reading, writing and rebooting many vehicles at the same time: their sockets and serial devices, one thread, one poll.
+"""Parameter transfers with many vehicles at the same time. One thread polls all sockets and serial devices.
 
     pull(targets, names)        read parameters
     push(targets, wanted)       write parameters that differ
     reboot(targets)             reboot autopilots, so that new values take effect
 
-A vehicle that cannot be reached ends its own transfer only. Ctrl-C ends all transfers, and the results so far are returned.
+If a vehicle cannot be reached, only its own transfer ends. Ctrl-C ends all transfers; the results so far are returned.
 """
 
 from __future__ import annotations
@@ -26,15 +26,20 @@ from arena.wire.mavlink_params import VALUE, Value
 
 _POLL_PERIOD_S = 0.02
 _PROGRESS_PERIOD_S = 0.1
-_SAVE_PERIOD_S = 0.5  # of the record, while no old value is at risk
+_SAVE_PERIOD_S = 0.5  # between two saves of the record, if no old value could be lost
 
 OnProgress = Callable[[Mapping[str, Progress]], None]
-"""Callback with the progress by vehicle name, ten times per second and at the end."""
+"""Callback that gets vehicle name -> progress, ten times per second and at the end."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Traffic:
-    """The traffic of one transfer. seconds: its duration [s].  sent: frames sent.  received: PARAM_VALUEs, answers to anybody."""
+    """Message counts of one transfer.
+
+    seconds: duration of the transfer [s].
+    sent: number of frames sent.
+    received: number of PARAM_VALUE messages received, including answers to other programs.
+    """
 
     seconds: float = 0.0
     sent: int = 0
@@ -47,8 +52,8 @@ class PushReport:
 
     ending: "done", or why the transfer ended early.
     results: parameter -> outcome.
-    needs_reboot: written parameters that take effect after a reboot only.
-    why: why the connection could not be opened.
+    needs_reboot: written parameters that take effect only after a reboot.
+    why: why the connection could not be opened; "" if it was opened.
     """
 
     ending: Ending
@@ -59,7 +64,7 @@ class PushReport:
 
     @property
     def holds(self) -> bool:
-        """True when the vehicle has every wanted value, as read back."""
+        """True if reading back showed that the vehicle has every wanted value."""
         return self.ending == "done" and all(r.outcome in ("same", "written") for r in self.results.values())
 
     def with_outcome(self, *outcomes: Outcome) -> list[str]:
@@ -71,9 +76,10 @@ class PushReport:
 class PullReport:
     """The result of reading one vehicle.
 
-    ending, why: as in `PushReport`.
-    values: what was read, by name.
-    missing: name, or index in the list -> "unknown" or "unanswered".
+    ending: "done", or why the transfer ended early.
+    why: why the connection could not be opened; "" if it was opened.
+    values: parameter name -> value read.
+    missing: parameter name, or index in the list -> "unknown" or "unanswered".
     """
 
     ending: Ending
@@ -84,7 +90,7 @@ class PullReport:
 
     @property
     def complete(self) -> bool:
-        """True when nothing is missing."""
+        """True if the transfer was not ended early and no parameter is missing."""
         return self.ending == "done" and not self.missing
 
 
@@ -97,14 +103,14 @@ def push(
     reboot_names: frozenset[str] = frozenset(),
     on_progress: OnProgress | None = None,
 ) -> dict[str, PushReport]:
-    """Write the parameters that differ to every vehicle of `wanted`.
+    """Write parameters to vehicles: read, write the values that differ, read back.
 
     wanted: vehicle -> {parameter: value}.
-    dry_run: read and compare only.
-    record: record of the same vehicles; saved while the push goes on, and deleted when all vehicles are done. To resume an interrupted
-        push, pass its own `wanted` with it.
-    reboot_names: parameters that take effect after a reboot only.
-    Raises OSError when the record cannot be written, before the values that it should contain are sent.
+    dry_run: only read and compare.
+    record: record of the same vehicles, which is saved during the push and deleted when all vehicles are done. To resume an
+        interrupted push, pass its record, and `record.wanted` as `wanted`.
+    reboot_names: parameters that take effect only after a reboot.
+    Raises OSError if the record cannot be saved. No value is sent before its old value is saved.
     """
     component = own_component()
 
@@ -131,7 +137,7 @@ def pull(
     names: Sequence[str] | None = None,
     on_progress: OnProgress | None = None,
 ) -> dict[str, PullReport]:
-    """Read parameters of every vehicle. names: the parameters; None: the vehicles' whole lists."""
+    """Read parameters of every vehicle. names: names of the parameters; None for all parameters."""
     component = own_component()
 
     def make(name: str, now: float) -> ParamReader:
@@ -143,7 +149,7 @@ def pull(
 
 
 def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
-    """Send a reboot command to autopilots. Returns vehicle -> why it does not reboot, "" where it does."""
+    """Reboot autopilots. Return vehicle -> why it does not reboot ("" if it reboots)."""
     component = own_component()
 
     def make(name: str, now: float) -> Rebooter:
@@ -188,7 +194,7 @@ AnyTransfer = TypeVar("AnyTransfer", bound=Transfer)
 
 
 class _Connection(Generic[AnyTransfer]):
-    """A vehicle: its transfer, and its socket or device, or why that could not be opened."""
+    """Connection to one vehicle: its transfer, and either its open socket or device, or the error from opening it."""
 
     def __init__(self, transfer: AnyTransfer, target: ParamTarget) -> None:
         self.transfer, self.why = transfer, ""
@@ -225,7 +231,7 @@ class _Connection(Generic[AnyTransfer]):
 
 
 class _RecordKeeper:
-    """Saver of the record: at once before old values are overwritten, otherwise twice per second."""
+    """Writer of the record of a push: saves immediately when there are new old values, otherwise at most twice per second."""
 
     def __init__(self, record: PushRecord) -> None:
         self.record = record
@@ -256,8 +262,8 @@ def _run(
 ) -> dict[str, _Connection[AnyTransfer]]:
     """Run transfers until all are done.
 
-    make: (name, monotonic time [s]) -> the transfer of a vehicle.
-    before_send: callback before frames are sent.
+    make: function (vehicle name, monotonic time [s]) that returns the transfer of a vehicle.
+    before_send: callback that is called each time before frames are sent.
     """
     now = time.monotonic()
     connections = {name: _Connection(make(name, now), target) for name, target in targets.items()}
@@ -301,5 +307,7 @@ def _loop(
             return
         for fd, event in poll.poll(_POLL_PERIOD_S * 1e3):
             owners[fd].read()
-            if event & select.POLLHUP:  # unplugged: the vehicle's time-out ends the transfer
+            if (
+                event & select.POLLHUP
+            ):  # the device was unplugged; the time-out of the vehicle will end the transfer
                 poll.unregister(fd)

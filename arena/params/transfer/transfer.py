@@ -1,7 +1,7 @@
-"""Transfer of parameters with one vehicle: what reading, writing and rebooting share. Frames and time in, frames and state out.
+"""Base class of all transfers with one vehicle (reading, writing, rebooting), without sockets and clocks.
 
-No sockets, no clocks. The vehicle is connected while any message of its autopilot arrives. Only a heartbeat, one per second, shows that
-the vehicle is not armed.
+Callers pass received frames and the time, and send the frames that `due` returns. Any message of the autopilot shows that the
+vehicle is connected. Only a heartbeat (one per second) shows that the vehicle is not armed.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ Outcome = Literal["same", "written", "refused", "unknown", "unanswered", "differ
 class ParamResult(NamedTuple):
     """The outcome for one parameter.
 
-    outcome: same: the vehicle already has the value.
-        written: set and read back.
-        refused: the vehicle kept, or set, another value (`new`).
+    outcome: same: the vehicle already had the value.
+        written: the value was set and read back.
+        refused: the vehicle kept its old value or set another one (`new`).
         unknown: the vehicle has no such parameter.
-        unanswered: no answer, so the value may or may not be set.
-        differs: not written yet: a dry run, or interrupted.
-        unread: interrupted before it was read.
-    wanted: the value as the vehicle's type holds it.
-    old, new: the values before and after, as far as they were read.
+        unanswered: the vehicle did not answer; the value may or may not be set.
+        differs: not written, because this was a dry run or the transfer ended early.
+        unread: not read, because the transfer ended early.
+    wanted: the wanted value, rounded to the parameter's type.
+    old, new: values before and after the transfer; None if not read.
     kind: MAV_PARAM_TYPE.
-    why: the reason, where there is one.
+    why: reason for the outcome; "" if there is none.
     """
 
     outcome: Outcome
@@ -65,7 +65,7 @@ class ParamResult(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """Progress of a transfer. n, of: steps done and in total; of is 0 while the total is unknown."""
+    """Progress of a transfer. n: steps done; of: total number of steps, 0 while it is unknown."""
 
     phase: str
     n: int
@@ -73,12 +73,12 @@ class Progress(NamedTuple):
 
 
 class Transfer:
-    """Base of all transfers: sends our heartbeat, follows the vehicle's, and ends on a time-out.
+    """Base class of all transfers. Sends our heartbeat, tracks the vehicle's heartbeat, and ends on a time-out.
 
-    Call `due` a few times per second and after every received frame, until `done`; then read `ending`.
+    Call `due` a few times per second and after every received frame, until `done` is true. Then read `ending`.
 
     system: MAVLink system id of the vehicle.
-    component: our own component id.
+    component: MAVLink component id of this program.
     now: monotonic time [s].
     """
 
@@ -102,7 +102,7 @@ class Transfer:
         raise NotImplementedError
 
     def stop(self) -> None:
-        """Stop a running transfer: it ends as interrupted."""
+        """End a running transfer as "interrupted"."""
         self.ending = self.ending or "interrupted"
 
     def due(self, now: float) -> list[bytes]:
@@ -119,7 +119,11 @@ class Transfer:
         return frames
 
     def receive(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Take a frame of any sender. data: the bytes that contain the frame."""
+        """Handle a received frame; frames of other senders than the vehicle's autopilot are ignored.
+
+        data: bytes that contain the frame.
+        now: monotonic time [s].
+        """
         if frame.sysid != self.system or frame.compid != AUTOPILOT or self.done:
             return
         self._received_at = now
@@ -139,14 +143,17 @@ class Transfer:
             self._on_ack(data, frame)
 
     def _update(self, now: float) -> None:
-        """End the transfer after a time-out."""
+        """End the transfer if nothing was received from the vehicle for too long."""
         if self._received_at is None and now - self._began > CONNECT_TIMEOUT_S:
             self.ending = self.ending or "no connection"
         elif self._received_at is not None and now - self._received_at > VEHICLE_TIMEOUT_S:
             self.ending = self.ending or "connection lost"
 
     def _probe(self, now: float) -> Iterable[Message]:
-        """Return a request that is always answered, after a pause: a lossy link may drop several answers in a row."""
+        """Return a request that the vehicle always answers if nothing was received for a while, else nothing.
+
+        The answer shows that the vehicle is still connected when a lossy link has dropped several messages.
+        """
         if now - max(self._received_at or now, self._probed_at) < _PROBE_PERIOD_S:
             return []
         self._probed_at = now
@@ -161,17 +168,20 @@ class Transfer:
         raise NotImplementedError
 
     def _on_value(self, value: Value, now: float) -> None:
-        """Handle a PARAM_VALUE, an answer to anybody."""
+        """Handle a PARAM_VALUE. It may be the answer to another program's request."""
 
     def _on_error(self, name: str, error: int, why: str) -> None:
-        """Handle a PARAM_ERROR addressed to us."""
+        """Handle a PARAM_ERROR that is addressed to this program."""
 
     def _on_ack(self, data: Buffer, frame: Frame) -> None:
-        """Handle a COMMAND_ACK, addressed to anybody."""
+        """Handle a COMMAND_ACK. It may be addressed to another program."""
 
 
 class Rebooter(Transfer):
-    """Reboot of a disarmed autopilot with MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN. refusal: its answer where it refuses."""
+    """Transfer that reboots a disarmed autopilot with MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN.
+
+    refusal: the autopilot's answer if it refuses; else "".
+    """
 
     def __init__(self, *, system: int, component: int, now: float) -> None:
         super().__init__(system=system, component=component, now=now)
@@ -185,7 +195,7 @@ class Rebooter(Transfer):
     def _update(self, now: float) -> None:
         sent, received = self._sent_at, self._received_at
         if sent is not None and received is not None and now - max(sent, received) > _REBOOT_TIMEOUT_S:
-            self.ending = self.ending or "done"  # the acknowledgement was lost, and the vehicle reboots
+            self.ending = self.ending or "done"  # the acknowledgement was lost, but the vehicle is rebooting
         super()._update(now)
         if self.armed:
             self.ending = self.ending or "armed"

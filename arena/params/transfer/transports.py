@@ -1,4 +1,4 @@
-"""Connections to vehicles for parameters: a UDP socket or a serial device, as frames."""
+"""Connections to vehicles for parameter transfers, by UDP socket or serial device. They send and receive MAVLink frames."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class ParamTarget:
     """The address of a vehicle: UDP, or a serial device.
 
     system: MAVLink system id.
-    remote: address of the vehicle, the only one accepted; None: the first sender with this system id.
-    local: our own address; None: any.
-    device, baud: serial device; then the UDP addresses are not used.
+    remote: (host, port) of the vehicle, the only accepted sender; None: the first sender with this system id.
+    local: (host, port) to bind on this computer; None: any.
+    device, baud: path and baud rate of a serial device; if it is given, the UDP addresses are not used.
     """
 
     system: int
@@ -35,18 +35,18 @@ class ParamTransport(Protocol):
     def fileno(self) -> int: ...
 
     def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        """Yield what has arrived from the vehicle, without waiting."""
+        """Yield (bytes, the frames in them) for everything received from the vehicle, without waiting."""
 
     def send(self, frame: bytes) -> None:
-        """Send a frame, or drop it when the connection is full or away: every request is repeated."""
+        """Send a frame. The frame is dropped if it cannot be sent now, because every request is repeated later."""
 
     def close(self) -> None: ...
 
 
 class UdpParamTransport:
-    """A UDP socket. Without a fixed remote address, the vehicle is the first sender with its system id.
+    """UDP connection to a vehicle. Without a fixed remote address, the first sender with the vehicle's system id is used.
 
-    Raises RunError when our own address cannot be bound.
+    Raises RunError if the local address cannot be bound.
     """
 
     def __init__(self, target: ParamTarget) -> None:
@@ -56,7 +56,7 @@ class UdpParamTransport:
         except OSError as error:
             host, port = target.local or ("", 0)
             raise RunError(
-                f"cannot listen on UDP {host}:{port}: {error.strerror}. Does another program hold it?"
+                f"cannot listen on UDP {host}:{port}: {error.strerror}. Does another program use this port?"
             ) from error
 
     def fileno(self) -> int:
@@ -80,7 +80,7 @@ class UdpParamTransport:
 
 
 class SerialParamTransport:
-    """A serial device. Raises RunError when it cannot be opened."""
+    """Serial connection to a vehicle. Raises RunError if the device cannot be opened."""
 
     def __init__(self, target: ParamTarget) -> None:
         try:
@@ -96,7 +96,7 @@ class SerialParamTransport:
         for _ in range(MAX_DATAGRAMS_PER_READ):
             try:
                 data = self._port.read()
-            except OSError:  # unplugged: the vehicle's silence ends the transfer
+            except OSError:  # the device was unplugged; the time-out of the vehicle will end the transfer
                 return
             if data is None:
                 return
@@ -112,5 +112,5 @@ class SerialParamTransport:
 
 
 def open_transport(target: ParamTarget) -> ParamTransport:
-    """Open the connection to a vehicle. Raises RunError when the address is in use or the device cannot be opened."""
+    """Open the connection to a vehicle. Raises RunError if the address is in use or the device cannot be opened."""
     return SerialParamTransport(target) if target.device else UdpParamTransport(target)

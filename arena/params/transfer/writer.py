@@ -1,9 +1,9 @@
-"""Writing parameters to one vehicle: read first, write only what differs, with the right types, and read back. Pure.
+"""Writer of one vehicle's parameters: reads first, writes only the values that differ, and reads them back. Pure.
 
-    reading -> writing -> (reading parameters that were unknown, once others are written) -> reading back -> done
+    reading -> writing -> (reading parameters that were unknown, after others are written) -> reading back -> done
 
-A parameter counts as written only when it was read back. Nothing is written to an armed vehicle; the transfer ends at the first
-heartbeat that shows that the vehicle is armed.
+A parameter counts as written only after it was read back with the new value. Nothing is written to an armed vehicle: the
+transfer ends with the first heartbeat that shows an armed vehicle.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from arena.wire.mavlink_params import (
     set_value,
 )
 
-_MAX_WRITES = 3  # of a parameter that is read back with another value
+_MAX_WRITES = 3  # attempts to write a parameter that is read back with another value
 
 Phase = Literal["reading", "writing", "reading back"]
 Step = Literal["unread", "differs", "sent", "acknowledged"]
@@ -34,15 +34,16 @@ Step = Literal["unread", "differs", "sent", "acknowledged"]
 
 @dataclass(kw_only=True)
 class _ParamWrite:
-    """A parameter on its way to the vehicle.
+    """State of one parameter that is to be written.
 
-    given: the value as the caller gives it.
-    wanted: the value as the vehicle's type holds it, once the type is known.
-    old, new: the values before and as last read.
+    given: the value that the caller gave.
+    wanted: the value rounded to the parameter's type; equal to `given` until the type is known.
+    old: value before the transfer; None until it is read.
+    new: value last read; None until it is read.
     kind: MAV_PARAM_TYPE.
-    writes: how often it was written and read back.
-    refused: the vehicle refused it, by an error or by not answering.
-    outcome: "" while it is open.
+    writes: number of times that the parameter was written and read back.
+    refused: whether the vehicle refused the value, with an error or by not answering.
+    outcome: final outcome; "" while the transfer of this parameter runs.
     """
 
     given: float
@@ -57,12 +58,12 @@ class _ParamWrite:
     why: str = ""
 
     def close(self, outcome: Outcome, why: str = "") -> None:
-        """Set the outcome."""
+        """Set the final outcome. why: the reason; "" keeps the earlier reason."""
         self.outcome, self.why = outcome, why or self.why
 
     @property
     def holds(self) -> bool:
-        """True when the vehicle has the wanted value."""
+        """True if the value last read is the wanted value."""
         return self.new is not None and alike(self.new, self.wanted, self.kind)
 
     @property
@@ -77,16 +78,16 @@ _OPEN_OUTCOMES: Mapping[Step, tuple[Outcome, str]] = {
     "sent": ("unanswered", "sent, but not acknowledged"),
     "acknowledged": ("written", "acknowledged, but not read back"),
 }
-"""Outcome and reason of a parameter whose transfer ends early, by step."""
+"""Last step of a parameter -> (outcome, reason) if the transfer ends early."""
 _MAY_APPEAR_LATER: tuple[Outcome, ...] = ("unknown", "unanswered")
 _STEPS_DONE: Mapping[Step, int] = {"unread": 0, "differs": 1, "sent": 1, "acknowledged": 2}
 
 
 class ParamWriter(Transfer):
-    """A transfer that writes parameters.
+    """Transfer that writes parameters.
 
     wanted: parameter -> value.
-    dry_run: read and compare only; an armed vehicle is accepted then.
+    dry_run: only read and compare; the vehicle may then be armed.
     """
 
     def __init__(
@@ -110,7 +111,7 @@ class ParamWriter(Transfer):
 
     @property
     def before(self) -> dict[str, float]:
-        """Old values of the parameters that differ or were written, complete before the first is written."""
+        """Old values of the parameters that differ or were written. Complete before the first value is written."""
         return {n: p.old for n, p in self._params.items() if p.old is not None and p.step != "unread"}
 
     @property
@@ -171,7 +172,7 @@ class ParamWriter(Transfer):
         self._window.refuse(name, "ignored" if error == DOES_NOT_EXIST or writing else "lost")
 
     def _compare(self, param: _ParamWrite, value: Value) -> None:
-        """Compare the value read with the wanted one."""
+        """Compare a value that was read with the wanted value, and close the parameter if they are the same."""
         param.old = param.new = value.value
         param.kind = value.kind
         try:
@@ -208,7 +209,10 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Read unknown parameters again when more have been written: some exist only once another has its value."""
+        """Start to read unknown parameters again if others were written since; return whether there are any.
+
+        In PX4, some parameters exist only after another parameter has a certain value.
+        """
         acknowledged = sum(param.step == "acknowledged" for param in self._params.values())
         if acknowledged <= self._acknowledged:
             return False
@@ -223,7 +227,11 @@ class ParamWriter(Transfer):
         return self._start("reading", again)
 
     def _check_read_back(self, names: Iterable[str]) -> None:
-        """Close parameters that were read back with the wanted value, or too often with another one."""
+        """Evaluate parameters that were read back.
+
+        With the wanted value, a parameter is closed as written. With another value, it is written again, or after too many
+        attempts closed as refused.
+        """
         for name in names:
             param = self._params[name]
             param.writes += 1
@@ -247,7 +255,7 @@ class ParamWriter(Transfer):
         return [name for name, param in self._params.items() if not param.outcome and param.step in steps]
 
     def _start(self, phase: Phase, names: list[str]) -> bool:
-        """Start a phase; return False when it has nothing to do."""
+        """Start a phase for these parameters. Return False if there are none."""
         if names:
             self._phase, self._window = phase, self._new_window(names)
         return bool(names)
