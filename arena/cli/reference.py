@@ -60,11 +60,10 @@ def yaml_page() -> str:
     """Return the page of all keys of arena.yaml, from the JSON schema."""
     schema = json_schema()
     defs = schema["$defs"]
-    text = (
-        "# Keys of arena.yaml\n\nUnknown keys, keys given twice, NaN and infinity are refused. Scalars are\n"
-    )
-    text += "read as YAML 1.2 says. "
-    text += "Later sources override earlier ones: defaults, profile, `defaults`, the vehicle, `--set key=value`.\n\n"
+    text = "# Keys of arena.yaml\n\n- Unknown keys, repeated keys, NaN and infinity are refused.\n"
+    text += "- Scalars are read by the rules of YAML 1.2.\n"
+    text += "- If several sources give a value, the last of this list wins: built-in default, profile, section `defaults`,\n"
+    text += "  the vehicle's own entry, `--set key=value`.\n\n"
     text += "## The arena\n\n" + _keys(schema)
     order = [
         "World",
@@ -157,7 +156,7 @@ def _simple(schema: dict[str, Any]) -> str:
         )
     if kind == "object":
         return f"names, each {_type(schema['additionalProperties'])}"
-    words = {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false"}[
+    words = {"integer": "integer", "number": "number", "string": "text", "boolean": "true or false"}[
         str(kind)
     ]
     return words + _range(schema)
@@ -177,11 +176,19 @@ def ports_page() -> str:
         for key, use in vendor_settings(vendor).PORTS.items():
             rule = f"{getattr(Mocap(), key)}, or `mocap.{key}`"
             rows.append(
-                (rule, "the motion capture", f"{use} ({vendor})", "any client that asks: poses, no commands")
+                (
+                    rule,
+                    "the motion capture",
+                    f"{use} ({vendor})",
+                    "any client: it gets poses and cannot send flight commands",
+                )
             )
-    text = "# Ports\n\nAll on the arena's `address` (default 127.0.0.1), UDP but for the simulator API. Each `gcs` address\n"
-    text += "of a vehicle gets its program port, its SDK port and 14550 as well.\n\n"
-    return text + table(("port", "who binds it", "what", "who is answered, or obeyed"), rows)
+    text = "# Ports\n\n- All ports are on the arena's `address` (default 127.0.0.1).\n"
+    text += "- All ports are UDP, except for PX4's simulator API, which is TCP.\n"
+    text += "- `id` is the vehicle's MAV_SYS_ID.\n"
+    text += "- The messages of a vehicle are also sent to each of its `gcs` addresses: to its program port, its SDK port and\n"
+    text += "  14550 there.\n\n"
+    return text + table(("port", "opened by", "used for", "accepted senders, by process"), rows)
 
 
 def _answers(port: Port) -> str:
@@ -195,7 +202,8 @@ def _answers(port: Port) -> str:
 def processes_page() -> str:
     """Return the process table: every kind of process, then the processes of an arena with one vehicle."""
     head = ("process", "module", "purpose", "CPU, memory budget", "restart", "ports")
-    text = "# Processes\n\nEvery kind of process, in start order. `ps` shows them as `arena:NAME`. `.VEHICLE`: each vehicle has one.\n\n"
+    text = "# Processes\n\nThe table lists every kind of process, in start order. `ps` shows a process as `arena:NAME`.\n"
+    text += "Each vehicle has a separate process of the kinds with `.VEHICLE`.\n\n"
     text += table(head, (_kind(row) for row in TABLE))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arena.yaml"
@@ -204,9 +212,17 @@ def processes_page() -> str:
         plan = make_plan(load_arena(file), "python")
         specs = [*plan.processes, *(task for task in (plan.land, plan.report) if task)]
         rows = [[cell.replace(f"{folder}/", "") for cell in _process(spec)] for spec in specs]
-    head = ("name", "needs", "ready when", "start, stop time limit", "outlives the supervisor", "command")
-    text += "\n## An arena with one vehicle\n\nIn start order; processes stop in the reverse order of their needs. The last two are tasks\n"
-    text += "of the supervisor. `{run}` is the run folder.\n\n"
+    head = (
+        "name",
+        "needs",
+        "ready when",
+        "time limit of start, stop",
+        "continues without the supervisor",
+        "command",
+    )
+    text += "\n## An arena with one vehicle\n\nThe processes start in this order. A process starts when the processes that it\n"
+    text += "needs are ready, and stops before them. The last two rows are tasks that the supervisor starts when the run\n"
+    text += "ends. `{run}` is the run folder.\n\n"
     return text + table(head, rows)
 
 
@@ -253,7 +269,7 @@ def log_columns_page() -> str:
             columns.PAGE_HEAD,
             table(head, rows((*columns.THESIS, *columns.FURTHER))),
             "## Simulated vehicles\n",
-            "The log of a simulated vehicle has the truth of the simulated world too.\n",
+            "The log of a simulated vehicle also contains the true state from the simulated world.\n",
             table(head, rows(columns.TRUTH)),
             columns.PAGE_EXAMPLE,
         )
@@ -267,31 +283,33 @@ def scenarios_page() -> str:
     actions = ((f"`{form.form}`", "yes" if form.lasting else "", form.meaning) for form in vocabulary.ACTIONS)
     parts = (
         "# Scenarios",
-        "A scenario is a YAML file for `arena smoke`. All of it is checked before anything flies. Times are simulated.",
+        "A scenario is a YAML file for `arena smoke`. The whole file is checked before the flight. Times are simulated.\n"
+        "[Write a scenario](../howto/write-a-scenario.md) is the introduction.",
         f"```yaml\n{vocabulary.EXAMPLE}```",
         _meanings(
             "key",
             {key: (f.description or "").replace("\n", " ") for key, f in ScenarioFile.model_fields.items()},
         ),
         "## Steps",
-        "Steps follow each other: a step begins when all expectations of the step before are fulfilled. An entry with only\n"
-        "`expect` belongs to the step before. A failed step ends the flight.",
+        "Steps follow each other. A step begins when all expectations of the step before are fulfilled. An entry with only\n"
+        "`expect` belongs to the step before it. A failed step ends the flight.",
         _meanings("key", STEP_KEYS),
         "## Triggers, expectations and rules",
         _meanings("written", vocabulary.PHRASES),
         "## Conditions",
-        "`not` before a condition negates it. With `each` in place of a vehicle's name it must hold for every vehicle.\n"
-        "An unknown value fulfils no condition and breaks none. Values marked *truth* come from the simulated world, values\n"
-        "marked *telemetry* from the vehicle's MAVLink messages.",
+        "- `not` before a condition negates it.\n"
+        "- `each` in place of a vehicle's name: the condition must be true for every vehicle.\n"
+        "- While a value is unknown, an expectation is not fulfilled, and a rule of `always` is not violated.\n"
+        "- Values marked *truth* come from the simulated world, values marked *telemetry* from the vehicle's MAVLink messages.",
         _meanings("condition", {**states, **values, **vocabulary.OTHER_CONDITIONS}),
         "## Actions",
-        "Some actions may end in `for T`: they are undone after that time. `each` stands for every vehicle.",
+        "An action with `yes` in the second column can end in `for T`: it is undone after that time. `each` means every vehicle.",
         table(("action", "`for T`", "effect"), actions),
-        "## What the letters stand for",
+        "## Meaning of the letters",
         _meanings("letter", vocabulary.PARTS),
         "## Accepted failures",
-        "Without an entry in `may`, no vehicle may crash, all vehicles have landed at the end, and no process fails except those\n"
-        "that an action has killed, stopped or restarted.",
+        "Without an entry in `may`, the scenario fails if a vehicle crashes, if a vehicle has not landed at the end, or if a process\n"
+        "fails. Processes that an action has killed, stopped or restarted do not count. Entries of `may` accept failures:",
         _meanings("entry of `may`", vocabulary.ALLOWANCES),
     )
     return "\n\n".join(part.rstrip("\n") for part in parts)
@@ -305,9 +323,12 @@ def exit_codes_page() -> str:
     """Return the page of exit codes and exceptions."""
     codes = [
         (errors.EXIT_OK, "done"),
-        (errors.EXIT_FAILED, "the run failed: a vehicle, a program, a process or an assertion"),
-        (errors.EXIT_INPUT, "the input is wrong: the YAML, a file, the command line, or what is installed"),
-        (errors.EXIT_INTERRUPTED, "interrupted"),
+        (errors.EXIT_FAILED, "the run failed because of a vehicle, a program, a process or an assertion"),
+        (
+            errors.EXIT_INPUT,
+            "the input is wrong (the YAML, a file or the command line), or something is not installed",
+        ),
+        (errors.EXIT_INTERRUPTED, "interrupted by Ctrl-C"),
     ]
     text = "# Exit codes and exceptions\n\n" + table(
         ("code", "meaning"), ((str(c), words) for c, words in codes)
@@ -329,7 +350,7 @@ def _family(kind: type[errors.ArenaError]) -> Iterator[type[errors.ArenaError]]:
 def cli_page() -> str:
     """Return the page of all verbs with their arguments and options, from the app itself."""
     group: Any = typer.main.get_command(build(()))
-    text = "# The command line\n\n`--debug` before or after any verb shows the traceback of a failure.\n"
+    text = "# The command line\n\n`--debug` before or after any command shows the traceback of a failure.\n"
     for verb, command in _commands(group):
         words = [
             _name(p) if p.required else f"[{_name(p)}]"

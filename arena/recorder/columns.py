@@ -72,8 +72,8 @@ THESIS: tuple[Group, ...] = (
     _interpolated("imu.acc_body", NED, "m/s2", "FRD", _IMU, "specific force"),
     _interpolated("imu.ang_vel", RPY, "rad/s", "FRD", _IMU, "body rates of the gyroscope"),
     _interpolated("imu.mag", NED, "T", "FRD", _IMU, "magnetic field"),
-    _interpolated("mocap.pos", NED, "m", "NED", _MOCAP, "position of the body origin, as the cameras saw it"),
-    _interpolated("mocap.att_q", WXYZ, "-", "NED from FRD", _MOCAP, "attitude, as the cameras saw it"),
+    _interpolated("mocap.pos", NED, "m", "NED", _MOCAP, "position of the body origin, measured by the cameras"),
+    _interpolated("mocap.att_q", WXYZ, "-", "NED from FRD", _MOCAP, "attitude, measured by the cameras"),
     _interpolated("mocap.att_euler", RPY, "rad", "NED from FRD", "computed", "`mocap.att_q` as Euler angles"),
     _held("info.flight_mode", (), "-", "-", "HEARTBEAT", "PX4's name of the flight mode: `OFFBOARD`, `AUTO.LAND`"),
     _held("info.is_armed", (), "-", "-", "HEARTBEAT", "`True` or `False`"),
@@ -85,7 +85,7 @@ THESIS: tuple[Group, ...] = (
         "m",
         "NED",
         f"program, else {_TARGET}",
-        "position reference: what the program publishes with `uav.reference`, else the autopilot's setpoint",
+        "position reference: the values that the program publishes with `uav.reference`, else the autopilot's setpoint",
     ),
     _held("att_euler_ref", RPY, "rad", "NED from FRD", "computed", "`att_q_ref` as Euler angles"),
 )  # fmt: skip
@@ -119,7 +119,7 @@ TRUTH: tuple[Group, ...] = (
     _interpolated("err.vel", NED, "m/s", "NED", "computed", "`ekf.vel` minus `truth.vel`"),
     _interpolated("err.att_euler", RPY, "rad", "FRD", "computed", "rotation vector from the true attitude to the estimated one"),
 )  # fmt: skip
-"""What the simulated world knows: only in logs of simulated vehicles."""
+"""Columns of the true state from the simulated world. Only logs of simulated vehicles have them."""
 
 
 def columns(simulated: bool) -> tuple[str, ...]:
@@ -129,24 +129,27 @@ def columns(simulated: bool) -> tuple[str, ...]:
 
 
 PAGE_HEAD = """\
-Each vehicle's log is `csv/<vehicle>.csv` in the run folder: one header line, then 30 rows per second. An
-empty cell means: not received, too old, or not controlled. Units are SI; angles are in radians; quaternions
-are Hamilton, `w x y z`, and rotate FRD body vectors into NED.
+Each vehicle's log is `csv/<vehicle>.csv` in the run folder. It has one header line, and then 30 rows per second.
 
-**A row is one instant**, `time.seconds`. Groups arrive at different rates and with different delays, so the
-logger keeps the last samples of each group and writes a row when every group has a sample on both sides of
-it. The column `instant` says how a value gets to the time of its row:
+- An empty cell means that the value was not received, is too old, or is not controlled in this mode.
+- Units are SI. Angles are in radians.
+- Quaternions are Hamilton, `w x y z`, and rotate FRD body vectors into NED.
 
-- `row`: it is exact at that time.
-- `interpolated`: between the two samples around that time, by the sender's time stamps (`time_boot_ms` or
-  `time_usec` of the autopilot, the exposure time of a motion-capture frame). Positions use the velocities
-  at both ends, attitudes the shortest rotation. Samples more than 0.5 s apart are not interpolated.
-- `held`: the last value before that time; empty when it is older than 0.5 s (setpoints), 3 s (mode, armed,
-  landed) or 10 s (battery).
+**All values of a row belong to one instant**, `time.seconds`. The groups of values arrive at different rates and
+with different delays. So the logger stores the last samples of each group, and writes a row when every group has a
+sample before and after the time of the row. The column `instant` says how the value for this time is found:
 
-The clock of a real autopilot or camera server is not this computer's. The logger converts its time stamps
-with the smallest delay that it has received, so all values of a real vehicle are later than they were by
-that smallest delay: about 1 ms on Ethernet, several ms on a radio. In simulation time stamps are simulation
+- `row`: the value is exact at this time.
+- `interpolated`: the value is interpolated between the samples before and after this time, by the time stamps of the
+  sender (`time_boot_ms` or `time_usec` of the autopilot, the exposure time of a motion-capture frame). Positions are
+  interpolated with the velocities at both samples, attitudes by the shortest rotation. Samples more than 0.5 s apart
+  are not interpolated.
+- `held`: the last value before this time. The cell is empty if that value is older than 0.5 s (setpoints), 3 s
+  (mode, armed, landed) or 10 s (battery).
+
+The clocks of a real autopilot and of a camera server differ from this computer's clock. The logger converts their
+time stamps: it assumes that the message with the smallest delay had no delay. So the times of a real vehicle are too
+late by this smallest delay: about 1 ms on Ethernet, several ms by radio. In simulation all time stamps are simulation
 time.
 """
 PAGE_EXAMPLE = """\
