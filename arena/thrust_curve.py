@@ -31,9 +31,7 @@ from arena.errors import InputError
 
 Array = NDArray[np.float64]
 
-_MIN_SHARE = (
-    0.1  # of the static thrust at any airspeed: the model is not valid beyond, and 1 / 0 must not happen
-)
+_MIN_SHARE = 0.1  # of the static thrust that remains at any airspeed: prevents a division by zero
 
 
 @dataclass(frozen=True, kw_only=True)

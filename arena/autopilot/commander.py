@@ -63,7 +63,7 @@ _BY_SEVERITY = (
     Mode.LAND,
     Mode.DESCEND,
     Mode.TERMINATE,
-)  # of two failsafes the one later in this list acts
+)  # the failsafe that is later in this list has priority
 _MANUAL_ACTIONS = (0, 1, 2)  # COM_OBL_RC_ACT: position, altitude, stabilized mode
 _GCS_HEARTBEAT_TIMEOUT_S = 2.5  # COM_DL_LOSS_T begins this long after the last heartbeat
 _NOT_ARMABLE = {Mode.RTL, Mode.LAND, Mode.DESCEND, Mode.TERMINATE}

@@ -11,7 +11,7 @@ from arena.autopilot.param_table import Params
 ManualControlSource = Literal["radio", "joystick"]
 
 RADIO, JOYSTICK, EITHER, FIRST, NO_MANUAL_CONTROL = range(5)
-"""Values of COM_RC_IN_MODE. FIRST: the source that was received first."""
+"""Values of COM_RC_IN_MODE. FIRST selects the source that was received first."""
 
 
 @dataclass(slots=True, kw_only=True)

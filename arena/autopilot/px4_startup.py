@@ -1,4 +1,4 @@
-"""Reader of PX4 startup scripts, as far as the PX4 stand-in supports them. Reads the files; otherwise pure.
+"""Reader of PX4 startup scripts. It supports the lines that the PX4 stand-in needs.
 
 Supported lines: `. FILE`, `param set NAME VALUE`, `param set-default NAME VALUE`, `simulator_mavlink start`
 and `mavlink start`. `mavlink stream` is ignored, because the built-in autopilot has its own rates. Every
@@ -66,7 +66,9 @@ def read_startup(script: Path, env: Mapping[str, str]) -> Startup:
     for line in _lines(script):
         _run_line(found, line)
     if found.simulator is None:
-        raise InputError(f"{script}: no line `simulator_mavlink start`, so the world's address is unknown")
+        raise InputError(
+            f"{script}: the line `simulator_mavlink start` is missing, so the world's address is unknown"
+        )
     return found
 
 
@@ -142,5 +144,5 @@ def _number(name: str, text: str) -> float:
 
 def _port(text: str) -> int:
     if not text.isdecimal() or not 0 < int(text) < 65536:
-        raise InputError(f"got {text!r}, expected a port")
+        raise InputError(f"got {text!r}, expected a port number")
     return int(text)

@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 BANNER = "arena's stand-in for PX4: the built-in autopilot behind PX4's simulator API. This is not PX4."
 UP = "Startup script returned successfully"
 FREE_RUN = 10
-"""Samples without a reply at the start, while PX4 looks for its sensors."""
+"""Number of first samples without a reply. PX4 does not reply while it looks for its sensors."""
 _MAG, _BARO = 0x1C0, 0x1A00
 _CONTROLS, _ARMED, _LOCKSTEP = 16, 128, 1
 _TRUTH_US = 5000.0

@@ -30,8 +30,8 @@ LOCK = "/tmp/px4_lock-{instance}"
 READY_LINE = b"Startup script returned successfully"
 _PR_SET_PDEATHSIG = 1
 _STOP_TIMEOUT_S = 2.0
-_START_WARNING_S = 20.0  # without READY_LINE: an event
-# Stopped by a signal for so long, its vehicle has fallen, and after it goes on it would still estimate that it flies.
+_START_WARNING_S = 20.0  # if READY_LINE is missing for this time, report it
+# After a stop of this length the vehicle has fallen, but a continued PX4 would still estimate that it flies.
 _MAX_STOPPED_S = 5.0
 _libc = ctypes.CDLL(None)
 

@@ -15,8 +15,8 @@ from arena.errors import RunError
 from arena.wire.mavlink_frame import Stream
 
 IDENTIFY_TIMEOUT_S = 2.0
-"""Wall time in which a client must have sent something valid [s]."""
-_MAX_CLIENTS = 4  # that have not identified themselves yet
+"""Wall time within which a client must have sent valid MAVLink [s]."""
+_MAX_CLIENTS = 4  # clients that have not sent valid MAVLink yet
 _BYTES = 4096
 
 

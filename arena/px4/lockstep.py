@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 REPLY_TIMEOUT_S = 0.5
 _CONNECT_TIMEOUT_S = 20.0  # then an event reports who has not connected
 _BYTES = 65536
-_SLEEP_FROM = 4  # PX4s from which on the world sleeps instead of being woken by each reply
+_SLEEP_FROM = 4  # number of PX4s from which on the world sleeps instead of waking up for each reply
 _SLEEP_STEP_S, _MAX_SLEEP_S = 2e-5, 1.5e-3
 _LATE_SAMPLE_S = 0.004  # between two samples for a vehicle that is late
 _ACCEPT_EVERY = 16  # steps between two checks for new connections where a PX4 is connected
@@ -109,14 +109,14 @@ class Px4Links:
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """Ignore a datagram: PX4 has MAVLink links of its own."""
+        """Ignore a datagram, because PX4 has MAVLink links of its own."""
 
     def sticks(self, vehicle: int, on: bool) -> None:
         """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
         self._servers[vehicle].core.sticks = on
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return no datagrams: PX4 has MAVLink links of its own."""
+        """Return no datagrams, because PX4 has MAVLink links of its own."""
         return []
 
     def receive_truth(self, truth: Truth) -> None:
@@ -235,7 +235,7 @@ class Px4Links:
                 return
             server.next_late_sample = wall + _LATE_SAMPLE_S
         if server.unsent:
-            return self._put(server, server.unsent)  # it does not read: the newer sample is dropped
+            return self._put(server, server.unsent)  # PX4 does not read, so the new sample is dropped
         data = server.core.sample(now, sensors, server.row)
         if server.carried:
             data += server.core.messages(now, sensors, server.row, server.carried)

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 _READINGS = 13  # of HIL_SENSOR
 _TRUTH_EVERY = 5  # samples
-# Sticks and throttle in the middle: the vehicle neither climbs nor moves by them, and PX4 takes them for no pilot's input.
+# Centred sticks and throttle: they do not move the vehicle, and PX4 does not interpret them as input of a pilot.
 _STICKS_EVERY, _STICKS_US = 5, (1500,) * 8
 _SENT_TIMES = 256
 
@@ -133,7 +133,7 @@ class SimulatorLink:
             self.unanswered = max(self.unanswered - 1, 0)
         elif m.time_usec >= self._sent_us:
             self.unanswered = 0
-        else:  # to an older sample: those after it are still unanswered
+        else:  # reply to an older sample: the samples after it still have no reply
             self.unanswered = min(self.unanswered, sum(sent > m.time_usec for sent in self._sent_times))
         self.armed = m.armed
         outputs = m.controls[: self._rotors] if m.armed else (0.0,) * self._rotors

@@ -84,7 +84,7 @@ class ExternalAutopilots(Protocol):
 
 
 MakeAutopilots = Callable[[dict[str, Any], float], AutopilotSet]
-"""(world slice, sensor period [s]) -> the autopilots."""
+"""Function (settings of the world, sensor period [s]) -> the autopilots."""
 
 
 class CompositeAutopilots:

@@ -38,11 +38,11 @@ Matrix = tuple[Triple, Triple, Triple]
 
 _FRICTION = 0.8
 _WALL_M = 1.0
-# Contacts with a larger distance are gaps [m]. A resting body stays within it.
+# Contacts with a larger distance are gaps [m]. A resting body stays below this distance.
 _TOUCH_M = 1e-3
 _ORIGIN = (0.0, 0.0, 0.0)
 # Converts bullet's position, velocity, rate and attitude of a body to p_n, v_n, omega_n and q_nb in one product: each
-# conversion is linear, so its matrix is what it makes of a basis.
+# conversion is linear, so its matrix is obtained by converting the unit vectors.
 _NED = np.zeros((13, 13))
 for _at in (0, 3, 6):
     _NED[_at : _at + 3, _at : _at + 3] = ned_from_world(np.eye(3))
@@ -130,7 +130,7 @@ class Bodies:
         try:
             self._bullet.stepSimulation(self._client)
         except self._bullet.error as error:
-            raise RunError(f"pybullet ended: {error}: was its window closed?") from error
+            raise RunError(f"pybullet ended: {error}. Was its window closed?") from error
 
     def motion(self, i: int) -> tuple[Triple, Matrix, float]:
         """Return the present motion of one vehicle, read from pybullet.

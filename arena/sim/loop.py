@@ -72,7 +72,7 @@ class Loop:
         if self._external is None:  # else the step itself begins with publishing
             self._publish(self._world.truth())
         self._step()
-        # Everything made so far lives as long as the process: the garbage collector need not visit it again.
+        # All objects created so far live as long as the process, so the garbage collector can skip them.
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -237,7 +237,7 @@ def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> Non
         loop = Loop(context, make_autopilots)
     except KeyError as error:
         raise InputError(
-            f"the slice of {context.name}: {error} is missing (docs/architecture.md, Slices)"
+            f"configuration file of {context.name}: the key {error} is missing (docs/architecture.md, Slices)"
         ) from error
     try:
         loop.run()

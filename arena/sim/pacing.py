@@ -50,7 +50,7 @@ class Lateness:
 
 
 class Pacer:
-    """Deadlines of the steps.
+    """Pacer of the step loop: computes when each step may begin, and measures the real-time factor.
 
     For each step the loop waits until `wait_s(now)` is not positive, then calls `begin(now)`.
 

@@ -16,7 +16,7 @@ from arena.vehicle_models import Dynamics
 Array = NDArray[np.float64]
 
 MAX_SCALAR_VEHICLES = 2
-"""Vehicles up to which this is faster than the batched step, by benchmarks/world.py."""
+"""Largest number of vehicles for which this is faster than the batched step (benchmarks/world.py)."""
 
 
 class ScalarStep:

@@ -68,7 +68,7 @@ class World:
         everywhere = settings.get("wind_m_s") or (0.0, 0.0, 0.0)
         self.wind_n: Array = np.array([v.get("wind_m_s") or everywhere for v in settings["vehicles"]], float)
         self.steps = self._observed_steps = 0
-        # Before the first step every vehicle is held at its start: the specific force is that of standing, 1 g.
+        # Before the first step every vehicle stands at its start, so its specific force is 1 g.
         self._accel_b = -(_G_N @ self.bodies.r_nb)
 
     @property
@@ -141,7 +141,7 @@ class World:
     # -- fault injection ---------------------------------------------------------------------------------------------
 
     def scale_rotor_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Scale the thrust of one rotor. Its speed still follows commands.
+        """Scale the thrust of one rotor. The rotor speed still follows commands.
 
         rotor: index from 0
         share: remaining share of the thrust 0..1 [-]

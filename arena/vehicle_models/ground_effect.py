@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 CELLS = 256
 REACH = 20.0
-"""Height of the rotors above which there is no ground effect [rotor radii]."""
+"""Height above the floor, of the rotors, from which on there is no ground effect [rotor radii]."""
 _MIN_HEIGHT = 0.5  # rotor radii
 
 
@@ -75,9 +75,9 @@ def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) ->
 
 
 def _image(z: Array, apart: Array) -> Array:
-    """Return the effect of a rotor's image, divided by R^2 [1/m2] (n, ...).
+    """Return the effect of another rotor's mirror image on a rotor, divided by R^2 [1/m2] (n, ...).
 
-    apart: horizontal distance to that rotor [m]
+    apart: horizontal distance to the other rotor [m]
     """
     z = z.reshape(-1, *[1] * apart.ndim)
     return np.asarray(0.5 * z / (apart**2 + 4.0 * z * z) ** 1.5)

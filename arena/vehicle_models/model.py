@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Profile = Mapping[str, Any]
-"""A vehicle's profile as the slices carry it."""
+"""A vehicle's profile, as in the JSON configuration (slice) of a process."""
 Triple = tuple[float, float, float]
 
 
@@ -79,7 +79,7 @@ class Dynamics(Protocol):
         ...
 
     def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Scale thrust and torque of one rotor. Its speed still follows commands.
+        """Scale thrust and torque of one rotor. The rotor speed still follows commands.
 
         share: remaining share of the thrust 0..1 [-]
         """
@@ -91,7 +91,7 @@ class Dynamics(Protocol):
 
 
 class VehicleModel(Protocol):
-    """Class of vehicles.
+    """Interface of a vehicle class, such as the multirotors.
 
     name: value of the profile's `vehicle_class`
     mav_type: MAV_TYPE of its heartbeats

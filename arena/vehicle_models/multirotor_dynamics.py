@@ -37,7 +37,7 @@ from arena.thrust_curve import thrust_curve
 from arena.vehicle_models.ground_effect import CELLS, ground_table
 from arena.vehicle_models.model import Array, Profile, Triple
 
-MIN_THRUST_SHARE = 0.1  # as in the thrust curve: no airspeed takes more than the rest away
+MIN_THRUST_SHARE = 0.1  # as in the thrust curve: this share remains at any airspeed
 GRID = 1024
 """Cells of the thrust table between the commands 0 and 1."""
 _SPIN = {"ccw": 1.0, "cw": -1.0}
@@ -96,7 +96,7 @@ class Rotors:
         self._reach = float(self._ground_reach.max())
 
     def scale_thrust(self, vehicle: int, rotor: int, share: float) -> None:
-        """Scale thrust and torque of one rotor. Its speed still follows commands.
+        """Scale thrust and torque of one rotor. The rotor speed still follows commands.
 
         share: remaining share of the thrust 0..1 [-]
         """

@@ -101,9 +101,7 @@ class Estimator:
         self.reset_counter = np.zeros(v, int)
         self.test_ratio = np.zeros((v, 2))
         self.innovation = np.zeros((v, 4))
-        self.innovation_var = np.ones(
-            (v, 4)
-        )  # what the filter takes the variance of these to be [m2], [rad2]
+        self.innovation_var = np.ones((v, 4))  # variances that the filter assumes for them [m2], [rad2]
         self._gate_var = np.full(
             (v, 4), np.inf
         )  # variance of each gate at its first rejection, infinite if passed

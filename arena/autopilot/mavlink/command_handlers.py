@@ -59,7 +59,10 @@ def run(number: int, request: Request) -> int:
 
 
 def parameters_of(m: Any) -> tuple[float, ...]:
-    """Return param1 to param7 of COMMAND_LONG or COMMAND_INT; places in degrees, NaN if not given."""
+    """Return param1 to param7 of COMMAND_LONG or COMMAND_INT, NaN for values that are not given.
+
+    Latitude and longitude are converted to degrees.
+    """
     if m.get_msgId() == mavlink.MAVLINK_MSG_ID_COMMAND_LONG:
         return (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
     x, y = (math.nan if v == INT32_NOT_GIVEN else v * 1e-7 for v in (m.x, m.y))

@@ -10,7 +10,7 @@ from typing import Any
 from arena.wire.mavlink_codec import Codec
 
 _QUEUE_LIMIT = 256  # frames
-_CATCH_UP_S = 0.1  # a late stream skips what is older
+_CATCH_UP_S = 0.1  # a late stream skips messages that are older than this
 _ROUNDING_S = 1e-6
 
 

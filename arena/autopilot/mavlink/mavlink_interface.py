@@ -37,7 +37,7 @@ from arena.wire.px4_mode import split_mode
 _TEXT_BYTES = 50  # of one STATUSTEXT
 _GCS_TEXT_TIMEOUT_S = 10.0  # STATUSTEXT goes to links with a ground station only, as on PX4
 _ROUNDING_S = 1e-6
-_PHASE_S, _PHASES = 0.004, 5  # between the streams of neighbouring vehicles
+_PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring vehicles
 
 
 class MavlinkInterface:
@@ -314,8 +314,8 @@ _HANDLERS: dict[int, Callable[[MavlinkInterface, MavlinkLink, Any], None]] = {
     mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: MavlinkInterface._on_manual_control,
     **dict.fromkeys(param_protocol.MESSAGE_IDS, MavlinkInterface._on_param),
 }
-# Messages accepted with target_system 0; every other message must name this system. PX4 obeys no broadcast
-# command either.
+# Messages that are accepted with target_system 0 (broadcast). Every other message must be addressed to this
+# system. PX4 does not run broadcast commands either.
 _BROADCAST = {
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
     mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,

@@ -49,7 +49,7 @@ class Rows:
 
 @dataclass(frozen=True, slots=True)
 class BatchedMessage:
-    """Describes how one message is encoded for many vehicles.
+    """Encoding of one message for many vehicles.
 
     template: record with the constant fields filled in
     fill: function that writes the other fields
@@ -62,9 +62,9 @@ class BatchedMessage:
 
 
 def payloads(requested: Iterable[tuple[Vehicle, int]], s: TelemetryState) -> dict[int, dict[int, bytes]]:
-    """Encode those of the requested messages that this module can encode.
+    """Encode the requested messages. Message ids that this module does not support are ignored.
 
-    requested: (row of the vehicle, message id), in any order; an entry may occur more than once
+    requested: (vehicle, message id), in any order; an entry may occur more than once
 
     Returns the payloads by message id and row. A vehicle without valid content has no payload.
     """
@@ -248,7 +248,7 @@ def _sys_status(out: Records, rows: Rows) -> None:
 
 
 def _present(v: Vehicle, s: TelemetryState) -> int:
-    # SDKs take the GPS bit for "the global position is valid", whatever its source.
+    # SDKs interpret the GPS bit as "the global position is valid", whatever its source.
     present = _SENSORS | (
         mavlink.MAV_SYS_STATUS_SENSOR_GPS if v.origin is not None and s.xy_valid[v.row] else 0
     )

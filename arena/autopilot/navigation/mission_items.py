@@ -38,7 +38,7 @@ _YAWED = (
     mavlink.MAV_CMD_NAV_VTOL_TAKEOFF,
     mavlink.MAV_CMD_NAV_VTOL_LAND,
 )
-# Indices of the parameters that are kept of each command with a position. Flags are kept as 0 or 1.
+# Indices of the parameters that are stored for each command with a position. Flags are stored as 0 or 1.
 _KEPT: dict[int, tuple[int, ...]] = {
     mavlink.MAV_CMD_NAV_WAYPOINT: (0, 1, 3),
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: (2, 3),

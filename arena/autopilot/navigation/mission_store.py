@@ -8,7 +8,7 @@ from __future__ import annotations
 from arena.autopilot.navigation.mission_items import FENCE, MISSION, RALLY, Item
 
 CAPACITY = {MISSION: 10000, FENCE: 64, RALLY: 32}
-"""Items that each list may hold, by MAV_MISSION_TYPE (PX4's limits)."""
+"""Maximum number of items in each list, by MAV_MISSION_TYPE (PX4's limits)."""
 
 
 class MissionStore:
@@ -32,7 +32,7 @@ class MissionStore:
         self.version, self.current_changes, self.progress_changes = 0, 0, 0
 
     def replace(self, kind: int, items: tuple[Item, ...], list_id: int) -> None:
-        """Replace a list.
+        """Replace the mission, the geofence or the rally points.
 
         kind: MAV_MISSION_TYPE
         list_id: identifier of the new list

@@ -129,7 +129,7 @@ class Navigator:
         return d if s.p_n[2] - d > self._param("NAV_MC_ALT_RAD") else math.nan
 
     def _load(self, s: Situation) -> None:
-        """Follow jumps, then begin the current item."""
+        """Begin the current mission item. If it is a jump, begin the item that the jump leads to."""
         items = self.missions.items[MISSION]
         k = self._past_jumps(self.missions.current)
         if k is None or k >= len(items):

@@ -11,7 +11,7 @@ import numpy as np
 from arena.sim.sensors.sensor import Array, Channel, Motion, Sensor, Site
 from arena.wire.hil import HilFields
 
-# Mid-northern latitudes: a field of 0.48 gauss that dips 64 degrees; declination is taken as zero.
+# Mid-northern latitudes: a field of 0.48 gauss that dips 64 degrees; the declination is assumed to be zero.
 _FIELD_GAUSS, _DIP_RAD = 0.48, math.radians(64.0)
 
 

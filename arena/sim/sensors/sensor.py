@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """Group of similar axes of a sensor: the profile keys of their errors, and the default values.
+    """Group of sensor axes with the same error model: profile keys of the errors, and default values.
 
     axes: number of axes
     noise: key of the standard deviation of one sample
