@@ -47,7 +47,7 @@ _TO_NONE = -1
 Destinations = tuple[tuple[int, Address], ...]
 """(index in `Router.sockets` to send from, address to send to) of each receiver."""
 Out = tuple[Buffer, Destinations]
-"""A datagram to send, which is a slice of the received one, and its receivers."""
+"""A datagram to send, which is a part of the received datagram, and its receivers."""
 Handler = Callable[[Address, Buffer, float], list[Out]]
 
 

@@ -70,7 +70,7 @@ def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
                 Fault(
                     number,
                     found.name,
-                    f"{found.name} is on line {there} already; expected each name once",
+                    f"{found.name} is already on line {there}, expected each name only once",
                 )
             )
         elif found is not None:

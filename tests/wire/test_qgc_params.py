@@ -36,7 +36,7 @@ def test_plain_lines_are_read():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("A 1\nB 2\nA 3", ("line 3", "A is on line 1")),
+        ("A 1\nB 2\nA 3", ("line 3", "A is already on line 1")),
         ("A 1\nB nan", ("line 2", "nan")),
         ("B inf", ("line 1", "finite")),
         ("B x", ("line 1", "'x' is not a number")),

@@ -104,9 +104,7 @@ class ServerSockets:
                 self._add(multicast_socket(*self._multicast, self.local))
         except OSError as error:
             self.close_sockets()
-            self.error = (
-                f"{self._wanted_local or 'no interface of this computer leads there'}: {error.strerror}"
-            )
+            self.error = f"{self._wanted_local or 'no interface of this computer has a route to the server'}: {error.strerror}"
             self._counts["no network"] += 1
             return False
         self.error = ""

@@ -18,7 +18,7 @@ class Condition:
     version_unsupported: the server uses a NatNet version that cannot be decoded.
     streaming: frames arrive and can be decoded. malformed: frames arrive but cannot be decoded.
     early: frames arrive from a server that does not answer requests.
-    foreign: address of another computer that sends frames, "" if there is none.
+    foreign: address that sends frames but is not the server's, "" if there is none.
     """
 
     server: str
