@@ -42,7 +42,7 @@ RADIUS_M = 0.275
 FIRST_ID = 65
 """PX4 binds its ports on every address: other arenas of this computer may fly theirs with the low ids."""
 _NEEDS = re.compile(
-    r"to stop from ([\d.]+) m/s it needs ([\d.]+) m and ([\d.]+) m in reserve, and the \w+ is (-?[\d.]+) m away"
+    r"to stop from ([\d.]+) m/s it needs ([\d.]+) m and ([\d.]+) m in reserve, and the [\w ]+ is (-?[\d.]+) m away"
 )
 
 

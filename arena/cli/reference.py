@@ -155,7 +155,7 @@ def _simple(schema: dict[str, Any]) -> str:
             else f"list of {_type(schema['items'])}"
         )
     if kind == "object":
-        return f"names, each {_type(schema['additionalProperties'])}"
+        return f"mapping {{name: {_type(schema['additionalProperties'])}}}"
     words = {"integer": "integer", "number": "number", "string": "text", "boolean": "true or false"}[
         str(kind)
     ]
