@@ -1,4 +1,4 @@
-"""Functions that the verbs of `arena params` share: vehicles and their addresses, sources of parameters, records of a push."""
+"""Functions that the commands of `arena params` share: addresses of vehicles, sources of parameters, records of a push."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ YAML, _DEFAULTS = "yaml:", "defaults"
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether a difference does not matter: the YAML does not ask for the parameter, or only the defaults have it."""
+    """Return whether a difference is not shown, because the YAML does not set the parameter or only the defaults have it."""
     of_yaml = (row.a is None and a.startswith(YAML)) or (row.b is None and b.startswith(YAML))
     of_defaults = (row.a is None and b == _DEFAULTS) or (row.b is None and a == _DEFAULTS)
     return of_yaml or of_defaults
 
 
 def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle]:
-    """Return the named vehicles, without names all of them. Raises InputError for an unknown name."""
+    """Return the vehicles with these names; all vehicles if no name is given. Raises InputError for an unknown name."""
     known = {v.name: v for v in arena.vehicles}
     for name in names or ():
         if name not in known:
@@ -45,27 +45,29 @@ def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle
 
 
 def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> PushRecord:
-    """Return the record of a new push. Raises InputError when an earlier push was interrupted and not resumed."""
+    """Return the record of a new push. Raises InputError if an earlier push was interrupted and not resumed."""
     from arena.params.transfer.push_record import PushRecord
 
     path = Path(arena.folder) / RECORD
     if path.exists() and PushRecord.read(path).unfinished:
         raise InputError(
-            f"{path}: an earlier push was interrupted. Continue it with --resume, or remove the file and the old values in it"
+            f"{path}: an earlier push was interrupted. Continue it with --resume, or delete this file, which has the old values"
         )
     wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}
     return PushRecord.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})
 
 
 def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
-    """Return the record of an interrupted push. Raises InputError when there is none, or it is of other vehicles."""
+    """Return the record of an interrupted push. Raises InputError if there is no record, or it has other vehicles."""
     from arena.params.transfer.push_record import PushRecord
 
     if file is not None:
-        raise InputError("--resume pushes the values of the record: leave --file out")
+        raise InputError("--resume pushes the values in the record. Remove --file")
     record = PushRecord.read(Path(arena.folder) / RECORD)
     if not any(v.name in record.wanted for v in chosen):
-        raise InputError(f"{record.path}: the interrupted push was of {', '.join(record.wanted)}")
+        raise InputError(
+            f"{record.path}: expected the vehicles of the interrupted push: {', '.join(record.wanted)}"
+        )
     for v in chosen:
         if v.name in record.wanted and record.vehicles[v.name].at != address_text(arena, v):
             raise InputError(
@@ -75,7 +77,10 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
 
 
 def address_text(arena: Arena, v: Vehicle) -> str:
-    """Return where a vehicle is reached, as the record of a push keeps it; the text is also in records of earlier versions."""
+    """Return the address of a vehicle as text, for the record of a push.
+
+    Do not change the text, because existing records are compared with it.
+    """
     if v.wire is None or v.simulated:
         return f"id {v.id}, simulated on {arena.address}"
     if v.wire.kind == "serial":
@@ -84,7 +89,7 @@ def address_text(arena: Arena, v: Vehicle) -> str:
 
 
 def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool) -> bool:
-    """Restart the autopilots of vehicles, after a question on a terminal. Returns False when a vehicle refuses."""
+    """Reboot autopilots. On a terminal, ask the user first. Return False if a vehicle refuses."""
     question = f"reboot {', '.join(targets)}, so that the new values take effect?"
     if not targets or not (without_asking or (sys.stdin.isatty() and typer.confirm(question))):
         return True
@@ -97,11 +102,11 @@ def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool)
 
 
 def split_arena(what: Sequence[str], default: Path) -> tuple[Path, list[str]]:
-    """Split the arguments of `arena params check` into the arena's YAML and everything else.
+    """Split the arguments of `arena params check` into the arena's YAML and all other arguments.
 
-    what: arguments; at most one of them is a YAML file or an arena's folder.
-    default: the YAML where none of the arguments is one.
-    Raises InputError for two YAML files.
+    what: the arguments; at most one of them is a YAML file or a folder.
+    default: YAML to use if none of the arguments is a YAML file or a folder.
+    Raises InputError for more than one YAML file or folder.
     """
     arenas = [name for name in what if name.endswith((".yaml", ".yml")) or Path(name).is_dir()]
     if len(arenas) > 1:
@@ -111,7 +116,7 @@ def split_arena(what: Sequence[str], default: Path) -> tuple[Path, list[str]]:
 
 @contextmanager
 def writable(path: Path) -> Iterator[None]:
-    """Turn an OSError of the body into an InputError with the file and the reason."""
+    """Convert an OSError in the `with` block to an InputError that names the file and the reason."""
     try:
         yield
     except OSError as error:
@@ -119,21 +124,21 @@ def writable(path: Path) -> Iterator[None]:
 
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:
-    """Return the PX4 version of the parameter names: the asked one, else the vehicle's, else 1.16."""
+    """Return the PX4 version whose parameter names are used: `asked`, else the vehicle's own, else 1.16."""
     from arena.plan.firmware import px4_version
 
     return px4_version(vehicle, asked)
 
 
 def required_firmware(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
-    """Return the parameters that the YAML asks a vehicle to hold. `params_file_text` adds the rotor geometry of its profile."""
+    """Return the parameters that the YAML requires of a vehicle, without rotor geometry (`params_file_text` adds it)."""
     from arena.plan.firmware import firmware
 
     return firmware(arena, vehicle, asked)
 
 
 def params_file_text(arena: Arena, vehicle: Vehicle, asked: str) -> str:
-    """Return a vehicle's parameters as a QGroundControl .params file, each with its meaning and its reason."""
+    """Return the text of a vehicle's QGroundControl .params file. Comments give the meaning and reason of each parameter."""
     from arena.params.facts.parameter_table import is_unreleased, parameters
     from arena.params.generation.generate import generate as make
     from arena.plan.firmware import requirements
@@ -169,7 +174,7 @@ def _wanted(arena: Arena, vehicle: Vehicle, file: Path | None, asked: str) -> di
 def refuse_beyond_limits(
     wanted: Mapping[str, Mapping[str, float]], tables: Mapping[str, Mapping[str, Parameter]]
 ) -> None:
-    """Raise InputError with every value outside PX4's limits: PX4 itself accepts any number over MAVLink."""
+    """Raise InputError with every value outside PX4's limits. The check is needed because PX4 accepts any number."""
     problems = [
         f"  {vehicle}: {name}: got {value:g}, expected {expected}"
         for vehicle, values in wanted.items()
@@ -177,11 +182,16 @@ def refuse_beyond_limits(
         if name in tables[vehicle] and (expected := tables[vehicle][name].expected_instead(value))
     ]
     if problems:
-        raise InputError("nothing is pushed, these values are outside PX4's limits:\n" + "\n".join(problems))
+        raise InputError(
+            "nothing was pushed, because these values are outside PX4's limits:\n" + "\n".join(problems)
+        )
 
 
 def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarget]:
-    """Return how each vehicle is reached: through the router of the running arena, else directly for hardware."""
+    """Return vehicle name -> address for parameter transfers.
+
+    Vehicles of a running arena are reached through its router. Without a running arena, hardware is reached directly.
+    """
     from arena.params.transfer.transports import ParamTarget
 
     run = _run_of(arena)
@@ -194,7 +204,7 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarg
             found[v.name] = ParamTarget(system=v.id, remote=(run.address, v.ports.tools))
         elif v.wire is None or v.simulated:
             raise InputError(
-                f"{v.name} is simulated, and no arena is running on {arena.address}: start it with arena up"
+                f"{v.name} is simulated, but no arena is running on {arena.address}. Start the arena with `arena up`"
             )
         elif v.wire.kind == "serial":
             found[v.name] = ParamTarget(system=v.id, device=v.wire.device, baud=v.wire.baud)
@@ -209,9 +219,11 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarg
 
 
 def _run_of(arena: Arena) -> RunState | None:
-    """Return the running arena of this YAML: at its address, or when it names none, the one that was started from it.
+    """Return the running arena that belongs to this YAML, or None.
 
-    Raises InputError when several were started from it.
+    If the YAML has an `address`, return the arena at this address. Else prefer the arena that was started
+    from this YAML to the arena at the default address.
+    Raises InputError if several arenas were started from it.
     """
     from arena.supervisor.run_folder import active_runs, started_from
 
@@ -220,14 +232,16 @@ def _run_of(arena: Arena) -> RunState | None:
         started = [state for state in runs if started_from(state) == Path(arena.file).resolve()]
         if len(started) > 1:
             choices = " or ".join(f"--set address={state.address}" for state in started)
-            raise InputError(f"{arena.file}: {len(started)} arenas run from this file. Choose one: {choices}")
+            raise InputError(
+                f"{arena.file}: {len(started)} running arenas were started from this file. Choose one: {choices}"
+            )
         if started:
             return started[0]
     return next((state for state in runs if state.address == arena.address), None)
 
 
 def _check_run_has(run: RunState, vehicles: Sequence[Vehicle]) -> None:
-    """Raise InputError when a running arena does not have these vehicles with the same ids."""
+    """Raise InputError if the running arena does not have these vehicles with these ids."""
     from arena.supervisor import plan_of
 
     plan = plan_of(run)
@@ -240,11 +254,11 @@ def _check_run_has(run: RunState, vehicles: Sequence[Vehicle]) -> None:
 
 
 class ParamSources:
-    """Reader of what `diff` and `check` compare: vehicles, files, logs, the YAML, defaults.
+    """Reader of the parameter sets of `diff` and `check`: vehicles, files, logs, the YAML, PX4's defaults.
 
-    file: the arena's YAML, loaded only when needed.
+    file: path of the arena's YAML, which is loaded only when needed.
     sets: overrides of the YAML (`--set`).
-    version: PX4 version instead of the vehicle's own, or "".
+    version: PX4 version to use instead of the vehicle's own; "" for the vehicle's own.
     """
 
     def __init__(self, file: Path, sets: Sequence[str], version: str) -> None:
@@ -253,16 +267,17 @@ class ParamSources:
 
     @property
     def arena(self) -> Arena:
-        """The arena of the YAML. Raises InputError when the YAML is wrong or missing."""
+        """The arena of the YAML. Raises InputError if the YAML is wrong or missing."""
         from arena.schema import load_arena
 
         self._arena = self._arena or load_arena(self._file, list(self._sets))
         return self._arena
 
     def read(self, name: str, other: str) -> ParamSource:
-        """Return the parameters of a source by its name on the command line.
+        """Return the parameters of one source.
 
-        other: the source it is compared with, whose version `defaults` takes.
+        name: the source as written on the command line.
+        other: the source to compare with; `defaults` means the defaults of its PX4 version.
         Raises InputError for an unknown name, a wrong file, or a vehicle that cannot be read.
         """
         from arena.params.facts.parameter_table import defaults
@@ -283,19 +298,19 @@ class ParamSources:
             return read_values(Path(name))
         if name not in (known := {v.name: v for v in self.arena.vehicles}):
             raise InputError(
-                f"{name}: neither a file nor a vehicle; expected {', '.join(known)}, yaml:VEHICLE, defaults, or a file"
+                f"got {name!r}, expected a vehicle ({', '.join(known)}), yaml:VEHICLE, defaults, or a file"
             )
         vehicle = known[name]
         pulled = pull_now(targets_of(self.arena, [vehicle]))[name]
         if not pulled.complete:
             raise InputError(
-                f"{name}: its parameters could not be read: {ending_text(pulled.ending, pulled.why)}"
+                f"{name}: the parameters could not be read: {ending_text(pulled.ending, pulled.why)}"
             )
         values = {n: v.value for n, v in pulled.values.items()}
         return ParamSource(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
 
     def environment(self, name: str) -> Environment:
-        """Return what the arena offers to a vehicle; for a file, to the first vehicle; without a YAML the default."""
+        """Return the equipment and room of a vehicle. For a file, those of the first vehicle; without a YAML, the default."""
         from arena.params.checks.findings import Environment
         from arena.plan.firmware import requirements
 

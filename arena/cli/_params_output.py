@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class ProgressBars:
-    """A progress bar per vehicle; nothing where stderr is no terminal."""
+    """Progress bars on stderr, one per vehicle, shown only if stderr is a terminal."""
 
     def __init__(self, names: Mapping[str, Any] | Sequence[str]) -> None:
         from rich.console import Console
@@ -38,7 +38,7 @@ class ProgressBars:
 
     @property
     def show(self) -> Callable[[Mapping[str, Any]], None]:
-        """Callback that takes the progress by vehicle name."""
+        """Callback that gets vehicle name -> progress and shows it."""
 
         def update(progress: Mapping[str, Any]) -> None:
             for name, each in progress.items():
@@ -48,7 +48,7 @@ class ProgressBars:
 
 
 _ENDINGS = {
-    "armed": "the vehicle is armed, nothing more is written",
+    "armed": "the vehicle is armed, so nothing more is written",
     "no connection": "no MAVLink from the vehicle for 10 s, or no answer to any request",
     "connection lost": "no MAVLink from the vehicle for 3 s",
     "interrupted": "interrupted",
@@ -56,12 +56,12 @@ _ENDINGS = {
 
 
 def ending_text(ending: str, why: str) -> str:
-    """Return why a transfer ended early. why: why the connection could not be opened, or ""."""
+    """Return why a transfer ended early, as text. why: error from opening the connection, or ""."""
     return why or _ENDINGS.get(ending, ending)
 
 
 def push_report_lines(name: str, report: PushReport) -> list[str]:
-    """Return the report of a push: counts, then one line per parameter that changed or failed."""
+    """Return the lines that report a push to one vehicle: counts, then one line per parameter that changed or failed."""
     counts = Counter(r.outcome for r in report.results.values())
     summary = ", ".join(f"{n} {outcome}" for outcome, n in counts.items() if n) or "nothing to write"
     ending = "" if report.ending == "done" else f"{ending_text(report.ending, report.why)}; "
@@ -84,7 +84,7 @@ def push_report_lines(name: str, report: PushReport) -> list[str]:
 
 
 def print_differences(rows: Sequence[Difference], a: str, b: str) -> None:
-    """Print a table of differences; a, b: the names of the two sides."""
+    """Print a table of differences. a, b: names of the two parameter sets."""
     from rich.console import Console
     from rich.table import Table
 
@@ -98,7 +98,7 @@ def print_differences(rows: Sequence[Difference], a: str, b: str) -> None:
 
 
 def count_text(found: Sequence[Finding]) -> str:
-    """Return "1 error, 2 warnings"."""
+    """Return the number of findings by severity, such as "1 error, 2 warnings"."""
     counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
     return (
         ", ".join(f"{n} {severity}{'s' * (n != 1)}" for severity, n in counts.items() if n)

@@ -1,4 +1,4 @@
-"""`arena check`: every problem of an arena at once, or `ok` and what would run."""
+"""`arena check`: prints every problem of an arena at once, or `ok` with a summary of the vehicles."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from arena.cli._arena import File, Set, at_free_address, what_would_run
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command to the app."""
 
     @app.command()
     def check(
         file: File = Path("arena.yaml"),
         set_: Set = None,
         machine: Annotated[
-            bool, typer.Option(help="also look at this machine: free ports, pybullet, the tools' commands")
+            bool,
+            typer.Option(help="also check this computer: free ports, pybullet, devices, the tools' commands"),
         ] = True,
     ) -> None:
         """Print every problem of an arena at once, or `ok` and what would run. Starts nothing."""

@@ -1,4 +1,4 @@
-"""`arena params`: generate, push, pull, compare and check the PX4 parameters of an arena's vehicles."""
+"""`arena params`: commands that generate, push, pull, compare and check the PX4 parameters of an arena's vehicles."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ VersionOption = Annotated[
     typer.Option(
         "--px4-version",
         metavar="VERSION",
-        help="PX4 version of the parameter names, 1.9 to 1.18; by default the vehicle's (`px4_version`), else 1.16",
+        help="PX4 version whose parameter names are used, 1.9 to 1.18. Default: the vehicle's `px4_version`, else 1.16",
     ),
 ]
 Vehicles = Annotated[
-    list[str] | None, typer.Argument(help="names of vehicles; by default every vehicle of the arena")
+    list[str] | None, typer.Argument(help="names of vehicles. Default: every vehicle of the arena")
 ]
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verbs of `arena params` to the command line."""
+    """Add the commands of `arena params` to the app."""
     group = typer.Typer(
         no_args_is_help=True, help="Generate, push, pull, compare and check the PX4 parameters of vehicles."
     )
@@ -66,7 +66,7 @@ def generate(
     ] = None,
     set_: Set = None,
 ) -> None:
-    """Print a QGroundControl .params file for every vehicle, with the effect of each parameter and who asked for it."""
+    """Print a QGroundControl .params file for every vehicle. Comments give the effect and the reason of each parameter."""
     from arena.schema import load_arena
 
     arena = load_arena(file, set_ or [])
@@ -87,11 +87,11 @@ def push(
     file: Annotated[
         Path | None,
         typer.Option(
-            "--file", help="push this .params file instead of the parameters that the YAML asks for"
+            "--file", help="push this .params file instead of the parameters that the YAML requires"
         ),
     ] = None,
     px4_version: VersionOption = "",
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="read and compare only, write nothing")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="only read and compare; write nothing")] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help=f"continue an interrupted push ({RECORD})")
     ] = False,
@@ -100,7 +100,10 @@ def push(
     ] = False,
     set_: Set = None,
 ) -> None:
-    """Write the parameters that the YAML asks for to vehicles: read, write what differs, read back. Refuses armed vehicles."""
+    """Write the parameters that the YAML requires to vehicles: read, write the values that differ, read back.
+
+    Refuses armed vehicles.
+    """
     from arena.params.facts.parameter_table import parameters
     from arena.params.transfer.session import push as push_now
     from arena.schema import load_arena
@@ -122,7 +125,7 @@ def push(
         print("\n".join(push_report_lines(name, report)))
     held = all(report.holds or (dry_run and report.ending == "done") for report in reports.values())
     if record.unfinished and not dry_run:
-        print(f"interrupted: continue with arena params push --resume ({record.path})")
+        print(f"The push was interrupted. Continue it with `arena params push --resume` ({record.path})")
     to_reboot = {
         name: targets[name]
         for name, report in reports.items()
@@ -141,7 +144,7 @@ def pull(
     ] = Path(),
     set_: Set = None,
 ) -> None:
-    """Read every parameter of vehicles and write .params files."""
+    """Read all parameters of vehicles and save them as .params files."""
     from arena.params.transfer.session import pull as pull_now
     from arena.schema import load_arena
     from arena.wire.qgc_params import format_params
@@ -171,13 +174,13 @@ def pull(
 
 def diff(
     a: Annotated[str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE` or `defaults`")],
-    b: Annotated[str, typer.Argument(help="the other one, as A")],
+    b: Annotated[str, typer.Argument(help="the set to compare with A; same forms as A")],
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
-    all_: Annotated[bool, typer.Option("--all", help="compare calibrations and counters too")] = False,
+    all_: Annotated[bool, typer.Option("--all", help="also compare calibrations and counters")] = False,
     set_: Set = None,
 ) -> None:
-    """Compare two sets of parameters: of vehicles, files, logs, the YAML or PX4's defaults. Exit code 1 when they differ."""
+    """Compare two sets of parameters, from vehicles, files, logs, the YAML or PX4's defaults. Exit code 1 if they differ."""
     from arena.params.checks.diff import diff as differences_of
 
     sources = ParamSources(arena, set_ or [], px4_version)
@@ -193,17 +196,18 @@ def check(
     what: Annotated[
         list[str] | None,
         typer.Argument(
-            help="an arena's YAML or its folder, vehicles, .params files, ULogs; by default every vehicle of the YAML"
+            help="an arena's YAML or its folder, names of vehicles, .params files, ULogs. Default: every vehicle of the YAML"
         ),
     ] = None,
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
     set_: Set = None,
 ) -> None:
-    """Find parameters that are dangerous or cannot work in an indoor arena. Exit code 1 when there is an error.
+    """Find parameters that are dangerous or cannot work in an indoor arena. Exit code 1 if there is an error.
 
-    `arena params check arena.yaml` checks what the YAML asks of every vehicle, `arena params check arena.yaml uav1` what the
-    vehicle uav1 holds, `arena params check tuned.params` a file.
+    `arena params check arena.yaml` checks the parameters that the YAML requires of every vehicle.
+    `arena params check arena.yaml uav1` reads the parameters from the vehicle uav1 and checks them.
+    `arena params check tuned.params` checks a file.
     """
     from arena.params.checks.check import check as findings_of
     from arena.params.checks.check import finding_line

@@ -1,4 +1,4 @@
-"""`arena plan`: the process table, ports and needs of an arena, as a table or JSON; where a value came from."""
+"""`arena plan`: prints the processes of an arena with their needs and ports, or where a value comes from."""
 
 from __future__ import annotations
 
@@ -22,15 +22,20 @@ COLUMNS = ("name", "needs", "ready", "ports", "command")
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command to the app."""
 
     @app.command()
     def plan(
         file: File = Path("arena.yaml"),
         set_: Set = None,
-        json: Annotated[bool, typer.Option("--json", help="the whole plan as JSON")] = False,
+        json: Annotated[bool, typer.Option("--json", help="print the whole plan as JSON")] = False,
         explain: Annotated[
-            str, typer.Option("--explain", metavar="KEY", help="where a value, or all below a key, came from")
+            str,
+            typer.Option(
+                "--explain",
+                metavar="KEY",
+                help="print where the value of a key, or of all keys below it, comes from",
+            ),
         ] = "",
     ) -> None:
         """Print the process table of an arena: needs, ports and commands. Starts nothing."""
@@ -46,14 +51,17 @@ def register(app: typer.Typer) -> None:
 
 
 def explained(arena: Arena, key: str) -> list[str]:
-    """Return a line per value at or below a dotted key. Raises InputError that names the nearest key."""
+    """Return one line per value at or below a dotted key, with the place that it comes from.
+
+    Raises InputError, with the most similar key, if the key is unknown.
+    """
     from arena.plan.firmware import origins as firmware_origins
     from arena.schema.source import near
 
     origins = {**arena.origins, **firmware_origins(arena)}
     found = {k: o for k, o in origins.items() if k == key or k.startswith((f"{key}.", f"{key}["))}
     if not found:
-        raise InputError(f"--explain {key}: no such value in {arena.file}. {near(key, list(origins))}")
+        raise InputError(f"--explain {key}: {arena.file} has no such key. {near(key, list(origins))}")
     return [f"{k} = {_text(o.value)} {_from(o.source)}" for k, o in found.items()]
 
 
@@ -68,7 +76,7 @@ def _text(value: object) -> str:
 
 
 def _from(source: str) -> str:
-    """Return the source of a value: a place in a file or on the command line, or a reason."""
+    """Return `from arena.yaml:7` for a value from a file or from --set, else the reason, such as `default`."""
     return f"from {source}" if source == "--set" or source.rpartition(":")[2].isdigit() else f"({source})"
 
 
@@ -89,12 +97,12 @@ def _show(arena: Arena, made: Plan) -> None:
 
 
 def row(spec: ProcessSpec) -> tuple[str, ...]:
-    """Return the cells of one process."""
+    """Return one process as a row of the printed table."""
     ports = ", ".join(str(x.port) for x in spec.listens)
     return spec.name, ", ".join(spec.needs), spec.ready, ports, command(spec)
 
 
 def command(spec: ProcessSpec) -> str:
-    """Return the command line, with the interpreter's name without its folder."""
+    """Return the command line of a process. The Python interpreter is shown without its folder."""
     first = Path(spec.argv[0]).name
     return " ".join((first, *(arg if "{run}" in arg else shlex.quote(arg) for arg in spec.argv[1:])))

@@ -1,7 +1,7 @@
-"""Generator of docs/reference: `python -m arena.cli.reference [FOLDER]`. A test generates the pages again and compares.
+"""Generator of the pages in docs/reference: `python -m arena.cli.reference [FOLDER]`.
 
-Pages: keys of the YAML, ports, processes, exit codes, the command line, words of scenarios, columns of the log.
-Nothing in them is written by hand.
+Pages: keys of the YAML, ports, processes, exit codes, the command line, words of scenarios, columns of the log. Do not edit
+these pages by hand: a test generates them again and compares.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def yaml_page() -> str:
-    """Return the page of all keys of arena.yaml, from the JSON schema."""
+    """Return the page of all keys of arena.yaml, made from the JSON schema."""
     schema = json_schema()
     defs = schema["$defs"]
     text = "# Keys of arena.yaml\n\n- Unknown keys, repeated keys, NaN and infinity are refused.\n"
@@ -133,7 +133,7 @@ def _default(schema: dict[str, Any], required: bool) -> str:
 
 
 def _type(schema: dict[str, Any]) -> str:
-    """Return a JSON schema in a few words."""
+    """Return the type that a JSON schema describes, as short text: `number above 0`."""
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
@@ -170,7 +170,7 @@ def _range(schema: dict[str, Any]) -> str:
 
 
 def ports_page() -> str:
-    """Return the port table."""
+    """Return the page of all ports."""
     rows = [(port.rule, port.owner, port.use, _answers(port)) for port in PORTS]
     for vendor in VENDORS:
         for key, use in vendor_settings(vendor).PORTS.items():
@@ -192,7 +192,7 @@ def ports_page() -> str:
 
 
 def _answers(port: Port) -> str:
-    """Return the senders that a port answers, once for each different answer."""
+    """Return the senders that a port accepts. Processes that accept the same senders are listed together."""
     found: dict[str, list[str]] = {}
     for binder in port.binders:
         found.setdefault(binder.answers, []).append(f"`{binder.kind}`")
@@ -200,7 +200,7 @@ def _answers(port: Port) -> str:
 
 
 def processes_page() -> str:
-    """Return the process table: every kind of process, then the processes of an arena with one vehicle."""
+    """Return the page of processes: the table of all kinds, then the processes of an arena with one vehicle."""
     head = ("process", "module", "purpose", "CPU, memory budget", "restart", "ports")
     text = "# Processes\n\nThe table lists every kind of process, in start order. `ps` shows a process as `arena:NAME`.\n"
     text += "Each vehicle has a separate process of the kinds with `.VEHICLE`.\n\n"
@@ -255,7 +255,7 @@ def _process(spec: ProcessSpec) -> list[str]:
 
 
 def log_columns_page() -> str:
-    """Return the page of all columns of a vehicle's log, with an example that reads it."""
+    """Return the page of all columns of a vehicle's log, with an example program that reads a log."""
 
     def rows(groups: Iterable[columns.Group]) -> Iterator[tuple[str, ...]]:
         for group in groups:
@@ -277,7 +277,7 @@ def log_columns_page() -> str:
 
 
 def scenarios_page() -> str:
-    """Return the page of every key, word and operator of a scenario."""
+    """Return the page of all keys, words and operators that a scenario can use."""
     states = {f"V.{state}": meaning for state, meaning in vocabulary.STATES.items()}
     values = {f"V.{name} < X {q.unit}": f"{q.meaning}; also `>`" for name, q in vocabulary.QUANTITIES.items()}
     actions = ((f"`{form.form}`", "yes" if form.lasting else "", form.meaning) for form in vocabulary.ACTIONS)
@@ -348,7 +348,7 @@ def _family(kind: type[errors.ArenaError]) -> Iterator[type[errors.ArenaError]]:
 
 
 def cli_page() -> str:
-    """Return the page of all verbs with their arguments and options, from the app itself."""
+    """Return the page of all commands with their arguments and options, made from the typer app."""
     group: Any = typer.main.get_command(build(()))
     text = "# The command line\n\n`--debug` before or after any command shows the traceback of a failure.\n"
     for verb, command in _commands(group):
@@ -364,7 +364,7 @@ def cli_page() -> str:
 
 
 def _commands(group: Any) -> Iterator[tuple[str, Any]]:
-    """Yield every verb with its command; the commands of a group one by one."""
+    """Yield (name, command) for every command. Commands of a group are yielded one by one, as `params push`."""
     for verb in (v for v in VERBS if v in group.commands):
         command = group.commands[verb]
         if inner := getattr(command, "commands", None):
@@ -387,7 +387,7 @@ def _parameter(p: Any) -> tuple[str, str]:
 
 
 def main(folder: Path) -> None:
-    """Write all pages into a folder."""
+    """Write all generated pages to a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in pages().items():
         (folder / name).write_text(text)

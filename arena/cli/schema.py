@@ -1,4 +1,4 @@
-"""`arena schema`: the JSON schema of arena.yaml, for editors."""
+"""`arena schema`: prints the JSON schema of arena.yaml, which editors use to complete and check keys."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import typer
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command to the app."""
 
     @app.command()
     def schema() -> None:
-        """Print the JSON schema of arena.yaml, for editors."""
+        """Print the JSON schema of arena.yaml. Editors use it to complete and check keys."""
         from arena.schema.models import json_schema
 
         print(json.dumps(json_schema(), indent=2))

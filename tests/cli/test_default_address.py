@@ -49,7 +49,10 @@ def test_second_arena_takes_the_next_free_loopback_address(folder: Path) -> None
         explicit = arena(folder, "up", "--detach", "--no-report", "--set", f"address={taken}")
         assert explicit.returncode == 1 and f"is up on {taken}" in explicit.stderr
         pulled = arena(folder, "params", "pull")
-        assert pulled.returncode == 2 and "2 arenas run from this file. Choose one: " in pulled.stderr
+        assert (
+            pulled.returncode == 2
+            and "2 running arenas were started from this file. Choose one: " in pulled.stderr
+        )
     finally:
         for run in sorted((folder / "runs").glob("*")):
             arena(folder, "down", "--run", str(run))

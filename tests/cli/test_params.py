@@ -135,7 +135,7 @@ def test_check_takes_the_arena_as_an_argument(folder: Path, capsys: pytest.Captu
     code, out, _ = run(capsys, "check", "lab/arena.yaml", "bad.params", "yaml:uav2")
     assert code == 0 and "from the arena's latency" in out and "yaml:uav1" not in out
     code, _, err = run(capsys, "check", "lab/arena.yaml", "uav1")
-    assert code == 2 and "uav1 is simulated, and no arena is running on 127.52.9.1" in err
+    assert code == 2 and "uav1 is simulated, but no arena is running on 127.52.9.1" in err
     code, _, err = run(capsys, "check", "lab", "other.yaml")
     assert code == 2 and "got 2 arenas, lab, other.yaml; expected one" in err
 
@@ -143,7 +143,10 @@ def test_check_takes_the_arena_as_an_argument(folder: Path, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("push",), "uav1 is simulated, and no arena is running on 127.52.9.1: start it with arena up"),
+        (
+            ("push",),
+            "uav1 is simulated, but no arena is running on 127.52.9.1. Start the arena with `arena up`",
+        ),
         (("push", "uav7"), "got vehicle uav7, expected one of uav1, uav2"),
         (("push", "--resume"), "push.json: No such file or directory: there is no push to resume"),
         (("push", "--file", "none.params"), "none.params"),
@@ -153,7 +156,7 @@ def test_check_takes_the_arena_as_an_argument(folder: Path, capsys: pytest.Captu
         (("pull",), "no arena is running"),
         (
             ("diff", "nowhere", "uav1"),
-            "nowhere: neither a file nor a vehicle; expected uav1, uav2, yaml:VEHICLE, defaults, or a file",
+            "got 'nowhere', expected a vehicle (uav1, uav2), yaml:VEHICLE, defaults, or a file",
         ),
         (("diff", "yaml:uav9", "defaults"), "got vehicle uav9"),
         (("check", "torn.params"), "torn.params:2"),
@@ -187,8 +190,8 @@ def test_interrupted_push_is_resumed_to_the_same_vehicles_only(
             ("--resume",),
             "got uav1 at id 1, simulated on 127.0.0.9, but this arena has it at id 1, simulated on 127.52.9.1",
         ),
-        (("--resume", "uav2"), "the interrupted push was of uav1"),
-        (("--resume", "--file", "x"), "leave --file out"),
+        (("--resume", "uav2"), "the vehicles of the interrupted push: uav1"),
+        (("--resume", "--file", "x"), "Remove --file"),
     ):
         code, _, err = run(capsys, "push", *arguments)
         assert code == 2 and words in err, err
@@ -218,7 +221,7 @@ def test_battery_thresholds_outside_px4s_limits_are_moved(
     _, out, _ = run(capsys, "generate")
     assert out.count("NOT POSSIBLE: failsafe.low_battery") == 2
     assert run(capsys, "push", "--dry-run")[0] == 2  # no arena is running; the limits are not the reason
-    assert "nothing is pushed" not in run(capsys, "push", "--dry-run")[2]
+    assert "nothing was pushed" not in run(capsys, "push", "--dry-run")[2]
 
 
 def test_help_lists_the_five_verbs(capsys: pytest.CaptureFixture[str]) -> None:
