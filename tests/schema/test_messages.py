@@ -73,7 +73,7 @@ GOLDEN: dict[str, tuple[str, list[str]]] = {
         V + "{autopilot: builtin, params: {MPC_XY_PP: 1}}\n",
         [
             "arena.yaml:2: vehicles.uav1.params.MPC_XY_PP: not a parameter of any PX4 version from 1.9 to 1.18. "
-            "Write MPC_XY_P if that is meant."
+            "Write MPC_XY_P if you mean this parameter."
         ],
     ),
     "parameter out of range": (
