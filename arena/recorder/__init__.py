@@ -1,4 +1,4 @@
-"""Log files of flights, and the plots and summaries made of them.
+"""Log files of flights, and the plots and summaries computed from them.
 
-The logger only receives: it must never send to a vehicle. Reports read a finished run and start nothing.
+The logger must never send data to a vehicle. The report reads the files of a finished run and starts no processes.
 """

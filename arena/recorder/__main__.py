@@ -1,4 +1,4 @@
-"""The process `logger.<vehicle>`: `python -m arena.recorder slice.json`."""
+"""The process `logger.<vehicle>`, which writes the log of one vehicle: `python -m arena.recorder slice.json`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def main() -> int:
 def _make(room: ProcessContext) -> Callable[[], None]:
     try:
         logger = Logger(room)
-    except OSError as error:  # a folder or a disk that takes no file
+    except OSError as error:  # the log file cannot be created
         raise RunError(str(error)) from error
 
     def serve() -> None:

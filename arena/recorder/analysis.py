@@ -1,4 +1,4 @@
-"""Figures of one flight, computed from its log. Pure. A figure is None if the log lacks its data."""
+"""Measures of one flight, such as tracking error, computed from its log. Pure. None stands for missing data."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BEFORE_CHANGE_S = 0.15
 
 
 def analyse(flight: Flight) -> dict[str, Any]:
-    """Return all figures in metres, seconds and degrees, JSON-ready."""
+    """Return all measures of a flight as a JSON-ready object, in metres, seconds and degrees."""
     return {
         "rows": int(flight.t.size),
         "duration_s": _round(flight.t[-1], 2),
@@ -36,15 +36,16 @@ def analyse(flight: Flight) -> dict[str, Any]:
 
 
 def tracking(flight: Flight) -> dict[str, float | None]:
-    """Return the distance from the position reference in OFFBOARD [m]. Climbs and steps count, so a far step
-    raises it.
+    """Return rms and maximum of the distance between position and position reference in OFFBOARD [m].
+
+    Climbs and steps of the reference are included, so a large step increases both values.
     """
     distance = np.linalg.norm(flight.pos - flight.group("pos_ref"), axis=1)[flight.offboard]
     return {"rms_m": _round(_rms(distance)), "max_m": _round(_max(distance))}
 
 
 def constant_spans(flight: Flight) -> list[tuple[int, int]]:
-    """Return (first, last) rows of each position reference that was constant for at least 1.5 s in OFFBOARD."""
+    """Return (first row, last row) of each span in OFFBOARD in which the position reference was constant for at least 1.5 s."""
     ref = flight.group("pos_ref")
     held = flight.offboard & np.isfinite(ref).all(axis=1)
     moved = np.concatenate([[True], np.abs(np.diff(ref, axis=0)).max(axis=1) > _SAME_M])
@@ -61,7 +62,7 @@ def constant_spans(flight: Flight) -> list[tuple[int, int]]:
 
 
 def setpoints(flight: Flight) -> dict[str, Any]:
-    """Return the distance from each constant setpoint at its end."""
+    """Return the position error at the end of each constant position reference [m]: number, largest error, and a list."""
     pos, ref = flight.pos, flight.group("pos_ref")
     each = []
     for first, last in constant_spans(flight):
@@ -79,8 +80,9 @@ def setpoints(flight: Flight) -> dict[str, Any]:
 
 
 def landing(flight: Flight) -> dict[str, Any]:
-    """Return the distance of the landing point from the last position reference, or from the position when
-    OFFBOARD ended.
+    """Return whether the vehicle has landed, and the horizontal distance of the landing point from its target [m].
+
+    The target is the last position reference in OFFBOARD, or, if unknown, the position at the end of OFFBOARD.
     """
     flown = np.flatnonzero(flight.offboard)
     down = bool(flight.landed[-1] and not flight.armed[-1])
@@ -89,21 +91,22 @@ def landing(flight: Flight) -> dict[str, Any]:
     target = flight.group("pos_ref")[flown[-1], :2]
     target = (
         target if np.isfinite(target).all() else flight.pos[flown[-1], :2]
-    )  # nan where it was not seen just then
+    )  # the position may be NaN in this row
     error = float(np.linalg.norm(_last_place(flight) - target)) if down else math.nan
     return {"landed": down, "error_m": _round(error), "target_ne": [_round(x, 3) for x in target]}
 
 
 def _last_place(flight: Flight) -> Array:
-    """Return the last known position on the ground, north and east [m] (2,)."""
+    """Return the last known position on the ground, north and east [m] (2,); NaN if unknown."""
     pos = flight.pos[flight.landed, :2]
     seen = pos[np.isfinite(pos).all(axis=1)]
     return seen[-1] if len(seen) else np.full(2, np.nan)
 
 
 def estimator(flight: Flight) -> dict[str, float | None]:
-    """Return the error of the estimate while armed: estimate minus truth, or minus motion capture for a real
-    vehicle.
+    """Return rms and maximum of the error of the state estimate while armed: position [m] and yaw [deg].
+
+    The error is the estimate minus the ground truth, or, for a real vehicle, minus motion capture.
     """
     if flight.judge == "estimate":
         return {"pos_rms_m": None, "pos_max_m": None, "yaw_rms_deg": None, "yaw_max_deg": None}
@@ -123,10 +126,10 @@ def estimator(flight: Flight) -> dict[str, float | None]:
 
 
 def modes(flight: Flight) -> list[dict[str, Any]]:
-    """Return each change of mode or arming with its time."""
+    """Return the flight mode and the armed flag at each change of either, with the time [s]."""
     found: list[dict[str, Any]] = []
     for t, mode, armed in zip(flight.t, flight.mode, flight.armed, strict=True):
-        known = bool(mode)  # nothing is known before the first heartbeat
+        known = bool(mode)  # the mode is empty before the first heartbeat
         if known and (not found or (found[-1]["mode"], found[-1]["armed"]) != (mode, bool(armed))):
             found.append({"t_s": _round(t, 2), "mode": mode, "armed": bool(armed)})
     return found

@@ -1,9 +1,8 @@
-"""The columns of a log, as one table: `csv/<vehicle>.csv` has one column per part of each group, in this
-order.
+"""Table of the columns of a log, `csv/<vehicle>.csv`. Each group has one column per part, in the order of the table.
 
-The groups of THESIS have the names and the order of the log files of the thesis that `arena` grew out of, so
-that scripts written for those files read ours. An empty cell: the value was not received, is too old, or is
-not controlled.
+The groups in THESIS have the same names and the same order as in the log files of the thesis from which `arena` was
+developed, so that scripts for those files can read logs of arena. A cell is empty if the value was not received, is too
+old, or is not controlled.
 """
 
 from __future__ import annotations
@@ -21,10 +20,11 @@ Instant = Literal["row", "interpolated", "held"]
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """Columns that belong together: `name.part`, or `name` alone without parts.
+    """A group of columns, named `name.part`, or `name` if there are no parts.
 
-    instant: "interpolated" between samples to the row's time, "held" since the last message, or "row": exact
-    at the row's time.
+    instant: time to which the value of a row belongs. "interpolated": between two samples, for the time of the row;
+        "held": value of the last message; "row": exactly the time of the row.
+    source: message or process from which the values come.  meaning: text for the reference page.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Group:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The names of the group's columns."""
+        """Names of the columns of the group."""
         return tuple(f"{self.name}.{part}" for part in self.parts) or (self.name,)
 
 
@@ -61,11 +61,11 @@ _exact = functools.partial(_group, "row")
 
 THESIS: tuple[Group, ...] = (
     _exact(
-        "time.seconds", (), "s", "-", "clock", "the row's time: simulation time; unix time of a real vehicle"
+        "time.seconds", (), "s", "-", "clock", "time of the row: simulation time, or unix time for a real vehicle"
     ),
     _interpolated("ekf.pos", NED, "m", "NED", _POSITION, "estimated position of the body origin"),
     _interpolated("ekf.vel", NED, "m/s", "NED", _POSITION, "estimated velocity"),
-    _interpolated("ekf.vel_body", NED, "m/s", "FRD", "computed", "`ekf.vel` in body axes, by `ekf.att_q`"),
+    _interpolated("ekf.vel_body", NED, "m/s", "FRD", "computed", "`ekf.vel` rotated into body axes with `ekf.att_q`"),
     _interpolated("ekf.att_q", WXYZ, "-", "NED from FRD", _ATTITUDE, "estimated attitude, Hamilton"),
     _interpolated("ekf.att_euler", RPY, "rad", "NED from FRD", "computed", "`ekf.att_q` as Euler angles"),
     _interpolated("ekf.ang_vel", RPY, "rad/s", "FRD", _ATTITUDE, "estimated body rates"),
@@ -77,7 +77,7 @@ THESIS: tuple[Group, ...] = (
     _interpolated("mocap.att_euler", RPY, "rad", "NED from FRD", "computed", "`mocap.att_q` as Euler angles"),
     _held("info.flight_mode", (), "-", "-", "HEARTBEAT", "PX4's name of the flight mode: `OFFBOARD`, `AUTO.LAND`"),
     _held("info.is_armed", (), "-", "-", "HEARTBEAT", "`True` or `False`"),
-    _held("info.is_landed", (), "-", "-", "EXTENDED_SYS_STATE", "`True` or `False`, by the land detector"),
+    _held("info.is_landed", (), "-", "-", "EXTENDED_SYS_STATE", "`True` or `False`, from the land detector"),
     _held("info.battery", (), "%", "-", "SYS_STATUS", "remaining charge"),
     _held(
         "pos_ref",
@@ -117,7 +117,7 @@ TRUTH: tuple[Group, ...] = (
     _exact("truth.ang_vel", RPY, "rad/s", "FRD", _TRUTH, "body rates"),
     _interpolated("err.pos", NED, "m", "NED", "computed", "`ekf.pos` minus `truth.pos`"),
     _interpolated("err.vel", NED, "m/s", "NED", "computed", "`ekf.vel` minus `truth.vel`"),
-    _interpolated("err.att_euler", RPY, "rad", "FRD", "computed", "rotation vector from the true attitude to the estimated one"),
+    _interpolated("err.att_euler", RPY, "rad", "FRD", "computed", "rotation vector from the true attitude to the estimated attitude"),
 )  # fmt: skip
 """Columns of the true state from the simulated world. Only logs of simulated vehicles have them."""
 

@@ -1,6 +1,4 @@
-"""A log file read into arrays. A log that ends in the middle of a line, because its writer was killed, is
-read up to that line.
-"""
+"""Reader of a log file of one vehicle, into arrays. An incomplete last line, as after a killed logger, is ignored."""
 
 from __future__ import annotations
 
@@ -22,10 +20,11 @@ _WORDS = ("info.flight_mode", "info.is_armed", "info.is_landed")
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """The log of one vehicle.
+    """The log of one vehicle, with n rows.
 
-    t: time since the first row [s] (n,). t0: time of the first row [s].
-    numbers: column name -> values, NaN for empty cells, each (n,).
+    name: name of the vehicle.  t: time since the first row [s] (n,).  t0: time of the first row [s].
+    numbers: column name -> values (n,), NaN for empty cells.
+    mode: flight modes (n,), "" if unknown.  armed, landed: flags (n,).
     """
 
     name: str
@@ -37,19 +36,20 @@ class Flight:
     landed: NDArray[np.bool_]
 
     def group(self, name: str, parts: Sequence[str] = NED) -> Array:
-        """Return the columns of a group side by side (n, len(parts)); NaN if the log has no such column."""
+        """Return the columns `name.part` as one array (n, len(parts)); NaN for columns that the log does not have."""
         missing = np.full(self.t.size, np.nan)
         return np.stack([self.numbers.get(f"{name}.{part}", missing) for part in parts], axis=1)
 
     @property
     def simulated(self) -> bool:
-        """True if the log has the truth."""
+        """True if the log contains ground truth, so that the vehicle is simulated."""
         return "truth.pos.north" in self.numbers
 
     @property
     def judge(self) -> Judge:
-        """The source of the actual position: the truth, else motion capture if it saw at least half of the
-        flight, else the estimate.
+        """The source that is used as the actual position: ground truth, motion capture, or the estimate.
+
+        Motion capture is used if there is no ground truth and at least half of the rows while armed have a measured position.
         """
         if self.simulated:
             return "truth"
@@ -59,22 +59,22 @@ class Flight:
 
     @property
     def pos(self) -> Array:
-        """Actual position by `judge` [m] [NED] (n, 3); NaN in rows without it."""
+        """Actual position, from the source `judge` [m] [NED] (n, 3); NaN if unknown."""
         return self.group(COLUMNS_OF[self.judge] + ".pos")
 
     @property
     def euler(self) -> Array:
-        """Actual roll, pitch, yaw by `judge` [rad] (n, 3); NaN in rows without them."""
+        """Actual roll, pitch, yaw, from the source `judge` [rad] (n, 3); NaN if unknown."""
         return self.group(COLUMNS_OF[self.judge] + ".att_euler", RPY)
 
     @property
     def offboard(self) -> NDArray[np.bool_]:
-        """True in rows in which a program controlled the vehicle (n,)."""
+        """Mask (n,): true in rows in which the vehicle was armed and in OFFBOARD mode."""
         return np.array([m == "OFFBOARD" for m in self.mode], bool) & self.armed
 
 
 def read_flight(path: Path) -> Flight | None:
-    """Read a log; None if the file does not exist or has no complete row."""
+    """Return the log in a CSV file; None if the file does not exist or has no complete row."""
     try:
         lines = path.read_text(errors="replace").splitlines()
     except OSError:

@@ -1,5 +1,6 @@
-"""Sockets, shared-memory pages and a file around a `Recorder`. A logger only receives: it must never send to
-a vehicle.
+"""The logger process: receives data by sockets and shared memory, passes them to a `Recorder`, and writes the log file.
+
+A logger must never send data to a vehicle.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ AIRBORNE_HEIGHT_M = 0.05
 
 
 class Logger:
-    """The process that writes `<folder>/<vehicle>.csv`: one row every 1/rate_hz [s], from the first message
-    of the vehicle on.
+    """Logger of one vehicle, which writes `<folder>/<vehicle>.csv` with `rate_hz` rows per second.
+
+    The log begins at the first message of the vehicle. All settings come from the JSON configuration (slice) of the process.
     """
 
     def __init__(self, room: ProcessContext) -> None:
@@ -49,15 +51,13 @@ class Logger:
         self._airborne_unix_s: float | None = None
 
     def run(self) -> None:
-        """Log until SIGTERM, until the world ends, or until the supervisor is dead and the vehicle
-        disarmed.
-        """
+        """Write the log until SIGTERM, or until the world ends, or until the supervisor is dead and the vehicle disarmed."""
         rate = self._clock.rate(self._rate_hz)
         while not self._room.stopping:
             try:
                 now = rate.sleep()
             except RunError:
-                self._room.event(f"{self._room.name}: the world has ended, and the log with it")
+                self._room.event(f"{self._room.name}: the world has ended, so the log ends")
                 return
             self._receive(now)
             if self._recorder.first_received is not None:
@@ -67,7 +67,7 @@ class Logger:
                 return
 
     def close(self) -> None:
-        """Write the rows that are left, report the figures, and close everything."""
+        """Write the remaining rows, send the last measurements to the supervisor, and close file and sockets."""
         self._file.writelines(self._recorder.take_rows())
         self._room.stats(self._stats())
         self._file.close()
@@ -81,7 +81,7 @@ class Logger:
                 datagram = self._socket.recv(65535)
             except OSError:
                 break
-            # On a busy computer the logger wakes late: with the wake-up time an estimate would seem to come from the future.
+            # Not `now`: on a busy computer the logger wakes late, and the estimate would seem to come from the future.
             self._recorder.receive(datagram, self._clock.now())
         if self._capture is not None:
             try:
@@ -105,7 +105,7 @@ class Logger:
         self._recorder.sample(now, now + self._wall_offset, truth)
 
     def _is_airborne(self, truth: Truth | None) -> bool:
-        """Judge by the truth if there is one, else by the autopilot's land detector."""
+        """Return whether the vehicle is in the air, from the ground truth, or without it from the land detector."""
         if truth is None:
             ground = self._recorder.telemetry.ground
             return self._recorder.armed and ground is not None and not ground.landed
@@ -122,8 +122,9 @@ class Logger:
         )
 
     def _once_a_second(self) -> bool:
-        """Flush the file and report the figures, once a second of wall time. Return whether the logger is to
-        end.
+        """Flush the file and send measurements to the supervisor, once per second of wall time.
+
+        Return whether the logger must end, because the supervisor is dead and the vehicle is disarmed.
         """
         wall = time.monotonic()
         if wall - self._reported < REPORT_PERIOD_S:
@@ -135,7 +136,7 @@ class Logger:
         return self._shutdown.over(orphaned=self._room.orphaned, any_armed=self._recorder.armed, now=wall)
 
     def _report_capture(self) -> None:
-        """Log why no poses arrive, only when the reason changes."""
+        """Report the reason why no poses arrive, whenever the reason changes."""
         if self._capture is None:
             return
         news = self._mocap_report.changed(self._capture.diagnosis())
@@ -144,15 +145,16 @@ class Logger:
             print(f"logger: {news}", file=sys.stderr, flush=True)
 
     def _report_fault(self, fault: str) -> None:
-        """Log a fault only when it changes."""
+        """Report a fault if it differs from the last one."""
         if fault != self._fault:
             self._fault = fault
             self._room.event(f"{self._room.name}: {fault}")
 
 
 def _open_csv(path: Path, header: str) -> TextIO:
-    """Open the log to append. A log that a killed logger of this run began is continued after its last
-    complete row.
+    """Open the log file and write the header. If the file already has this header, append after the last complete row.
+
+    Such a file is from a logger that was killed and restarted in the same run.
     """
     written = path.read_bytes() if path.exists() else b""
     whole = written[: written.rfind(b"\n") + 1] if written.startswith(header.encode()) else b""

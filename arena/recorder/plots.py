@@ -1,6 +1,6 @@
-"""Plots of flights: one picture per group of columns, actual against desired, and all vehicles from above and from the side.
+"""Plots of flights: actual and desired values over time for each vehicle, and the paths of all vehicles.
 
-The layout is fixed: matplotlib's constrained layout draws every picture twice.
+The layout is fixed, because matplotlib's constrained layout draws every figure twice, which is slow.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ _ACTUAL, _ESTIMATE, _DESIRED = "tab:blue", "tab:orange", "black"
 
 
 def plot_vehicle(flight: Flight, folder: Path) -> list[Path]:
-    """Write the plots of one vehicle and return their paths: position, velocity, attitude, rates, estimator_error.
+    """Write the plots of one vehicle and return their paths.
 
-    A real vehicle has no estimator_error.
+    The plots are position, velocity, attitude and rates, and for a simulated vehicle also estimator_error.
     """
     actual, degrees = COLUMNS_OF[flight.judge], np.degrees
     moving = actual if flight.simulated else "ekf"  # motion capture measures no velocity and no rates
@@ -75,7 +75,10 @@ def _group(
     names: tuple[str, str, str],
     scale: Any = None,
 ) -> Path:
-    """Plot three components over time. names: column groups of the actual, estimated and desired values."""
+    """Plot three components over time and return the path of the plot.
+
+    names: column groups of the actual, estimated and desired values.  scale: function that converts the values to `unit`.
+    """
     figure, rows = _three_axes()
     thin = _thin(flight.t.size)
     lines = [(names[1], _ESTIMATE, "-", "estimate", 2.5)] if names[0] != names[1] else []
@@ -117,8 +120,9 @@ def _finish(
 
 
 def plot_all(flights: Sequence[Flight], size_m: Sequence[float] | None, folder: Path) -> Path:
-    """Plot the paths of all vehicles from above (north up, east right) and from the east. size_m: the room, north, east, height
-    [m].
+    """Plot the paths of all vehicles from above (north up, east right) and from the east. Return the path of the plot.
+
+    size_m: size of the flight room: north, east, height [m]; None if unknown.
     """
     figure = Figure(figsize=(11, 6.5))
     figure.subplots_adjust(left=0.06, right=0.98, bottom=0.09, top=0.87, wspace=0.15)

@@ -1,8 +1,7 @@
-"""Received telemetry, poses and truth of one vehicle -> rows of its log. Pure: bytes, values and times in,
-text out.
+"""Conversion of the telemetry, poses and ground truth of one vehicle to the rows of its log. Pure.
 
-A row is one instant. It is written some time later, when each measured group has a sample on both sides of
-it.
+A row belongs to one instant. The row is written later, when each measured group has a sample before and after that
+instant.
 """
 
 from __future__ import annotations
@@ -39,7 +38,10 @@ Cell = float | str | bool
 
 @dataclass(frozen=True, kw_only=True)
 class _Pending:
-    """An instant whose row is not written yet. time_s: of the logger's clock; stamp: in the first column."""
+    """An instant whose row is not written yet.
+
+    time_s: time of the row, by the clock of the logger [s].  stamp: value of the first column [s].
+    """
 
     time_s: float
     stamp: float
@@ -47,9 +49,10 @@ class _Pending:
 
 
 class Recorder:
-    """Build the log of one vehicle.
+    """Builder of the log of one vehicle: takes received data, returns rows as text.
 
-    system_id: its MAV_SYS_ID. index: its row in the truth page, None for a real vehicle.
+    system_id: MAV_SYS_ID of the vehicle.
+    index: row of the vehicle in the truth page (ground truth in shared memory); None for a real vehicle.
     """
 
     def __init__(self, system_id: int, index: int | None) -> None:
@@ -71,19 +74,19 @@ class Recorder:
 
     @property
     def header(self) -> str:
-        """The first line of the log."""
+        """First line of the log, with the names of the columns."""
         return ",".join(columns(self._index is not None)) + "\n"
 
     @property
     def armed(self) -> bool:
-        """The armed flag of the last heartbeat."""
+        """Armed flag of the last heartbeat; false before the first one."""
         heart = self.telemetry.heartbeat
         return heart is not None and heart.armed
 
-    # -- what is received
+    # -- received data
 
     def receive(self, datagram: bytes, now: float) -> None:
-        """Take one datagram from the vehicle, or from its program. now: local time of reception [s]."""
+        """Decode one datagram from the vehicle or from its user program. now: local time of reception [s]."""
         if datagram[6:7] == _PROGRAM_BYTES and self._program.on_datagram(datagram, now):
             self._take_program_reference(now)
             return
@@ -98,10 +101,10 @@ class Recorder:
     def receive_pose(
         self, p_n: Sequence[float] | Array, q_nb: Sequence[float] | Array, exposed: float, now: float
     ) -> None:
-        """Take a tracked motion-capture pose.
+        """Add a motion-capture pose of the vehicle.
 
-        p_n: position of the body origin [m] [NED] (3,). q_nb: attitude [-] wxyz (4,).
-        exposed: time of exposure, by the server's clock [s]. now: local time of reception [s].
+        p_n: position of the body origin [m] [NED] (3,).  q_nb: attitude [-] wxyz (4,).
+        exposed: time of exposure, by the clock of the motion-capture server [s].  now: local time of reception [s].
         """
         self.poses += 1
         self._pose.receive(exposed, now, np.concatenate([q_nb, p_n]))
@@ -143,16 +146,17 @@ class Recorder:
     # -- rows
 
     def sample(self, now: float, stamp: float, truth: Truth | None = None) -> None:
-        """Ask for a row of this instant; `take_rows` returns it when it is complete.
+        """Request a row for the instant `now`. `take_rows` returns the row when it is complete.
 
-        now: local time of the row [s]. stamp: value of its first column [s]. truth: the simulated world at
-        `now`.
+        now: local time of the row [s].  stamp: value of its first column [s].
+        truth: ground truth of the simulated world at `now`.
         """
         self._pending.append(_Pending(time_s=now, stamp=stamp, truth=truth))
 
     def take_rows(self, now: float = math.inf) -> Iterator[str]:
-        """Yield the lines of all rows that are complete or MAX_GAP_S old, oldest first. Without `now`: all
-        that are left.
+        """Yield the requested rows that are complete or older than MAX_GAP_S, oldest first, as lines of text.
+
+        now: local time [s]; without this argument all remaining rows.
         """
         while self._pending:
             oldest = self._pending[0]
@@ -166,7 +170,7 @@ class Recorder:
         return any(series.waits_for(time_s) for series in measured)
 
     def row(self, time_s: float, stamp: float, truth: Truth | None = None) -> str:
-        """Return the line of one instant. Arguments as `sample` has them."""
+        """Return the row of one instant as a line of text. time_s: local time of the row [s]. Other arguments: see `sample`."""
         self.rows += 1
         local, attitude = self._local.at(time_s), self._attitude.at(time_s)
         cells: list[Cell] = [f"{stamp:.4f}", *_estimate(local, attitude), *self._imu_cells(time_s)]
@@ -199,7 +203,7 @@ class Recorder:
         ]
 
     def _references(self, time_s: float) -> list[Cell]:
-        """Return the cells from pos_ref to act.output, in the order of columns.py."""
+        """Return the cells of the columns from pos_ref to act.output, in the order of `arena.recorder.columns`."""
         pos, vel, yaw = self._position_reference(time_s)
         q_nb, rates, thrust = _NAN4, _NAN3, math.nan
         if (wanted := self._attitude_setpoint.at(time_s)) is not None:
@@ -210,8 +214,9 @@ class Recorder:
         return _flat(pos, euler_from_quat(q_nb), [yaw], vel, q_nb, rates, [thrust], air, outputs)
 
     def _position_reference(self, time_s: float) -> tuple[Array, Array, float]:
-        """Return position, velocity and yaw: the program's where it publishes them, else the autopilot's
-        setpoint.
+        """Return position, velocity and yaw references [NED]: from the user program if it publishes them, else the setpoint.
+
+        The setpoint is the one that the autopilot reports. NaN if unknown.
         """
         pos, vel, yaw = _NAN3, _NAN3, math.nan
         for reference in (self._setpoint.at(time_s), self._program_reference.at(time_s)):
@@ -256,7 +261,7 @@ def _text(cell: Cell) -> str:
 
 
 def rates(recorder: Recorder, now: float) -> dict[str, float | int]:
-    """Return figures for the summary: mean rates [Hz] since the vehicle was first received, and counts."""
+    """Return mean rates [Hz] since the first message of the vehicle, and counts, for the summary. now: local time [s]."""
     since = now - (now if recorder.first_received is None else recorder.first_received)
     each: Iterable[tuple[str, int]] = (
         ("log_hz", recorder.rows),

@@ -1,6 +1,6 @@
 """The report of a run: `python -m arena.recorder.report RUN` writes plots, summary.json and summary.txt.
 
-A killed run leaves files out or incomplete: the report names what is missing and covers what is there.
+If a run was killed, some files are missing or incomplete. The report lists the missing files and uses the others.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ _WORLD = ("lateness_p99_ms", "lateness_worst_ms", "rtf", "rtf_min", "rtf_max", "
 def main(argv: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else argv
     if len(arguments) != 1 or not Path(arguments[0]).is_dir():
-        print("report: expected one argument, a run folder", file=sys.stderr)
+        print("report: expected one argument: the path of a run folder", file=sys.stderr)
         return 2
     print(report(Path(arguments[0])))
     return 0
 
 
 def report(run: Path) -> str:
-    """Write plots/, summary.json and summary.txt into the run folder and return the text."""
+    """Write plots/, summary.json and summary.txt into the run folder. Return the text of summary.txt."""
     missing: list[str] = []
     plan, outcome = _json(run / "plan.json", missing), _json(run / "outcome.json", missing)
     names = [v["name"] for v in plan.get("vehicles", ())] or sorted(
@@ -65,7 +65,7 @@ def report(run: Path) -> str:
     for name in names:
         flight = read_flight(run / "csv" / f"{name}.csv")
         if flight is None:
-            missing.append(f"csv/{name}.csv: no row of it")
+            missing.append(f"csv/{name}.csv: no complete row")
         else:
             flights[name] = flight
     pictures = _plots(run, list(flights.values()), plan, missing)
@@ -83,7 +83,11 @@ def summarise(
     missing: list[str],
     pictures: list[str],
 ) -> dict[str, Any]:
-    """Return the whole summary as one JSON-ready object. outcome: the content of outcome.json, {} if missing."""
+    """Return the summary of a run as one JSON-ready object.
+
+    names: names of the vehicles.  flights: vehicle -> log.  outcome: content of outcome.json, {} if missing.
+    missing: texts about missing files.  pictures: paths of the plots.
+    """
     processes = outcome.get("processes", {})
     stats = {name: row.get("stats", {}) for name, row in processes.items()}
     judged = stats.get("world", {}).get("vehicles", {})
@@ -113,8 +117,9 @@ def summarise(
 
 
 def _rates(name: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return what each process counted per second: motion-capture frames, poses to the autopilot, rows of the
-    log.
+    """Return the rates that the logger and the pose forwarder of a vehicle have reported [Hz].
+
+    name: name of the vehicle.  stats: process -> its measurements.
     """
     found = {room: stats.get(f"{room}.{name}", {}) for room in ("logger", "forward")}
     return {
@@ -130,7 +135,7 @@ def _process(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _px4(run: Path, plan: Mapping[str, Any], outcome: Mapping[str, Any]) -> dict[str, Any]:
-    """Return, for each vehicle that PX4 flew: its version, how it ended if by itself, and its ULogs."""
+    """Return vehicle -> data of its PX4: version, how PX4 ended if it ended by itself, and paths of the ULog files."""
     found = {}
     for name, given in plan.get("slices", {}).items():
         if not name.startswith("px4."):
@@ -152,7 +157,7 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
     from arena.recorder.plots import (
         plot_all,
         plot_vehicle,
-    )  # matplotlib is slow to import: only where something is drawn
+    )  # imported only here, because importing matplotlib is slow
 
     folder = run / "plots"
     folder.mkdir(exist_ok=True)
@@ -168,7 +173,10 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
 
 
 def _size_m(plan: Mapping[str, Any]) -> Any:
-    """Return the size of the room from the world's slice, or from the preflight checks of a real vehicle."""
+    """Return the size of the flight room [m], from the configuration of the world, or of the link to a real vehicle.
+
+    Return None if unknown.
+    """
     slices = {name.removesuffix(".json"): given for name, given in plan.get("slices", {}).items()}
     links = [given.get("preflight") or {} for name, given in slices.items() if name.startswith("link.")]
     return next(

@@ -1,7 +1,7 @@
-"""Short histories of received values, and their value at a given instant. Pure: times are arguments.
+"""Short histories of received values, which return the value at a given instant. Pure: times are arguments.
 
-A log row is one instant. Measurements are interpolated to it; commands and states, which change in steps,
-hold their last value.
+A row of the log belongs to one instant. Measurements are interpolated for that instant. Commands and states change in
+steps, so their last value is used.
 """
 
 from __future__ import annotations
@@ -18,19 +18,18 @@ T = TypeVar("T")
 Interpolate = Callable[[Array, Array, float, float], Array]
 
 MAX_GAP_S = 0.5
-"""Longest time between two samples that are interpolated; longer gaps give empty cells."""
+"""Longest time between two samples for interpolation [s]. In longer gaps the cells of the log are empty."""
 _HISTORY = 256  # samples: more than 1 s of motion capture at 180 Hz
 _SAME_CLOCK_S = 0.05
 _MAX_OFFSET_JUMP_S = 1.0
-_MAX_DRIFT = 5e-5  # of the sender's clock against ours [s/s]
+_MAX_DRIFT = 5e-5  # drift of the sender's clock relative to the clock of this computer [s/s]
 
 
 class SenderClock:
-    """Convert a sender's time stamps to local time, with the smallest delay received so far as the clock
-    offset.
+    """Converter from the time stamps of a sender to local time. The clock offset is the smallest delay so far.
 
-    A simulated sender stamps with simulation time: an offset below 50 ms counts as zero.
-    A stamp that does not advance is not used: the time of reception takes its place.
+    An offset below 50 ms counts as zero, because simulated senders use the same simulation time.
+    If a time stamp does not advance, the time of reception is used instead.
     """
 
     def __init__(self) -> None:
@@ -39,9 +38,9 @@ class SenderClock:
         self._stamp: float | None = None
 
     def local(self, stamp: float, received: float) -> float:
-        """Return the local time [s] of a sender's time stamp.
+        """Convert a time stamp to local time [s].
 
-        stamp: sender's time [s]. received: local time of reception [s].
+        stamp: time stamp, by the clock of the sender [s].  received: local time of reception [s].
         """
         stands_still, self._stamp = stamp == self._stamp, stamp
         if stands_still:
@@ -58,9 +57,10 @@ class SenderClock:
 
 
 class Series:
-    """The last samples of one measured group, oldest first.
+    """History of the last samples of one measured group of values.
 
-    interpolate: (before, after, fraction 0..1, seconds between them) -> value; linear by default.
+    interpolate: function (sample before, sample after, fraction 0..1, time between the samples [s]) -> value. Linear by
+        default.
     """
 
     def __init__(self, interpolate: Interpolate | None = None) -> None:
@@ -69,25 +69,22 @@ class Series:
         self._clock = SenderClock()
 
     def receive(self, stamp: float, received: float, value: Array) -> None:
-        """Append a sample that bears its sender's time stamp. stamp: sender's time [s]; received: local time
-        [s].
-        """
+        """Append a sample with a time stamp of its sender. stamp: time by the sender's clock [s].  received: local time [s]."""
         self.add(self._clock.local(stamp, received), value)
 
     def add(self, time_s: float, value: Array) -> None:
-        """Append a sample of local time time_s [s]. A sample that is not newer than the last one is dropped."""
+        """Append a sample, unless it is not newer than the last one. time_s: local time of the sample [s]."""
         if not self._samples or time_s > self._samples[-1][0]:
             self._samples.append((time_s, value))
 
     def waits_for(self, time_s: float) -> bool:
-        """Return whether a sample at or after time_s is still expected: the stream is alive and has not
-        reached it.
-        """
+        """Return whether a sample at or after `time_s` will probably arrive: the last one is older, by at most MAX_GAP_S."""
         return bool(self._samples) and 0.0 < time_s - self._samples[-1][0] <= MAX_GAP_S
 
     def at(self, time_s: float) -> Array | None:
-        """Return the value at time_s [s]; None unless samples not more than MAX_GAP_S apart lie on both
-        sides.
+        """Return the value at local time `time_s` [s], interpolated between the samples before and after that time.
+
+        Return None if one of the two is missing or they are more than MAX_GAP_S apart.
         """
         after: tuple[float, Array] | None = None
         for sample in reversed(self._samples):
@@ -109,7 +106,10 @@ def _between(
 
 
 class Held(Generic[T]):
-    """The last values of one group that changes in steps: a mode, a setpoint."""
+    """History of the last values of one group that changes in steps, such as a flight mode or a setpoint.
+
+    max_age_s: age above which a value is no longer returned [s].
+    """
 
     def __init__(self, max_age_s: float) -> None:
         self._values: deque[tuple[float, T]] = deque(maxlen=_HISTORY)
@@ -117,16 +117,12 @@ class Held(Generic[T]):
         self._clock = SenderClock()
 
     def receive(self, stamp: float, received: float, value: T) -> None:
-        """Append a value that bears its sender's time stamp. stamp: sender's time [s]; received: local time
-        [s].
-        """
+        """Append a value with a time stamp of its sender. stamp: time by the sender's clock [s].  received: local time [s]."""
         if not self._is_newest(value):
             self.add(self._clock.local(stamp, received), value)
 
     def add(self, time_s: float, value: T) -> None:
-        """Append a value that is valid from local time time_s [s] on, unless it is the same object as the
-        last one.
-        """
+        """Append a value that is valid from local time `time_s` [s] on. Does nothing if the last value is the same object."""
         if not self._is_newest(value):
             self._values.append((time_s, value))
 
@@ -134,9 +130,7 @@ class Held(Generic[T]):
         return bool(self._values) and self._values[-1][1] is value
 
     def at(self, time_s: float) -> T | None:
-        """Return the value that was valid at time_s [s]; None when it was older than max_age_s, or there was
-        none yet.
-        """
+        """Return the value that was valid at local time `time_s` [s]; None if there was none or it was too old."""
         for received, value in reversed(self._values):
             if received <= time_s:
                 return value if time_s - received <= self._max_age_s else None
@@ -148,9 +142,10 @@ def _linear(before: Array, after: Array, fraction: float, _: float) -> Array:
 
 
 def position_velocity(before: Array, after: Array, u: float, span: float) -> Array:
-    """Interpolate positions by a cubic with the right velocity at both ends, and velocities linearly.
+    """Interpolate a position by a cubic Hermite spline and a velocity linearly. Return both (6,).
 
-    before, after: position [m] and velocity [m/s] (6,). u: fraction 0..1. span: time between the samples [s].
+    before, after: position [m] and velocity [m/s] of the two samples (6,).
+    u: fraction 0..1 of the time between the samples.  span: time between the samples [s].
     """
     p0, v0, p1, v1 = before[:3], before[3:], after[:3], after[3:]
     # Cubic Hermite basis: https://en.wikipedia.org/wiki/Cubic_Hermite_spline
@@ -161,8 +156,9 @@ def position_velocity(before: Array, after: Array, u: float, span: float) -> Arr
 
 
 def leading_quaternion(before: Array, after: Array, fraction: float, _: float) -> Array:
-    """Interpolate a quaternion on the sphere, and what follows it linearly. before, after: wxyz and others (4
-    + n,).
+    """Interpolate a quaternion by slerp, and the other values linearly.
+
+    before, after: quaternion wxyz and n other values (4 + n,).  fraction: 0..1.
     """
     q_nb = quat_slerp(before[None, :4], after[None, :4], np.array([fraction]))[0]
     return np.concatenate([q_nb, before[4:] + fraction * (after[4:] - before[4:])])

@@ -1,6 +1,4 @@
-"""The plot of a smoke flight: height, distance and mode of every vehicle over time, with the times of the
-steps.
-"""
+"""Plot of a smoke flight: height, distance and flight mode of every vehicle over time, with marks at the steps."""
 
 from __future__ import annotations
 
@@ -19,13 +17,12 @@ _GOOD, _BAD = "tab:green", "tab:red"
 
 @dataclass(frozen=True, kw_only=True)
 class Track:
-    """The values of one vehicle.
+    """The plotted values of one vehicle.
 
     t: simulation time [s] (n,).
-    height: height of the lowest point [m] (n,).
-    distance: distance to the nearest other vehicle, or of a single vehicle from its start [m] (n,), NaN if
-        unknown.
-    modes: flight modes, "" if unknown.
+    height: height of the lowest point above the floor [m] (n,).
+    distance: distance to the nearest other vehicle, or, with one vehicle only, to its start [m] (n,); NaN if unknown.
+    modes: flight modes (n,), "" if unknown.
     """
 
     t: Array
@@ -36,7 +33,7 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """A step at at_s [s], with its text and whether it passed."""
+    """A mark in the plot for a step of the scenario. at_s: simulation time [s].  good: the step passed."""
 
     at_s: float
     text: str
@@ -44,7 +41,7 @@ class Mark:
 
 
 def draw(title: str, tracks: Mapping[str, Track], marks: Sequence[Mark], path: Path) -> Path:
-    """Write the plot. Marks are numbered in the plot and listed below it."""
+    """Write the plot to `path` and return `path`. The marks are numbered in the plot and listed below it."""
     figure = Figure(figsize=(9, 7.5 + 0.17 * len(marks)), layout="constrained")
     above, middle, below = figure.subplots(3, 1, sharex=True)
     known = list(dict.fromkeys(mode for track in tracks.values() for mode in track.modes if mode))
@@ -79,5 +76,5 @@ def draw(title: str, tracks: Mapping[str, Track], marks: Sequence[Mark], path: P
 
 
 def _plain(text: str) -> str:
-    """Escape `$`, which matplotlib reads as a formula."""
+    """Return the text with `$` escaped, because matplotlib reads `$` as the begin of a formula."""
     return text.replace("$", r"\$")

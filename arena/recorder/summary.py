@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 SLOW_FACTOR = 0.98
-"""Below this share of the requested speed a flight was too slow."""
+"""Fraction of the requested speed below which the simulation counts as too slow."""
 
 
 def as_text(summary: Mapping[str, Any]) -> str:
-    """Return the text. summary: as `report.summarise` returns it."""
+    """Return the text of summary.txt. summary: object that `report.summarise` has returned."""
     lines = [
         _head(summary),
         *_real_time(summary),
@@ -33,7 +33,7 @@ def _head(s: Mapping[str, Any]) -> str:
 
 
 def _real_time(s: Mapping[str, Any]) -> list[str]:
-    """Return a line if the simulation ran slower than was asked for."""
+    """Return a line if the simulation ran slower than requested; else no line."""
     measured = s.get("real_time") or {}
     factor, asked = measured.get("factor"), measured.get("asked")
     if factor is None or asked is None or factor >= SLOW_FACTOR * asked:

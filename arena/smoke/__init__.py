@@ -1,5 +1,6 @@
-"""Smoke flights: the scenario language, the referee that judges, and the flying of scenarios.
+"""Smoke flights: automated test flights of scenario files.
 
-Imports run one way: language <- referee <- flying. Language and referee are pure: no sockets, processes or
-    clocks.
+Three packages: `language` reads scenario files, `referee` decides whether a flight passed, `flying` runs the arena.
+`referee` imports `language`, and `flying` imports both; never the other way round. `language` and `referee` are pure:
+they use no sockets, processes or clocks.
 """

@@ -1,4 +1,4 @@
-"""The pytest plugin: the fixture `arena_run` flies scenarios, or an arena that a test leads itself.
+"""The pytest plugin with the fixture `arena_run`, which flies a scenario, or starts an arena that the test controls.
 
     def test_hover(arena_run):
         arena_run("hover.smoke.yaml")
@@ -9,8 +9,8 @@
             flight.do("kill program uav1")
             flight.expect("uav1.mode == LAND within 2 s")
 
-Paths are relative to the test's file. Every pytest run loads this module, so it imports nothing of arena
-until a test needs it.
+Paths are relative to the file of the test. Every pytest run loads this module. Therefore it imports other modules of
+arena only when a test uses the fixture.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
 
 class ArenaRun:
-    """The fixture's value. folder: paths are relative to it. results: folder for run folders."""
+    """Value of the fixture `arena_run`.
+
+    folder: folder to which the paths of arenas and scenarios are relative.  results: folder for run folders.
+    """
 
     def __init__(self, folder: Path, results: Path) -> None:
         self._folder, self.results = folder, results
@@ -35,10 +38,11 @@ class ArenaRun:
     def __call__(
         self, scenario: str | Path, *, set: Sequence[str] = (), speed: str = "max", seed: int | None = None
     ) -> list[Result]:
-        """Fly a scenario in every arena that it names and return the results.
+        """Fly a scenario once in every arena that the file names and return the results.
 
-        set: `key=value` texts, as `--set`.
-        Raises AssertionError with the failures, and InputError if the file is wrong.
+        set: `key=value` texts that override the YAML, as `arena up --set`.
+        speed: simulated seconds per second, or "max".  seed: of world and motion capture; None: as the YAML says.
+        Raises AssertionError with the failures if the scenario fails, and InputError if the file is wrong.
         """
         from arena.smoke.flying.fly_scenario import FlightOptions, fly, refuse_real
         from arena.smoke.language.scenario import load_scenarios
@@ -58,8 +62,9 @@ class ArenaRun:
     def up(
         self, arena: str | Path, *, set: Sequence[str] = (), speed: str = "max", seed: int | None = None
     ) -> ScriptedFlight:
-        """Return a flight that the test leads: `with arena_run.up("arena.yaml") as flight: ...`; see
-        `arena.smoke.flying.scripted_flight`.
+        """Return a flight that the test controls: `with arena_run.up("arena.yaml") as flight: ...`.
+
+        The arguments are the same as for a scenario. See `arena.smoke.flying.scripted_flight`.
         """
         from arena.schema import load_arena
         from arena.smoke.flying.fly_scenario import refuse_real
@@ -85,5 +90,5 @@ def _complaints(result: Result) -> list[str]:
 
 @pytest.fixture
 def arena_run(request: pytest.FixtureRequest, tmp_path: Path) -> ArenaRun:
-    """Fixture that flies scenarios and arenas; see `arena.smoke.plugin`."""
+    """Fixture that flies a scenario, or starts an arena that the test controls. See `arena.smoke.plugin`."""
     return ArenaRun(request.path.parent, tmp_path / "arena")

@@ -1,6 +1,6 @@
-"""Results of scenarios for users and machines: a table, JUnit XML, results.json, and plots of failed flights.
+"""Output of scenario results: a table for the terminal, JUnit XML, results.json, and plots of failed flights.
 
-JUnit XML is written with the standard library: `junitparser` has no `file` and `line` of a testcase.
+JUnit XML is written with the standard library, because `junitparser` does not support `file` and `line` of a test case.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def _reasons(result: Result) -> Iterator[str]:
 
 
 def reasons(result: Result) -> list[str]:
-    """Return why a scenario failed, `file:line: sentence` each; empty if it passed."""
+    """Return one text `file:line: reason` per failure of a scenario; empty if the scenario passed."""
     found = [f"{_where(place)}{sentence}" for place, sentence in result.verdict.failures]
     return (
         found
@@ -81,7 +81,7 @@ def _where(place: Place | None) -> str:
 
 
 def details(result: Result) -> list[str]:
-    """Return one line for everything that was judged: what, when, and how near to failing."""
+    """Return the result in detail: one line per step, rule, touchdown and problem, with times and worst values."""
     lines = [
         f"seed {result.seed}, {result.verdict.lasted_s:.2f} s of simulation, over: {result.verdict.ended}"
     ]
@@ -115,7 +115,7 @@ def _touchdown(t: Touchdown) -> str:
 
 
 def summary(results: Sequence[Result]) -> str:
-    """Return one line: how many scenarios flew and failed, and for how long."""
+    """Return one line with the number of scenarios, the number of failed ones and the total simulation time."""
     failed = sum(not r.verdict.passed for r in results)
     flown = sum(r.verdict.lasted_s for r in results)
     text = f"{len(results)} scenario{'s' if len(results) != 1 else ''}, "
@@ -128,7 +128,7 @@ def summary(results: Sequence[Result]) -> str:
 def junit_xml(results: Sequence[Result], unflown: Iterable[str] = ()) -> str:
     """Return JUnit XML for CI servers: one testcase per scenario.
 
-    unflown: names of scenarios that were interrupted; each is an error.
+    unflown: names of scenarios that were interrupted or not started; each is reported as an error.
     """
     missing = list(unflown)
     failed = sum(not r.verdict.passed for r in results)
@@ -167,24 +167,24 @@ def _testcase(suite: ElementTree.Element, result: Result) -> None:
 
 
 def _line(result: Result) -> int:
-    """Return the line of the first failure."""
+    """Return the line of the first failure in the scenario file; 1 if unknown."""
     return next((place.line for place, _ in result.verdict.failures if place is not None), 1)
 
 
 def _plain(text: str) -> str:
-    """Replace characters that XML does not allow."""
+    """Return the text with "?" instead of each character that XML does not allow."""
     return _NO_XML.sub("?", text)
 
 
 def results_json(results: Sequence[Result]) -> str:
-    """Return JSON that `read_results` reads back as equal results. The key `passed` is for other readers."""
+    """Return the results as JSON. `read_results` converts it back; the extra key `passed` is for other programs."""
     return (
         json.dumps([{"passed": r.verdict.passed, **dataclasses.asdict(r)} for r in results], indent=1) + "\n"
     )
 
 
 def read_results(text: str) -> list[Result]:
-    """Return the results of a JSON text of `results_json`."""
+    """Return the results from a JSON text that `results_json` has written."""
     return [
         _result({key: value for key, value in raw.items() if key != "passed"}) for raw in json.loads(text)
     ]
@@ -207,7 +207,11 @@ def _result(raw: dict[str, Any]) -> Result:
 
 
 def draw(result: Result, rows: Sequence[Row], folder: Path) -> list[str]:
-    """Plot height, distance and mode over time to folder/plots/scenario.png. Return the paths of the plots."""
+    """Plot height, distance and mode over time to folder/plots/scenario.png.
+
+    rows: values of all vehicles over the flight.  folder: the run folder.
+    Return the paths of the plots; empty if there are no rows.
+    """
     if not rows:
         return []
     import numpy as np
@@ -231,8 +235,9 @@ def draw(result: Result, rows: Sequence[Row], folder: Path) -> list[str]:
 
 
 def _marks(verdict: Verdict) -> Iterator[tuple[float, str, bool]]:
-    """Yield (time [s], text, passed) of each step in order, and of broken rules; a failed step is marked at
-    its begin.
+    """Yield (time [s], text, passed) for each step and each violated rule, to be marked in the plot.
+
+    The time of a failed step is the time at which the step began.
     """
     for step in verdict.steps:
         at = step.done_s if step.outcome == "passed" else step.begun_s

@@ -180,7 +180,7 @@ def test_old_word_for_an_event_is_still_read() -> None:
 def test_real_time_factor_is_a_rule_without_a_unit() -> None:
     found = read_rule("real time factor > 0.95", NAMES, HERE).condition
     assert (found.kind, found.operator, found.value) == ("real time factor", ">", 0.95)
-    with pytest.raises(WrongWordError, match="expected it in a rule"):
+    with pytest.raises(WrongWordError, match="allowed only under `always`"):
         read_expectation("real time factor > 0.95 within 2 s", NAMES, HERE)
 
 
@@ -297,9 +297,9 @@ WRONG: dict[str, tuple[object, str, str]] = {
         "got '>=' after 'uav1.height', expected < or >. Write > instead.",
     ),
     "wrong unit": (read_rule, "uav1.tilt < 40 m", "got 'm' after '40', expected the unit deg."),
-    "rms of something else": (read_rule, "uav1.tilt < 40 deg rms", "expected no rms"),
-    "rms in an expectation": (read_expectation, "tracking(uav1) < 1 m rms within 2 s", "expected no rms"),
-    "rule with a time": (read_rule, "uav1.tilt < 40 deg for 2 s", "a rule holds all the time"),
+    "rms of something else": (read_rule, "uav1.tilt < 40 deg rms", "expected no `rms`"),
+    "rms in an expectation": (read_expectation, "tracking(uav1) < 1 m rms within 2 s", "expected no `rms`"),
+    "rule with a time": (read_rule, "uav1.tilt < 40 deg for 2 s", "a rule must hold during the whole flight"),
     "and": (
         read_rule,
         "uav1.armed && uav2.armed",
@@ -323,7 +323,7 @@ WRONG: dict[str, tuple[object, str, str]] = {
     "process that is not there": (
         read_action,
         "kill px4 uav1",
-        "a vehicle with a px4; the arena has no process px4.uav1",
+        "a vehicle that has a px4 (the arena has no process px4.uav1)",
     ),
     "tool misspelt": (read_action, "kill tool veiw", "Did you mean view?"),
     "second word misspelt": (

@@ -92,7 +92,7 @@ def test_rule_without_any_value_fails(referee_for) -> None:
     expected = sentence(judged(referee_for(FLOWN, ["tracking(uav1) < 1 m rms"])))
     assert (
         expected
-        == "nothing was observed to judge it by: no position setpoint was received in OFFBOARD and in the air"
+        == "the rule could not be evaluated: no position setpoint was received in OFFBOARD and in the air"
     )
     assert "no vehicle took off" in sentence(judged(referee_for("  - at: start\n", ["inside geofence"])))
 
@@ -131,4 +131,4 @@ def test_flight_in_real_time_keeps_the_rule(referee_for) -> None:
 
 def test_real_time_factor_without_wall_time_fails_as_unobserved(referee_for) -> None:
     verdict = judged(referee_for(FLOWN, ["real time factor > 0.95"]))
-    assert "nothing was observed to judge it by: the flight was shorter than 1 s" in sentence(verdict)
+    assert "the rule could not be evaluated: the flight was shorter than 1 s" in sentence(verdict)

@@ -34,9 +34,9 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "arena as a number": (
         "arena: 3\n" + STEP,
         "1: arena: ",
-        "got 3, expected the arena's file, a list of such files, or a mapping",
+        "got 3, expected the path of an arena's YAML, a list of such paths, or a mapping",
     ),
-    "empty list of arenas": ("arena: []\n" + STEP, "1: arena: ", "expected the arena's file"),
+    "empty list of arenas": ("arena: []\n" + STEP, "1: arena: ", "expected the path of an arena's YAML"),
     "arena that is not there": (
         "arena: tow.yaml\n" + STEP,
         "1: arena: ",
@@ -184,7 +184,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "copilot that is not there": (
         HEAD + "steps: [do: kill copilot]\n",
         "2: steps[0].do: ",
-        "expected a process of the arena, which has no copilot",
+        "expected a process of the arena (the arena has no copilot)",
     ),
     "no mapping": ("- 3\n", "1: ", "expected"),
 }

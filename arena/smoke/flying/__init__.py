@@ -1,1 +1,1 @@
-"""Flying a scenario: the running arena, its observer and the actions on it."""
+"""Execution of scenarios: start the arena, observe it, and carry out actions on it."""

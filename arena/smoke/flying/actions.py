@@ -1,8 +1,6 @@
-"""Actions of a scenario, carried out on its arena: signals to recorded pids, faults to the processes'
-sockets, commands to vehicles.
+"""Execution of the actions of a scenario (`do`): signals to processes, injected faults, commands to vehicles.
 
-Nothing here waits: an action is carried out while simulation time stands still, and a scenario observes its
-    effect.
+No action waits for its effect, because simulation time stands still meanwhile. The scenario observes the effect later.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ _CONTROL_S = 0.5  # wall time; below the 1 s that the world waits for its client
 
 
 class ActionRunner:
-    """The actions on one running arena. run: its run folder. rt: its runtime folder."""
+    """Executor of actions on one running arena. run: path of the run folder.  rt: path of the runtime folder."""
 
     def __init__(self, plan: Plan, run: Path, rt: Path, run_log: RunLog, listener: TelemetryListener) -> None:
         self._run, self._rt, self._run_log, self._listener = run, rt, run_log, listener
@@ -47,7 +45,7 @@ class ActionRunner:
         self._slices = {name.removesuffix(".json"): _slice(run, name) for name in plan.slices}
 
     def do(self, action: Action) -> None:
-        """Carry out an action, or undo it. Raises RunError if that is not possible."""
+        """Carry out an action, or undo it if `action.undo`. Raises RunError if that is not possible."""
         if action.verb in _SIGNALS or action.verb == "restart":
             for process in action.processes:
                 with contextlib.suppress(RunError) if action.undo else contextlib.nullcontext():
@@ -71,7 +69,7 @@ class ActionRunner:
         member = self._run_log.member(process)
         if member is None or not member.alive:
             raise RunError(f"{process} is not running")
-        # Every process but the supervisor leads a group of its own; a PX4 is in the group of its `px4.<v>`.
+        # Every process except the supervisor has its own process group. PX4 is in the group of its process `px4.<v>`.
         for pid in [member.pid] if process == "supervisor" else proc_fs.group_members(member.pgid):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, _SIGNALS[verb])
@@ -83,7 +81,7 @@ class ActionRunner:
         self._listener.command(vehicle, _DO_SET_MODE, _CUSTOM_MODE, main, sub)
 
     def _run_emergency(self, verb: str) -> None:
-        """Start the command that a person would type; its output goes into the run folder."""
+        """Start the command that a user would type. Its output goes into the folder `logs` of the run folder."""
         module, *words = _EMERGENCY[verb]
         with (self._run / "logs" / f"{verb.replace(' ', '-')}.txt").open("ab") as out:
             self._commands.append(
@@ -99,7 +97,7 @@ class ActionRunner:
 
     @property
     def commands_running(self) -> bool:
-        """True while such a command runs. It runs on wall time."""
+        """True while a command such as `arena land-all` runs. Such commands use wall time."""
         return any(command.poll() is None for command in self._commands)
 
     # -- faults
@@ -115,7 +113,9 @@ class ActionRunner:
         for room, fault in faults(action, self._vehicles, self._slices.get("world", {})):
             path = self._slices.get(room, {}).get("faults")
             if not path:
-                raise RunError(f"{room} of this arena accepts no faults: its slice has no `faults` socket")
+                raise RunError(
+                    f"{room} cannot inject faults: the key `faults` is missing in its configuration file"
+                )
             inject(path, fault)
 
     def _drain_s(self, vehicle: str) -> float:
@@ -125,10 +125,10 @@ class ActionRunner:
 def faults(
     action: Action, vehicles: Mapping[str, VehiclePlan], world: Mapping[str, Any]
 ) -> list[tuple[str, Fault]]:
-    """Return (process, fault) pairs for an action, or for undoing it.
+    """Return (process, fault) pairs: the faults that carry out an action, or that undo it if `action.undo`.
 
     vehicles: all vehicles of the arena, by name.
-    world: the world's slice.
+    world: JSON configuration (slice) of the world, with its initial wind.
     """
     hit = [vehicles[name] for name in action.vehicles]
     if action.verb in _AT_ONCE:
@@ -194,7 +194,7 @@ _EACH: dict[str, tuple[str, Callable[[Action, VehiclePlan], Fault]]] = {
 
 
 def _slice(run: Path, name: str) -> dict[str, Any]:
-    """Return a process's JSON slice, as the supervisor has filled it in; {} if it cannot be read."""
+    """Return the JSON configuration (slice) of a process from the run folder; {} if it cannot be read."""
     try:
         found: dict[str, Any] = json.loads((run / "slices" / name).read_text())
     except (OSError, ValueError):

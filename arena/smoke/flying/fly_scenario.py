@@ -1,4 +1,4 @@
-"""A scenario flown and judged: the referee decides, a session carries it out."""
+"""The flight of one scenario: starts its arena, passes observations to the referee and carries out its actions."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from arena.smoke.referee.referee import Referee
 from arena.smoke.referee.verdict import Result
 from arena.smoke.report import draw
 
-# wall time: a flight may take WALL_LIMIT_S and WALL_LIMIT_PER_S for each second of its time limit
+# limit of the wall time of a flight: WALL_LIMIT_S + WALL_LIMIT_PER_S * time limit of the scenario
 WALL_LIMIT_S, WALL_LIMIT_PER_S = 60.0, 10.0
 REPORT_TIMEOUT_S = 120.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class FlightOptions:
-    """How scenarios are flown.
+    """Options for the flight of a scenario.
 
-    results: the folder for run folders, one folder per scenario.
-    speed: as `arena up --speed`.
-    seed: None: as the YAML files say.
+    results: folder in which each scenario gets a folder for its run folders.
+    speed: simulated seconds per second, or "max", as `arena up --speed`.
+    seed: seed of world and motion capture; None: as the YAML files say.
     """
 
     results: Path
@@ -42,7 +42,10 @@ class FlightOptions:
 
 
 def fly(scenario: Scenario, options: FlightOptions) -> Result:
-    """Fly one scenario. No process of the arena runs when this returns or raises; the run folder stays."""
+    """Fly one scenario and return its result.
+
+    When this function returns or raises, all processes of the arena have ended. The run folder is kept.
+    """
     began, referee = time.monotonic(), Referee(scenario)
     folder = options.results / slug(scenario.name)
     folder.mkdir(parents=True, exist_ok=True)
@@ -71,8 +74,10 @@ def fly(scenario: Scenario, options: FlightOptions) -> Result:
 
 
 def _fly_until_over(referee: Referee, session: Session, deadline: float) -> str:
-    """Observe until the referee ends the flight. Return a failure of the flight itself, or "". deadline: wall
-    time [s].
+    """Observe, and carry out the actions of the referee, until the referee ends the flight or the arena ends.
+
+    deadline: latest end, monotonic wall time [s].
+    Return the reason if the flight could not be completed; else "".
     """
     while not referee.over:
         now = session.observer.observe()
@@ -84,12 +89,12 @@ def _fly_until_over(referee: Referee, session: Session, deadline: float) -> str:
             except ArenaError as error:
                 referee.action_failed(action, str(error))
         if time.monotonic() > deadline:
-            return f"the flight took too long in wall time: it was at {now.time_s:.1f} s of simulation time"
+            return f"the flight took too long in wall time: it was stopped at {now.time_s:.1f} s of simulation time"
     return ""
 
 
 def refuse_real(arena: Arena) -> None:
-    """Raise InputError if the arena has a real vehicle: scenarios inject faults."""
+    """Raise InputError if the arena has a real vehicle, because scenarios inject faults."""
     if real := [v.name for v in arena.vehicles if not v.simulated]:
         raise InputError(
             f"{arena.file}: got real vehicles ({', '.join(real)}), expected simulated ones: scenarios inject faults"
@@ -97,8 +102,9 @@ def refuse_real(arena: Arena) -> None:
 
 
 def launch_options(scenario: Scenario, folder: Path, options: FlightOptions) -> LaunchOptions:
-    """Return how the scenario's arena is started. An arena inside the scenario is written to a file in
-    `folder` first.
+    """Return the options with which the arena of a scenario is started.
+
+    An arena that is written inside the scenario file is first written to a file of its own in `folder`.
     """
     if scenario.arena_file:
         return LaunchOptions(
@@ -116,13 +122,16 @@ def launch_options(scenario: Scenario, folder: Path, options: FlightOptions) -> 
 
 
 def slug(name: str) -> str:
-    """Return a folder's name: `offboard loss lands [four]` -> offboard-loss-lands-four."""
+    """Return a folder name for a scenario: `offboard loss lands [four]` -> offboard-loss-lands-four."""
     return re.sub(r"[^\w.]+", "-", name).strip("-.") or "scenario"
 
 
 @contextlib.contextmanager
 def alone_if_px4(arena: Arena) -> Iterator[None]:
-    """Hold a lock while an arena with a real PX4 flies: PX4 binds its ports on every address of the computer."""
+    """Hold a lock file while an arena with PX4 flies, so that only one such arena flies at a time.
+
+    PX4 binds its ports on every address of the computer.
+    """
     if not any(v.autopilot == "px4" for v in arena.vehicles):
         yield
         return
@@ -143,7 +152,7 @@ def _facts(arena: Arena) -> dict[str, str]:
 
 
 def _make_report(run: Path) -> None:
-    """Write the summary and plots that `arena up --no-report` left out, for flights that failed."""
+    """Write summary and plots of a failed flight. `arena up` ran with --no-report, so they do not exist yet."""
     argv = [sys.executable, "-m", "arena.recorder.report", str(run)]
     with (
         (run / "logs" / "report.log").open("wb") as out,

@@ -1,4 +1,4 @@
-"""Vehicle states for the referee, from the truth, the telemetry and the world's crash reports. Pure."""
+"""Vehicle states for the referee, from the ground truth, the telemetry and the crash reports of the world. Pure."""
 
 from __future__ import annotations
 
@@ -13,16 +13,21 @@ from arena.wire.telemetry import Telemetry
 from arena.wire.truth_page import Array, Truth
 
 UP_M, DOWN_M = 0.10, 0.03
-"""Heights of the lowest point above the floor: airborne above UP_M, on the floor below DOWN_M, unchanged in between [m]."""
+"""Heights of the lowest point of a vehicle above the floor [m]: airborne above UP_M, on the floor below DOWN_M.
+
+Between the two heights the state does not change.
+"""
 MAX_AGE_S = 1.0
-"""Older telemetry is unknown."""
+"""Age above which telemetry counts as unknown [s]."""
 IDLE_ROTOR = 0.01
-"""Highest rotor command of a disarmed vehicle, 0..1: armed rotors idle above it."""
+"""Rotor command (0..1) below which the vehicle is disarmed. The rotors of an armed vehicle idle above it."""
 
 
 class VehicleStates:
-    """The states of all vehicles, with what they need to remember. vehicles: rows of the world's slice, in
-    the order of the truth page.
+    """Estimator of the states of all vehicles. It remembers which vehicles are airborne.
+
+    vehicles: rows of `vehicles` in the world's configuration (slice), in the order of the truth page (ground truth of the
+        world in shared memory).
     """
 
     def __init__(self, vehicles: Sequence[Mapping[str, Any]]) -> None:
@@ -33,9 +38,10 @@ class VehicleStates:
     def update(
         self, truth: Truth | None, telemetry: Mapping[str, Telemetry], crashed: Mapping[str, str], now: float
     ) -> dict[str, VehicleState]:
-        """Return the state of each vehicle.
+        """Return vehicle -> state; {} without ground truth.
 
-        telemetry: of each vehicle, received in simulation time.
+        truth: ground truth of all vehicles, None if there is none yet.
+        telemetry: vehicle -> telemetry, with times of reception in simulation time.
         crashed: vehicle -> crash report.
         now: simulation time [s].
         """
@@ -66,8 +72,9 @@ class VehicleStates:
 
 
 def _known_telemetry(telemetry: Telemetry, now: float, *, rotors: float) -> dict[str, Any]:
-    """Return the telemetry of the last second. A silent vehicle whose rotors (0..1) stand still counts as
-    disarmed.
+    """Return the fields of VehicleState that come from telemetry. Telemetry older than MAX_AGE_S is unknown.
+
+    rotors: largest rotor command (0..1). A vehicle without recent heartbeat counts as disarmed if its rotors stand still.
     """
 
     def fresh(group: Any) -> Any:
@@ -86,8 +93,9 @@ def _known_telemetry(telemetry: Telemetry, now: float, *, rotors: float) -> dict
 
 
 def _reach_m(profile: Mapping[str, Any], cos_tilt: float) -> float:
-    """Return the distance of the lowest point below the body's origin [m]. Bodies are cylinders, as in the
-    world.
+    """Return how far the lowest point of a tilted vehicle is below its body origin [m].
+
+    Vehicles are cylinders, as in the world. profile: vehicle profile with the dimensions.
     """
     height = float(profile["height_m"])
     bottom = float(profile.get("ground_clearance_m", height / 2.0))
@@ -96,7 +104,7 @@ def _reach_m(profile: Mapping[str, Any], cos_tilt: float) -> float:
 
 
 def _cos_tilt(q_nb: Array) -> float:
-    """Return the cosine of the body z axis's angle from the vertical."""
+    """Return the cosine of the angle between the body z axis and the vertical. q_nb: attitude (4,), w first."""
     _, x, y, _ = q_nb.tolist()
     return float(1.0 - 2.0 * (x * x + y * y))
 

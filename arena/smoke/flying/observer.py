@@ -1,7 +1,8 @@
-"""Observation of a running arena: the truth, the vehicles' telemetry and the run folder, 50 times per simulated second.
+"""Observation of a running arena 50 times per simulated second: ground truth, telemetry, and the logs of the run.
 
-The observer is a client of the simulation clock: simulation time stands still during an observation, for at most 1 s of wall time.
-It needs only the world. A router, supervisor or program that does not reply leaves values unknown.
+The observer is a client of the simulation clock. Simulation time stands still during an observation, for at most 1 s of
+wall time. The observer needs only the world. If the router, the supervisor or a program does not reply, some values are
+unknown.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ from arena.supervisor import RunState
 from arena.wire.truth_page import TruthReader
 
 OBSERVATION_PERIOD_S = 0.02
-"""Simulation time between two observations."""
+"""Simulation time between two observations [s]."""
 CLOCK_TIMEOUT_S, _POLL_S = 30.0, 0.25  # wall time
 
 
 class Observer:
-    """The observer of one run.
+    """Observer of one run, which also carries out the actions of the scenario.
 
-    plan, state: of the run whose world serves the simulation time.
-    ended: the reason why there is nothing more to observe, "" before.
-    problem: that reason, if no scenario may cause it.
-    all_down: at the last observation every vehicle was on the floor and disarmed.
+    plan: plan of the run.  state: content of the run's state.json.
+    ended: why observation has ended, such as a world that stopped; "" while it goes on.
+    problem: the same reason if it is a defect that no action of a scenario causes; else "".
+    all_down: true if at the last observation every vehicle was on the floor and disarmed.
     """
 
     def __init__(self, plan: Plan, state: RunState) -> None:
@@ -51,8 +52,10 @@ class Observer:
         self._next = self._clock.now()
 
     def observe(self) -> Observation | None:
-        """Wait OBSERVATION_PERIOD_S and observe; None when the arena has ended, with the reason in `ended`."""
-        if self._actions.commands_running:  # they run on wall time and need a world that keeps that pace
+        """Wait OBSERVATION_PERIOD_S of simulation time and return an observation; None if the arena has ended (see `ended`)."""
+        if (
+            self._actions.commands_running
+        ):  # these commands use wall time, so keep the world from running faster
             time.sleep(OBSERVATION_PERIOD_S)
         try:
             self._next = max(self._next, self._clock.now()) + OBSERVATION_PERIOD_S
@@ -70,18 +73,18 @@ class Observer:
         return self._observation(time_s)
 
     def do(self, action: Action) -> None:
-        """Carry out an action, or undo it. Raises RunError if that is not possible."""
+        """Carry out an action, or undo it if `action.undo`. Raises RunError if that is not possible."""
         self._actions.do(action)
 
     def idle(self, wall_s: float) -> None:
-        """Wait for this time at the pace of the wall clock, without an observation."""
+        """Wait `wall_s` while the simulation runs in real time, without an observation."""
         with contextlib.suppress(RunError):
             self._clock.request_wake(self._clock.now() + wall_s)
             self._clock.wait_for_wake(wall_s)
         time.sleep(wall_s)
 
     def close(self) -> None:
-        """Disconnect from the clock and the vehicles."""
+        """Disconnect from the simulation clock and from the router."""
         self._clock.close()
         self._listener.close()
 
@@ -100,7 +103,10 @@ class Observer:
         return Observation(time_s=time_s, vehicles=vehicles, processes=states, events=events, wall_s=wall_s)
 
     def _wait_for_time(self) -> float | None:
-        """Return the time when it has come; None when the world stands still. Raises RunError when it has ended."""
+        """Wait for the requested simulation time and return it [s]; None if simulation time stands still.
+
+        Raises RunError if the world has ended.
+        """
         deadline = time.monotonic() + CLOCK_TIMEOUT_S
         while (time_s := self._clock.wait_for_wake(_POLL_S)) is None and time.monotonic() < deadline:
             pass
@@ -108,6 +114,6 @@ class Observer:
 
 
 def slice_of(run: Path, name: str) -> Mapping[str, Any]:
-    """Return the JSON slice of a process, as the supervisor has filled it in."""
+    """Return the JSON configuration (slice) of a process from the run folder."""
     found: dict[str, Any] = json.loads((run / "slices" / f"{name}.json").read_text())
     return found

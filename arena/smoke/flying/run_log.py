@@ -1,6 +1,4 @@
-"""The log of a running arena, read while it grows: events.jsonl, the world's log, and the recorded processes
-of state.json.
-"""
+"""Reader of the logs of a running arena while they are written: events.jsonl, the log of the world, and state.json."""
 
 from __future__ import annotations
 
@@ -14,13 +12,13 @@ from arena.supervisor.run_folder import Member
 
 
 class Tail:
-    """A text file that grows. Only complete lines are read."""
+    """Reader of a text file to which another process appends. Only complete lines are read."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._at, self._rest = path, 0, b""
 
     def lines(self) -> list[str]:
-        """Return the lines written since the last call."""
+        """Return the complete lines appended since the last call."""
         try:
             if self._path.stat().st_size <= self._at:
                 return []
@@ -35,12 +33,12 @@ class Tail:
 
 
 class RunLog:
-    """The log of one run folder.
+    """Reader of the logs in one run folder.
 
-    states: process -> READY, EXITED, ... as the supervisor last wrote.
+    states: process -> READY, EXITED, ..., as the supervisor last wrote to events.jsonl.
     crashed: vehicle -> crash report.
-    A supervisor that is dead or stopped writes nothing: then the recorded pids show which processes have
-        ended, and the world's own log has the crashes.
+    If the supervisor is dead or stopped, it does not write events.jsonl. Then the pids in state.json show which processes
+    have ended, and the crash reports come from the log of the world.
     """
 
     def __init__(self, run: Path, processes: Iterator[str] | list[str]) -> None:
@@ -51,8 +49,9 @@ class RunLog:
         self._members: dict[str, Member] = {}
 
     def read(self) -> list[str]:
-        """Return the events since the last call: `program.uav1: EXITED: exit 1`, `world: uav1 crashed:
-        touched a wall at 3.2 s`.
+        """Return the events since the last call as text, and update `states` and `crashed`.
+
+        Examples: `program.uav1: EXITED: exit 1`, `world: uav1 crashed: touched a wall at 3.2 s`.
         """
         events = [line for line in map(self._parse, self._events.lines()) if line]
         for line in self._world.lines():
@@ -61,24 +60,25 @@ class RunLog:
 
     @property
     def started(self) -> bool:
-        """True when every process has been started, including those that have ended since."""
+        """True if every process has been started, also if it has ended since."""
         return not any(state in ("STOPPED", "STARTING") for state in self.states.values())
 
     def member(self, process: str) -> Member | None:
-        """Return the process's newest record; "supervisor" has one too. After the run the last known record
-        is returned.
+        """Return the newest record of a process in state.json, or None. process: name, or "supervisor".
+
+        After the run, when state.json is deleted, the last record that was read is returned.
         """
         if (state := open_run(self._run)) is not None:
             self._members = {**self._members, **state.processes, "supervisor": state.supervisor}
         return self._members.get(process)
 
     def members(self) -> dict[str, Member]:
-        """Return all recorded processes, alive or not."""
+        """Return name -> record of all processes that state.json has listed, also of processes that have ended."""
         self.member("")
         return dict(self._members)
 
     def update_without_supervisor(self) -> None:
-        """Set the state EXITED for each process that has ended, when no supervisor does so."""
+        """Set the state EXITED for each process that has ended. Call it when the supervisor has died and logs no states."""
         members = self.members()
         for process, state in self.states.items():
             if state not in ("EXITED", "FATAL", "STOPPED") and not (

@@ -1,8 +1,8 @@
-"""Several scenarios at a time, each in a process of its own with an arena of its own.
+"""Parallel flights of several scenarios. Each scenario is flown by a worker: a process with its own arena.
 
-Each worker is the leader of a session: a Ctrl-C in the terminal reaches only this process. The first Ctrl-C
-    asks every worker to land and end its arena, the second to end it at once. A killed worker ends its arena,
-    and so does a killed runner.
+Each worker has its own session, so Ctrl-C in the terminal reaches only this process, the runner. At the first Ctrl-C
+the runner asks every worker to land and end its arena, at the second to end the arena at once. If a worker or the
+runner is killed, the arenas end as well.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class _Worker:
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during the flights. results: of the scenarios that had ended before."""
+    """Ctrl-C during the flights. results: results of the scenarios that were complete."""
 
     def __init__(self, results: Sequence[Result]) -> None:
         super().__init__()
@@ -56,9 +56,10 @@ def fly_all(
 ) -> list[Result]:
     """Fly scenarios and return their results in the same order.
 
-    jobs: number of scenarios at a time.
-    on_result: called with each result as its flight ends.
-    Raises Interrupted when all arenas have ended after a Ctrl-C.
+    jobs: largest number of scenarios flown at the same time.
+    on_result: function that is called with each result when the flight ends.
+    flown_by: function that flies one scenario; replaced by tests.
+    Raises Interrupted after Ctrl-C, when all arenas have ended.
     """
     results: dict[int, Result] = {}
     waiting, workers = list(range(len(scenarios))), list[_Worker]()
@@ -85,7 +86,7 @@ def fly_all(
 
 @contextmanager
 def _stops() -> Iterator[list[int]]:
-    """Collect the signals that arrive meanwhile, for a loop that polls them."""
+    """Collect SIGINT, SIGTERM and SIGHUP in a list inside the `with` block, instead of being interrupted by them."""
     found: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -100,7 +101,7 @@ def _stops() -> Iterator[list[int]]:
 
 
 def _begin(index: int, scenario: Scenario, options: FlightOptions, flown_by: Fly) -> _Worker:
-    """Fork a worker, which shares what has been imported and loaded."""
+    """Fork a worker that flies one scenario. Fork is used because the worker then needs no imports."""
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(theirs, os.getpid(), scenario, options, flown_by))
@@ -129,13 +130,13 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _ended(workers: Sequence[_Worker]) -> list[_Worker]:
-    """Return the workers that have sent a result or closed their pipe; empty after _POLL_S without one."""
+    """Wait up to _POLL_S and return the workers that have sent a result or closed their pipe."""
     ready = wait([worker.answer for worker in workers], _POLL_S) if workers else []
     return [worker for worker in workers if worker.answer in ready]
 
 
 def _result(worker: _Worker, scenario: Scenario, options: FlightOptions) -> Result | None:
-    """Return the worker's result; None if it was interrupted."""
+    """Return the result of a worker that has ended; None if the worker was interrupted."""
     try:
         result: Result | None = worker.answer.recv()
     except EOFError:

@@ -1,4 +1,4 @@
-"""A flight that a Python test leads line by line, in the language of scenarios.
+"""A flight that a Python test controls step by step, with texts in the language of scenario files.
 
     with ScriptedFlight(arena, options) as flight:
         flight.always("separation > 0.8 m")
@@ -7,8 +7,8 @@
         flight.expect("uav1.mode == LAND within 2 s")
         assert flight.vehicle("uav1").p_n[0] < 3.0
 
-Simulation time passes only inside these calls. A statement that does not come true raises AssertionError with
-the observed values.
+Simulation time passes only inside these calls. If an expectation or a rule fails, AssertionError is raised with the
+observed values.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ T = TypeVar("T")
 
 
 class ScriptedFlight:
-    """A flight led by a test.
+    """A flight that a test controls; a context manager that starts and ends the arena.
 
-    arena: as loaded from `options.arena` with its overrides.
-    A wrong word raises InputError with the line of the test.
+    arena: the arena loaded from `options.arena` with its overrides.
+    All methods raise InputError, with the line of the test, if a text is not valid in the scenario language.
     """
 
     def __init__(self, arena: Arena, options: LaunchOptions) -> None:
@@ -72,18 +72,19 @@ class ScriptedFlight:
 
     @property
     def now(self) -> Observation:
-        """The last observation."""
+        """The newest observation."""
         if not self._flight.now.vehicles:
             self._observe()
         return self._flight.now
 
     def vehicle(self, name: str) -> VehicleState:
-        """Return the vehicle's state at the last observation."""
+        """Return the state of a vehicle at the newest observation."""
         return self.now.vehicles[name]
 
     def until(self, trigger: str, limit_s: float) -> Observation:
-        """Wait until the trigger has come, such as `uav1.airborne + 3 s`. Raises AssertionError after limit_s
-        [s].
+        """Wait until a trigger such as `uav1.airborne + 3 s` has come.
+
+        limit_s: longest wait in simulation time [s]; AssertionError is raised after it.
         """
         read = self._read(trigger, read_trigger)
         begun = self.now.time_s
@@ -98,11 +99,11 @@ class ScriptedFlight:
         return self.now
 
     def wait(self, time_s: float) -> Observation:
-        """Wait for this simulation time [s]."""
+        """Wait for `time_s` seconds of simulation time."""
         return self.until(f"then + {time_s!r} s", time_s + 1.0)
 
     def do(self, action: str) -> None:
-        """Carry out an action. Raises RunError if that is not possible."""
+        """Carry out an action, such as `kill program uav1`. Raises RunError if that is not possible."""
         read = self._read(action, read_action)
         self._flight.now = self.now
         self._flight.action()
@@ -111,8 +112,9 @@ class ScriptedFlight:
             self._undo.append((self.now.time_s + read.for_s, replace(read, undo=True)))
 
     def expect(self, expectation: str) -> Observation:
-        """Wait until the expectation is fulfilled; its time counts from now. Raises AssertionError if it
-        fails.
+        """Wait until an expectation such as `uav1.landed within 10 s` is fulfilled. Its time limit starts now.
+
+        Raises AssertionError if the expectation fails.
         """
         tracker = ExpectationTracker(
             expectation=self._read(expectation, read_expectation), begun_s=self.now.time_s
@@ -128,8 +130,9 @@ class ScriptedFlight:
         return self.now
 
     def always(self, rule: str) -> None:
-        """Check this rule from now on for every vehicle in flight. Leaving the flight raises AssertionError
-        if it was broken.
+        """Check a rule such as `separation > 0.8 m` from now on, for every vehicle in flight.
+
+        If the rule is violated, leaving the `with` block raises AssertionError.
         """
         self._rules.append(RuleTracker(rule=self._read(rule, read_rule)))
 
@@ -147,7 +150,7 @@ class ScriptedFlight:
             self.session.observer.do(action)
 
     def _failures(self) -> list[str]:
-        """Return the crashes and broken rules of the flight."""
+        """Return one text per crash and per violated rule of the flight."""
         crashes = [f"{name} crashed: {how}" for name, how in self._flight.crashes.items()]
         return crashes + [
             result.failure
@@ -164,6 +167,6 @@ class ScriptedFlight:
 
 
 def _caller(text: str) -> Place:
-    """Return the line of the test that called."""
+    """Return the file and line of the test that called a method of this module. text: text of the entry."""
     frames = [frame for frame in traceback.extract_stack() if frame.filename != __file__]
     return Place(file=os.path.relpath(frames[-1].filename), line=frames[-1].lineno or 0, text=text)

@@ -1,4 +1,4 @@
-"""A running arena, started like a user starts it, and ended for certain."""
+"""A running arena for one flight: started with `arena up`, like a user does, and ended completely."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ _libc = ctypes.CDLL(None)
 
 @dataclass(frozen=True, kw_only=True)
 class LaunchOptions:
-    """How an arena is started.
+    """Options with which an arena is started.
 
-    arena: its YAML file.
-    runs: the folder for its run folder.
-    overrides: `key=value` texts, as `--set`.
-    speed: as `arena up --speed`.
-    seed: of the world and the motion capture; None: as the YAML file says.
+    arena: YAML file of the arena.
+    runs: folder in which the run folder is created.
+    overrides: `key=value` texts, as `arena up --set`.
+    speed: simulated seconds per second, or "max", as `arena up --speed`.
+    seed: seed of the world and the motion capture; None: as the YAML file says.
     """
 
     arena: Path
@@ -75,11 +75,14 @@ class LaunchOptions:
 
 
 class Session:
-    """An arena: `with Session(options) as session: while observation := session.observer.observe(): ...`.
+    """Context manager that starts an arena and ends it.
 
-    Entering raises RunError with the output of an arena that does not start. Leaving lands and ends the
-    arena; none of its processes is left.
-    run: its run folder, None before there is one.
+        with Session(options) as session:
+            while observation := session.observer.observe(): ...
+
+    Entering raises RunError, with the output of `arena up`, if the arena does not start. Leaving lands the vehicles and
+    ends all processes of the arena.
+    run: path of the run folder; None before it exists.
     """
 
     def __init__(self, options: LaunchOptions) -> None:
@@ -106,13 +109,13 @@ class Session:
 
     @property
     def observer(self) -> Observer:
-        """The observer of the arena. Raises RunError while no arena is up."""
+        """The observer of the arena. Raises RunError if no arena is running."""
         if self._observer is None:
             raise RunError("no arena is up")
         return self._observer
 
     def outcome(self) -> dict[str, Any]:
-        """Return the content of outcome.json after the end; {} if a killed supervisor wrote none."""
+        """Return the content of outcome.json after the end of the arena; {} if there is none, as after a killed supervisor."""
         try:
             found = json.loads((self.run / "outcome.json").read_text()) if self.run else {}
         except (OSError, ValueError):
@@ -146,13 +149,14 @@ class Session:
             )
         world = slice_of(run, "world")
         pages = (Path(f"{world['clock']}.sock"), Path(world["truth"]))
-        self._until(lambda: all(page.exists() for page in pages), "has no world that serves the time")
+        self._until(lambda: all(page.exists() for page in pages), "started no world")
         self._observer = Observer(plan, state)
         return self._observer
 
     def _wait_for_all(self, observer: Observer) -> None:
-        """Observe until all processes have started, at most at the pace of the wall clock: starting processes
-        need the machine.
+        """Observe until all processes have started.
+
+        The simulation runs at most in real time meanwhile, because the starting processes need the CPU.
         """
         deadline = time.monotonic() + START_TIMEOUT_S
         while not observer.run_log.started:
@@ -168,8 +172,9 @@ class Session:
             time.sleep(OBSERVATION_PERIOD_S)
 
     def _until(self, check: Callable[[], T | None], what: str) -> T:
-        """Return the first true value of `check`. Raises RunError with the arena's output when the arena ends
-        first.
+        """Poll `check` and return its first true value. what: text for the error, such as "made no run folder".
+
+        Raises RunError, with the output of `arena up`, if the arena ends first or START_TIMEOUT_S has passed.
         """
         deadline = time.monotonic() + START_TIMEOUT_S
         while not (value := check()):
@@ -183,7 +188,7 @@ class Session:
         return value
 
     def _last_output(self) -> str:
-        """Return the end of the output of `arena up`."""
+        """Return the last lines of the output of `arena up`."""
         with contextlib.suppress(OSError):
             return "\n".join(self._output.read_text(errors="replace").splitlines()[-8:])
         return ""
@@ -191,7 +196,7 @@ class Session:
     # -- end
 
     def close(self) -> None:
-        """Land and end the arena. When interrupted, kill what is left and raise the interruption."""
+        """Land the vehicles and end the arena. At an interrupt, kill the remaining processes and raise the interrupt again."""
         try:
             self._end()
         finally:
@@ -203,9 +208,7 @@ class Session:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def _end(self) -> None:
-        """End the arena like a user: continue stopped processes, then SIGTERM, or `arena down` if the
-        supervisor is dead.
-        """
+        """Continue stopped processes, then end the arena with SIGTERM, or with `arena down` if the supervisor is dead."""
         if self._arena_up is None:
             return
         for pid in self._processes():
@@ -233,8 +236,9 @@ class Session:
                 )
 
     def _idle_while(self, check: Callable[[], bool], limit_s: float) -> None:
-        """Wait while `check` holds, at the pace of the wall clock if nobody flies: a world that runs on would
-        only take CPU time.
+        """Wait while `check` returns true, for at most `limit_s` of wall time.
+
+        While an observer is connected (no vehicle flies), the world runs in real time, because a faster one wastes CPU time.
         """
         deadline = time.monotonic() + limit_s
         while check() and time.monotonic() < deadline:
@@ -249,7 +253,7 @@ class Session:
             self._observer = None
 
     def _kill_remaining(self) -> None:
-        """Kill processes until none is left."""
+        """Kill the processes of this run until none is left."""
         if self._arena_up is not None and self._arena_up.poll() is None:
             self._arena_up.kill()
             self._arena_up.wait()
@@ -260,15 +264,16 @@ class Session:
             time.sleep(_POLL_S)
 
     def _tidy(self) -> None:
-        """Keep the output of `arena up` in the run folder and delete the record of running processes."""
+        """Copy the output of `arena up` to logs/up.txt in the run folder and delete state.json."""
         if self.run is not None:
             with contextlib.suppress(OSError):
                 shutil.copyfile(self._output, self.run / "logs" / "up.txt")
                 (self.run / "state.json").unlink(missing_ok=True)
 
     def _processes(self) -> Iterator[int]:
-        """Yield the pids of all processes that this run has started: recorded ones, and those that carry its
-        marks in their environment.
+        """Yield the pids of all processes that this run has started.
+
+        These are the processes in state.json and all processes with the path of the run in their environment.
         """
         recorded = (
             {self._arena_up.pid} if self._arena_up is not None and self._arena_up.poll() is None else set()
@@ -285,8 +290,9 @@ class Session:
                 yield pid
 
     def _env(self) -> dict[str, str]:
-        """Return the environment of `arena up`. The mark comes last: a process that sets its title may
-        overwrite the first variables.
+        """Return the environment of `arena up`, with ARENA_RUNTIME_DIR as the last variable.
+
+        The last, because a process that sets its title may overwrite the first variables.
         """
         return {
             **{key: value for key, value in os.environ.items() if key != RUNTIME_DIR_VARIABLE},
@@ -295,16 +301,16 @@ class Session:
 
 
 def free_address() -> str:
-    """Return 127.99.x.y on which no router listens. The search begins at an address that depends on the
-    process id.
-    """
+    """Return an address 127.99.x.y on which no router listens. The first address tried depends on the process id."""
     first = os.getpid()
     for number in range(first, first + 1000):
         address = f"127.99.{number // 250 % 250}.{number % 250 + 1}"
         with contextlib.suppress(OSError):
             open_udp((address, LINK_BASE)).close()
             return address
-    raise RunError("no loopback address of 127.99.0.0/16 is free: do 1000 arenas run?")
+    raise RunError(
+        "no free loopback address found in 1000 addresses of 127.99.0.0/16: end some of the running arenas"
+    )
 
 
 def _end_with_parent() -> None:

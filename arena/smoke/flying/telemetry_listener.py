@@ -1,8 +1,8 @@
-"""Telemetry of each vehicle for the referee, received on the router's tools port. The listener requests
-messages and commands nothing by itself.
+"""Receiver of the telemetry of each vehicle for the referee, on the router's port for tools.
 
-HEARTBEAT has no configurable rate, so each one is requested. The rates of the other messages are set in the
-autopilot, and set again when they do not arrive.
+The listener requests messages, but sends no commands to the vehicles unless the scenario requires one. The rate of
+HEARTBEAT cannot be configured, so each HEARTBEAT is requested. The rates of the other messages are set in the autopilot,
+and set again if the messages do not arrive.
 """
 
 from __future__ import annotations
@@ -33,14 +33,15 @@ RECEIVED = {
 _HEARTBEAT_PERIOD_S = 0.04  # simulation time between requests: every second observation
 _MISSING_S = 0.25  # simulation time without EXTENDED_SYS_STATE after which rates are requested
 _RETRY_S = 0.2  # simulation time between these requests
-_LATE_S = 0.1  # simulation time: telemetry older than this is waited for
+_LATE_S = 0.1  # simulation time: the listener waits for telemetry that is older than this
 _MAX_WAIT_S = 0.03  # wall time
 _DATAGRAM_BYTES = 1 << 16
 
 
 class TelemetryListener:
-    """The telemetry of all vehicles. vehicles: of a running plan. Times are simulation time [s] unless called
-    wall time.
+    """Receiver of the telemetry of all vehicles. All times are simulation time [s].
+
+    vehicles: vehicles of the running plan.  telemetry: vehicle -> newest telemetry.
     """
 
     def __init__(self, vehicles: Sequence[VehiclePlan]) -> None:
@@ -50,12 +51,12 @@ class TelemetryListener:
         self._sockets = {v.name: _open(v) for v in vehicles}
         self._next_heartbeat = dict.fromkeys(self._sockets, float("-inf"))
         self._next_rates = dict(self._next_heartbeat)
-        self._prompt: set[str] = set()  # vehicles whose telemetry was in time: worth waiting for
+        self._prompt: set[str] = (
+            set()
+        )  # vehicles whose last telemetry was in time; `listen` waits for these only
 
     def listen(self, now: float) -> None:
-        """Receive what has arrived, wait a short time for vehicles whose telemetry is old, and request
-        missing messages.
-        """
+        """Receive telemetry, wait up to _MAX_WAIT_S for late telemetry, and request missing messages."""
         self._drain(now)
         deadline = time.monotonic() + _MAX_WAIT_S
         while (late := [name for name in self._prompt if self._is_late(name, now)]) and (
@@ -68,14 +69,14 @@ class TelemetryListener:
             self._ask(name, now)
 
     def command(self, vehicle: str, number: int, *params: float) -> None:
-        """Send one COMMAND_LONG without waiting for its acknowledgement: a scenario observes the effect."""
+        """Send one COMMAND_LONG without waiting for COMMAND_ACK. number: MAV_CMD.  params: up to 7 parameters."""
         seven = [*params, *[0.0] * 7][:7]
         self._send(
             vehicle, mavlink.MAVLink_command_long_message(self._vehicles[vehicle].id, 1, number, 0, *seven)
         )
 
     def set_parameter(self, vehicle: str, name: str, value: float) -> None:
-        """Set a parameter of type float."""
+        """Send PARAM_SET for a parameter of type float."""
         self._send(
             vehicle,
             mavlink.MAVLink_param_set_message(
@@ -96,9 +97,7 @@ class TelemetryListener:
                     break
 
     def _is_late(self, name: str, now: float) -> bool:
-        """Return whether the vehicle's telemetry is old by the autopilot's own time, which is simulation
-        time.
-        """
+        """Return whether the newest position of a vehicle is older than _LATE_S, by the time stamp of the autopilot."""
         local = self.telemetry[name].local
         return local is None or now - local.boot_s > _LATE_S
 
@@ -120,7 +119,7 @@ class TelemetryListener:
 
 
 def _open(vehicle: VehiclePlan) -> socket.socket:
-    """Return a socket that is connected to the router's tools port, so that it receives from the router only."""
+    """Return a socket connected to the router's port for tools, so that it receives from the router only."""
     sock = open_udp((vehicle.router.partner_host, 0))
     sock.connect((vehicle.router.partner_host, vehicle.tools_port))
     return sock

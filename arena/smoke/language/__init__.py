@@ -1,1 +1,1 @@
-"""The scenario language: text to frozen data. Our own parser: see `tokens` and `grammar`."""
+"""The scenario language: parser from the text of a scenario file to frozen data. See `tokens` and `grammar`."""

@@ -1,5 +1,6 @@
-"""Parse one entry of a scenario: text -> trigger, condition, action, rule or allowance. The words are in
-`vocabulary`.
+"""Parser of one entry of a scenario: text -> trigger, condition, action, rule or allowance.
+
+The module `vocabulary` lists the words of the language.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from arena.wire.px4_mode import AUTO
 
 @dataclass(frozen=True, kw_only=True)
 class Names:
-    """The names that an arena has. rotors: number of rotors of each vehicle."""
+    """Names that scenario entries may use: the vehicles and processes of the arena. rotors: vehicle -> number of rotors."""
 
     vehicles: tuple[str, ...]
     processes: tuple[str, ...]
@@ -50,7 +51,10 @@ class Names:
 
 
 def read_trigger(text: str, names: Names, place: Place) -> Trigger:
-    """Read an entry `at`. Raises WrongWordError."""
+    """Parse an entry `at`, such as `uav1.airborne + 3 s`. Raises WrongWordError if the text is not valid.
+
+    names: names of the arena.  place: file and line of the text.
+    """
     tokens = TokenReader(text)
     condition, then = None, False
     if tokens.accept("then"):
@@ -63,7 +67,10 @@ def read_trigger(text: str, names: Names, place: Place) -> Trigger:
 
 
 def read_expectation(text: str, names: Names, place: Place) -> Expectation:
-    """Read an entry `expect`. Raises WrongWordError."""
+    """Parse an entry `expect`, such as `uav1.landed within 10 s`. Raises WrongWordError if the text is not valid.
+
+    names: names of the arena.  place: file and line of the text.
+    """
     tokens = TokenReader(text)
     condition = _condition(tokens, names, place)
     how = tokens.one_of(("within", "for"), "`within` a time, or `for` a time")
@@ -73,17 +80,23 @@ def read_expectation(text: str, names: Names, place: Place) -> Expectation:
 
 
 def read_rule(text: str, names: Names, place: Place) -> Rule:
-    """Read an entry of `always`. Raises WrongWordError."""
+    """Parse an entry of `always`, such as `separation > 0.8 m`. Raises WrongWordError if the text is not valid.
+
+    names: names of the arena.  place: file and line of the text.
+    """
     tokens = TokenReader(text)
     condition = _condition(tokens, names, place, rule=True)
     if tokens.next.text in {"within", "for"}:
-        raise tokens.error("nothing more: a rule holds all the time")
+        raise tokens.error("nothing more, because a rule must hold during the whole flight")
     tokens.end()
     return Rule(place=place, condition=condition)
 
 
 def read_action(text: str, names: Names, place: Place) -> Action:
-    """Read an entry `do`. Raises WrongWordError."""
+    """Parse an entry `do`, such as `kill program uav1`. Raises WrongWordError if the text is not valid.
+
+    names: names of the arena.  place: file and line of the text.
+    """
     tokens = TokenReader(text)
     form, rest = _form(tokens)
     made: dict[str, object] = {}
@@ -92,7 +105,7 @@ def read_action(text: str, names: Names, place: Place) -> Action:
     if form.lasting and tokens.accept("for"):
         made["for_s"] = tokens.quantity("time", "a time", least=0.0)
     if tokens.next.text == "for":
-        raise tokens.error(f"nothing more: `{form.verb}` cannot be undone")
+        raise tokens.error(f"nothing more, because `{form.verb}` cannot be undone after a time")
     tokens.end("for a time" if form.lasting and "for_s" not in made else "")
     if form.verb in IN_MS:
         made["number"] = round(float(made["number"]) * 1e3, 6)  # type: ignore[arg-type]
@@ -100,7 +113,7 @@ def read_action(text: str, names: Names, place: Place) -> Action:
 
 
 def read_allowance(text: str, names: Names) -> Allowance:
-    """Read an entry of `may`. Raises WrongWordError."""
+    """Parse an entry of `may`, such as `crash uav1`. Raises WrongWordError if the text is not valid."""
     tokens = TokenReader(text)
     what = tokens.one_of(("crash", "fail", "stay"), "`crash` a vehicle, `fail` a process, or `stay up`")
     if what == "stay":
@@ -120,7 +133,7 @@ def read_allowance(text: str, names: Names) -> Allowance:
 def _condition(
     tokens: TokenReader, names: Names, place: Place, also: tuple[str, ...] = (), *, rule: bool = False
 ) -> Condition:
-    """Read a condition. also: other words that could stand here, for the hint. rule: in an entry of `always`."""
+    """Parse a condition. also: other words allowed at this place, for the hint.  rule: the entry belongs to `always`."""
     negated = tokens.accept("not")
     made: dict[str, object]
     vehicle, dot, what = tokens.next.text.rpartition(".") if tokens.next.kind == "word" else ("", "", "")
@@ -143,12 +156,12 @@ def _condition(
         raise tokens.error("a condition such as uav1.airborne, separation > 0.8 m or inside geofence", known)
     if made["kind"] == REAL_TIME_FACTOR and not rule:
         raise WrongWordError(
-            "got 'real time factor', expected it in a rule of `always`: it is over the whole flight."
+            "got 'real time factor', which is allowed only under `always`, because it is measured over the whole flight."
         )
     if rule and made["kind"] == "tracking":
         made["rms"] = tokens.accept("rms")
     elif tokens.next.text == "rms":
-        raise tokens.error("no rms: only a rule on `tracking` takes it")
+        raise tokens.error("no `rms`, which is allowed only after `tracking` under `always`")
     return Condition(place=place, negated=negated, **made)  # type: ignore[arg-type]
 
 
@@ -243,7 +256,10 @@ def _vehicles(tokens: TokenReader, names: Names) -> tuple[str, ...]:
 
 
 def _named(tokens: TokenReader, names: Names, name: str) -> tuple[str, ...]:
-    """Return the vehicles that the next word names, without consuming it."""
+    """Return the vehicles for a name, or all vehicles for `each`. Raises WrongWordError for an unknown name.
+
+    No token is consumed.
+    """
     if name == EACH:
         return names.vehicles
     if name not in names.vehicles:
@@ -257,7 +273,7 @@ def _with_rest(tokens: TokenReader, vehicles: tuple[str, ...]) -> list[str]:
 
 
 def _process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
-    """Read a process and return its plan names."""
+    """Parse a process, such as `program uav1`, and return its names in the plan; several for `program each`."""
     word = tokens.next.text
     if word in VEHICLE_PROCESSES:
         tokens.advance()
@@ -265,19 +281,19 @@ def _process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
         wanted = [VEHICLE_PROCESSES[word].format(v) for v in vehicles]
         found = tuple(name for name in wanted if name in names.processes)
         if not found:
-            raise tokens.error(f"a vehicle with a {word}; the arena has no process {wanted[0]}")
+            raise tokens.error(f"a vehicle that has a {word} (the arena has no process {wanted[0]})")
     elif word == "tool":
         tokens.advance()
         tools = [name.removeprefix("tool.") for name in names.processes if name.startswith("tool.")]
         if not tools:
-            raise tokens.error("no tool: the arena has none")
+            raise tokens.error("another process, because the arena has no tools")
         if tokens.next.text not in tools:
             raise tokens.error("a tool of the arena", tools)
         found = (f"tool.{tokens.next.text}",)
     elif word in names.processes or word in UNPLANNED_PROCESSES:
         found = (word,)
     elif word in SINGLE_PROCESSES:
-        raise tokens.error(f"a process of the arena, which has no {word}")
+        raise tokens.error(f"a process of the arena (the arena has no {word})")
     else:
         raise tokens.error(
             "a process of the arena",
@@ -288,7 +304,7 @@ def _process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
 
 
 def _mode(tokens: TokenReader) -> str:
-    """Read a flight mode and return it as HEARTBEAT has it: `AUTO.LAND`."""
+    """Parse a flight mode and return its name as decoded from HEARTBEAT, such as `AUTO.LAND`."""
     name = tokens.next.text.removeprefix("AUTO.")
     name = "LOITER" if name == "HOLD" else name
     if tokens.next.kind != "word" or name not in MODES:
@@ -301,7 +317,7 @@ def _mode(tokens: TokenReader) -> str:
 
 
 def _form(tokens: TokenReader) -> tuple[Form, list[str]]:
-    """Return the form of the action that comes next, and its parts that are still to be read."""
+    """Parse the first words of an action. Return its form and the parts of the form that are not parsed yet."""
     left = [(form, form.form.split()) for form in ACTIONS]
     depth = 0
     while len(left) > 1 or depth == 0:
@@ -366,7 +382,7 @@ def _part_rotor(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
 
 
 def _nothing(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    """Read nothing: this part was read together with the one before."""
+    """Parse nothing, because this part was parsed together with the part before."""
 
 
 _READ_PART: dict[str, Callable[[TokenReader, Names, dict[str, object]], None]] = {

@@ -1,7 +1,6 @@
-"""The data of the scenario language and of the referee: what a scenario asks for, and what is observed of a
-flight.
+"""Data classes shared by `language`, `referee` and `flying`: the content of a scenario, and observations of a flight.
 
-The inner rooms `language`, `referee` and `flying` share it. It must not import any of them.
+This module must not import these packages.
 """
 
 from __future__ import annotations
@@ -13,20 +12,23 @@ from typing import Literal
 Vector = tuple[float, float, float]
 
 
-# -- what is observed of a flight
+# -- observations of a flight
 
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleState:
-    """A vehicle at one instant.
+    """State of one vehicle at one instant.
 
-    From the truth: p_n: position of the body origin [m] [NED]; v_n: velocity [m/s] [NED]; tilt_rad: angle of
-        the body z axis from the vertical [rad]; height_m: lowest point above the floor [m]; airborne: off the
-        floor, by that height.
-    From its telemetry: mode: PX4's name, "" if unknown; armed, landed: None if unknown; est_p_n: estimated
-        position; target_p_n: position setpoint [m] [NED]; battery: 0..1. Telemetry older than 1 s of
-        simulation time is unknown. A silent vehicle whose rotors stand still is not armed.
-    crashed: the world's crash report, "" for none.
+    From the ground truth of the world:
+    p_n: position of the body origin [m] [NED].  v_n: velocity [m/s] [NED].
+    tilt_rad: angle between the body z axis and the vertical [rad].
+    height_m: height of the lowest point above the floor [m].  airborne: `height_m` shows that the vehicle is off the floor.
+    crashed: crash report of the world, "" if not crashed.
+
+    From the telemetry of the vehicle, if not older than 1 s of simulation time:
+    mode: PX4's name of the flight mode, "" if unknown.
+    armed: None if unknown; false without telemetry if the rotors stand still.  landed: None if unknown.
+    est_p_n: estimated position [m] [NED].  target_p_n: position setpoint [m] [NED].  battery: remaining charge, 0..1.
     """
 
     name: str
@@ -51,11 +53,12 @@ class VehicleState:
 
 @dataclass(frozen=True, kw_only=True)
 class Observation:
-    """The state of the flight at one instant.
+    """State of a flight at one instant.
 
     time_s: simulation time [s].
-    processes: name -> READY, EXITED, ... as in `arena ps`.
-    events: lines that the arena logged since the last observation.
+    vehicles: name -> state of the vehicle.
+    processes: name -> state of the process: READY, EXITED, ..., as in `arena ps`.
+    events: events that the arena logged since the observation before.
     wall_s: wall time [s], for the real-time factor; None if not measured.
     """
 
@@ -68,22 +71,22 @@ class Observation:
 
 @dataclass(frozen=True, kw_only=True)
 class Box:
-    """The volume that vehicles may use: lowest and highest north, east, down [m] [NED]."""
+    """The volume that vehicles must not leave. low_n, high_n: lowest and highest north, east, down [m] [NED]."""
 
     low_n: Vector
     high_n: Vector
 
     def outside_m(self, p_n: Vector) -> float:
-        """Return how far p_n is outside [m]; inside, minus the distance to the nearest side."""
+        """Return how far `p_n` is outside the box [m]; negative inside: minus the distance to the nearest side."""
         return max(max(low - p, p - high) for low, p, high in zip(self.low_n, p_n, self.high_n, strict=True))
 
 
-# -- what a scenario asks for
+# -- content of a scenario
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """The line of a scenario file that an entry was written on."""
+    """Place of an entry in a scenario file. text: the entry as written."""
 
     file: str
     line: int
@@ -116,15 +119,15 @@ Verb = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class Action:
-    """An entry of `do`.
+    """An action, from an entry `do`.
 
-    processes: plan names, or "supervisor".
-    vehicles: names, in the order of the text.
-    number: in the unit of the verb: lost share 0..1, delay [ms], time until empty [s], rotor from 1.
-    by: offset of a jump [m] or wind [m/s] [NED] (3,).
-    mode: a flight mode, "" for other verbs.
-    for_s: undone after this time [s]; None: it stays.
-    undo: True for the action that takes this one back.
+    processes: affected processes, by their names in the plan, or "supervisor".
+    vehicles: affected vehicles, in the order of the text.
+    number: depends on the verb: fraction of lost datagrams 0..1, delay [ms], time until empty [s], rotor number from 1.
+    by: offset of a jump [m] [NED], or wind [m/s] [NED] (3,).
+    mode: flight mode; "" for other verbs.
+    for_s: time after which the action is undone [s]; None if it is not undone.
+    undo: true if this object means to undo the action.
     """
 
     verb: Verb
@@ -143,15 +146,15 @@ Operator = Literal["", "<", ">", "==", "!="]
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """A statement that holds or does not hold at an instant.
+    """A statement about the flight that is true or false at an instant.
 
     kind: airborne, mode, height, separation, ...: a key of the tables in `vocabulary`.
-    vehicles: it must hold for all of them.
-    processes: plan names.
-    operator, value: a comparison, in SI units (rad, m, m/s, 0..1).
+    vehicles: vehicles for all of which the statement must be true.
+    processes: names in the plan of processes for all of which the statement must be true.
+    operator, value: comparison with a value in SI units (rad, m, m/s, 0..1).
     texts: flight modes, a process state, or the text of an event.
-    negated: written with `not`.
-    rms: root mean square over the flight in OFFBOARD.
+    negated: true if written with `not`.
+    rms: true if the value is the root mean square over the flight in OFFBOARD.
     """
 
     place: Place
@@ -167,10 +170,10 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Trigger:
-    """The time at which a step begins: the entry `at`.
+    """Definition of the time at which a step begins, from an entry `at`.
 
-    condition: the step begins when it becomes true. Without a condition, the step begins at the start of the
-        flight, or with `then` after the step before.
+    condition: the step begins when this condition becomes true; None for `start` and `then`.
+    then: the step begins when the step before is done. Without condition and `then`, it begins at the start of the flight.
     after_s: delay added to that time [s].
     """
 
@@ -182,10 +185,10 @@ class Trigger:
 
 @dataclass(frozen=True, kw_only=True)
 class Expectation:
-    """An entry of `expect`: a condition with exactly one of two times.
+    """An expectation, from an entry `expect`. Either `within_s` or `for_s` is set.
 
-    within_s: the condition must hold at one observation until then [s].
-    for_s: the condition must hold at every observation until then [s].
+    within_s: time within which the condition must be true at least once [s].
+    for_s: time during which the condition must be true at every observation [s].
     """
 
     place: Place
@@ -196,7 +199,7 @@ class Expectation:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """An entry of `steps`. trigger: None: at once, when the step before is done."""
+    """A step, from an entry of `steps`. trigger: None if the step begins as soon as the step before is done."""
 
     place: Place
     trigger: Trigger | None = None
@@ -206,7 +209,7 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
-    """An entry of `always`."""
+    """A condition that must hold during the whole flight, from an entry of `always`."""
 
     place: Place
     condition: Condition
@@ -214,8 +217,9 @@ class Rule:
 
 @dataclass(frozen=True, kw_only=True)
 class Allowance:
-    """Failures that a scenario accepts: crashes of these vehicles, failures of these processes, vehicles in
-    the air at the end.
+    """Failures that a scenario accepts, from the entries of `may`.
+
+    crash: vehicles that may crash.  fail: processes that may fail.  stay_up: vehicles may be in the air at the end.
     """
 
     crash: frozenset[str] = field(default_factory=frozenset)

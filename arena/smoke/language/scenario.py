@@ -1,5 +1,6 @@
-"""Load scenario files: YAML -> frozen `Scenario`s, or an InputError with every problem and its line. Starts
-nothing.
+"""Loader of scenario files: YAML -> frozen `Scenario` objects, or an InputError with every problem and its line.
+
+This module starts no processes.
 """
 
 from __future__ import annotations
@@ -38,16 +39,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A scenario in one arena.
+    """A scenario to be flown in one arena.
 
-    name: with the arena's name, `offboard loss lands [four]`, if the file lists several arenas.
-    arena: as loaded, with overrides.
-    arena_file: the argument of `arena up`; each of `overrides` is a `--set`. "" for an arena inside the
-        scenario: write `arena.plan.resolved_yaml.arena_yaml(scenario.arena)` to a file, which has absolute paths and
-        the overrides.
-    time_limit_s: simulated time [s].
-    fence: the volume that vehicles may use.
-    allowed: accepted failures.
+    name: name of the scenario. If the file lists several arenas, the name ends with the arena: `offboard loss lands [four]`.
+    place: file and line of the scenario's name.
+    arena: the loaded arena, with the overrides applied.
+    arena_file: path of the arena's YAML, to start it with `arena up`. "" if the arena is written inside the scenario file:
+        then first write `arena.plan.resolved_yaml.arena_yaml(scenario.arena)` to a file. That text contains the overrides.
+    overrides: `key=value` texts for `arena up --set`.
+    time_limit_s: simulated time after which the flight fails [s].
+    allowed: failures that the scenario accepts.
+    steps, always: entries of the file with these names.
+    fence: volume that the vehicles must not leave.
     """
 
     name: str
@@ -68,7 +71,7 @@ def _arena(value: Any) -> Any:
         isinstance(named, tuple) and named and all(isinstance(v, str) and v for v in named)
     ):
         return value
-    raise ValueError("the arena's file, a list of such files, or a mapping: the arena itself")
+    raise ValueError("the path of an arena's YAML, a list of such paths, or a mapping that defines an arena")
 
 
 def _entries(value: Any) -> Any:
@@ -81,14 +84,15 @@ Entries = Annotated[tuple[Any, ...], BeforeValidator(_entries)]
 
 
 class ScenarioFile(Strict):
-    """A scenario file."""
+    """Content of a scenario file."""
 
     name: Annotated[str, Field(min_length=1, max_length=80)] | None = None
     """The scenario's name. Default: the name of the file."""
     arena: Annotated[Any, BeforeValidator(_arena)]
-    """The arena's file, relative to the scenario's; a list flies the scenario once in each; a mapping is the arena itself."""
+    """The path of the arena's YAML, relative to the scenario file. With a list of paths, the scenario is flown once in
+    each arena. A mapping defines the arena here."""
     set: tuple[str, ...] = ()
-    """Overrides of the arena, as `--set`: `defaults.autopilot=px4`."""
+    """Values that override the arena's YAML, such as `defaults.autopilot=px4` (as `arena up --set`)."""
     time_limit_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
     """Simulated time after which the flight ends and fails [s]."""
     may: Entries = ()
@@ -96,21 +100,21 @@ class ScenarioFile(Strict):
     steps: Annotated[Entries, Field(min_length=1)]
     """The steps, in order: each entry is a mapping of `at`, `do` and `expect`."""
     always: Entries = ()
-    """Rules that hold for every vehicle in flight: from its first take-off until its landing."""
+    """Rules that must hold for every vehicle in flight: from its first take-off until its landing."""
 
 
 STEP_KEYS = {
     "at": "the time at which the step begins",
     "do": "an action, or a list of actions",
-    "expect": "what must be observed, with a time counted from the last `at` or `do`; or a list of such entries",
+    "expect": "an expectation, or a list of expectations; its time counts from the last `at` or `do`",
 }
 
 
 def load_scenarios(path: str | Path, overrides: Sequence[str] = ()) -> list[Scenario]:
-    """Return one Scenario per arena that the file names.
+    """Load a scenario file. Return one Scenario per arena that the file names.
 
-    overrides: `key=value` texts that override the file's own `set`.
-    Raises InputError with the problems of the scenario and of its arenas.
+    overrides: `key=value` texts for the arenas; they win over `set` in the file.
+    Raises InputError with all problems of the scenario and of its arenas.
     """
     document = load_yaml(path, start="`arena:` and `steps:`")
     if (
@@ -139,21 +143,22 @@ def load_scenarios(path: str | Path, overrides: Sequence[str] = ()) -> list[Scen
 
 
 def stem(file: str) -> str:
-    """Return the name of a scenario file without its endings: `flights/offboard_loss.smoke.yaml` ->
-    offboard_loss.
+    """Return the name of a scenario file without folder and suffixes.
+
+    Example: `flights/offboard_loss.smoke.yaml` -> `offboard_loss`.
     """
     return Path(file).stem.removesuffix(".smoke")
 
 
 def _files(arena: Any) -> tuple[str, ...]:
-    """Return the arena files that are named; "" for an arena inside the scenario."""
+    """Return the paths under the key `arena`; ("",) if the arena is defined inside the scenario file."""
     if isinstance(arena, dict):
         return ("",)
     return (arena,) if isinstance(arena, str) else tuple(dict.fromkeys(arena))
 
 
 def _in_order(problems: Sequence[Problem]) -> list[Problem]:
-    """Return one problem for each place, in the order of the file."""
+    """Return the problems sorted by file and line, with only the first problem of each key."""
     first: dict[tuple[str, int, str], Problem] = {}
     for problem in problems:
         first.setdefault((problem.file, problem.line, problem.field), problem)
@@ -161,7 +166,7 @@ def _in_order(problems: Sequence[Problem]) -> list[Problem]:
 
 
 class _Reader:
-    """Reads one scenario for one arena and collects its problems."""
+    """Reader of a scenario file for one arena. `problems` collects the problems found."""
 
     def __init__(self, document: Document, model: ScenarioFile, file: str, overrides: Sequence[str]) -> None:
         self._source = Source(document=document, data=document.data)
@@ -217,8 +222,9 @@ class _Reader:
         return arena
 
     def _likely_names(self) -> Names | None:
-        """Return the names of an arena that has problems, enough to check the scenario; None if they cannot
-        be read.
+        """Return the probable names of an arena whose YAML has problems, so that the scenario can still be checked.
+
+        Return None if the names cannot be read.
         """
         try:
             data = load_yaml(self._folder / self._file).data if self._file else self._model.arena
@@ -246,7 +252,7 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return a problem of the arena with its place in the scenario, if it comes from there."""
+        """Return a problem of the arena with its line in the scenario file if that file caused it; else unchanged."""
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
             for i, given in enumerate(self._model.set):
@@ -262,8 +268,9 @@ class _Reader:
         return problem
 
     def _overrode(self, given: str, field: str) -> bool:
-        """Return whether this override set the field, by the field's own name or as the default of every
-        vehicle.
+        """Return whether an override has set this field: directly, or through `defaults` for all vehicles.
+
+        given: `key=value` text of the override.  field: dotted YAML key.
         """
         key = given.partition("=")[0].strip()
         sets = [one.partition("=")[0].strip() for one in self._overrides]
@@ -273,7 +280,7 @@ class _Reader:
     # -- the steps and rules
 
     def _steps(self, names: Names) -> Iterator[Step]:
-        """Yield the steps. An entry with only `expect` belongs to the step before."""
+        """Yield the steps. An entry that has only `expect` is added to the step before."""
         last: Step | None = None
         for i, entry in enumerate(self._model.steps):
             step = self._step(("steps", i), entry, names)
@@ -312,7 +319,7 @@ class _Reader:
         *,
         single: bool = False,
     ) -> tuple[T, ...]:
-        """Return all entries under one key of a step; entries with problems are left out."""
+        """Parse all entries under one key of a step. Entries with problems are reported and left out."""
         if key not in entry:
             return ()
         value, here = entry[key], (*path, key)
@@ -366,14 +373,14 @@ def names_of(arena: Arena) -> Names:
 
 
 def _step_text(entry: dict[str, Any]) -> str:
-    """Return a step as text, without its expectations."""
+    """Return `at` and `do` of a step as one text."""
     actions = entry.get("do", ())
     done = ", ".join(str(d) for d in actions) if isinstance(actions, tuple) else str(actions)
     return ": ".join(part for part in (f"at {entry['at']}" if "at" in entry else "", done) if part)
 
 
 def _inside(document: Document, path: YamlPath) -> Document:
-    """Return the part of a document under a path as a document with the same line numbers."""
+    """Return the part of a YAML document under `path` as a document that keeps its line numbers."""
     data: Any = document.data
     for part in path:
         data = data[part]
@@ -382,7 +389,7 @@ def _inside(document: Document, path: YamlPath) -> Document:
 
 
 def fence_of(arena: Arena) -> Box:
-    """Return the arena's geofence, or the walls of its room. The floor is no fence."""
+    """Return the arena's geofence, or the walls of its room if there is no geofence. There is no limit below, at the floor."""
     north, east, height = arena.world.size
     fence = arena.geofence or Fence(
         north=(-north / 2.0, north / 2.0), east=(-east / 2.0, east / 2.0), up=height

@@ -1,6 +1,6 @@
-"""Split one entry of a scenario into words, numbers and operators, and read them in order.
+"""Tokenizer of one entry of a scenario: splits the text into words, numbers, units and operators, and returns them in order.
 
-A `WrongWordError` says what was found and what was expected.
+A `WrongWordError` says which word was found and which was expected.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _TOKEN = re.compile(
 )
 Kind = Literal["text", "unit", "number", "word", "sign", "end"]
 
-# unit -> (what it measures, how much of the SI unit it is)
+# unit -> (kind of quantity, factor to the SI unit)
 UNITS: dict[str, tuple[str, float]] = {
     "s": ("time", 1.0),
     "ms": ("time", 1e-3),
@@ -45,8 +45,9 @@ _SIGNS_INSTEAD = {
 
 
 class WrongWordError(Exception):
-    """A wrong word in a scenario: what was found, what was expected and what to do. The loader adds file and
-    line.
+    """Error for a wrong word in a scenario. The message says which word was found and which was expected.
+
+    The loader (`scenario`) adds file and line.
     """
 
 
@@ -59,7 +60,7 @@ class Token:
 
 
 class TokenReader:
-    """The tokens of one text and the position of the next one."""
+    """Reader of the tokens of one text, in order."""
 
     def __init__(self, text: str) -> None:
         self._tokens = [_token(found) for found in _TOKEN.finditer(text)]
@@ -67,7 +68,7 @@ class TokenReader:
 
     @property
     def next(self) -> Token:
-        """The next token, not consumed."""
+        """The next token, without consuming it; kind "end" after the last token."""
         return self._tokens[self._at] if self._at < len(self._tokens) else Token(kind="end", text="")
 
     def advance(self) -> Token:
@@ -77,7 +78,7 @@ class TokenReader:
         return token
 
     def accept(self, *texts: str) -> bool:
-        """Consume these texts if they come next, and return whether they did."""
+        """Consume the next tokens if they are exactly these texts. Return whether they were."""
         ahead = [token.text for token in self._tokens[self._at : self._at + len(texts)]]
         if ahead != list(texts):
             return False
@@ -85,7 +86,10 @@ class TokenReader:
         return True
 
     def error(self, expected: str, known: Sequence[str] = ()) -> WrongWordError:
-        """Return an error about the next token. known: words that would be right."""
+        """Return an error about the next token.
+
+        expected: text after "expected" in the message.  known: valid words at this place, for the hint.
+        """
         token = self.next
         got = f"got {token.text!r}" if token.kind != "end" else "got nothing"
         after = f" after {self._tokens[self._at - 1].text!r}" if 0 < self._at <= len(self._tokens) else ""
@@ -93,18 +97,18 @@ class TokenReader:
         return WrongWordError(f"{got}{after}, expected {expected}." + (f" {hint}" if hint else ""))
 
     def one_of(self, known: Sequence[str], what: str) -> str:
-        """Consume and return the next word, which must be one of `known`."""
+        """Consume and return the next word, which must be one of `known`; else raise WrongWordError with `what` as expected."""
         if self.next.text not in known or self.next.kind not in {"word", "sign", "unit"}:
             raise self.error(what, known)
         return self.advance().text
 
     def expect(self, text: str) -> None:
-        """Consume the next token, which must be this text."""
+        """Consume the next token, which must be this text; else raise WrongWordError."""
         if not self.accept(text):
             raise self.error(text, [text])
 
     def number(self, what: str) -> float:
-        """Consume and return a finite number."""
+        """Consume and return a number of at most a million. Raises WrongWordError with `what` as expected."""
         if self.next.kind != "number":
             raise self.error(what)
         value = float(self.next.text)
@@ -114,7 +118,11 @@ class TokenReader:
         return value
 
     def quantity(self, kind: str, what: str, *, least: float | None = None) -> float:
-        """Consume a number with a unit of this kind and return it in SI units. least: exclusive lower limit."""
+        """Consume a number with a unit and return it in SI units. Raises WrongWordError.
+
+        kind: kind of the quantity, such as "time".  what: expected text for the error.
+        least: exclusive lower limit, in the unit of the text.
+        """
         before = self._at
         value = self.number(what)
         units = [unit for unit, (measures, _) in UNITS.items() if measures == kind]
@@ -125,7 +133,7 @@ class TokenReader:
         return value * UNITS[unit][1]
 
     def end(self, might: str = "") -> None:
-        """Check that nothing follows. might: what could have followed, for the message."""
+        """Check that no token is left, else raise WrongWordError. might: text that would be allowed here, for the message."""
         if self.next.kind != "end":
             raise self.error(
                 f"{might} or nothing more" if might else "nothing more", might.split(" ", maxsplit=1)[:1]
@@ -141,8 +149,9 @@ def _token(found: re.Match[str]) -> Token:
 
 
 def _instead(token: Token, expected: str, known: Sequence[str]) -> str:
-    """Return a hint: the right operator, the nearest known word, or all known words if `expected` does not
-    list them.
+    """Return a hint for a wrong token: the valid operator, the most similar known word, or the list of known words; else "".
+
+    The list of known words is left out if `expected` already contains all of them.
     """
     if token.text in _SIGNS_INSTEAD:
         return f"Write {_SIGNS_INSTEAD[token.text]} instead."

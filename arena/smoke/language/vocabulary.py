@@ -1,4 +1,4 @@
-"""The words of scenarios, in tables that the grammar, the referee and the reference page share."""
+"""Words of the scenario language with their meanings. The grammar, the referee and docs/reference/scenarios.md use them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ EACH = "each"
 
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
-    """A measured value of one vehicle.
+    """Description of a quantity of one vehicle that a condition can compare, such as height.
 
-    measures: a kind of unit. unit: the unit that users see.
+    measures: kind of the quantity, such as "distance".  unit: unit in messages.  meaning: text for the reference page.
     """
 
     measures: str
@@ -31,9 +31,10 @@ class Quantity:
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """The written form of one action. Words in small letters stand for themselves, others are explained in PARTS.
+    """Written form of one action. Words in small letters are written as they are; PARTS explains the other words.
 
-    lasting: the action may end in `for T` and is then undone after that time.
+    verb: name of the action.  form: for example `kill P`.  meaning: text for the reference page.
+    lasting: the action may end in `for T`; after that time it is undone.
     """
 
     verb: Verb
@@ -59,20 +60,22 @@ always:
 PHRASES: dict[str, str] = {
     "at: start": "at the first observation of the flight, when the arena is up",
     "at: then": "when the step before is done",
-    "at: CONDITION": "when the condition last became true, even if that was before this step's turn",
-    "+ T": "after any of these: a delay",
-    "expect: CONDITION within T": "the condition holds at one observation before the time is over",
-    "expect: CONDITION for T": "the condition holds at every observation until the time is over",
-    "always: CONDITION": "the condition holds for every vehicle in flight: from its first take-off until its landing",
+    "at: CONDITION": "when the condition last became true, also if that was before the step before was done",
+    "+ T": "a delay, at the end of any entry `at`",
+    "expect: CONDITION within T": "the condition must be true at one observation before the time is over",
+    "expect: CONDITION for T": "the condition must be true at every observation until the time is over",
+    "always: CONDITION": "the condition must be true for every vehicle in flight: from its first take-off until its landing",
 }
 STATES: dict[str, str] = {
-    "airborne": "the lowest point is off the floor (truth)",
+    "airborne": "the lowest point of the vehicle is off the floor (truth)",
     "landed": "the vehicle has flown, is on the floor again (truth) and disarmed (telemetry)",
-    "armed": "armed (telemetry)",
-    "crashed": "the world reports a crash: hit something, came down too fast or tilted too far",
+    "armed": "the vehicle is armed (telemetry)",
+    "crashed": "the world reports a crash: the vehicle hit something, came down too fast or tilted too far",
 }
 QUANTITIES: dict[str, Quantity] = {
-    "height": Quantity(measures="distance", unit="m", meaning="lowest point above the floor (truth)"),
+    "height": Quantity(
+        measures="distance", unit="m", meaning="height of the lowest point above the floor (truth)"
+    ),
     "speed": Quantity(measures="speed", unit="m/s", meaning="speed in any direction (truth)"),
     "tilt": Quantity(
         measures="angle", unit="deg", meaning="angle of the body z axis from the vertical (truth)"
@@ -85,26 +88,28 @@ QUANTITIES: dict[str, Quantity] = {
         measures="distance", unit="m", meaning="distance outside the geofence; negative inside"
     ),
     "touchdown": Quantity(
-        measures="speed", unit="m/s", meaning="speed at the last touchdown; unknown before the first"
+        measures="speed",
+        unit="m/s",
+        meaning="speed at the last touchdown; unknown before the first touchdown",
     ),
     "drift": Quantity(
         measures="distance",
         unit="m",
-        meaning="horizontal distance from the position at the last action; unknown before one",
+        meaning="horizontal distance from the position at the last action; unknown before the first action",
     ),
 }
 REAL_TIME_FACTOR = "real time factor"
 OTHER_CONDITIONS: dict[str, str] = {
-    "V.mode == M": "flight mode (telemetry), by PX4's names; also `!=`, and `or` between several modes",
-    "separation > X m": "distance between the two nearest vehicles of which at least one is in flight",
-    "tracking(V) < X m": "distance of the position from its setpoint (truth) in OFFBOARD and in the air; "
-    "with `rms` at the end: over the whole flight, in a rule only",
-    "inside geofence": "every vehicle in flight is inside the geofence, or inside the walls of an arena without one",
+    "V.mode == M": "flight mode (telemetry), with PX4's names; also `!=`, and `or` between several modes",
+    "separation > X m": "smallest distance between two vehicles of which at least one is in flight (truth)",
+    "tracking(V) < X m": "distance between position (truth) and position setpoint, in OFFBOARD and in the air. "
+    "With `rms` at the end: root mean square over the whole flight, allowed only under `always`",
+    "inside geofence": "every vehicle in flight is inside the geofence; without a geofence, inside the walls of the arena",
     'event "text"': "the arena logs an event that contains this text",
     "P is STATE": "a process is READY, EXITED, FATAL, ..., as in `arena ps`",
     "arena ended": "all processes of the arena have ended",
-    f"{REAL_TIME_FACTOR} > X": "simulated seconds per second of wall time, over the flight; in a rule only. "
-    "This is the one condition that depends on the speed of the machine",
+    f"{REAL_TIME_FACTOR} > X": "simulated seconds per second of wall time, over the whole flight; allowed only under "
+    "`always`. Only this condition depends on the speed of the computer",
 }
 MODES: tuple[str, ...] = (*(m for m in MAIN.values() if m != "AUTO"), *AUTO.values(), "HOLD")
 PROCESS_STATES = ("STOPPED", "STARTING", "READY", "BACKOFF", "STOPPING", "EXITED", "FATAL")
@@ -117,7 +122,7 @@ VEHICLE_PROCESSES: dict[str, str] = {
 }
 SINGLE_PROCESSES = ("router", "mocap", "world", "supervisor", "copilot")
 UNPLANNED_PROCESSES = ("supervisor",)
-"""Processes that run without a row in the plan."""
+"""Processes of an arena that are not in its plan."""
 
 PARTS: dict[str, str] = {
     "V": "a vehicle's name, or `each`",
@@ -129,16 +134,19 @@ PARTS: dict[str, str] = {
     + ", `tool NAME`, or its name in the plan",
     "M": "a mode: "
     + ", ".join(f"`{m}`" for m in MODES)
-    + "; with `AUTO.` before it or without; HOLD is LOITER",
+    + "; with or without `AUTO.` in front. HOLD is the same as LOITER",
     "T": "a time with its unit, `s` or `ms`",
     "X": "a number with its unit",
     "N E D": "three numbers: north, east, down",
-    "K": "a rotor, from 1",
+    "K": "number of a rotor, from 1",
 }
 ACTIONS: tuple[Form, ...] = (
     Form(verb="kill", form="kill P", meaning="send SIGKILL"),
     Form(
-        verb="hang", form="hang P", meaning="send SIGSTOP: the process exists and does nothing", lasting=True
+        verb="hang",
+        form="hang P",
+        meaning="send SIGSTOP, so that the process exists but does not run",
+        lasting=True,
     ),
     Form(verb="resume", form="resume P", meaning="send SIGCONT"),
     Form(verb="restart", form="restart P", meaning="the same as `arena restart`"),
@@ -146,18 +154,26 @@ ACTIONS: tuple[Form, ...] = (
     Form(
         verb="mocap freeze",
         form="mocap freeze V",
-        meaning="the last pose is repeated as if it was tracked",
+        meaning="the last pose is sent again and again, marked as tracked",
         lasting=True,
     ),
     Form(
         verb="mocap jump",
         form="mocap jump V by N E D m",
-        meaning="an offset is added to the poses",
+        meaning="an offset is added to the poses of the rigid body",
         lasting=True,
     ),
-    Form(verb="mocap swap", form="mocap swap V W", meaning="two bodies get each other's pose", lasting=True),
     Form(
-        verb="mocap delay", form="mocap delay T", meaning="the poses of all bodies are delayed", lasting=True
+        verb="mocap swap",
+        form="mocap swap V W",
+        meaning="the poses of two rigid bodies are exchanged",
+        lasting=True,
+    ),
+    Form(
+        verb="mocap delay",
+        form="mocap delay T",
+        meaning="the poses of all rigid bodies are delayed",
+        lasting=True,
     ),
     Form(
         verb="link loss",
@@ -168,7 +184,7 @@ ACTIONS: tuple[Form, ...] = (
     Form(
         verb="link delay",
         form="link delay T V",
-        meaning="datagrams between vehicle and router are delayed, each way",
+        meaning="datagrams between vehicle and router are delayed in both directions",
         lasting=True,
     ),
     Form(
@@ -181,13 +197,13 @@ ACTIONS: tuple[Form, ...] = (
     Form(
         verb="battery drain",
         form="drain battery V in T",
-        meaning="the battery discharges at the rate that empties a full one in T",
+        meaning="the battery discharges so fast that a full battery is empty after T",
         lasting=True,
     ),
     Form(
         verb="motor loss",
         form="motor loss V [rotor K]",
-        meaning="this rotor gives no thrust; by default the first",
+        meaning="rotor K gives no thrust; without `rotor K`, rotor 1",
         lasting=True,
     ),
     Form(verb="wind", form="wind N E D m/s", meaning="steady wind in the whole room", lasting=True),
@@ -197,14 +213,14 @@ ACTIONS: tuple[Form, ...] = (
     Form(verb="down", form="down", meaning="the same as `arena down`"),
 )
 IN_MS: tuple[Verb, ...] = ("mocap delay", "link delay")
-"""Actions with a number in ms."""
+"""Actions whose number is a time in ms."""
 ALLOWANCES: dict[str, str] = {
     "crash V": "the vehicle may crash",
     "fail P": "the process may end with an error, or become FATAL",
-    "stay up": "vehicles need not have landed at the end",
+    "stay up": "vehicles may still be in the air at the end",
 }
 OLD_WORDS: dict[str, str] = {"told": "event"}
-"""Words of older scenario files that are still accepted, and their present form."""
+"""Words of older scenario files that are still accepted -> words that replace them."""
 
 if {form.verb for form in ACTIONS} != set(get_args(Verb)):
     raise ValueError("every verb needs exactly one form")

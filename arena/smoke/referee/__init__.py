@@ -1,1 +1,1 @@
-"""The referee of a smoke flight: observations in, actions and a verdict out. Pure."""
+"""The referee of a smoke flight: receives observations, returns the actions to carry out and a verdict. Pure."""

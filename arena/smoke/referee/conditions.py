@@ -1,6 +1,4 @@
-"""Evaluation of conditions against the newest observation. An unknown value neither fulfils nor breaks a
-condition: None.
-"""
+"""Evaluation of conditions for the newest observation. The result is None if a value is unknown."""
 
 from __future__ import annotations
 
@@ -18,12 +16,12 @@ _OFFBOARD = "OFFBOARD"
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """A subject of a condition at one observation.
+    """Result of a condition for one subject (a vehicle, a pair of vehicles or a process) at one observation.
 
-    who: a vehicle, `uav1 and uav2`, a process, or "".
-    holds: None if unknown.
-    value: of a quantity, in SI units.
-    text: of anything else, "" if unknown.
+    who: name of the subject, such as `uav1` or `uav1 and uav2`; "" if the condition has none.
+    holds: whether the condition is true; None if unknown.
+    value: observed value in SI units, if the condition compares a quantity.
+    text: observed value as text, if the condition compares no quantity; "" if unknown.
     """
 
     who: str
@@ -33,7 +31,7 @@ class Evaluation:
 
 
 def holds(condition: Condition, flight: FlightHistory) -> Truth:
-    """Return whether the condition holds for all its subjects; None if that is unknown."""
+    """Return whether the condition is true for all its subjects; None if that is unknown."""
     truths = [evaluation.holds for evaluation in evaluate(condition, flight)]
     if False in truths:
         return False
@@ -41,7 +39,7 @@ def holds(condition: Condition, flight: FlightHistory) -> Truth:
 
 
 def evaluate(condition: Condition, flight: FlightHistory) -> Iterator[Evaluation]:
-    """Yield the evaluation of each subject that the condition names."""
+    """Yield the result of the condition for each of its subjects."""
     for who, holding, value, text in _evaluate(condition, flight):
         turned = holding if holding is None or not condition.negated else not holding
         yield Evaluation(who=who, holds=turned, value=value, text=text)
@@ -111,7 +109,7 @@ def _armed(vehicle: VehicleState) -> str:
 
 
 def _value(kind: str, flight: FlightHistory, vehicle: VehicleState) -> float | None:
-    """Return a quantity in SI units; None if unknown."""
+    """Return a quantity of a vehicle in SI units; None if unknown. kind: name of the quantity, such as `height`."""
     if kind == "height":
         return vehicle.height_m
     if kind == "speed":
@@ -144,7 +142,7 @@ def _compare(condition: Condition, value: float) -> bool:
 
 
 def unit(condition: Condition) -> tuple[str, float]:
-    """Return the unit that users see, and the SI value of one such unit."""
+    """Return the unit of a condition in messages, and its factor to the SI unit."""
     if condition.kind == REAL_TIME_FACTOR:
         return "", 1.0
     quantity = QUANTITIES.get(condition.kind)
@@ -152,14 +150,14 @@ def unit(condition: Condition) -> tuple[str, float]:
 
 
 def in_words(condition: Condition, value: float) -> str:
-    """Return a value in the unit that users see: `0.61 m`."""
+    """Return a value as text with the unit for messages, such as `0.61 m`. value: in SI units."""
     shown, si = unit(condition)
     value = value / si
     return f"{value:.2f} {shown}".rstrip() if abs(value) < 100 else f"{value:.0f} {shown}"
 
 
 def subject(condition: Condition, who: str) -> str:
-    """Return the name of what was evaluated: `uav1.mode`, `separation between uav1 and uav2`."""
+    """Return the text that names the compared value, such as `uav1.mode` or `separation between uav1 and uav2`."""
     kind = condition.kind
     if kind == "separation":
         return f"separation between {who}" if who else kind

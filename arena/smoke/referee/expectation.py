@@ -1,4 +1,4 @@
-"""Tracking of one expectation: from its start until it is fulfilled or failed, with a record of the observed values."""
+"""Tracker of one expectation, which records the observed values until the expectation is fulfilled or has failed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MAX_LISTED = 4
 
 @dataclass(kw_only=True)
 class _Record:
-    """The observed values of one subject: texts that changed, or lowest and highest value."""
+    """Record of the observed values of one subject: lowest and highest value, or the sequence of different texts."""
 
     texts: list[str] = field(default_factory=list)
     low: float | None = None
@@ -31,7 +31,7 @@ class _Record:
             self.texts.append(evaluation.text)
 
     def describe(self, condition: Condition) -> str:
-        """Return `was between 0.00 m and 1.00 m`, or `was OFFBOARD, then AUTO.LAND`."""
+        """Return a text such as `was between 0.00 m and 1.00 m` or `was OFFBOARD, then AUTO.LAND`."""
         if self.low is not None and self.high is not None:
             low, high = in_words(condition, self.low), in_words(condition, self.high)
             return f"was {low} all the time" if low == high else f"was between {low} and {high}"
@@ -45,7 +45,11 @@ class _Record:
 
 @dataclass(kw_only=True)
 class ExpectationTracker:
-    """An expectation whose time counts from begun_s [s]."""
+    """Tracker of one expectation during a flight.
+
+    begun_s: simulation time from which the time of the expectation counts [s].
+    done_s: simulation time at which the expectation was fulfilled [s].  failure: why it failed, with the observed values.
+    """
 
     expectation: Expectation
     begun_s: float
@@ -61,7 +65,7 @@ class ExpectationTracker:
         return self.outcome == "not reached"
 
     def update(self, flight: FlightHistory) -> None:
-        """Evaluate the newest observation. Call it for every observation after begun_s."""
+        """Evaluate the newest observation. Call this for every observation after `begun_s`."""
         if not self.open:
             return
         passed = flight.now.time_s - self.begun_s
@@ -87,7 +91,7 @@ class ExpectationTracker:
                 self._fail(self._describe())
 
     def close(self, flight: FlightHistory, why: str) -> None:
-        """Decide an open expectation: there are no more observations. why: the event that ended the flight."""
+        """Decide an expectation that is still open at the end of the flight. why: text about the end of the flight."""
         if not self.open:
             return
         passed = flight.now.time_s - self.begun_s
@@ -103,7 +107,7 @@ class ExpectationTracker:
         self.outcome, self.failure = "failed", failure
 
     def _describe(self) -> str:
-        """Return the observed values of the subjects that failed, and the expectation."""
+        """Return the text of a failure: the observed values of the subjects that failed, and the expectation."""
         condition, records = self.expectation.condition, self._records
         wrong = {who: record for who, record in records.items() if record.holds is not True} or records
         found = [
@@ -115,7 +119,7 @@ class ExpectationTracker:
 
     @property
     def result(self) -> StepResult:
-        """The result for the report."""
+        """Result of the expectation, for the report."""
         return StepResult(
             place=self.expectation.place,
             outcome=self.outcome,

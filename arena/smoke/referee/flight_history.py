@@ -1,6 +1,4 @@
-"""The memory of the referee: which vehicles have flown and are in flight, how each touched down, where each
-was at the last action.
-"""
+"""History of a flight, as the referee needs it: take-offs, touchdowns, crashes, and positions at the last action."""
 
 from __future__ import annotations
 
@@ -20,8 +18,12 @@ _MIN_TIMED_S = 1.0
 class _VehicleHistory:
     """The history of one vehicle.
 
-    in_flight: from take-off until it has landed, including that observation.
-    aloft_s: time of the last take-off [s].
+    flown: true after the first take-off.
+    in_flight: true from the first take-off until the observation in which the vehicle has landed, that one included.
+    landed: true if the vehicle has flown, is on the floor and disarmed.
+    aloft_s: simulation time of the last take-off [s].
+    speed_m_s: speed at the last observation in the air [m/s].
+    action_p_n: position at the last action [m] [NED].
     """
 
     flown: bool = False
@@ -36,7 +38,12 @@ class _VehicleHistory:
 
 @dataclass(kw_only=True)
 class FlightHistory:
-    """The history of a flight, updated with every observation. fence: the volume that vehicles may use."""
+    """History of a flight, updated with every observation.
+
+    vehicles: names.  fence: volume that the vehicles must not leave.
+    now: newest observation.  ended: the arena ended by itself.
+    action_s: simulation time of the last action [s].  rows: values for plots.  crashes: vehicle -> crash report.
+    """
 
     vehicles: tuple[str, ...]
     fence: Box
@@ -53,7 +60,7 @@ class FlightHistory:
         self._histories = {name: _VehicleHistory() for name in self.vehicles}
 
     def update(self, now: Observation) -> None:
-        """Take the next observation."""
+        """Update the history with the next observation."""
         self.now = now
         for name in self.vehicles:
             if (vehicle := now.vehicles.get(name)) is not None:
@@ -65,7 +72,7 @@ class FlightHistory:
             self.rows.extend(self._rows())
 
     def action(self) -> None:
-        """Keep the time and the positions: an action is carried out now."""
+        """Store the time and the positions of all vehicles. Call this when an action is carried out."""
         self.action_s = self.now.time_s
         for name, history in self._histories.items():
             if name in self.now.vehicles:
@@ -100,7 +107,7 @@ class FlightHistory:
 
     @property
     def real_time_factor(self) -> float | None:
-        """Simulated seconds per second of wall time since the first take-off; None in the first second."""
+        """Simulated seconds per second of wall time since the first take-off; None if less than 1 s was measured."""
         if not self._timed:
             return None
         (sim_0, wall_0), (sim_1, wall_1) = self._timed[0], self._timed[-1]
@@ -110,12 +117,12 @@ class FlightHistory:
 
     @property
     def in_flight(self) -> tuple[str, ...]:
-        """The vehicles that are in flight."""
+        """Names of the vehicles that are in flight: from the first take-off until the landing."""
         return tuple(name for name, history in self._histories.items() if history.in_flight)
 
     @property
     def still_up(self) -> tuple[str, ...]:
-        """The vehicles that have flown and are not down. A crashed vehicle on the floor counts as down."""
+        """Names of the vehicles that have taken off and not landed. A crashed vehicle on the floor counts as landed."""
         return tuple(
             name
             for name, history in self._histories.items()
@@ -124,25 +131,25 @@ class FlightHistory:
 
     @property
     def touchdowns(self) -> tuple[Touchdown, ...]:
-        """The last touchdown of each vehicle that has one."""
+        """The last touchdown of each vehicle that has touched down."""
         return tuple(m.touchdown for m in self._histories.values() if m.touchdown is not None)
 
     def flown(self, name: str) -> bool:
-        """Return whether the vehicle has taken off."""
+        """Return whether the vehicle has taken off at least once."""
         return self._histories[name].flown
 
     def touchdown_m_s(self, name: str) -> float | None:
-        """Return the speed of the last touchdown [m/s]; None in the air and before the first."""
+        """Return the speed at the last touchdown [m/s]; None in the air and before the first touchdown."""
         history = self._histories[name]
         return None if history.touchdown is None or history.airborne else history.touchdown.speed_m_s
 
     def drift_m(self, name: str) -> float | None:
-        """Return the horizontal distance from the position at the last action [m]; None before one."""
+        """Return the horizontal distance from the position at the last action [m]; None before the first action."""
         start, vehicle = self._histories[name].action_p_n, self.now.vehicles.get(name)
         return None if start is None or vehicle is None else math.dist(start[:2], vehicle.p_n[:2])
 
     def separations(self) -> dict[tuple[str, str], float]:
-        """Return the distance of each pair of vehicles of which at least one is in flight [m]."""
+        """Return pair of vehicles -> distance [m], for the pairs of which at least one vehicle is in flight."""
         here = [v for v in self.vehicles if v in self.now.vehicles]
         flying = set(self.in_flight)
         return {

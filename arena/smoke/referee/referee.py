@@ -1,11 +1,11 @@
-"""The referee: takes an observation of a flight 50 times per simulated second, decides which actions are due, and judges. Pure.
+"""The referee: receives observations of a flight, returns the actions to carry out, and decides whether the flight passed. Pure.
 
     referee = Referee(scenario)
-    while not referee.over:
-        for action in referee.observe(observation):  # the actions due now, those with `undo` too
+    while not referee.over:                          # 50 times per simulated second
+        for action in referee.observe(observation):  # actions to carry out or to undo now
             try: carry it out
             except ArenaError as error: referee.action_failed(action, str(error))
-    referee.finish(outcome)                          # when the arena has ended, for any reason
+    referee.finish(outcome)                          # after the arena has ended, for any reason
     verdict = referee.verdict()
 
 The same observations give the same verdict. Only the rule `real time factor` depends on wall time.
@@ -37,7 +37,7 @@ _DONE, _FAILED, _LIMIT, _GONE = (
 
 
 class Referee:
-    """The judge of one flight of a scenario."""
+    """Referee of one flight: follows the steps and rules of a scenario and gives the verdict."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
@@ -57,7 +57,10 @@ class Referee:
     # -- during the flight
 
     def observe(self, now: Observation) -> list[Action]:
-        """Take the next observation, not earlier than the one before. Return the actions that are due, in order."""
+        """Evaluate the next observation and return the actions to carry out now, in order.
+
+        now: observation, not earlier than the previous one.
+        """
         if self._start_s is None:
             self._start_s = self._then_s = now.time_s
         self._flight.update(now)
@@ -74,7 +77,7 @@ class Referee:
         return actions
 
     def action_failed(self, action: Action, why: str) -> None:
-        """Fail the step of this action: it could not be carried out."""
+        """Mark the step of an action as failed, because the action could not be carried out. why: the error."""
         failure = f"{action.place.text} could not be {'undone' if action.undo else 'done'}: {why}"
         self._targeted -= set(action.processes)
         for step in self._steps:
@@ -86,22 +89,22 @@ class Referee:
 
     @property
     def over(self) -> bool:
-        """True when all steps are done and all vehicles are down, when a step failed, or at the time limit."""
+        """True if the flight is over: all steps done and all vehicles down, or a step failed, or the time limit passed."""
         return bool(self._end_reason)
 
     @property
     def end_reason(self) -> str:
-        """The reason why the flight is over; "" while it is not."""
+        """The reason why the flight is over; "" before that."""
         return self._end_reason
 
     @property
     def rows(self) -> Sequence[Row]:
-        """Values for plots: every vehicle, ten times per simulated second."""
+        """Values of every vehicle for plots, ten times per simulated second."""
         return self._flight.rows
 
     @property
     def _current(self) -> StepTracker | None:
-        """The first step that is not done."""
+        """The first step that is not done or has failed; None after the last step."""
         return next((step for step in self._steps if not step.settled or step.failed), None)
 
     def _update_expectations(self) -> None:
@@ -113,7 +116,7 @@ class Referee:
                 self._then_s = step.done_s
 
     def _begin_steps(self, now: float) -> list[Action]:
-        """Begin every step whose turn and trigger have come, and return their actions."""
+        """Begin the current step, and further steps, if their triggers have come. Return their actions."""
         actions: list[Action] = []
         while (step := self._current) is not None and step.begun_s is None:
             due = step.due_s(self._start_s or 0.0, self._then_s)
@@ -148,12 +151,14 @@ class Referee:
     # -- after the flight
 
     def finish(self, outcome: Mapping[str, Any], problem: str = "") -> None:
-        """Take the end of the arena.
+        """Evaluate the end of the arena. Call this once, after the arena has ended.
 
-        outcome: the content of outcome.json, {} if there is none.
-        problem: another failure, such as an arena that did not start; it fails the scenario.
+        outcome: content of outcome.json, {} if there is none.
+        problem: text of another failure, such as an arena that did not start, which fails the scenario; "" if none.
         """
-        self._flight.ended = not self._end_reason  # an arena that was ended by us has not ended by itself
+        self._flight.ended = (
+            not self._end_reason
+        )  # true only if the arena ended before the referee ended the flight
         self._end_reason = self._end_reason or _GONE
         self._problems += [problem] if problem else []
         for sentence in outcome.get("failed", ()):
@@ -161,18 +166,20 @@ class Referee:
         self._close_remaining()
 
     def _take_failure(self, sentence: str) -> None:
-        """Take one of the supervisor's sentences about a failed run."""
+        """Assign a failure text of the supervisor (`failed` in outcome.json) to a vehicle, a process or the flight."""
         process, _, why = sentence.partition(": ")
         vehicle = process.partition(" crashed")[0]
         if vehicle in self._flight.vehicles and vehicle != process:
             self._flight.crashes.setdefault(vehicle, why)
         elif process in process_names(self._scenario.arena) or process in self._targeted:
             self._failed_processes[process] = why
-        elif "landing was not confirmed" not in sentence:  # the referee has observed the landing itself
+        elif (
+            "landing was not confirmed" not in sentence
+        ):  # the referee itself checks whether the vehicles have landed
             self._problems.append(sentence)
 
     def _close_remaining(self) -> None:
-        """Close the remaining steps when the arena ends. A step that waits for that end begins now."""
+        """Decide the remaining steps at the end of the arena. A step triggered by the end of the arena begins now."""
         while (step := self._current) is not None and not step.failed:
             now = self._flight.now.time_s
             step.update(self._flight)
@@ -205,7 +212,7 @@ class Referee:
         )
 
     def _default_rules(self, *, complete: bool) -> Iterator[RuleResult]:
-        """Yield the results of the rules that hold without being written."""
+        """Yield the results of the rules that apply to every scenario without being written in the file."""
         allowed = self._scenario.allowed
         crashes = [f"{v} crashed: {why}" for v, why in self._flight.crashes.items() if v not in allowed.crash]
         yield self._default_rule(_CRASH, crashes)

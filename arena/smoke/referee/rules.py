@@ -1,4 +1,4 @@
-"""Tracking of one rule of `always`: evaluated at every observation, reported by its worst value."""
+"""Tracker of one rule of `always`, which evaluates the rule at every observation and records the worst value."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from arena.smoke.referee.verdict import RuleResult
 
 @dataclass(kw_only=True)
 class _Sum:
-    """Sum of squares, for a root mean square."""
+    """Sum of the squares of values, to compute their root mean square."""
 
     squares: float = 0.0
     count: int = 0
@@ -27,7 +27,7 @@ class _Sum:
 
 @dataclass(kw_only=True)
 class RuleTracker:
-    """A rule during a flight."""
+    """Tracker of one rule during a flight."""
 
     rule: Rule
     _worst: Evaluation | None = None
@@ -35,8 +35,10 @@ class RuleTracker:
     _sums: dict[str, _Sum] = field(default_factory=dict)
 
     def update(self, flight: FlightHistory) -> None:
-        """Evaluate the newest observation: for vehicles in flight only, and for anything else while a vehicle
-        is in flight.
+        """Evaluate the rule at the newest observation.
+
+        A rule about vehicles is evaluated for the vehicles in flight only. Other rules are evaluated while at least one
+        vehicle is in flight.
         """
         condition, flying = self.rule.condition, flight.in_flight
         for evaluation in evaluate(condition, flight) if flying else ():
@@ -67,13 +69,14 @@ class RuleTracker:
         )
 
     def result(self, *, complete: bool) -> RuleResult:
-        """Return the result. complete: the flight went as the scenario says, so a rule without any value has
-        failed.
+        """Return the result of the rule.
+
+        complete: all steps were carried out. Then a rule that was never evaluated has failed; else it was not reached.
         """
         condition = self.rule.condition
         worst = self._rms() if condition.rms else self._worst
         if worst is None:
-            failure = f"nothing was observed to judge it by: {_never(condition)}" if complete else ""
+            failure = f"the rule could not be evaluated: {_never(condition)}" if complete else ""
             return RuleResult(
                 place=self.rule.place, outcome="failed" if complete else "not reached", failure=failure
             )

@@ -1,4 +1,4 @@
-"""Tracking of one step of a scenario: when its trigger came, whether it has begun, and its expectations."""
+"""Tracker of one step of a scenario: its trigger, its begin, and the trackers of its expectations."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from arena.smoke.referee.verdict import Outcome, StepResult
 
 @dataclass(kw_only=True)
 class StepTracker:
-    """A step during a flight.
+    """Tracker of one step during a flight. All times are simulation time.
 
-    rose_s: time at which the trigger's condition last became true [s].
-    begun_s: time at which the step began [s].
-    failure: the reason why its actions failed.
+    rose_s: time at which the condition of the trigger last became true [s]; None if never.
+    held: true if that condition was true at the last observation.
+    begun_s: time at which the step began [s]; None before.
+    failure: why an action of the step failed; "" if none failed.
     """
 
     step: Step
@@ -30,7 +31,10 @@ class StepTracker:
     failure: str = ""
 
     def update(self, flight: FlightHistory) -> None:
-        """Evaluate the trigger. Call it for every observation: a trigger counts even before the step's turn."""
+        """Evaluate the trigger at the newest observation.
+
+        Call this for every observation, also before the previous step is done, because an earlier trigger counts.
+        """
         condition = self.step.trigger.condition if self.step.trigger is not None else None
         if condition is None:
             return
@@ -40,9 +44,9 @@ class StepTracker:
         self.held = self.held if truth is None else truth
 
     def due_s(self, start_s: float, then_s: float) -> float | None:
-        """Return the time at which the step is to begin [s]; None if the trigger has not come.
+        """Return the time at which the step must begin [s]; None if the condition of the trigger was never true.
 
-        start_s: time of the first observation [s]. then_s: time at which the step before was done [s].
+        start_s: time of the first observation [s].  then_s: time at which the previous step was done [s].
         """
         trigger = self.step.trigger
         if trigger is None or trigger.then:
@@ -51,28 +55,28 @@ class StepTracker:
         return None if since is None else since + trigger.after_s
 
     def begin(self, now: float) -> None:
-        """Start the step and its expectations at this time [s]."""
+        """Begin the step: the times of its expectations count from now. now: simulation time [s]."""
         self.begun_s = now
         self.expectations = [ExpectationTracker(expectation=e, begun_s=now) for e in self.step.expect]
 
     @property
     def settled(self) -> bool:
-        """True when the step has begun and no expectation is open."""
+        """True if the step has begun and each of its expectations is fulfilled or has failed."""
         return self.begun_s is not None and not any(e.open for e in self.expectations)
 
     @property
     def failed(self) -> bool:
-        """True when an action or an expectation has failed."""
+        """True if an action or an expectation of the step has failed."""
         return bool(self.failure) or any(e.outcome == "failed" for e in self.expectations)
 
     @property
     def done_s(self) -> float:
-        """The time at which the last expectation was fulfilled [s], else the time at which the step began."""
+        """Time at which the last expectation was fulfilled [s]. Without expectations: time at which the step began [s]."""
         return max((e.done_s for e in self.expectations if e.done_s is not None), default=self.begun_s or 0.0)
 
     @property
     def results(self) -> Iterator[StepResult]:
-        """The results of the trigger or actions, and of each expectation."""
+        """Result of the trigger and the actions, then the result of each expectation."""
         step = self.step
         if step.trigger is not None or step.do or self.failure:
             yield self._own_result()

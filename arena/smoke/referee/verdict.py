@@ -1,4 +1,4 @@
-"""The results of a scenario, as data."""
+"""Data classes for the result of a scenario."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Outcome = Literal["passed", "failed", "not reached"]
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
-    """A trigger, action or expectation, in simulation time.
+    """Result of a trigger, of the actions of a step, or of an expectation. Times are simulation time.
 
-    begun_s: time of its trigger, or from which its time counts [s].
-    done_s: time at which it was carried out or fulfilled [s]; None: never.
-    failure: a sentence with the observed values; "" if it did not fail.
+    begun_s: time of the trigger, or time from which the expectation counts [s].
+    done_s: time at which the actions were carried out or the expectation was fulfilled [s]; None if never.
+    failure: text with the observed values; "" if not failed.
     """
 
     place: Place
@@ -29,18 +29,17 @@ class StepResult:
 
     @property
     def took_s(self) -> float | None:
-        """The reaction time [s]."""
+        """Time from `begun_s` to `done_s` [s]; None if not done."""
         return None if self.begun_s is None or self.done_s is None else self.done_s - self.begun_s
 
 
 @dataclass(frozen=True, kw_only=True)
 class RuleResult:
-    """A rule of `always`, or one of the default rules.
+    """Result of a rule of `always`, or of a default rule such as "no vehicle crashes".
 
-    worst: the value nearest to breaking the rule, or farthest beyond, in `unit`; None if nothing was
-        measured.
-    at_s: time of that value [s].
-    who: the vehicle, pair or process of that value.
+    worst: observed value that was closest to the limit, or farthest beyond the limit, in `unit`; None if not measured.
+    at_s: simulation time of that value [s].
+    who: vehicle, pair of vehicles or process with that value.
     """
 
     place: Place
@@ -56,10 +55,10 @@ class RuleResult:
 class Touchdown:
     """The last touchdown of one vehicle.
 
-    at_s: time [s].
-    after_s: time since the last action [s], None without one.
+    at_s: simulation time [s].
+    after_s: time since the last action of the scenario [s], None if there was no action.
     speed_m_s: speed at the last observation in the air [m/s].
-    drift_m: horizontal distance from the position at the last action [m], None without one.
+    drift_m: horizontal distance from the position at the last action [m], None if there was no action.
     """
 
     vehicle: str
@@ -71,11 +70,11 @@ class Touchdown:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """The judgement of one flight.
+    """Verdict on one flight: the results of its steps and rules.
 
     lasted_s: simulation time from the first to the last observation [s].
-    ended: the reason why the flight ended.
-    problems: failures of the flight itself.
+    ended: reason why the flight ended.
+    problems: failures that belong to no step or rule, such as an arena that did not start.
     """
 
     steps: tuple[StepResult, ...]
@@ -87,7 +86,7 @@ class Verdict:
 
     @property
     def failures(self) -> tuple[tuple[Place | None, str], ...]:
-        """Each failure with its place in the scenario; the place is None for a failure of the flight itself."""
+        """Pairs (place in the scenario file, text), one per failure. The place is None for the entries of `problems`."""
         judged: Sequence[StepResult | RuleResult] = (*self.steps, *self.rules)
         return (
             *((r.place, r.failure) for r in judged if r.outcome == "failed"),
@@ -96,14 +95,15 @@ class Verdict:
 
     @property
     def passed(self) -> bool:
-        """True if nothing failed and every step passed."""
+        """True if there is no failure and every step has passed."""
         return not self.failures and all(s.outcome == "passed" for s in self.steps)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """Values of one vehicle at one observation, for plots. nearest_m: distance to the nearest other vehicle
-    [m].
+    """Values of one vehicle at one observation, for plots.
+
+    p_n: position [m] [NED].  nearest_m: distance to the nearest other vehicle [m]; None if no vehicle of the pair flies.
     """
 
     time_s: float
@@ -118,8 +118,10 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """A flight of one scenario. run: its run folder, "" if there is none. wall_s: duration [s], for
-    information.
+    """Result of the flight of one scenario.
+
+    run: path of the run folder, "" if there is none.  wall_s: duration in wall time [s].
+    pictures: paths of plots.  facts: properties of the arena, such as its autopilot, for the report.
     """
 
     scenario: str
