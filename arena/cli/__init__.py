@@ -1,7 +1,7 @@
-"""The `arena` command: one module per verb, no logic.
+"""The `arena` command, with one module per verb. The modules contain options and output only, no other logic.
 
-A verb's module defines `register(app)`, and VERBS lists it. Only the module of the requested verb is imported. `land-all` and
-`kill-all` do not wait for typer: `arena.emergency` parses their command lines, and typer shows only their help.
+The module of a verb defines `register(app)`. Only the module of the requested verb is imported. For `land-all` and
+`kill-all`, `arena.emergency` parses the command line, because importing typer takes time. Typer shows only their help.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run(build(arguments), arguments)
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
-    except BrokenPipeError:  # `arena plan | head`: the reader has ended, which is not a failure
+    except BrokenPipeError:  # for example `arena plan | head`: the reader has ended, which is not a failure
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except ArenaError as error:
@@ -62,14 +62,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         if debug:
             raise
         print(
-            f"arena: {type(error).__name__}: {error}. This is a fault of arena; --debug shows where.",
+            f"arena: {type(error).__name__}: {error}. This is a bug in arena. --debug shows the traceback.",
             file=sys.stderr,
         )
         return EXIT_FAILED
 
 
 def build(arguments: Sequence[str]) -> typer.Typer:
-    """Return the app with the verb that the arguments name, or with every verb when they name none (`--help`)."""
+    """Return the typer app with the verb in the arguments, or with all verbs if there is none (`arena --help`)."""
     import typer
 
     app = typer.Typer(
@@ -80,8 +80,8 @@ def build(arguments: Sequence[str]) -> typer.Typer:
         context_settings={"help_option_names": list(_HELP)},
     )
 
-    # With a callback typer keeps the name of a verb that is registered alone.
-    @app.callback(help="One YAML file becomes a flying arena.")
+    # Without a callback, typer would omit the name of the verb if only one verb is registered.
+    @app.callback(help="Fly several drones in a motion-capture arena, simulated or real, from one YAML file.")
     def arena(
         version: bool = typer.Option(
             False, "--version", is_eager=True, callback=_print_version, help="Print the version and exit."
@@ -100,7 +100,7 @@ def _register(app: typer.Typer, verb: str) -> None:
 
 
 def _emergency(arguments: list[str]) -> int:
-    with contextlib.suppress(OSError):  # above other programs, where the system allows it
+    with contextlib.suppress(OSError):  # higher priority than other programs, if the system allows it
         os.setpriority(os.PRIO_PROCESS, 0, -15)
     from arena.emergency.land_all import command
 
@@ -123,7 +123,7 @@ def _code(done: SystemExit) -> int:
 
 
 def _take_debug(arguments: list[str]) -> bool:
-    """Remove `--debug` wherever it stands before a `--`."""
+    """Remove `--debug` from the arguments in front of a `--`. Return whether it was there."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
     found = "--debug" in arguments[:end]
     if found:

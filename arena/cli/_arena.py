@@ -1,4 +1,4 @@
-"""Options of the verbs that read an arena, and the lines that describe it."""
+"""Common parts of the verbs that read an arena's YAML: options, the choice of an address, and lines that describe the arena."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ if TYPE_CHECKING:
     from arena.plan import Plan
     from arena.schema import Arena
 
-File = Annotated[Path, typer.Argument(help="the arena's YAML, or its folder")]
+File = Annotated[Path, typer.Argument(help="YAML file of the arena, or a folder with arena.yaml")]
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
 ]
 
 
 def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple[Arena, Plan, str]:
-    """Return the arena and its plan at the first free loopback address, and a sentence when that is not the default.
+    """Return the arena and its plan at the first free loopback address, and a text if this is not the default address.
 
-    An arena whose YAML or command line names an address keeps it, and so does one with a real flight controller: two
-    arenas must not command the same vehicle.
+    The address is not changed if the YAML or the command line sets it, or if the arena has a real flight controller,
+    because two arenas must not command the same vehicle.
+    overrides: `key=value` texts of `--set`.
     """
     if arena.source.given(("address",)) or any(v.wire is not None for v in arena.vehicles):
         return arena, plan, ""
@@ -42,17 +43,17 @@ def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple
 
 
 def what_would_run(arena: Arena, plan: Plan) -> list[str]:
-    """Return a line per vehicle, the ports that other computers reach, and the number of processes."""
+    """Return lines that describe what `arena up` would run: vehicles, notes, ports open to other computers, processes."""
     from arena.plan.open_ports import open_lines
 
     lines = [_vehicle_line(arena, v.name) for v in plan.vehicles]
     lines += not_possible(arena) + copilot_notes(arena) + open_lines(plan)
     programs = sum(p.kind == "program" for p in plan.processes)
-    return [*lines, f"{len(plan.processes)} processes, {programs} of them programs"]
+    return [*lines, f"{len(plan.processes)} processes, {programs} of them user programs"]
 
 
 def not_possible(arena: Arena) -> list[str]:
-    """Return a line for each wish of the YAML that the vehicle's PX4 version has no parameter for."""
+    """Return a line for each setting of the YAML that a vehicle's PX4 version does not support."""
     from arena.plan.firmware import all_firmware
 
     return [
@@ -61,10 +62,10 @@ def not_possible(arena: Arena) -> list[str]:
 
 
 def copilot_notes(arena: Arena) -> list[str]:
-    """Return notes on hardware without a copilot, and on vehicles that start closer than the copilot allows."""
+    """Return notes on real vehicles without a copilot, and on vehicles that start closer than the copilot allows."""
     if arena.copilot is None:
         names = ", ".join(v.name for v in arena.hardware)
-        return [f"no copilot watches {names}: add `copilot: {{}}` to the YAML"] if names else []
+        return [f"{names}: real vehicles without a copilot: add `copilot: {{}}` to the YAML"] if names else []
     rule, found = arena.copilot.separation, []
     for a, b in itertools.combinations(arena.simulated, 2) if rule.do != "none" else ():
         if (apart := math.dist(a.position, b.position)) < rule.at_m:

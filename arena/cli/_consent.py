@@ -1,4 +1,4 @@
-"""Asking a person before real vehicles may arm."""
+"""Question to the user before real vehicles may be armed."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ WORD = "yes"
 
 
 def ask_consent(plan: Plan, *, yes: bool) -> None:
-    """List the real vehicles and wait for the word. Returns at once where there are none.
+    """List the real vehicles of a plan and ask the user to type `yes`. Returns at once if there are no real vehicles.
 
-    Raises InputError when it is not given, or when nobody is there to ask.
+    yes: option --yes: list the vehicles, but do not ask.
+    Raises InputError if the user types something else, or if stdin is not a terminal.
     """
     real = [v for v in plan.vehicles if not v.simulated]
     if not real:
@@ -25,20 +26,20 @@ def ask_consent(plan: Plan, *, yes: bool) -> None:
     for v in real:
         print(f"  {v.name}: system id {v.id}, {v.profile}, flown by {programs.get(v.name, 'no program')}")
     print(
-        "Their programs may arm them as soon as the preflight gates hold. Is the room clear, is the pilot ready?",
+        "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?",
         flush=True,
     )
     if yes:
         return
     if not sys.stdin.isatty():
         raise InputError(
-            "real vehicles need consent, and there is no terminal to ask at: run it in one, or give --yes"
+            "real vehicles need your confirmation, but stdin is not a terminal: use a terminal, or add --yes"
         )
     try:
-        answer = input(f"Type {WORD} to go on: ")
+        answer = input(f"Type {WORD} to start: ")
     except EOFError:
         answer = ""
     if answer.strip() != WORD:
         raise InputError(
-            f"real vehicles need consent: got {answer.strip()!r}, expected {WORD}. Nothing was started"
+            f"real vehicles need your confirmation: got {answer.strip()!r}, expected {WORD}. Nothing was started"
         )

@@ -1,4 +1,4 @@
-"""The checks of `arena doctor`: Python, packages, PX4, ports of a default arena, runs, locks of PX4. They change nothing."""
+"""The checks of `arena doctor`: Python, packages, PX4, ports, runs, PX4 lock files, serial devices. They change nothing."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from arena.schema.px4 import HOME, need_px4
 from arena.supervisor import active_runs
 
 LEAST_PYTHON = (3, 11)
-# package -> (what for, whether arenas with the built-in autopilot fly without it)
+# package -> (purpose, true if arenas with the built-in autopilot fly without it)
 PACKAGES: dict[str, tuple[str, bool]] = {
     "numpy": ("every part of arena", False),
     "pydantic": ("reading the YAML", False),
     "pymavlink": ("MAVLink", False),
     "fastcrc": ("MAVLink", False),
-    "psutil": ("supervising", False),
+    "psutil": ("information about processes", False),
     "jinja2": ("PX4's startup scripts", False),
-    "serial": ("flight controllers on a cable: pip install pyserial", True),
+    "serial": ("flight controllers on a serial port: pip install pyserial", True),
     "pybullet": ("the simulated world: pip install 'flying-arena[sim]'", False),
     "matplotlib": ("plots", True),
     "mavsdk": ("programs that use MAVSDK: pip install 'flying-arena[sdk]'", True),
@@ -34,14 +34,14 @@ PACKAGES: dict[str, tuple[str, bool]] = {
 _VEHICLES = 10  # of the default arena
 DEVICES = Path("/dev")
 PX4_LOCKS = Path("/tmp")
-"""Folder of PX4's lock files; PX4 ignores TMPDIR."""
+"""Folder of PX4's lock files. PX4 always uses /tmp and ignores TMPDIR."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A line of the result.
+    """Result of one check, printed as one line.
 
-    sign: `ok`, `missing` or `note`.  what: the text.  fatal: no arena can fly before this is fixed.
+    sign: `ok`, `missing` or `note`.  what: text of the line.  fatal: no arena can fly before this is fixed.
     """
 
     sign: str
@@ -55,7 +55,10 @@ class Finding:
 def examine(
     probe: Probe | None = None, locks: Path = PX4_LOCKS, devices: Path = DEVICES
 ) -> Iterator[Finding]:
-    """Yield the result of every check. probe, locks, devices: replaced by tests."""
+    """Yield the results of all checks.
+
+    probe: access to packages and ports of this computer.  locks: folder of PX4's lock files.  devices: folder of devices.
+    """
     probe = probe or Machine()
     yield from _python()
     yield from _packages(probe)
@@ -80,7 +83,7 @@ def _packages(probe: Probe) -> Iterator[Finding]:
         if probe.has_module(name):
             yield Finding(sign="ok", what=f"{name} {_version(name)}".rstrip())
         else:
-            sign, what = "note" if optional else "missing", f"{name} is not installed, for {purpose}"
+            sign, what = "note" if optional else "missing", f"{name} is not installed; used for {purpose}"
             yield Finding(sign=sign, what=what, fatal=not optional)
 
 
@@ -92,7 +95,7 @@ def _version(package: str) -> str:
 
 
 def _px4() -> Finding:
-    """Return which PX4 an arena would fly that names none."""
+    """Return which PX4 an arena uses if its YAML names no PX4."""
     try:
         px4 = need_px4()
     except NotInstalledError as error:
@@ -104,7 +107,7 @@ def _px4() -> Finding:
 
 
 def _ports(probe: Probe) -> Iterator[Finding]:
-    """Yield the ports in use that an arena of ten vehicles on the default address needs."""
+    """Yield the ports that an arena with _VEHICLES vehicles on the default address needs and that are in use."""
     defaults = ArenaFile(vehicles={"uav1": VehicleKeys()})
     address = defaults.address
     wanted = {
@@ -131,10 +134,10 @@ def _ports(probe: Probe) -> Iterator[Finding]:
 
 
 def _serial(folder: Path) -> Iterator[Finding]:
-    """Yield the serial devices, and whether this user may open them."""
+    """Yield a line per serial device, with a note if this user has no permission to open the device."""
     for device in sorted((*folder.glob("ttyACM*"), *folder.glob("ttyUSB*"))):
         if os.access(device, os.R_OK | os.W_OK):
-            yield Finding(sign="ok", what=f"{device}: a serial device, maybe a flight controller")
+            yield Finding(sign="ok", what=f"{device}: serial device, possibly a flight controller")
         else:
             yield Finding(
                 sign="note",
@@ -150,14 +153,17 @@ def _runs() -> Iterator[Finding]:
                 what=f"{run.name} is up on {run.address} (supervisor {run.supervisor.pid}, {run.run})",
             )
         else:
-            left = ", ".join(run.survivors()) or "nothing of it runs"
+            left = ", ".join(run.survivors())
+            what = f"still running: {left}" if left else "no process left"
             yield Finding(
-                sign="note", what=f"stale run {run.run} on {run.address} ({left}): arena down --run {run.run}"
+                sign="note",
+                what=f"stale run {run.run} on {run.address} ({what}): "
+                f"clean it up with `arena down --run {run.run}`",
             )
 
 
 def _locks(folder: Path) -> Iterator[Finding]:
-    """Yield the PX4 instances that run. Two instances of one number cannot run on one computer."""
+    """Yield the PX4 instances that run now. A second PX4 with the same instance number cannot start."""
     for lock in sorted(folder.glob("px4_lock-*")):
         number = lock.name.partition("-")[2]
         try:

@@ -1,4 +1,4 @@
-"""Search for the arena that a command is about: the only one that is up, or the one named by `--run`."""
+"""Search for the running arena to which a command applies: the only one that is up, or the one named by `--run`."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from arena.errors import InputError, RunError
 from arena.supervisor import Control, RunState, active_runs, open_run
 
 RunOption = Annotated[
-    Path | None, typer.Option("--run", metavar="DIR", help="the run folder, when several arenas are up")
+    Path | None,
+    typer.Option("--run", metavar="DIR", help="run folder of the arena, if several arenas are up"),
 ]
 
 
 def find(run: Path | None, *, stale: bool = False) -> RunState:
-    """Return the run that is meant.
+    """Return the run to which a command applies.
 
-    run: the run folder, None for the only arena that is up.  stale: accept a run whose supervisor has died.
-    Raises InputError that lists the arenas when several are up, RunError when none is.
+    run: path of the run folder; None for the only arena that is up.
+    stale: also accept a run whose supervisor has died.
+    Raises InputError, with a list of the arenas, if several are up, and RunError if none is up.
     """
     if run is not None:
         state = open_run(run.resolve())
@@ -27,7 +29,7 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
             raise InputError(f"{run}: no arena is running from this folder")
         if not (state.live or stale):
             raise RunError(
-                f"{run}: its supervisor has died; `arena down --run {run}` lands the vehicles and ends its processes"
+                f"{run}: its supervisor has died. Use `arena down --run {run}` to land the vehicles and end the processes"
             )
         return state
     found = [state for state in active_runs() if state.live or stale]

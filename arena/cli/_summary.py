@@ -1,4 +1,4 @@
-"""The result of a run for people: the verdict in one sentence and a short table, from the files of its run folder."""
+"""The result of a run for the terminal: the verdict in one sentence and a short table, read from the run folder."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 SLOW_FACTOR = 0.98
-"""Below this share of the speed that was asked for, a flight was too slow."""
+"""Fraction of the requested speed below which the simulation counts as too slow."""
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Return the object in a JSON file; {} when the file is missing or holds anything else."""
+    """Return the object in a JSON file; {} if the file is missing or contains no JSON object."""
     try:
         found = json.loads(path.read_text())
     except (OSError, ValueError):
@@ -26,7 +26,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def verdict(run: Path) -> str:
-    """Return the result of a run folder in one sentence."""
+    """Return the result of a run in one sentence. run: path of the run folder."""
     outcome, summary = read_json(run / "outcome.json"), read_json(run / "summary.json")
     if not outcome:
         return f"{run.name}: no outcome was recorded: the supervisor did not end this run"
@@ -42,7 +42,7 @@ def verdict(run: Path) -> str:
 
 
 def slowness(outcome: Mapping[str, Any]) -> str:
-    """Return a text when the simulation ran slower than was asked for, else ""."""
+    """Return a text if the simulation ran slower than requested, else "". outcome: content of outcome.json."""
     real_time = outcome.get("real_time") or {}
     factor, asked = real_time.get("factor"), real_time.get("asked")
     if factor is None or asked is None or factor >= SLOW_FACTOR * asked:
@@ -51,7 +51,7 @@ def slowness(outcome: Mapping[str, Any]) -> str:
 
 
 def failsafes(run: Path) -> list[str]:
-    """Return the last failsafe text of each vehicle, as the router recorded it."""
+    """Return the last failsafe event of each vehicle, from the events of the router in events.jsonl."""
     found: dict[str, str] = {}
     try:
         lines = (run / "events.jsonl").read_text().splitlines()
@@ -68,7 +68,7 @@ def failsafes(run: Path) -> list[str]:
 
 
 def short_table(run: Path) -> Table | None:
-    """Return a row per vehicle; None when the run has no summary or no vehicle."""
+    """Return a table with one row per vehicle; None if the run has no summary or no vehicles."""
     from rich.table import Table
 
     vehicles = read_json(run / "summary.json").get("vehicles") or {}
@@ -93,7 +93,7 @@ def short_table(run: Path) -> Table | None:
 
 
 def _landings(vehicles: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Return `uav1, uav2 landed` and the like, one text per result."""
+    """Return one text per result with the vehicles that have it, such as `uav1, uav2 landed`."""
     groups: dict[str, list[str]] = {}
     for name, found in vehicles.items():
         groups.setdefault(_result(found), []).append(name)
@@ -113,7 +113,7 @@ def _figure(value: float | None, form: str) -> str:
 
 
 def lines_of(run: Path, *, columns: int | None = None) -> Sequence[str]:
-    """Return the verdict and the short table as lines. columns: width of the terminal; None when there is none."""
+    """Return the verdict and the short table as lines of text. columns: width of the terminal; None for 160 columns."""
     from rich.console import Console
 
     lines = [verdict(run)]

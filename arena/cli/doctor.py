@@ -1,4 +1,4 @@
-"""`arena doctor`: what this machine has for flying arenas, what is missing, and how to install it."""
+"""`arena doctor`: checks whether this computer has everything that arenas need."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def doctor() -> None:
-        """Print what this machine has for flying arenas and what is missing. Exit code 0: arenas can fly; 2: they cannot."""
+        """Check whether this computer has everything that arenas need. Exit code 0: arenas can fly; 2: something is missing."""
         from arena.cli._health import examine
 
         findings = list(examine())
         for finding in findings:
             print(finding)
         if any(finding.fatal for finding in findings):
-            print("arenas cannot fly here yet: see what is missing above")
+            print("arenas cannot fly on this computer yet: install what is marked `missing` above")
             raise SystemExit(EXIT_INPUT)
-        print("arenas with the built-in autopilot can fly here")
+        print("arenas with the built-in autopilot can fly on this computer")

@@ -1,4 +1,4 @@
-"""`arena down`: land and stop a running arena, or the processes that a dead or stopped supervisor has left."""
+"""`arena down`: land the vehicles and stop an arena, also if its supervisor is dead or stopped."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def register(app: typer.Typer) -> None:
             bool,
             typer.Option(
                 "--now",
-                help="do not land simulated vehicles; a real vehicle that may be flying is always landed",
+                help="do not land simulated vehicles; real vehicles that may be flying are always landed",
             ),
         ] = False,
     ) -> None:
-        """Land the vehicles, then stop the arena; with --now, stop it at once. The exit code is that of the run."""
+        """Land the vehicles, then stop the arena. The exit code is the exit code of the run."""
         state = find(run, stale=True)
         if state.live and not _stays_stopped(state):
             code = _down(state, now)
@@ -39,7 +39,7 @@ def register(app: typer.Typer) -> None:
                 raise SystemExit(code)
         if state.live:
             print(
-                f"the supervisor {state.supervisor.pid} is stopped and does not answer: the arena is ended without it",
+                f"the supervisor {state.supervisor.pid} is stopped and does not reply: ending the arena without it",
                 flush=True,
             )
         sweep(state, print, now=now)
@@ -47,7 +47,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _stays_stopped(state: RunState) -> bool:
-    """Return whether the supervisor is stopped by a signal and stays so for _STOPPED_S."""
+    """Return whether the supervisor is stopped by a signal (SIGSTOP) and is still stopped after _STOPPED_S."""
     deadline = time.monotonic() + _STOPPED_S
     while (stopped := state.stopped) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -55,7 +55,7 @@ def _stays_stopped(state: RunState) -> bool:
 
 
 def _down(state: RunState, now: bool) -> int | None:
-    """End a run through its supervisor and return the exit code of the run; None when the supervisor is stopped."""
+    """Ask the supervisor to end the run, and return the exit code of the run; None if the supervisor is stopped."""
     control = connect(state)
     try:
         control.ask(do="subscribe")
@@ -77,7 +77,7 @@ def _down(state: RunState, now: bool) -> int | None:
 
 
 def _print_lines(control: Control, state: RunState, deadline: float) -> None:
-    """Print the lines of the run until it has ended, or until its supervisor is stopped."""
+    """Print the lines of the run until the run has ended, its supervisor is stopped, or the deadline [s] has passed."""
     while time.monotonic() < deadline:
         try:
             packet = control.listen(1.0)

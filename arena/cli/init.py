@@ -1,4 +1,4 @@
-"""`arena init`: a folder with an arena that flies."""
+"""`arena init`: create a folder with an example arena that is ready to fly."""
 
 from __future__ import annotations
 
@@ -19,17 +19,18 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def init(
         folder: Annotated[
-            Path, typer.Argument(metavar="NAME", help="the folder to make; its name names the arena")
+            Path,
+            typer.Argument(metavar="NAME", help="the folder to create; its name is the name of the arena"),
         ],
     ) -> None:
-        """Make a folder with arena.yaml, a ten-line program, a scenario, a README and a .gitignore."""
+        """Create a folder with an example: arena.yaml, a ten-line program, a scenario, a README and a .gitignore."""
         for path in scaffold(folder):
             print(path)
         print(f"next: cd {folder} && arena check && arena up")
 
 
 def scaffold(folder: Path) -> list[Path]:
-    """Write the files and return their paths. Raises InputError when a file exists already: nothing is overwritten."""
+    """Write the files of a new arena and return their paths. Raises InputError if one of the files already exists."""
     import jinja2
 
     from arena.schema import data_folder
@@ -37,11 +38,13 @@ def scaffold(folder: Path) -> list[Path]:
     name = folder.resolve().name
     if not _NAME.fullmatch(name):
         suggestion = re.sub("[^A-Za-z0-9]+", "_", name).strip("_") or "lab1"
-        raise InputError(f"got the name {name!r}, expected letters, digits, _ . and -. Try {suggestion}.")
+        raise InputError(
+            f"got the name {name!r}, expected letters, digits, _ . and - only. Try {suggestion}."
+        )
     templates = sorted((data_folder("templates") / "init").glob("*.j2"))
     targets = {template: folder / _file_name(template) for template in templates}
     if there := [str(target) for target in targets.values() if target.exists()]:
-        raise InputError(f"{', '.join(there)} exists already and is not overwritten. Choose another name.")
+        raise InputError(f"{', '.join(there)} already exists and is not overwritten. Choose another name.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for template, target in targets.items():

@@ -1,4 +1,4 @@
-"""`arena kill-all --yes`: stops the motors, flying or not. Read as `arena land-all` is."""
+"""`arena kill-all --yes`: stops all motors, also in the air. This module has the help; `arena.emergency` has the code."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ def register(app: typer.Typer) -> None:
 
     @app.command("kill-all")
     def kill_all_(
-        arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, where no run is active")] = None,  # noqa: UP045
+        arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, if no run is active")] = None,  # noqa: UP045
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
         only: Annotated[str, typer.Option(help="Vehicles to stop, as a,b; all by default.")] = "",
         spared: Annotated[str, typer.Option("--except", help="Vehicles to leave alone, as a,b.")] = "",
-        yes: Annotated[bool, typer.Option("--yes", help="Needed: what flies will fall.")] = False,
+        yes: Annotated[
+            bool, typer.Option("--yes", help="Required. Confirms that flying vehicles will fall.")
+        ] = False,
         timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = KILL_TIMEOUT_S,
     ) -> None:
         """Stop every motor at once, also in the air. To land, use land-all."""

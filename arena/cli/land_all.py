@@ -1,4 +1,4 @@
-"""`arena land-all`: the panic path. Here is its help; `arena.cli` hands the command line straight to `arena.emergency`."""
+"""`arena land-all`: lands all vehicles in an emergency. This module has the help; `arena.emergency` has the code."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ def register(app: typer.Typer) -> None:
 
     @app.command("land-all")
     def land_all_(
-        arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, where no run is active")] = None,  # noqa: UP045
+        arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, if no run is active")] = None,  # noqa: UP045
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
         only: Annotated[str, typer.Option(help="Vehicles to land, as a,b; all by default.")] = "",
         spared: Annotated[str, typer.Option("--except", help="Vehicles to leave alone, as a,b.")] = "",
         timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = LAND_TIMEOUT_S,
     ) -> None:
-        """Land every vehicle, until each is on the ground and disarmed. Needs no supervisor and no router."""
+        """Land all vehicles and wait until each is on the ground and disarmed. Works without supervisor and router."""
         code = land_all(arena=arena, run=run, only=names(only), spared=names(spared), timeout_s=timeout)
         raise typer.Exit(code)

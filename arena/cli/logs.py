@@ -1,4 +1,4 @@
-"""`arena logs NAME`: what a process of a running arena, or of a run folder, has printed."""
+"""`arena logs NAME`: print the log (stdout and stderr) of one process of a run."""
 
 from __future__ import annotations
 
@@ -23,12 +23,16 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def logs(
-        name: Annotated[str, typer.Argument(help="as `arena ps` shows it")],
-        follow: Annotated[bool, typer.Option("--follow", "-f", help="go on until the run ends")] = False,
-        lines: Annotated[int, typer.Option("--lines", "-n", min=0, help="how many of the last lines")] = 50,
+        name: Annotated[str, typer.Argument(help="name of the process, as `arena ps` shows it")],
+        follow: Annotated[
+            bool, typer.Option("--follow", "-f", help="continue to print new lines until the run ends")
+        ] = False,
+        lines: Annotated[
+            int, typer.Option("--lines", "-n", min=0, help="number of lines to print, from the end")
+        ] = 50,
         run: RunOption = None,
     ) -> None:
-        """Print the log of one process."""
+        """Print the log of one process: the last lines of its stdout and stderr."""
         folder = run.resolve() if run is not None else Path(find(None, stale=True).run)
         log = _log(folder, name)
         with log.open("rb") as file:
@@ -47,7 +51,10 @@ def _log(folder: Path, name: str) -> Path:
 
 
 def _follow(fd: int, log: Path, folder: Path) -> None:
-    """Print what is appended, until the run has ended and all of it is printed. A log that was cut is read on from its end."""
+    """Print new lines of a log until the run has ended. After the supervisor has cut the log, continue at its new end.
+
+    fd: the open log, at the position of the first new line.
+    """
     while True:
         over = not _is_up(open_run(folder))
         if log.stat().st_size < os.lseek(fd, 0, os.SEEK_CUR):

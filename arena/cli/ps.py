@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def ps(
         run: RunOption = None,
-        as_json: Annotated[bool, typer.Option("--json", help="print JSON, for programs")] = False,
+        as_json: Annotated[bool, typer.Option("--json", help="print JSON for other programs")] = False,
     ) -> None:
         """Show the vehicles and processes of a running arena."""
         state = find(run)

@@ -14,13 +14,13 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def restart(
-        name: Annotated[str, typer.Argument(help="as `arena ps` shows it")],
+        name: Annotated[str, typer.Argument(help="name of the process, as `arena ps` shows it")],
         run: RunOption = None,
         yes: Annotated[
             bool,
-            typer.Option("--yes", help="also when a vehicle that depends on the process may be flying"),
+            typer.Option("--yes", help="restart even if a vehicle that depends on the process may be flying"),
         ] = False,
     ) -> None:
-        """Restart one process of a running arena. Refused in flight for what a vehicle depends on, unless --yes."""
+        """Restart one process of a running arena. If a flying vehicle depends on the process, --yes is required."""
         connect(find(run)).ask(do="restart", name=name, yes=yes)
         print(f"{name}: restart requested; `arena ps` shows its state")

@@ -1,4 +1,4 @@
-"""`arena runs`: the run folders here, with their results."""
+"""`arena runs`: list the run folders of an arena with their results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ def register(app: typer.Typer) -> None:
     @app.command()
     def runs(
         folder: Annotated[
-            Path, typer.Argument(metavar="DIR", help="an arena's folder, or a folder of run folders")
+            Path,
+            typer.Argument(metavar="DIR", help="folder of an arena, or a folder that contains run folders"),
         ] = Path(),
     ) -> None:
         """List the run folders of an arena, oldest first, and every arena that is up."""
@@ -31,7 +32,7 @@ def register(app: typer.Typer) -> None:
             Path(s.run) for s in active_runs() if s.live and Path(s.run) not in map(Path.resolve, found)
         ]
         if not found:
-            print(f"no runs in {folder.resolve()}; `arena up` makes one")
+            print(f"no run folders in {folder.resolve()}; `arena up` creates one")
             return
         table = Table("time", "arena", "result", "run folder", box=None, pad_edge=False)
         for run in found:
@@ -42,14 +43,14 @@ def register(app: typer.Typer) -> None:
 
 
 def run_folders(folder: Path) -> list[Path]:
-    """Return the run folders in `folder/runs`, or in `folder` itself, oldest first."""
+    """Return the run folders in `folder/runs`, or in `folder` if `folder/runs` does not exist, oldest first."""
     inside = folder / "runs"
     candidates = (inside if inside.is_dir() else folder).glob("*/plan.json")
     return sorted((path.parent for path in candidates), key=lambda run: run.name)
 
 
 def row(run: Path) -> tuple[str, str, str, str]:
-    """Return start time, name, result and path of one run folder."""
+    """Return the row of the table for one run folder: start time, name of the arena, result, path."""
     outcome, plan = read_json(run / "outcome.json"), read_json(run / "plan.json")
     began = str(outcome.get("start", ""))[:19].replace("T", " ") or _modified(run / "plan.json")
     return began, str(plan.get("name", "?")), _result(run, outcome), str(run)
@@ -58,7 +59,7 @@ def row(run: Path) -> tuple[str, str, str, str]:
 def _result(run: Path, outcome: dict[str, object]) -> str:
     state = open_run(run.resolve())
     if state is not None:
-        return "running" if state.live else f"its supervisor has died: arena down --run {run}"
+        return "running" if state.live else f"its supervisor has died: clean up with arena down --run {run}"
     if not outcome:
         return "no outcome was recorded"
     if outcome["exit_code"] == EXIT_OK:

@@ -1,7 +1,7 @@
-"""`arena smoke`: fly scenarios without a window and judge them.
+"""`arena smoke`: fly scenarios without a window and report which passed.
 
-Exit codes: 0 all passed; 1 one failed; 2 a scenario or an arena is wrong and nothing was flown; 130 after a
-    Ctrl-C, with all arenas landed and ended.
+Exit codes: 0 all scenarios passed; 1 at least one failed; 2 a scenario or an arena is not valid, so nothing was flown;
+130 after Ctrl-C, when all arenas have landed and ended.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from arena.smoke.referee.verdict import Result
 
 ENDING = ".smoke.yaml"
-_LOG_COLUMNS = 160  # without a terminal: paths in a CI log must not be broken
+_LOG_COLUMNS = 160  # width of the table without a terminal, so that paths in a CI log are not wrapped
 
 
 def register(app: typer.Typer) -> None:
@@ -33,10 +33,13 @@ def register(app: typer.Typer) -> None:
     def smoke(
         scenarios: Annotated[
             list[Path],
-            typer.Argument(metavar="SCENARIO...", help=f"files, or folders with *{ENDING} in them"),
+            typer.Argument(
+                metavar="SCENARIO...", help=f"scenario files, or folders that contain *{ENDING} files"
+            ),
         ],
         junit: Annotated[
-            Path | None, typer.Option("--junit", metavar="FILE", help="write JUnit XML for a CI server")
+            Path | None,
+            typer.Option("--junit", metavar="FILE", help="write the results as JUnit XML, for a CI server"),
         ] = None,
         jobs: Annotated[
             int | None,
@@ -45,7 +48,7 @@ def register(app: typer.Typer) -> None:
                 "--jobs",
                 metavar="N",
                 min=1,
-                help="number of scenarios at a time; default: one per core",
+                help="number of scenarios flown at the same time; default: number of CPU cores",
             ),
         ] = None,
         speed: Annotated[
@@ -59,7 +62,7 @@ def register(app: typer.Typer) -> None:
         ] = None,
         set_: Annotated[
             list[str] | None,
-            typer.Option("--set", metavar="KEY=VALUE", help="override one value of the arenas"),
+            typer.Option("--set", metavar="KEY=VALUE", help="override one value of the arenas' YAML"),
         ] = None,
         results: Annotated[
             Path, typer.Option("--results", metavar="DIR", help="folder for run folders")
@@ -67,9 +70,11 @@ def register(app: typer.Typer) -> None:
         repeat: Annotated[
             int, typer.Option("--repeat", metavar="N", min=1, help="fly each scenario N times")
         ] = 1,
-        list_: Annotated[bool, typer.Option("--list", help="check and list the scenarios, fly none")] = False,
+        list_: Annotated[
+            bool, typer.Option("--list", help="check and list the scenarios, without flying them")
+        ] = False,
     ) -> None:
-        """Fly scenarios headless, several at a time, and judge them. All are checked before the first one flies."""
+        """Fly scenarios without a window, several at a time, and report which passed. All files are checked before the first flight."""
         from arena.smoke.flying.fly_scenario import FlightOptions
 
         seeds = [] if seed is None else [f"world.seed={seed}", f"mocap.seed={seed}"]
@@ -87,28 +92,29 @@ def register(app: typer.Typer) -> None:
 
 
 def _make(folder: Path) -> None:
-    """Create a folder. Raises InputError if that is not possible."""
+    """Create a folder and its parents. Raises InputError if that is not possible."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
+        raise InputError(f"{folder}: cannot be created: {error.strerror}") from error
 
 
 def files(named: list[Path]) -> list[Path]:
-    """Return the scenario files; a folder stands for the scenarios in it. Raises InputError for a folder
-    without one.
+    """Return the paths of the scenario files. A folder is replaced by all scenario files in it and its subfolders.
+
+    Raises InputError if a folder contains no scenario file.
     """
     found: list[Path] = []
     for path in named:
         inside = sorted(path.rglob(f"*{ENDING}")) if path.is_dir() else [path]
         if not inside:
-            raise InputError(f"{path}: no *{ENDING} in this folder, nor in one inside it")
+            raise InputError(f"{path}: no *{ENDING} file in this folder or its subfolders")
         found += inside
     return list(dict.fromkeys(found))
 
 
 def load(paths: list[Path], overrides: list[str]) -> list[Scenario]:
-    """Return every scenario of every file. Raises InputError with the problems of all files."""
+    """Load all scenario files and return their scenarios. Raises InputError with the problems of all files."""
     from arena.smoke.flying.fly_scenario import refuse_real
     from arena.smoke.language.scenario import load_scenarios
 
@@ -136,7 +142,7 @@ def _fly(scenarios: list[Scenario], options: FlightOptions, jobs: int, junit: Pa
         missing = list((Counter(scenario.name for scenario in scenarios) - flown).elements())
         _write_results(interrupted.results, options.results, junit, missing)
         print(
-            f"interrupted: {len(missing)} of {len(scenarios)} scenarios not complete; their arenas have landed and ended"
+            f"interrupted: {len(missing)} of {len(scenarios)} scenarios were not completed; all arenas have landed and ended"
         )
         return EXIT_INTERRUPTED
     _write_results(results, options.results, junit)

@@ -1,4 +1,4 @@
-"""`arena summary RUN`: the full result of a run."""
+"""`arena summary RUN`: print the full result of a run."""
 
 from __future__ import annotations
 
@@ -16,10 +16,14 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def summary(
-        run: Annotated[Path, typer.Argument(metavar="RUN", help="a run folder, as `arena runs` lists them")],
-        as_json: Annotated[bool, typer.Option("--json", help="print summary.json, for programs")] = False,
+        run: Annotated[
+            Path, typer.Argument(metavar="RUN", help="path of a run folder; `arena runs` lists them")
+        ],
+        as_json: Annotated[
+            bool, typer.Option("--json", help="print summary.json for other programs")
+        ] = False,
     ) -> None:
-        """Print the verdict of a run and everything that its report found."""
+        """Print the full result of a run: the verdict and the report (summary.txt)."""
         from arena.cli._summary import lines_of
 
         if not (run / "plan.json").is_file():
@@ -31,5 +35,5 @@ def register(app: typer.Typer) -> None:
             print(text.read_text().rstrip())
         else:
             raise InputError(
-                f"{run}: no report was made. Make it with: python -m arena.recorder.report {run}"
+                f"{run}: this run has no report. Create it with: python -m arena.recorder.report {run}"
             )

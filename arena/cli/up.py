@@ -1,7 +1,7 @@
-"""`arena up`: start an arena, watch it, land it, stop it.
+"""`arena up`: start an arena, supervise it, land the vehicles at the end, and stop it.
 
-Exit codes: 0 everything succeeded; 1 a program, vehicle, process or the landing failed; 2 the input is wrong; 130 after a Ctrl-C.
-`arena down` and SIGTERM are a normal end (0) unless `--until-done` was still waiting for a program.
+Exit codes: 0 success; 1 a program, a vehicle, a process or the landing failed; 2 the input is wrong; 130 after Ctrl-C.
+`arena down` and SIGTERM end a run normally (0), except while `--until-done` still waits for a program.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from arena.supervisor import (
     sweep_all,
 )
 
-File = Annotated[Path, typer.Argument(help="the arena to start")]
+File = Annotated[Path, typer.Argument(help="YAML file of the arena, or a folder with arena.yaml")]
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override one value of the YAML")
 ]
@@ -51,29 +51,40 @@ def register(app: typer.Typer) -> None:
         file: File = Path("arena.yaml"),
         set_: Set = None,
         detach: Annotated[
-            bool, typer.Option("--detach", help="return once all programs are started")
+            bool,
+            typer.Option(
+                "--detach",
+                help="return when all processes are started; the arena continues in the background",
+            ),
         ] = False,
-        headless: Annotated[bool, typer.Option("--headless", help="no window, no live table")] = False,
+        headless: Annotated[
+            bool, typer.Option("--headless", help="without pybullet's window and without the live table")
+        ] = False,
         gui: Annotated[bool, typer.Option("--gui", help="open pybullet's window")] = False,
         speed: Annotated[
             str | None,
             typer.Option(
-                "--speed", metavar="X", help="simulated seconds per second, or max; as --set sim.speed=X"
+                "--speed",
+                metavar="X",
+                help="simulated seconds per second, or max; the same as --set sim.speed=X",
             ),
         ] = None,
         realtime: Annotated[
             bool,
             typer.Option(
                 "--realtime",
-                help="run the world at a higher priority than other programs (needs root); as --set sim.realtime=true",
+                help="run the world at a higher priority than other programs (needs root); the same as --set sim.realtime=true",
             ),
         ] = False,
         allow_diff: Annotated[
             bool,
-            typer.Option("--allow-diff", help="hardware need not hold what `arena params push` would write"),
+            typer.Option(
+                "--allow-diff",
+                help="fly real vehicles even if their parameters differ from what `arena params push` would write",
+            ),
         ] = False,
         yes: Annotated[
-            bool, typer.Option("--yes", help="with hardware in the arena: do not ask before it may arm")
+            bool, typer.Option("--yes", help="do not ask for confirmation before real vehicles may arm")
         ] = False,
         until_done: Annotated[
             bool,
@@ -82,30 +93,38 @@ def register(app: typer.Typer) -> None:
             ),
         ] = False,
         time_limit: Annotated[
-            float | None, typer.Option("--time-limit", metavar="S", min=0.0, help="end after S seconds")
+            float | None,
+            typer.Option("--time-limit", metavar="S", min=0.0, help="end after S seconds of wall time"),
         ] = None,
         runs: Annotated[
             Path | None,
-            typer.Option("--runs", metavar="DIR", help="where run folders go; else `runs` beside the YAML"),
+            typer.Option(
+                "--runs",
+                metavar="DIR",
+                help="folder for the run folders; default: `runs` next to the YAML file",
+            ),
         ] = None,
         no_report: Annotated[
             bool,
             typer.Option(
                 "--no-report",
-                help="make no summary and no plots; python -m arena.recorder.report RUN does, later",
+                help="write no summary and no plots; `python -m arena.recorder.report RUN` can write them later",
             ),
         ] = False,
         quiet: Annotated[
-            bool, typer.Option("-q", "--quiet", help="print only failures and the verdict")
+            bool, typer.Option("-q", "--quiet", help="print only the verdict and failures")
         ] = False,
         verbose: Annotated[
-            bool, typer.Option("-v", "--verbose", help="print every start and stop, and the full summary")
+            bool,
+            typer.Option(
+                "-v", "--verbose", help="print every start and stop of a process, and the full summary"
+            ),
         ] = False,
         as_json: Annotated[
-            bool, typer.Option("--json", help="print one JSON object per line, for programs")
+            bool, typer.Option("--json", help="print one JSON object per line, for other programs")
         ] = False,
     ) -> None:
-        """Start an arena and watch it until it ends. Ctrl-C lands the vehicles, then stops the arena."""
+        """Start an arena and supervise it until its end. Ctrl-C lands the vehicles, then stops the arena."""
         if quiet and verbose:
             raise InputError("got both -q and -v, expected one of them")
         overrides = list(set_ or []) + (["sim.gui=true"] if gui else ["sim.gui=false"] if headless else [])
@@ -129,7 +148,10 @@ def register(app: typer.Typer) -> None:
 
 
 def _plan(file: Path, overrides: list[str]) -> Plan:
-    """Load the arena and check everything that can be checked before a start. Raises InputError, RunError."""
+    """Load the arena, end stale runs on its address, check everything that can be checked before the start, return the plan.
+
+    Raises InputError for problems of the YAML or of this computer, RunError if another arena is in the way.
+    """
     from arena.plan import make_plan
     from arena.plan.machine import check_machine
     from arena.schema import load_arena
@@ -148,18 +170,21 @@ def _plan(file: Path, overrides: list[str]) -> Plan:
 
 
 def _refuse_second(plan: Plan) -> None:
-    """Raise RunError when an arena is up whose sockets this plan needs too."""
+    """Raise RunError if another arena is up that uses the same address or the same ports as this plan."""
     for state in active_runs():
         other = plan_of(state)
         shared = _sockets(plan) & _sockets(other) if other else set()
         if state.live and (state.address == plan.address or shared):
-            another = "give this one another `address`, 127.0.0.2 for instance"
-            if state.address != plan.address:  # what is shared is bound on every address
+            another = "set another `address` for the new arena, for example 127.0.0.2"
+            if state.address != plan.address:  # the shared ports are bound on every address
                 ports = ", ".join(str(port) for port in sorted({port for _, _, port in shared})[:3])
-                another = f"give these vehicles other ids: PX4 binds its links ({ports}, ...) on every address of the computer"
+                another = (
+                    f"set other vehicle ids in the new arena, because PX4 binds its ports ({ports}, ...) "
+                    "on every address of the computer"
+                )
             raise RunError(
-                f"the arena {state.name!r} is up on {state.address} (supervisor {state.supervisor.pid}, {state.run}): "
-                f"`arena down --run {state.run}` ends it, or {another}"
+                f"the arena {state.name!r} is up on {state.address} (supervisor {state.supervisor.pid}, {state.run}). "
+                f"End it with `arena down --run {state.run}`, or {another}"
             )
 
 
@@ -168,7 +193,7 @@ def _sockets(plan: Plan) -> set[tuple[str, str, int]]:
 
 
 def _run(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:
-    """Run the plan in the main thread of this process, and print the result. Return the exit code."""
+    """Run the plan in this process (main thread), print the result and return the exit code."""
     _set_title(plan)
     show.say(Message(text=f"{plan.name}: starting {len(plan.processes)} processes, run folder {folder.path}"))
     try:
@@ -180,7 +205,7 @@ def _run(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:
 
 
 def _print_result(run: Path, code: int, show: Lines) -> None:
-    """Print the verdict, and unless -q the short table; with -v the full summary too."""
+    """Print the verdict; without -q also the short table; with -v also the full summary."""
     from arena.cli._summary import lines_of, read_json, verdict
 
     if isinstance(show, JsonLines):
@@ -201,14 +226,14 @@ def _print_result(run: Path, code: int, show: Lines) -> None:
 
 
 class _Piped(Lines):
-    """The output of a detached run: lines go to its log, and a pipe reports the start or the end to the parent."""
+    """Output of a detached run (`--detach`): writes lines to the log, and reports start or end to the parent by a pipe."""
 
     def __init__(self, pipe: int) -> None:
         super().__init__(Level.DETAIL)
         self._pipe = pipe
 
     def report(self, **packet: Any) -> None:
-        """Send one JSON object to the parent and close the pipe. Later calls do nothing."""
+        """Send one JSON object to the parent process and close the pipe. Later calls do nothing."""
         if self._pipe >= 0:
             with contextlib.suppress(OSError):
                 os.write(self._pipe, json.dumps(packet).encode() + b"\n")
@@ -216,12 +241,15 @@ class _Piped(Lines):
             self._pipe = -1
 
     def started(self, failed: list[str]) -> None:
-        """Report that every process is started."""
+        """Report to the parent process that all processes were started. failed: one text per process that failed to start."""
         self.report(started=True, failed=failed)
 
 
 def _detached(plan: Plan, folder: RunFolder, options: Options) -> int:
-    """Fork the supervisor into a session of its own, and wait until every process is started or the run has ended."""
+    """Fork the supervisor into its own session, wait until all processes are started or the run has ended.
+
+    Return the exit code of `arena up --detach`.
+    """
     reading, writing = os.pipe2(os.O_CLOEXEC)
     log = folder.log("supervisor")
     pid = os.fork()

@@ -73,5 +73,5 @@ def test_up_without_terminal_and_yes_starts_nothing(plan: Plan, tmp_path: Path, 
     done = subprocess.run(
         argv, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60
     )
-    assert done.returncode == 2 and "no terminal to ask at" in done.stderr and "--yes" in done.stderr
+    assert done.returncode == 2 and "stdin is not a terminal" in done.stderr and "--yes" in done.stderr
     assert not (tmp_path / "runs").exists()

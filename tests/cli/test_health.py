@@ -61,7 +61,7 @@ def test_missing_package_is_fatal_only_if_every_arena_needs_it(nothing_there: Pa
     found = [
         f
         for f in examined(nothing_there, missing=(package,))
-        if f.what == f"{package} is not installed, for {purpose}"
+        if f.what == f"{package} is not installed; used for {purpose}"
     ]
     assert len(found) == 1 and found[0].fatal is not optional
 
@@ -106,7 +106,8 @@ def test_stand_in_is_never_reported_as_px4(nothing_there: Path, monkeypatch: pyt
 
 
 @pytest.mark.parametrize(
-    ("missing", "code", "last"), [((), 0, "can fly here"), (("pybullet",), 2, "cannot fly here yet")]
+    ("missing", "code", "last"),
+    [((), 0, "can fly on this computer"), (("pybullet",), 2, "cannot fly on this computer yet")],
 )
 def test_exit_code_of_doctor_reports_whether_arenas_can_fly(
     nothing_there: Path,

@@ -161,4 +161,4 @@ def test_runs_without_an_outcome_and_without_runs(
     (run / "outcome.json").unlink()
     assert "no outcome was recorded" in run_cli("runs", str(tmp_path), capsys=capsys)[1]
     (tmp_path / "empty").mkdir()
-    assert run_cli("runs", str(tmp_path / "empty"), capsys=capsys)[1].startswith("no runs in ")
+    assert run_cli("runs", str(tmp_path / "empty"), capsys=capsys)[1].startswith("no run folders in ")

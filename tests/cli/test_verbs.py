@@ -38,7 +38,7 @@ def test_check_says_ok_and_what_would_run(folder: Path, capsys: pytest.CaptureFi
         "uav1: id 1, iris, autopilot builtin (auto: no PX4 was found), at N 0 E 0 D 0, port 16001, hover.py"
         in out
     )
-    assert "6 processes, 1 of them programs" in out
+    assert "6 processes, 1 of them user programs" in out
 
 
 def test_check_prints_all_problems_and_exits_with_2(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -147,7 +147,7 @@ def test_failure_is_one_line_and_an_exit_code(
     monkeypatch.setattr(cli, "build", lambda _: failing(error))
     got, _, err = run("check", capsys=capsys)
     assert got == code and "Traceback" not in err
-    assert err == {1: "arena: it broke\n", 130: ""}.get(code, "") or "fault of arena" in err
+    assert err == {1: "arena: it broke\n", 130: ""}.get(code, "") or "bug in arena" in err
     if not isinstance(error, KeyboardInterrupt):
         with pytest.raises(type(error)):
             cli.main(["--debug", "check"])
