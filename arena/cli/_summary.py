@@ -36,6 +36,8 @@ def verdict(run: Path) -> str:
     parts = [f"{outcome['name']}: {word} after {outcome['duration_s']:.1f} s"]
     parts += outcome["failed"] or _landings(summary.get("vehicles") or {}) or [str(outcome["landing"])]
     parts += failsafes(run)
+    if stand_ins := [name for name, px4 in (summary.get("px4") or {}).items() if px4.get("stand_in")]:
+        parts.append(f"{', '.join(stand_ins)} flew arena's stand-in for PX4, not PX4")
     if slow := slowness(outcome):
         parts.append(slow)
     return parts[0] + ": " + "; ".join(parts[1:])

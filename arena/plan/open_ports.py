@@ -96,7 +96,7 @@ def _sockets_of(plan: Plan, spec: ProcessSpec) -> Iterator[OpenSocket]:
     if spec.kind == "mocap":
         for used in vendor_settings(slice_["kind"]).server_sockets(slice_):
             yield _vendor_socket(spec, used)
-    if slice_.get("heartbeat"):
+    if spec.kind == "program" and slice_.get("heartbeat"):
         yield OpenSocket(
             process=spec.name,
             protocol="udp",

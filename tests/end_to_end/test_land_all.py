@@ -50,11 +50,27 @@ def assert_down(flight: Flight) -> None:
     eventually(rotors_stand, 2, "the rotors run down")
 
 
+# Flown at every `make test`; `make nightly` flies all combinations.
+DAILY = {
+    ("supervisor", signal.SIGSTOP),
+    ("router", signal.SIGKILL),
+    ("all", signal.SIGSTOP),
+    ("all", signal.SIGKILL),
+}
+CASES = [
+    pytest.param(
+        names,
+        number,
+        id=f"{number.name}-{what}",
+        marks=[] if (what, number) in DAILY else pytest.mark.nightly,
+    )
+    for number in (signal.SIGSTOP, signal.SIGKILL)
+    for what, names in (*((name, (name,)) for name in HELPERS), ("all", HELPERS))
+]
+
+
 # One arena per case. Stopped processes are continued afterwards, so that the run records how the flight ended.
-@pytest.mark.parametrize(
-    "names", [*((name,) for name in HELPERS), HELPERS], ids=lambda x: "+".join(x) if len(x) < 4 else "all"
-)
-@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+@pytest.mark.parametrize(("names", "number"), CASES)
 def test_land_all_works_without_other_processes(
     hangar: Hangar, names: tuple[str, ...], number: signal.Signals
 ) -> None:

@@ -149,7 +149,9 @@ def test_second_arena_on_the_same_address_is_refused(flying: Flight) -> None:
 def test_forwarder_restart_in_flight_keeps_the_vehicle_flying(flying: Flight) -> None:
     first = flying.pid("forward.uav1")
     poses = flying.status()["processes"]["world"]["stats"]["autopilot"]["uav1"]["vision"]
-    assert flying.cli("restart", "forward.uav1").returncode == 0
+    refused = flying.cli("restart", "forward.uav1")
+    assert refused.returncode == 1 and "--yes" in refused.stderr and flying.pid("forward.uav1") == first
+    assert flying.cli("restart", "forward.uav1", "--yes").returncode == 0
     ready = flying.until_event("forward.uav1", "READY", 15, times=2)
     stopping = flying.until_event("forward.uav1", "STOPPING", 1)
     gap_s = ready["mono"] - stopping["mono"]

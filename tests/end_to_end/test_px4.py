@@ -142,7 +142,7 @@ def test_px4_that_never_connects_is_reported_and_others_fly(hangar: Hangar, scri
     (home / "bin/px4").chmod(0o755)
     options = ("--until-done", "--time-limit", "90", "--set", f"px4.home={home}", *flown_by_px4("uav1"))
     flight = hangar.fly({"uav1": "lands", "uav2": "hovers"}, *options)
-    flight.until_said("router: uav1: no heartbeat for 10 s; starting the other vehicles", 40)
+    flight.until_said("uav1: no heartbeat for 10 s; starting the other vehicles", 40)
     flight.until_said("uav2: in the air", 40)
     exits = "exit 127" in script
     if not exits:
