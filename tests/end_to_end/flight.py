@@ -92,6 +92,7 @@ class Flight:
             str(self.runs),
             "--set",
             f"address={address}",
+            *(() if "--speed" in options else ("--realtime",)),  # two arenas share two cores
             *options,
         )
         with self.out.open("wb") as out:
