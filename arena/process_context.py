@@ -113,12 +113,14 @@ class ProcessContext:
         self.stopping = True
 
 
-def run_room(
-    word: str, make: Callable[[ProcessContext], Callable[[], int | None]], argv: list[str] | None = None
+def run_process(
+    error_prefix: str,
+    make: Callable[[ProcessContext], Callable[[], int | None]],
+    argv: list[str] | None = None,
 ) -> int:
     """Run a supervised process and return its exit code. An ArenaError is printed as one line on stderr.
 
-    word: text at the beginning of an error line, such as the name of the process.
+    error_prefix: text at the beginning of an error line, such as the name of the process.
     make: function that builds the serve function from the context. The serve function runs until the process ends and
         returns the exit code; None means 0. Both functions may raise ArenaError. `make` may raise KeyError for a missing
         key of the configuration (slice).
@@ -129,11 +131,11 @@ def run_room(
             serve = make(context)
         except KeyError as error:
             raise InputError(
-                f"configuration file of {context.name}: the key {error} is missing (docs/architecture.md, Slices)"
+                f"configuration file of {context.name}: the key {error} is missing (docs/reference/slices.md)"
             ) from error
         return serve() or 0
     except ArenaError as error:
-        print(f"{word}: {error}", file=sys.stderr)
+        print(f"{error_prefix}: {error}", file=sys.stderr)
         return error.exit_code
 
 

@@ -19,7 +19,7 @@ from arena.copilot.copilot import STEP_HZ, Copilot, Output
 from arena.copilot.settings import Rules, Vehicle
 from arena.errors import ArenaError
 from arena.mocap.client import ChangeReport, MocapClient, open_client
-from arena.process_context import ProcessContext, ShutdownPolicy, run_room
+from arena.process_context import ProcessContext, ShutdownPolicy, run_process
 from arena.transport import listen_udp
 
 _BUFFER_BYTES = 1 << 22
@@ -170,7 +170,7 @@ class CopilotProcess:
 
 
 def main(argv: list[str] | None = None) -> int:
-    return run_room("arena:copilot", _make, argv)
+    return run_process("arena:copilot", _make, argv)
 
 
 def _make(room: ProcessContext) -> Callable[[], None]:

@@ -93,7 +93,7 @@ class Settings:
         except (KeyError, TypeError) as error:
             what = f"{type(error).__name__} {error}"
             raise InputError(
-                f"configuration of the link process: missing or wrong key: {what} (docs/architecture.md, Slices)"
+                f"configuration of the link process: missing or wrong key: {what} (docs/reference/slices.md)"
             ) from error
 
 

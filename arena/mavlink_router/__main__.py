@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 from arena.mavlink_router.routing_table import Table
 from arena.mavlink_router.shell import RouterShell
-from arena.process_context import ProcessContext, run_room
+from arena.process_context import ProcessContext, run_process
 
 
 def main(argv: list[str] | None = None) -> int:
-    return run_room("arena:router", _make, argv)
+    return run_process("arena:router", _make, argv)
 
 
 def make_shell(process: ProcessContext) -> RouterShell:

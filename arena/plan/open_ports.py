@@ -103,7 +103,7 @@ def _sockets_of(plan: Plan, spec: ProcessSpec) -> Iterator[OpenSocket]:
             address=plan.address,
             port=0,
             what="heartbeats, sent",
-            who="nobody: it sends",
+            who="no one: it only sends",
         )
     if spec.kind == "world":
         yield _local(spec, "{rt}/clock.sock", "the simulation clock")

@@ -13,7 +13,7 @@ import time
 from arena.clock import Clock, SimClock, WallClock
 from arena.mocap.client import ChangeReport, MocapClient, open_client
 from arena.pose_forwarder.forwarder import Forwarder
-from arena.process_context import ProcessContext, ShutdownPolicy, run_room
+from arena.process_context import ProcessContext, ShutdownPolicy, run_process
 from arena.transport import listen_udp
 
 _TICK_S = 0.2
@@ -21,7 +21,7 @@ _FIRST_MESSAGE_S = 0.3  # a running autopilot sends EXTENDED_SYS_STATE five time
 
 
 def main() -> int:
-    return run_room("forward", lambda room: _ForwarderProcess(room).serve)
+    return run_process("forward", lambda room: _ForwarderProcess(room).serve)
 
 
 class _PoseGapSleep:

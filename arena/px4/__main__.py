@@ -22,7 +22,7 @@ from typing import Any
 
 from arena.clock import SimClock
 from arena.errors import RunError
-from arena.process_context import ProcessContext, run_room
+from arena.process_context import ProcessContext, run_process
 from arena.transport import open_udp
 
 LOCK = "/tmp/px4_lock-{instance}"
@@ -38,7 +38,7 @@ _libc = ctypes.CDLL(None)
 
 def main() -> int:
     """Run the process and return its exit code."""
-    return run_room("px4", lambda context: partial(serve, context))
+    return run_process("px4", lambda context: partial(serve, context))
 
 
 def serve(context: ProcessContext) -> int:

@@ -6,12 +6,12 @@ import sys
 from collections.abc import Callable
 
 from arena.errors import RunError
-from arena.process_context import ProcessContext, run_room
+from arena.process_context import ProcessContext, run_process
 from arena.recorder.logger import Logger
 
 
 def main() -> int:
-    return run_room("logger", _make)
+    return run_process("logger", _make)
 
 
 def _make(room: ProcessContext) -> Callable[[], None]:

@@ -116,12 +116,12 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 
 
 class OffboardLoss(Strict):
-    """Reaction to missing setpoints in OFFBOARD."""
+    """Keys of the reaction to missing setpoints in OFFBOARD."""
 
     action: Literal["land", "hold", "return", "terminate", "disarm"] = "land"
     """What the vehicle does."""
     after_s: Annotated[float, Field(gt=0, le=60)] = 1.0
-    """How long they may be missing [s]."""
+    """Longest allowed time without a setpoint [s]."""
 
 
 class PositionLoss(Strict):
@@ -130,7 +130,7 @@ class PositionLoss(Strict):
     action: Literal["land", "terminate", "disarm"] = "land"
     """What the vehicle does. `land` descends vertically with the inertial sensors only."""
     after_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0
-    """How long they may be missing [s]."""
+    """Longest allowed time without a valid pose [s]."""
 
 
 class LowBattery(Strict):
@@ -151,14 +151,14 @@ class LowBattery(Strict):
 
 
 class RcLoss(Strict):
-    """Reaction to missing RC input."""
+    """Keys of the reaction to missing RC input."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] | None = None
     """What the vehicle does. Default: land if it has an RC transmitter, else none."""
 
 
 class DataLinkLoss(Strict):
-    """Reaction to missing heartbeats of the ground stations."""
+    """Keys of the reaction to missing heartbeats of the ground stations."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] = "none"
     """What the vehicle does."""

@@ -133,7 +133,7 @@ PORTS: tuple[Port, ...] = (
         "logger",
         "the logger",
         "log stream",
-        Binder(kind="logger", answers="nobody: it only receives"),
+        Binder(kind="logger", answers="no one: it only receives"),
         use="the vehicle's MAVLink, for the log",
     ),
     _link(
@@ -180,7 +180,7 @@ PORTS: tuple[Port, ...] = (
         per_vehicle=False,
         binders=(
             Binder(
-                kind="copilot", answers="nobody: it counts heartbeats; vehicles reach it through the router"
+                kind="copilot", answers="no one: it counts heartbeats; vehicles reach it through the router"
             ),
         ),
     ),

@@ -237,7 +237,7 @@ def serve(make_autopilots: MakeAutopilots, argv: list[str] | None = None) -> Non
         loop = Loop(context, make_autopilots)
     except KeyError as error:
         raise InputError(
-            f"configuration file of {context.name}: the key {error} is missing (docs/architecture.md, Slices)"
+            f"configuration file of {context.name}: the key {error} is missing (docs/reference/slices.md)"
         ) from error
     try:
         loop.run()

@@ -10,7 +10,13 @@ from functools import partial
 import pytest
 
 from arena.errors import InputError, RunError
-from arena.process_context import SOCKET_VARIABLE, ProcessContext, ShutdownPolicy, run_room, supervisor_socket
+from arena.process_context import (
+    SOCKET_VARIABLE,
+    ProcessContext,
+    ShutdownPolicy,
+    run_process,
+    supervisor_socket,
+)
 
 
 @pytest.fixture
@@ -81,21 +87,21 @@ def test_missing_slice_is_an_input_error(tmp_path):
         (
             lambda room: room.settings["hz"],
             2,
-            "x: configuration file of x.uav1: the key 'hz' is missing (docs/architecture.md, Slices)\n",
+            "x: configuration file of x.uav1: the key 'hz' is missing (docs/reference/slices.md)\n",
         ),
         (lambda room: partial(fail, RunError("the port is taken")), 1, "x: the port is taken\n"),
     ],
 )
 def test_error_becomes_one_line_and_its_exit_code(make, code, said, monkeypatch, capsys):
     monkeypatch.setattr(ProcessContext, "enter", lambda argv=None: ProcessContext("x.uav1", {}, None))
-    assert run_room("x", make) == code
+    assert run_process("x", make) == code
     assert capsys.readouterr().err == said
 
 
 def test_key_error_while_serving_is_not_a_missing_slice_key(monkeypatch):
     monkeypatch.setattr(ProcessContext, "enter", lambda argv=None: ProcessContext("x.uav1", {}, None))
     with pytest.raises(KeyError):
-        run_room("x", lambda room: partial(fail, KeyError("a mistake")))
+        run_process("x", lambda room: partial(fail, KeyError("a mistake")))
 
 
 def fail(error):

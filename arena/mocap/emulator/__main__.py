@@ -16,7 +16,7 @@ from arena.fault_injection import FaultReceiver
 from arena.mocap.emulator.core import EmulatedCameras
 from arena.mocap.emulator.fault_injection import apply_fault
 from arena.mocap.emulator.interface import open_server
-from arena.process_context import ProcessContext, run_room
+from arena.process_context import ProcessContext, run_process
 from arena.wire.truth_page import TruthReader
 
 _POLL_MS = 250  # wall time between checks for a stop signal
@@ -25,7 +25,7 @@ _LATE_S = 0.008  # two steps of the world, whose clock advances in steps
 
 
 def main() -> int:
-    return run_room("mocap", lambda room: _EmulatorProcess(room).serve)
+    return run_process("mocap", lambda room: _EmulatorProcess(room).serve)
 
 
 class _EmulatorProcess:
