@@ -154,7 +154,7 @@ def test_exit_code_and_files_show_the_result(
         ("--speed", "0", "sim.speed: got 0"),
         ("--seed", "-4", "seed: got -4"),
         ("--junit", ".", "is a folder, expected a file"),
-        ("--results", "s.py", "s.py: cannot be made"),
+        ("--results", "s.py", "s.py: cannot be created"),
     ],
 )
 def test_options_are_checked_before_any_flight(
