@@ -38,7 +38,7 @@ _GRACE_S = 2.0  # for the handshake with motion capture after a start
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """Result of a step. events: lines for the event log.
+    """Commands to send and events to log, as the result of one copilot step. events: lines for the event log.
 
     frames: (row of the vehicle, MAVLink frames), to be sent to the router and the panic link.
     """
@@ -77,7 +77,7 @@ class Copilot:
                 self.tracks.on_pose(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
 
     def on_datagram(self, row: int | None, data: Buffer, now: float) -> None:
-        """Process a datagram.
+        """Store the vehicle states and program heartbeats that a received datagram contains.
 
         row: vehicle from whose tools port the datagram came, None for any other sender.
         """
@@ -261,7 +261,8 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return True once, when a condition has been true for more than _SILENT_S.
+    """Return True if a condition has been true for more than `_SILENT_S`; only once, until the condition has
+    been false again.
 
     since: row -> start time of the condition, updated here. so: whether the condition is true now.
     """

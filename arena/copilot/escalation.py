@@ -57,7 +57,7 @@ class Order:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """Result of a step.
+    """Command to send and events to log, as the result of one `Escalation` step for one vehicle.
 
     send: the order to send now, None if there is none. events: lines for the event log.
     """
@@ -67,8 +67,8 @@ class Decision:
 
 
 def may_end(mode: str, order: Order | None) -> bool:
-    """Return whether the copilot may change a vehicle's mode: in the modes of programs, and in a landing of
-    its own.
+    """Return whether the copilot may end the vehicle's current mode with a command. This is allowed in the
+    modes that user programs fly, and in a landing that the copilot has commanded.
 
     It may end its own landing, because only termination is more severe.
     """
@@ -124,7 +124,9 @@ class Escalation:
         self.order, self._left_alone = None, ""
 
     def _leave_to_others(self, violations: Sequence[Violation], mode: str) -> None:
-        """End the order because a pilot or a failsafe has changed the vehicle's mode."""
+        """End the order, or report once that the vehicle is not commanded, because a pilot or a failsafe has
+        changed its mode.
+        """
         if self.order is not None:
             self._events.append(
                 f"{self.name}: in {mode} by a pilot or a failsafe; the command {self.order.step} has ended"
@@ -181,8 +183,8 @@ class Escalation:
     def _escalate(
         self, order: Order, violations: Sequence[Violation], status: VehicleStatus, now: float
     ) -> None:
-        """Start the next step if the vehicle does not obey an order, or if the violation continues although
-        it obeys.
+        """Start the next step if the vehicle has not obeyed the present order, or if it has obeyed but the
+        violation continues and the rule requires a stronger step.
 
         Without recent telemetry no next step is started.
         """

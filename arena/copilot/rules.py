@@ -120,7 +120,8 @@ class RuleChecker:
             yield Violation(row=int(row), rule="program", why=why)
 
     def _lasting(self, m: FleetState, rule: str, now_so: Mask) -> list[int]:
-        """Return the rows in which a condition has been true in the air for the rule's `for_s`.
+        """Return the indices of the flying vehicles for which a condition has been true for at least the
+        rule's `for_s`.
 
         now_so: whether it is true now.
         """

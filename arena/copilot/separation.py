@@ -28,8 +28,8 @@ _ON_THE_WAY_M = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class SeparationResult:
-    """Result of the separation rule: who must hold, which pairs have the same target, and the smallest
-    distance.
+    """Result of the separation rule: which vehicles must hold, which pairs are commanded to the same place,
+    and the smallest distance.
 
     broken: violations, one per vehicle to hold.
     meeting: (first, yielding) rows of the pairs that are commanded to the same place.
@@ -99,8 +99,8 @@ def _broken(
 
 
 def _order(m: FleetState, a: int, b: int) -> tuple[int, int]:
-    """Return (first, yielding). The vehicle that comes later in the YAML yields. If it must not be commanded
-    and the other may be, the other yields.
+    """Return the pair as (first, yielding). The vehicle that comes later in the YAML yields, unless only the
+    earlier vehicle may be commanded; then the earlier one yields.
     """
     return (a, b) if m.open[b] or not m.open[a] else (b, a)
 
@@ -112,7 +112,8 @@ def _distance_text(gap: float, nearest: float, when: float, at_m: float) -> str:
 
 
 def _going(m: FleetState, times: Array, ahead_s: float, stopping: Array) -> Array:
-    """Return predicted positions (N, K, 3): each vehicle keeps its velocity, or ends at its fixed target.
+    """Return the predicted positions (N, K, 3). Each vehicle keeps its velocity; a vehicle that flies to a
+    constant target position stops there.
 
     A vehicle flies at least as far as it needs to stop. stopping: positions of the predicted stops (N, K, 3).
     """

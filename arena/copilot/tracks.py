@@ -26,7 +26,9 @@ _MEMORY_S = 0.5
 
 
 class Tracks:
-    """Recent poses of all bodies. bodies: names, in the order of the rows."""
+    """Recent poses of all bodies. bodies: names of the bodies; row i of each returned array belongs to
+    bodies[i].
+    """
 
     def __init__(self, bodies: Sequence[str]) -> None:
         n = len(bodies)
@@ -109,8 +111,8 @@ class Tracks:
         )
 
     def off(self, p_n: Array) -> Array:
-        """Return the distance of each position from the body's track of the last 0.5 s [m] (N,), NaN if
-        unknown.
+        """Return the smallest distance of each estimated position from the body's captured positions of the
+        last 0.5 s [m] (N,), NaN if unknown.
 
         p_n: estimated positions [m] [NED] (N, 3). They are compared with the track, not with the newest pose,
         because an estimate arrives late and a fast body has moved since.

@@ -52,7 +52,8 @@ class DirectLink:
         self._printed: set[str] = set()
 
     def step(self, silent_s: float, now: float) -> None:
-        """Open the connections that are needed now.
+        """Check the link process and open a direct connection if the link process does not run, hangs, or
+        passes on no telemetry.
 
         silent_s: time since the vehicle's last telemetry, or since the start [s].
         """
@@ -89,7 +90,9 @@ class DirectLink:
         return [file.fileno() for file in (self._replacement, self._beside) if file is not None]
 
     def read(self, fd: int) -> Iterator[bytes]:
-        """Yield the frames that the vehicle has sent to this file descriptor, as whole frames."""
+        """Read from this file descriptor and yield the data of the vehicle. Each item contains complete
+        MAVLink frames.
+        """
         for file in (self._replacement, self._beside):
             if file is None or file.fileno() != fd:
                 continue
@@ -144,7 +147,8 @@ class DirectLink:
                 yield data
 
     def _is_vehicle(self, data: bytes, sender: Address) -> bool:
-        """Return whether a datagram is from the vehicle, if its sender's address is not the recorded one.
+        """Return whether a datagram was sent by the vehicle. This is called if the sender's address differs
+        from the recorded address.
 
         It must contain a frame of the vehicle's autopilot. If the vehicle's address is known, its sender must
         be on the same host.

@@ -82,8 +82,8 @@ class TargetConnections:
         return found
 
     def is_over(self, began: float, now: float) -> bool:
-        """Return whether the vehicle is confirmed, or is recorded as down and has been commanded for long
-        enough.
+        """Return whether no more commands are needed: the vehicle is confirmed as landed or stopped, or the
+        run records it as crashed or ended and commands were sent for long enough.
         """
         if self.landing.confirmed:
             return self.landing.settled(now)
@@ -212,7 +212,8 @@ def _say_refusal(landing: LandingSequence, printed: dict[str, str], say: Say) ->
 
 
 def _open_panic_link(target: Target) -> socket.socket | None:
-    """Open this computer's end of the panic link; None while another `land-all` holds it.
+    """Open the UDP socket of this computer for the panic link, the autopilot's link for land-all; None if
+    another `land-all` uses its port.
 
     The autopilot obeys every sender on its panic link, but replies only to this address. While the address is
     taken, commands are sent from another port and telemetry comes through the router.

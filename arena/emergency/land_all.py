@@ -66,7 +66,9 @@ def _record(command: str, targets: Sequence[Target]) -> None:
 
 
 def _worst(found: Found, code: int) -> int:
-    """Print the vehicles that were not commanded, as the last lines. Return the exit code."""
+    """Print the runs whose vehicles could not be commanded. Return the exit code: `code`, or failure if there
+    are such runs.
+    """
     for why in found.unread:
         _say(f"NOT COMMANDED: the vehicles of an active run whose files cannot be read: {why}")
     return code or (EXIT_FAILED if found.unread else EXIT_OK)

@@ -1,5 +1,5 @@
-"""Checks on the process `link.<v>`, which holds a real vehicle's connection: whether it still reads, and how
-to kill it.
+"""Checks on the process `link.<v>`, which holds a real vehicle's connection: whether the process still reads
+its sockets, and a function that kills it.
 
 Reads /proc. A signal is sent only to a process with the recorded identity; a process is never selected by
 name.

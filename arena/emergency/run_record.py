@@ -1,4 +1,5 @@
-"""Records about a vehicle in a run folder: a crash, its last address, the process of its link.
+"""Reads what a run folder records about a vehicle (crash, last address, link process), and records the
+commands of land-all and kill-all.
 
 <run>/events.jsonl    crashes of simulated vehicles and the end of PX4 processes
 <run>/wire/<v>.json   written by link.<v>: {"kind": "udpin", "local": [host, port], "vehicle": [host, port]}
@@ -26,8 +27,8 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessIdentity:
-    """Identity of a process in state.json. start_s [s since boot] distinguishes it from a later process with
-    the same pid.
+    """Identity of a process, from state.json. The start time start_s [s since boot] distinguishes the process
+    from a later process with the same pid.
     """
 
     name: str
@@ -37,7 +38,8 @@ class ProcessIdentity:
 
 @dataclass(frozen=True, kw_only=True)
 class DirectAddress:
-    """Address of a real vehicle for a connection without its router and its link process.
+    """Address of a real vehicle, for a direct connection that bypasses the MAVLink router and the link
+    process.
 
     connection: URL from the plan or the YAML
     local: UDP address to which the link process was bound; None for any
@@ -52,7 +54,9 @@ class DirectAddress:
 
     @classmethod
     def of(cls, connection: ConnectionUrl) -> DirectAddress:
-        """Return the address that the connection URL contains, without the records of a run."""
+        """Return the address that follows from the connection URL alone. `with_run_record` adds what the run
+        has recorded.
+        """
         if connection.kind == "udpin":
             return cls(connection=connection, local=connection.address)
         if connection.kind == "udpout":
@@ -61,7 +65,9 @@ class DirectAddress:
 
 
 def with_run_record(direct: DirectAddress, vehicle: str, run: Path) -> DirectAddress:
-    """Add the records of the run folder: the vehicle's last address and the link process."""
+    """Return the address with the records of the run folder added: the vehicle's last address and the link
+    process.
+    """
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         seen = json.loads((run / "wire" / f"{vehicle}.json").read_text())
         if seen["kind"] == direct.connection.kind and seen["kind"] != "serial":
@@ -97,7 +103,7 @@ def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:
-    """Apply a state change of a PX4 process to `found`. If the PX4 was started again, remove its vehicle."""
+    """Add the vehicle to `found` if its PX4 process has ended; remove the vehicle if its PX4 is ready again."""
     if state in _ENDED:
         found.setdefault(vehicle, f"its PX4 has ended: {reason}")
     elif state == "READY":
@@ -128,8 +134,8 @@ def _process(name: str, run: Path) -> ProcessIdentity | None:
 
 
 def _address(raw: Any) -> Address:
-    """Return an address. Raises ValueError for a port out of range, and for a host name, which would need a
-    working network.
+    """Convert [host, port] to an address. Raises ValueError for a port out of range, and for a host name,
+    because resolving one needs a working network.
     """
     host, port = raw
     if not 0 <= int(port) <= 65535:

@@ -114,8 +114,8 @@ def _began_from(folder: Path) -> str:
 def choose(
     targets: Sequence[Target], only: Sequence[str] = (), spared: Sequence[str] = ()
 ) -> tuple[Target, ...]:
-    """Return the vehicles in `only`, or all if `only` is empty, without those in `spared`. Raises InputError
-    for an unknown name.
+    """Return the vehicles named in `only` (all if `only` is empty), except those named in `spared`. Raises
+    InputError for an unknown name.
     """
     names = [target.name for target in targets]
     for name in (*only, *spared):

@@ -33,8 +33,8 @@ _HEADER = (
 
 
 class FcuLinkShell:
-    """Sockets, serial device and loop of the process. They are read in turn, so that a flood on one does not
-    delay the others.
+    """Sockets, serial device and loop of the link process. The loop reads a limited amount from each in turn,
+    so that a flood on one does not delay the others.
     """
 
     def __init__(self, process: ProcessContext, settings: Settings) -> None:

@@ -29,7 +29,7 @@ def command_of(data: Buffer, frame: Frame) -> int:
 
 
 def asks_to_arm(data: Buffer, frame: Frame, system: int) -> bool:
-    """Return whether a frame would arm vehicle `system`; a broadcast counts as a request."""
+    """Return whether a frame would arm vehicle `system`. Commands to all vehicles (broadcasts) count too."""
     if frame.target_sys not in (0, system):
         return False
     command = command_of(data, frame)

@@ -234,7 +234,9 @@ class FcuLink:
         return out
 
     def from_simulator(self, data: Buffer, found: ParsedFrames, now: float) -> None:
-        """Process data from the world, and queue its sensor messages for the vehicle."""
+        """Process data from the world (the simulator), and queue its sensor messages for the flight
+        controller.
+        """
         for frame in found.frames:
             if frame.msgid in _SENSORS:
                 self.queue.put(Priority.SIMULATOR, bytes(data[frame.start : frame.end]), frame.msgid, now)
@@ -285,7 +287,7 @@ class FcuLink:
     # -- periodic -----------------------------------------------------------------------------------------------------
 
     def greeting(self) -> bytes:
-        """Return the first bytes to send to the world: a heartbeat of the controller."""
+        """Return the first bytes to send to the world (the simulator): a heartbeat of the flight controller."""
         quad, px4, hil = (
             mavlink.MAV_TYPE_QUADROTOR,
             mavlink.MAV_AUTOPILOT_PX4,

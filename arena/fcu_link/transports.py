@@ -54,7 +54,7 @@ class FcuTransport(Protocol):
         """
 
     def wants_write(self) -> bool:
-        """Return whether only a part of the last frame has been written."""
+        """Return whether a frame was written only in part, so that its remaining bytes must still be written."""
 
     def tick(self, now: float) -> None: ...
 

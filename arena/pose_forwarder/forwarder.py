@@ -95,11 +95,13 @@ class Forwarder:
     # -- capture -------------------------------------------------------------------------------------------------------
 
     def on_frame(self, frame: CapturedFrame, now: float) -> bytes | None:
-        """Return the ODOMETRY message for a frame that has just arrived, or None. now: [s]."""
+        """Return the ODOMETRY message for a frame that has just arrived; None if nothing is forwarded. now:
+        time of arrival [s].
+        """
         return self.on_frames([frame], now)
 
     def on_frames(self, frames: Sequence[CapturedFrame], now: float) -> bytes | None:
-        """Return the ODOMETRY message for frames that arrived together, or None.
+        """Return one ODOMETRY message for frames that arrived together; None if nothing is forwarded.
 
         Only the newest pose is sent, because the autopilot uses the arrival time as the time of the pose.
         frames: oldest first. now: [s].
@@ -189,7 +191,7 @@ class Forwarder:
 
     @property
     def serving(self) -> bool:
-        """True if poses arrive at an autopilot that is armed or may be armed.
+        """True if at least one pose was forwarded and the autopilot is armed or may be armed.
 
         True also in modes that do not allow arming, because the autopilot stays in AUTO.LAND on the ground
         after a landing.

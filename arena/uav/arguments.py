@@ -93,7 +93,7 @@ def _by_hand(given: argparse.Namespace) -> dict[str, Any]:
 
 
 def _capture(text: str, body: str) -> dict[str, Any]:
-    """Return the settings of a motion-capture client for one body.
+    """Return the settings of a motion-capture client that receives one body.
 
     text: VENDOR:ADDRESS and the vendor's options.
     """

@@ -31,7 +31,7 @@ _AGE_LIMITS = {
 
 
 class Stamped(Protocol):
-    """Interface of a received value. It contains the time of arrival [s]."""
+    """Interface of every received value: each has its time of arrival [s]."""
 
     @property
     def received_at(self) -> float: ...
@@ -42,7 +42,9 @@ S = TypeVar("S", bound=Stamped)
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
-    """Constants of the vehicle. mass: [kg]. radius, height: [m]. thrust_curve: as in the profile."""
+    """Constants of the vehicle. mass: [kg]. radius, height: [m]. thrust_curve: settings from the vehicle's
+    profile, see `arena.thrust_curve`.
+    """
 
     ns: str
     mass: float
@@ -54,7 +56,7 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Source of the data of all groups.
+    """Received telemetry and poses from which all data groups read their values.
 
     refresh: function that reads the received data. now: function that returns the time for computing ages
     [s].
@@ -81,7 +83,9 @@ class Source:
         )
 
     def limit_s(self, what: str) -> float:
-        """Return the age limit of a kind of data [s]. what: name of the data, as in error messages."""
+        """Return the age above which a value is stale [s]. what: name of the value, such as in error
+        messages.
+        """
         return self.stale_s * _AGE_LIMITS.get(what, 1.0)
 
     def fresh(self, value: S | None, what: str) -> S:
@@ -117,7 +121,7 @@ class Ekf:
 
     @property
     def age_s(self) -> float:
-        """Age of the older of position and attitude [s]; infinite before both have arrived."""
+        """Age of the position or of the attitude, whichever is older [s]; infinite before both have arrived."""
         self._source.refresh()
         return max(
             self._source.age(self._source.telemetry.local), self._source.age(self._source.telemetry.attitude)
@@ -272,7 +276,7 @@ class EmulatedSensor:
 
     @property
     def age_s(self) -> float:
-        """Age of the oldest pose of the vehicle and its neighbours [s]."""
+        """Age of the oldest of these poses: the vehicle's and each neighbour's [s]."""
         self._source.refresh()
         poses = self._source.poses
         return max(self._source.age(p) for p in (poses.own, *poses.neighbours))
@@ -339,7 +343,7 @@ class Actuation:
 
     @property
     def group(self) -> int:
-        """Mixer group, or the output port of SERVO_OUTPUT_RAW."""
+        """Mixer group of the outputs (ACTUATOR_CONTROL_TARGET), or their port number (SERVO_OUTPUT_RAW)."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.actuators, "actuators").group
 
@@ -403,7 +407,7 @@ class Snapshot:
 
     @classmethod
     def of(cls, source: Source, body: Body) -> Snapshot:
-        """Return all groups of one source."""
+        """Return all data groups, which read their values from `source`."""
         return cls(
             ekf=Ekf(source),
             sen=Sensors(source),

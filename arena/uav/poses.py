@@ -40,7 +40,9 @@ class Pose:
 
     @property
     def v_n(self) -> Array:
-        """Velocity [m/s] [NED] (3,): least-squares slope of the trail; zero after the first pose."""
+        """Velocity [m/s] [NED] (3,): least-squares slope of the last positions over time; zero after the
+        first pose.
+        """
         times = np.array([t for t, _ in self.trail])
         times -= times.mean()
         spread = float(times @ times)

@@ -20,7 +20,7 @@ START_DELAY_S = 0.5  # after the last arrival: longer than the 0.02 s between tw
 
 @dataclass(frozen=True, kw_only=True)
 class Arrivals:
-    """Programs that have arrived.
+    """Programs that have arrived at one barrier.
 
     times: vehicle -> time of arrival [s]. count: number of programs that must arrive.
     """
@@ -49,8 +49,8 @@ class StartBarrier:
         self._uses: Counter[str] = Counter()
 
     def arrive(self, name: str, now: float, count: int | None = None) -> _Waiting:
-        """Record the arrival at a barrier. The k-th arrival of a program at a name waits for the k-th arrival
-        of the others.
+        """Record that this program has arrived at the barrier `name`. If a name is used again, the k-th
+        arrival of a program waits for the k-th arrival of the other programs.
 
         count: number of programs that take part, including this program; None for all programs of the run.
         Raises InputError if the run has fewer programs, or if `arena up` did not start this program.

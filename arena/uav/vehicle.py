@@ -200,8 +200,8 @@ class UAV:
     def reference(
         self, p: ArrayLike | None = None, v: ArrayLike | None = None, yaw: ArrayLike | None = None
     ) -> None:
-        """Send the program's own reference to the logger, for flights whose setpoints do not contain it.
-        Returns at once.
+        """Send the program's own reference trajectory to the logger, if the setpoints do not contain it (e.g.
+        rate setpoints). Returns at once.
 
         p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. Omit values that the reference does not have.
         The log repeats the values for 0.5 s, in `pos_ref`, `vel_ref` and `pos_ref.yaw`. Without a logger
@@ -212,8 +212,8 @@ class UAV:
             self._connection.send_to(message, self._log)
 
     def wait_for(self, name: str, n: int | None = None, timeout: ArrayLike = 30.0) -> float:
-        """Wait for the other programs of the run, then until the common start time. Return this time [s] of
-        `clock`.
+        """Wait until the other programs of the run have called `wait_for` too, then until the common start
+        time. Return the start time [s] of `clock`.
 
         name: name of the barrier. All programs that wait for the same name start together. A name may be used
         again: a program's second call waits for the second calls of the others.
@@ -227,7 +227,7 @@ class UAV:
         start = self._control.wait_until(lambda: waiting.arrivals().start_s, limit)
         if start is None:
             raise NotConfirmedError(
-                f"{self.info.drone_ns}: wait_for({name!r}) after {limit:g} s: {waiting.withdraw()}"
+                f"{self.info.drone_ns}: wait_for({name!r}) timed out after {limit:g} s: {waiting.withdraw()}"
             )
         self._control.wait_until(lambda: self.clock.now() + 1.0 / STREAM_HZ > start, start - self.clock.now())
         self.clock.sleep_until(start)

@@ -35,7 +35,7 @@ _UNKNOWN_COURSE, _FIX_3D, _UNUSED_CHANNEL, _RSSI = 65535, 3, 65535, 100
 
 
 class Controls(NamedTuple):
-    """HIL_ACTUATOR_CONTROLS: PX4's reply to a sensor sample.
+    """Contents of HIL_ACTUATOR_CONTROLS, PX4's reply to a sensor sample.
 
     time_usec: time of that sample [us]
     controls: 0..1 [-] (16,); the first four are motors
@@ -121,7 +121,7 @@ class HilSender:
 
 
 def controls(data: Buffer, found: Frame) -> Controls:
-    """Decode a HIL_ACTUATOR_CONTROLS message. found: its frame in `data`."""
+    """Decode a HIL_ACTUATOR_CONTROLS message. found: position of the message's frame in `data`."""
     payload = bytes(data[found.payload : found.payload + found.size]).ljust(_CONTROLS.size, b"\0")
     time_usec, flags, *outputs, mode = _CONTROLS.unpack_from(payload)
     return Controls(time_usec, tuple(outputs), mode, flags)

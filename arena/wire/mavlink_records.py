@@ -143,7 +143,7 @@ def payloads(records: Records) -> list[bytes]:
 
 
 class Odometry(NamedTuple):
-    """ODOMETRY: p_n [m] in `frame_id`, q wxyz, variances of x, y, z, roll, pitch, yaw."""
+    """Contents of an ODOMETRY message: p_n [m] in `frame_id`, q wxyz, variances of x, y, z, roll, pitch, yaw."""
 
     p_n: Triple
     q: tuple[float, float, float, float]
@@ -159,7 +159,7 @@ class Odometry(NamedTuple):
 
 
 class PositionTarget(NamedTuple):
-    """SET_POSITION_TARGET_LOCAL_NED, with the fields and the order of the message."""
+    """Contents of a SET_POSITION_TARGET_LOCAL_NED message, in the order of the message's fields."""
 
     time_boot_ms: int
     x: float

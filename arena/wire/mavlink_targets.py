@@ -326,7 +326,7 @@ def _wrapped(name: str, kind: str, entries: list[str]) -> str:
 
 
 def source() -> str:
-    """Return the source code of the two tables in this module."""
+    """Return Python source code for the two tables of this module, generated from pymavlink."""
     from pymavlink.dialects.v20 import common
 
     crc_extra, targets = tables_of(common)

@@ -120,8 +120,8 @@ class TruthReader:
         return None
 
     def at(self, time_s: float) -> Truth | None:
-        """Return the state at time_s [s], interpolated between two samples; None if the ring does not contain
-        both.
+        """Return the state at `time_s` [s], interpolated between the samples before and after; None if one of
+        them is not in the page.
         """
         count = int(self._all[0])
         held = min(count, self._ring - 1)

@@ -70,7 +70,7 @@ class _Reader:
             whole = self._next()
             if whole is None and self.defining:
                 raise WireError(
-                    f"byte {self.at}: the log ends within its definitions; some parameters are missing"
+                    f"byte {self.at}: the log ends before its definitions section is complete; some parameters are missing"
                 )
             if whole is None:
                 break
@@ -80,7 +80,7 @@ class _Reader:
                 self._take(kind, body, place)
             elif self.defining:
                 raise WireError(
-                    f"byte {place}: got a message of type {kind} and {len(body)} bytes within the definitions,"
+                    f"byte {place}: got a message of type {kind} and {len(body)} bytes in the definitions section,"
                     f" expected one of {_KNOWN.decode()}"
                 )
             elif not self._recover(place):

@@ -17,8 +17,8 @@ def no_network(server: str, reason: str) -> str:
 
 
 def no_pose(server: str, bodies: BodyStatus) -> str:
-    """Return what the user must check when frames arrive without a requested body; "" when all bodies are
-    tracked.
+    """Return what the user must check when frames arrive but do not contain a requested body; "" when all
+    bodies are tracked.
     """
     if bodies.duplicate:
         return (

@@ -25,7 +25,7 @@ class FrameOrder:
         self._run = 0
 
     def place(self, number: int) -> Place:
-        """Classify a frame number.
+        """Classify a frame number as new, repeated or restarted.
 
         - "new": greater than all earlier numbers.
         - "repeated": not greater.

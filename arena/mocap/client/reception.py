@@ -35,7 +35,9 @@ class BodyStatus:
 
 
 class Reception:
-    """Times of the last events of one client. started: time at which the client was opened [s]."""
+    """Times at which one client last received data of each kind. started: time at which the client was opened
+    [s].
+    """
 
     def __init__(self, started: float) -> None:
         self._started = self._streaming_since = started
@@ -45,7 +47,7 @@ class Reception:
         self._foreign_address, self._foreign_at = "", -math.inf
 
     def update(self, event: str, count: int, now: float) -> bool:
-        """Record the total count of an event. Return True if the count has changed."""
+        """Store the time `now` if the total count of an event has changed. Return True if it has changed."""
         if count == self._counts.get(event, 0):
             return False
         self._counts[event], self._changed_at[event] = count, now
@@ -75,8 +77,8 @@ class Reception:
         return now - self._changed_at.get("frames", -math.inf) <= STREAMING_S
 
     def on_foreign(self, address: str, now: float) -> None:
-        """Record a datagram from an address other than the server's. Of several addresses the first is kept
-        until it stops sending.
+        """Record that a datagram came from an address other than the server's. If several such addresses
+        send, the first one is kept until it is silent.
         """
         if address == self._foreign_address or now - self._foreign_at > RECENT_S:
             self._foreign_address, self._foreign_at = address, now

@@ -77,8 +77,8 @@ class _EmulatorProcess:
                 self._report(wall)
 
     def _sleep_until(self, due: float) -> float | None:
-        """Sleep until `due` and return the time [s]. Return None early if faults were applied or a stop
-        signal must be checked.
+        """Sleep until simulation time `due` and return the time [s]. Return None earlier if faults were
+        applied, or if the caller must check for a stop signal.
 
         Faults are also applied during the sleep, because simulation time may stand still while many of them
         are sent.

@@ -75,7 +75,9 @@ class EmulatedCameras:
         return min(exposes, self.leaves_at(self._waiting[0])) if self._waiting else exposes
 
     def leaves_at(self, frame: MeasuredFrame) -> float:
-        """Return the time at which the server sends a frame [s]."""
+        """Return the time at which the server sends a frame [s]: the exposure plus the latency and the
+        injected delay.
+        """
         return frame.exposed_s + self.latency_s + self.delay_s
 
     def enqueue(self, number: int, truth: Truth) -> None:

@@ -16,7 +16,9 @@ _MAX_REQUESTS = 64  # per call: a flood of requests must not delay the frames
 
 
 class ServerProtocol(Protocol):
-    """A vendor's protocol: encodes and decodes bytes, without sockets. wall: monotonic wall time [s]."""
+    """A vendor's protocol: encodes frames and replies, and decodes requests, without sockets. wall: monotonic
+    wall time [s].
+    """
 
     counts: Counter[str]
 
@@ -31,8 +33,8 @@ class ServerProtocol(Protocol):
 
 
 class UdpServer:
-    """Sockets of an emulated server. requests: address and port that receive requests; frames are sent from
-    the same address.
+    """The two UDP sockets of an emulated server. requests: address and port on which requests are received.
+    Frames are sent from the same address, but from another port.
     """
 
     def __init__(self, protocol: ServerProtocol, requests: Address, name: str) -> None:

@@ -32,7 +32,7 @@ def open_client(settings: Settings) -> NatNetClient:
         return NatNetClient(settings)
     except socket.gaierror as error:
         raise InputError(
-            f"motion capture: the server {settings['server']!r} has no address: {error.strerror}"
+            f"motion capture: cannot resolve the server name {settings['server']!r}: {error.strerror}"
         ) from error
 
 

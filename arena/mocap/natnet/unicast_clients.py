@@ -29,8 +29,8 @@ class _Client:
 
 
 class UnicastClients:
-    """List of unicast clients. data_port: port of the clients that do not listen on the port of their
-    requests.
+    """List of the clients that receive frames by unicast. data_port: UDP port to which frames are sent, in
+    addition to the port from which a client sends its requests.
     """
 
     def __init__(self, data_port: int) -> None:
