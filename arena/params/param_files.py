@@ -138,7 +138,7 @@ def _type(kind: int) -> Type:
 
 
 def _type_error(entry: Entry) -> str:
-    """Return the problem of a value that fits neither INT32 nor FLOAT; "" if the value fits."""
+    """Return an error text if the value does not fit its type (INT32 or FLOAT), else ""."""
     if entry.kind is not None and entry.kind in INTEGERS and not INT32_MIN <= entry.value <= INT32_MAX:
         return f"got {entry.value:.0f}, expected an integer from {INT32_MIN} to {INT32_MAX}"
     try:

@@ -1,4 +1,4 @@
-"""The configuration of an arena: strict YAML loader, models, profiles, one merge, cross-checks. Starts nothing."""
+"""Reads and checks arena.yaml, merges it with defaults and profiles, and returns an `Arena`."""
 
 from arena.schema.arena import Arena, Origin, Program, Px4, Vehicle
 from arena.schema.library import data_folder, load_profile, profile_names

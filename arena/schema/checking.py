@@ -76,6 +76,6 @@ class Check:
         return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
 
     def sound(self, vehicle: Vehicle, *keys: str) -> bool:
-        """Return whether no problem is reported yet for these keys of a vehicle, so that checks can use them."""
+        """Return whether a vehicle's values of these keys are usable: they have no reported problem."""
         roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
         return not any(path[: len(root)] == root for path in self.pruned for root in roots)

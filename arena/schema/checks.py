@@ -133,7 +133,11 @@ def _ports(c: Check) -> Iterator[Problem]:
 
 
 def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlPath]) -> Problem:
-    """Return the problem of two owners of one port. Its place is the key that the user wrote, if only one is written."""
+    """Return a problem: two owners have the same port number.
+
+    The problem is reported at the YAML key of `one`, or at that of `two` if the user wrote only the key of
+    `two`.
+    """
     (words, path), (other, other_path) = (
         (one, two) if c.source.given(one[1]) or not c.source.given(two[1]) else (two, one)
     )
@@ -196,7 +200,10 @@ def _start(c: Check) -> Iterator[Problem]:
 
 
 def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Iterator[Problem]:
-    """Check one horizontal axis of a start position. room: largest allowed distance from the room's middle [m]."""
+    """Check that a start position is inside the room on one horizontal axis.
+
+    room: largest allowed distance from the room's middle [m].
+    """
     if abs(value) > room:
         best = math.copysign(max(math.floor(room * 100) / 100, 0.0), value)
         why = f"(the walls, less the vehicle's radius of {v.profile.radius_m:g} m)"

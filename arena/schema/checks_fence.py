@@ -27,7 +27,10 @@ def fence(c: Check) -> Iterator[Problem]:
 
 
 def _span(c: Check, axis: str, kept: tuple[float, float]) -> Iterator[Problem]:
-    """Check one horizontal axis of the fence. kept: lowest and highest coordinate after the margin is taken off [m]."""
+    """Check the limits of the fence on one horizontal axis: order, margin, and the room's walls.
+
+    kept: lowest and highest coordinate [m], already reduced by the margin.
+    """
     margin, wall = _margin(c), c.arena.world.size[axis == "east"] / 2.0
     low, high = kept[0] - margin, kept[1] + margin
     if low >= high:

@@ -119,12 +119,12 @@ class Copilot(Strict):
 
     @model_validator(mode="after")
     def _within_at_most(self) -> Copilot:
-        """Refuse a rule whose action `at_most` forbids."""
+        """Refuse a rule whose action (`do`) is stronger than `at_most`, the strongest action allowed."""
         for rule in RULES:
             do: str = getattr(self, rule).do
             if _STEPS.index(do) > _STEPS.index(self.at_most):
                 raise ValueError(
-                    f"an at_most that allows {rule}.do: {do}, but at_most is {self.at_most}. Set at_most: {do}, or change {rule}.do"
+                    f"at_most to allow {rule}.do: {do}, but at_most is {self.at_most}. Set at_most: {do}, or choose a weaker {rule}.do"
                 )
         return self
 

@@ -1,4 +1,4 @@
-"""Access to the profiles and templates that come with arena, and profiles with a vehicle's own mass and sensor noise."""
+"""Load the profiles and templates that come with arena, and replace a profile's mass and sensor noise."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ class Mocap(NatNetKeys):
 
     @property
     def keys(self) -> dict[str, Any]:
-        """Return key -> value of all keys, the input of a vendor's settings."""
+        """Return all keys under `mocap` with their values, from which each vendor's settings are made."""
         return self.model_dump()
 
 

@@ -36,7 +36,7 @@ def _program(value: Any) -> Any:
         return value
     if isinstance(value, str):
         return {"path": value}
-    raise ValueError("a path, or a mapping of path, args and restart")
+    raise ValueError("a path, or a mapping with the keys path, args and restart")
 
 
 Speed = Annotated[
@@ -259,7 +259,7 @@ class Start(Strict):
 
 
 class VehicleDefaults(Strict):
-    """Keys that can be written under one vehicle, or under `defaults` for all vehicles. None: not written here."""
+    """Keys that can be written under one vehicle, or under `defaults` for all vehicles. None: not given."""
 
     profile: str | None = None
     """Vehicle type: a name in `profiles/`. Default `iris`."""
@@ -290,7 +290,7 @@ class VehicleDefaults(Strict):
     pose_rate_hz: Positive | None = None
     """Poses per second to the autopilot; must divide mocap.rate_hz. Default: the highest divisor up to 60."""
     program: Annotated[Program | None, BeforeValidator(_program)] = None
-    """The user's program: a path, or a mapping of path, args and restart. Default: none."""
+    """The user's program: a path, or a mapping with the keys path, args and restart. Default: none."""
     args: Words | None = None
     """Arguments of the program."""
     neighbours: Words | None = None

@@ -106,7 +106,7 @@ def fence_of(model: ArenaFile) -> Fence | None:
 
 
 def _home(model: ArenaFile, folder: Path) -> str | None:
-    """Return `px4.home` as a path; relative paths start at the YAML's folder. `stand-in` is returned unchanged."""
+    """Return the YAML's `px4.home`: a path (relative paths start at the YAML's folder) or `stand-in`."""
     home = model.px4.home
     return str(folder / Path(home).expanduser()) if home and home != STAND_IN else home
 

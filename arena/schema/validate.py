@@ -62,7 +62,10 @@ def validate(kind: type[M], source: Source) -> Validated[M]:
 
 
 def _prune(data: Any, path: YamlPath, *, missing: bool) -> YamlPath:
-    """Remove the value at a path, or the nearest enclosing mapping key; return the path that was removed."""
+    """Remove a wrong value, so that the other values can be validated; return the path that was removed.
+
+    An item of a list is not removed alone: the mapping key that contains the list is removed.
+    """
     end = len(path) - (1 if missing else 0)
     while end and not isinstance(path[end - 1], str):
         end -= 1
@@ -107,7 +110,10 @@ def _instead(kind: type[BaseModel], path: YamlPath) -> str:
 
 
 def _below(kind: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Yield the path of every key of a model and of its nested models. Mappings by name (vehicles, tools) are skipped."""
+    """Yield the path of every key of a model and of its nested models.
+
+    Keys below `vehicles` and `tools` are skipped, because users choose the names there.
+    """
     model = _model_of(kind)
     for key, field in model.model_fields.items() if model is not None else ():
         yield (*path, key)
@@ -154,7 +160,7 @@ def _expected(kind: type[BaseModel], path: YamlPath, detail: ErrorDetails) -> st
 
 
 def keys_at(kind: Any, path: YamlPath) -> list[str]:
-    """Return the keys that the model allows at this path. A mapping by name has the keys of its items."""
+    """Return the keys that the model allows at this path: for `vehicles.uav1`, the keys of a vehicle."""
     for part in path:
         model = _model_of(kind)
         field = model.model_fields.get(str(part)) if model is not None else None

@@ -11,7 +11,7 @@ _MIN_CELL_V = 3.2  # voltage of a lithium polymer cell under load, below which t
 
 
 def low_battery(ctx: CheckContext) -> Iterator[Finding]:
-    """Find an action for a low battery that is not a landing."""
+    """Yield a finding if PX4's action for a low battery is only a warning, or if it has no action."""
     name, expected = "COM_LOW_BAT_ACT", "2 (land)"
     action, fix = current_action(ctx, "low_battery"), f"set {name} 2 (land)"
     if action == "warn":
@@ -34,7 +34,7 @@ def low_battery(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def battery_thresholds(ctx: CheckContext) -> Iterator[Finding]:
-    """Find thresholds that are in the wrong order, or that the charge never reaches."""
+    """Yield a finding for each battery threshold that is in the wrong order or is never reached."""
     low, critical, emergency = (ctx.value(f"BAT_{n}_THR") for n in ("LOW", "CRIT", "EMERGEN"))
     if low is None or critical is None or emergency is None:
         return
@@ -71,7 +71,7 @@ def battery_thresholds(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def battery_is_measured(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a battery whose charge PX4 cannot estimate."""
+    """Yield a finding for each parameter that prevents PX4 from estimating the battery's charge."""
     prefix = "BAT1_" if ctx.minor >= 11 else "BAT_"
     empty, charged = ctx.value(f"{prefix}V_EMPTY"), ctx.value(f"{prefix}V_CHARGED")
     source, cells = ctx.value(f"{prefix}SOURCE"), ctx.value(f"{prefix}N_CELLS")

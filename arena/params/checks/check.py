@@ -66,7 +66,7 @@ def check(
 
 
 def check_written(values: Mapping[str, float], version: Version | str) -> list[Finding]:
-    """Return all findings about parameters that a user writes in a YAML file. Each parameter is checked alone.
+    """Return all findings about the parameters in a user's YAML. Each is checked independently of the others.
 
     Finds unknown, renamed and removed parameters (with the most similar name), wrong types, and values outside PX4's limits.
     Raises InputError for a version that is not in the table.

@@ -29,7 +29,11 @@ class Difference(NamedTuple):
 
 
 class ExcludedNames(NamedTuple):
-    """A pattern of parameters that users do not set. names: pattern that matches the whole name; why: the reason."""
+    """Parameters that comparisons leave out, because users do not set them.
+
+    names: regular expression that matches the whole parameter name.
+    why: the reason for leaving them out.
+    """
 
     names: str
     why: str

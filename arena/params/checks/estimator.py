@@ -20,7 +20,7 @@ _EV_CTRL_SINCE = 14  # EKF2_EV_CTRL replaced EKF2_AID_MASK
 
 
 def estimator_runs(ctx: CheckContext) -> Iterator[Finding]:
-    """Find an estimator other than EKF2."""
+    """Yield a finding if EKF2 is off or another estimator runs."""
     why = "only EKF2 can use the poses that the arena sends"
     if ctx.value("EKF2_EN") == 0:
         fix = "set EKF2_EN 1, and LPE_EN and ATT_EN 0"
@@ -34,7 +34,7 @@ def estimator_runs(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def vision_is_fused(ctx: CheckContext) -> Iterator[Finding]:
-    """Find position, height or yaw of external vision that EKF2 does not fuse."""
+    """Yield a finding if EKF2 does not fuse the position, height or yaw of external vision."""
     if not ctx.environment.vision:
         return
     new = ctx.minor >= _EV_CTRL_SINCE
@@ -75,7 +75,7 @@ def vision_is_fused(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def height_reference(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a height reference other than external vision."""
+    """Yield a finding if EKF2's height reference is not external vision."""
     name = "EKF2_HGT_REF" if ctx.minor >= _EV_CTRL_SINCE else "EKF2_HGT_MODE"
     value = ctx.value(name)
     if ctx.environment.vision and value is not None and value != 3:
@@ -91,7 +91,7 @@ def height_reference(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def vision_delay(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a vision delay that differs from the arena's latency, or that is not set."""
+    """Yield a finding if EKF2's delay of external vision is not set, or differs from the arena's latency."""
     name, value = "EKF2_EV_DELAY", ctx.value("EKF2_EV_DELAY")
     if not ctx.environment.vision or value is None:
         return
@@ -115,7 +115,7 @@ def vision_delay(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def vision_noise(ctx: CheckContext) -> Iterator[Finding]:
-    """Find an assumed noise of external vision that is larger than the noise of motion capture."""
+    """Yield a finding if EKF2 assumes more noise for external vision than motion capture has."""
     name, value = "EKF2_EVP_NOISE", ctx.value("EKF2_EVP_NOISE")
     if ctx.environment.vision and value is not None and value > _MAX_VISION_NOISE_M:
         yield ctx.finding(
@@ -129,7 +129,7 @@ def vision_noise(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def magnetometer(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a magnetometer that is used indoors."""
+    """Yield a finding if EKF2 uses the magnetometer indoors."""
     value = ctx.value("EKF2_MAG_TYPE")
     indoors = ctx.environment.vision and not ctx.environment.gps
     if indoors and value is not None and value not in _NO_MAGNETOMETER:
@@ -144,7 +144,7 @@ def magnetometer(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def gps_is_fused(ctx: CheckContext) -> Iterator[Finding]:
-    """Find GPS that is fused although the arena has no GPS."""
+    """Yield a finding if EKF2 fuses GPS although the arena has no GPS."""
     new = ctx.minor >= _EV_CTRL_SINCE
     name = "EKF2_GPS_CTRL" if new else "EKF2_AID_MASK"
     used = ctx.bits(name) if new else ctx.bits(name) & 1
@@ -161,7 +161,7 @@ def gps_is_fused(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def gps_is_required(ctx: CheckContext) -> Iterator[Finding]:
-    """Find preflight checks that require GPS although the arena has no GPS."""
+    """Yield a finding for each preflight check that requires GPS although the arena has no GPS."""
     if ctx.environment.gps:
         return
     if ctx.value("COM_ARM_WO_GPS") == 0:
@@ -185,7 +185,7 @@ def gps_is_required(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def time_without_aid(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a long time-out after which EKF2, without poses and GPS, no longer reports a valid position."""
+    """Yield a finding if EKF2 reports a valid position for too long after poses and GPS have stopped."""
     name, value = "EKF2_NOAID_TOUT", ctx.value("EKF2_NOAID_TOUT")
     if value is not None and value * 1e-6 > _MAX_WITHOUT_AID_S:
         yield ctx.finding(

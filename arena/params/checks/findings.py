@@ -14,7 +14,7 @@ Severity = Literal["error", "warning", "note"]
 
 
 class Finding(NamedTuple):
-    """A problem of one parameter.
+    """A problem that a check found in the value of one parameter.
 
     severity: error: the vehicle cannot fly in the arena, or a failsafe does not work.
         warning: the vehicle flies or lands worse than it could.  note: for information.

@@ -83,7 +83,7 @@ def _breaker_names(version: Version) -> tuple[str, ...]:
 
 
 def circuit_breakers(ctx: CheckContext) -> Iterator[Finding]:
-    """Find circuit breakers that switch off a failsafe, and values that have no effect."""
+    """Yield a finding for each circuit breaker that disables a safety function or has an invalid value."""
     for b in _BREAKERS:
         parameter = ctx.table.get(b.name)
         if parameter and b.since <= ctx.minor <= b.until and ctx.value(b.name) == parameter.max:
@@ -102,7 +102,7 @@ def circuit_breakers(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def attitude_limits(ctx: CheckContext) -> Iterator[Finding]:
-    """Find an attitude failure detector that is off, or that a normal flight can trigger."""
+    """Yield a finding if the attitude failure detector is off, or if a normal flight can trigger it."""
     limits: Mapping[str, float] = {
         name: value for name in ("FD_FAIL_R", "FD_FAIL_P") if (value := ctx.value(name)) is not None
     }
@@ -136,7 +136,7 @@ def attitude_limits(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def landing(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a landing speed that is too high, and motors that run too long after a landing."""
+    """Yield a finding if the landing speed is too high, or if the motors run too long after a landing."""
     speed = ctx.value("MPC_LAND_SPEED")
     if speed is not None and speed > _MAX_LANDING_M_S:
         yield ctx.finding(
@@ -169,7 +169,7 @@ def landing(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def hover_thrust(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a hover thrust that is still the default."""
+    """Yield a finding if the hover thrust is still PX4's default."""
     name, value = "MPC_THR_HOVER", ctx.value("MPC_THR_HOVER")
     if value is not None and value == ctx.default(name):
         yield ctx.finding(
@@ -183,7 +183,7 @@ def hover_thrust(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def geofence(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a geofence that is missing, higher than the room, or without a reaction."""
+    """Yield a finding if PX4's geofence is missing, is higher than the room, or causes no reaction."""
     radius, height = ctx.value("GF_MAX_HOR_DIST"), ctx.value("GF_MAX_VER_DIST")
     if current_action(ctx, "geofence") in ("none", "warn") and (radius or height):
         wanted = settings_text(ctx, "geofence", "land") or settings_text(ctx, "geofence", "hold")

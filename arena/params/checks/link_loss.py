@@ -28,14 +28,17 @@ _STOPS_MOTORS: tuple[Action, ...] = ("disarm", "terminate")
 
 
 def settings_text(ctx: CheckContext, event: Event, action: Action) -> str:
-    """Return the parameter values with which an event leads to an action, as text; "" if the version cannot take the action."""
+    """Return the settings that make PX4 take an action after an event, as text: "NAV_RCL_ACT 4".
+
+    Returns "" if the PX4 version cannot take the action.
+    """
     if action not in failsafe_actions(event, ctx.version).settings:
         return ""
     return ", ".join(f"{name} {value}" for name, value in settings_for(event, action, ctx.version).items())
 
 
 def expected_text(settings: str, name: str, action: Action) -> str:
-    """Return the expected value of a parameter as text, "4 (land)"; "" if there are no settings.
+    """Return the expected value of a parameter as text: "4 (land)". Returns "" if `settings` is "".
 
     settings: result of `settings_text`, such as "NAV_RCL_ACT 4".
     """
@@ -43,7 +46,10 @@ def expected_text(settings: str, name: str, action: Action) -> str:
 
 
 def current_action(ctx: CheckContext, event: Event) -> Action | None:
-    """Return the action that an event leads to with the current values, or None if the table does not have these values."""
+    """Return the action that PX4 takes after an event with the vehicle's current parameters.
+
+    Returns None if the failsafe table does not list these parameter values.
+    """
     return selected_action(event, ctx.values, ctx.version)
 
 
@@ -58,7 +64,7 @@ def _parameter(ctx: CheckContext, event: Event) -> str:
 
 
 def offboard_loss_action(ctx: CheckContext) -> Iterator[Finding]:
-    """Find an action after lost setpoints that is unsafe indoors."""
+    """Yield a finding if PX4's action after lost setpoints is unsafe indoors."""
     name, action = "COM_OBL_RC_ACT", current_action(ctx, "offboard_loss")
     land = settings_text(ctx, "offboard_loss", "land")
     expected, fix = expected_text(land, name, "land"), f"set {land} (land)"
@@ -85,7 +91,10 @@ def offboard_loss_action(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def offboard_loss_action_without_rc(ctx: CheckContext) -> Iterator[Finding]:
-    """Find an unsafe action after lost setpoints without RC. PX4 1.13 and older have a separate parameter for this case."""
+    """Yield a finding if PX4 does not react to lost setpoints when there is no RC.
+
+    PX4 1.13 and older have a separate parameter for this case.
+    """
     if ctx.minor >= 14:
         return
     action = current_action(ctx, "offboard_loss_without_rc")
@@ -102,7 +111,7 @@ def offboard_loss_action_without_rc(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def offboard_loss_time(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a setpoint time-out that is too short or too long."""
+    """Yield a finding if the time-out for lost setpoints is too short or too long."""
     name, value = "COM_OF_LOSS_T", ctx.value("COM_OF_LOSS_T")
     if value is None:
         return
@@ -133,7 +142,7 @@ def offboard_loss_time(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def rc_input(ctx: CheckContext) -> Iterator[Finding]:
-    """Find an RC input mode that does not match the arena's RC."""
+    """Yield a finding if PX4 expects RC and the arena has no RC, or if PX4 ignores the arena's RC."""
     name, value = "COM_RC_IN_MODE", ctx.value("COM_RC_IN_MODE")
     none = rc_input_mode("none", ctx.version)
     if value is None:
@@ -168,7 +177,7 @@ def rc_input(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def rc_loss(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a loss of RC that causes no reaction. Checked only if the arena has RC."""
+    """Yield a finding if the loss of RC causes no reaction. Yields nothing if the arena has no RC."""
     if not ctx.environment.rc:
         return
     action = current_action(ctx, "rc_loss")
@@ -195,7 +204,7 @@ def rc_loss(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def data_link_loss(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a data link failsafe that also acts in OFFBOARD."""
+    """Yield a finding if the loss of the ground station also triggers a failsafe in OFFBOARD."""
     name, value = "NAV_DLL_ACT", ctx.value("NAV_DLL_ACT")
     in_offboard = current_action(ctx, "data_link_loss_in_offboard")
     if ctx.minor >= 14 and value and in_offboard not in ("none", None):
@@ -223,7 +232,10 @@ _JUDGED_ELSEWHERE: tuple[Event, ...] = (
 
 
 def _events_leading_to(ctx: CheckContext, *actions: Action) -> Iterator[tuple[str, Event, Action]]:
-    """Yield (parameter, event, action) for every event that leads to one of these actions. Each parameter is yielded once."""
+    """Yield (parameter, event, action) for every event after which PX4 takes one of `actions`.
+
+    A parameter that selects the action for several events is yielded once.
+    """
     seen = set()
     for event in EVENTS:
         if event in _JUDGED_ELSEWHERE or (event == "rc_loss" and not ctx.environment.rc):
@@ -235,7 +247,7 @@ def _events_leading_to(ctx: CheckContext, *actions: Action) -> Iterator[tuple[st
 
 
 def motors_stop_in_flight(ctx: CheckContext) -> Iterator[Finding]:
-    """Find failsafe actions that stop the motors in the air."""
+    """Yield a finding for each failsafe whose action stops the motors in the air."""
     for name, event, action in _events_leading_to(ctx, *_STOPS_MOTORS):
         land = settings_text(ctx, event, "land")
         yield ctx.finding(
@@ -249,7 +261,7 @@ def motors_stop_in_flight(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
-    """Find failsafe actions that return to home, if the return altitude is above the ceiling."""
+    """Yield a finding for each failsafe that returns to home, if it first climbs to the ceiling or above."""
     altitude = ctx.value("RTL_RETURN_ALT")
     ceiling = ctx.environment.height_m or _LOW_ROOM_M
     if altitude is None or altitude < ceiling:
@@ -271,7 +283,7 @@ def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def hold_before_failsafe(ctx: CheckContext) -> Iterator[Finding]:
-    """Find a long time in hold before failsafes act."""
+    """Yield a finding if the vehicle holds its position for too long before failsafes act."""
     name, value = "COM_FAIL_ACT_T", ctx.value("COM_FAIL_ACT_T")
     if value is not None and value > _MAX_HOLD_S:
         yield ctx.finding(

@@ -15,7 +15,10 @@ _MAV_PARAM_TYPE = {"INT32": "6 (INT32)", "FLOAT": "9 (FLOAT)"}
 
 
 def unknown_names(ctx: CheckContext) -> Iterator[Finding]:
-    """Find parameters that this PX4 version does not have. The finding suggests the new, the old or the most similar name."""
+    """Yield a finding for each given parameter that this PX4 version does not have or no longer uses.
+
+    The finding suggests the parameter's newer or older name, or the most similar name.
+    """
     for name, value in ctx.given.items():
         change = _change_before(name, ctx)
         if change is not None and value != ctx.default(name):
@@ -106,7 +109,10 @@ def nearest_name(name: str, version: Version) -> str:
 
 
 def types_and_ranges(ctx: CheckContext) -> Iterator[Finding]:
-    """Find values that do not fit the parameter's type, wrong types in the file, and values outside PX4's limits."""
+    """Yield a finding for each value that does not fit its parameter's type or is outside PX4's limits.
+
+    A type in the file that differs from PX4's type is a finding, too.
+    """
     for name, value in ctx.given.items():
         p = ctx.table.get(name)
         if p is None:
@@ -155,13 +161,13 @@ def _type_error(value: float, p: Parameter) -> tuple[str, str, str] | None:
 
 
 def _within(value: float, p: Parameter) -> bool:
-    """Return whether a value is within PX4's limits, with the rounding of a 32-bit float."""
+    """Return whether a value is within PX4's limits. The rounding error of a 32-bit float is tolerated."""
     slack = 0.0 if p.type == "INT32" else 1e-6 * max(abs(value), 1e-6)
     return (p.min is None or value >= p.min - slack) and (p.max is None or value <= p.max + slack)
 
 
 def _checked_elsewhere(name: str) -> bool:
-    """Return whether the limits are not checked here.
+    """Return whether `types_and_ranges` skips the limits of this parameter.
 
     Circuit breakers have their own rule. Counters of flight time can exceed their limits.
     """

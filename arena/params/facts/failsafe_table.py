@@ -173,7 +173,9 @@ def delays(event: Event, version: Version | str) -> tuple[FailsafeDelay, ...]:
 
 
 def rc_input_mode(source: str, version: Version | str) -> int:
-    """Return COM_RC_IN_MODE for a source of manual control: radio, joystick, both, first or none.
+    """Return the value of COM_RC_IN_MODE for a source of manual control.
+
+    source: radio, joystick, both, first or none.
 
     Raises InputError if the version has no such source.
     """
@@ -232,7 +234,9 @@ def _minor(text: str) -> int:
 
 
 def _settings(text: str) -> Mapping[Action, Mapping[str, int]]:
-    """Parse the column `actions`: `PARAMETER: action=value ...; PARAMETER: ...`, or `action` alone."""
+    """Parse the column `actions` of failsafe_actions.csv: `PARAMETER: action=value ...; PARAMETER: ...`, or
+    `action` alone.
+    """
     found: dict[Action, dict[str, int]] = {}
     for part in text.split("; "):
         parameter, _, pairs = part.rpartition(": ")

@@ -44,7 +44,7 @@ class Parameter(NamedTuple):
     reboot: bool
 
     def expected_instead(self, value: float) -> str:
-        """Return a text that says which values are allowed; "" if this value is allowed.
+        """Return "" if the parameter may have this value, else a text that describes the allowed values.
 
         The check is needed because PX4 accepts any number over MAVLink.
         """
@@ -134,7 +134,10 @@ def _defaults(table: str) -> Mapping[str, float]:
 
 
 def is_unreleased(version: Version | str) -> bool:
-    """Return whether the version was not released when the table was made, so that its rows are from a development version."""
+    """Return whether the table's rows of this PX4 version are from a development version.
+
+    This is the case if PX4 had not released the version when the table was made.
+    """
     version = Version.of(version)
     return not provenance()[version.table].released
 
@@ -172,7 +175,7 @@ def _parameter(row: list[str]) -> Parameter:
 
 @cache
 def _spans() -> tuple[tuple[list[str], int, int], ...]:
-    """Return (columns of a row, index of its first version, index of its last version) for each row."""
+    """Return for each row of the CSV file: (columns, index of its first version, index of its last version)."""
     _, rows = _parts()
     places = {name: place for place, name in enumerate(provenance())}
     return tuple((row, places[row[7]], places[row[8]]) for row in csv.reader(rows[1:]))
@@ -180,7 +183,7 @@ def _spans() -> tuple[tuple[list[str], int, int], ...]:
 
 @cache
 def _parts() -> tuple[list[str], list[str]]:
-    """Return the file's comment lines, which name the tags, and the lines of the table with its column names."""
+    """Return the comment lines of the CSV file (they name PX4's tags), and the lines of its table."""
     lines = files(__package__).joinpath(CSV).read_text(encoding="utf-8").splitlines()
     head = next(place for place, line in enumerate(lines) if not line.startswith("#"))
     return lines[:head], lines[head:]

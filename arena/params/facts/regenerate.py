@@ -111,7 +111,7 @@ def read(path: Path) -> dict[str, Fact]:
 def _fact(kind: str, unit: str | None, default: object, least: object, most: object, reboot: bool) -> Fact:
     kind = kind.upper()
     if kind not in ("INT32", "FLOAT"):
-        raise InputError(f"a parameter's type is {kind}; expected INT32 or FLOAT")
+        raise InputError(f"got a parameter of type {kind}, expected INT32 or FLOAT")
     return Fact(
         kind,
         unit or "",
@@ -134,7 +134,11 @@ def _named(found: dict[str, Fact]) -> dict[str, Fact]:
 
 
 def sources(tree: Path, names: Sequence[str]) -> dict[str, str]:
-    """Return parameter name -> file in PX4's `src` that defines it. Generated names are found by their pattern or prefix."""
+    """Return parameter name -> file in PX4's folder `src` that defines the parameter.
+
+    Some names are not in any file, because PX4's build generates them. Such a name is found by its pattern or
+    prefix.
+    """
     exact: dict[str, str] = {}
     patterns: dict[str, str] = {}
     for path in sorted(tree.glob("src/**/*")):

@@ -29,7 +29,10 @@ _POSITION_ACTIONS = ("land", "hold", "return")  # without a position estimate PX
 
 
 def failsafe_lines(w: LineWriter) -> Iterator[Line]:
-    """Yield the parameters of all failsafes. Actions that the version does not have are added to `w.not_possible`."""
+    """Yield the PX4 parameters of all failsafes that the arena requires.
+
+    A required action that the PX4 version does not have is added to `w.not_possible`, as a sentence.
+    """
     failsafe = w.required.failsafe
     yield from _offboard_loss(w, failsafe)
     yield from _position_loss(w, failsafe)
@@ -167,7 +170,10 @@ def _settings(w: LineWriter, event: Event, action: Action) -> Mapping[str, int]:
 
 
 def _delay(w: LineWriter, key: str, event: Event, name: str, seconds: float, meaning: str) -> Line:
-    """Return a parameter that sets a delay. PX4's own fixed delay before it is subtracted. seconds: wanted total delay [s]."""
+    """Return the parameter that sets the delay between an event and its failsafe.
+
+    seconds: wanted total delay [s]. The fixed delay that PX4 adds to the parameter's value is subtracted.
+    """
     delay = next((d for d in delays(event, w.version) if d.parameter == name), None)
     scale, fixed = (delay.scale_s, delay.fixed_s) if delay else (1.0, 0.0)
     value = w.within_limits(name, (seconds - fixed) / scale, f"failsafe.{key}: {seconds:g} s")

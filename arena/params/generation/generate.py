@@ -35,7 +35,7 @@ _OLD_VELOCITY_GAINS = {
 
 
 class Generated(NamedTuple):
-    """The parameters of one vehicle.
+    """Result of `generate`: the parameters of one vehicle, and the requirements that could not be met.
 
     lines: one per parameter, with value and reason.
     not_possible: one sentence per requirement for which this version has no parameter.

@@ -11,7 +11,7 @@ from arena.params.generation.requirements import Requirements
 
 
 class Line(NamedTuple):
-    """A generated parameter.
+    """A generated parameter, with the effect of its value and the reason for it.
 
     meaning: effect of this value, as text.
     reason: source of the requirement: `arena.yaml:7`, `profile iris`, `arena's default`, ...
@@ -24,7 +24,7 @@ class Line(NamedTuple):
 
 
 class LineWriter:
-    """Maker of the lines of one vehicle's parameters.
+    """Creates the `Line`s (generated parameters) of one vehicle, and collects unmet requirements.
 
     required: requirements of the vehicle.
     version: PX4 version of the vehicle.
@@ -37,7 +37,10 @@ class LineWriter:
         self.not_possible: list[str] = []
 
     def line(self, name: str, value: float, meaning: str, requirement: str) -> Line:
-        """Return a line. requirement: key of `Requirements.reasons`, which has the line's reason."""
+        """Return a generated parameter as a `Line`.
+
+        requirement: key of `Requirements.reasons`; its value becomes the line's reason.
+        """
         return Line(name, value, meaning, self.required.reasons.get(requirement, "arena's default"))
 
     def within_limits(self, name: str, value: float, requirement: str) -> float:

@@ -66,7 +66,7 @@ class PushRecord:
         try:
             raw = json.loads(path.read_text())
             if raw["format"] != _FORMAT:
-                raise ValueError(f"format {raw['format']!r}, expected {_FORMAT!r}")
+                raise ValueError(f"got format {raw['format']!r}, expected {_FORMAT!r}")
             return cls(path, {str(name): _parse(vehicle) for name, vehicle in raw["vehicles"].items()})
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}: there is no push to resume") from error
@@ -75,7 +75,7 @@ class PushRecord:
 
     @property
     def unfinished(self) -> bool:
-        """True if the push of at least one vehicle started to write and did not complete."""
+        """True if the push to at least one vehicle has written values, but did not complete."""
         return any(vehicle.written and vehicle.ending != "done" for vehicle in self.vehicles.values())
 
     @property
@@ -86,7 +86,10 @@ class PushRecord:
     def update(
         self, vehicle: str, before: Mapping[str, float], written: Mapping[str, float], ending: str
     ) -> bool:
-        """Update the part of one vehicle; return whether anything changed. Existing values in `before` are kept."""
+        """Add new values to the record of one vehicle; return whether the record has changed.
+
+        before: old values. A value that is already in the record is kept.
+        """
         old = self.vehicles[vehicle]
         new = VehicleRecord(
             wanted=old.wanted,

@@ -116,13 +116,13 @@ class _ParamList:
         return [index for index in range(self.count) if index not in self.received]
 
     def is_paused(self, now: float) -> bool:
-        """Return whether the list is complete, or no new parameter was received for a while."""
+        """Return whether the vehicle has paused sending: the list is complete, or nothing new arrives."""
         return now - self._new_at >= _LIST_PAUSE_S * max(self.requests, 1) or (
             self.count > 0 and len(self.received) == self.count
         )
 
     def restart(self, now: float) -> None:
-        """Count a request for the list. now: time of the request [s]."""
+        """Start to wait for the list again, and count the new request. now: time of the request [s]."""
         self.requests, self._new_at = self.requests + 1, now
 
     def add(self, value: Value, now: float) -> bool:
@@ -139,7 +139,7 @@ class _ParamList:
 
 
 def record_answer(window: RequestWindow[str | int], value: Value, now: float) -> None:
-    """Record a PARAM_VALUE as the answer to the request of this name, and to the request of this index."""
+    """Mark the requests for this parameter, by name and by index, as answered by a PARAM_VALUE."""
     window.answer(value.name, now)
     if value.place != NO_INDEX:
         window.answer(value.place, now)

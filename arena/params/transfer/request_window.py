@@ -27,7 +27,7 @@ RequestState = Literal["open", "answered", "ignored", "lost"]
 
 @dataclass(kw_only=True)
 class LinkEstimate:
-    """Measured quality of a link: round-trip time (RFC 6298) and share of unanswered requests."""
+    """Measured quality of a link: round-trip time (as in RFC 6298) and share of unanswered requests."""
 
     _mean_s: float = 0.0
     _deviation_s: float = 0.0
@@ -36,7 +36,7 @@ class LinkEstimate:
     _answers: int = 1
 
     def add_answer(self, tries: int, delay_s: float) -> None:
-        """Add the answer to one request to the measurement.
+        """Update the measured round-trip time and packet loss after an answer to a request.
 
         tries: number of times that the request was sent.
         delay_s: time since the request was last sent [s].
@@ -57,7 +57,10 @@ class LinkEstimate:
 
     @property
     def tries_until_ignored(self) -> int:
-        """Number of unanswered tries that packet loss on this link does not explain."""
+        """Number of unanswered tries after which a request counts as ignored.
+
+        So many unanswered tries are too improbable to be explained by packet loss.
+        """
         loss = (self._requests - self._answers + 1) / (self._requests + 2)
         tries = math.ceil(math.log(_ACCIDENT_PROBABILITY) / math.log(loss))
         return min(max(tries, _MIN_TRIES), _MAX_TRIES)
@@ -83,7 +86,7 @@ class _Request:
 
 
 class RequestWindow(Generic[Key]):
-    """A set of requests that are repeated until each is answered, ignored or lost.
+    """A set of requests, each of which is repeated until it is answered or counts as ignored or lost.
 
     keys: one key per request: a parameter name or an index.
     link: measured quality of the link; several windows can share it.
@@ -106,7 +109,10 @@ class RequestWindow(Generic[Key]):
         return [key for key, request in self._requests.items() if request.state in states]
 
     def due(self, now: float) -> list[Key]:
-        """Return the requests to send now. If all of them are repetitions, add the probe, which shows whether the link works."""
+        """Return the requests to send now.
+
+        If all of them are repetitions, the probe is added. An answer to the probe shows that the link works.
+        """
         self._close_overdue(now)
         in_flight = sum(request.deadline > now for request in self._open.values())
         waiting = sorted(
@@ -122,7 +128,7 @@ class RequestWindow(Generic[Key]):
         return [key for key, _ in chosen] + ([self._probe] if needs_probe else [])
 
     def answer(self, key: Key, now: float) -> None:
-        """Record an answer to a request or to the probe. Other answers are ignored."""
+        """Record an answer to an open request or to the probe. All other answers are ignored."""
         request = self._sent(key)
         if request is not None:
             self._link.add_answer(request.tries, now - request.sent_at)
@@ -135,7 +141,7 @@ class RequestWindow(Generic[Key]):
             self._close(key, request, state)
 
     def _sent(self, key: Key) -> _Request | None:
-        """Count an answer. Return its request, or None if the request is not open or was never sent."""
+        """Return the sent, open request that an answer belongs to, or None. Also count the answer."""
         request = self._open.get(key)
         sent = request is not None and request.tries > 0
         self._answers += sent or key == self._probe

@@ -231,7 +231,11 @@ class _Connection(Generic[AnyTransfer]):
 
 
 class _RecordKeeper:
-    """Writer of the record of a push: saves immediately when there are new old values, otherwise at most twice per second."""
+    """Saves the record of a push to its file while the push runs.
+
+    It saves immediately after old values were read, because they may be needed to undo the push.
+    Otherwise it saves at most twice per second.
+    """
 
     def __init__(self, record: PushRecord) -> None:
         self.record = record

@@ -73,7 +73,8 @@ class Progress(NamedTuple):
 
 
 class Transfer:
-    """Base class of all transfers. Sends our heartbeat, tracks the vehicle's heartbeat, and ends on a time-out.
+    """Base class of all transfers. Sends this program's heartbeat, tracks the vehicle's heartbeat, and ends
+    on a time-out.
 
     Call `due` a few times per second and after every received frame, until `done` is true. Then read `ending`.
 
@@ -150,9 +151,9 @@ class Transfer:
             self.ending = self.ending or "connection lost"
 
     def _probe(self, now: float) -> Iterable[Message]:
-        """Return a request that the vehicle always answers if nothing was received for a while, else nothing.
+        """Return a request that a connected vehicle always answers, if nothing was received for a while.
 
-        The answer shows that the vehicle is still connected when a lossy link has dropped several messages.
+        The answer shows that the vehicle is still connected, although a lossy link has dropped messages.
         """
         if now - max(self._received_at or now, self._probed_at) < _PROBE_PERIOD_S:
             return []

@@ -58,7 +58,7 @@ class _ParamWrite:
     why: str = ""
 
     def close(self, outcome: Outcome, why: str = "") -> None:
-        """Set the final outcome. why: the reason; "" keeps the earlier reason."""
+        """Set the final outcome of this parameter. why: the reason; "" keeps the earlier reason."""
         self.outcome, self.why = outcome, why or self.why
 
     @property
@@ -111,7 +111,10 @@ class ParamWriter(Transfer):
 
     @property
     def before(self) -> dict[str, float]:
-        """Old values of the parameters that differ or were written. Complete before the first value is written."""
+        """Values before the push of all parameters that differ from the wanted values.
+
+        All of them are known before the first value is written.
+        """
         return {n: p.old for n, p in self._params.items() if p.old is not None and p.step != "unread"}
 
     @property
@@ -125,7 +128,7 @@ class ParamWriter(Transfer):
 
     @property
     def progress(self) -> Progress:
-        """Progress with three steps per parameter: read, written, read back."""
+        """Progress of the transfer. Each parameter has three steps: read, write, read back."""
         closed = [
             p.outcome and (self.done or p.outcome not in _MAY_APPEAR_LATER) for p in self._params.values()
         ]
@@ -209,9 +212,10 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Start to read unknown parameters again if others were written since; return whether there are any.
+        """Start to read unknown parameters again, if other parameters were written since they were last read.
 
-        In PX4, some parameters exist only after another parameter has a certain value.
+        Returns whether there are parameters to read. In PX4, some parameters exist only after another
+        parameter has a certain value.
         """
         acknowledged = sum(param.step == "acknowledged" for param in self._params.values())
         if acknowledged <= self._acknowledged:
@@ -227,7 +231,7 @@ class ParamWriter(Transfer):
         return self._start("reading", again)
 
     def _check_read_back(self, names: Iterable[str]) -> None:
-        """Evaluate parameters that were read back.
+        """Compare parameters that were read back with their wanted values, and decide what to do next.
 
         With the wanted value, a parameter is closed as written. With another value, it is written again, or after too many
         attempts closed as refused.
@@ -255,7 +259,7 @@ class ParamWriter(Transfer):
         return [name for name, param in self._params.items() if not param.outcome and param.step in steps]
 
     def _start(self, phase: Phase, names: list[str]) -> bool:
-        """Start a phase for these parameters. Return False if there are none."""
+        """Start a phase (reading, writing or reading back). Return False if `names` is empty."""
         if names:
             self._phase, self._window = phase, self._new_window(names)
         return bool(names)
