@@ -1,4 +1,5 @@
-"""Conversion of vectors and attitudes between frames (n <-> w, b <-> f), and of global positions.
+"""Conversion of vectors and attitudes between NED and z-up world axes and between FRD and FLU body axes, and
+of latitude and longitude to local positions and back.
 
 The package docstring defines the frames. A global position is projected on a plane that touches a sphere at
 the origin. In a room this equals PX4's azimuthal projection (v1.16, src/lib/geo) within some micrometres.
@@ -71,7 +72,7 @@ def xyzw_from_wxyz(quat_wxyz: ArrayLike) -> Array:
 
 
 def globe_from_local(lat0_deg: Any, lon0_deg: Any, north: Any, east: Any) -> tuple[Any, Any]:
-    """Return the latitude and longitude [deg] of a local position. The longitude is not wrapped.
+    """Return the latitude and longitude [deg] of a local position. The longitude is not wrapped to +-180 deg.
 
     lat0_deg, lon0_deg: origin of the local frame [deg]
     north, east: position from the origin [m]
@@ -82,7 +83,8 @@ def globe_from_local(lat0_deg: Any, lon0_deg: Any, north: Any, east: Any) -> tup
 
 
 def local_from_globe(lat0_deg: Any, lon0_deg: Any, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
-    """Return the local position north, east [m] of a latitude and longitude, the shorter way round the Earth.
+    """Convert a latitude and longitude to a local position north, east [m]. East is measured along the
+    shorter way round the Earth.
 
     lat0_deg, lon0_deg: origin of the local frame [deg]
     lat_deg, lon_deg: global position [deg]

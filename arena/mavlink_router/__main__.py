@@ -18,7 +18,9 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def make_shell(process: ProcessContext) -> RouterShell:
-    """Return the shell for this configuration: with fault injection if `faults` is a path."""
+    """Create the `RouterShell` (sockets and loop of the router). It has fault injection if `faults` in the
+    configuration is a path.
+    """
     table, faults = Table.from_slice(process.settings), process.settings.get("faults")
     if faults is None:
         return RouterShell(process, table)

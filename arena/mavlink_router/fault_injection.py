@@ -1,5 +1,5 @@
-"""Router process with fault injection: receives faults, and measures delays in simulation time if there is a
-simulation clock.
+"""Router process with fault injection: receives faults from a socket, and loses or delays datagrams
+accordingly. Delays are measured in simulation time if there is a simulation clock.
 
 While no fault is active, datagrams are routed as in `RouterShell`. While a datagram is delayed, the router is
 a client of the simulation clock, so that simulation time waits for the router.
@@ -25,7 +25,7 @@ from arena.wire.mavlink_frame import Buffer
 
 
 class FaultInjectionShell(RouterShell):
-    """A `RouterShell` whose links can lose and delay datagrams.
+    """A `RouterShell` (sockets and loop of the router) whose links can lose and delay datagrams.
 
     faults: path of the socket that receives faults
     impaired: the router with impaired links
@@ -70,7 +70,7 @@ class FaultInjectionShell(RouterShell):
             self._join_clock()
             at = self._delay_time(now)
         except RunError as error:
-            self._process.event(f"delays have ended: {error}")
+            self._process.event(f"links are no longer delayed: {error}")
             self.impaired.clear()
             self._leave_clock()
             self._clock_path, at = None, math.inf
@@ -89,7 +89,9 @@ class FaultInjectionShell(RouterShell):
         return now if self._clock is None else self._clock.now()
 
     def _join_clock(self) -> None:
-        """Connect to the simulation clock if a delay is active. Raises RunError if the clock has ended."""
+        """Connect to the simulation clock if a link is delayed. Raises RunError if the clock's process has
+        ended.
+        """
         if self._clock is None and self.impaired.delaying and self._clock_path is not None:
             self._clock = SimClock(self._clock_path, self._process.name)
             self._poll.register(self._clock.fileno(), select.EPOLLIN)

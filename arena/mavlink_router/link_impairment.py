@@ -34,7 +34,9 @@ class _Direction:
 
 @dataclass(kw_only=True)
 class _ImpairedLink:
-    """Impairment of a vehicle's link. share: share of datagrams that are lost, 0 to 1 [-]."""
+    """Loss and delay that are set for the link of one vehicle. share: share of datagrams that are lost, 0 to
+    1 [-].
+    """
 
     share: float = 0.0
     delay_s: float = 0.0
@@ -66,8 +68,8 @@ class ImpairedRouter:
         self.muted = False
 
     def apply(self, fault: Fault) -> str:
-        """Apply one fault, see `arena.fault_injection`, and return its description. Raises InputError if it
-        is invalid.
+        """Apply one fault (a JSON object, see `arena.fault_injection`) and return its description as text.
+        Raises InputError if the fault is invalid.
         """
         kinds: dict[str, Callable[[Fault], str]] = {
             "loss": self._apply_loss,
@@ -77,7 +79,7 @@ class ImpairedRouter:
         return kinds[word(fault, "do", kinds)](fault)
 
     def clear(self) -> None:
-        """End all losses and delays."""
+        """Set the loss and the delay of every link to zero."""
         for link in self._links.values():
             link.share = link.delay_s = 0.0
 
@@ -114,7 +116,9 @@ class ImpairedRouter:
         return []
 
     def outgoing(self, out: list[Out], at: float) -> list[Out]:
-        """Return the datagrams of `out` to send at once; others are lost or delayed."""
+        """Return the datagrams of `out` that must be sent at once. The other datagrams are discarded or
+        delayed.
+        """
         return [
             (data, left)
             for data, places in out
@@ -122,7 +126,7 @@ class ImpairedRouter:
         ]
 
     def release(self, now: float, at: float) -> list[Out]:
-        """Return the datagrams whose delay has ended."""
+        """Return the datagrams whose delay has ended and that must be sent now."""
         out: list[Out] = []
         for key, link in self._links.items():
             for _, sender, data in _take_until(link.down, at - link.delay_s):
@@ -137,7 +141,9 @@ class ImpairedRouter:
     def _passes(
         self, link: _ImpairedLink, direction: _Direction, address: Address, data: Buffer, at: float
     ) -> bool:
-        """Return whether to send a datagram at once. If not, it is lost or delayed."""
+        """Return whether to send a datagram at once. If not, the datagram is discarded or stored until its
+        delay ends.
+        """
         if link.share and direction.random.random() < link.share:
             self._router.counts.dropped[LOST] += 1
         elif link.delay_s or direction.waiting:

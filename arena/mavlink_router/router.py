@@ -1,5 +1,5 @@
-"""Core of the router: returns the receivers of each datagram, by a table and by MAVLink target. No sockets,
-no clocks, no decoding.
+"""Core of the router: determines the receivers of each datagram, from the table of clients and from the
+MAVLink target of the message. It opens no sockets and reads no clocks.
 
 Routes:
     vehicle, message to all     its clients, tools and logger, and all ground stations
@@ -98,7 +98,7 @@ class VehicleRoutes:
 
 @dataclass(kw_only=True)
 class Counts:
-    """Number of frames and bytes since the start. A frame that is sent counts once per receiver."""
+    """Number of frames and bytes since the start. A frame that is sent to n receivers counts n times."""
 
     frames_from_vehicles: int = 0
     frames_from_clients: int = 0
@@ -132,7 +132,9 @@ class Router:
 
     @property
     def links(self) -> dict[str, int]:
-        """Index in `sockets` of each vehicle's router link, by vehicle name."""
+        """For each vehicle name, the index in `sockets` of the socket of the link to the vehicle's
+        autopilot.
+        """
         return {v.vehicle.name: v.up[0][0] for v in self._vehicles}
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
@@ -146,7 +148,9 @@ class Router:
         return self._handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
-        """Remove silent tools and report silent vehicles. now: monotonic [s]."""
+        """Remove tools that have sent nothing for `TOOL_TIMEOUT_S`, and mark vehicles without heartbeat as
+        not connected. now: monotonic [s].
+        """
         for v in self._vehicles:
             v.status.tick(now)
             silent = [address for address, tool in v.tools.items() if now - tool.last > TOOL_TIMEOUT_S]
@@ -155,11 +159,13 @@ class Router:
                 v.routes.clear()
 
     def heartbeat(self, frame: bytes) -> list[Out]:
-        """Return the datagrams that send `frame` to every vehicle."""
+        """Return the datagrams to send, so that every vehicle receives the heartbeat `frame`."""
         return [(frame, self._up_routes[_TO_ALL])]
 
     def changed_facts(self) -> dict[str, Fact]:
-        """Return the facts that have changed since the last call, such as {"uav1.armed": True}."""
+        """Return the values of the vehicles' status (connected, armed, mode, ...) that have changed since the
+        last call, such as {"uav1.armed": True}.
+        """
         if not self._changed_facts:
             return {}
         found = dict(self._changed_facts)
@@ -167,7 +173,9 @@ class Router:
         return found
 
     def warnings(self) -> list[str]:
-        """Return the autopilots' warnings since the last call, such as `uav1: Failsafe activated: ...`."""
+        """Return the warnings that autopilots have sent since the last call, such as `uav1: Failsafe
+        activated: ...`.
+        """
         found = [f"{v.vehicle.name}: {text}" for v in self._vehicles for text in v.telemetry.texts]
         for v in self._vehicles if found else ():
             v.telemetry.texts.clear()
@@ -175,7 +183,7 @@ class Router:
 
     def telemetry(self) -> dict[str, dict[str, float | None]]:
         """Return {vehicle: {"height_m": ..., "battery": ...}}: height above the floor [m] and remaining
-        charge [%], or None.
+        charge [%]. A value is None if it is unknown.
         """
         return {
             v.vehicle.name: {
@@ -186,8 +194,8 @@ class Router:
         }
 
     def any_armed(self, *, simulated: bool) -> bool:
-        """Return whether any vehicle is armed: of the simulated vehicles if `simulated`, else of the real
-        vehicles.
+        """Return whether a vehicle is armed. Only simulated vehicles count if `simulated` is true, else only
+        real vehicles.
         """
         return any(v.status.armed for v in self._vehicles if v.vehicle.simulated == simulated)
 
@@ -218,8 +226,8 @@ class Router:
         return v
 
     def _serve(self, local: Address, handler: Handler, clients: Iterable[Address]) -> dict[Address, Endpoint]:
-        """Add the socket for `clients`, and a second socket if some clients are on other computers. Return
-        their endpoints.
+        """Add a socket for `clients`, and a second socket if some clients are on other computers. Return the
+        endpoint of each client.
 
         A socket that is bound to loopback cannot send to other computers.
         """
@@ -251,7 +259,9 @@ class Router:
         return out
 
     def _target_of(self, v: VehicleRoutes, data: Buffer, frame: Frame, now: float) -> int:
-        """Return the target of a frame from a vehicle: system << 8 | component."""
+        """Return the MAVLink target of a frame from a vehicle, as system << 8 | component. Also read the
+        vehicle's status and telemetry from the frame.
+        """
         _, _, _, _, sysid, compid, msgid, target_sys, target_comp = frame
         if sysid != v.vehicle.id:
             self.counts.dropped["foreign system on a vehicle's link"] += 1
@@ -312,7 +322,7 @@ class Router:
     def _up(
         self, v: VehicleRoutes | None, endpoint: Endpoint, frames: list[Frame], data: Buffer
     ) -> list[Out]:
-        """Route frames from a client to vehicles.
+        """Return the datagrams that forward a client's frames to vehicles.
 
         v: the only vehicle that the client may command; None for ground stations.
         """
@@ -371,8 +381,8 @@ def _is_loopback(address: Address) -> bool:
 
 
 def _runs(frames: list[Frame], targets: list[int]) -> list[tuple[int, int, int, int]]:
-    """Join adjacent frames with the same target: (target, start, end, number of frames). Frames to `_TO_NONE`
-    are omitted.
+    """Join adjacent frames with the same target, so that they are sent as one datagram. Return a list of
+    (target, first byte, end byte, number of frames). Frames with target `_TO_NONE` are omitted.
     """
     if len(frames) == 1:
         return [(targets[0], frames[0][0], frames[0][1], 1)] if targets[0] != _TO_NONE else []

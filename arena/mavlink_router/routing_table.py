@@ -35,7 +35,7 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """All vehicles and ground stations.
+    """Addresses of all vehicles and ground stations.
 
     heartbeat: send the heartbeat of a ground station, which PX4's data link failsafe monitors.
     """
@@ -48,7 +48,9 @@ class Table:
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Table:
-        """Read the router's configuration. Raises InputError that names the missing key or the wrong address."""
+        """Read the table from the router's JSON configuration. Raises InputError, which names the missing key
+        or the wrong address.
+        """
         try:
             return cls(
                 vehicles=tuple(_vehicle(v) for v in raw["vehicles"]),
@@ -78,13 +80,13 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
 
 
 def _address(raw: Any) -> Address:
-    """Return an address. Raises an error for a host name, because every message would look the name up and
-    block.
+    """Check and return an address. Raises InputError for a host name, because each send would then wait for
+    name resolution.
     """
     try:
         host, port = raw
         return str(ipaddress.IPv4Address(host)), int(port)
     except ValueError as error:
         raise InputError(
-            f"configuration of the router: {raw!r} is not [numeric IPv4 host, port]: {error}"
+            f"configuration of the router: got {raw!r}, expected [numeric IPv4 host, port]: {error}"
         ) from error

@@ -53,7 +53,9 @@ class RouterShell:
         self._over = False
 
     def run(self) -> None:
-        """Route until a stop signal. If the supervisor dies, route until the vehicles are disarmed."""
+        """Route datagrams until a stop is requested. If the supervisor dies, route datagrams until all
+        vehicles are disarmed.
+        """
         while not (self._process.stopping or self._over):
             self.turn(max(0.0, self._next_tick - time.monotonic()))
         self._process.stats(self._stats())
@@ -116,8 +118,8 @@ class RouterShell:
             self._process.stats(self._stats())
 
     def _heartbeat(self, now: float) -> None:
-        """Send the ground station's heartbeat. Called once a second of wall time and once a second of
-        simulation time.
+        """Send the heartbeat of a ground station to all vehicles. Called once per second of wall time and
+        once per second of simulation time.
 
         With both, no autopilot misses the heartbeat in a world that runs faster than real time.
         """
@@ -143,7 +145,7 @@ class RouterShell:
 
 
 def _world_time(path: str | None) -> SimTime | None:
-    """Return the simulation time; None if there is no simulated world."""
+    """Open the simulation time in the file `path` for reading. Return None if there is no simulated world."""
     if path is not None:
         with contextlib.suppress(RunError):
             return SimTime(path)

@@ -35,7 +35,7 @@ class VehicleTelemetry:
         self._reported: dict[str, float] = {}
 
     def on_frame(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Read one frame of the vehicle's autopilot. now: monotonic [s]."""
+        """Update height, battery or warnings from one frame of the vehicle's autopilot. now: monotonic [s]."""
         if frame.msgid == LOCAL_POSITION_NED:
             (z,) = _FLOAT.unpack(_bytes_at(data, frame, _Z, 4))
             self.height_m = -z if abs(z) < 1e6 else None
@@ -46,7 +46,7 @@ class VehicleTelemetry:
             self._on_text(data, frame, now)
 
     def _on_text(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Join the chunks of a long text. The last chunk is the one that contains a zero byte."""
+        """Join the chunks of a long STATUSTEXT. The chunk that contains a zero byte is the last one."""
         raw, number = _bytes_at(data, frame, _TEXT, _TEXT_BYTES), uint_at(data, frame, _ID, 2)
         if number and byte_at(data, frame, _CHUNK):
             raw = self._chunks.pop(number, b"") + raw

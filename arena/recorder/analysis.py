@@ -36,7 +36,8 @@ def analyse(flight: Flight) -> dict[str, Any]:
 
 
 def tracking(flight: Flight) -> dict[str, float | None]:
-    """Return rms and maximum of the distance between position and position reference in OFFBOARD [m].
+    """Return rms and maximum of the tracking error, the distance between position and position reference in
+    OFFBOARD [m].
 
     Climbs and steps of the reference are included, so a large step increases both values.
     """
@@ -45,7 +46,9 @@ def tracking(flight: Flight) -> dict[str, float | None]:
 
 
 def constant_spans(flight: Flight) -> list[tuple[int, int]]:
-    """Return (first row, last row) of each span in OFFBOARD in which the position reference was constant for at least 1.5 s."""
+    """Find the time spans in OFFBOARD in which the position reference was constant for at least 1.5 s. Return
+    (first row, last row) of each span.
+    """
     ref = flight.group("pos_ref")
     held = flight.offboard & np.isfinite(ref).all(axis=1)
     moved = np.concatenate([[True], np.abs(np.diff(ref, axis=0)).max(axis=1) > _SAME_M])
@@ -62,7 +65,9 @@ def constant_spans(flight: Flight) -> list[tuple[int, int]]:
 
 
 def setpoints(flight: Flight) -> dict[str, Any]:
-    """Return the position error at the end of each constant position reference [m]: number, largest error, and a list."""
+    """Return the position errors [m], one at the end of each span with a constant position reference: number
+    of spans, largest error, and a list of all spans.
+    """
     pos, ref = flight.pos, flight.group("pos_ref")
     each = []
     for first, last in constant_spans(flight):
@@ -97,7 +102,9 @@ def landing(flight: Flight) -> dict[str, Any]:
 
 
 def _last_place(flight: Flight) -> Array:
-    """Return the last known position on the ground, north and east [m] (2,); NaN if unknown."""
+    """Return north and east [m] (2,) of the last known position at which the vehicle was landed; NaN if
+    unknown.
+    """
     pos = flight.pos[flight.landed, :2]
     seen = pos[np.isfinite(pos).all(axis=1)]
     return seen[-1] if len(seen) else np.full(2, np.nan)
@@ -126,7 +133,9 @@ def estimator(flight: Flight) -> dict[str, float | None]:
 
 
 def modes(flight: Flight) -> list[dict[str, Any]]:
-    """Return the flight mode and the armed flag at each change of either, with the time [s]."""
+    """List the changes of flight mode and armed flag. Each entry has the time [s], the flight mode and the
+    armed flag.
+    """
     found: list[dict[str, Any]] = []
     for t, mode, armed in zip(flight.t, flight.mode, flight.armed, strict=True):
         known = bool(mode)  # the mode is empty before the first heartbeat

@@ -1,4 +1,5 @@
-"""Table of the columns of a log, `csv/<vehicle>.csv`. Each group has one column per part, in the order of the table.
+"""Table of the columns of a log, `csv/<vehicle>.csv`. A group is one measured quantity. It has one column per
+component, such as north, east, down. The columns of a log are in the order of this table.
 
 The groups in THESIS have the same names and the same order as in the log files of the thesis from which `arena` was
 developed, so that scripts for those files can read logs of arena. A cell is empty if the value was not received, is too
@@ -20,7 +21,8 @@ Instant = Literal["row", "interpolated", "held"]
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """A group of columns, named `name.part`, or `name` if there are no parts.
+    """Columns of one quantity, one per component (part), such as `ekf.pos.north`. A group without parts is a
+    single column called `name`.
 
     instant: time to which the value of a row belongs. "interpolated": between two samples, for the time of the row;
         "held": value of the last message; "row": exactly the time of the row.

@@ -1,4 +1,6 @@
-"""Reader of a log file of one vehicle, into arrays. An incomplete last line, as after a killed logger, is ignored."""
+"""Reads the log file of one vehicle into arrays. If the logger was killed, the last line can be incomplete.
+Such a line is ignored.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ class Flight:
 
     @property
     def judge(self) -> Judge:
-        """The source that is used as the actual position: ground truth, motion capture, or the estimate.
+        """Name of the source that is used as the vehicle's actual position: ground truth, motion capture, or
+        PX4's estimate.
 
         Motion capture is used if there is no ground truth and at least half of the rows while armed have a measured position.
         """
@@ -59,12 +62,12 @@ class Flight:
 
     @property
     def pos(self) -> Array:
-        """Actual position, from the source `judge` [m] [NED] (n, 3); NaN if unknown."""
+        """Actual position [m] [NED] (n, 3), from the best available source (see `judge`); NaN if unknown."""
         return self.group(COLUMNS_OF[self.judge] + ".pos")
 
     @property
     def euler(self) -> Array:
-        """Actual roll, pitch, yaw, from the source `judge` [rad] (n, 3); NaN if unknown."""
+        """Actual roll, pitch, yaw [rad] (n, 3), from the best available source, see `judge`; NaN if unknown."""
         return self.group(COLUMNS_OF[self.judge] + ".att_euler", RPY)
 
     @property

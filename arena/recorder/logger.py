@@ -51,7 +51,9 @@ class Logger:
         self._airborne_unix_s: float | None = None
 
     def run(self) -> None:
-        """Write the log until SIGTERM, or until the world ends, or until the supervisor is dead and the vehicle disarmed."""
+        """Write the log until SIGTERM arrives or the world ends. If the supervisor is dead, also stop when
+        the vehicle is disarmed.
+        """
         rate = self._clock.rate(self._rate_hz)
         while not self._room.stopping:
             try:
@@ -67,7 +69,7 @@ class Logger:
                 return
 
     def close(self) -> None:
-        """Write the remaining rows, send the last measurements to the supervisor, and close file and sockets."""
+        """Write the remaining rows, send the last statistics to the supervisor, and close file and sockets."""
         self._file.writelines(self._recorder.take_rows())
         self._room.stats(self._stats())
         self._file.close()
@@ -105,7 +107,9 @@ class Logger:
         self._recorder.sample(now, now + self._wall_offset, truth)
 
     def _is_airborne(self, truth: Truth | None) -> bool:
-        """Return whether the vehicle is in the air, from the ground truth, or without it from the land detector."""
+        """Return whether the vehicle is in the air, computed from the ground truth. Without ground truth,
+        PX4's land detector is used.
+        """
         if truth is None:
             ground = self._recorder.telemetry.ground
             return self._recorder.armed and ground is not None and not ground.landed
@@ -122,7 +126,8 @@ class Logger:
         )
 
     def _once_a_second(self) -> bool:
-        """Flush the file and send measurements to the supervisor, once per second of wall time.
+        """Flush the log file and send statistics, such as rows per second, to the supervisor. Called once per
+        second of wall time.
 
         Return whether the logger must end, because the supervisor is dead and the vehicle is disarmed.
         """
@@ -136,7 +141,7 @@ class Logger:
         return self._shutdown.over(orphaned=self._room.orphaned, any_armed=self._recorder.armed, now=wall)
 
     def _report_capture(self) -> None:
-        """Report the reason why no poses arrive, whenever the reason changes."""
+        """Report why no motion-capture poses arrive. Each change of the reason is reported once."""
         if self._capture is None:
             return
         news = self._mocap_report.changed(self._capture.diagnosis())
@@ -145,7 +150,7 @@ class Logger:
             print(f"logger: {news}", file=sys.stderr, flush=True)
 
     def _report_fault(self, fault: str) -> None:
-        """Report a fault if it differs from the last one."""
+        """Report a problem of the logger as an event, unless it is the same as the last reported problem."""
         if fault != self._fault:
             self._fault = fault
             self._room.event(f"{self._room.name}: {fault}")

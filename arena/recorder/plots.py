@@ -75,7 +75,7 @@ def _group(
     names: tuple[str, str, str],
     scale: Any = None,
 ) -> Path:
-    """Plot three components over time and return the path of the plot.
+    """Plot the three components of one quantity, such as position, over time. Return the path of the plot.
 
     names: column groups of the actual, estimated and desired values.  scale: function that converts the values to `unit`.
     """

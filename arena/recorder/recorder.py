@@ -38,7 +38,7 @@ Cell = float | str | bool
 
 @dataclass(frozen=True, kw_only=True)
 class _Pending:
-    """An instant whose row is not written yet.
+    """Requested row of the log that is not written yet, because later samples are needed for interpolation.
 
     time_s: time of the row, by the clock of the logger [s].  stamp: value of the first column [s].
     """
@@ -203,7 +203,9 @@ class Recorder:
         ]
 
     def _references(self, time_s: float) -> list[Cell]:
-        """Return the cells of the columns from pos_ref to act.output, in the order of `arena.recorder.columns`."""
+        """Return the values of references, setpoints and actuator outputs: the columns from pos_ref to
+        act.output, in the order of `arena.recorder.columns`.
+        """
         pos, vel, yaw = self._position_reference(time_s)
         q_nb, rates, thrust = _NAN4, _NAN3, math.nan
         if (wanted := self._attitude_setpoint.at(time_s)) is not None:
@@ -214,7 +216,8 @@ class Recorder:
         return _flat(pos, euler_from_quat(q_nb), [yaw], vel, q_nb, rates, [thrust], air, outputs)
 
     def _position_reference(self, time_s: float) -> tuple[Array, Array, float]:
-        """Return position, velocity and yaw references [NED]: from the user program if it publishes them, else the setpoint.
+        """Return the position, velocity and yaw references [NED]. They are from the user program if it
+        publishes them, else from the setpoint.
 
         The setpoint is the one that the autopilot reports. NaN if unknown.
         """
@@ -261,7 +264,9 @@ def _text(cell: Cell) -> str:
 
 
 def rates(recorder: Recorder, now: float) -> dict[str, float | int]:
-    """Return mean rates [Hz] since the first message of the vehicle, and counts, for the summary. now: local time [s]."""
+    """Return mean rates of rows, poses and datagrams [Hz] since the vehicle's first message, and the numbers
+    of rows and of damaged messages. now: local time [s].
+    """
     since = now - (now if recorder.first_received is None else recorder.first_received)
     each: Iterable[tuple[str, int]] = (
         ("log_hz", recorder.rows),

@@ -117,7 +117,8 @@ def summarise(
 
 
 def _rates(name: str, stats: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the rates that the logger and the pose forwarder of a vehicle have reported [Hz].
+    """Return the rates of messages and poses [Hz] that the logger and the pose forwarder of one vehicle have
+    reported.
 
     name: name of the vehicle.  stats: process -> its measurements.
     """
@@ -165,7 +166,7 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
     try:
         made = [plot_all(flights, _size_m(plan), folder)]
         for k, flight in enumerate(flights, start=1):
-            print(f"plots of {flight.name} ({k} of {len(flights)} vehicles)", flush=True)
+            print(f"writing the plots of {flight.name} ({k} of {len(flights)} vehicles)", flush=True)
             made += plot_vehicle(flight, folder)
     except (ValueError, OSError) as error:
         missing.append(f"plots: {error}")
@@ -173,7 +174,8 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
 
 
 def _size_m(plan: Mapping[str, Any]) -> Any:
-    """Return the size of the flight room [m], from the configuration of the world, or of the link to a real vehicle.
+    """Return the size of the flight room [m]. It is read from the configuration of the simulated world, or
+    else from that of a real vehicle's link.
 
     Return None if unknown.
     """

@@ -1,4 +1,5 @@
-"""Short histories of received values, which return the value at a given instant. Pure: times are arguments.
+"""Short histories of received values. Each history returns the value at a given instant. Pure: times are
+arguments.
 
 A row of the log belongs to one instant. Measurements are interpolated for that instant. Commands and states change in
 steps, so their last value is used.
@@ -26,7 +27,8 @@ _MAX_DRIFT = 5e-5  # drift of the sender's clock relative to the clock of this c
 
 
 class SenderClock:
-    """Converter from the time stamps of a sender to local time. The clock offset is the smallest delay so far.
+    """Converts time stamps of a sender's clock to local time. The smallest difference so far between
+    reception and time stamp is used as the offset of the clocks.
 
     An offset below 50 ms counts as zero, because simulated senders use the same simulation time.
     If a time stamp does not advance, the time of reception is used instead.
@@ -57,7 +59,8 @@ class SenderClock:
 
 
 class Series:
-    """History of the last samples of one measured group of values.
+    """History of the last samples of one measured quantity, such as position. Values between two samples are
+    interpolated.
 
     interpolate: function (sample before, sample after, fraction 0..1, time between the samples [s]) -> value. Linear by
         default.
@@ -73,12 +76,14 @@ class Series:
         self.add(self._clock.local(stamp, received), value)
 
     def add(self, time_s: float, value: Array) -> None:
-        """Append a sample, unless it is not newer than the last one. time_s: local time of the sample [s]."""
+        """Append a sample if it is newer than the last one. time_s: local time of the sample [s]."""
         if not self._samples or time_s > self._samples[-1][0]:
             self._samples.append((time_s, value))
 
     def waits_for(self, time_s: float) -> bool:
-        """Return whether a sample at or after `time_s` will probably arrive: the last one is older, by at most MAX_GAP_S."""
+        """Return whether a sample at or after `time_s` is still expected. This is so if the last sample is
+        older than `time_s` by at most MAX_GAP_S.
+        """
         return bool(self._samples) and 0.0 < time_s - self._samples[-1][0] <= MAX_GAP_S
 
     def at(self, time_s: float) -> Array | None:
@@ -106,7 +111,8 @@ def _between(
 
 
 class Held(Generic[T]):
-    """History of the last values of one group that changes in steps, such as a flight mode or a setpoint.
+    """History of the last values of a quantity that changes in steps, such as the flight mode. Each value is
+    valid until the next one.
 
     max_age_s: age above which a value is no longer returned [s].
     """
@@ -156,7 +162,8 @@ def position_velocity(before: Array, after: Array, u: float, span: float) -> Arr
 
 
 def leading_quaternion(before: Array, after: Array, fraction: float, _: float) -> Array:
-    """Interpolate a quaternion by slerp, and the other values linearly.
+    """Interpolate samples that begin with a quaternion: the quaternion by slerp, the values after it
+    linearly.
 
     before, after: quaternion wxyz and n other values (4 + n,).  fraction: 0..1.
     """

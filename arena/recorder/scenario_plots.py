@@ -33,7 +33,9 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """A mark in the plot for a step of the scenario. at_s: simulation time [s].  good: the step passed."""
+    """Mark in the plot for one step of the scenario. at_s: simulation time of the step [s]. good: whether the
+    step passed.
+    """
 
     at_s: float
     text: str
@@ -76,5 +78,5 @@ def draw(title: str, tracks: Mapping[str, Track], marks: Sequence[Mark], path: P
 
 
 def _plain(text: str) -> str:
-    """Return the text with `$` escaped, because matplotlib reads `$` as the begin of a formula."""
+    """Return the text with `$` escaped, because matplotlib interprets `$` as the start of a formula."""
     return text.replace("$", r"\$")

@@ -33,7 +33,7 @@ def _head(s: Mapping[str, Any]) -> str:
 
 
 def _real_time(s: Mapping[str, Any]) -> list[str]:
-    """Return a line if the simulation ran slower than requested; else no line."""
+    """Return a list with one warning line if the simulation ran slower than requested, else an empty list."""
     measured = s.get("real_time") or {}
     factor, asked = measured.get("factor"), measured.get("asked")
     if factor is None or asked is None or factor >= SLOW_FACTOR * asked:

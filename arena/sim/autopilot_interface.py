@@ -26,7 +26,7 @@ class AutopilotSet(Protocol):
         ...
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """Process a datagram that a vehicle received.
+        """Pass a received MAVLink datagram to the autopilot of one vehicle.
 
         link: name of the MAVLink link on which it arrived
         """
@@ -37,7 +37,7 @@ class AutopilotSet(Protocol):
         ...
 
     def step(self, now: float, sensors: dict[str, Array]) -> Array:
-        """Compute one step and return the motor commands 0..1 (V, R).
+        """Compute one control step of all autopilots and return the motor commands 0..1 (V, R).
 
         now: simulation time [s]
         sensors: samples of all sensors, by name
@@ -45,15 +45,17 @@ class AutopilotSet(Protocol):
         ...
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the datagrams to send: (row of the vehicle, link, data)."""
+        """Return the MAVLink datagrams that the autopilots send: (index of the vehicle, name of the link,
+        data).
+        """
         ...
 
     def stats(self) -> dict[str, Any]:
-        """Return the figures of each vehicle for the process's statistics, by vehicle name."""
+        """Return the statistics of each vehicle's autopilot, by vehicle name."""
         ...
 
     def events(self) -> list[str]:
-        """Return the event lines since the last call."""
+        """Return the log lines of events that have occurred since the last call."""
         ...
 
 
@@ -71,7 +73,7 @@ class ExternalAutopilots(Protocol):
     def requested(self) -> tuple[str, ...]: ...
 
     def receive_truth(self, truth: Truth) -> None:
-        """Store the present true state of all vehicles."""
+        """Store the current true state of all vehicles."""
         ...
 
     def begin(self, now: float, sensors: dict[str, Array]) -> None:
@@ -88,7 +90,8 @@ MakeAutopilots = Callable[[dict[str, Any], float], AutopilotSet]
 
 
 class CompositeAutopilots:
-    """Combination of several kinds of autopilots in one set. Each kind flies its own rows of the world.
+    """Combination of several kinds of autopilots, such as PX4 and the built-in one, in one set. Each kind
+    flies some of the vehicles.
 
     parts: (rows of the world, the autopilots that fly them)
     vehicles, rotors: shape of the motor commands
@@ -109,11 +112,11 @@ class CompositeAutopilots:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors that any part requests."""
+        """Names of the sensors that at least one kind of autopilot needs in the next `begin`."""
         return tuple({name for part in self._external if part is not None for name in part.requested})
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """Process a datagram that a vehicle received.
+        """Pass a received MAVLink datagram to the autopilot of one vehicle.
 
         link: name of the MAVLink link on which it arrived
         """
@@ -131,7 +134,9 @@ class CompositeAutopilots:
         return self.finish()
 
     def begin(self, now: float, sensors: dict[str, Array]) -> None:
-        """Send the sensor samples to the external autopilots. The built-in ones compute in `finish`."""
+        """Send the sensor samples to the external autopilots, such as PX4. The built-in autopilots compute in
+        `finish`.
+        """
         self._now = now
         self._sensors = [{key: value[rows] for key, value in sensors.items()} for rows, _ in self._parts]
         for external, part in zip(self._external, self._sensors, strict=True):
@@ -139,7 +144,9 @@ class CompositeAutopilots:
                 external.begin(now, part)
 
     def finish(self) -> Array:
-        """Return the motor commands of all parts, 0..1 (V, R)."""
+        """Compute the built-in autopilots and wait for the external ones. Return the motor commands of all
+        vehicles, 0..1 (V, R).
+        """
         motors = np.zeros(self._shape)
         for (rows, part), external, sensors in zip(self._parts, self._external, self._sensors, strict=True):
             found = part.step(self._now, sensors) if external is None else external.finish()
@@ -147,7 +154,7 @@ class CompositeAutopilots:
         return motors
 
     def receive_truth(self, truth: Truth) -> None:
-        """Pass to each external part the true state of its rows."""
+        """Pass the true state to the external autopilots. Each kind receives only the state of its vehicles."""
         for (rows, _), external in zip(self._parts, self._external, strict=True):
             if external is not None:
                 external.receive_truth(
@@ -163,19 +170,21 @@ class CompositeAutopilots:
                 )
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the datagrams to send: (row of the world, link, data)."""
+        """Return the MAVLink datagrams that the autopilots send: (index of the vehicle in the world, name of
+        the link, data).
+        """
         return [(int(rows[i]), link, data) for rows, part in self._parts for i, link, data in part.transmit()]
 
     def stats(self) -> dict[str, Any]:
-        """Return the figures of each vehicle, by name."""
+        """Return the statistics of each vehicle's autopilot, by vehicle name."""
         return {name: figures for _, part in self._parts for name, figures in part.stats().items()}
 
     def events(self) -> list[str]:
-        """Return the event lines of all parts since the last call."""
+        """Return the log lines of events of all autopilots that have occurred since the last call."""
         return [text for _, part in self._parts for text in part.events()]
 
     def close(self) -> None:
-        """Close each part that has a `close` method."""
+        """Close each kind of autopilot that has a `close` method."""
         for _, part in self._parts:
             close: Callable[[], None] | None = getattr(part, "close", None)
             if close is not None:

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class _Pack:
-    """Section `battery` of a profile.
+    """Battery parameters of one vehicle, from the section `battery` of its profile.
 
     Charge [mA h], voltages of one cell without load [V], inner resistance [Ohm], currents [A].
     """
@@ -76,7 +76,7 @@ class Battery:
         self.step(np.zeros((len(packs), 1)))
 
     def step(self, spin: Array) -> None:
-        """Advance by one step.
+        """Advance charge and voltage of all batteries by one step.
 
         spin: rotor state during the step, 0..1 [-] (V, R)
         """
@@ -98,7 +98,8 @@ class Battery:
 
     @property
     def supply(self) -> Array:
-        """Voltage divided by the voltage for which the thrust curve is valid [-] (V, 1).
+        """Factor by which the battery voltage scales motor commands: voltage divided by the voltage for which
+        the thrust curve is valid [-] (V, 1).
 
         It is 1 if thrust does not depend on the voltage.
         """

@@ -133,7 +133,7 @@ class Bodies:
             raise RunError(f"pybullet ended: {error}. Was its window closed?") from error
 
     def motion(self, i: int) -> tuple[Triple, Matrix, float]:
-        """Return the present motion of one vehicle, read from pybullet.
+        """Return the current motion of one vehicle, read from pybullet.
 
         Returns v_n [m/s] [NED], r_nb, and the height of the body origin above the floor [m].
         """
@@ -168,7 +168,7 @@ class Bodies:
     def place(
         self, index: int, *, p_n: Array, q_nb: Array, v_n: Array | None = None, omega_b: Array | None = None
     ) -> None:
-        """Move one vehicle to a given state. For tests and experiments.
+        """Set position, attitude and velocities of one vehicle. For tests and experiments.
 
         p_n: position [m] [NED] (3,)
         q_nb: attitude [-] wxyz (4,)
@@ -188,7 +188,7 @@ class Bodies:
 
     @property
     def omega_b(self) -> Array:
-        """Angular velocity [rad/s] [FRD] (V, 3), computed at each access."""
+        """Angular velocity in body axes [rad/s] [FRD] (V, 3), computed at the first access after each step."""
         if self._omega_b is None:  # a row vector times R is R^T times the vector: b from n
             self._omega_b = (self._omega_n[:, None, :] @ self.r_nb)[:, 0]
         return self._omega_b
@@ -280,7 +280,7 @@ class Bodies:
 
 
 def _import() -> Any:
-    """Import pybullet, and hide the line that it prints."""
+    """Import pybullet without the line that pybullet prints on import."""
     try:
         with _no_stderr():
             import pybullet

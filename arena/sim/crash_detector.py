@@ -48,7 +48,9 @@ class FlightRecord:
     _airborne_since: float = field(default=math.inf, repr=False)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the record for the process's statistics, rounded. The tilt is in degrees."""
+        """Return the record as a JSON-ready object with rounded values, for the statistics of the process.
+        The tilt is in degrees.
+        """
         return {
             "crashed": self.crashed,
             "airborne": self.airborne,
@@ -91,7 +93,7 @@ class CrashDetector:
         floor: NDArray[np.bool_],
         others: Mapping[int, str],
     ) -> None:
-        """Update all records. The arrays are stored without a copy.
+        """Update all flight records with the current true state. The arrays are stored without a copy.
 
         now: simulation time [s]
         p_n: body origin [m] [NED] (V, 3)

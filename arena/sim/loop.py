@@ -157,12 +157,16 @@ class Loop:
             self._context.event(text)
 
     def _publish(self, truth: Truth) -> None:
-        """Publish the true state before the time: a client that wakes at this time may read the state."""
+        """Publish the true state, then the simulation time, because a client that wakes up at this time can
+        read the state at once.
+        """
         self._truth.write(truth)
         self._clock.tick(self._world.now)
 
     def _until_clients_sleep(self) -> None:
-        """Wait until all clients of the clock sleep. Does not wait if the world runs in real time."""
+        """Wait until all clients of the simulation clock have finished their work for the current time and
+        sleep. Does not wait if the world runs in real time.
+        """
         if self._speed == 1.0:
             return
         while not (self._clock.may_advance(self._world.now, time.monotonic()) or self._context.stopping):
@@ -170,7 +174,9 @@ class Loop:
             self._inject_faults()  # the socket's buffer holds only a few
 
     def _wait(self, pacer: Pacer) -> float:
-        """Serve the clock's clients until the next step may begin; return the wall time then [s]."""
+        """Serve the clients of the simulation clock until the next step may begin. Return the wall time at
+        the end of the wait [s].
+        """
         now = time.monotonic()
         while (left := pacer.wait_s(now)) > 0.0 and not self._context.stopping:
             self._idle(min(left, _MAX_WAIT_S))
@@ -181,7 +187,7 @@ class Loop:
         return now
 
     def _idle(self, left_s: float) -> None:
-        """Wait for `left_s` [s].
+        """Wait for `left_s` [s] of wall time.
 
         Poll the clock's sockets first. Sleep during the last milliseconds, because sleeping is more precise.
         """
@@ -191,7 +197,7 @@ class Loop:
             time.sleep(left_s)
 
     def _check(self, now: float) -> bool:
-        """Report new events; return whether the process must end.
+        """Report new events of world and autopilots, and return whether the process must end.
 
         It must end if the supervisor has died and no vehicle needs this world any more.
         """
@@ -206,7 +212,7 @@ class Loop:
         """Log a line if the real-time factor of the last second differs from the requested one."""
         if math.isfinite(self._speed) and abs(pacer.rtf / self._speed - 1.0) > _RTF_TOLERANCE:
             rtf = f"real-time factor {pacer.rtf:.3f}, requested {self._speed:g}"
-            print(f"at {self._world.now:.1f} s: {rtf} (over the last second)", flush=True)
+            print(f"at {self._world.now:.1f} s of simulation time: {rtf} (over the last second)", flush=True)
 
     def _dropped_clients(self) -> list[str]:
         names = self._clock.dropped[self._clients_dropped :]

@@ -27,7 +27,7 @@ class Lateness:
     _bins: list[int] = field(default_factory=lambda: [0] * _BINS, repr=False)
 
     def add(self, late_s: float) -> None:
-        """Count one step.
+        """Add the delay of one step to the histogram.
 
         late_s: delay after its deadline [s]
         """
@@ -75,7 +75,9 @@ class Pacer:
         return self._deadline - now
 
     def begin(self, now: float) -> None:
-        """Begin a step: record its delay, skip a long delay, set the next deadline, and update `rtf`."""
+        """Begin a step: record its delay, set the next deadline, and update `rtf`. After a long delay, the
+        lost time is not made up.
+        """
         if self._wall_s > 0.0:
             self._record(now)
         self._window_steps += 1
@@ -96,7 +98,7 @@ class Pacer:
         self._window_from, self._window_steps = now, 0
 
     def stats(self) -> dict[str, float | int | None]:
-        """Return the figures for the process's statistics: times in ms, real-time factors [-].
+        """Return delays [ms] and real-time factors [-] for the statistics of the process.
 
         The factors are None before the first full second.
         """

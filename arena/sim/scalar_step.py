@@ -1,4 +1,5 @@
-"""Sensor period of a small fleet, computed in plain floats.
+"""Moves the bodies of a small fleet by one sensor period. It uses plain floats, which are faster than numpy
+for few vehicles.
 
 With one or two vehicles most of the time of a batched step is numpy's cost per call. The equations are those
 of the batched step in `world`, and the results are the same except for rounding; a test compares them.
@@ -20,7 +21,7 @@ MAX_SCALAR_VEHICLES = 2
 
 
 class ScalarStep:
-    """Moves the bodies of at most `MAX_SCALAR_VEHICLES` vehicles.
+    """Moves the bodies of at most `MAX_SCALAR_VEHICLES` vehicles, computed in plain floats.
 
     step_s: physics step [s]
     """
@@ -30,7 +31,7 @@ class ScalarStep:
         self._each = [dynamics.scalar(i) for i in range(vehicles)]
 
     def update(self, vehicle: int) -> None:
-        """Read one vehicle's dynamics again, after a fault has changed them."""
+        """Read the changed dynamics of one vehicle. Call this after a fault has changed them."""
         self._each[vehicle].update()
 
     def advance(self, motors: Array, wind_n: Array, substeps: int) -> Array:

@@ -75,7 +75,7 @@ class VehicleLinks:
         self.cut_short += 1
 
     def send(self, messages: Sequence[tuple[int, str, bytes]]) -> None:
-        """Send each (vehicle, link, datagram) to the link's partner.
+        """Send each (vehicle, link, datagram) to the remote address of the link.
 
         A datagram is dropped if the buffer is full, because MAVLink repeats its messages.
         """
@@ -106,7 +106,9 @@ class VehicleLinks:
         self._epoll.close()
 
     def _turn(self, link: _VehicleLink, receive: Receive) -> bool:
-        """Read a few datagrams of one link; return whether there may be more."""
+        """Read a few datagrams of one link, so that every link is served. Return whether more datagrams may
+        be waiting.
+        """
         for _ in range(_PER_TURN):
             try:
                 size, sender = link.socket.recvfrom_into(self._page)

@@ -37,7 +37,7 @@ _MIN_HEIGHT = 0.5  # rotor radii
 
 
 def ground_table(profile: Mapping[str, Any]) -> tuple[Array, float, float]:
-    """Return the table of the ground effect for one profile.
+    """Compute the table of thrust gain over height for the vehicle of one profile.
 
     Returns (1) the thrust divided by the thrust far from the floor, at CELLS + 1 equally spaced heights of
     the body origin from 0 [-] (CELLS + 1,); (2) the number of cells per metre [1/m]; (3) the height at which
@@ -59,7 +59,8 @@ def ground_table(profile: Mapping[str, Any]) -> tuple[Array, float, float]:
 
 
 def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) -> Array:
-    """Return T_near / T_far [-] (n,), averaged over the rotors.
+    """Return the thrust near the floor divided by the thrust far from the floor [-] (n,), averaged over the
+    rotors.
 
     z: height of the rotors' plane above the floor [m] (n,)
     places: positions of the rotors in that plane [m] (R, 2)
@@ -75,7 +76,8 @@ def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) ->
 
 
 def _image(z: Array, apart: Array) -> Array:
-    """Return the effect of another rotor's mirror image on a rotor, divided by R^2 [1/m2] (n, ...).
+    """Return the effect that another rotor's mirror image below the floor has on a rotor: one term of the sum
+    S, divided by R^2 [1/m2] (n, ...).
 
     apart: horizontal distance to the other rotor [m]
     """

@@ -31,7 +31,7 @@ class ScalarDynamics(Protocol):
     """`Dynamics` of one vehicle in plain floats, which is faster than numpy for one or two vehicles."""
 
     def update(self) -> None:
-        """Read the dynamics again after a call of `Dynamics.scale_thrust`."""
+        """Read the changed dynamics. Call this after `Dynamics.scale_thrust`."""
         ...
 
     def step(

@@ -170,7 +170,7 @@ class ScalarRotors:
         self.update()
 
     def update(self) -> None:
-        """Read the wrench matrix again after a call of `Rotors.scale_thrust`."""
+        """Read the changed wrench matrix. Call this after `Rotors.scale_thrust`."""
         self._wrench = [tuple(column) for column in self._rotors.wrench[self._vehicle].T.tolist()]
 
     def step(

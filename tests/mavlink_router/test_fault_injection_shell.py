@@ -282,7 +282,10 @@ def test_delayed_datagrams_leave_when_the_world_ends(running):
     running.clock = ClockServer("another")
     running.turn(lambda: select.select([running.program], [], [], 0)[0], "let go")
     assert running.received(running.program) == attitude(1)
-    assert running.events[-1] == "delays have ended: the world that serves the simulation clock has ended"
+    assert (
+        running.events[-1]
+        == "links are no longer delayed: the world that serves the simulation clock has ended"
+    )
     running.autopilot.sendto(heartbeat(1), running.link)
     running.turn(lambda: select.select([running.program], [], [], 0)[0], "in time again")
 

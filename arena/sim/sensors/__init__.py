@@ -22,5 +22,7 @@ SENSORS: dict[str, type[Sensor]] = {"imu": Imu, "mag": Magnetometer, "baro": Bar
 
 
 def hil_outputs() -> list[HilOutput]:
-    """Return the data that each sensor adds to PX4's simulator API, in the order of the table."""
+    """Return, for each sensor in the order of `SENSORS`, which data it adds to the messages of PX4's
+    simulator API.
+    """
     return [sensor.hil for sensor in SENSORS.values()]

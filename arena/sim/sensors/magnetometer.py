@@ -1,4 +1,6 @@
-"""Magnetometer. The field is that of mid-northern latitudes, rotated by the arena's heading."""
+"""Magnetometer. The simulated field is typical of mid-northern latitudes and is rotated by the arena's
+heading.
+"""
 
 from __future__ import annotations
 

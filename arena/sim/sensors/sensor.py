@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """Group of sensor axes with the same error model: profile keys of the errors, and default values.
+    """Error model (noise, bias, range) of a group of sensor axes: names of the profile's keys, and their
+    default values.
 
     axes: number of axes
     noise: key of the standard deviation of one sample
@@ -93,14 +94,14 @@ class Sensor(Protocol):
     log_columns: ClassVar[tuple[str, ...]]
 
     def __init__(self, profiles: Sequence[Mapping[str, Any]], site: Site) -> None:
-        """Read the sensor's keys from each profile.
+        """Read the sensor's parameters from the profile of each vehicle.
 
         profiles: of the vehicles; the keys are under `sensors:` and the sensor's name in the table
         """
         ...
 
     def sample(self, noise: Array, motion: Motion) -> dict[str, Array]:
-        """Return one sample of each reading, or {} if nothing can be measured.
+        """Return one sample of each quantity that the sensor measures, or {} if nothing can be measured.
 
         noise: noise plus bias, one column per axis of the channels (V, width). The sensor may add the true
             values to this array in place and return views of it; the suite then limits them to the ranges of

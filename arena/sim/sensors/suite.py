@@ -47,7 +47,8 @@ class SensorSuite:
                 self._every_step.append(group)
 
     def sample(self, motion: Motion, requested: Collection[str] = ()) -> dict[str, Array]:
-        """Return one sample of every sensor: reading -> values (V,) or (V, axes). Call this once per step.
+        """Return one sample of every sensor, as measured quantity -> values (V,) or (V, axes). Call this once
+        per step.
 
         motion: true motion of the vehicles
         requested: names of the sensors to sample in addition, which are sampled on request only
@@ -67,7 +68,9 @@ class SensorSuite:
 
 
 class _Group:
-    """Sensors that share one random stream per vehicle. Their channels are adjacent columns of one array."""
+    """Sensors that share one random generator per vehicle. The channels of these sensors are adjacent columns
+    of one array.
+    """
 
     def __init__(
         self,
@@ -119,7 +122,7 @@ class _Group:
 
 
 def _figures(table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, Any]], what: str) -> Array:
-    """Return one property of every channel (V, width).
+    """Return the noise, the bias or the range that the profiles set for every sensor axis (V, width).
 
     what: name of the property: noise, bias or range
     """
