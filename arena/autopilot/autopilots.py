@@ -248,7 +248,9 @@ class Autopilots:
         v.landed_state = _landed_state(c, s)
 
     def _stay_disarmed(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Clear the setpoint, set the first home position, realign the estimator if it rejects poses."""
+        """Do one step of a disarmed vehicle: clear its setpoint, and set its first home position.
+
+        A request to reboot, or an estimator that rejects poses, makes the estimator align again."""
         i = v.row
         self.sp.clear(i)
         self.tasks[i].mode = None

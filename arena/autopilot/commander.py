@@ -260,7 +260,7 @@ class Commander:
             self._act_after_hold(_home_or_land(s) if returns else Mode.LAND, s, params, "battery")
 
     def _check_fence(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run GF_ACTION once per geofence breach. After it the pilot may select another mode."""
+        """Run GF_ACTION once per geofence breach, so that the pilot can select another mode afterwards."""
         crossed, self._fence = s.fence and not self._fence, s.fence
         action = params.gf_action
         if not crossed or action == 0:
@@ -319,7 +319,7 @@ class Commander:
         self.disarm(s, force=True, why="by failsafe")
 
     def _act_after_hold(self, mode: Mode, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Hold for COM_FAIL_ACT_T, then enter the mode. Skip the hold if a failsafe is already active.
+        """Hold for COM_FAIL_ACT_T, then enter the failsafe's mode. Skip the hold if a failsafe is active.
 
         During the hold the pilot may select another mode.
         """

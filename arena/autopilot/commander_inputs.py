@@ -16,7 +16,7 @@ RADIO, JOYSTICK, EITHER, FIRST, NO_MANUAL_CONTROL = range(5)
 
 @dataclass(slots=True, kw_only=True)
 class CommanderInputs:
-    """State of one vehicle at one decision of the commander.
+    """Measured state of one vehicle, from which the commander decides in one step.
 
     now: time since boot [s]
     xy_valid, z_valid, yaw_valid: whether the estimated horizontal position, height and heading are good
@@ -93,7 +93,7 @@ class CommanderParams:
 
     @classmethod
     def read(cls, params: Params, row: int) -> CommanderParams:
-        """Read the values of one vehicle. row: row of the vehicle in the parameter table."""
+        """Read the parameters of one vehicle from the table. row: the vehicle's row in `params`."""
 
         def get(name: str) -> float:
             return float(params[name][row])
@@ -125,7 +125,7 @@ class CommanderParams:
 
 @dataclass(slots=True)
 class ManualControl:
-    """Reception of the pilot's sticks.
+    """Times at which manual control (the pilot's sticks) was last received, by source.
 
     The built-in autopilot records only that sticks are received. It has no manual flight mode.
 

@@ -20,7 +20,11 @@ _MAX_MOTORS = 12
 
 @dataclass(slots=True)
 class InjectedFailures:
-    """Active failures of one vehicle: barometer, external vision, battery (reads empty), motors by index."""
+    """Injected failures of one vehicle that are active now.
+
+    baro, vision: True if the barometer or external vision gives no data
+    battery: True if the battery is reported as empty
+    motors: indices of the stopped motors"""
 
     baro: bool = False
     vision: bool = False

@@ -114,14 +114,15 @@ def _open(found: Startup, options: Sequence[str]) -> None:
 
 
 def rotors(params: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return the rotors defined by the CA_ROTOR* parameters, in the form of a profile.
+    """Return position and direction of each rotor from the CA_ROTOR* parameters, as in a vehicle profile.
 
     A rotor with positive KM turns counter-clockwise. Raises InputError if no rotor is defined.
     """
     count = int(params.get("CA_ROTOR_COUNT", 0))
     if count < 1:
         raise InputError(
-            "CA_ROTOR_COUNT is not given: set PX4_PARAM_CA_ROTOR_COUNT and each rotor's PX, PY and KM"
+            "CA_ROTOR_COUNT is not given: set PX4_PARAM_CA_ROTOR_COUNT, "
+            "and PX4_PARAM_CA_ROTOR<i>_PX, _PY and _KM for each rotor i"
         )
     try:
         return [
@@ -144,5 +145,5 @@ def _number(name: str, text: str) -> float:
 
 def _port(text: str) -> int:
     if not text.isdecimal() or not 0 < int(text) < 65536:
-        raise InputError(f"got {text!r}, expected a port number")
+        raise InputError(f"startup script: got {text!r}, expected a port number (1 .. 65535)")
     return int(text)

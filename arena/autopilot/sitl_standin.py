@@ -46,7 +46,7 @@ _BYTES = 65536
 
 
 class StandIn:
-    """Autopilot of one vehicle, without sockets. Input and output: simulator byte stream and link datagrams.
+    """Autopilot of one vehicle, without sockets. The caller passes received bytes in and sends the replies.
 
     The sensor period is the time between the first two samples.
 

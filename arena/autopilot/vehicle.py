@@ -184,7 +184,7 @@ class Vehicle:
         return point is not None
 
     def set_origin(self, lat: float, lon: float, alt: float) -> None:
-        """Set the origin of the local frame. Ignored while armed, and if a value is out of range.
+        """Set the origin of the local frame. Do nothing if the vehicle is armed or a value is out of range.
 
         lat, lon: latitude, longitude [deg]
         alt: altitude AMSL [m]

@@ -37,7 +37,7 @@ _libc = ctypes.CDLL(None)
 
 
 def main() -> int:
-    """Run the process and return its exit code."""
+    """Run the process `px4.<vehicle>` and return its exit code."""
     return run_process("px4", lambda context: partial(serve, context))
 
 
@@ -74,9 +74,9 @@ def serve(context: ProcessContext) -> int:
 
 
 def leave_core_of(world_pid: int) -> None:
-    """Bind this process to the cores that the world is not bound to (`arena/sim/pacing.py`).
+    """Keep this process and PX4 off the CPU cores that the world is bound to (`arena/sim/pacing.py`).
 
-    PX4 inherits the binding. Otherwise the kernel would wake PX4 on the core that sends its sensors, and
+    PX4 inherits this binding. Otherwise the kernel would wake PX4 on the core that sends its sensors, and
     interrupt the world.
     """
     with contextlib.suppress(OSError):  # it has ended
@@ -113,7 +113,7 @@ def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: Sim
             process.wait()
             return _report_end(
                 context,
-                f"stopped by a signal for {_MAX_STOPPED_S:g} s, then killed",
+                f"paused by a signal such as SIGSTOP for {_MAX_STOPPED_S:g} s, then killed",
                 None if ready else last_line(tail),
             )
         if world is not None and world.ended():
@@ -125,7 +125,7 @@ def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: Sim
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether a signal has stopped this child process. A stop by a debugger does not count."""
+    """Return whether this child process is paused by SIGSTOP or a similar signal, but not by a debugger."""
     with contextlib.suppress(ChildProcessError):  # it has just ended
         return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
     return False
@@ -243,7 +243,7 @@ def _is_locked(lock: Path) -> bool:
 
 
 def _holder(port: int) -> str:
-    """Return ` by process ...`, the process that holds a UDP port, or "" if the kernel does not reveal it."""
+    """Return text for a message, ` by process ...`, that names the user of a UDP port, or "" if unknown."""
     import psutil
 
     with contextlib.suppress(psutil.Error):
@@ -254,7 +254,7 @@ def _holder(port: int) -> str:
 
 
 def _lock_owner(instance: int) -> str:
-    """Return ` as process ...`, the running PX4 of this instance, or "" if it is not found."""
+    """Return text for a message, ` as process ...`, that names this instance's PX4, or "" if not found."""
     import psutil
 
     for process in psutil.process_iter(["name", "cmdline", "pid"]):

@@ -33,7 +33,7 @@ class _Client:
         self._stream = Stream()
 
     def check(self, now: float) -> str | None:
-        """Check what the client has sent; return the result.
+        """Read what the client has sent, and decide whether the client is PX4.
 
         Returns None while the check is not complete, "" if the client is PX4, else the reason to refuse the
         client.
@@ -61,7 +61,7 @@ class _Client:
 
 
 class ConnectionGuard:
-    """Listener on a vehicle's simulator port.
+    """Listens on a vehicle's simulator port, and accepts a client only if it is PX4.
 
     name: name of the vehicle
     address: address to listen on
@@ -151,7 +151,7 @@ class ConnectionGuard:
         self._report(why, f"a connection from {client.peer} was closed: it {why}, so it is not PX4")
 
     def _report(self, kind: str, text: str) -> None:
-        """Add an event once per kind, so that a scanner that connects every second is reported once."""
+        """Add an event line once per `kind`, so that a port scanner that connects often is reported once."""
         if kind not in self._reported:
             self._reported.add(kind)
             host, port = self._address

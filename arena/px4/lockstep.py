@@ -1,4 +1,4 @@
-"""The world's side of PX4's simulator API for several vehicles, stepped together in lockstep.
+"""The simulator's side of PX4's simulator API for several vehicles, stepped together in lockstep.
 
 Each vehicle has one TCP server. The module implements the world's `ExternalAutopilots`: `begin` sends each
 vehicle in lockstep its sample, and `finish` waits for the replies of all of them together.
@@ -105,7 +105,7 @@ class Px4Links:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors with a message of their own that is due in the next `begin`."""
+        """Names of the sensors whose own message (such as HIL_GPS) is sent in the next `begin`."""
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
@@ -132,7 +132,7 @@ class Px4Links:
         return self.finish()
 
     def begin(self, now: float, sensors: Mapping[str, Array]) -> None:
-        """Send each PX4 its sample. The PX4s then start to compute.
+        """Send each PX4 the sensor readings of this step, and do not wait for the replies.
 
         now: time at the end of the sensor period [s]
         """
@@ -222,7 +222,7 @@ class Px4Links:
     # -- one step ----------------------------------------------------------------------------------------------------
 
     def _send(self, server: _Server, now: float, sensors: Mapping[str, Array]) -> None:
-        """Send one vehicle its sample.
+        """Send one vehicle the sensor readings of this step.
 
         A late PX4 still gets samples, because without a sample to reply to it would stay frozen. It gets them
         no faster than in real time. Otherwise it could never catch up with a world that does not wait for it.

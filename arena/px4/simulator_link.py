@@ -33,7 +33,7 @@ _SENT_TIMES = 256
 
 
 class SimulatorLink:
-    """The world's side of the simulator API for one vehicle.
+    """The simulator's side of PX4's simulator API for one vehicle: encodes sensors, decodes motor commands.
 
     rotors: number of motor commands; they are the first ones of `controls`
     outputs: data that each simulated sensor adds
@@ -59,7 +59,7 @@ class SimulatorLink:
         self._stream = Stream()
 
     def sample(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
-        """Return the messages of one sensor period.
+        """Encode the sensor readings of one period as HIL_SENSOR, with the pilot's sticks if they are on.
 
         now: simulation time at the end of the period [s]
         sensors: readings of the world's sensors
@@ -97,7 +97,7 @@ class SimulatorLink:
         )
 
     def truth(self, now: float, truth: Truth, row: int, origin: tuple[float, float, float] | None) -> bytes:
-        """Return HIL_STATE_QUATERNION for a fifth of the samples, and b"" for the others.
+        """Return HIL_STATE_QUATERNION with the true state, in every fifth sample; else b"".
 
         PX4 logs it as ground truth.
         """

@@ -191,8 +191,8 @@ def test_a_px4_that_stays_stopped_is_killed(
         assert room._watch(given, process, None) == 1
         assert process.poll() == -signal.SIGKILL
     assert (
-        "(stopped by a signal for 0.1 s, then killed)" in events[0]
-        and "stopped by a signal" in events[1]["ended"]
+        "(paused by a signal such as SIGSTOP for 0.1 s, then killed)" in events[0]
+        and "paused by a signal" in events[1]["ended"]
     )
 
 

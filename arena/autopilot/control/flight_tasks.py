@@ -39,7 +39,7 @@ class FlightTask:
         landed: bool,
         takeoff_d: float = math.nan,
     ) -> None:
-        """Begin a mode. The target is the point where the vehicle can come to a stop.
+        """Begin a mode, with the point where the vehicle can come to a stop as its target.
 
         takeoff_d: height of the take-off target [m] [NED down], NaN for MIS_TAKEOFF_ALT
         """

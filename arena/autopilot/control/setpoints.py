@@ -19,7 +19,7 @@ _NAN = math.nan
 
 
 class Level(IntEnum):
-    """Controller that a setpoint is for: position, attitude or rate controller."""
+    """Level of a setpoint: the controller that receives it (position, attitude or rate controller)."""
 
     NONE = 0  # motors off
     RATE = 1  # omega_b and thrust

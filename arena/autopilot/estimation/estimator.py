@@ -151,7 +151,7 @@ class Estimator:
         return np.asarray(self.aligned & ((now - self.last_yaw < self._timeout_s) | (self._ctrl & 8 == 0)))
 
     def velocity_known(self, i: int) -> bool:
-        """Return whether vehicle i can brake by its estimated velocity, with or without vision."""
+        """Return whether the estimated velocity of vehicle i is accurate enough to brake without vision."""
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
 
     def _converged(self, now: float) -> Bool:
@@ -211,7 +211,7 @@ class Estimator:
     def fuse_vision(
         self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, var_yaw: Array, now: float
     ) -> None:
-        """Fuse one sample of external vision for each of m vehicles. The samples arrived in this period.
+        """Fuse one sample of external vision, received in this IMU period, for each of m vehicles.
 
         The age of a sample is EKF2_EV_DELAY, as PX4 assumes for samples that are stamped on arrival.
 
@@ -293,7 +293,7 @@ class Estimator:
         self._inject(idx, dx)
 
     def _inject(self, idx: Index, dx: Array) -> None:
-        """Add the estimated error `dx` to the nominal state and to the stored past states."""
+        """Correct the nominal state and the stored past states by the estimated error `dx`."""
         r_nb = self.r_nb[idx]
         dtheta_n = (r_nb @ dx[:, _TH, None])[:, :, 0]
         turn = quat_exp(dtheta_n)
@@ -332,7 +332,7 @@ class Estimator:
             self._update(idx, y, h, np.full((len(idx), 1), 0.25), h @ self.cov[idx])
 
     def realign(self, idx: Index) -> None:
-        """Reset all states but the biases; the next vision sample aligns them. Use on the ground only."""
+        """Request a new alignment with the next vision sample. Biases are kept. Use on the ground only."""
         self.aligned[idx] = False
         self.reset_counter[idx] += 1
 
@@ -369,7 +369,9 @@ class Estimator:
 
 
 def _repaired(cov: Array) -> Array:
-    """Make negative variances of the covariances (m, 15, 15) small and uncorrelated, as PX4 does."""
+    """Return the covariances (m, 15, 15) without negative variances.
+
+    Each negative variance is replaced by a small one, without correlations, as in PX4."""
     lost = np.einsum("mii->mi", cov) < 0.0
     if lost.any():
         cov = np.where(lost[:, :, None] | lost[:, None, :], 0.0, cov)

@@ -36,7 +36,7 @@ class LandDetector:
         self._since = np.zeros(vehicles)
 
     def update(self, now: float, est: Estimator, thrust: Array, climbing: Bool, v_sp_down: Array) -> None:
-        """Update `landed` and `contact`.
+        """Detect from estimate and setpoints which vehicles are on the ground; update `landed`, `contact`.
 
         now: time since boot [s]
         thrust: collective thrust 0..1 (V,)
@@ -60,7 +60,7 @@ class LandDetector:
 
 
 class TakeoffRamp:
-    """Take-off ramp of V vehicles.
+    """Take-off ramp of V vehicles: raises the allowed climb rate slowly at each take-off.
 
     flying: True if the take-off is complete (V,)
     begun: start time of the ramp [s], infinite before its start (V,)
@@ -72,7 +72,7 @@ class TakeoffRamp:
         self.begun = np.full(vehicles, np.inf)
 
     def update(self, now: float, armed_since: Array, landed: Bool, climbing: Bool) -> None:
-        """Update `begun` and `flying`.
+        """Start, reset or complete the take-off ramp of each vehicle; update `begun` and `flying`.
 
         now: time since boot [s]
         armed_since: time of arming [s], infinite while disarmed (V,)
@@ -100,7 +100,7 @@ class TakeoffRamp:
 
 
 def climb_requested(sp: Setpoints, est: Estimator, params: Params) -> Bool:
-    """Return a mask of the vehicles whose setpoint is a climb, by height, climb rate or thrust (V,)."""
+    """Return a mask (V,) of the vehicles whose setpoint (height, climb rate or thrust) requires a climb."""
     by_height = (
         sp.p_n[:, 2] - est.p_n[:, 2] < -0.1
     )  # NaN compares false, so axes without a setpoint are ignored

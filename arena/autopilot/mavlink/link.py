@@ -16,7 +16,7 @@ _ROUNDING_S = 1e-6
 
 @dataclass(slots=True)
 class MavlinkLink:
-    """MAVLink channel of a vehicle: the link `router`, `vision` or `panic`.
+    """MAVLink channel of a vehicle. The channel is named `router`, `vision` or `panic`.
 
     queue: frames to send
     intervals: period of each scheduled message [s], by message id
@@ -32,7 +32,7 @@ class MavlinkLink:
     gcs_heartbeat_at: float = -1e9
 
     def set_interval(self, msgid: int, interval_s: float, first_s: float) -> None:
-        """Schedule a message periodically.
+        """Set the interval at which a message is sent.
 
         interval_s: period [s], 0 stops the stream
         first_s: time of the first message [s]
@@ -58,7 +58,7 @@ class MavlinkLink:
         return due
 
     def send(self, message: Any) -> None:
-        """Queue a message, or drop it if the queue is full. None is ignored."""
+        """Queue a message, or drop it if the queue is full. If `message` is None, do nothing."""
         if message is not None and len(self.queue) < _QUEUE_LIMIT:
             self.queue.append(self.codec.pack(message))
 

@@ -226,7 +226,7 @@ class MavlinkInterface:
         )
 
     def prepare(self, now: float) -> list[tuple[MavlinkLink, int]]:
-        """Queue replies and texts; return the telemetry that is due at `now` [s] as (link, message id).
+        """Queue replies and status texts; return the telemetry due at `now` [s] as (link, message id).
 
         The caller encodes the telemetry of all vehicles as one batch and passes it to `send_telemetry`.
         """

@@ -204,7 +204,7 @@ class MissionProtocol:
         self._request(link, t, now)
 
     def _begin(self, t: _Transfer, sender: tuple[int, int], m: Any) -> int | None:
-        """Begin an upload. If it ends at once, return the MAV_MISSION_RESULT of its acknowledgement."""
+        """Begin an upload. If it is refused or empty, return the MAV_MISSION_RESULT to send, else None."""
         t.partner, t.kind, t.crc, t.seq = sender, m.mission_type, 0, 0
         if m.mission_type not in CAPACITY:
             return int(mavlink.MAV_MISSION_INVALID if m.count == 0 else mavlink.MAV_MISSION_NO_SPACE)

@@ -38,7 +38,7 @@ _NAN = math.nan
 
 
 class AllModes:
-    """Batch of AVAILABLE_MODES messages, one per selectable mode, that is packed like a single message."""
+    """All AVAILABLE_MODES messages, one per selectable mode. `pack` encodes all of them in one call."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
         """Return one AVAILABLE_MODES frame per selectable mode, in PX4's order.
@@ -79,7 +79,7 @@ def battery_status(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def _charge_state(v: Vehicle, s: TelemetryState) -> int:
-    """Return the MAV_BATTERY_CHARGE_STATE: 1 for OK, plus 1 per threshold that the charge is below."""
+    """Return the MAV_BATTERY_CHARGE_STATE for the charge: OK, LOW, CRITICAL or EMERGENCY."""
     p, left = v.commander_params, s.battery[v.row]
     return 1 + sum(bool(left <= t) for t in (p.bat_low_thr, p.bat_crit_thr, p.bat_emergen_thr))
 

@@ -36,7 +36,7 @@ _DIAGONAL = np.array((0, 6, 11, 15, 18, 20))  # of the row-major upper triangle
 
 @dataclass(slots=True)
 class Rows:
-    """Vehicles that send one message in this step.
+    """The vehicles that send a certain message in this step, with their rows in the state arrays.
 
     i: row numbers of the vehicles in the arrays over all vehicles
     s: state of all vehicles
@@ -49,7 +49,7 @@ class Rows:
 
 @dataclass(frozen=True, slots=True)
 class BatchedMessage:
-    """Encoding of one message for many vehicles.
+    """Describes how one message is encoded for many vehicles at once.
 
     template: record with the constant fields filled in
     fill: function that writes the other fields

@@ -27,7 +27,7 @@ _MODES = (Mode.MISSION, Mode.RTL)
 
 @dataclass(slots=True)
 class _Checked:
-    """Result of the last check of one vehicle's lists.
+    """Result of the last check of one vehicle's uploaded mission and geofence.
 
     key: the values that the result depends on; when they change, the lists are checked again
     fence_id: identifier of the fence list that `fence.areas` was read from
@@ -50,7 +50,7 @@ class AutoModes:
         self._navigators: dict[int, Navigator] = {}
 
     def check(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Check origin, home, mission and geofence of a vehicle, and write the results into `s`."""
+        """Check a vehicle's origin, home, mission and geofence, and write the results to the inputs `s`."""
         s.global_ok = v.origin is not None and s.xy_valid and s.z_valid
         s.home_ok = v.origin is not None and v.home_n is not None
         checked = self._checked[v.row]
@@ -86,7 +86,7 @@ class AutoModes:
         return n.requested_mode
 
     def leave(self, v: Vehicle, *, armed: bool) -> None:
-        """Stop navigating the vehicle, because another module flies it or it is disarmed."""
+        """Stop navigating a vehicle that is disarmed, or that another module flies from now on."""
         n = self._navigators.get(v.row)
         if n is not None:
             n.leave(armed=armed)

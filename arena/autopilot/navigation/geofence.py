@@ -47,7 +47,7 @@ class Area:
 
 
 def read_areas(items: Sequence[Item], origin: tuple[float, float, float]) -> list[Area]:
-    """Return the areas of an uploaded fence. A polygon with missing corners is closed over the received ones.
+    """Return the areas of an uploaded fence. If corners of a polygon are missing, use the received corners.
 
     origin: latitude, longitude [deg], altitude AMSL [m] of the local frame
     """

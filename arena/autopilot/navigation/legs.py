@@ -1,4 +1,4 @@
-"""Flight along one leg: the setpoint of each decision, and the check whether the leg is complete. Pure."""
+"""Flight along one leg: computes the setpoint of each step and checks if the leg is complete. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """State of the vehicle at one decision.
+    """State of the vehicle that the navigator uses in one step.
 
     now: time since boot [s]
     p_n, v_n, yaw: estimated position [m] [NED], velocity [m/s] [NED] and heading [rad]

@@ -74,7 +74,7 @@ class Navigator:
         self._follower.cruise = speed
 
     def leave(self, *, armed: bool) -> None:
-        """Stop navigating, because another module flies the vehicle or it is disarmed."""
+        """Stop navigating, because the vehicle is disarmed or another module flies the vehicle."""
         if self.mode is Mode.MISSION:
             self.missions.set_progress(reached=-1)
         self.mode, self.running = None, False
@@ -155,7 +155,7 @@ class Navigator:
         return None
 
     def _leg_of(self, item: Item, s: Situation, stage: str) -> Leg:
-        """Return the next leg of an item.
+        """Return the next leg of a mission item. An item may need several legs, such as climb and approach.
 
         stage: the stage of the item that is complete, "" if none is
         """
