@@ -41,7 +41,7 @@ class Clock(Protocol):
 
 
 class Rate:
-    """Loop at a fixed rate: the deadlines are absolute, 1/hz apart. Missed deadlines are skipped."""
+    """Timer for a loop with a fixed rate. The deadlines are 1/hz apart, and missed deadlines are skipped."""
 
     def __init__(self, clock: Clock, hz: float) -> None:
         self._clock, self._period_s = clock, 1.0 / hz
@@ -88,7 +88,8 @@ class SimTime:
 
 
 class SimClock:
-    """Client of the simulation clock. path: the clock's files are `<path>.page` and `<path>.sock`.
+    """Client of the simulation clock. path: the shared memory is `<path>.page` and the socket is
+    `<path>.sock`.
 
     Raises RunError if there is no world, or if the world ends during a sleep.
     """
@@ -109,8 +110,8 @@ class SimClock:
         return now
 
     def request_wake(self, t: float) -> None:
-        """Request a wake-up at time t [s]. After this call the world may advance. It is the first half of
-        `sleep_until`.
+        """Request a wake-up at time t [s], so that the simulated world may advance. `wait_for_wake` then
+        waits.
         """
         try:
             self._socket.send(_DOUBLE.pack(t))
@@ -118,7 +119,8 @@ class SimClock:
             raise RunError(_ENDED) from error
 
     def wait_for_wake(self, timeout_s: float | None) -> float | None:
-        """Wait until the requested time has come, and return the time [s]; None after the timeout.
+        """Wait until the time given to `request_wake` has come. Return the time [s], or None after the
+        timeout.
 
         It is the second half of `sleep_until`.
         timeout_s: wall time [s]. 0 does not wait, None waits without a limit.
@@ -139,20 +141,22 @@ class SimClock:
         return Rate(self, hz)
 
     def fileno(self) -> int:
-        """Return a descriptor that is readable when the requested time has come, or when the world has ended."""
+        """Return a file descriptor that is readable when the requested wake-up time has come, or when the
+        world (the simulator process) has ended.
+        """
         return self._socket.fileno()
 
     @property
     def server_pid(self) -> int:
-        """Process id of the world."""
+        """Process id of the world, the simulator process that serves the clock."""
         pid, _, _ = _CREDENTIALS.unpack(
             self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
         )
         return int(pid)
 
     def ended(self) -> bool:
-        """Return whether the world has ended. Never blocks. Must not be called between `request_wake` and
-        `wait_for_wake`.
+        """Return whether the world (the simulator process) has ended. Never blocks. Do not call this function
+        between `request_wake` and `wait_for_wake`.
         """
         try:
             return self._socket.recv(_DOUBLE.size, socket.MSG_DONTWAIT) == b""
@@ -181,7 +185,8 @@ class _Client:
 
 
 class ClockServer:
-    """The world's side of the simulation clock. In lockstep, call `may_advance` before the next `tick`.
+    """Server of the simulation clock; the world (the simulator process) owns it. In lockstep, call
+    `may_advance` before each `tick`.
 
     dropped: names of the clients for which the world no longer waits.
     """
@@ -225,7 +230,7 @@ class ClockServer:
                 self._read(self._clients[key.fd])
 
     def may_advance(self, now: float, wall: float) -> bool:
-        """Return whether, in lockstep, all clients that the world waits for are asleep.
+        """Return whether the world may advance in lockstep: all clients that it waits for must be asleep.
 
         A client that has been awake for more than one second of wall time is added to `dropped`, and the
         world no longer waits for it.
@@ -241,7 +246,7 @@ class ClockServer:
         return all_asleep
 
     def close(self) -> None:
-        """Disconnect all clients, and remove the page and the socket."""
+        """Disconnect all clients, and remove the files of the shared memory and of the socket."""
         for client in list(self._clients.values()):
             self._drop(client)
         self._socket.close()

@@ -96,8 +96,8 @@ class FaultReceiver:
 
 
 def inject(path: str | Path, fault: Fault) -> None:
-    """Send a fault to a process. Raises RunError if no process receives faults at `path`, or if the process
-    has not read for one second.
+    """Send a fault to the socket `path` of a process. Raises RunError if no process has this socket, or if
+    the process has not read it for one second.
     """
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as sender:
         sender.settimeout(_SEND_TIMEOUT_S)
@@ -130,7 +130,7 @@ def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple
         and all(isinstance(x, str) and x in choices for x in found)
     )
     if not fits or len(set(found)) != count:  # type: ignore[arg-type]
-        raise _wrong(key, found, f"{count} different ones of {', '.join(choices)}")
+        raise _wrong(key, found, f"a list of {count} different words out of: {', '.join(choices)}")
     return tuple(found)  # type: ignore[arg-type]
 
 
@@ -162,7 +162,7 @@ def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
     """Return the value of `key` if it is a list of three numbers from -most to most, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, list) or len(found) != 3 or not all(_is_number(x, -most, most) for x in found):
-        raise _wrong(key, found, f"three numbers from {-most:g} to {most:g}")
+        raise _wrong(key, found, f"a list of three numbers from {-most:g} to {most:g}")
     return float(found[0]), float(found[1]), float(found[2])
 
 

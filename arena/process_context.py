@@ -152,7 +152,7 @@ def supervisor_socket() -> socket.socket | None:
 
 @dataclass(kw_only=True)
 class ShutdownPolicy:
-    """Rule for the end of a process whose supervisor has died. Pure: no clock, no socket.
+    """Rule that decides when a process ends after its supervisor has died. Pure: no clock, no socket.
 
     The process ends when its vehicles have been disarmed for `settle_s`, or `limit_s` after the death of the supervisor.
 
@@ -166,7 +166,7 @@ class ShutdownPolicy:
     _disarmed_since: float | None = field(default=None, init=False)
 
     def over(self, *, orphaned: bool, any_armed: bool, now: float) -> bool:
-        """Return whether the process should end.
+        """Return whether the process must end now because its supervisor has died.
 
         orphaned: the supervisor has died.  any_armed: a vehicle that the process serves is armed.  now: monotonic [s].
         """

@@ -1,4 +1,5 @@
-"""UDP sockets, serial devices and their connection URLs. Only this module opens and parses them.
+"""Functions that open UDP sockets and serial devices, and that parse connection URLs such as
+`udpin:0.0.0.0:14540`.
 
     udpin:HOST:PORT        listen on HOST:PORT; the vehicle sends to it
     udpout:HOST:PORT       send to HOST:PORT
@@ -65,8 +66,8 @@ class ConnectionUrl:
 
     @property
     def url(self) -> str:
-        """The URL in the form of the YAML. The baud rate is not in it, because the YAML has a separate key
-        for it.
+        """The connection URL as written in the YAML. It has no baud rate, because the YAML has a separate key
+        `baud`.
         """
         return f"serial:{self.device}" if self.kind == "serial" else f"{self.kind}:{self.host}:{self.port}"
 
@@ -76,7 +77,7 @@ class ConnectionUrl:
 
 
 def parse_url(url: str, *, baud: int = DEFAULT_BAUD) -> ConnectionUrl:
-    """Parse a connection URL. Raises ValueError, with the expected forms, for anything else.
+    """Parse a connection URL. Raises ValueError, which lists the expected forms, for any other text.
 
     baud: baud rate of a serial URL that does not contain one [bit/s]
     """
@@ -116,7 +117,7 @@ def _parse_serial(rest: str, baud: int) -> ConnectionUrl:
 
 
 def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> ConnectionUrl:
-    """Return a UDP connection. Raises ValueError for a host name, because a name lookup may block, and fails
+    """Return a UDP connection. Raises ValueError for a host name, because a name lookup could block or fail
     without a network.
     """
     try:
@@ -203,7 +204,7 @@ class SerialPort:
             import serial
         except ImportError as error:
             raise OSError(
-                f"{device} cannot be opened: pyserial is not installed: pip install pyserial"
+                f"{device} cannot be opened: pyserial is not installed. Run `pip install pyserial`"
             ) from error
         try:
             self._port = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
@@ -232,8 +233,8 @@ class SerialPort:
         return data
 
     def write(self, data: bytes) -> int:
-        """Write as many bytes as the driver accepts; return their number. Raises OSError if the device was
-        unplugged.
+        """Write as many bytes as the driver accepts. Return the number of written bytes. Raises OSError if
+        the device was unplugged.
         """
         try:
             return os.write(self._fd, data)

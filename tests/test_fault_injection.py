@@ -121,7 +121,7 @@ def test_a_number_is_finite_and_within_limits(wrong):
 )
 def test_two_words_are_different_and_known(wrong):
     assert fault_injection.words({"x": ["b", "a"]}, "x", ("a", "b"), 2) == ("b", "a")
-    with pytest.raises(InputError, match=r"x: got .*, expected 2 different ones of a, b"):
+    with pytest.raises(InputError, match=r"x: got .*, expected a list of 2 different words out of: a, b"):
         fault_injection.words({"x": wrong}, "x", ("a", "b"), 2)
 
 

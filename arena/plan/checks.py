@@ -25,7 +25,7 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
 
 
 def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]:
-    """Find tools that wait for an unknown process, or for a tool that starts later (processes could wait in a circle)."""
+    """Find tools that need an unknown process, or a tool listed after them (this prevents circular waiting)."""
     before = [name for name in process_names if not name.startswith("tool.")]
     own: list[tuple[str, Tool, YamlPath]] = [
         (f"tool.{name}", tool, ("tools", name)) for name, tool in arena.tools.items()

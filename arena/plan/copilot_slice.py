@@ -1,4 +1,6 @@
-"""Content of the copilot's configuration file (slice): its rules, and address, fence and braking limits of each vehicle. Pure."""
+"""Makes the configuration file (slice) of the copilot, the process that watches all vehicles and enforces the
+rules. Pure.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ _BRAKING = {
 
 
 def copilot(job: Job) -> Json:
-    """Return the slice of the copilot."""
+    """Return the JSON configuration (slice) of the copilot, the process that enforces the safety rules."""
     arena = job.arena
     c = arena.copilot
     if c is None:

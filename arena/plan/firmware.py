@@ -53,7 +53,9 @@ class Firmware:
 
 
 def all_firmware(arena: Arena) -> dict[str, Firmware]:
-    """Return vehicle name -> firmware parameters. Raises InputError for a PX4 version that is not in the parameter table."""
+    """Return vehicle name -> required PX4 parameters. Raises InputError for a PX4 version that is not in the
+    parameter table.
+    """
     return {v.name: firmware(arena, v) for v in arena.vehicles}
 
 
@@ -71,7 +73,9 @@ def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
-    """Return where all parameters and their PX4 versions come from: `vehicles.NAME.params.PARAMETER` -> origin."""
+    """Return the value and the source of every PX4 parameter and version: `vehicles.NAME.params.PARAMETER` ->
+    origin.
+    """
     found: dict[str, Origin] = {}
     for name, each in all_firmware(arena).items():
         key = f"vehicles.{name}.px4_version"
@@ -103,7 +107,8 @@ def written_param_findings(arena: Arena) -> list[WrittenParamFinding]:
 
 
 def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
-    """Return the PX4 version whose parameter names apply to a vehicle: `asked`, else the vehicle's own, else 1.16.
+    """Return the PX4 version whose parameter names apply to a vehicle: `asked` if given, else `px4_version`
+    of the vehicle, else 1.16.
 
     Raises InputError if `asked` or the version in the YAML is not in the parameter table. For a PX4 binary whose version is
     not in the table, the result is 1.16.
@@ -145,7 +150,7 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements; for hardware and the built-in autopilot without rotor geometry and RC mapping.
+    """Remove rotor geometry and RC mapping from the requirements of hardware and of the built-in autopilot.
 
     Hardware keeps its own settings of these, and the built-in autopilot reads them from the profile.
     """
@@ -153,7 +158,7 @@ def _held(required: Requirements, autopilot: str) -> Requirements:
 
 
 def _checked_lines(arena: Arena, v: Vehicle, made: Generated) -> tuple[Line, ...]:
-    """Return the parameters that the preflight check compares.
+    """Return the required parameters that the preflight check compares with the values in the autopilot.
 
     For hardware with `preflight.params: false`, return only those that the user wrote.
     """

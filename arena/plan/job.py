@@ -1,4 +1,6 @@
-"""`Job`, the input of the functions that make one process, and the addresses of a vehicle's MAVLink links. Pure."""
+"""Functions for the addresses of a vehicle's MAVLink links, and `Job`, the input for planning one process.
+Pure.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ class Job:
 
 
 def link_of(arena: Arena, vehicle: Vehicle, name: str) -> LinkPlan:
-    """Return the addresses of one MAVLink link of a vehicle. name: router, vision or panic."""
+    """Return the addresses of one MAVLink link of a vehicle. name: router, vision (to the pose forwarder) or
+    panic (to land-all).
+    """
     ports, partners = vehicle.ports, {"router": "router", "vision": "forwarder", "panic": "land_all"}
     return LinkPlan(
         autopilot_host=_autopilot_host(arena, vehicle),
@@ -67,7 +71,7 @@ def flies_real_px4(arena: Arena, vehicle: Vehicle) -> bool:
 
 
 def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
-    """Return the autopilot's end of its three links: link name -> local and remote address."""
+    """Return the addresses that an autopilot uses for its three links: link name -> local and remote address."""
     links = {name: link_of(arena, vehicle, name) for name in ("router", "vision", "panic")}
     return {
         name: {
@@ -79,7 +83,9 @@ def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
 
 
 def partner_end(link: LinkPlan) -> Json:
-    """Return local and remote address of a link's other end (router, pose forwarder or land-all)."""
+    """Return the local and the remote address for the autopilot's partner on a link (router, pose forwarder
+    or land-all).
+    """
     return {
         "local": [link.partner_host, link.partner_port],
         "remote": [link.autopilot_host, link.autopilot_port],

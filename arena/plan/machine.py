@@ -22,7 +22,7 @@ _MOST_PORTS_SHOWN = 4
 
 
 class Probe(Protocol):
-    """The questions about a computer that the checks ask; tests replace them."""
+    """Interface through which the checks inspect a computer. Tests implement it without a real computer."""
 
     def has_module(self, name: str) -> bool: ...
 
@@ -40,7 +40,7 @@ class Probe(Protocol):
 
 
 class Machine:
-    """The computer that this process runs on."""
+    """Implementation of `Probe` that inspects the computer on which this process runs."""
 
     def has_module(self, name: str) -> bool:
         return importlib.util.find_spec(name) is not None
@@ -86,7 +86,7 @@ class AddressChoice:
 
 
 def choose_address(plan: Plan, runs: Mapping[str, str], probe: Probe) -> AddressChoice:
-    """Return the first free loopback address, from the plan's address on (127.0.0.1, 127.0.0.2, ...).
+    """Return the first free loopback address, starting at the plan's address (127.0.0.1, 127.0.0.2, ...).
 
     plan: the plan for the default address.
     runs: address -> description of the arena that runs there.

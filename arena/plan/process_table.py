@@ -71,7 +71,7 @@ def _world_if_simulated(job: Job) -> tuple[str, ...]:
 
 
 def _forwarder_needs(job: Job) -> tuple[str, ...]:
-    """Return the processes that a forwarder needs.
+    """Return the names of the processes that must be ready before a pose forwarder starts.
 
     A forwarder needs its PX4, so that forwarder and program are not started if PX4 fails to start.
     """
@@ -96,12 +96,16 @@ def _copilot_fields(job: Job) -> dict[str, Any]:
 
 
 def required_copilot(arena: Arena) -> tuple[str, ...]:
-    """Return ("copilot",) if processes need the copilot, else (). With `on_loss: warn` vehicles fly without a copilot."""
+    """Return ("copilot",) if vehicles must not fly without the copilot, else (). With `on_loss: warn` they
+    may.
+    """
     return ("copilot",) if arena.copilot is not None and arena.copilot.on_loss != "warn" else ()
 
 
 def _logger_needs(job: Job) -> tuple[str, ...]:
-    """Return the processes that a logger needs. It needs the copilot only if the vehicle has no program to need it."""
+    """Return the names of the processes that must be ready before a logger starts. If the vehicle has a
+    program, the program waits for the copilot instead.
+    """
     return ("router",) if job.v.program is not None else ("router", *required_copilot(job.arena))
 
 

@@ -28,7 +28,8 @@ def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
 
 
 def px4_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int]:
-    """Return the parameters that a simulated PX4 sets at its start, in addition to its airframe's.
+    """Return the parameters that a simulated PX4 sets at its start, in addition to those of its airframe
+    file.
 
     values: the vehicle's firmware parameters.
     """
@@ -61,7 +62,9 @@ def reset_by_startup(params: Mapping[str, float | int], version: str) -> dict[st
 
 
 def hitl_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int]:
-    """Return the parameters that a flight controller in the loop (HITL) must have. Source: PX4 airframe 1001, HIL outputs."""
+    """Return the parameters that a flight controller needs for hardware in the loop (HITL). Source: PX4
+    airframe 1001.
+    """
     outputs = {f"HIL_ACT_FUNC{i + 1}": 101 + i for i in range(len(v.profile.rotors))}
     # SIM_* parameters do not exist on a board
     held = {name: value for name, value in px4_params(v, values).items() if not name.startswith("SIM_")}

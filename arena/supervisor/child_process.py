@@ -200,7 +200,8 @@ def adopt_orphans() -> None:
 
 
 def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
-    """Kill adopted descendants of processes of the plan that have ended. Return the pids of the killed descendants.
+    """Kill adopted processes whose original process of the plan has ended. Return the pids of the killed
+    processes.
 
     known: pids that the supervisor started itself; these are not touched.
     mark: `KEY=value` entry that every process of this run has in its environment.
@@ -221,7 +222,9 @@ def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
 
 
 def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
-    """Return the function that the child runs between fork and exec; None if not needed, so that the faster vfork is used."""
+    """Return the function that the child runs between fork and exec. Return None if the child needs no such
+    function, because vfork is faster.
+    """
     if spec.outlives and not spec.nice and not os.getpriority(os.PRIO_PROCESS, 0):
         return None
     supervisor, nice, dies_with_us = os.getpid(), spec.nice, not spec.outlives

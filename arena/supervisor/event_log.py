@@ -1,4 +1,6 @@
-"""The event log of a run, events.jsonl: changes of process states and events that processes send. Each is also shown."""
+"""Writes the event log of a run, events.jsonl, and shows each entry: state changes of processes, and events
+that they send.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ Show = Callable[[Message], None]
 
 
 class EventLog:
-    """Writer of events.jsonl, which also shows each entry as a line. `lost` counts entries that the disk did not take.
+    """Writer of events.jsonl, which also shows each entry as a line. `lost` counts entries that could not be
+    written.
 
     path: the file.  show: function that shows a line.
     vehicles: names of the vehicles; an event that begins with `<vehicle>: ` is shown as a line about that vehicle.

@@ -78,7 +78,9 @@ class LandingTask:
         self._down = {**self._down, **down}
 
     def _spec(self, flying: Sequence[str]) -> ProcessSpec:
-        """Return the land task, without the vehicles in `down`: they would never confirm the landing."""
+        """Return the land task without the vehicles that are not waited for (`_down`), because they would
+        never confirm the landing.
+        """
         assert self._plan.land is not None
         spared = [vehicle for vehicle in self._down if vehicle not in flying]
         extra = ("--except", ",".join(spared)) if spared else ()
@@ -113,7 +115,7 @@ class LandingTask:
         return False
 
     def _hurry(self, task: SideTask, flying: Sequence[str], now: float) -> None:
-        """Kill the land task if no vehicle has been flying for _NOTICE_S."""
+        """Kill the land task early if no vehicle has been in the air for _NOTICE_S."""
         if flying:
             self._nothing_since = None
         elif self._nothing_since is None:
@@ -122,7 +124,9 @@ class LandingTask:
             task.stop()
 
     def _failed(self, exit: Exit, flying: Sequence[str], now: float) -> None:
-        """Log a failed attempt. If no vehicle flies any more, the next step ends the landing as successful."""
+        """Log a failed attempt to land. If no vehicle flies any more, the next `step` ends the landing as
+        successful.
+        """
         self.summary = f"the landing of {', '.join(flying) or 'all vehicles'} is not confirmed ({exit.text})"
         self._log.event(now, "arena", self.summary)
 

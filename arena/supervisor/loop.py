@@ -292,7 +292,9 @@ class Supervisor:
             p.changed = True
 
     def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-        """Return `flying` and `down` with the simulated vehicles moved to `down`: `arena down --now` does not land them."""
+        """Move the simulated vehicles from `flying` to `down` and return both, because `arena down --now`
+        lands real vehicles only.
+        """
         simulated = {v.name for v in self.plan.vehicles if v.simulated}
         left = simulated & set(flying)
         if left:
@@ -393,4 +395,6 @@ class Supervisor:
 
 
 def _ignore(text: str) -> None:
-    """Ignore a line of the report task, because its log keeps the line and `arena up` prints the summary."""
+    """Ignore an output line of the report task. The task's log file contains the line, and `arena up` prints
+    the summary.
+    """

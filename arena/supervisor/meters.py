@@ -45,7 +45,8 @@ class RealTimeMeter:
             self._last = (now, time_s)
 
     def result(self) -> dict[str, float | None] | None:
-        """Return the mean real-time factor of the run, `factor`, and the requested one, `asked`.
+        """Return the mean real-time factor of the run (`factor`) and the requested real-time factor
+        (`asked`).
 
         `asked` is None if the simulation runs as fast as possible. Return None if too little was measured.
         """
@@ -73,7 +74,7 @@ class Meter:
 
     @property
     def cpu_s(self) -> float:
-        """CPU time used over all starts [s]."""
+        """CPU time that the process has used, summed over all its starts [s]."""
         return self._past_cpu_s + self._cpu_s
 
     def alive_s(self, now: float) -> float:

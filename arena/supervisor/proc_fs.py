@@ -74,7 +74,7 @@ def is_zombie(pid: int) -> bool:
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether a process is stopped by a signal or by a debugger."""
+    """Return whether a process is paused by a signal (SIGSTOP) or by a debugger."""
     fields = _stat(pid)
     return bool(fields) and fields[0] in (b"T", b"t")
 

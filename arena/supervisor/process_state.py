@@ -52,7 +52,7 @@ class Action(StrEnum):
 
 
 class After(StrEnum):
-    """The next action for a process that is STOPPING, taken when the process has ended."""
+    """Action for a process in state STOPPING once it has ended: end, restart or retry."""
 
     END = "end"
     RESTART = "restart"

@@ -73,12 +73,15 @@ def is_served(spec: ProcessSpec, status: ProcessStatus) -> bool:
 
 
 def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether the process has ended or failed, and only `arena restart` starts it again."""
+    """Return whether the process has ended or failed and is not restarted automatically (only by `arena
+    restart`).
+    """
     return status.state in ENDED and not is_served(spec, status)
 
 
 def lost(plan: Plan, statuses: Statuses) -> str:
-    """Return a text if a process that the whole arena needs has ended and is not restarted; else "".
+    """Return the name and reason if a process that the whole arena needs has ended and is not restarted; else
+    "".
 
     A process that serves one vehicle only is ignored, because its end affects only the programs of that vehicle.
     """
@@ -186,7 +189,7 @@ def restart_refusal(spec: ProcessSpec, flying: Sequence[str]) -> str:
 
 
 def may_stop(plan: Plan, statuses: Statuses) -> set[str]:
-    """Return the names of the processes that may stop now, because no running process needs them."""
+    """Return the names of the processes that can be stopped now, because no running process needs them."""
     held = {need for spec in plan.processes if statuses[spec.name].state in ALIVE for need in spec.needs}
     return {spec.name for spec in plan.processes} - held
 

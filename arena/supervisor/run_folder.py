@@ -68,11 +68,13 @@ class RunState:
 
     @property
     def stopped(self) -> bool:
-        """True while the supervisor of the run is stopped by a signal (SIGSTOP), so that it does not reply."""
+        """True while the supervisor of the run is paused by SIGSTOP, so that the supervisor does not reply."""
         return self.live and proc_fs.is_stopped(self.supervisor.pid)
 
     def survivors(self) -> dict[str, list[int]]:
-        """Return process name -> pids of its process group that still run; only processes with such pids are listed."""
+        """Return process name -> running pids of its process group. Processes without running pids are not
+        listed.
+        """
         members = self.processes if self.boot == proc_fs.boot_id() else {}
         found = {name: _still_there(member) for name, member in members.items()}
         return {name: pids for name, pids in found.items() if pids}

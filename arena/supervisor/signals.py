@@ -36,7 +36,7 @@ class SignalQueue:
         os.close(self._wake)
 
     def drain(self) -> None:
-        """Read all bytes from `fd`, so that the next signal makes it readable again."""
+        """Read all bytes from the file descriptor `fd`, so that the main loop wakes only for new signals."""
         with contextlib.suppress(BlockingIOError):
             while os.read(self.fd, 4096):
                 pass
