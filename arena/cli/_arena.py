@@ -21,7 +21,9 @@ Set = Annotated[
 
 
 def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple[Arena, Plan, str]:
-    """Return the arena and its plan at the first free loopback address, and a text if this is not the default address.
+    """Return the arena and its plan, moved to the first free loopback address, and the reason for the move.
+
+    The reason is "" if the address was not changed.
 
     The address is not changed if the YAML or the command line sets it, or if the arena has a real flight controller,
     because two arenas must not command the same vehicle.

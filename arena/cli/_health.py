@@ -95,7 +95,7 @@ def _version(package: str) -> str:
 
 
 def _px4() -> Finding:
-    """Return which PX4 an arena uses if its YAML names no PX4."""
+    """Return a `Finding` about the PX4 that arenas use by default (the YAML names no PX4)."""
     try:
         px4 = need_px4()
     except NotInstalledError as error:
@@ -107,7 +107,7 @@ def _px4() -> Finding:
 
 
 def _ports(probe: Probe) -> Iterator[Finding]:
-    """Yield the ports that an arena with _VEHICLES vehicles on the default address needs and that are in use."""
+    """Check whether the ports of an arena with _VEHICLES vehicles on the default address are free."""
     defaults = ArenaFile(vehicles={"uav1": VehicleKeys()})
     address = defaults.address
     wanted = {

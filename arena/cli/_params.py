@@ -1,4 +1,8 @@
-"""Functions that the commands of `arena params` share: addresses of vehicles, sources of parameters, records of a push."""
+"""Functions that the commands of `arena params` share.
+
+They find the addresses of vehicles, read parameter sets, and keep the record of a push (the file from which an
+interrupted push of parameters can be resumed).
+"""
 
 from __future__ import annotations
 
@@ -29,7 +33,11 @@ YAML, _DEFAULTS = "yaml:", "defaults"
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether a difference is not shown, because the YAML does not set the parameter or only the defaults have it."""
+    """Return whether `arena params diff` hides a difference between the parameter sets named `a` and `b`.
+
+    A difference is hidden if one set is from the YAML and does not set the parameter, or if the only set with the
+    parameter is PX4's defaults.
+    """
     of_yaml = (row.a is None and a.startswith(YAML)) or (row.b is None and b.startswith(YAML))
     of_defaults = (row.a is None and b == _DEFAULTS) or (row.b is None and a == _DEFAULTS)
     return of_yaml or of_defaults
@@ -45,7 +53,10 @@ def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle
 
 
 def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> PushRecord:
-    """Return the record of a new push. Raises InputError if an earlier push was interrupted and not resumed."""
+    """Create the record of a new push, from which the push can be resumed if it is interrupted.
+
+    Raises InputError if an earlier push was interrupted and not resumed.
+    """
     from arena.params.transfer.push_record import PushRecord
 
     path = Path(arena.folder) / RECORD
@@ -58,7 +69,11 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
 
 
 def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
-    """Return the record of an interrupted push. Raises InputError if there is no record, or it has other vehicles."""
+    """Return the record of an interrupted push. Raises InputError if it cannot be resumed.
+
+    This is so if there is no record, if the record has none of the chosen vehicles, or if a vehicle has another
+    address now.
+    """
     from arena.params.transfer.push_record import PushRecord
 
     if file is not None:
@@ -66,12 +81,13 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
     record = PushRecord.read(Path(arena.folder) / RECORD)
     if not any(v.name in record.wanted for v in chosen):
         raise InputError(
-            f"{record.path}: expected the vehicles of the interrupted push: {', '.join(record.wanted)}"
+            f"{record.path}: the interrupted push has none of the chosen vehicles. Choose from {', '.join(record.wanted)}"
         )
     for v in chosen:
         if v.name in record.wanted and record.vehicles[v.name].at != address_text(arena, v):
             raise InputError(
-                f"{record.path}: got {v.name} at {record.vehicles[v.name].at}, but this arena has it at {address_text(arena, v)}"
+                f"{record.path}: the interrupted push was to {v.name} at {record.vehicles[v.name].at}, "
+                f"but this arena has {v.name} at {address_text(arena, v)}"
             )
     return record
 
@@ -97,7 +113,7 @@ def reboot_vehicles(targets: Mapping[str, ParamTarget], *, without_asking: bool)
 
     refusals = reboot_now(targets)
     for name, refusal in refusals.items():
-        print(f"{name}: {f'no reboot: {refusal}' if refusal else 'rebooting'}")
+        print(f"{name}: {f'the autopilot did not reboot: {refusal}' if refusal else 'rebooting'}")
     return not any(refusals.values())
 
 
@@ -131,7 +147,10 @@ def version_for(vehicle: Vehicle | None, asked: str) -> str:
 
 
 def required_firmware(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
-    """Return the parameters that the YAML requires of a vehicle, without rotor geometry (`params_file_text` adds it)."""
+    """Return the parameters that the YAML requires of a vehicle, without the positions of the rotors.
+
+    `params_file_text` adds the parameters for the rotors.
+    """
     from arena.plan.firmware import firmware
 
     return firmware(arena, vehicle, asked)
@@ -197,7 +216,10 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarg
     run = _run_of(arena)
     if run is not None:
         _check_run_has(run, vehicles)
-        print(f"through the running arena {run.name} ({run.run})", file=sys.stderr)
+        print(
+            f"reaching the vehicles through the router of the running arena {run.name} ({run.run})",
+            file=sys.stderr,
+        )
     found: dict[str, ParamTarget] = {}
     for v in vehicles:
         if run is not None:
@@ -274,7 +296,7 @@ class ParamSources:
         return self._arena
 
     def read(self, name: str, other: str) -> ParamSource:
-        """Return the parameters of one source.
+        """Return the parameters of one source: a vehicle, a file, a log, the YAML, or PX4's defaults.
 
         name: the source as written on the command line.
         other: the source to compare with; `defaults` means the defaults of its PX4 version.
@@ -310,7 +332,11 @@ class ParamSources:
         return ParamSource(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
 
     def environment(self, name: str) -> Environment:
-        """Return the equipment and room of a vehicle. For a file, those of the first vehicle; without a YAML, the default."""
+        """Return the equipment and the room of a vehicle, needed to check its parameters.
+
+        name: the source as written on the command line. If no vehicle has this name (a file), the first vehicle is used.
+        Without a YAML, the default `Environment` is returned.
+        """
         from arena.params.checks.findings import Environment
         from arena.plan.firmware import requirements
 

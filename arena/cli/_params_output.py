@@ -38,7 +38,7 @@ class ProgressBars:
 
     @property
     def show(self) -> Callable[[Mapping[str, Any]], None]:
-        """Callback that gets vehicle name -> progress and shows it."""
+        """Function that updates the bars. Its argument is a mapping: vehicle name -> progress."""
 
         def update(progress: Mapping[str, Any]) -> None:
             for name, each in progress.items():

@@ -95,7 +95,7 @@ def short_table(run: Path) -> Table | None:
 
 
 def _landings(vehicles: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Return one text per result with the vehicles that have it, such as `uav1, uav2 landed`."""
+    """Group the vehicles by how their flight ended, and return one text per group, such as `uav1, uav2 landed`."""
     groups: dict[str, list[str]] = {}
     for name, found in vehicles.items():
         groups.setdefault(_result(found), []).append(name)

@@ -1,4 +1,4 @@
-"""`arena down`: land the vehicles and stop an arena, also if its supervisor is dead or stopped."""
+"""`arena down`: land the vehicles and stop an arena, also if its supervisor is dead or paused by SIGSTOP."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def register(app: typer.Typer) -> None:
                 raise SystemExit(code)
         if state.live:
             print(
-                f"the supervisor {state.supervisor.pid} is stopped and does not reply: ending the arena without it",
+                f"the supervisor {state.supervisor.pid} is paused by SIGSTOP and does not reply: ending the arena without it",
                 flush=True,
             )
         sweep(state, print, now=now)
@@ -47,7 +47,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _stays_stopped(state: RunState) -> bool:
-    """Return whether the supervisor is stopped by a signal (SIGSTOP) and is still stopped after _STOPPED_S."""
+    """Return whether the supervisor is paused by SIGSTOP and is still paused after _STOPPED_S."""
     deadline = time.monotonic() + _STOPPED_S
     while (stopped := state.stopped) and time.monotonic() < deadline:
         time.sleep(0.05)
@@ -55,7 +55,10 @@ def _stays_stopped(state: RunState) -> bool:
 
 
 def _down(state: RunState, now: bool) -> int | None:
-    """Ask the supervisor to end the run, and return the exit code of the run; None if the supervisor is stopped."""
+    """Ask the supervisor to end the run, and return the exit code of the run.
+
+    Returns None if the supervisor is paused by SIGSTOP.
+    """
     control = connect(state)
     try:
         control.ask(do="subscribe")
@@ -77,7 +80,10 @@ def _down(state: RunState, now: bool) -> int | None:
 
 
 def _print_lines(control: Control, state: RunState, deadline: float) -> None:
-    """Print the lines of the run until the run has ended, its supervisor is stopped, or the deadline [s] has passed."""
+    """Print the log lines of the run until it has ended, or the supervisor is paused by SIGSTOP.
+
+    deadline: time [s] at which to return in any case.
+    """
     while time.monotonic() < deadline:
         try:
             packet = control.listen(1.0)

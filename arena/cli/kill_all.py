@@ -17,12 +17,14 @@ def register(app: typer.Typer) -> None:
     def kill_all_(
         arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, if no run is active")] = None,  # noqa: UP045
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
-        only: Annotated[str, typer.Option(help="Vehicles to stop, as a,b; all by default.")] = "",
-        spared: Annotated[str, typer.Option("--except", help="Vehicles to leave alone, as a,b.")] = "",
+        only: Annotated[str, typer.Option(help="Vehicles to stop, such as uav1,uav2; all by default.")] = "",
+        spared: Annotated[
+            str, typer.Option("--except", help="Vehicles not to stop, such as uav1,uav2.")
+        ] = "",
         yes: Annotated[
             bool, typer.Option("--yes", help="Required. Confirms that flying vehicles will fall.")
         ] = False,
-        timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = KILL_TIMEOUT_S,
+        timeout: Annotated[float, typer.Option(help="Give up after this many seconds.")] = KILL_TIMEOUT_S,
     ) -> None:
         """Stop every motor at once, also in the air. To land, use land-all."""
         code = kill_all(

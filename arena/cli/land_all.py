@@ -17,9 +17,11 @@ def register(app: typer.Typer) -> None:
     def land_all_(
         arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, if no run is active")] = None,  # noqa: UP045
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
-        only: Annotated[str, typer.Option(help="Vehicles to land, as a,b; all by default.")] = "",
-        spared: Annotated[str, typer.Option("--except", help="Vehicles to leave alone, as a,b.")] = "",
-        timeout: Annotated[float, typer.Option(help="When to give up, in seconds.")] = LAND_TIMEOUT_S,
+        only: Annotated[str, typer.Option(help="Vehicles to land, such as uav1,uav2; all by default.")] = "",
+        spared: Annotated[
+            str, typer.Option("--except", help="Vehicles not to land, such as uav1,uav2.")
+        ] = "",
+        timeout: Annotated[float, typer.Option(help="Give up after this many seconds.")] = LAND_TIMEOUT_S,
     ) -> None:
         """Land all vehicles and wait until each is on the ground and disarmed. Works without supervisor and router."""
         code = land_all(arena=arena, run=run, only=names(only), spared=names(spared), timeout_s=timeout)

@@ -51,7 +51,9 @@ def _log(folder: Path, name: str) -> Path:
 
 
 def _follow(fd: int, log: Path, folder: Path) -> None:
-    """Print new lines of a log until the run has ended. After the supervisor has cut the log, continue at its new end.
+    """Print new lines of a log until the run has ended.
+
+    If the supervisor has shortened the log file, continue at the new end of the file.
 
     fd: the open log, at the position of the first new line.
     """

@@ -174,7 +174,7 @@ def pull(
 
 def diff(
     a: Annotated[str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE` or `defaults`")],
-    b: Annotated[str, typer.Argument(help="the set to compare with A; same forms as A")],
+    b: Annotated[str, typer.Argument(help="the set to compare with A, written like A")],
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
     all_: Annotated[bool, typer.Option("--all", help="also compare calibrations and counters")] = False,

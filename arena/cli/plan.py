@@ -1,4 +1,4 @@
-"""`arena plan`: prints the processes of an arena with their needs and ports, or where a value comes from."""
+"""`arena plan`: prints the processes of an arena, or with `--explain` where a value of the YAML comes from."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def register(app: typer.Typer) -> None:
             ),
         ] = "",
     ) -> None:
-        """Print the process table of an arena: needs, ports and commands. Starts nothing."""
+        """Print the processes of an arena: which others each one needs, its ports, its command. Starts nothing."""
         from arena.plan import make_plan
         from arena.schema import load_arena
 
@@ -76,7 +76,7 @@ def _text(value: object) -> str:
 
 
 def _from(source: str) -> str:
-    """Return `from arena.yaml:7` for a value from a file or from --set, else the reason, such as `default`."""
+    """Return the origin of a value as text: `from arena.yaml:7`, `from --set`, or a reason such as `(default)`."""
     return f"from {source}" if source == "--set" or source.rpartition(":")[2].isdigit() else f"({source})"
 
 

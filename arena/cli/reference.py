@@ -99,7 +99,9 @@ def yaml_page() -> str:
         "Host",
     ]
     if set(order) != set(defs):
-        raise ValueError(f"models without a place on the page: {set(order) ^ set(defs)}")
+        raise ValueError(
+            f"`order` and the JSON schema must have the same models; only one has {set(order) ^ set(defs)}"
+        )
     for name in order:
         text += f"\n## {name}\n\n{defs[name].get('description', '')}\n\n" + _keys(defs[name])
     text += "\n## Not available yet\n\n"
@@ -192,7 +194,7 @@ def ports_page() -> str:
 
 
 def _answers(port: Port) -> str:
-    """Return the senders that a port accepts. Processes that accept the same senders are listed together."""
+    """Return as text from which senders each process that opens this port accepts data."""
     found: dict[str, list[str]] = {}
     for binder in port.binders:
         found.setdefault(binder.answers, []).append(f"`{binder.kind}`")

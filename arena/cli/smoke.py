@@ -52,7 +52,8 @@ def register(app: typer.Typer) -> None:
             ),
         ] = None,
         speed: Annotated[
-            str, typer.Option("--speed", metavar="X", help="simulated seconds per second, or max")
+            str,
+            typer.Option("--speed", metavar="X", help="simulated seconds per second of wall time, or max"),
         ] = "max",
         seed: Annotated[
             int | None,
@@ -152,7 +153,7 @@ def _fly(scenarios: list[Scenario], options: FlightOptions, jobs: int, junit: Pa
 def _print_result(result: Result) -> None:
     word = "passed" if result.verdict.passed else "FAILED"
     print(
-        f"{word}  {result.scenario}  ({result.verdict.lasted_s:.1f} s flown in {result.wall_s:.1f} s)",
+        f"{word}  {result.scenario}  ({result.verdict.lasted_s:.1f} s simulated in {result.wall_s:.1f} s)",
         flush=True,
     )
 

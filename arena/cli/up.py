@@ -66,7 +66,7 @@ def register(app: typer.Typer) -> None:
             typer.Option(
                 "--speed",
                 metavar="X",
-                help="simulated seconds per second, or max; the same as --set sim.speed=X",
+                help="simulated seconds per second of wall time, or max; the same as --set sim.speed=X",
             ),
         ] = None,
         realtime: Annotated[

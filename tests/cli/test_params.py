@@ -188,9 +188,10 @@ def test_interrupted_push_is_resumed_to_the_same_vehicles_only(
         ((), "an earlier push was interrupted. Continue it with --resume"),
         (
             ("--resume",),
-            "got uav1 at id 1, simulated on 127.0.0.9, but this arena has it at id 1, simulated on 127.52.9.1",
+            "the interrupted push was to uav1 at id 1, simulated on 127.0.0.9, "
+            "but this arena has uav1 at id 1, simulated on 127.52.9.1",
         ),
-        (("--resume", "uav2"), "the vehicles of the interrupted push: uav1"),
+        (("--resume", "uav2"), "the interrupted push has none of the chosen vehicles. Choose from uav1"),
         (("--resume", "--file", "x"), "Remove --file"),
     ):
         code, _, err = run(capsys, "push", *arguments)

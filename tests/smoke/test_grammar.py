@@ -323,7 +323,7 @@ WRONG: dict[str, tuple[object, str, str]] = {
     "process that is not there": (
         read_action,
         "kill px4 uav1",
-        "a vehicle that has a px4 (the arena has no process px4.uav1)",
+        "a vehicle with a process `px4` (the arena has no process px4.uav1)",
     ),
     "tool misspelt": (read_action, "kill tool veiw", "Did you mean view?"),
     "second word misspelt": (
@@ -339,7 +339,7 @@ WRONG: dict[str, tuple[object, str, str]] = {
     "swap with itself": (
         read_action,
         "mocap swap uav1 uav1",
-        "expected two vehicles by name. Did you mean uav2?",
+        "expected the name of a second vehicle. Did you mean uav2?",
     ),
     "more than all": (read_action, "link loss 130 % uav1", "got 130 %, expected at most 100 %."),
     "no such rotor": (

@@ -125,7 +125,7 @@ class ActionRunner:
 def faults(
     action: Action, vehicles: Mapping[str, VehiclePlan], world: Mapping[str, Any]
 ) -> list[tuple[str, Fault]]:
-    """Return (process, fault) pairs: the faults that carry out an action, or that undo it if `action.undo`.
+    """Return the faults to inject for an action, as (process, fault) pairs. If `action.undo`, they undo the action.
 
     vehicles: all vehicles of the arena, by name.
     world: JSON configuration (slice) of the world, with its initial wind.

@@ -1,4 +1,8 @@
-"""The flight of one scenario: starts its arena, passes observations to the referee and carries out its actions."""
+"""The flight of one scenario: starts the arena and lets the referee decide.
+
+The referee (`arena.smoke.referee`) receives observations of the flight. It returns the actions to carry out, and
+finally the verdict.
+"""
 
 from __future__ import annotations
 

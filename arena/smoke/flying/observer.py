@@ -77,7 +77,7 @@ class Observer:
         self._actions.do(action)
 
     def idle(self, wall_s: float) -> None:
-        """Wait `wall_s` while the simulation runs in real time, without an observation."""
+        """Wait `wall_s` seconds of wall time without an observation, while the simulation runs in real time."""
         with contextlib.suppress(RunError):
             self._clock.request_wake(self._clock.now() + wall_s)
             self._clock.wait_for_wake(wall_s)

@@ -37,7 +37,7 @@ class RunLog:
 
     states: process -> READY, EXITED, ..., as the supervisor last wrote to events.jsonl.
     crashed: vehicle -> crash report.
-    If the supervisor is dead or stopped, it does not write events.jsonl. Then the pids in state.json show which processes
+    If the supervisor is dead or paused by SIGSTOP, it does not write events.jsonl. Then the pids in state.json show which processes
     have ended, and the crash reports come from the log of the world.
     """
 
@@ -49,7 +49,9 @@ class RunLog:
         self._members: dict[str, Member] = {}
 
     def read(self) -> list[str]:
-        """Return the events since the last call as text, and update `states` and `crashed`.
+        """Read the new log lines, and return their events as text.
+
+        Updates `states` (process -> state) and `crashed` (vehicle -> crash report).
 
         Examples: `program.uav1: EXITED: exit 1`, `world: uav1 crashed: touched a wall at 3.2 s`.
         """

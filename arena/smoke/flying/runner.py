@@ -86,7 +86,7 @@ def fly_all(
 
 @contextmanager
 def _stops() -> Iterator[list[int]]:
-    """Collect SIGINT, SIGTERM and SIGHUP in a list inside the `with` block, instead of being interrupted by them."""
+    """Collect SIGINT, SIGTERM and SIGHUP in a list, so that they do not interrupt the `with` block."""
     found: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:

@@ -82,7 +82,7 @@ class ScriptedFlight:
         return self.now.vehicles[name]
 
     def until(self, trigger: str, limit_s: float) -> Observation:
-        """Wait until a trigger such as `uav1.airborne + 3 s` has come.
+        """Wait for the time that a trigger such as `uav1.airborne + 3 s` (3 s after take-off) defines.
 
         limit_s: longest wait in simulation time [s]; AssertionError is raised after it.
         """
@@ -94,7 +94,9 @@ class ScriptedFlight:
                 since = self.now.time_s
                 continue
             if self.now.time_s - begun > limit_s:
-                raise AssertionError(f"{trigger}: not within {limit_s:g} s of simulation time")
+                raise AssertionError(
+                    f"the trigger `{trigger}` was not reached within {limit_s:g} s of simulation time"
+                )
             self._observe()
         return self.now
 
@@ -167,6 +169,9 @@ class ScriptedFlight:
 
 
 def _caller(text: str) -> Place:
-    """Return the file and line of the test that called a method of this module. text: text of the entry."""
+    """Return the file and line of the test that called a method of this module.
+
+    text: the trigger, action, expectation or rule that the test passed.
+    """
     frames = [frame for frame in traceback.extract_stack() if frame.filename != __file__]
     return Place(file=os.path.relpath(frames[-1].filename), line=frames[-1].lineno or 0, text=text)

@@ -172,7 +172,9 @@ class Session:
             time.sleep(OBSERVATION_PERIOD_S)
 
     def _until(self, check: Callable[[], T | None], what: str) -> T:
-        """Poll `check` and return its first true value. what: text for the error, such as "made no run folder".
+        """Poll `check` until it returns a true value, and return that value.
+
+        what: the end of the error message "the arena ...", such as "made no run folder".
 
         Raises RunError, with the output of `arena up`, if the arena ends first or START_TIMEOUT_S has passed.
         """
@@ -208,7 +210,10 @@ class Session:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def _end(self) -> None:
-        """Continue stopped processes, then end the arena with SIGTERM, or with `arena down` if the supervisor is dead."""
+        """End the arena with SIGTERM, or with `arena down` if the supervisor is dead.
+
+        Before that, processes paused by SIGSTOP are continued.
+        """
         if self._arena_up is None:
             return
         for pid in self._processes():
@@ -290,9 +295,9 @@ class Session:
                 yield pid
 
     def _env(self) -> dict[str, str]:
-        """Return the environment of `arena up`, with ARENA_RUNTIME_DIR as the last variable.
+        """Return the environment variables for `arena up`. ARENA_RUNTIME_DIR is the last of them.
 
-        The last, because a process that sets its title may overwrite the first variables.
+        The order matters: a process that sets its title may overwrite the first variables.
         """
         return {
             **{key: value for key, value in os.environ.items() if key != RUNTIME_DIR_VARIABLE},

@@ -1,4 +1,4 @@
-"""Parser of one entry of a scenario: text -> trigger, condition, action, rule or allowance.
+"""Parser of one entry of a scenario: text -> trigger, expectation, rule, action, or allowance (accepted failure).
 
 The module `vocabulary` lists the words of the language.
 """
@@ -105,7 +105,9 @@ def read_action(text: str, names: Names, place: Place) -> Action:
     if form.lasting and tokens.accept("for"):
         made["for_s"] = tokens.quantity("time", "a time", least=0.0)
     if tokens.next.text == "for":
-        raise tokens.error(f"nothing more, because `{form.verb}` cannot be undone after a time")
+        raise tokens.error(
+            f"nothing more, because `{form.verb}` cannot be undone after a time"
+        )
     tokens.end("for a time" if form.lasting and "for_s" not in made else "")
     if form.verb in IN_MS:
         made["number"] = round(float(made["number"]) * 1e3, 6)  # type: ignore[arg-type]
@@ -113,7 +115,10 @@ def read_action(text: str, names: Names, place: Place) -> Action:
 
 
 def read_allowance(text: str, names: Names) -> Allowance:
-    """Parse an entry of `may`, such as `crash uav1`. Raises WrongWordError if the text is not valid."""
+    """Parse an entry of `may` (failures that the scenario accepts), such as `crash uav1`.
+
+    Raises WrongWordError if the text is not valid.
+    """
     tokens = TokenReader(text)
     what = tokens.one_of(("crash", "fail", "stay"), "`crash` a vehicle, `fail` a process, or `stay up`")
     if what == "stay":
@@ -133,7 +138,11 @@ def read_allowance(text: str, names: Names) -> Allowance:
 def _condition(
     tokens: TokenReader, names: Names, place: Place, also: tuple[str, ...] = (), *, rule: bool = False
 ) -> Condition:
-    """Parse a condition. also: other words allowed at this place, for the hint.  rule: the entry belongs to `always`."""
+    """Parse a condition, such as `separation > 0.8 m`. Raises WrongWordError if the text is not valid.
+
+    also: words other than a condition that are allowed here. They are listed in the error message.
+    rule: whether the condition is an entry of `always`.
+    """
     negated = tokens.accept("not")
     made: dict[str, object]
     vehicle, dot, what = tokens.next.text.rpartition(".") if tokens.next.kind == "word" else ("", "", "")
@@ -161,7 +170,7 @@ def _condition(
     if rule and made["kind"] == "tracking":
         made["rms"] = tokens.accept("rms")
     elif tokens.next.text == "rms":
-        raise tokens.error("no `rms`, which is allowed only after `tracking` under `always`")
+        raise tokens.error("no `rms`, because `rms` is allowed only after `tracking` under `always`")
     return Condition(place=place, negated=negated, **made)  # type: ignore[arg-type]
 
 
@@ -273,7 +282,10 @@ def _with_rest(tokens: TokenReader, vehicles: tuple[str, ...]) -> list[str]:
 
 
 def _process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
-    """Parse a process, such as `program uav1`, and return its names in the plan; several for `program each`."""
+    """Parse a process, such as `program uav1`, and return its name in the plan.
+
+    Several names are returned for `program each`.
+    """
     word = tokens.next.text
     if word in VEHICLE_PROCESSES:
         tokens.advance()
@@ -281,7 +293,7 @@ def _process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
         wanted = [VEHICLE_PROCESSES[word].format(v) for v in vehicles]
         found = tuple(name for name in wanted if name in names.processes)
         if not found:
-            raise tokens.error(f"a vehicle that has a {word} (the arena has no process {wanted[0]})")
+            raise tokens.error(f"a vehicle with a process `{word}` (the arena has no process {wanted[0]})")
     elif word == "tool":
         tokens.advance()
         tools = [name.removeprefix("tool.") for name in names.processes if name.startswith("tool.")]
@@ -317,7 +329,10 @@ def _mode(tokens: TokenReader) -> str:
 
 
 def _form(tokens: TokenReader) -> tuple[Form, list[str]]:
-    """Parse the first words of an action. Return its form and the parts of the form that are not parsed yet."""
+    """Find out which action the text is from its first words, such as `drain battery`.
+
+    Returns the `Form` of the action (its syntax), and the words of the form after those consumed here.
+    """
     left = [(form, form.form.split()) for form in ACTIONS]
     depth = 0
     while len(left) > 1 or depth == 0:
@@ -344,7 +359,7 @@ def _part_other(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
     first = made["vehicles"]
     others = tuple(v for v in names.vehicles if (v,) != first)
     if not isinstance(first, tuple) or len(first) != 1 or tokens.next.text not in others:
-        raise tokens.error("two vehicles by name", others)
+        raise tokens.error("the name of a second vehicle", others)
     made["vehicles"] = (*first, tokens.advance().text)
 
 
@@ -382,7 +397,7 @@ def _part_rotor(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
 
 
 def _nothing(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    """Parse nothing, because this part was parsed together with the part before."""
+    """Do nothing. This word of the form was already parsed together with the word before."""
 
 
 _READ_PART: dict[str, Callable[[TokenReader, Names, dict[str, object]], None]] = {

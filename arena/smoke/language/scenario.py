@@ -252,7 +252,7 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return a problem of the arena with its line in the scenario file if that file caused it; else unchanged."""
+        """Return a problem of the arena. If the scenario file caused the problem, give its line in that file."""
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
             for i, given in enumerate(self._model.set):
@@ -380,7 +380,10 @@ def _step_text(entry: dict[str, Any]) -> str:
 
 
 def _inside(document: Document, path: YamlPath) -> Document:
-    """Return the part of a YAML document under `path` as a document that keeps its line numbers."""
+    """Return the part of a YAML document under `path` as a separate document.
+
+    Its lines keep the numbers that they have in the file.
+    """
     data: Any = document.data
     for part in path:
         data = data[part]

@@ -97,7 +97,10 @@ class TokenReader:
         return WrongWordError(f"{got}{after}, expected {expected}." + (f" {hint}" if hint else ""))
 
     def one_of(self, known: Sequence[str], what: str) -> str:
-        """Consume and return the next word, which must be one of `known`; else raise WrongWordError with `what` as expected."""
+        """Consume and return the next word, which must be one of `known`. Raises WrongWordError for another word.
+
+        what: text after "expected" in the error message.
+        """
         if self.next.text not in known or self.next.kind not in {"word", "sign", "unit"}:
             raise self.error(what, known)
         return self.advance().text
@@ -108,7 +111,10 @@ class TokenReader:
             raise self.error(text, [text])
 
     def number(self, what: str) -> float:
-        """Consume and return a number of at most a million. Raises WrongWordError with `what` as expected."""
+        """Consume and return a number of at most a million. Raises WrongWordError for another token.
+
+        what: text after "expected" in the error message.
+        """
         if self.next.kind != "number":
             raise self.error(what)
         value = float(self.next.text)
@@ -118,9 +124,9 @@ class TokenReader:
         return value
 
     def quantity(self, kind: str, what: str, *, least: float | None = None) -> float:
-        """Consume a number with a unit and return it in SI units. Raises WrongWordError.
+        """Consume a number with a unit and return it in SI units. Raises WrongWordError if the next tokens are different.
 
-        kind: kind of the quantity, such as "time".  what: expected text for the error.
+        kind: kind of the quantity, such as "time".  what: text after "expected" in the error message.
         least: exclusive lower limit, in the unit of the text.
         """
         before = self._at
@@ -133,7 +139,10 @@ class TokenReader:
         return value * UNITS[unit][1]
 
     def end(self, might: str = "") -> None:
-        """Check that no token is left, else raise WrongWordError. might: text that would be allowed here, for the message."""
+        """Raise WrongWordError if there are more tokens.
+
+        might: optional text that would be allowed here, such as "+ a time". The error message mentions it.
+        """
         if self.next.kind != "end":
             raise self.error(
                 f"{might} or nothing more" if might else "nothing more", might.split(" ", maxsplit=1)[:1]

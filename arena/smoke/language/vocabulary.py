@@ -31,7 +31,9 @@ class Quantity:
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """Written form of one action. Words in small letters are written as they are; PARTS explains the other words.
+    """Syntax of one action, such as `link delay T V`.
+
+    Users write the words in small letters unchanged. They replace the other words, which PARTS explains.
 
     verb: name of the action.  form: for example `kill P`.  meaning: text for the reference page.
     lasting: the action may end in `for T`; after that time it is undone.
@@ -223,4 +225,4 @@ OLD_WORDS: dict[str, str] = {"told": "event"}
 """Words of older scenario files that are still accepted -> words that replace them."""
 
 if {form.verb for form in ACTIONS} != set(get_args(Verb)):
-    raise ValueError("every verb needs exactly one form")
+    raise ValueError("ACTIONS must have exactly one Form per Verb")

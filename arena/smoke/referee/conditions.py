@@ -142,7 +142,7 @@ def _compare(condition: Condition, value: float) -> bool:
 
 
 def unit(condition: Condition) -> tuple[str, float]:
-    """Return the unit of a condition in messages, and its factor to the SI unit."""
+    """Return the unit in which messages show the value of a condition, and the SI value of one such unit."""
     if condition.kind == REAL_TIME_FACTOR:
         return "", 1.0
     quantity = QUANTITIES.get(condition.kind)

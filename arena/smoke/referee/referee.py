@@ -104,7 +104,7 @@ class Referee:
 
     @property
     def _current(self) -> StepTracker | None:
-        """The first step that is not done or has failed; None after the last step."""
+        """The first step that is not finished, or that has failed. None if all steps have passed."""
         return next((step for step in self._steps if not step.settled or step.failed), None)
 
     def _update_expectations(self) -> None:
@@ -116,7 +116,10 @@ class Referee:
                 self._then_s = step.done_s
 
     def _begin_steps(self, now: float) -> list[Action]:
-        """Begin the current step, and further steps, if their triggers have come. Return their actions."""
+        """Begin the current step, and the steps after it, if the times of their triggers have come.
+
+        Returns the actions of these steps.
+        """
         actions: list[Action] = []
         while (step := self._current) is not None and step.begun_s is None:
             due = step.due_s(self._start_s or 0.0, self._then_s)
@@ -166,7 +169,10 @@ class Referee:
         self._close_remaining()
 
     def _take_failure(self, sentence: str) -> None:
-        """Assign a failure text of the supervisor (`failed` in outcome.json) to a vehicle, a process or the flight."""
+        """Record a failure that the supervisor wrote to outcome.json (key `failed`).
+
+        The failure is recorded as a crash of a vehicle, an error of a process, or a problem of the whole flight.
+        """
         process, _, why = sentence.partition(": ")
         vehicle = process.partition(" crashed")[0]
         if vehicle in self._flight.vehicles and vehicle != process:
@@ -179,7 +185,10 @@ class Referee:
             self._problems.append(sentence)
 
     def _close_remaining(self) -> None:
-        """Decide the remaining steps at the end of the arena. A step triggered by the end of the arena begins now."""
+        """Decide at the end of the arena whether the remaining steps have passed or failed.
+
+        A step that is triggered by the end of the arena begins now.
+        """
         while (step := self._current) is not None and not step.failed:
             now = self._flight.now.time_s
             step.update(self._flight)

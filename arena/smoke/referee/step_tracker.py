@@ -31,7 +31,7 @@ class StepTracker:
     failure: str = ""
 
     def update(self, flight: FlightHistory) -> None:
-        """Evaluate the trigger at the newest observation.
+        """Check at the newest observation whether the condition of the trigger has become true.
 
         Call this for every observation, also before the previous step is done, because an earlier trigger counts.
         """

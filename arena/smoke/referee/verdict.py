@@ -86,7 +86,10 @@ class Verdict:
 
     @property
     def failures(self) -> tuple[tuple[Place | None, str], ...]:
-        """Pairs (place in the scenario file, text), one per failure. The place is None for the entries of `problems`."""
+        """All failures, as pairs (place in the scenario file, text).
+
+        The place is None for the entries of `problems`, which belong to no line of the file.
+        """
         judged: Sequence[StepResult | RuleResult] = (*self.steps, *self.rules)
         return (
             *((r.place, r.failure) for r in judged if r.outcome == "failed"),
