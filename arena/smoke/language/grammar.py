@@ -105,9 +105,7 @@ def read_action(text: str, names: Names, place: Place) -> Action:
     if form.lasting and tokens.accept("for"):
         made["for_s"] = tokens.quantity("time", "a time", least=0.0)
     if tokens.next.text == "for":
-        raise tokens.error(
-            f"nothing more, because `{form.verb}` cannot be undone after a time"
-        )
+        raise tokens.error(f"nothing more, because `{form.verb}` cannot be undone after a time")
     tokens.end("for a time" if form.lasting and "for_s" not in made else "")
     if form.verb in IN_MS:
         made["number"] = round(float(made["number"]) * 1e3, 6)  # type: ignore[arg-type]
