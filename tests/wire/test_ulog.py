@@ -32,7 +32,7 @@ def test_an_error_names_its_byte():
     place = GOLDEN.index(b"\x19\x00P")
     with pytest.raises(WireError, match=f"byte {place}: "):
         parse_ulog(GOLDEN.replace(b"int32_t EKF2", b"int64_t EKF2", 1))
-    with pytest.raises(WireError, match=f"byte {place}: .*within its definitions"):
+    with pytest.raises(WireError, match=f"byte {place}: .*before its definitions section"):
         parse_ulog(GOLDEN[: place + 10])
 
 
