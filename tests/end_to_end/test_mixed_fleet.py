@@ -16,7 +16,7 @@ import pytest
 from .flight import PROGRAMS, ROOT, Flight, Hangar, eventually
 from .posing import PosingRoom
 
-pytestmark = pytest.mark.flight
+pytestmark = pytest.mark.crowd  # two worlds: the arena and the simulated reality
 EXAMPLE = ROOT / "examples" / "01_two_quads" / "position_setpoints.py"
 WIRE_PORT = 14540
 

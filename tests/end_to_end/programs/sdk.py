@@ -15,8 +15,8 @@ async def main() -> None:
         system = await mavsdk.first_autopilot(timeout_s=10.0)
         descent_m_s = await ParamAsync(system).get_param_float("MPC_LAND_SPEED")
         armed = await anext(aiter(TelemetryAsync(system).subscribe_armed()))
-        heard = [await each.get_system_id() for each in await mavsdk.get_systems()]
-        print(json.dumps({"heard": heard, "descent_m_s": descent_m_s, "armed": armed}))
+        received = [await each.get_system_id() for each in await mavsdk.get_systems()]
+        print(json.dumps({"received": received, "descent_m_s": descent_m_s, "armed": armed}))
 
 
 asyncio.run(main())
