@@ -418,9 +418,7 @@ class _Flying:
             assert flight.cli("down").returncode == 0
         elif self._is_hit("supervisor", "SIGSTOP"):
             told = flight.cli("down")
-            assert told.returncode == 0 and "does not reply" in told.stdout, (
-                told.stdout + told.stderr
-            )
+            assert told.returncode == 0 and "does not reply" in told.stdout, told.stdout + told.stderr
         elif not (self._is_hit("world") or self._is_hit("copilot")):
             flight.signal(signal.SIGTERM)
         code = flight.wait(90)
