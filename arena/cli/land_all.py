@@ -15,7 +15,10 @@ def register(app: typer.Typer) -> None:
 
     @app.command("land-all")
     def land_all_(
-        arena: Annotated[Optional[Path], typer.Argument(help="arena.yaml, if no run is active")] = None,  # noqa: UP045
+        arena: Annotated[
+            Optional[Path],  # noqa: UP045
+            typer.Argument(help="Path of arena.yaml; needed only if no run is active."),
+        ] = None,
         run: Annotated[Optional[Path], typer.Option(help="The run folder.")] = None,  # noqa: UP045
         only: Annotated[str, typer.Option(help="Vehicles to land, such as uav1,uav2; all by default.")] = "",
         spared: Annotated[

@@ -194,7 +194,7 @@ def ports_page() -> str:
 
 
 def _answers(port: Port) -> str:
-    """Return as text from which senders each process that opens this port accepts data."""
+    """List, as text, the senders that each process on this port accepts."""
     found: dict[str, list[str]] = {}
     for binder in port.binders:
         found.setdefault(binder.answers, []).append(f"`{binder.kind}`")

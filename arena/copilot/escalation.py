@@ -183,8 +183,10 @@ class Escalation:
     def _escalate(
         self, order: Order, violations: Sequence[Violation], status: VehicleStatus, now: float
     ) -> None:
-        """Start the next step if the vehicle has not obeyed the present order, or if it has obeyed but the
-        violation continues and the rule requires a stronger step.
+        """Start the next step in two cases.
+
+        Either the vehicle has not obeyed the present order, or it has obeyed, the violation continues, and the
+        rule requires a stronger step.
 
         Without recent telemetry no next step is started.
         """

@@ -111,8 +111,9 @@ class Tracks:
         )
 
     def off(self, p_n: Array) -> Array:
-        """Return the smallest distance of each estimated position from the body's captured positions of the
-        last 0.5 s [m] (N,), NaN if unknown.
+        """Return how far each vehicle's estimated position is from the nearest captured position of the last 0.5 s.
+
+        The result is in [m] (N,), NaN if unknown.
 
         p_n: estimated positions [m] [NED] (N, 3). They are compared with the track, not with the newest pose,
         because an estimate arrives late and a fast body has moved since.

@@ -83,8 +83,9 @@ def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
 
 
 def partner_end(link: LinkPlan) -> Json:
-    """Return the local and the remote address for the autopilot's partner on a link (router, pose forwarder
-    or land-all).
+    """Return `local` and `remote` address of the process that talks to the autopilot on a link.
+
+    That process is the router, the pose forwarder or land-all.
     """
     return {
         "local": [link.partner_host, link.partner_port],

@@ -1,4 +1,7 @@
-"""Cross-checks of the keys of one vehicle: program, parameters, sensors, neighbours. Pure, except for `Files`."""
+"""Cross-checks of the keys of one vehicle: program, parameters, sensors, neighbours.
+
+The functions read files only through `Files`, which tests replace.
+"""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ class LandingTask:
         return False
 
     def _hurry(self, task: SideTask, flying: Sequence[str], now: float) -> None:
-        """Kill the land task early if no vehicle has been in the air for _NOTICE_S."""
+        """Kill the land task early if all vehicles have been on the ground for _NOTICE_S."""
         if flying:
             self._nothing_since = None
         elif self._nothing_since is None:

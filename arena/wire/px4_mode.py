@@ -1,5 +1,5 @@
-"""PX4's flight modes: converts custom_mode numbers to and from the names of its ground stations, and encodes
-two messages about modes.
+"""PX4's flight modes: converts custom_mode numbers to and from the mode names that ground stations show,
+and encodes two messages about modes.
 
 pymavlink's `common` dialect does not contain these messages yet, so this module packs them itself:
 

@@ -151,7 +151,7 @@ def source_file(name: str, version: Version | str) -> str:
 
 @cache
 def provenance() -> Mapping[str, Provenance]:
-    """Return minor version -> source of its rows, oldest version first."""
+    """Return PX4 minor version -> where the rows of that version come from, oldest version first."""
     heads = (found.groups() for line in _parts()[0] if (found := _HEAD.fullmatch(line)))
     return MappingProxyType({name: Provenance(text, mark == "=") for name, mark, text in heads})
 

@@ -327,7 +327,7 @@ def _mode(tokens: TokenReader) -> str:
 
 
 def _form(tokens: TokenReader) -> tuple[Form, list[str]]:
-    """Find out which action the text is from its first words, such as `drain battery`.
+    """Use the first words of the text, such as `drain battery`, to find its action.
 
     Returns the `Form` of the action (its syntax), and the words of the form after those consumed here.
     """

@@ -222,7 +222,7 @@ class _Reader:
         return arena
 
     def _likely_names(self) -> Names | None:
-        """Return the probable names of an arena whose YAML has problems, so that the scenario can still be checked.
+        """Return the names (vehicles, tools) that a faulty YAML probably defines, so that the scenario can be checked.
 
         Return None if the names cannot be read.
         """
