@@ -119,7 +119,7 @@ class OffboardLoss(Strict):
     """Keys of the reaction to missing setpoints in OFFBOARD."""
 
     action: Literal["land", "hold", "return", "terminate", "disarm"] = "land"
-    """What the vehicle does."""
+    """Action of the vehicle."""
     after_s: Annotated[float, Field(gt=0, le=60)] = 1.0
     """Longest allowed time without a setpoint [s]."""
 
@@ -128,7 +128,7 @@ class PositionLoss(Strict):
     """Reaction to missing poses, or to poses that the estimator rejects."""
 
     action: Literal["land", "terminate", "disarm"] = "land"
-    """What the vehicle does. `land` descends vertically with the inertial sensors only."""
+    """Action of the vehicle. `land` descends vertically with the inertial sensors only."""
     after_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0
     """Longest allowed time without a valid pose [s]."""
 
@@ -154,14 +154,14 @@ class RcLoss(Strict):
     """Keys of the reaction to missing RC input."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] | None = None
-    """What the vehicle does. Default: land if it has an RC transmitter, else none."""
+    """Action of the vehicle. Default: land if it has an RC transmitter, else none."""
 
 
 class DataLinkLoss(Strict):
     """Keys of the reaction to missing heartbeats of the ground stations."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] = "none"
-    """What the vehicle does."""
+    """Action of the vehicle."""
     after_s: Annotated[float, Field(ge=5, le=300)] = 10.0
     """Time without a heartbeat [s]."""
 
@@ -170,7 +170,7 @@ class AttitudeLoss(Strict):
     """Reaction to too much roll or pitch, for example after a collision or a rotor failure."""
 
     action: Literal["none", "terminate"] = "none"
-    """What the vehicle does; `terminate` stops its motors. Without this key, hardware keeps its own setting."""
+    """Action of the vehicle; `terminate` stops its motors. Without this key, hardware keeps its own setting."""
     above_deg: Annotated[int, Field(ge=50, le=90)] = 60
     """Roll or pitch that counts as a failure [deg]; must exceed the largest tilt in flight (`MPC_TILTMAX_AIR`, 45)."""
 
@@ -179,7 +179,7 @@ class FenceLoss(Strict):
     """Reaction to leaving a geofence: the one under `geofence`, or one uploaded to the autopilot."""
 
     action: Literal["none", "warn", "hold", "return", "land", "terminate"] = "land"
-    """What the vehicle does."""
+    """Action of the vehicle."""
 
 
 class Failsafe(Strict):
@@ -233,7 +233,7 @@ class Tool(Strict):
     cwd: str | None = None
     """Folder in which the command runs. Default: the folder of arena.yaml."""
     restart: RestartMode = "never"
-    """Whether it is started again when it ends."""
+    """When to start the process again after it has ended."""
     needs: Words | None = None
     """Names of processes that must be ready first. Default: the router."""
 
@@ -246,7 +246,7 @@ class Program(Strict):
     args: Words = ()
     """Command-line arguments."""
     restart: RestartMode = "never"
-    """Whether it is started again when it ends."""
+    """When to start the process again after it has ended."""
 
 
 class Start(Strict):
@@ -282,11 +282,11 @@ class VehicleDefaults(Strict):
     px4_version: Annotated[str | None, AfterValidator(_px4_version)] = None
     """PX4 version of a hardware vehicle, 1.9 to 1.18. Parameter names follow this version. Default 1.16."""
     gps: bool | None = None
-    """Whether a simulated PX4 has GPS reception. Default false."""
+    """true: a simulated PX4 has GPS reception. Default false."""
     sticks: bool | None = None
-    """Whether a simulated vehicle has an RC transmitter (with centred sticks). Default false."""
+    """true: a simulated vehicle has an RC transmitter, with centred sticks. Default false."""
     forward: bool | None = None
-    """Whether a pose forwarder feeds the autopilot. Default true."""
+    """true: a pose forwarder sends captured poses to the autopilot. Default true."""
     pose_rate_hz: Positive | None = None
     """Poses per second to the autopilot; must divide mocap.rate_hz. Default: the highest divisor up to 60."""
     program: Annotated[Program | None, BeforeValidator(_program)] = None

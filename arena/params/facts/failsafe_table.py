@@ -48,7 +48,7 @@ Action = Literal[
     "disarm",
     "terminate",
 ]
-"""What the vehicle does, mildest first.
+"""Actions of a vehicle, mildest first.
 
 none: it continues.  position, altitude, stabilized: modes flown by RC.  descend: straight down without a position.
 disarm: the motors stop (up to 1.13 "lockdown": outputs hold the disarmed value).  terminate: outputs take their failsafe value.
