@@ -1,4 +1,4 @@
-"""`python -m arena.cli`: the same as `arena`."""
+"""Entry point of `python -m arena`, which does the same as the command `arena`."""
 
 import sys
 

@@ -31,7 +31,7 @@ _ENDED = "the world that serves the simulation clock has ended"
 
 
 class Clock(Protocol):
-    """Monotonic clock. now: time [s]; its zero is arbitrary."""
+    """Interface of all clocks. The time `now` [s] never decreases, and its zero is arbitrary."""
 
     def now(self) -> float: ...
 
@@ -171,7 +171,7 @@ class SimClock:
 
 
 class _Client:
-    """Client of the clock server.
+    """Connection of the clock server to one client, a process that sleeps in simulation time.
 
     wake: requested wake-up time [s], None while the client is awake. gates: the world waits for this client.
     """

@@ -1,4 +1,4 @@
-"""Every exception that arena raises, and the exit code of each family.
+"""All exceptions that arena raises, and the exit codes of the commands that fail with them.
 
     ArenaError                       1
     ├── InputError                   2   the YAML, a file or a command-line argument is wrong
@@ -73,7 +73,7 @@ class RunError(ArenaError):
 
 
 class WireError(ArenaError):
-    """Received bytes that violate their format. The message says at which place, the value found and the value expected."""
+    """Error for received bytes that violate their format. The message has the place, the value found and the value expected."""
 
 
 class VehicleError(ArenaError):
@@ -81,7 +81,7 @@ class VehicleError(ArenaError):
 
 
 class SetpointError(VehicleError, ValueError):
-    """A setpoint that has the wrong shape or contains a value that is not finite."""
+    """Error for a setpoint that has the wrong shape or contains a value that is not finite."""
 
 
 class CommandRefusedError(VehicleError):

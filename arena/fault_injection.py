@@ -105,14 +105,16 @@ def inject(path: str | Path, fault: Fault) -> None:
             sender.connect(str(path))
             sender.send(json.dumps(fault).encode())
         except OSError as error:
-            raise RunError(f"{path}: no process receives faults there ({error.strerror or error})") from error
+            raise RunError(
+                f"{path}: no process receives faults at this socket ({error.strerror or error})"
+            ) from error
 
 
 # -- reading a fault: each function raises InputError with the key, the value and what is expected
 
 
 def word(fault: Fault, key: str, choices: Collection[str]) -> str:
-    """Return the value of `key` if it is one of `choices`, else raise InputError."""
+    """Return the value of `key` in a fault if it is one of `choices`, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, str) or found not in choices:
         raise _wrong(key, found, f"one of {', '.join(choices)}")
@@ -120,7 +122,7 @@ def word(fault: Fault, key: str, choices: Collection[str]) -> str:
 
 
 def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple[str, ...]:
-    """Return the value of `key` if it is a list of `count` different words of `choices`, else raise
+    """Return the value of `key` in a fault if it is a list of `count` different words of `choices`, else raise
     InputError.
     """
     found = fault.get(key)
@@ -135,7 +137,7 @@ def words(fault: Fault, key: str, choices: Collection[str], count: int) -> tuple
 
 
 def flag(fault: Fault, key: str) -> bool:
-    """Return the value of `key` if it is true or false, else raise InputError."""
+    """Return the value of `key` in a fault if it is true or false, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, bool):
         raise _wrong(key, found, "true or false")
@@ -143,7 +145,7 @@ def flag(fault: Fault, key: str) -> bool:
 
 
 def number(fault: Fault, key: str, low: float, high: float) -> float:
-    """Return the value of `key` if it is a finite number from `low` to `high`, else raise InputError."""
+    """Return the value of `key` in a fault if it is a finite number from `low` to `high`, else raise InputError."""
     found = fault.get(key)
     if not _is_number(found, low, high):
         raise _wrong(key, found, f"a number from {low:g} to {high:g}")
@@ -151,7 +153,7 @@ def number(fault: Fault, key: str, low: float, high: float) -> float:
 
 
 def whole(fault: Fault, key: str, low: int, high: int) -> int:
-    """Return the value of `key` if it is an integer from `low` to `high`, else raise InputError."""
+    """Return the value of `key` in a fault if it is an integer from `low` to `high`, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, int) or not _is_number(found, low, high):
         raise _wrong(key, found, f"an integer from {low} to {high}")
@@ -159,7 +161,7 @@ def whole(fault: Fault, key: str, low: int, high: int) -> int:
 
 
 def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
-    """Return the value of `key` if it is a list of three numbers from -most to most, else raise InputError."""
+    """Return the value of `key` in a fault if it is a list of three numbers from -most to most, else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, list) or len(found) != 3 or not all(_is_number(x, -most, most) for x in found):
         raise _wrong(key, found, f"a list of three numbers from {-most:g} to {most:g}")

@@ -56,7 +56,7 @@ class ThrustCurve:
         return self._newtons(np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)) * self._share(speed_m_s)
 
     def command(self, newtons: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """Return the command 0..1 [-] that gives a total thrust, or the nearest possible thrust.
+        """Return the command 0..1 [-] for a total thrust. If the rotors cannot give this thrust, use the nearest possible thrust.
 
         newtons: total thrust [N]
         speed_m_s: airspeed [m/s]

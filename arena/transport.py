@@ -46,7 +46,7 @@ _MIN_BAUD = 300  # a shorter number after a device's name belongs to the name
 
 @dataclass(frozen=True, kw_only=True)
 class ConnectionUrl:
-    """A parsed connection URL.
+    """UDP address or serial device of a connection, as parsed from a connection URL.
 
     kind: udpin and udpout have `host` and `port`; serial has `device` and `baud`.
     host: numeric IPv4 address
@@ -117,8 +117,9 @@ def _parse_serial(rest: str, baud: int) -> ConnectionUrl:
 
 
 def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> ConnectionUrl:
-    """Return a UDP connection. Raises ValueError for a host name, because a name lookup could block or fail
-    without a network.
+    """Return the UDP connection to a numeric IPv4 address. Raises ValueError for another host name or port.
+
+    A host name is refused, because a name lookup could block or fail without a network.
     """
     try:
         address = ipaddress.IPv4Address("127.0.0.1" if host == "localhost" else host)
@@ -127,7 +128,7 @@ def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> Connecti
     if not 1 <= port <= 65535:
         raise ValueError(f"{EXPECTED_URL}; PORT is 1 to 65535")
     if kind == "udpout" and (address.is_unspecified or address.is_multicast or host == "255.255.255.255"):
-        raise ValueError(f"{EXPECTED_URL}; udpout names one vehicle's own address")
+        raise ValueError(f"{EXPECTED_URL}; udpout needs the address of one vehicle")
     return ConnectionUrl(kind=kind, host=str(address), port=port)
 
 

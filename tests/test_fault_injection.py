@@ -72,9 +72,9 @@ def test_a_path_too_long_is_an_error_in_one_sentence(tmp_path):
 
 def test_sending_fails_without_a_receiver_and_when_none_is_read(listening, place, monkeypatch):
     monkeypatch.setattr(fault_injection, "_SEND_TIMEOUT_S", 0.05)
-    with pytest.raises(RunError, match="no process receives faults there"):
+    with pytest.raises(RunError, match="no process receives faults at this socket"):
         inject("nowhere.faults", {"do": "wind"})
-    with pytest.raises(RunError, match="no process receives faults there"):
+    with pytest.raises(RunError, match="no process receives faults at this socket"):
         for _ in range(10_000):
             inject(place, {"do": "wind"})
     while listening.take():

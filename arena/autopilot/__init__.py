@@ -1,4 +1,4 @@
-"""The built-in, PX4-compatible autopilot. The world steps it; all vehicles are computed as one batch."""
+"""The built-in, PX4-compatible autopilot. The world (the simulator process) advances all vehicles together, as one batch of arrays."""
 
 from arena.autopilot.autopilots import Autopilots
 

@@ -89,7 +89,7 @@ class Autopilots:
     # -- interface to the world ------------------------------------------------------------------------------
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """Process a datagram that a vehicle received.
+        """Process a MAVLink datagram that arrived on a link of a vehicle.
 
         link: name of the link, `router`, `vision` or `panic`
         """
@@ -117,7 +117,7 @@ class Autopilots:
         return self.motors
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return the datagrams to send after this step, as (row of the vehicle, link, datagram)."""
+        """Return the datagrams to send after this step, as (row of the vehicle, name of the link, datagram)."""
         now = self._now
         self._telemetry = state = TelemetryState(
             now,
@@ -137,7 +137,7 @@ class Autopilots:
         return [(x.vehicle.row, link, data) for x in active for link, data in x.take_datagrams()]
 
     def events(self) -> list[str]:
-        """Return the event lines since the last call."""
+        """Return the lines for the event log, such as mode changes and failsafes, since the last call."""
         found, self._events = self._events, []
         return found
 

@@ -216,7 +216,7 @@ class Commander:
         self._auto_disarm(s, params)
 
     def _check_attitude(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Terminate the flight if the tilt exceeds its limit for FD_FAIL_R_TTRI.
+        """Terminate the flight if the tilt stays above its limit (FD_FAIL_R or FD_FAIL_P) for FD_FAIL_R_TTRI [s].
 
         The delay prevents a termination when the tilt exceeds the limit only for a moment.
         """
@@ -260,7 +260,7 @@ class Commander:
             self._act_after_hold(_home_or_land(s) if returns else Mode.LAND, s, params, "battery")
 
     def _check_fence(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run GF_ACTION once per geofence breach, so that the pilot can select another mode afterwards."""
+        """Run GF_ACTION only when a geofence breach begins. During the breach the pilot can select another mode."""
         crossed, self._fence = s.fence and not self._fence, s.fence
         action = params.gf_action
         if not crossed or action == 0:
@@ -291,7 +291,7 @@ class Commander:
             self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
     def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run the action of NAV_RCL_ACT once when manual control, received before, is lost."""
+        """Run the action of NAV_RCL_ACT once when manual control is lost. Without earlier manual control do nothing."""
         self._had_manual_control = self._had_manual_control or s.manual_control
         excepted = _EXCEPTION_BIT.get(self.intended, 0) & params.com_rcl_except
         lost = (
@@ -319,7 +319,7 @@ class Commander:
         self.disarm(s, force=True, why="by failsafe")
 
     def _act_after_hold(self, mode: Mode, s: CommanderInputs, params: CommanderParams, why: str) -> None:
-        """Hold for COM_FAIL_ACT_T, then enter the failsafe's mode. Skip the hold if a failsafe is active.
+        """Hold for COM_FAIL_ACT_T [s], then enter `mode`. If an earlier failsafe is still active, enter `mode` at once.
 
         During the hold the pilot may select another mode.
         """
@@ -366,7 +366,7 @@ class Commander:
 
 
 def _home_or_land(s: CommanderInputs) -> Mode:
-    """Return mode RTL if its conditions are met, else LAND."""
+    """Return mode RTL if the position, the home position and the origin are valid, else LAND."""
     return Mode.RTL if s.global_ok and s.home_ok and s.position_ok else Mode.LAND
 
 

@@ -125,7 +125,7 @@ class CommanderParams:
 
 @dataclass(slots=True)
 class ManualControl:
-    """Times at which manual control (the pilot's sticks) was last received, by source.
+    """Times at which manual control (the pilot's sticks) was last received by radio and from a joystick.
 
     The built-in autopilot records only that sticks are received. It has no manual flight mode.
 

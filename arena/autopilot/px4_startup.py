@@ -25,7 +25,7 @@ _ENV = "PX4_PARAM_"
 
 @dataclass(frozen=True, kw_only=True)
 class UdpLink:
-    """UDP link of the autopilot.
+    """MAVLink link over UDP that the startup script opens.
 
     local: local port
     remote: address of the only partner
@@ -38,7 +38,7 @@ class UdpLink:
 
 @dataclass(kw_only=True)
 class Startup:
-    """Settings read from the startup scripts.
+    """Settings from the startup scripts: simulator address, MAVLink links and parameters.
 
     simulator: address of the simulator API
     links: MAVLink links

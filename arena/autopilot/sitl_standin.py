@@ -92,7 +92,7 @@ class StandIn:
         return self._pack(request) + self._pack(heartbeat)
 
     def events(self) -> list[str]:
-        """Return the event lines since the last call."""
+        """Return the lines for the event log, such as mode changes and failsafes, since the last call."""
         return self._autopilot.events() if self._autopilot is not None else []
 
     def receive(self, link: str, data: bytes) -> None:
@@ -158,7 +158,7 @@ class StandIn:
             self._held["baro_alt_m"] = np.array([m.pressure_alt])
 
     def _sensors(self, m: Any) -> dict[str, Array]:
-        """Return the readings as arrays in the form of `Autopilots.step`. The battery is always full."""
+        """Return the sensor values of HIL_SENSOR as the arrays that `Autopilots.step` takes. The battery is always full."""
         return {
             "accel_b": np.array([[m.xacc, m.yacc, m.zacc]]),
             "gyro_b": np.array([[m.xgyro, m.ygyro, m.zgyro]]),
@@ -195,7 +195,7 @@ class Shell:
         self._stopping = False
 
     def run(self) -> None:
-        """Run until SIGTERM or SIGINT.
+        """Connect to the simulator and fly the vehicle until SIGTERM or SIGINT.
 
         If the simulator closes the connection, the process neither exits nor reconnects, as PX4 does not.
         """
@@ -234,7 +234,7 @@ class Shell:
         return None
 
     def _serve_samples(self, stream: socket.socket, selector: selectors.BaseSelector) -> bool:
-        """Wait for samples and reply to them; return False if the simulator has closed the connection."""
+        """Reply to the simulator's sensor samples with motor commands. Return False if its connection is closed."""
         if not selector.select(_POLL_S):
             return True
         try:
@@ -287,7 +287,7 @@ def _bind(port: int, partner: str) -> socket.socket:
 
 
 def take_lock(instance: int, host: str) -> IO[bytes]:
-    """Lock a file until this process ends.
+    """Lock a file until this process ends, so that no second stand-in with this instance number can start.
 
     Raises RunError if another stand-in with the same instance and address is running.
     """

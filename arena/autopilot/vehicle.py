@@ -46,7 +46,7 @@ class RepositionTarget(NamedTuple):
 
 
 class Vehicle:
-    """State of one vehicle.
+    """State of one vehicle (home, origin, newest setpoint), with a method for each request of a client.
 
     row: row of the vehicle in the arrays over all vehicles
     system_id: MAVLink system id (MAV_SYS_ID)

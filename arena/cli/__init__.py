@@ -1,4 +1,4 @@
-"""The `arena` command, with one module per verb. The modules contain options and output only, no other logic.
+"""The command `arena`, with one module per subcommand. The modules contain only its options and its output.
 
 The module of a verb defines `register(app)`. Only the module of the requested verb is imported. For `land-all` and
 `kill-all`, `arena.emergency` parses the command line, because importing typer takes time. Typer shows only their help.
@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def build(arguments: Sequence[str]) -> typer.Typer:
-    """Return the typer app with the verb in the arguments, or with all verbs if there is none (`arena --help`)."""
+    """Return the typer app with the subcommand that `arguments` name; with all subcommands if they name none."""
     import typer
 
     app = typer.Typer(
@@ -123,7 +123,7 @@ def _code(done: SystemExit) -> int:
 
 
 def _take_debug(arguments: list[str]) -> bool:
-    """Remove `--debug` from the arguments in front of a `--`. Return whether it was there."""
+    """Remove `--debug` from the arguments in front of a `--`. Return True if `--debug` was found."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
     found = "--debug" in arguments[:end]
     if found:

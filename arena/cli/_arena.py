@@ -1,4 +1,4 @@
-"""Common parts of the verbs that read an arena's YAML: options, the choice of an address, and lines that describe the arena."""
+"""Functions that the commands with an arena's YAML share: options, choice of a free address, description of the arena."""
 
 from __future__ import annotations
 

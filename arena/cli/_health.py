@@ -95,7 +95,7 @@ def _version(package: str) -> str:
 
 
 def _px4() -> Finding:
-    """Return a `Finding` about the PX4 that an arena uses if its YAML names none."""
+    """Return a `Finding` about the PX4 that arenas use if their YAML names no PX4."""
     try:
         px4 = need_px4()
     except NotInstalledError as error:

@@ -33,7 +33,7 @@ YAML, _DEFAULTS = "yaml:", "defaults"
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether `arena params diff` hides a difference between the parameter sets named `a` and `b`.
+    """Return whether `arena params diff` hides a difference, because one of the sets `a` and `b` is incomplete on purpose.
 
     A difference is hidden if one set is from the YAML and does not set the parameter, or if the only set with the
     parameter is PX4's defaults.
@@ -69,7 +69,7 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
 
 
 def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None) -> PushRecord:
-    """Return the record of an interrupted push. Raises InputError if it cannot be resumed.
+    """Return the record of an interrupted push. Raises InputError if the push cannot be resumed.
 
     This is so if there is no record, if the record has none of the chosen vehicles, or if a vehicle has another
     address now.
@@ -77,7 +77,9 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
     from arena.params.transfer.push_record import PushRecord
 
     if file is not None:
-        raise InputError("--resume pushes the values in the record. Remove --file")
+        raise InputError(
+            "--resume continues the interrupted push with its own values, so --file cannot be used. Remove --file"
+        )
     record = PushRecord.read(Path(arena.folder) / RECORD)
     if not any(v.name in record.wanted for v in chosen):
         raise InputError(
@@ -126,7 +128,7 @@ def split_arena(what: Sequence[str], default: Path) -> tuple[Path, list[str]]:
     """
     arenas = [name for name in what if name.endswith((".yaml", ".yml")) or Path(name).is_dir()]
     if len(arenas) > 1:
-        raise InputError(f"got {len(arenas)} arenas, {', '.join(arenas)}; expected one")
+        raise InputError(f"got {len(arenas)} YAML files or folders ({', '.join(arenas)}), expected one")
     return Path(arenas[0]) if arenas else default, [name for name in what if name not in arenas]
 
 
@@ -140,17 +142,14 @@ def writable(path: Path) -> Iterator[None]:
 
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:
-    """Return the PX4 version whose parameter names are used: `asked`, else the vehicle's own, else 1.16."""
+    """Return the PX4 version for the parameter names: `asked` if given, else the vehicle's `px4_version`, else 1.16."""
     from arena.plan.firmware import px4_version
 
     return px4_version(vehicle, asked)
 
 
 def required_firmware(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
-    """Return the parameters that the YAML requires of a vehicle, without the positions of the rotors.
-
-    `params_file_text` adds the parameters for the rotors.
-    """
+    """Return the parameters that the YAML requires of a vehicle. `params_file_text` adds the positions of the rotors."""
     from arena.plan.firmware import firmware
 
     return firmware(arena, vehicle, asked)
@@ -207,7 +206,7 @@ def refuse_beyond_limits(
 
 
 def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarget]:
-    """Return vehicle name -> address for parameter transfers.
+    """Return the address for parameter transfers of each vehicle, as vehicle name -> address.
 
     Vehicles of a running arena are reached through its router. Without a running arena, hardware is reached directly.
     """
@@ -332,7 +331,7 @@ class ParamSources:
         return ParamSource(values=values, types={}, version=version_for(vehicle, self._version), origin=name)
 
     def environment(self, name: str) -> Environment:
-        """Return the equipment and the room of a vehicle, needed to check its parameters.
+        """Return the conditions in which a vehicle flies (vision, GPS, radio control, ceiling), to check its parameters.
 
         name: the source as written on the command line. If no vehicle has this name (a file), the first vehicle is used.
         Without a YAML, the default `Environment` is returned.

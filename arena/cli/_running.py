@@ -17,7 +17,7 @@ RunOption = Annotated[
 
 
 def find(run: Path | None, *, stale: bool = False) -> RunState:
-    """Return the run to which a command applies.
+    """Return the run to which a command applies: the folder given by `--run`, else the only arena that is up.
 
     run: path of the run folder; None for the only arena that is up.
     stale: also accept a run whose supervisor has died.

@@ -11,7 +11,7 @@ from arena.cli._arena import File, Set, at_free_address, what_would_run
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the app."""
+    """Add the command `arena check` to the typer app."""
 
     @app.command()
     def check(
@@ -19,7 +19,9 @@ def register(app: typer.Typer) -> None:
         set_: Set = None,
         machine: Annotated[
             bool,
-            typer.Option(help="also check this computer: free ports, pybullet, devices, the tools' commands"),
+            typer.Option(
+                help="also check that this computer has free ports, pybullet, the devices and the commands of `tools`"
+            ),
         ] = True,
     ) -> None:
         """Print every problem of an arena at once, or `ok` and what would run. Starts nothing."""

@@ -8,7 +8,7 @@ from arena.errors import EXIT_INPUT
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena doctor` to the typer app."""
 
     @app.command()
     def doctor() -> None:

@@ -18,7 +18,7 @@ _STOPPED_S = 3.0
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena down` to the typer app."""
 
     @app.command()
     def down(
@@ -47,7 +47,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _stays_stopped(state: RunState) -> bool:
-    """Return whether the supervisor is paused by SIGSTOP and is still paused after _STOPPED_S."""
+    """Return whether the supervisor is paused by SIGSTOP and stays paused for _STOPPED_S seconds."""
     deadline = time.monotonic() + _STOPPED_S
     while (stopped := state.stopped) and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -11,7 +11,7 @@ from arena.emergency.land_all import KILL_TIMEOUT_S, kill_all, names
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena kill-all` to the typer app."""
 
     @app.command("kill-all")
     def kill_all_(

@@ -11,7 +11,7 @@ from arena.emergency.land_all import LAND_TIMEOUT_S, land_all, names
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena land-all` to the typer app."""
 
     @app.command("land-all")
     def land_all_(

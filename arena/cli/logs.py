@@ -19,7 +19,7 @@ _LOOK_S = 0.1
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena logs` to the typer app."""
 
     @app.command()
     def logs(

@@ -48,7 +48,7 @@ Vehicles = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands of `arena params` to the app."""
+    """Add the commands of `arena params` to the typer app."""
     group = typer.Typer(
         no_args_is_help=True, help="Generate, push, pull, compare and check the PX4 parameters of vehicles."
     )
@@ -96,7 +96,8 @@ def push(
         bool, typer.Option("--resume", help=f"continue an interrupted push ({RECORD})")
     ] = False,
     reboot: Annotated[
-        bool, typer.Option("--reboot", help="reboot vehicles that need it, without asking")
+        bool,
+        typer.Option("--reboot", help="reboot the vehicles whose new values need a reboot, without asking"),
     ] = False,
     set_: Set = None,
 ) -> None:
@@ -167,14 +168,16 @@ def pull(
         header = [f"pulled from {v.name} by arena params pull", f"Version: {version_for(v, '')}"]
         with writable(path):
             path.write_text(format_params(values, v.id, header=header, types=types))
-        print(f"{path}: {len(values)} parameters")
+        print(f"{path}: {len(values)} parameters saved")
     if not all(found[v.name].complete for v in chosen):
         raise typer.Exit(EXIT_FAILED)
 
 
 def diff(
     a: Annotated[str, typer.Argument(help="a vehicle, a .params file, a ULog, `yaml:VEHICLE` or `defaults`")],
-    b: Annotated[str, typer.Argument(help="the set to compare with A, written like A")],
+    b: Annotated[
+        str, typer.Argument(help="the parameter set with which A is compared, in one of the forms of A")
+    ],
     arena: ArenaOption = Path("arena.yaml"),
     px4_version: VersionOption = "",
     all_: Annotated[bool, typer.Option("--all", help="also compare calibrations and counters")] = False,

@@ -22,7 +22,7 @@ COLUMNS = ("name", "needs", "ready", "ports", "command")
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the app."""
+    """Add the command `arena plan` to the typer app."""
 
     @app.command()
     def plan(
@@ -38,7 +38,7 @@ def register(app: typer.Typer) -> None:
             ),
         ] = "",
     ) -> None:
-        """Print the processes of an arena: which others each one needs, its ports, its command. Starts nothing."""
+        """Print every process of an arena with the processes it needs, its ports and its command. Starts nothing."""
         from arena.plan import make_plan
         from arena.schema import load_arena
 
@@ -97,7 +97,7 @@ def _show(arena: Arena, made: Plan) -> None:
 
 
 def row(spec: ProcessSpec) -> tuple[str, ...]:
-    """Return one process as a row of the printed table."""
+    """Return the row of the printed table for one process: name, needs, readiness probe, ports and command."""
     ports = ", ".join(str(x.port) for x in spec.listens)
     return spec.name, ", ".join(spec.needs), spec.ready, ports, command(spec)
 

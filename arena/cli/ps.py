@@ -12,7 +12,7 @@ from arena.cli._running import RunOption, connect, find
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena ps` to the typer app."""
 
     @app.command()
     def ps(

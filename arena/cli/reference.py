@@ -100,7 +100,7 @@ def yaml_page() -> str:
     ]
     if set(order) != set(defs):
         raise ValueError(
-            f"`order` and the JSON schema must have the same models; only one has {set(order) ^ set(defs)}"
+            f"`order` and the JSON schema must have the same models, but {set(order) ^ set(defs)} is in only one of them"
         )
     for name in order:
         text += f"\n## {name}\n\n{defs[name].get('description', '')}\n\n" + _keys(defs[name])

@@ -14,7 +14,7 @@ from arena.supervisor import active_runs, open_run
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena runs` to the typer app."""
 
     @app.command()
     def runs(

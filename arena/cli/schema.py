@@ -8,7 +8,7 @@ import typer
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the app."""
+    """Add the command `arena schema` to the typer app."""
 
     @app.command()
     def schema() -> None:

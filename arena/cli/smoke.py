@@ -27,7 +27,7 @@ _LOG_COLUMNS = 160  # width of the table without a terminal, so that paths in a 
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena smoke` to the typer app."""
 
     @app.command()
     def smoke(

@@ -12,7 +12,7 @@ from arena.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena summary` to the typer app."""
 
     @app.command()
     def summary(

@@ -44,7 +44,7 @@ Set = Annotated[
 
 
 def register(app: typer.Typer) -> None:
-    """Add the verb to the app."""
+    """Add the command `arena up` to the typer app."""
 
     @app.command()
     def up(  # noqa: PLR0913, PLR0917 - an option each
@@ -148,7 +148,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _plan(file: Path, overrides: list[str]) -> Plan:
-    """Load the arena, end stale runs on its address, check everything that can be checked before the start, return the plan.
+    """Load the arena, end runs on its address whose supervisor has died, make all checks before the start, return the plan.
 
     Raises InputError for problems of the YAML or of this computer, RunError if another arena is in the way.
     """
@@ -226,7 +226,7 @@ def _print_result(run: Path, code: int, show: Lines) -> None:
 
 
 class _Piped(Lines):
-    """Output of a detached run (`--detach`): writes lines to the log, and reports start or end to the parent by a pipe."""
+    """Output of a detached run (`--detach`): writes the log, and reports the start or the end to the parent process by a pipe."""
 
     def __init__(self, pipe: int) -> None:
         super().__init__(Level.DETAIL)
@@ -241,12 +241,12 @@ class _Piped(Lines):
             self._pipe = -1
 
     def started(self, failed: list[str]) -> None:
-        """Report to the parent process that all processes were started. failed: one text per process that failed to start."""
+        """Report to the parent process that the start is complete. failed: one text per process that did not start."""
         self.report(started=True, failed=failed)
 
 
 def _detached(plan: Plan, folder: RunFolder, options: Options) -> int:
-    """Fork the supervisor into its own session, wait until all processes are started or the run has ended.
+    """Fork the supervisor into its own session. Wait until all processes are started or the run has ended.
 
     Return the exit code of `arena up --detach`.
     """

@@ -146,7 +146,8 @@ class CopilotProcess:
             self._ready = True
             if self._core.missing:
                 self._room.event(
-                    f"{', '.join(self._core.missing)}: no heartbeat or no captured pose after {_READY_TIMEOUT_S:g} s"
+                    f"{', '.join(self._core.missing)}: no heartbeat or no captured pose within {_READY_TIMEOUT_S:g} s; "
+                    "the start of the arena continues"
                 )
             self._room.ready()
         self._room.stats(self._stats())

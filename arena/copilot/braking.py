@@ -40,7 +40,7 @@ class BrakingLimits:
 
 
 def stop(speed: Array, accel: Array, jerk: Array) -> tuple[Array, Array]:
-    """Return the distance [m] and the duration [s] of the shortest stop.
+    """Return the distance [m] and the duration [s] of the shortest stop from a speed.
 
     speed: not negative [m/s]. accel: limit [m/s2]. jerk: limit [m/s3].
     """
@@ -75,7 +75,7 @@ class Stop:
         return self.took_s[:, (0, 0, 1)]
 
     def path(self, times: Array, later_s: float = 0.0) -> Array:
-        """Return the positions at the given times [m] [NED] (N, K, 3).
+        """Return the predicted positions during the stops at the given times [m] [NED] (N, K, 3).
 
         times: [s] (K,). later_s: delay of the command [s].
         """

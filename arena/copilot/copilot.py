@@ -48,7 +48,7 @@ class Output:
 
 
 class Copilot:
-    """State of the copilot and its checks.
+    """Core of the copilot: stores poses and telemetry, checks the rules at each step, and selects the commands.
 
     Pass in data with `on_frames` and `on_datagram`, and call `step` 50 times a second. In every method, `now`
     is the time [s] of the same clock.
@@ -219,7 +219,7 @@ class Copilot:
         self.states.refusals.clear()
 
     def _report_meetings(self, m: FleetState) -> Iterator[str]:
-        """Yield one event for each new pair of vehicles that are commanded to the same place."""
+        """Yield one event for each new pair of vehicles that fly to almost the same target position."""
         meeting = set(self.checker.found.meeting) if self.rules.on("separation") else set()
         for first, second in sorted(meeting - self._meeting):
             north, east, down = m.target[second]
@@ -261,8 +261,7 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return True if a condition has been true for more than `_SILENT_S`; only once, until the condition has
-    been false again.
+    """Return True once when a condition has been true for more than `_SILENT_S` seconds without interruption.
 
     since: row -> start time of the condition, updated here. so: whether the condition is true now.
     """

@@ -43,7 +43,7 @@ class VehicleStatus:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """Command that the copilot has given to a vehicle and that has not ended. step: hold, land or terminate.
+    """Command of the copilot to a vehicle that is still in force. step: hold, land or terminate.
 
     given_at: time of the order [s]. obeyed_at: when the commanded mode was first reported [s]; None before.
     """
@@ -183,10 +183,9 @@ class Escalation:
     def _escalate(
         self, order: Order, violations: Sequence[Violation], status: VehicleStatus, now: float
     ) -> None:
-        """Start the next step in two cases.
+        """Command the next stronger step (land or terminate) if the present order is not obeyed or has no effect.
 
-        Either the vehicle has not obeyed the present order, or it has obeyed, the violation continues, and the
-        rule requires a stronger step.
+        An order has no effect if the vehicle obeys, the violation continues and the rule requires a stronger step.
 
         Without recent telemetry no next step is started.
         """
@@ -204,7 +203,7 @@ class Escalation:
                 return
 
     def _due(self, status: VehicleStatus, now: float) -> Step | None:
-        """Return the order to send now, None if there is none.
+        """Return the command to send now; None if no order is in force, or the order is obeyed or was just sent.
 
         Without telemetry HOLD is repeated for a short time only, because the vehicle may already be landing.
         """

@@ -23,7 +23,7 @@ _CHECK_S, _RETRY_S = 0.1, 0.5
 
 
 class DirectLink:
-    """Direct connection to one real vehicle.
+    """Direct connection to one real vehicle, used if the link process of the vehicle does not work.
 
     Call `step` and `send` in every cycle of the loop, and `read` when one of `files` is readable.
     address: address of the vehicle
@@ -124,7 +124,7 @@ class DirectLink:
             self._print(f"{self._process_name} (process {process.pid}) does not respond and cannot be killed")
 
     def _replace_link(self, now: float, why: str) -> None:
-        """Open the port or device of the link process. Retry while another process holds it."""
+        """Open the UDP port or serial device of the link process, to send in its place. Retry while it is in use."""
         if now < self._next_try:
             return
         self._next_try = now + _RETRY_S
@@ -147,10 +147,9 @@ class DirectLink:
                 yield data
 
     def _is_vehicle(self, data: bytes, sender: Address) -> bool:
-        """Return whether a datagram was sent by the vehicle. This is called if the sender's address differs
-        from the recorded address.
+        """Return whether a datagram from an address that is not recorded was sent by the vehicle.
 
-        It must contain a frame of the vehicle's autopilot. If the vehicle's address is known, its sender must
+        The datagram must contain a frame of the vehicle's autopilot. If the vehicle's address is known, its sender must
         be on the same host.
         """
         if self._vehicle is not None and sender[0] != self._vehicle[0]:

@@ -82,8 +82,10 @@ class TargetConnections:
         return found
 
     def is_over(self, began: float, now: float) -> bool:
-        """Return whether no more commands are needed: the vehicle is confirmed as landed or stopped, or the
-        run records it as crashed or ended and commands were sent for long enough.
+        """Return whether no more commands to this vehicle are needed.
+
+        None are needed if the vehicle is confirmed as landed or stopped. The same applies if the run records the
+        vehicle as crashed or ended, and commands were sent for long enough.
         """
         if self.landing.confirmed:
             return self.landing.settled(now)
@@ -137,7 +139,7 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
     opened = {connections.target.name for connections in all_connections}
     failed = [t.name for t in targets if t.name not in opened]
     for name in failed:
-        say(f"{name}: NOT CONFIRMED: no connection could be opened")
+        say(f"{name}: NOT CONFIRMED: no connection could be opened, so no command was sent")
     confirmed = not failed and all(connections.landing.confirmed for connections in all_connections)
     return code or (EXIT_OK if confirmed else EXIT_FAILED)
 
@@ -212,8 +214,7 @@ def _say_refusal(landing: LandingSequence, printed: dict[str, str], say: Say) ->
 
 
 def _open_panic_link(target: Target) -> socket.socket | None:
-    """Open the UDP socket of this computer for the panic link, the autopilot's link for land-all; None if
-    another `land-all` uses its port.
+    """Open the UDP socket for the panic link to a vehicle. Return None if another `land-all` uses the port.
 
     The autopilot obeys every sender on its panic link, but replies only to this address. While the address is
     taken, commands are sent from another port and telemetry comes through the router.

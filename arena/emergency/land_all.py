@@ -66,16 +66,14 @@ def _record(command: str, targets: Sequence[Target]) -> None:
 
 
 def _worst(found: Found, code: int) -> int:
-    """Print the runs whose vehicles could not be commanded. Return the exit code: `code`, or failure if there
-    are such runs.
-    """
+    """Print each run whose vehicles could not be commanded. If there is one and `code` is 0, return EXIT_FAILED, else `code`."""
     for why in found.unread:
         _say(f"NOT COMMANDED: the vehicles of an active run whose files cannot be read: {why}")
     return code or (EXIT_FAILED if found.unread else EXIT_OK)
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Return the names in a comma-separated list."""
+    """Split a comma-separated list of vehicle names, such as `uav1,uav2`."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 

@@ -92,7 +92,7 @@ class LandingSequence:
         return frames
 
     def on_datagram(self, data: bytes | memoryview, now: float) -> None:
-        """Process a datagram. Frames of other vehicles and components are ignored. Never raises."""
+        """Update the reported state from a received datagram. Frames of other vehicles and components are ignored. Never raises."""
         for at in parse_frames(data).frames:
             if at.sysid == self.system and at.compid == AUTOPILOT:
                 self._on_frame(data, at, now)

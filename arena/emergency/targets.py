@@ -22,7 +22,7 @@ _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """Addresses of one vehicle.
+    """Vehicle to land: its name, its MAVLink id, and the addresses on which it receives commands.
 
     id: MAVLink system id
     autopilot, partner: the two ends of its panic link, the autopilot's and this computer's
@@ -43,7 +43,7 @@ class Target:
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """Vehicles that were found.
+    """Result of the search: the vehicles to land, and the runs whose vehicles could not be read.
 
     source: the run folders or the YAML that contain the addresses
     unread: one message per active run whose plan cannot be read

@@ -17,7 +17,7 @@ _MOST_DEPTH = 4
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleEntry:
-    """Vehicle in the file.
+    """Name, MAVLink id and connection of one vehicle, as read from the YAML.
 
     connection: connection of a real vehicle, from its `url`; None for a simulated vehicle.
     """
@@ -28,8 +28,7 @@ class VehicleEntry:
 
 
 def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
-    """Return the document. If it has errors, return the blocks that can be read alone, with None for the
-    other blocks.
+    """Return the content of a YAML file. If the file has errors, return None for each block that has errors.
 
     depth: levels of nested blocks that are read separately
     """
@@ -59,7 +58,7 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
 
 
 def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
-    """Return the connection from the vehicle's own keys, else from the file's `defaults`."""
+    """Return a real vehicle's connection, from its keys or the `defaults`. Return None for a simulated vehicle."""
     defaults = root.get("defaults")
     own = {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
     if own.get("autopilot", "hardware") != "hardware":

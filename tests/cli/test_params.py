@@ -137,7 +137,7 @@ def test_check_takes_the_arena_as_an_argument(folder: Path, capsys: pytest.Captu
     code, _, err = run(capsys, "check", "lab/arena.yaml", "uav1")
     assert code == 2 and "uav1 is simulated, but no arena is running on 127.52.9.1" in err
     code, _, err = run(capsys, "check", "lab", "other.yaml")
-    assert code == 2 and "got 2 arenas, lab, other.yaml; expected one" in err
+    assert code == 2 and "got 2 YAML files or folders (lab, other.yaml), expected one" in err
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ class ControlAllocator:
         self._tilt_rows, self._yaw_rows = rows[:, :, :2].copy(), rows[:, :, 2].copy()
 
     def allocate(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
-        """Return the motor commands 0..1 (V, R) and the saturation of the torques (V, 3).
+        """Return the motor commands 0..1 (V, R) and the torque axes that the motors cannot fully deliver (V, 3).
 
         An axis with less torque than requested has the sign of the requested torque; other axes have 0.
 

@@ -29,7 +29,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OffboardSetpoint:
-    """Setpoint that an offboard program sent.
+    """Setpoint for one vehicle, received by MAVLink from a program that uses OFFBOARD mode.
 
     level: POSITION uses p_n, v_n, a_n, yaw, yaw_rate; ATTITUDE uses q_nb, yaw_rate, thrust; RATE uses
         omega_b, thrust

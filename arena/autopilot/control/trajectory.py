@@ -14,7 +14,7 @@ _VELOCITY_GAIN = 3.0  # acceleration per velocity error [1/s]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrajectoryLimits:
-    """Limits of a trajectory.
+    """Limits of the moving point: speed, acceleration, jerk, yaw rate and distance to the vehicle.
 
     cruise, up, down: horizontal, climb and sink speed [m/s]
     accel, accel_up, accel_down: horizontal, upward and downward acceleration [m/s2]

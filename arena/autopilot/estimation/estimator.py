@@ -249,7 +249,7 @@ class Estimator:
         self._gate_and_update(idx, y, h, r, has_yaw, now)
 
     def _gate_and_update(self, idx: Index, y: Array, h: Array, r: Array, has_yaw: Bool, now: float) -> None:
-        """Fuse the innovations `y` that are inside their gates.
+        """Test the innovations `y` (measured minus predicted) and correct the estimate by the accepted ones.
 
         A rejected innovation gets a variance so large that it has no effect.
 
@@ -358,7 +358,7 @@ class Estimator:
         self.last_xy[idx] = self.last_z[idx] = self.last_yaw[idx] = now
 
     def _past(self, idx: Index, delay_s: Array) -> tuple[Array, Array]:
-        """Return position and attitude `delay_s` seconds (m,) ago, interpolated from stored states."""
+        """Return the estimated position and attitude at `delay_s` seconds (m,) ago, interpolated from stored states."""
         age = delay_s / self.dt
         whole = np.floor(age).astype(int)
         part = (age - whole)[:, None]
@@ -369,9 +369,9 @@ class Estimator:
 
 
 def _repaired(cov: Array) -> Array:
-    """Return the covariances (m, 15, 15) without negative variances.
+    """Return the covariances (m, 15, 15), with a small positive variance in place of each negative variance.
 
-    Each negative variance is replaced by a small one, without correlations, as in PX4."""
+    The correlations of a replaced variance are set to zero, as in PX4."""
     lost = np.einsum("mii->mi", cov) < 0.0
     if lost.any():
         cov = np.where(lost[:, :, None] | lost[:, None, :], 0.0, cov)

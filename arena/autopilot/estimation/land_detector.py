@@ -72,7 +72,7 @@ class TakeoffRamp:
         self.begun = np.full(vehicles, np.inf)
 
     def update(self, now: float, armed_since: Array, landed: Bool, climbing: Bool) -> None:
-        """Start, reset or complete the take-off ramp of each vehicle; update `begun` and `flying`.
+        """Update the take-off ramp of each vehicle: set `begun` when the ramp starts, `flying` when it is complete.
 
         now: time since boot [s]
         armed_since: time of arming [s], infinite while disarmed (V,)
@@ -88,7 +88,7 @@ class TakeoffRamp:
         self.flying = spooled & (self.flying & ~landed | done & climbing)
 
     def speed_up(self, now: float, full: Array) -> Array:
-        """Return the allowed climb rate [m/s] (V,). At the start it is negative, which means zero thrust.
+        """Return the limit of the upward speed [m/s] (V,). It begins negative, which means zero thrust, and rises.
 
         full: climb rate at the end of the ramp [m/s] (V,)
         """

@@ -1,4 +1,4 @@
-"""MAVLink interface of one vehicle.
+"""MAVLink interface of one vehicle: handles received messages, and sends replies and telemetry.
 
 Received datagrams call methods of `Vehicle`. The state of the vehicle is sent as datagrams. No sockets, no
 clock.
@@ -41,7 +41,7 @@ _PHASE_S, _PHASES = 0.004, 5  # phase shift between the streams of neighbouring 
 
 
 class MavlinkInterface:
-    """The MAVLink links `router`, `vision` and `panic` of one vehicle.
+    """Receives and sends the MAVLink messages of one vehicle on its links `router`, `vision` and `panic`.
 
     telemetry: function that returns the state of all vehicles at the last step, None before the first step
     """
@@ -82,7 +82,7 @@ class MavlinkInterface:
                 self._receive_message(link, message)
 
     def _receive_record(self, data: bytes, frame: Frame) -> None:
-        """Process a frequent message without creating a message object, which saves time.
+        """Process ODOMETRY or SET_POSITION_TARGET_LOCAL_NED from its bytes: faster than with a message object.
 
         The same rules of addressing apply as for all messages.
         """

@@ -77,7 +77,7 @@ class _Current(mavlink.MAVLink_mission_current_message):  # type: ignore[misc]
 
 @dataclass(slots=True)
 class _Transfer:
-    """State of the mission transfer on one link.
+    """State of the upload or download of a mission, geofence or rally point list on one link.
 
     partner: system and component id of the client
     kind: MAV_MISSION_TYPE

@@ -38,7 +38,7 @@ _NAN = math.nan
 
 
 class AllModes:
-    """All AVAILABLE_MODES messages, one per selectable mode. `pack` encodes all of them in one call."""
+    """Object that is sent like one message; its `pack` encodes one AVAILABLE_MODES message per selectable mode."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
         """Return one AVAILABLE_MODES frame per selectable mode, in PX4's order.

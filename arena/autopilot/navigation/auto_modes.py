@@ -50,7 +50,7 @@ class AutoModes:
         self._navigators: dict[int, Navigator] = {}
 
     def check(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Check a vehicle's origin, home, mission and geofence, and write the results to the inputs `s`."""
+        """Check a vehicle's origin, home, mission and geofence. Write the results to the commander's inputs `s`."""
         s.global_ok = v.origin is not None and s.xy_valid and s.z_valid
         s.home_ok = v.origin is not None and v.home_n is not None
         checked = self._checked[v.row]

@@ -95,7 +95,7 @@ class Fence:
 def usable_areas(
     found: list[Area], home: Point | None, here: Point | None
 ) -> tuple[tuple[Area, ...], list[str]]:
-    """Drop the areas that forbid the home position or the vehicle's position.
+    """Drop the invalid areas, as PX4 does: areas that forbid the home position or the vehicle's position.
 
     home: north, east [m], None if not set
     here: north, east [m] of a vehicle in flight, None on the ground

@@ -40,7 +40,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leg:
-    """Leg of a flight: a target to fly to, or a place or time to wait.
+    """Leg of a flight: a movement to a target position, or a wait in place.
 
     kind: climb, go, land, stay (until another leg is set), wait (for hold_s) or instant (complete at once)
     to: target position [m] [NED]

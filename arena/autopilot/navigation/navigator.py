@@ -82,7 +82,7 @@ class Navigator:
             self._disarmed, self._follower.cruise = True, math.nan
 
     def fly(self, sp: Setpoints, s: Situation, dt: float) -> None:
-        """Advance by `dt` [s] and write the setpoint."""
+        """Write the setpoint for a time step `dt` [s]. If the current leg is complete, begin the next leg first."""
         if self.mode is Mode.MISSION and self.missions.current_changes != self._seen_changes:
             self._start_current_item(s)
         if self._follower.is_complete(s):
