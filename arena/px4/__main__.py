@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def serve(context: ProcessContext) -> int:
-    """Run PX4. Returns 0 if a stop was requested or the world ended, 1 if PX4 ended by itself."""
+    """Run PX4. Return 0 if a stop was requested or the world ended, 1 if PX4 ended by itself."""
     s = context.settings
     check_free(s)
     folder = make_folder(s)
@@ -86,7 +86,7 @@ def leave_core_of(world_pid: int) -> None:
 
 
 def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: SimClock | None) -> int:
-    """Log PX4's output, report its state, and return the exit code once PX4 or the world has ended."""
+    """Log PX4's output and report its state to the supervisor, until PX4 or the world ends. Return the exit code of this process."""
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)
     selector = selectors.DefaultSelector()
@@ -159,7 +159,7 @@ def _report(context: ProcessContext, text: str) -> None:
 
 
 def last_line(output: bytes) -> str:
-    """Return a sentence with the last line that PX4 printed."""
+    """Return a sentence that quotes the last line of PX4's output. It is added to messages about a failed start."""
     lines = [line.strip() for line in output.decode(errors="replace").splitlines() if line.strip()]
     return f"Its last line: {lines[-1]}" if lines else "It has printed nothing"
 
@@ -188,9 +188,9 @@ def param_text(value: float) -> str:
 
 
 def make_folder(s: dict[str, Any]) -> Path:
-    """Create PX4's working folder and return it.
+    """Create the folder in which PX4 runs and return its path.
 
-    Its `etc` contains links to the installed files, except the startup scripts given in the configuration.
+    Its subfolder `etc` contains links to the installed files, except the startup scripts given in the configuration.
     """
     folder, data = Path(s["folder"]), Path(s["data"])
     scripts = folder / "etc" / "init.d-posix"
@@ -208,9 +208,9 @@ def make_folder(s: dict[str, Any]) -> Path:
 
 
 def check_free(s: dict[str, Any]) -> None:
-    """Check that the lock and the ports of this PX4 instance are free.
+    """Raise RunError if another process holds the lock file or a UDP port that this PX4 instance needs.
 
-    Raises RunError with the process that holds them.
+    The error names this process if it is known.
     """
     stand_in = s.get("stand_in", False)
     if not stand_in and _is_locked(Path(LOCK.format(instance=s["instance"]))):
@@ -243,7 +243,7 @@ def _is_locked(lock: Path) -> bool:
 
 
 def _holder(port: int) -> str:
-    """Return text for a message, ` by process ...`, that names the user of a UDP port, or "" if unknown."""
+    """Return the end of a message, ` by process ...`, that names the process that holds a UDP port; "" if it is unknown."""
     import psutil
 
     with contextlib.suppress(psutil.Error):
@@ -254,7 +254,7 @@ def _holder(port: int) -> str:
 
 
 def _lock_owner(instance: int) -> str:
-    """Return text for a message, ` as process ...`, that names this instance's PX4, or "" if not found."""
+    """Return the end of a message, ` as process ...`, that names the PX4 that runs as this instance; "" if it is not found."""
     import psutil
 
     for process in psutil.process_iter(["name", "cmdline", "pid"]):

@@ -1,4 +1,4 @@
-"""Connection guard of one vehicle's simulator port: accepts only PX4.
+"""Protects one vehicle's simulator port (TCP): accepts connections from PX4 and closes all others.
 
 Any program may connect to a TCP port: a port scanner, a browser, a second PX4 with the same id. The guard
 ensures that none of them replaces the vehicle's PX4. A client counts as PX4 once it has sent valid MAVLink,
@@ -84,7 +84,8 @@ class ConnectionGuard:
         except OSError as error:
             self._listener.close()
             raise RunError(
-                f"{name}: cannot serve the simulator API on {address[0]}:{address[1]}: {error.strerror}"
+                f"{name}: cannot serve the simulator API on {address[0]}:{address[1]}: {error.strerror}."
+                " Does another arena run on this address?"
             ) from error
         self._listener.listen(_MAX_CLIENTS)
         self._listener.setblocking(False)
@@ -151,7 +152,7 @@ class ConnectionGuard:
         self._report(why, f"a connection from {client.peer} was closed: it {why}, so it is not PX4")
 
     def _report(self, kind: str, text: str) -> None:
-        """Add an event line once per `kind`, so that a port scanner that connects often is reported once."""
+        """Report a closed connection as an event, once per `kind`. So a port scanner that connects often is reported only once."""
         if kind not in self._reported:
             self._reported.add(kind)
             host, port = self._address

@@ -36,7 +36,7 @@ _ACCEPT_EVERY = 16  # steps between two checks for new connections where a PX4 i
 
 
 class _Server:
-    """Server for one vehicle: its listening socket, its connection if there is one, and its state."""
+    """TCP server to which the PX4 of one vehicle connects, with the connection (None before PX4 connects) and the lockstep state."""
 
     def __init__(self, row: int, vehicle: Mapping[str, Any], outputs: Sequence[HilOutput]) -> None:
         self.name, self.row = str(vehicle["name"]), row
@@ -54,7 +54,7 @@ class _Server:
 
     @property
     def awaited(self) -> bool:
-        """True while the step must wait for this vehicle's reply to the last sample."""
+        """True while the world must wait, because this PX4 has not yet replied to the last sensor sample."""
         return (
             self.connection is not None
             and self.late_since is None
@@ -70,7 +70,7 @@ class _Server:
 
 
 class Px4Links:
-    """Lockstep with the PX4s of several vehicles.
+    """Steps the PX4s of several vehicles in lockstep: sends sensor samples, waits for motor commands.
 
     vehicles: configuration of the vehicles that fly PX4, with `simulator`: address to which PX4 connects;
         `sticks`: whether radio control is on; and one flag per sensor with a message of its own, such as
@@ -105,18 +105,18 @@ class Px4Links:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors whose own message (such as HIL_GPS) is sent in the next `begin`."""
+        """Names of the sensors, such as `gps`, that must be sampled for the next `begin`, because their own message is due."""
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
-        """Ignore a datagram, because PX4 has MAVLink links of its own."""
+        """Do nothing: `AutopilotSet` requires this method, but PX4 receives MAVLink by its own sockets, not through the world."""
 
     def sticks(self, vehicle: int, on: bool) -> None:
         """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
         self._servers[vehicle].core.sticks = on
 
     def transmit(self) -> list[tuple[int, str, bytes]]:
-        """Return no datagrams, because PX4 has MAVLink links of its own."""
+        """Return an empty list: `AutopilotSet` requires this method, but PX4 sends MAVLink by its own sockets, not through the world."""
         return []
 
     def receive_truth(self, truth: Truth) -> None:
@@ -127,7 +127,7 @@ class Px4Links:
         self._truth = truth
 
     def step(self, now: float, sensors: Mapping[str, Array]) -> Array:
-        """Call `begin`, then `finish`; return the motor commands 0..1 (V, R)."""
+        """Send the sensor readings to each PX4, wait for the replies, and return the motor commands 0..1 (V, R)."""
         self.begin(now, sensors)
         return self.finish()
 
@@ -149,7 +149,7 @@ class Px4Links:
         return motors
 
     def events(self) -> list[str]:
-        """Return the event lines since the last call."""
+        """Return one text line for each event, such as "uav1: PX4 connected", that has occurred since the last call."""
         found, self._events = self._events, []
         for server in self._servers:
             found += server.guard.events
@@ -157,7 +157,7 @@ class Px4Links:
         return found
 
     def stats(self) -> dict[str, Any]:
-        """Return each vehicle's state and counts, by name."""
+        """Return vehicle name -> state of its PX4, armed flag, and counts of replies and closed connections, for the statistics."""
         return {
             s.name: {"px4": s.status, "armed": s.core.armed, **s.core.counts, **s.guard.counts}
             for s in self._servers
@@ -173,9 +173,9 @@ class Px4Links:
     # -- connections -------------------------------------------------------------------------------------------------
 
     def _accept(self) -> None:
-        """Check for new connections.
+        """Accept the connections of PX4s that have started or restarted.
 
-        A vehicle without a PX4 is checked at every step, a vehicle with one less often.
+        The port of a vehicle without a PX4 is checked at every step, the other ports less often.
         """
         self._steps += 1
         every = self._steps % _ACCEPT_EVERY == 0
@@ -255,7 +255,7 @@ class Px4Links:
             self._set_late(server, "does not read the sensor data")
 
     def _collect(self) -> None:
-        """Read the replies that have arrived, and wait for the missing ones together, up to a timeout."""
+        """Wait until every PX4 in lockstep has replied or the timeout ends. A PX4 without a reply is then reported as late."""
         deadline = time.monotonic() + REPLY_TIMEOUT_S
         self._sleep_for_most()
         while True:
@@ -272,9 +272,9 @@ class Px4Links:
                 return
 
     def _sleep_for_most(self) -> None:
-        """Sleep for the time in which most vehicles normally reply, if there are many vehicles.
+        """Wait for most replies with one sleep if there are many vehicles, so that the process does not wake up for each reply.
 
-        So the process does not wake up for each reply. The time is adjusted at each step.
+        The time of the sleep is adjusted at each step.
         """
         awaited = [s for s in self._servers if s.awaited]
         if len(awaited) < _SLEEP_FROM:
@@ -305,7 +305,7 @@ class Px4Links:
     def _set_late(self, server: _Server, why: str) -> None:
         server.late_since = time.monotonic()
         server.core.motors = [0.0] * len(server.core.motors)
-        what = "it is stopped or overloaded; its motors stop until it replies, the world goes on"
+        what = "it is paused by SIGSTOP or overloaded; its motors stop until it replies, the world goes on"
         if not server.core.armed:  # for example disarmed in OFFBOARD, waiting for setpoints
             what = "it is disarmed; the world goes on without waiting for it"
         self._events.append(f"{server.name}: PX4 {why}: {what}")

@@ -1,4 +1,4 @@
-"""PX4's simulator API for one vehicle, without its socket.
+"""The simulator's side of PX4's simulator API for one vehicle, without a socket.
 
 It encodes sensor samples as HIL messages, and decodes motor commands from the replies.
 
@@ -51,7 +51,7 @@ class SimulatorLink:
         self.reset()
 
     def reset(self) -> None:
-        """Reset the state for a new connection."""
+        """Forget all state of the last connection, such as motor commands and armed flag, before PX4 connects again."""
         self.motors = [0.0] * self._rotors
         self.armed, self.in_step, self.unanswered = False, False, 0
         self._samples, self._sent_us, self._stamped = 0, 0, False
@@ -59,7 +59,7 @@ class SimulatorLink:
         self._stream = Stream()
 
     def sample(self, now: float, sensors: Mapping[str, Array], row: int) -> bytes:
-        """Encode the sensor readings of one period as HIL_SENSOR, with the pilot's sticks if they are on.
+        """Encode the latest sensor readings as HIL_SENSOR. If radio control is on, add RC_CHANNELS with centred sticks.
 
         now: simulation time at the end of the period [s]
         sensors: readings of the world's sensors
@@ -97,7 +97,7 @@ class SimulatorLink:
         )
 
     def truth(self, now: float, truth: Truth, row: int, origin: tuple[float, float, float] | None) -> bytes:
-        """Return HIL_STATE_QUATERNION with the true state, in every fifth sample; else b"".
+        """Return the true state as HIL_STATE_QUATERNION at every fifth sample; return b"" at the other samples.
 
         PX4 logs it as ground truth.
         """
@@ -116,7 +116,7 @@ class SimulatorLink:
         )
 
     def receive(self, data: bytes) -> None:
-        """Process a piece of PX4's byte stream."""
+        """Decode bytes received from PX4, which may contain incomplete messages, and update motor commands and armed flag."""
         buffer, found = self._stream.feed(data)
         if found.garbage:
             self.counts["garbage"] += found.garbage

@@ -1,4 +1,4 @@
-"""Measures of one flight, such as tracking error, computed from its log. Pure. None stands for missing data."""
+"""Computes measures of one flight, such as the tracking error, from its log. Pure. A measure without data is None."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def constant_spans(flight: Flight) -> list[tuple[int, int]]:
 
 
 def setpoints(flight: Flight) -> dict[str, Any]:
-    """Return the position errors [m], one at the end of each span with a constant position reference: number
-    of spans, largest error, and a list of all spans.
+    """Measure the position error [m] at the end of each time span with a constant position reference.
+    Return the number of spans, the largest error, and a list of all spans.
     """
     pos, ref = flight.pos, flight.group("pos_ref")
     each = []

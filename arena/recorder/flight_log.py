@@ -22,7 +22,7 @@ _WORDS = ("info.flight_mode", "info.is_armed", "info.is_landed")
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """The log of one vehicle, with n rows.
+    """The log of one vehicle as arrays, with one element per row of the log (n rows).
 
     name: name of the vehicle.  t: time since the first row [s] (n,).  t0: time of the first row [s].
     numbers: column name -> values (n,), NaN for empty cells.

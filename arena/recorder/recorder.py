@@ -49,7 +49,7 @@ class _Pending:
 
 
 class Recorder:
-    """Builder of the log of one vehicle: takes received data, returns rows as text.
+    """Computes the rows of one vehicle's log from received telemetry, poses and ground truth. Returns the rows as text.
 
     system_id: MAV_SYS_ID of the vehicle.
     index: row of the vehicle in the truth page (ground truth in shared memory); None for a real vehicle.
@@ -170,7 +170,10 @@ class Recorder:
         return any(series.waits_for(time_s) for series in measured)
 
     def row(self, time_s: float, stamp: float, truth: Truth | None = None) -> str:
-        """Return the row of one instant as a line of text. time_s: local time of the row [s]. Other arguments: see `sample`."""
+        """Return the row of the log for the instant `time_s` [s, local time] as a line of text.
+
+        stamp, truth: as in `sample`.
+        """
         self.rows += 1
         local, attitude = self._local.at(time_s), self._attitude.at(time_s)
         cells: list[Cell] = [f"{stamp:.4f}", *_estimate(local, attitude), *self._imu_cells(time_s)]
@@ -264,8 +267,8 @@ def _text(cell: Cell) -> str:
 
 
 def rates(recorder: Recorder, now: float) -> dict[str, float | int]:
-    """Return mean rates of rows, poses and datagrams [Hz] since the vehicle's first message, and the numbers
-    of rows and of damaged messages. now: local time [s].
+    """Return statistics of the logger: mean rates of rows, poses and datagrams since the vehicle's first message
+    [Hz], number of rows, and number of damaged messages. now: local time [s].
     """
     since = now - (now if recorder.first_received is None else recorder.first_received)
     each: Iterable[tuple[str, int]] = (

@@ -174,8 +174,8 @@ def _plots(run: Path, flights: list[Flight], plan: Mapping[str, Any], missing: l
 
 
 def _size_m(plan: Mapping[str, Any]) -> Any:
-    """Return the size of the flight room [m]. It is read from the configuration of the simulated world, or
-    else from that of a real vehicle's link.
+    """Return the size of the flight room [m], as configured for the simulated world. If there is no such world,
+    the size is read from the configuration of a real vehicle's link.
 
     Return None if unknown.
     """

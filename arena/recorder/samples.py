@@ -1,5 +1,5 @@
-"""Short histories of received values. Each history returns the value at a given instant. Pure: times are
-arguments.
+"""Short histories of received values, from which the logger reads the values at the instant of a row. Pure:
+times are arguments.
 
 A row of the log belongs to one instant. Measurements are interpolated for that instant. Commands and states change in
 steps, so their last value is used.
@@ -81,8 +81,9 @@ class Series:
             self._samples.append((time_s, value))
 
     def waits_for(self, time_s: float) -> bool:
-        """Return whether a sample at or after `time_s` is still expected. This is so if the last sample is
-        older than `time_s` by at most MAX_GAP_S.
+        """Return whether to wait for a sample at or after `time_s`, so that the value at `time_s` can be interpolated.
+
+        True if the last sample is older than `time_s`, but by at most MAX_GAP_S.
         """
         return bool(self._samples) and 0.0 < time_s - self._samples[-1][0] <= MAX_GAP_S
 
@@ -128,7 +129,7 @@ class Held(Generic[T]):
             self.add(self._clock.local(stamp, received), value)
 
     def add(self, time_s: float, value: T) -> None:
-        """Append a value that is valid from local time `time_s` [s] on. Does nothing if the last value is the same object."""
+        """Append a value that is valid from local time `time_s` [s] on. An object that is already the last value is not added again."""
         if not self._is_newest(value):
             self._values.append((time_s, value))
 

@@ -22,7 +22,7 @@ Autopilot = Literal["builtin", "px4", "hardware", "hitl"]
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """A value, and a text that says where the value comes from: `arena.yaml:14`, `default`, `profile iris`, `--set`."""
+    """A value of the arena and the source of the value as text: `arena.yaml:14`, `default`, `profile iris` or `--set`."""
 
     value: Value
     source: str
@@ -131,9 +131,9 @@ class Vehicle:
     px4_version: str = ""
 
     def port_address(self, port: Port, address: str) -> tuple[str, int] | None:
-        """Return (host, number) of one of the vehicle's ports, or None if the vehicle does not bind it.
+        """Return the address (host, port number) of one port of this vehicle; None if this vehicle does not use such a port.
 
-        address: the arena's address.
+        port: row of the port table. address: the arena's address.
         """
         if port.key != "wire":
             return address, getattr(self.ports, port.key)
@@ -148,7 +148,7 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Arena:
-    """A validated arena: what the user wants, without PX4 parameters and processes.
+    """A validated arena.yaml with all defaults. PX4 parameters and processes are derived from it later, in `arena.plan`.
 
     file: path of the YAML as the user gave it.
     folder: absolute path of the folder of the YAML.
@@ -191,9 +191,9 @@ class Arena:
         return tuple(v for v in self.vehicles if not v.simulated)
 
     def port_address(self, port: Port, vehicle: Vehicle | None = None) -> tuple[str, int] | None:
-        """Return (host, number) of a row of the port table, or None if this arena or vehicle does not have the port.
+        """Return the address (host, port number) of one kind of port; None if this arena or vehicle does not use such a port.
 
-        vehicle: the vehicle, if `port.per_vehicle`.
+        port: row of the port table. vehicle: needed if each vehicle has such a port (`port.per_vehicle`).
         """
         if port.per_vehicle:
             return None if vehicle is None else vehicle.port_address(port, self.address)

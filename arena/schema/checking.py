@@ -1,4 +1,4 @@
-"""The input of every cross-check: the arena, the line of each value, and the file system (a Protocol)."""
+"""Input of the cross-checks (checks that involve several YAML keys): the arena, line numbers, and access to files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from arena.schema.source import Source
 
 
 class Files(Protocol):
-    """The file system operations that the checks need. Paths are absolute."""
+    """Interface to the file system for the checks, so that tests can replace the real files. Paths are absolute."""
 
     def is_file(self, path: str) -> bool: ...
 
@@ -52,7 +52,7 @@ class RealFiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """The input of a cross-check.
+    """Input of a cross-check, with methods that find the line of a value and make a problem.
 
     pruned: paths of values that are already reported as wrong; checks skip them.
     """
@@ -76,6 +76,6 @@ class Check:
         return self.source.problem(("vehicles", vehicle, *key), message, at=self.where(vehicle, *words))
 
     def sound(self, vehicle: Vehicle, *keys: str) -> bool:
-        """Return whether a vehicle's values of these keys are usable: they have no reported problem."""
+        """Return whether no problem has been reported for these keys of a vehicle, so that a check can use their values."""
         roots = [("vehicles", vehicle.name, key) for key in keys] + [("defaults", key) for key in keys]
         return not any(path[: len(root)] == root for path in self.pruned for root in roots)

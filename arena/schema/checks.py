@@ -118,7 +118,7 @@ def _free_id(arena: Arena) -> int:
 
 
 def _ports(c: Check) -> Iterator[Problem]:
-    """Check that no two owners have the same port. Vehicles with the same id are skipped, because `_ids` reports them."""
+    """Check that no two users of a port have the same number. Vehicles with the same id are skipped, because `_ids` reports them."""
     owners: dict[int, tuple[str, YamlPath]] = {}
     reported: set[tuple[str, ...]] = set()
     for port, words, path in _claims(c):
@@ -133,10 +133,10 @@ def _ports(c: Check) -> Iterator[Problem]:
 
 
 def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlPath]) -> Problem:
-    """Return a problem: two owners have the same port number.
+    """Return the problem that two users of a port have the same number.
 
-    The problem is reported at the YAML key of `one`, or at that of `two` if the user wrote only the key of
-    `two`.
+    The problem is reported at the YAML key of `one`. If the user wrote only the key of `two`, it is reported
+    at the key of `two`.
     """
     (words, path), (other, other_path) = (
         (one, two) if c.source.given(one[1]) or not c.source.given(two[1]) else (two, one)
@@ -148,7 +148,7 @@ def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlP
 
 
 def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
-    """Yield (number, owner, path of the YAML key that changes the number) of every port of the arena."""
+    """Yield each port of the arena as (number, text that names its user, path of the YAML key that changes the number)."""
     for port in PORTS:
         place = c.arena.port_address(port)
         if place is not None:
@@ -200,7 +200,7 @@ def _start(c: Check) -> Iterator[Problem]:
 
 
 def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Iterator[Problem]:
-    """Check that a start position is inside the room on one horizontal axis.
+    """Check that the start position on one horizontal axis is far enough from the walls.
 
     room: largest allowed distance from the room's middle [m].
     """

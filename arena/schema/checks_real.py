@@ -18,7 +18,7 @@ _USUAL_BAUD = (57_600, 115_200, 230_400, 460_800, 921_600, 1_500_000, 3_000_000)
 
 
 def _wires(c: Check) -> Iterator[Problem]:
-    """Check the keys `url`, `serial` and `baud` against the vehicle's autopilot."""
+    """Check that hardware vehicles have `url` and hitl vehicles `serial`, and that other vehicles have neither, and no `baud`."""
     for v in c.arena.vehicles:
         keys = {"hardware": "url", "hitl": "serial"}
         wanted = keys.get(v.autopilot)
@@ -88,7 +88,7 @@ def _shared_wires(c: Check) -> Iterator[Problem]:
 
 
 def _speed(c: Check) -> Iterator[Problem]:
-    """Check that arenas with a real flight controller run in real time."""
+    """Refuse a `sim.speed` other than 1 if a vehicle has a real flight controller, because it runs in real time only."""
     real = [v for v in c.arena.vehicles if v.wire is not None or v.autopilot in ("hardware", "hitl")]
     if real and c.arena.sim.speed != 1.0 and ("sim", "speed") not in c.pruned:
         said = f"got {c.arena.sim.speed}, but {real[0].name} has autopilot: {real[0].autopilot}, which runs in real time only. Try 1."

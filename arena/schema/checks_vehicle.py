@@ -30,7 +30,7 @@ def _senses(c: Check) -> Iterator[Problem]:
 
 
 def _overrides(c: Check) -> Iterator[Problem]:
-    """Check mass and sensor noise against the profile. Refuse sensor noise and wind for vehicles that are not simulated."""
+    """Check that the mass and sensor noise given for a vehicle fit its profile. Refuse sensor noise and wind for real vehicles."""
     for v in c.arena.vehicles:
         if c.sound(v, "profile", "mass_kg", "sensors"):
             for keys, message in override_problems(v.profile, v.overrides):
@@ -68,7 +68,7 @@ def _programs(c: Check) -> Iterator[Problem]:
 
 
 def _syntax(c: Check, v: Vehicle, path: Path) -> Iterator[Problem]:
-    """Compile a Python program without running it."""
+    """Report syntax errors in a user's Python program before the arena starts. The program is compiled, but not run."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)

@@ -83,7 +83,7 @@ class BatteryRule(Strict):
 
 
 class ProgramRule(Strict):
-    """Rule: the program sends heartbeats in OFFBOARD. It applies after the first heartbeat since arming."""
+    """Rule: in OFFBOARD, the user program must send heartbeats. The rule applies from its first heartbeat after arming on."""
 
     do: Do = "land"
     """Action: none, hold, land or terminate."""

@@ -55,7 +55,7 @@ def with_overrides(profile: Profile, overrides: Overrides) -> Profile:
 
 
 def override_problems(profile: Profile, overrides: Overrides) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Yield (path under the vehicle, message) for every wrong override."""
+    """Check a vehicle's overrides of its profile. Yield (path of the YAML key under the vehicle, message) for each wrong value."""
     found = _validated(profile, overrides)
     for problem in found.problems:
         yield tuple(problem.field.split(".")), problem.message

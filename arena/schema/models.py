@@ -91,7 +91,7 @@ class Sim(Strict):
 
 
 class Px4Keys(Strict):
-    """The PX4 SITL of this computer."""
+    """Settings of PX4 SITL on this computer."""
 
     home: str | None = None
     """PX4's source, build or installation folder, or `stand-in` for arena's PX4 stand-in. Default: $PX4_HOME, else `px4` on PATH."""
@@ -116,7 +116,7 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 
 
 class OffboardLoss(Strict):
-    """Keys of the reaction to missing setpoints in OFFBOARD."""
+    """Action and timeout for missing setpoints in OFFBOARD."""
 
     action: Literal["land", "hold", "return", "terminate", "disarm"] = "land"
     """Action of the vehicle."""
@@ -151,14 +151,14 @@ class LowBattery(Strict):
 
 
 class RcLoss(Strict):
-    """Keys of the reaction to missing RC input."""
+    """Action for missing RC input."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] | None = None
     """Action of the vehicle. Default: land if it has an RC transmitter, else none."""
 
 
 class DataLinkLoss(Strict):
-    """Keys of the reaction to missing heartbeats of the ground stations."""
+    """Action and timeout for missing heartbeats of the ground stations."""
 
     action: Literal["none", "hold", "return", "land", "terminate", "disarm"] = "none"
     """Action of the vehicle."""
@@ -224,7 +224,7 @@ class Host(Strict):
 
 
 class Tool(Strict):
-    """A command that runs beside the arena."""
+    """A program that `arena up` starts in addition to the vehicles' programs."""
 
     argv: Annotated[Words, Field(min_length=1)]
     """The command and its arguments, as a list."""
@@ -259,7 +259,7 @@ class Start(Strict):
 
 
 class VehicleDefaults(Strict):
-    """Keys that can be written under one vehicle, or under `defaults` for all vehicles. None: not given."""
+    """Keys that can be written under one vehicle, or under `defaults` for all vehicles. A key that is not given is None."""
 
     profile: str | None = None
     """Vehicle type: a name in `profiles/`. Default `iris`."""
@@ -300,7 +300,7 @@ class VehicleDefaults(Strict):
 
 
 class VehicleKeys(VehicleDefaults):
-    """All keys of one vehicle."""
+    """All keys of one vehicle: those of `defaults`, and keys such as `id` that differ for each vehicle."""
 
     id: Annotated[int | None, Field(ge=1, le=250)] = None
     """MAVLink system id (MAV_SYS_ID). Default: the lowest free id, in the order of the YAML."""

@@ -37,7 +37,7 @@ class VehiclePorts:
 
 @dataclass(frozen=True, kw_only=True)
 class Binder:
-    """A kind of process that binds a port.
+    """A kind of arena process that opens (binds) a port, and the senders that it accepts there.
 
     kind: kind of process, such as `router`.
     answers: text that names the senders from which this process accepts datagrams.
@@ -51,7 +51,7 @@ class Binder:
 
 @dataclass(frozen=True, kw_only=True)
 class Port:
-    """Row of the port table.
+    """Kind of port, as a row of the port table: its number, its use, and the processes that open it.
 
     key: field of `VehiclePorts`, or the name of a port that the arena has once.
     rule: rule for the number, as text: `24000 + 10 id + 2`.
@@ -74,7 +74,7 @@ class Port:
     binders: tuple[Binder, ...] = ()
 
     def binder(self, kind: str) -> Binder | None:
-        """Return the binder of a process kind, or None if processes of this kind do not bind the port."""
+        """Return how processes of this kind bind the port (a `Binder`); None if they do not bind it."""
         return next((binder for binder in self.binders if binder.kind == kind), None)
 
 

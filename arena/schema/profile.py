@@ -148,7 +148,7 @@ class Profile(Strict):
         return round(float(self.curve.command(self.mass_kg * GRAVITY_M_S2)), 4)
 
     def problems(self) -> list[str]:
-        """Return one sentence for each contradiction between fields: number of rotors, and thrust against weight."""
+        """Return one sentence for each error: `num_rotors` differs from the list of rotors, or full thrust does not lift the mass."""
         found = []
         if len(self.rotors) != self.num_rotors:
             found.append(f"num_rotors: got {self.num_rotors}, but `rotors` lists {len(self.rotors)}")

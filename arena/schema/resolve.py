@@ -1,4 +1,4 @@
-"""Conversion of the YAML model to an Arena. Merges the layers of values, and records where each value comes from.
+"""Converts the validated YAML to an `Arena`: merges defaults, profile and vehicle keys, and records the source of each value.
 
 Later layers win: built-in defaults, profile, `defaults`, the vehicle's own keys, `--set`. `resolve` never raises, because
 `validate` (before) and `checks` (after) report missing and wrong values.
@@ -199,7 +199,7 @@ class _Merge:
         return "px4" if self.px4 and asked in ("auto", "px4") else "builtin"
 
     def _wire(self, autopilot: str) -> ConnectionUrl | None:
-        """Return the connection to a real flight controller, or None.
+        """Return the connection to the vehicle's real flight controller, from `url` or `serial`; None for other autopilots.
 
         A missing or wrong key gives None, too; `checks` reports it.
         """
@@ -249,7 +249,7 @@ class _Merge:
         return str(self._take("px4_version", ""))
 
     def _overrides(self) -> dict[str, Any]:
-        """Return mass and sensor noise that replace the profile's. The vehicle's own values win over `defaults`."""
+        """Return the mass and the sensor noise that replace those of the profile. Keys of the vehicle win over `defaults`."""
         found: dict[str, Any] = {}
         if (mass := self._take("mass_kg", None, "default: the profile's")) is not None:
             found["mass_kg"] = mass

@@ -15,7 +15,7 @@ from arena.schema.loader import Document, YamlPath, dotted, parse_scalar
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """A YAML document with `--set` overrides.
+    """Values of a YAML document after the `--set` overrides, with file and line of each value for messages.
 
     document: the document as read from the file.
     data: values of the document with the overrides applied.
@@ -27,7 +27,7 @@ class Source:
     overrides: tuple[YamlPath, ...] = ()
 
     def given(self, path: YamlPath) -> bool:
-        """Return whether this path has a value other than null."""
+        """Return whether the YAML or `--set` gives a value other than null at this path."""
         here = self.data
         for part in path:
             in_dict = isinstance(here, dict) and part in here
@@ -67,7 +67,7 @@ class Source:
         return f"{file}:{line}" if line else file
 
     def problem(self, path: YamlPath, message: str, at: YamlPath | None = None) -> Problem:
-        """Return a problem of the value at a path.
+        """Return a `Problem` for the value at a path: the message, with file, line and key added.
 
         at: path at which the value is written, if it is a different one, such as a path under `defaults`.
         """

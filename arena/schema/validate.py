@@ -27,7 +27,7 @@ M = TypeVar("M", bound=Strict)
 
 @dataclass(frozen=True, kw_only=True)
 class Validated(Generic[M]):
-    """Result of a validation.
+    """Result of a validation: the model, and the problems found.
 
     model: the model, or None if too many values are wrong.
     pruned: paths of wrong values, which were removed.

@@ -129,7 +129,7 @@ class CompositeAutopilots:
         part.sticks(i, on)
 
     def step(self, now: float, sensors: dict[str, Array]) -> Array:
-        """Call `begin`, then `finish`; return the motor commands 0..1 (V, R)."""
+        """Compute one control step of all autopilots, internal and external, and return the motor commands 0..1 (V, R)."""
         self.begin(now, sensors)
         return self.finish()
 
@@ -144,8 +144,8 @@ class CompositeAutopilots:
                 external.begin(now, part)
 
     def finish(self) -> Array:
-        """Compute the built-in autopilots and wait for the external ones. Return the motor commands of all
-        vehicles, 0..1 (V, R).
+        """Run one control step of the built-in autopilots and wait for the replies of the external ones. Return the
+        motor commands of all vehicles, 0..1 (V, R).
         """
         motors = np.zeros(self._shape)
         for (rows, part), external, sensors in zip(self._parts, self._external, self._sensors, strict=True):

@@ -98,10 +98,10 @@ class Battery:
 
     @property
     def supply(self) -> Array:
-        """Factor by which the battery voltage scales motor commands: voltage divided by the voltage for which
-        the thrust curve is valid [-] (V, 1).
+        """Factor on motor commands, because motors turn slower at a lower battery voltage [-] (V, 1).
 
-        It is 1 if thrust does not depend on the voltage.
+        The factor is the voltage divided by the voltage at which the thrust curve was measured. It is 1 if
+        thrust does not depend on the voltage.
         """
         per_volt = self._supply_per_volt
         return np.where(per_volt > 0.0, self.voltage * per_volt, 1.0)[:, None]

@@ -51,7 +51,7 @@ _NED[9:, 9:] = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
 
 @dataclass(frozen=True, kw_only=True)
 class Contacts:
-    """Contacts of the vehicles after one step.
+    """Contacts of the vehicles with the floor, walls and other vehicles after one step.
 
     floor: True for each vehicle that touches the floor (V,)
     others: name of the wall or vehicle that a vehicle touches, by row of the vehicle
@@ -150,7 +150,7 @@ class Bodies:
         return (vy, vx, -vz), r_nb, height
 
     def contacts(self) -> Contacts:
-        """Return the contacts after the last step."""
+        """Return which vehicles touched the floor, a wall or another vehicle in the last step."""
         floor = np.zeros(self._fleet.size, bool)
         others: dict[int, str] = {}
         for point in self._bullet.getContactPoints(physicsClientId=self._client):
@@ -194,7 +194,7 @@ class Bodies:
         return self._omega_b
 
     def close(self) -> None:
-        """Disconnect from the physics server."""
+        """End pybullet's physics simulation."""
         if self._bullet.isConnected(self._client):
             self._bullet.disconnect(self._client)
 
@@ -303,7 +303,7 @@ def _no_stderr() -> Iterator[None]:
 
 
 def _connect(bullet: Any, gui: bool) -> int:
-    """Start a physics server and return its id.
+    """Start pybullet's physics simulation and return its client id.
 
     Raises InputError if a window is requested and no display replies, because pybullet would then end the
     process.
@@ -322,7 +322,7 @@ def _connect(bullet: Any, gui: bool) -> int:
 
 
 def display_answers(display: str) -> bool:
-    """Return whether an X server accepts connections.
+    """Return whether the X server of a display accepts connections, so that pybullet can open its window.
 
     display: value of $DISPLAY, `[host]:number[.screen]`
     """

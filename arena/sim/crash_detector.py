@@ -93,7 +93,7 @@ class CrashDetector:
         floor: NDArray[np.bool_],
         others: Mapping[int, str],
     ) -> None:
-        """Update all flight records with the current true state. The arrays are stored without a copy.
+        """Update all flight records with the current true state. The caller must not change the arrays afterwards.
 
         now: simulation time [s]
         p_n: body origin [m] [NED] (V, 3)
@@ -124,7 +124,7 @@ class CrashDetector:
         return new
 
     def report(self) -> dict[str, dict[str, Any]]:
-        """Return each vehicle's record as JSON, by name."""
+        """Return vehicle name -> flight record, as JSON-ready objects."""
         for i, record in enumerate(self.records):
             record.airborne, record.airborne_s = not bool(self._floor[i]), float(self._airborne_s[i])
             record.p_n = _triple(self._p_n[i])
@@ -133,9 +133,9 @@ class CrashDetector:
         return {record.name: record.to_json() for record in self.records}
 
     def _touch_down(self, i: int, now: float, p_n: Array) -> None:
-        """Record a landing.
+        """Record that a vehicle has touched the floor: a landing, or a crash if it was too fast.
 
-        Its speed is that of the previous step, because the speed of this step already contains the impact.
+        The recorded speed is that of the previous step, because the speed of this step already contains the impact.
         """
         record, speed = self.records[i], math.sqrt(float((self._v_n[i] * self._v_n[i]).sum()))
         if now - record._airborne_since >= _MIN_FLIGHT_S:

@@ -72,10 +72,10 @@ def _b_from_n(r: Matrix, v: Triple) -> Triple:
 
 
 def _specific_force(v: Triple, r: Matrix, after: Triple, h: float) -> Triple:
-    """Return the specific force (acceleration minus gravity), in the body axes before the step [m/s2] [FRD].
+    """Return the mean specific force (acceleration minus gravity) during one step [m/s2] [FRD], from the change of velocity.
 
     v, after: velocity before and after the step [m/s] [NED]
-    r: rotation matrix from body to NED before the step
+    r: rotation matrix from body to NED before the step; the result is in these body axes
     h: duration of the step [s]
     """
     return _b_from_n(r, ((after[0] - v[0]) / h, (after[1] - v[1]) / h, (after[2] - v[2]) / h - GRAVITY_M_S2))

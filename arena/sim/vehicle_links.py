@@ -38,7 +38,7 @@ class _VehicleLink:
 
 
 class VehicleLinks:
-    """MAVLink links of all vehicles.
+    """UDP sockets of all vehicles' MAVLink links, on which the world's autopilots receive and send.
 
     vehicles: vehicles as configured for the world
     budget_s: wall time after which `drain` stops at the end of its current pass over the links [s]
@@ -57,7 +57,7 @@ class VehicleLinks:
                     self._open(i, str(vehicle["name"]), name, vehicle["links"][name])
 
     def drain(self, receive: Receive) -> None:
-        """Call `receive(vehicle, link, datagram)` for each datagram that has arrived.
+        """Read the datagrams that have arrived, and pass each one to the autopilots: `receive(vehicle, link, datagram)`.
 
         It reads a few datagrams per link in each pass over the links, panic links first.
         """
@@ -156,5 +156,5 @@ def _address(settings: Mapping[str, Any], key: str, what: str) -> tuple[str, int
         return str(host), int(port)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"links of {what}: {key}: got {settings.get(key)!r}, expected [host, port]"
+            f"configuration of link {what}: {key}: got {settings.get(key)!r}, expected [host, port]"
         ) from error

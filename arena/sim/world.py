@@ -87,7 +87,7 @@ class World:
         return int(self._dynamics.spin.shape[1])
 
     def step(self, motors: Array) -> None:
-        """Advance by one sensor period: call `advance`, then `observe`.
+        """Simulate one sensor period: move the bodies (`advance`), then update batteries and crash detection (`observe`).
 
         motors: motor commands 0..1 [-] (V, R)
         """
@@ -164,7 +164,7 @@ class World:
     # -- results -----------------------------------------------------------------------------------------------------
 
     def truth(self) -> Truth:
-        """Return the present true state, with the outputs of at most four rotors."""
+        """Return the current true state of all vehicles. It contains the rotor states of the first four rotors only."""
         bodies, motors = self.bodies, self._dynamics.spin
         if self.rotors != 4:
             motors = np.zeros((self.fleet.size, 4))
@@ -198,7 +198,7 @@ class World:
         return found
 
     def flights(self) -> dict[str, dict[str, Any]]:
-        """Return each vehicle's `crash_detector.FlightRecord` as JSON, by name."""
+        """Return vehicle name -> flight record (crash, landings, extreme values), as JSON-ready objects."""
         return self._crashes.report()
 
     def events(self) -> list[str]:
@@ -206,7 +206,7 @@ class World:
         return self._crashes.events()
 
     def close(self) -> None:
-        """Close the physics server."""
+        """End the physics simulation."""
         self.bodies.close()
 
 

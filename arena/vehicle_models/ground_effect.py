@@ -76,8 +76,8 @@ def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) ->
 
 
 def _image(z: Array, apart: Array) -> Array:
-    """Return the effect that another rotor's mirror image below the floor has on a rotor: one term of the sum
-    S, divided by R^2 [1/m2] (n, ...).
+    """Compute one term of the sum S (see the module's text), divided by R^2: the effect of the mirror image of
+    one other rotor below the floor [1/m2] (n, ...).
 
     apart: horizontal distance to the other rotor [m]
     """

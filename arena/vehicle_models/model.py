@@ -31,13 +31,13 @@ class ScalarDynamics(Protocol):
     """`Dynamics` of one vehicle in plain floats, which is faster than numpy for one or two vehicles."""
 
     def update(self) -> None:
-        """Read the changed dynamics. Call this after `Dynamics.scale_thrust`."""
+        """Copy changed values from `Dynamics`. Call this after `Dynamics.scale_thrust`."""
         ...
 
     def step(
         self, spin: list[float], motors: list[float], air_b: Triple, height: float
     ) -> tuple[Triple, Triple]:
-        """Advance by one physics step, in place of `Dynamics.step`.
+        """Compute one physics step of one vehicle's actuators, in place of `Dynamics.step`. Return force and torque on the body.
 
         spin: state of the actuators, updated in place
         """
@@ -68,7 +68,7 @@ class Dynamics(Protocol):
     def supply_per_volt(self) -> Array: ...
 
     def step(self, motors: Array, air_b: Array, height: Array) -> tuple[Array, Array]:
-        """Advance by one physics step.
+        """Compute one physics step of the actuators. Return force and torque on each body.
 
         motors: motor commands 0..1 [-] (V, R)
         air_b: velocity relative to the air [m/s] [FRD] (V, 3)

@@ -44,7 +44,7 @@ _SPIN = {"ccw": 1.0, "cw": -1.0}
 
 
 class Rotors:
-    """Dynamics of V multirotors with at most R rotors each. Missing rotors have no effect.
+    """Dynamics of V multirotors with at most R rotors each. A vehicle with fewer rotors ignores the columns of the missing ones.
 
     spin: rotor state, given as the command that would maintain it at nominal voltage, 0..1 [-] (V, R)
     wrench: matrix from thrusts (R,) to torque x, y, z [N m] and force z [N] [FRD] (V, 4, R)
@@ -103,7 +103,7 @@ class Rotors:
         self.wrench[vehicle, :, rotor] = share * self._wrench_intact[vehicle, :, rotor]
 
     def step(self, motors: Array, air_b: Array, height: Array) -> tuple[Array, Array]:
-        """Advance by one physics step.
+        """Compute one physics step of all rotors. Return force and torque on each body.
 
         motors: motor commands 0..1 [-] (V, R)
         air_b: velocity relative to the air [m/s] [FRD] (V, 3)
@@ -149,7 +149,7 @@ class Rotors:
 
 
 class ScalarRotors:
-    """Rotors of a single vehicle in plain floats.
+    """Rotor dynamics of a single vehicle in plain floats, which is faster than numpy for few vehicles.
 
     The equations are those of `Rotors`, and the results are equal except for rounding; a test compares them.
     """
@@ -170,13 +170,13 @@ class ScalarRotors:
         self.update()
 
     def update(self) -> None:
-        """Read the changed wrench matrix. Call this after `Rotors.scale_thrust`."""
+        """Copy the matrix from thrusts to torque and force again, because `Rotors.scale_thrust` has changed it."""
         self._wrench = [tuple(column) for column in self._rotors.wrench[self._vehicle].T.tolist()]
 
     def step(
         self, spin: list[float], motors: list[float], air_b: Triple, height: float
     ) -> tuple[Triple, Triple]:
-        """Advance by one physics step and update `spin` in place.
+        """Compute one physics step of the rotors of one vehicle: update the rotor states `spin` in place, return force and torque.
 
         Returns force [N] and torque about the centre of mass [N m], both [FRD].
         """
@@ -224,7 +224,10 @@ def actuator_effect(rotor: Mapping[str, Any], *, moment_ratio_m: float) -> tuple
 
 
 def wrench_matrix(profile: Profile, columns: int) -> Array:
-    """Return the matrix from thrusts (R,) to torque x, y, z [N m] and force z [N] [FRD] (4, columns)."""
+    """Return the matrix from rotor thrusts [N] to torque x, y, z [N m] and force z [N] [FRD] (4, columns).
+
+    columns: number of columns, at least the number of rotors; the columns of missing rotors are zero
+    """
     out = np.zeros((4, columns))
     for i, rotor in enumerate(profile["rotors"]):
         try:
@@ -239,9 +242,9 @@ def _column(profiles: Sequence[Profile], key: str, default: float) -> Array:
 
 
 def _curve(profile: Profile) -> tuple[Array, float]:
-    """Return the thrust curve of one rotor.
+    """Tabulate the thrust curve of one rotor.
 
-    Returns its thrust at each command of the grid [N] (GRID + 1,), and the share of the thrust that is lost
+    Returns the rotor's thrust at each command of the grid [N] (GRID + 1,), and the share of the thrust that is lost
     per airspeed [s/m].
     """
     curve = thrust_curve(profile["thrust_curve"])

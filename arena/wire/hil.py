@@ -56,13 +56,13 @@ class Controls(NamedTuple):
 
 
 class HilSender:
-    """Encoder for the messages of one system and component. The sequence number increases with each message."""
+    """Encoder for simulator API messages, sent as one MAVLink system and component. The sequence number increases with each message."""
 
     def __init__(self, system: int, component: int) -> None:
         self.srcSystem, self.srcComponent, self.seq = system, component, 0
 
     def sensor(self, time_usec: int, readings: Sequence[float], fields: int) -> bytes:
-        """Encode a HIL_SENSOR message.
+        """Encode HIL_SENSOR, the sensor readings that PX4 receives in each simulation step.
 
         readings: accel [m/s2], gyro [rad/s] and mag [gauss], each [FRD] (3,), then absolute and differential
         pressure [hPa], height [m] and temperature [deg C]
@@ -80,7 +80,7 @@ class HilSender:
         airspeed_cm_s: int,
         accel_mg: Sequence[int],
     ) -> bytes:
-        """Encode a HIL_STATE_QUATERNION message.
+        """Encode HIL_STATE_QUATERNION, the true state of the vehicle, which PX4 only logs.
 
         q_nb: wxyz [-] (4,)
         place: latitude, longitude [1e-7 deg], altitude [mm]
@@ -99,7 +99,7 @@ class HilSender:
         v_cm_s: Sequence[int],
         satellites: int,
     ) -> bytes:
-        """Encode a HIL_GPS message with a 3-D fix.
+        """Encode HIL_GPS, a simulated GPS measurement with a 3-D fix.
 
         place: latitude, longitude [1e-7 deg], altitude [mm]
         accuracy_cm: horizontal and vertical
@@ -110,7 +110,7 @@ class HilSender:
         return self._frame(HIL_GPS, _GPS.pack(time_usec, *rest))
 
     def sticks(self, time_ms: int, channels: Sequence[int]) -> bytes:
-        """Encode an RC_CHANNELS message. channels: pulse widths [us], up to 18."""
+        """Encode RC_CHANNELS, the stick positions of a simulated radio control. channels: pulse widths [us], up to 18."""
         pulses = (*channels, *(_UNUSED_CHANNEL,) * (18 - len(channels)))
         return self._frame(RC_CHANNELS, _RC.pack(time_ms, *pulses, len(channels), _RSSI))
 
@@ -121,7 +121,7 @@ class HilSender:
 
 
 def controls(data: Buffer, found: Frame) -> Controls:
-    """Decode a HIL_ACTUATOR_CONTROLS message. found: position of the message's frame in `data`."""
+    """Decode HIL_ACTUATOR_CONTROLS, the motor commands from PX4. data: received bytes. found: position of the frame in `data`."""
     payload = bytes(data[found.payload : found.payload + found.size]).ljust(_CONTROLS.size, b"\0")
     time_usec, flags, *outputs, mode = _CONTROLS.unpack_from(payload)
     return Controls(time_usec, tuple(outputs), mode, flags)

@@ -17,7 +17,7 @@ from arena.wire.mavlink_minimal import pack_onboard_heartbeat
 
 
 class Codec:
-    """Encodes messages of one system and component, and decodes received messages.
+    """Encodes MAVLink messages with the ids of one sender (system and component), and decodes received messages.
 
     counts: number of bytes and messages that could not be decoded, by reason
     """

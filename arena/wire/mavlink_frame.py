@@ -121,8 +121,8 @@ def parse_frames(data: Buffer) -> ParsedFrames:
 
 
 class Stream:
-    """Parser for a byte stream, such as a serial line, that arrives in pieces of any length. The frames do
-    not depend on the pieces.
+    """Finds frames in a byte stream, such as a serial line. The stream is passed in pieces of any length; a frame
+    can begin in one piece and end in a later one.
 
     A frame is returned when it is complete and its CRC is correct. After a false start the search continues
     at the next byte, so at most one frame's length is buffered. A message that is not in the table is
@@ -134,7 +134,7 @@ class Stream:
         self._clean = True  # the kept bytes begin at the end of a frame
 
     def feed(self, data: Buffer) -> tuple[bytes, ParsedFrames]:
-        """Parse the next piece. Return a buffer and the frames found in it. Never raises."""
+        """Add the next piece of the stream. Return the frames that are now complete, and the buffer that contains them. Never raises."""
         buffer = self._kept + bytes(data)
         frames: list[Frame] = []
         size, at, garbage, bad_crc, unknown = len(buffer), 0, 0, 0, 0
@@ -179,8 +179,8 @@ def uint_at(data: Buffer, frame: Frame, offset: int, width: int) -> int:
 
 
 def _frame_at(data: Buffer, at: int, size: int) -> Frame | None:
-    """Return the frame that begins at `at`, from its length fields only; None if there is none or it is
-    incomplete.
+    """Return the frame that begins at `at`, without checking its CRC; None if no frame begins there or the frame
+    is incomplete.
     """
     magic = data[at]
     if magic == _V2 and at + _V2_HEAD + _CRC <= size:
@@ -222,8 +222,8 @@ def _crc_fits(data: Buffer, frame: Frame, seed: bytes) -> bool:
 
 
 def _plausible(data: Buffer, frame: Frame, clean: bool, size: int) -> bool:
-    """Return whether to accept a frame of an unknown message. Its CRC cannot be checked, so its neighbours
-    must be frames.
+    """Return whether to accept a frame of an unknown message. The CRC of such a frame cannot be checked, so the
+    bytes before and after it must belong to frames.
 
     clean: all earlier bytes of the datagram belong to frames
     """

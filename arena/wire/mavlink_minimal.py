@@ -47,7 +47,7 @@ class HeartbeatFields(NamedTuple):
 
 
 class AckFields(NamedTuple):
-    """Fields of a COMMAND_ACK.
+    """Fields of COMMAND_ACK, an autopilot's reply to a command.
 
     target: (system, component) that sent the command; zeros if the autopilot does not report it.
     """
@@ -58,7 +58,7 @@ class AckFields(NamedTuple):
 
 
 class MinimalSender:
-    """Encoder for the messages of one system and component. The sequence number increases with each message."""
+    """Encodes the messages that `land-all` sends, as one MAVLink system and component. The sequence number increases with each message."""
 
     def __init__(self, system: int, component: int) -> None:
         self.seq, self.srcSystem, self.srcComponent = 0, system, component

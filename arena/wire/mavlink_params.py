@@ -45,11 +45,11 @@ _ERRORS = {
 }
 
 Message = tuple[int, bytes]
-"""Message id and payload."""
+"""A message that is not packed into a frame yet: (message id, payload)."""
 
 
 class Value(NamedTuple):
-    """Contents of a PARAM_VALUE message.
+    """Contents of PARAM_VALUE, the message in which an autopilot reports one parameter.
 
     value: an int for an integer type
     kind: MAV_PARAM_TYPE
@@ -65,13 +65,13 @@ class Value(NamedTuple):
 
 
 def parse_value(data: Buffer, frame: Frame) -> Value:
-    """Decode a PARAM_VALUE."""
+    """Decode PARAM_VALUE, the message in which an autopilot reports one parameter."""
     raw, count, index, name, kind = _VALUE.unpack(_payload(data, frame, _VALUE.size))
     return Value(_text(name), _from_bytes(raw, kind), kind, index, count)
 
 
 def parse_error(data: Buffer, frame: Frame) -> tuple[str, int, str]:
-    """Decode a PARAM_ERROR. Return (name, error, text for the error)."""
+    """Decode PARAM_ERROR, an autopilot's refusal to read or set a parameter. Return (name, error number, error text)."""
     *_, name, error = _ERROR.unpack(_payload(data, frame, _ERROR.size))
     return _text(name), error, _ERRORS.get(error, f"error {error}")
 
@@ -88,7 +88,7 @@ def request_read(system: int, what: str | int) -> Message:
 
 
 def set_value(system: int, name: str, value: float, kind: int) -> Message:
-    """Return a PARAM_SET message. value: as returned by `fitted`."""
+    """Return PARAM_SET, the request to change one parameter. value: as returned by `fitted`. kind: MAV_PARAM_TYPE."""
     return SET, _SET.pack(_to_bytes(value, kind), system, AUTOPILOT, name.encode(), kind)
 
 
@@ -98,8 +98,8 @@ def reboot(system: int) -> Message:
 
 
 def fitted(value: float, kind: int) -> float:
-    """Return the value as a parameter of this type stores it. Raises ValueError with the reason if the type
-    cannot store it.
+    """Return the value after conversion to the parameter's type `kind` (MAV_PARAM_TYPE), as the autopilot stores
+    it. Raises ValueError with the reason if the type cannot store the value.
     """
     if not math.isfinite(value):
         raise ValueError("it must be a finite number")
@@ -119,7 +119,7 @@ def alike(a: float, b: float, kind: int) -> bool:
 
 
 def is_name(name: str) -> bool:
-    """Return whether a name can be sent in a MAVLink message."""
+    """Return whether a text is valid as a parameter name: 1 to 16 printable ASCII characters, not `_HASH_CHECK`."""
     return 0 < len(name) <= NAME_BYTES and name.isascii() and name.isprintable() and name != HASH
 
 

@@ -129,7 +129,7 @@ LAYOUTS: dict[int, Any] = {
 
 
 def record(msgid: int, **constants: Any) -> Records:
-    """Return one record of a message (1,). All fields are zero, except the given ones."""
+    """Return a numpy record (1,) for a message of this id. The fields in `constants` have the given values, the others are zero."""
     blank = np.zeros(1, np.dtype(LAYOUTS[msgid]))
     for name, value in constants.items():
         blank[name] = value
@@ -137,7 +137,7 @@ def record(msgid: int, **constants: Any) -> Records:
 
 
 def payloads(records: Records) -> list[bytes]:
-    """Return the payload of each record."""
+    """Convert records of one message, one per vehicle, to the payloads to send."""
     data, size = records.tobytes(), records.itemsize
     return [data[at : at + size] for at in range(0, len(data), size)]
 

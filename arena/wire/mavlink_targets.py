@@ -299,7 +299,7 @@ _MANUAL_CONTROL = 69  # its target system is called `target`
 
 
 def tables_of(dialect: ModuleType) -> tuple[dict[int, int], dict[int, tuple[int, int]]]:
-    """Return (CRC_EXTRA, TARGETS) of a pymavlink dialect."""
+    """Compute the two tables of this module, (CRC_EXTRA, TARGETS), for all messages of a pymavlink dialect."""
     crc_extra: dict[int, int] = {}
     targets: dict[int, tuple[int, int]] = {}
     for number, message in sorted(dialect.mavlink_map.items()):

@@ -77,7 +77,7 @@ def mode_numbers(words: str) -> tuple[int, int]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurrentMode:
-    """Contents of CURRENT_MODE.
+    """Contents of CURRENT_MODE, the message in which an autopilot reports its flight mode.
 
     intended: the mode that was requested last; a failsafe can change `custom_mode`, but not `intended`.
     """

@@ -30,7 +30,7 @@ _LAYOUT = "expected five columns (system, component, NAME, value, type), or `NAM
 
 
 class Entry(NamedTuple):
-    """Parameter in one line of a .params file.
+    """A parameter as read from one line of a .params file.
 
     kind: MAV_PARAM_TYPE; None if the line has no type
     line: line number, from 1
@@ -43,7 +43,7 @@ class Entry(NamedTuple):
 
 
 class Fault(NamedTuple):
-    """A line with an error. message: the text found and the text expected."""
+    """A line of a .params file that cannot be read. message: the text found and the text expected."""
 
     line: int
     name: str
@@ -51,7 +51,7 @@ class Fault(NamedTuple):
 
 
 def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
-    """Return every parameter of the autopilot, and every line with an error, in the order of the text."""
+    """Read a .params file. Return its parameters and its lines with errors, in order. Parameters of other components are skipped."""
     entries: dict[str, Entry] = {}
     faults: list[Fault] = []
     for number, line in enumerate(text.split("\n"), 1):
@@ -79,8 +79,8 @@ def parse_entries(text: str) -> tuple[list[Entry], list[Fault]]:
 
 
 def parse_params(text: str) -> dict[str, float]:
-    """Return {name: value}; integers as int. Raises WireError with the number of the first line that has an
-    error.
+    """Read a .params file into {name: value}; integers as int. Raises WireError with the number of the first line
+    that has an error.
     """
     entries, faults = parse_entries(text)
     for fault in faults:
@@ -96,7 +96,7 @@ def format_params(
     types: Mapping[str, int] | None = None,
     comments: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the text of a .params file.
+    """Return parameters as the text of a .params file, which QGroundControl can load.
 
     system: MAVLink id of the vehicle
     types: name -> MAV_PARAM_TYPE; without it an int is INT32 and a float REAL32
@@ -113,8 +113,8 @@ def format_params(
 
 
 def _line(words: list[str], number: int) -> Entry | None:
-    """Parse the words of a line. Return None for a line of another component. Raises ValueError with the
-    reason.
+    """Parse one line, already split into words. Return None if the parameter belongs to another MAVLink component
+    than the autopilot. Raises ValueError with the reason if the line has an error.
     """
     if len(words) == 2:
         return Entry(_name(words[0]), _value(words[1], None), None, number)

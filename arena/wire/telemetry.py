@@ -186,7 +186,7 @@ class Ack:
 
 
 class Telemetry:
-    """Newest value of each group, None before the first message.
+    """Decoder that keeps the newest value of each group, such as `local` or `attitude`; None before the first message.
 
     A new message replaces the whole value of its group.
     system_id, component_id: ids of the autopilot; messages of other senders are ignored

@@ -82,7 +82,7 @@ class TruthWriter:
         self._count = 0
 
     def write(self, truth: Truth) -> None:
-        """Append one sample."""
+        """Append the true state of one instant; it replaces the oldest one in the page."""
         row = self._rows[self._count % _RING]
         row[0] = truth.time_s
         body = row[1:].reshape(-1, _PER_VEHICLE)
@@ -102,17 +102,17 @@ class TruthReader:
             with Path(path).open("rb") as file:
                 self._all = np.frombuffer(mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ), dtype=np.float64)
         except (OSError, ValueError) as error:
-            raise RunError(f"no truth page at {path}: is the world up?") from error
+            raise RunError(f"no truth page at {path}: is the process `world` running?") from error
         vehicles, ring = int(self._all[1]), int(self._all[2])
         width = 1 + vehicles * _PER_VEHICLE
         if self._all.size != _HEAD + ring * width:
             raise WireError(
-                f"{path}: {self._all.size} numbers, expected {_HEAD + ring * width} for {vehicles} vehicles"
+                f"{path} is not a truth page: got {self._all.size} numbers, expected {_HEAD + ring * width} for {vehicles} vehicles"
             )
         self._rows, self._ring = self._all[_HEAD:].reshape(ring, width), ring
 
     def newest(self) -> Truth | None:
-        """Return the newest sample; None before the first."""
+        """Return the newest true state; None if the world has not written one yet."""
         while count := int(self._all[0]):
             row = self._rows[(count - 1) % self._ring].copy()
             if int(self._all[0]) - count < self._ring - 1:
@@ -132,7 +132,7 @@ class TruthReader:
         return None if found is None else _between(*found, time_s)
 
     def _around(self, time_s: float, count: int, held: int) -> tuple[Array, Array] | None:
-        """Return the samples before and after time_s; the search begins at the newest sample."""
+        """Return the samples before and after `time_s`; None if one of them is not in the page. The search begins at the newest."""
         rows, ring = self._rows, self._ring
         if held < 2 or time_s > rows[(count - 1) % ring, 0] + 1e-9:
             return None

@@ -34,7 +34,7 @@ _NAME = re.compile(r"[A-Za-z0-9_]{1,16}")
 
 @dataclass
 class Log:
-    """Parameters and information messages of a log.
+    """Parameters and information messages (such as the PX4 version) that were read from a log.
 
     initial: name -> value at the start of the log
     changed: name -> last value that was set after the start
@@ -114,11 +114,13 @@ class _Reader:
 
     def _flags(self, body: bytes) -> None:
         if len(body) < _FLAGS.size:
-            raise WireError(f"byte {_START}: got flags of {len(body)} bytes, expected {_FLAGS.size} or more")
+            raise WireError(
+                f"byte {_START}: got a flag bits message of {len(body)} bytes, expected at least {_FLAGS.size}"
+            )
         _, incompatible, *offsets = _FLAGS.unpack_from(body)
         if incompatible[0] & ~1 or any(incompatible[1:]):
             raise WireError(
-                f"byte {_START}: the log has a newer format (incompatible flags {incompatible.hex()})"
+                f"byte {_START}: this version of ULog is too new to be read (incompatible flags {incompatible.hex()})"
             )
         self.appended = sorted(o for o in offsets if _START < o <= len(self.data))
 
@@ -130,7 +132,7 @@ class _Reader:
             value = body[end:].decode("utf-8", "replace")
         elif form in _NUMBERS:
             if len(body) - end != 4:
-                raise ValueError(f"got {len(body) - end} bytes of value for {name!r}, expected 4")
+                raise ValueError(f"the value of {name!r} has {len(body) - end} bytes, expected 4")
             (value,) = _NUMBERS[form].unpack_from(body, end)
         elif kind == ord("I"):
             return

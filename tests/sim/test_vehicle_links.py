@@ -156,7 +156,9 @@ def test_a_port_in_use_is_an_error_that_names_it():
 
 
 def test_an_invalid_address_is_an_error():
-    with pytest.raises(InputError, match=r"links of uav1.router: local: got 'x', expected \[host, port\]"):
+    with pytest.raises(
+        InputError, match=r"configuration of link uav1.router: local: got 'x', expected \[host, port\]"
+    ):
         VehicleLinks(
             [{"name": "uav1", "links": {"router": {"local": "x", "remote": [HOST, 1]}}}], budget_s=1.0
         )

@@ -53,7 +53,7 @@ def test_a_time_outside_the_ring_gives_none(tmp_path):
 
 
 def test_a_missing_or_foreign_page_is_an_error_in_one_sentence(tmp_path):
-    with pytest.raises(RunError, match="is the world up"):
+    with pytest.raises(RunError, match="is the process `world` running"):
         TruthReader(tmp_path / "truth")
     (tmp_path / "truth").write_bytes(bytes(800))
     with pytest.raises(WireError, match="expected"):

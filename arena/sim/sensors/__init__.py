@@ -22,7 +22,8 @@ SENSORS: dict[str, type[Sensor]] = {"imu": Imu, "mag": Magnetometer, "baro": Bar
 
 
 def hil_outputs() -> list[HilOutput]:
-    """Return, for each sensor in the order of `SENSORS`, which data it adds to the messages of PX4's
-    simulator API.
+    """Return the sensors' contributions to PX4's simulator API, in the order of `SENSORS`.
+
+    A sensor either fills fields of HIL_SENSOR or sends its own message, such as HIL_GPS.
     """
     return [sensor.hil for sensor in SENSORS.values()]

@@ -13,7 +13,7 @@ _TEMPERATURE_DEG_C = 25.0
 
 
 def _hil_values(sensors: Mapping[str, Array], row: int) -> tuple[float, float, float, float]:
-    """Return pressure [hPa], differential pressure [hPa], altitude [m] and temperature [deg C]."""
+    """Return the HIL_SENSOR values of one vehicle: pressure and differential pressure [hPa], altitude [m], temperature [deg C]."""
     altitude = float(sensors["baro_alt_m"][row])
     return pressure_hpa(altitude), 0.0, altitude, _TEMPERATURE_DEG_C
 

@@ -18,7 +18,7 @@ _BLOCK = 256  # samples drawn at once: the cost of a draw is per call
 
 
 class SensorSuite:
-    """All sensors of V vehicles.
+    """Simulation of all sensors of V vehicles: adds noise and biases to the true motion.
 
     table: key under the profiles' `sensors:` -> class of the sensor
     profiles, ids: profiles and system ids of the vehicles
