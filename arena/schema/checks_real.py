@@ -96,7 +96,7 @@ def _speed(c: Check) -> Iterator[Problem]:
 
 
 def _capture(c: Check) -> Iterator[Problem]:
-    """Check that the motion capture source can see every vehicle that needs poses."""
+    """Check that `mocap.source` fits the vehicles: the emulator sees simulated vehicles only, a vendor's system real ones only."""
     mocap, hardware = c.arena.mocap, c.arena.hardware
     if ("mocap", "source") in c.pruned:
         return

@@ -129,7 +129,7 @@ class CompositeAutopilots:
         part.sticks(i, on)
 
     def step(self, now: float, sensors: dict[str, Array]) -> Array:
-        """Compute one control step of all autopilots, internal and external, and return the motor commands 0..1 (V, R)."""
+        """Compute one control step of all autopilots, built-in and external, and return the motor commands 0..1 (V, R)."""
         self.begin(now, sensors)
         return self.finish()
 

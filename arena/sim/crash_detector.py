@@ -65,7 +65,7 @@ class FlightRecord:
 
 
 class CrashDetector:
-    """Flight records of all vehicles, updated once per sensor period.
+    """Detects crashes and landings of all vehicles. Keeps a flight record of each, updated once per sensor period.
 
     limits: crash limits of each vehicle
     step_s: sensor period [s]

@@ -134,7 +134,7 @@ class Stream:
         self._clean = True  # the kept bytes begin at the end of a frame
 
     def feed(self, data: Buffer) -> tuple[bytes, ParsedFrames]:
-        """Add the next piece of the stream. Return the frames that are now complete, and the buffer that contains them. Never raises."""
+        """Add the next piece of the stream. Return a buffer and the frames that are now complete in this buffer. Never raises."""
         buffer = self._kept + bytes(data)
         frames: list[Frame] = []
         size, at, garbage, bad_crc, unknown = len(buffer), 0, 0, 0, 0

@@ -1,4 +1,4 @@
-"""Telemetry of a PX4-style autopilot: decodes datagrams and keeps the newest value of each group. No sockets,
+"""Telemetry of a PX4-style autopilot: decodes datagrams and keeps the newest values, such as the attitude. No sockets,
 no clocks.
 
 Only the messages in `_HANDLERS` are decoded. Of all other messages, more than half of an onboard stream, only

@@ -72,7 +72,8 @@ def test_a_late_px4_is_reported_and_rejoins(two: World, soon_late: None) -> None
     assert motors.tolist() == [[0.0] * 4, [0.5] * 4]
     assert two.status() == ["late", "in step"]
     assert two.events[2:] == [
-        f"uav1: PX4 has not replied for {LATE_S:g} s: it is paused by SIGSTOP or overloaded; its motors stop until it replies, the world goes on"
+        f"uav1: PX4 has not replied for {LATE_S:g} s: it is paused by SIGSTOP or overloaded; "
+        "its motors stop until it replies, the world goes on"
     ]
     began = time.monotonic()
     seen = len(px4s[1].samples)

@@ -75,7 +75,7 @@ class Motion:
 
 
 class Sensor(Protocol):
-    """Kind of sensor, simulated for all V vehicles at once.
+    """Interface of one kind of sensor, such as the barometer, simulated for all V vehicles at once.
 
     stream: number of its random stream. Sensors with the same number draw from one stream in turn. Give a new
         sensor a new number, so that the noise of the other sensors does not change.
