@@ -7,11 +7,15 @@ The child sends packets on this socket, each one JSON object:
     {"facts": {"uav1.armed": true}}  values that the supervisor uses for decisions
     {"stats": {...}}                 measurements for the table and the summary; a new value replaces the old one of its key
     {"event": "..."}                 one line for events.jsonl and the terminal
+The supervisor sends requests to the child on the same socket, each one JSON object with the key `do`. A process ignores
+requests that it does not know:
+    {"do": "refuse_arming", "why": "..."}  from the first stop signal on: refuse every command that arms a vehicle
 End of file on the socket means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
 """
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -27,6 +31,7 @@ from arena.errors import ArenaError, InputError
 
 SOCKET_VARIABLE = "ARENA_FD"
 """Environment variable with the number of the socket to the supervisor."""
+_PACKET_BYTES = 1 << 16
 
 
 class ProcessContext:
@@ -44,6 +49,7 @@ class ProcessContext:
         self.unsent = 0
         self._socket = channel
         self._orphaned = False
+        self._requests: list[dict[str, Any]] = []
 
     @classmethod
     def enter(cls, argv: list[str] | None = None) -> ProcessContext:
@@ -76,14 +82,14 @@ class ProcessContext:
     @property
     def orphaned(self) -> bool:
         """True once the supervisor has died. Each read makes a system call, so read it only a few times a second."""
-        if self._socket is not None and not self._orphaned:
-            try:
-                self._orphaned = self._socket.recv(4096) == b""
-            except BlockingIOError:
-                pass
-            except OSError:
-                self._orphaned = True
+        self._receive()
         return self._orphaned
+
+    def requests(self) -> list[dict[str, Any]]:
+        """Return the supervisor's requests since the last call. Each call makes a system call, as `orphaned` does."""
+        self._receive()
+        found, self._requests = self._requests, []
+        return found
 
     def ready(self, **facts: Any) -> None:
         """Report to the supervisor that the process is ready. facts: first facts, sent in the same packet."""
@@ -100,6 +106,21 @@ class ProcessContext:
     def event(self, text: str) -> None:
         """Send one line for events.jsonl and the terminal."""
         self._send({"event": text})
+
+    def _receive(self) -> None:
+        while self._socket is not None and not self._orphaned:
+            try:
+                data = self._socket.recv(_PACKET_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self._orphaned = True
+                return
+            with contextlib.suppress(ValueError):
+                if isinstance(packet := json.loads(data), dict):
+                    self._requests.append(packet)
 
     def _send(self, packet: dict[str, Any]) -> None:
         if self._socket is None:

@@ -11,6 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[1] / "arena"
 
 GROUND = {
+    "authority",
     "constants",
     "errors",
     "fault_injection",
@@ -25,6 +26,7 @@ GROUND = {
     "transport",
 }
 MAY: dict[str, set[str]] = {
+    "authority": {"constants", "wire"},
     "constants": set(),
     "errors": set(),
     "thrust_curve": {"errors"},

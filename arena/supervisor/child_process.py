@@ -117,6 +117,16 @@ class Child:
             self.close()
         return data
 
+    def send(self, packet: dict[str, Any]) -> bool:
+        """Send a request to the process. Return False if it cannot be sent now, because the process has ended or reads nothing."""
+        if self.channel is None:
+            return False
+        try:
+            self.channel.send(json.dumps(packet).encode())
+        except OSError:
+            return False
+        return True
+
     def close(self) -> None:
         """Close the status socket."""
         if self.channel is not None:

@@ -278,7 +278,14 @@ class Supervisor:
         self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"
         self.phase = Phase.LAND
         self._processes.changed = True
+        self._refuse_arming()
         self._event(why)
+
+    def _refuse_arming(self) -> None:
+        """Ask every process that passes commands to a vehicle to refuse arming, so that none takes off while the run ends."""
+        guards = {spec.name for spec in self.plan.processes if spec.kind in ("world", "link", "router")}
+        why = "the run is ending"
+        self._processes.request({"do": "refuse_arming", "why": why}, to=guards, standing=True)
 
     def _land(self, now: float) -> None:
         p = self._processes

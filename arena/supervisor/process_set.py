@@ -9,7 +9,7 @@ import os
 import selectors
 import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -77,6 +77,7 @@ class ProcessSet:
         self._exits: dict[str, Exit] = {}
         self._restarts: set[str] = set()
         self._ending = False
+        self._standing: list[tuple[frozenset[str], dict[str, Any]]] = []
 
     @property
     def alive(self) -> list[str]:
@@ -87,6 +88,15 @@ class ProcessSet:
         """Restart a process in the next cycle of the loop. Raises KeyError when the plan has no such process."""
         self._restarts.add(self.specs[name].name)
         self.changed = True
+
+    def request(self, packet: dict[str, Any], *, to: Collection[str], standing: bool = False) -> list[str]:
+        """Send a request to the processes named in `to`. Return the names of those that could not receive it.
+
+        standing: send it also to each of these processes that starts later.
+        """
+        if standing:
+            self._standing.append((frozenset(to), packet))
+        return [name for name in to if name not in self.children or not self.children[name].send(packet)]
 
     def reconcile(self, orders: Orders, now: float) -> None:
         """Collect ended processes and update the state of every process; start, stop or kill where needed.
@@ -221,6 +231,9 @@ class ProcessSet:
             self._exits[spec.name] = Exit(code=127, text=f"could not start: {where}: {what}", ran=False)
             return
         self.children[spec.name] = child
+        for names, packet in self._standing:
+            if spec.name in names:
+                child.send(packet)
         self._loading[spec.name] = now + (_LOADING_S if spec.ready == "reported" else _SILENT_LOADING_S)
         self.meters[spec.name].started(now)
         if child.channel is not None:

@@ -49,6 +49,16 @@ def test_death_of_the_supervisor_is_detected(line):
     assert room.orphaned
 
 
+def test_requests_of_the_supervisor_are_received_once(line):
+    ours, theirs = line
+    room = ProcessContext("x", {}, theirs)
+    ours.send(json.dumps({"do": "refuse_arming", "why": "the run is ending"}).encode())
+    ours.send(b"not json")
+    assert not room.orphaned
+    assert room.requests() == [{"do": "refuse_arming", "why": "the run is ending"}]
+    assert room.requests() == [] and not room.orphaned
+
+
 def test_stopped_supervisor_does_not_block_a_process(line):
     _, theirs = line
     room = ProcessContext("x", {}, theirs)

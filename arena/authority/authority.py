@@ -1,0 +1,276 @@
+"""State machine that decides who may command one vehicle. Pure: no sockets, no clocks.
+
+Priority: pilot > emergency (land-all, kill-all) > copilot > program > setpoints of a ground station.
+
+A pilot commands with a radio, not through arena. The pilot has control when the vehicle enters a manual mode that no
+command requested, and when it leaves a landing of land-all or the copilot for a manual mode. A landing by land-all or the
+copilot is latched: until `release`, programs and ground stations cannot arm, cannot take OFFBOARD and cannot weaken the
+landing. docs/explanation/authority.md contains the table and a diagram.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from arena.authority.requests import MANUAL_MODES, Kind, Request
+
+PROGRAM_MODES = frozenset(
+    {"OFFBOARD", "AUTO.MISSION", "AUTO.TAKEOFF", "AUTO.FOLLOW_TARGET", "ORBIT", "REPOSITION"}
+)
+"""Modes in which a computer moves the vehicle."""
+COPILOT_HOLD_S = 1.0  # a hold of the copilot ends this long after its last command
+_ASKED_S = 5.0  # a mode that appears within this time after a command for it was commanded
+_SETPOINTS_S = 1.0  # a program that has sent setpoints within this time is in use
+_STRENGTH = {"AUTO.LOITER": 1, "AUTO.RTL": 2, "AUTO.LAND": 3, "AUTO.PRECLAND": 3, "TERMINATION": 4}
+_LAND, _KILL = 3, 4
+
+
+class Role(IntEnum):
+    """Role of somebody who commands a vehicle. A higher number has the higher priority."""
+
+    NOBODY = 0
+    GROUND_STATION = 1
+    PROGRAM = 2
+    COPILOT = 3
+    EMERGENCY = 4
+    PILOT = 5
+
+    @property
+    def words(self) -> str:
+        """Name for the user; that of EMERGENCY is land-all."""
+        return {Role.EMERGENCY: "land-all"}.get(self, self.name.lower().replace("_", " "))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """Change of authority. holder: who commands the vehicle now. why: the reason. at: time [s]."""
+
+    holder: Role
+    why: str
+    at: float
+
+    def __str__(self) -> str:
+        return f"{self.holder.words} has control: {self.why}" if self.holder else self.why
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Latch:
+    by: Role
+    strength: int
+
+
+class Authority:
+    """Authority over one vehicle.
+
+    Pass every request to `refusal` before it is sent to the vehicle, and every heartbeat of its autopilot to `on_state`.
+    simulated: true if the vehicle has no radio of a pilot, so that an unexpected automatic mode is always a failsafe.
+    holder: who commands the vehicle now.
+    changes: changes of authority since the last call of `take_changes`.
+    """
+
+    def __init__(self, *, simulated: bool) -> None:
+        self.holder = Role.NOBODY
+        self._simulated = simulated
+        self._changes: list[Change] = []
+        self._armed, self._mode = False, ""
+        self._latch: _Latch | None = None
+        self._obeyed = False
+        self._taken, self._taken_until_disarmed = "", False
+        self._arming_off = ""
+        self._asked: dict[str, tuple[Role, float]] = {}  # requested mode -> sender and time
+        self._arm_asked: tuple[Role, float] | None = None
+        self._hold_until = self._program_setpoint_at = float("-inf")
+
+    # -- requests ------------------------------------------------------------------------------------------------------
+
+    def refusal(self, role: Role, request: Request, now: float) -> str:
+        """Return why a request must not be sent to the vehicle; "" if it may be sent. A request that may be sent is recorded.
+
+        The text has at most 50 bytes, so that it fits in one STATUSTEXT.
+        role: the sender. now: monotonic [s].
+        """
+        why = self._refusal(role, request, now)
+        if not why:
+            self._record(role, request, now)
+        return why
+
+    def _refusal(self, role: Role, request: Request, now: float) -> str:
+        kind = request.kind
+        starts = kind is Kind.SPIN or (kind is Kind.ARM and not self._armed)
+        if self._arming_off and starts:
+            return f"arming refused: {self._arming_off}"
+        if self.holder is Role.PILOT:
+            return self._refusal_with_pilot(role, kind)
+        if self._latch is not None and role < self._latch.by:
+            return self._refusal_with_latch(self._latch, role, request)
+        moves = kind is Kind.ARM or (kind is Kind.MODE and request.mode in PROGRAM_MODES)
+        if moves and role < Role.COPILOT and now < self._hold_until:
+            return "copilot holds the vehicle"
+        if moves and role is Role.PROGRAM and self._taken:
+            return f"{self._taken}: run `arena release`"
+        if (
+            kind is Kind.SETPOINT
+            and role is Role.GROUND_STATION
+            and now - self._program_setpoint_at < _SETPOINTS_S
+        ):
+            return "a program sends setpoints"
+        return ""
+
+    def _refusal_with_pilot(self, role: Role, kind: Kind) -> str:
+        """Return why a request is refused while the pilot has control.
+
+        A program's setpoints are allowed, because a pilot gives control back by switching to OFFBOARD. A simulated
+        vehicle obeys land-all, because no pilot could land it.
+        """
+        if self._simulated and role is Role.EMERGENCY:
+            return ""
+        if role is Role.GROUND_STATION:
+            return "pilot has control" if kind is Kind.SETPOINT else ""
+        return "" if kind is Kind.SETPOINT else "pilot has control"
+
+    def _refusal_with_latch(self, latch: _Latch, role: Role, request: Request) -> str:
+        kind = request.kind
+        person = role is Role.GROUND_STATION
+        by_hand = kind is Kind.MANUAL_INPUT or (kind is Kind.MODE and request.mode in MANUAL_MODES)
+        as_strong = kind is Kind.MODE and _STRENGTH.get(request.mode, 0) >= latch.strength
+        if kind in (Kind.DISARM, Kind.KILL) or as_strong or (person and by_hand):
+            return ""
+        return f"{latch.by.words} has control: run `arena release`"
+
+    def _record(self, role: Role, request: Request, now: float) -> None:
+        kind = request.kind
+        if kind is Kind.SETPOINT:
+            if role is Role.PROGRAM:
+                self._program_setpoint_at = now
+        elif kind is Kind.ARM:
+            self._arm_asked = role, now
+        elif kind is Kind.MODE:
+            self._asked = {m: found for m, found in self._asked.items() if now - found[1] <= _ASKED_S}
+            self._asked[request.mode] = role, now
+        if role not in (Role.COPILOT, Role.EMERGENCY):
+            return
+        strength = _KILL if kind is Kind.KILL else _STRENGTH.get(request.mode, 0) if kind is Kind.MODE else 0
+        if strength >= _LAND:
+            self._set_latch(role, strength, now)
+        elif strength and role is Role.COPILOT:
+            if now >= self._hold_until:
+                self._change(Role.COPILOT, "the copilot commands hold", now)
+            self._hold_until = now + COPILOT_HOLD_S
+
+    def _set_latch(self, role: Role, strength: int, now: float) -> None:
+        latch = self._latch
+        if latch is not None and (latch.by, latch.strength) >= (role, strength):
+            return
+        self._latch = _Latch(by=role, strength=max(strength, latch.strength if latch is not None else 0))
+        what = "stop of the motors" if strength >= _KILL else "landing"
+        self._change(role, f"{what}, until `arena release`", now)
+
+    # -- the vehicle ---------------------------------------------------------------------------------------------------
+
+    def on_state(self, armed: bool, mode: str, now: float) -> None:
+        """Process the arming state and mode of a heartbeat of the vehicle's autopilot. now: monotonic [s]."""
+        before, was_armed = self._mode, self._armed
+        self._armed, self._mode = armed, mode
+        if not armed:
+            if was_armed:
+                self._on_disarmed(now)
+            return
+        if self._latch is not None and mode == "AUTO.LAND":
+            self._obeyed = True
+        if mode != before or not was_armed:
+            self._on_mode(before if was_armed else "", mode, now)
+
+    def _on_mode(self, before: str, mode: str, now: float) -> None:
+        """Process a new mode of the armed vehicle. before: mode before it; "" if the vehicle was disarmed."""
+        role = self._role_that_asked(mode, armed_now=not before, now=now)
+        if mode in MANUAL_MODES:
+            self._on_manual_mode(role, before, mode, now)
+            return
+        if mode == "OFFBOARD":
+            if role is None and before:
+                self._taken = ""  # the pilot's switch gives control to the program
+            why = "OFFBOARD commanded" if role is not None else "OFFBOARD, by the pilot's switch"
+            self._change(role if role is not None else Role.PROGRAM, why, now)
+            return
+        if before == "OFFBOARD":
+            self._on_offboard_left(role, mode, now)
+        if role is not None:
+            self._change(role, f"{mode} commanded", now)
+        elif self.holder is Role.PILOT:
+            self._change(Role.NOBODY, f"pilot has left manual control: {mode}", now)
+
+    def _on_manual_mode(self, role: Role | None, before: str, mode: str, now: float) -> None:
+        if role is None or self._obeyed:
+            role = Role.PILOT
+        took = before == "OFFBOARD" or (
+            before and self.holder in (Role.PROGRAM, Role.COPILOT, Role.EMERGENCY)
+        )
+        self._change(role, mode, now)
+        if took and role is not Role.PROGRAM:
+            self._set_taken(f"{role.words} took control", until_disarmed=False)
+
+    def _on_offboard_left(self, role: Role | None, mode: str, now: float) -> None:
+        if role is Role.GROUND_STATION:
+            self._set_taken("ground station took control", until_disarmed=False)
+        elif role is None:
+            self._set_taken(f"{mode} ended OFFBOARD"[:29], until_disarmed=self._simulated)
+
+    def _on_disarmed(self, now: float) -> None:
+        self._obeyed = False
+        self._hold_until = float("-inf")
+        if self._taken_until_disarmed:
+            self._taken = ""
+        if self.holder is not Role.NOBODY:
+            self._change(Role.NOBODY, "disarmed", now)
+
+    def _role_that_asked(self, mode: str, *, armed_now: bool, now: float) -> Role | None:
+        """Return who requested the vehicle's new mode, or its arming in this mode; None if nobody did."""
+        asked = [
+            found for m, found in self._asked.items() if _leads_to(m, mode) and now - found[1] <= _ASKED_S
+        ]
+        if asked:
+            return max(asked, key=lambda found: found[1])[0]
+        if armed_now and self._arm_asked is not None and now - self._arm_asked[1] <= _ASKED_S:
+            return self._arm_asked[0]
+        return None
+
+    def _set_taken(self, why: str, *, until_disarmed: bool) -> None:
+        if not self._taken or self._taken_until_disarmed:
+            self._taken, self._taken_until_disarmed = why, until_disarmed
+
+    # -- requests of the operator --------------------------------------------------------------------------------------
+
+    def release(self, by: str, now: float) -> None:
+        """End the latch of land-all or the copilot, and allow programs to take OFFBOARD again. by: who released it."""
+        self._latch, self._taken, self._obeyed = None, "", False
+        self._hold_until = float("-inf")
+        holder = self.holder if self.holder is Role.PILOT else Role.NOBODY
+        self._change(holder, f"released by {by}", now)
+
+    def refuse_arming(self, why: str) -> None:
+        """Refuse every request that arms the vehicle from now on, such as "the run is ending". It cannot be undone."""
+        self._arming_off = self._arming_off or why[:30]
+
+    @property
+    def latched(self) -> bool:
+        """True if land-all or the copilot has landed or stopped the vehicle, and nobody has released it."""
+        return self._latch is not None
+
+    def take_changes(self) -> list[Change]:
+        """Return the changes since the last call."""
+        found, self._changes = self._changes, []
+        return found
+
+    def _change(self, holder: Role, why: str, now: float) -> None:
+        self.holder = holder
+        self._changes.append(Change(holder=holder, why=why, at=now))
+
+
+def _leads_to(asked: str, mode: str) -> bool:
+    """Return whether a vehicle that was asked for one mode may report the other."""
+    if asked == mode:
+        return True
+    if asked == "REPOSITION":
+        return mode == "AUTO.LOITER"
+    return asked == "AUTO.TAKEOFF" and mode == "AUTO.LOITER"

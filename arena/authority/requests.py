@@ -1,0 +1,141 @@
+"""Reads from a MAVLink frame what its sender wants the vehicle to do: set a mode, arm, disarm, spin a motor, follow a setpoint.
+
+The meaning of each command is PX4's. Frames that do not move the vehicle give None.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from enum import Enum
+from typing import NamedTuple
+
+from arena.constants import FORCE_ARM_DISARM
+from arena.wire.mavlink_frame import Buffer, Frame, uint_at
+from arena.wire.px4_mode import mode_words
+
+COMMAND_INT, COMMAND_LONG, SET_MODE, SERIAL_CONTROL = 75, 76, 11, 126
+COMMANDS = frozenset({COMMAND_INT, COMMAND_LONG})
+SETPOINTS = frozenset({82, 84, 86, 139})
+"""SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET."""
+MANUAL_INPUTS = frozenset({69, 70})
+"""MANUAL_CONTROL and RC_CHANNELS_OVERRIDE: stick positions."""
+MESSAGES = COMMANDS | SETPOINTS | MANUAL_INPUTS | {SET_MODE, SERIAL_CONTROL}
+"""Messages for which `parse_request` may return a request."""
+MANUAL_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE"})
+"""Modes in which a person steers with sticks."""
+
+_COMMAND_OFFSET = 28  # in COMMAND_INT and COMMAND_LONG, after seven numbers of four bytes
+_NAV_LOITER, _NAV_RTL, _NAV_LAND, _NAV_TAKEOFF, _DO_ORBIT, _DO_REPOSITION = 17, 20, 21, 22, 34, 192
+_DO_SET_MODE, _DO_TERMINATE, _DO_STANDARD_MODE = 176, 185, 262
+_MISSION_START, _ARM_DISARM = 300, 400
+_PREFLIGHT_CALIBRATION, _PREFLIGHT_UAVCAN = 241, 243
+_SPINS = frozenset({183, 187, 209, 310, 311})
+"""DO_SET_SERVO, DO_SET_ACTUATOR, DO_MOTOR_TEST, ACTUATOR_TEST, CONFIGURE_ACTUATOR."""
+_COMMANDED_MODES = {
+    _NAV_LOITER: "AUTO.LOITER",
+    _NAV_RTL: "AUTO.RTL",
+    _NAV_LAND: "AUTO.LAND",
+    _NAV_TAKEOFF: "AUTO.TAKEOFF",
+    _DO_ORBIT: "ORBIT",
+    _DO_REPOSITION: "REPOSITION",
+}
+_STANDARD_MODES = {
+    1: "POSCTL",
+    2: "ORBIT",
+    4: "ALTCTL",
+    5: "AUTO.RTL",
+    6: "AUTO.MISSION",
+    7: "AUTO.LAND",
+    8: "AUTO.TAKEOFF",
+}
+
+
+class Kind(Enum):
+    """Kind of request.
+
+    SETPOINT: fly to a setpoint, in OFFBOARD. MANUAL_INPUT: stick positions. MODE: change the flight mode.
+    ARM, DISARM: start or stop the motors. KILL: stop the motors also in flight. SPIN: turn a motor without arming.
+    """
+
+    SETPOINT = "setpoint"
+    MANUAL_INPUT = "manual input"
+    MODE = "mode"
+    ARM = "arm"
+    DISARM = "disarm"
+    KILL = "kill"
+    SPIN = "spin a motor"
+
+
+class Request(NamedTuple):
+    """Request to a vehicle. mode: for MODE the name of the requested mode, else "". command: MAV_CMD, 0 for other messages."""
+
+    kind: Kind
+    mode: str = ""
+    command: int = 0
+
+
+_SETPOINT, _MANUAL_INPUT = Request(Kind.SETPOINT), Request(Kind.MANUAL_INPUT)
+
+
+def command_of(data: Buffer, frame: Frame) -> int:
+    """Return the MAV_CMD of a command message; 0 for any other message."""
+    return uint_at(data, frame, _COMMAND_OFFSET, 2) if frame.msgid in COMMANDS else 0
+
+
+def parse_request(data: Buffer, frame: Frame) -> Request | None:
+    """Return what a frame requests of the vehicle; None if it cannot move the vehicle. The target is not checked."""
+    if frame.msgid in SETPOINTS:
+        return _SETPOINT
+    if frame.msgid in COMMANDS:
+        return _of_command(data, frame)
+    if frame.msgid in MANUAL_INPUTS:
+        return _MANUAL_INPUT
+    if frame.msgid == SET_MODE:
+        return Request(Kind.MODE, mode_words(uint_at(data, frame, 0, 4)))
+    if frame.msgid == SERIAL_CONTROL:  # a shell of the autopilot: it can arm and spin motors
+        return Request(Kind.SPIN)
+    return None
+
+
+def _of_command(data: Buffer, frame: Frame) -> Request | None:
+    command = command_of(data, frame)
+    if command == _ARM_DISARM:
+        return Request(_arming_kind(data, frame), command=command)
+    if command == _DO_SET_MODE:
+        main, sub = _integer(data, frame, 1), _integer(data, frame, 2)
+        return Request(Kind.MODE, mode_words(main << 16 | sub << 24), command)
+    if command == _DO_STANDARD_MODE:
+        mode = _integer(data, frame, 0)
+        return Request(Kind.MODE, _STANDARD_MODES.get(mode, f"standard mode {mode}"), command)
+    if command in _COMMANDED_MODES:
+        return Request(Kind.MODE, _COMMANDED_MODES[command], command)
+    if command == _MISSION_START:
+        return Request(Kind.ARM, command=command)
+    if command == _DO_TERMINATE:
+        return Request(Kind.KILL, command=command)
+    calibrates_esc = command == _PREFLIGHT_CALIBRATION and _integer(data, frame, 6) == 1
+    configures = command == _PREFLIGHT_UAVCAN and _integer(data, frame, 0) != 0
+    if command in _SPINS or calibrates_esc or configures:
+        return Request(Kind.SPIN, command=command)
+    return None
+
+
+def _arming_kind(data: Buffer, frame: Frame) -> Kind:
+    """Return ARM, DISARM or KILL. As in PX4, any value that rounds to 0 disarms."""
+    if abs(value := _number(data, frame, 0)) >= 0.5 and math.isfinite(value):
+        return Kind.ARM
+    forced = abs(_number(data, frame, 1) - FORCE_ARM_DISARM) < 0.5
+    return Kind.KILL if forced else Kind.DISARM
+
+
+def _number(data: Buffer, frame: Frame, index: int) -> float:
+    """Return param1 (index 0) to param7 (index 6) of a command message."""
+    (value,) = struct.unpack("<f", uint_at(data, frame, 4 * index, 4).to_bytes(4, "little"))
+    return float(value)
+
+
+def _integer(data: Buffer, frame: Frame, index: int) -> int:
+    """Return a parameter of a command message as an integer of one byte; 0 if it is not finite or out of range."""
+    value = _number(data, frame, index)
+    return round(value) if 0.0 <= value < 255.5 else 0

@@ -1,0 +1,210 @@
+"""Who may command a vehicle: priority, latches, takeover by the pilot, arming refused at the end of a run."""
+
+from __future__ import annotations
+
+import pytest
+
+from arena.authority import Authority, Kind, Request, Role
+
+ARM, DISARM, KILL, SPIN = (Request(k) for k in (Kind.ARM, Kind.DISARM, Kind.KILL, Kind.SPIN))
+SETPOINT = Request(Kind.SETPOINT)
+AUTOMATIC = (Role.PROGRAM, Role.COPILOT, Role.EMERGENCY)
+
+
+def mode(name: str) -> Request:
+    return Request(Kind.MODE, name)
+
+
+OFFBOARD, LAND, HOLD, POSCTL = (mode(m) for m in ("OFFBOARD", "AUTO.LAND", "AUTO.LOITER", "POSCTL"))
+
+
+def in_offboard(*, simulated: bool = False) -> Authority:
+    """Return the authority over a vehicle that its program flies in OFFBOARD."""
+    a = Authority(simulated=simulated)
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 0.0) == "" and a.refusal(Role.PROGRAM, ARM, 0.0) == ""
+    a.on_state(True, "OFFBOARD", 0.5)
+    assert a.holder is Role.PROGRAM
+    return a
+
+
+def taken_by_pilot(*, simulated: bool = False) -> Authority:
+    a = in_offboard(simulated=simulated)
+    a.on_state(True, "POSCTL", 10.0)
+    assert a.holder is Role.PILOT
+    return a
+
+
+def landed_by(role: Role) -> Authority:
+    a = in_offboard()
+    assert a.refusal(role, LAND, 10.0) == ""
+    a.on_state(True, "AUTO.LAND", 10.5)
+    assert a.holder is role and a.latched
+    return a
+
+
+@pytest.mark.parametrize("role", AUTOMATIC)
+@pytest.mark.parametrize("request_", [ARM, KILL, LAND, HOLD, OFFBOARD, DISARM])
+def test_no_automatic_command_passes_after_the_pilot_took_over(role, request_):  # review fault 5
+    assert taken_by_pilot().refusal(role, request_, 11.0) == "pilot has control"
+
+
+def test_ground_station_commands_pass_while_the_pilot_has_control():
+    assert taken_by_pilot().refusal(Role.GROUND_STATION, LAND, 11.0) == ""
+
+
+def test_pilot_who_leaves_a_landing_of_land_all_has_control():  # review fault 5
+    a = landed_by(Role.EMERGENCY)
+    a.on_state(True, "ALTCTL", 12.0)
+    assert a.holder is Role.PILOT and a.refusal(Role.EMERGENCY, LAND, 12.1) == "pilot has control"
+
+
+def test_manual_mode_by_a_ground_station_after_an_obeyed_landing_is_the_pilot():
+    a = landed_by(Role.EMERGENCY)
+    assert a.refusal(Role.GROUND_STATION, POSCTL, 11.0) == ""
+    a.on_state(True, "POSCTL", 11.5)
+    assert a.holder is Role.PILOT
+
+
+def test_simulated_vehicle_obeys_land_all_in_a_manual_mode():
+    assert taken_by_pilot(simulated=True).refusal(Role.EMERGENCY, LAND, 11.0) == ""
+
+
+def test_pilot_loses_control_when_the_mode_is_not_manual_any_more():
+    a = taken_by_pilot()
+    a.on_state(True, "AUTO.RTL", 20.0)  # RC lost: land-all must reach the vehicle
+    assert a.holder is Role.NOBODY and a.refusal(Role.EMERGENCY, LAND, 20.1) == ""
+
+
+def test_program_gets_control_back_by_the_pilots_switch_only():  # review fault 9
+    a = taken_by_pilot()
+    assert a.refusal(Role.PROGRAM, SETPOINT, 11.0) == ""
+    a.on_state(True, "AUTO.LOITER", 12.0)
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 12.1) == "pilot took control: run `arena release`"
+    a.on_state(True, "POSCTL", 13.0)
+    a.on_state(True, "OFFBOARD", 14.0)
+    assert a.holder is Role.PROGRAM and a.refusal(Role.PROGRAM, OFFBOARD, 14.1) == ""
+
+
+def test_program_cannot_arm_again_after_a_takeover_and_a_landing():  # review fault 9
+    a = taken_by_pilot()
+    a.on_state(False, "POSCTL", 30.0)
+    assert a.refusal(Role.PROGRAM, ARM, 31.0) and a.refusal(Role.PROGRAM, OFFBOARD, 31.0)
+    a.release("the operator", 32.0)
+    assert a.refusal(Role.PROGRAM, ARM, 33.0) == "" and a.refusal(Role.PROGRAM, OFFBOARD, 33.0) == ""
+
+
+def test_mode_change_of_a_ground_station_takes_offboard_from_programs():  # review fault 9
+    a = in_offboard()
+    assert a.refusal(Role.GROUND_STATION, HOLD, 5.0) == ""
+    a.on_state(True, "AUTO.LOITER", 5.5)
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 6.0) == "ground station took control: run `arena release`"
+
+
+@pytest.mark.parametrize(("simulated", "after_landing"), [(False, False), (True, True)])
+def test_program_that_lost_offboard_to_a_failsafe(simulated, after_landing):
+    a = in_offboard(simulated=simulated)
+    a.on_state(True, "AUTO.LAND", 5.0)
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 5.1)
+    a.on_state(False, "AUTO.LAND", 9.0)
+    assert (a.refusal(Role.PROGRAM, OFFBOARD, 10.0) == "") is after_landing
+
+
+def test_program_may_leave_and_enter_offboard_by_itself():
+    a = in_offboard()
+    assert a.refusal(Role.PROGRAM, HOLD, 5.0) == ""
+    a.on_state(True, "AUTO.LOITER", 5.5)
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 9.0) == ""
+
+
+@pytest.mark.parametrize("by", [Role.EMERGENCY, Role.COPILOT])
+@pytest.mark.parametrize("role", [Role.PROGRAM, Role.GROUND_STATION])
+def test_landing_is_latched_until_release(by, role):
+    a = landed_by(by)
+    a.on_state(False, "AUTO.LAND", 20.0)
+    for request in (ARM, OFFBOARD, SPIN, SETPOINT, HOLD):
+        assert a.refusal(role, request, 21.0) == f"{by.words} has control: run `arena release`"
+    for request in (LAND, DISARM, KILL):
+        assert a.refusal(role, request, 21.0) == ""
+    a.release("the operator", 22.0)
+    assert a.refusal(role, ARM, 23.0) == ""
+
+
+def test_copilot_cannot_weaken_a_landing_of_land_all():
+    a = landed_by(Role.EMERGENCY)
+    assert a.refusal(Role.COPILOT, HOLD, 11.0) and a.refusal(Role.COPILOT, LAND, 11.0) == ""
+
+
+def test_land_all_commands_a_vehicle_that_the_copilot_has_landed():
+    a = landed_by(Role.COPILOT)
+    assert a.refusal(Role.EMERGENCY, LAND, 11.0) == ""
+    assert a.refusal(Role.COPILOT, HOLD, 11.1) == "land-all has control: run `arena release`"
+
+
+def test_kill_all_after_land_all_needs_no_release():
+    assert landed_by(Role.EMERGENCY).refusal(Role.EMERGENCY, KILL, 11.0) == ""
+
+
+def test_program_cannot_fly_on_while_the_copilot_repeats_hold():
+    a = in_offboard()
+    assert a.refusal(Role.COPILOT, HOLD, 5.0) == ""
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 5.9) == "copilot holds the vehicle"
+    assert a.refusal(Role.PROGRAM, LAND, 5.9) == ""
+    a.on_state(True, "AUTO.LOITER", 5.5)
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 6.1) == ""
+
+
+def test_setpoints_of_a_ground_station_wait_for_the_programs():
+    a = in_offboard()
+    assert a.refusal(Role.PROGRAM, SETPOINT, 5.0) == ""
+    assert a.refusal(Role.GROUND_STATION, SETPOINT, 5.5) == "a program sends setpoints"
+    assert a.refusal(Role.GROUND_STATION, SETPOINT, 6.1) == ""
+
+
+@pytest.mark.parametrize("role", [Role.GROUND_STATION, *AUTOMATIC])
+def test_nobody_can_arm_once_the_run_ends(role):  # review fault 6
+    a = Authority(simulated=False)
+    a.refuse_arming("the run is ending")
+    assert a.refusal(role, ARM, 1.0) == "arming refused: the run is ending"
+    assert a.refusal(role, SPIN, 1.0) and a.refusal(role, LAND, 1.0) == ""
+
+
+def test_landing_passes_while_the_run_ends():
+    a = in_offboard()
+    a.refuse_arming("the run is ending")
+    assert a.refusal(Role.PROGRAM, SETPOINT, 5.0) == "" and a.refusal(Role.EMERGENCY, LAND, 5.0) == ""
+
+
+def test_armed_vehicle_in_a_manual_mode_at_the_start_belongs_to_the_pilot():
+    a = Authority(simulated=False)
+    a.on_state(True, "POSCTL", 0.0)
+    assert a.holder is Role.PILOT
+
+
+def test_program_that_arms_in_a_manual_mode_is_not_the_pilot():
+    a = Authority(simulated=False)
+    a.on_state(False, "POSCTL", 0.0)
+    assert a.refusal(Role.PROGRAM, ARM, 1.0) == ""
+    a.on_state(True, "POSCTL", 1.5)
+    assert a.holder is Role.PROGRAM and a.refusal(Role.PROGRAM, OFFBOARD, 2.0) == ""
+
+
+def test_every_change_says_who_why_and_when():
+    a = landed_by(Role.EMERGENCY)
+    a.release("the operator", 30.0)
+    said = [(str(c), c.at) for c in a.take_changes()]
+    assert said == [
+        ("program has control: OFFBOARD commanded", 0.5),
+        ("land-all has control: landing, until `arena release`", 10.0),
+        ("land-all has control: AUTO.LAND commanded", 10.5),
+        ("released by the operator", 30.0),
+    ]
+    assert a.take_changes() == []
+
+
+def test_every_refusal_fits_in_one_statustext():
+    a = in_offboard()
+    a.on_state(True, "AUTO.FOLLOW_TARGET", 5.0)
+    assert 0 < len(a.refusal(Role.PROGRAM, OFFBOARD, 6.0).encode()) <= 50
+    a.refuse_arming("a reason that is much longer than one STATUSTEXT can hold")
+    a.on_state(False, "AUTO.LOITER", 7.0)
+    assert len(a.refusal(Role.PROGRAM, ARM, 8.0).encode()) <= 50
