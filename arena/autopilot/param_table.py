@@ -1,4 +1,4 @@
-"""Parameters of the built-in autopilot.
+"""Parameters of the built-in autopilot: types, defaults and ranges, and the values of every vehicle.
 
 Names, types, ranges and defaults are those of the PX4 v1.16 parameter reference.
 

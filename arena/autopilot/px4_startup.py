@@ -121,7 +121,7 @@ def rotors(params: Mapping[str, float]) -> list[dict[str, Any]]:
     count = int(params.get("CA_ROTOR_COUNT", 0))
     if count < 1:
         raise InputError(
-            "CA_ROTOR_COUNT is not given: set PX4_PARAM_CA_ROTOR_COUNT, "
+            "CA_ROTOR_COUNT is not given: set the environment variables PX4_PARAM_CA_ROTOR_COUNT, "
             "and PX4_PARAM_CA_ROTOR<i>_PX, _PY and _KM for each rotor i"
         )
     try:
@@ -133,7 +133,9 @@ def rotors(params: Mapping[str, float]) -> list[dict[str, Any]]:
             for i in range(count)
         ]
     except KeyError as error:
-        raise InputError(f"{error.args[0]} is not given: set PX4_PARAM_{error.args[0]}") from error
+        raise InputError(
+            f"{error.args[0]} is not given: set the environment variable PX4_PARAM_{error.args[0]}"
+        ) from error
 
 
 def _number(name: str, text: str) -> float:

@@ -234,7 +234,7 @@ class Shell:
         return None
 
     def _serve_samples(self, stream: socket.socket, selector: selectors.BaseSelector) -> bool:
-        """Reply to the simulator's sensor samples with motor commands. Return False if its connection is closed."""
+        """Reply to the simulator's sensor samples with motor commands. Return False if the connection is closed."""
         if not selector.select(_POLL_S):
             return True
         try:

@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def build(arguments: Sequence[str]) -> typer.Typer:
-    """Return the typer app with the subcommand that `arguments` name; with all subcommands if they name none."""
+    """Return the typer app with the subcommand named in `arguments`, or with all subcommands if none is named."""
     import typer
 
     app = typer.Typer(

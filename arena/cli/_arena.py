@@ -1,4 +1,4 @@
-"""Functions that the commands with an arena's YAML share: options, choice of a free address, description of the arena."""
+"""Functions shared by the commands that read an arena's YAML: options, choice of a free address, description of the arena."""
 
 from __future__ import annotations
 

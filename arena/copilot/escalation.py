@@ -43,7 +43,7 @@ class VehicleStatus:
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """Command of the copilot to a vehicle that is still in force. step: hold, land or terminate.
+    """Command that the copilot gave to a vehicle and that still applies. step: hold, land or terminate.
 
     given_at: time of the order [s]. obeyed_at: when the commanded mode was first reported [s]; None before.
     """
@@ -77,7 +77,7 @@ def may_end(mode: str, order: Order | None) -> bool:
 
 @dataclass(kw_only=True)
 class Escalation:
-    """Orders of the copilot to one vehicle. Call `decide` once per step."""
+    """Decides which command of the copilot a vehicle gets at each step (hold, land, terminate or none). Call `decide` once per step."""
 
     name: str
     rules: Rules

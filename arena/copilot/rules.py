@@ -20,7 +20,7 @@ _SIDES = (("south", "north"), ("west", "east"), ("ceiling", "floor"))
 
 
 class RuleChecker:
-    """Checks all rules of the copilot, and stores since when each rule is violated. Call `violations` once per step."""
+    """Checks all rules of the copilot. For a rule with a duration, stores when its condition began. Call `violations` once per step."""
 
     def __init__(self, rules: Rules, vehicles: Sequence[Vehicle]) -> None:
         self._rules = rules

@@ -53,7 +53,7 @@ class Rules:
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """Settings of one vehicle.
+    """Settings of one vehicle: id, addresses, geofence and braking limits.
 
     low, high: corners of the fence [m] [NED] (3,); there is no lower limit, because the vehicle may land.
     accel, jerk: limits of a horizontal stop [m/s2], [m/s3].

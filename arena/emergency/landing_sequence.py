@@ -50,7 +50,7 @@ class ReportedState:
 
 
 class LandingSequence:
-    """Landing, or motor stop, of one vehicle.
+    """Lands one vehicle, or stops its motors: returns the frames to send and reads the telemetry.
 
     Send the frames that `due` returns a few times a second, and pass received datagrams to `on_datagram`,
     until `confirmed`.

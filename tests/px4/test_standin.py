@@ -109,7 +109,9 @@ def test_rotors_come_from_the_control_allocation_parameters() -> None:
     ]
     with pytest.raises(InputError, match="CA_ROTOR_COUNT is not given"):
         rotors({})
-    with pytest.raises(InputError, match="CA_ROTOR3_KM is not given: set PX4_PARAM_CA_ROTOR3_KM"):
+    with pytest.raises(
+        InputError, match="CA_ROTOR3_KM is not given: set the environment variable PX4_PARAM_CA_ROTOR3_KM"
+    ):
         rotors({k: v for k, v in PARAMS.items() if k != "CA_ROTOR3_KM"})
 
 

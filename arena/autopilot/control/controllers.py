@@ -28,7 +28,7 @@ _POSITION_EVERY = 2  # IMU steps per position loop: 125 Hz at 250 Hz
 
 
 class PositionControl:
-    """Position and velocity controller of V vehicles.
+    """Position and velocity controller of V vehicles: computes attitude and collective thrust from setpoints.
 
     thrust_n: normalised thrust vector [-] [NED] (V, 3)
     v_sp_n, a_sp_n: velocity [m/s] and acceleration [m/s2] setpoint [NED] (V, 3)

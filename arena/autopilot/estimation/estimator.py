@@ -71,7 +71,7 @@ class VisionSample(NamedTuple):
 
 
 class Estimator:
-    """State estimator of V vehicles.
+    """Estimator of position, velocity, attitude and IMU biases of V vehicles.
 
     dt: IMU period [s]
     p_n, v_n, a_n: position [m], velocity [m/s], acceleration [m/s2] [NED] (V, 3)

@@ -23,7 +23,7 @@ _LOW_THRUST = 0.3  # share of the way from MPC_THR_MIN to MPC_THR_HOVER
 
 
 class LandDetector:
-    """Land detector of V vehicles.
+    """Land detector: decides which of V vehicles are on the ground.
 
     landed: True if on the ground (V,)
     contact: True if probably on the ground; it is set after one third of LNDMC_TRIG_TIME (V,)

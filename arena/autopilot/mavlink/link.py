@@ -16,7 +16,7 @@ _ROUNDING_S = 1e-6
 
 @dataclass(slots=True)
 class MavlinkLink:
-    """MAVLink channel of a vehicle. The channel is named `router`, `vision` or `panic`.
+    """MAVLink channel of a vehicle (`router`, `vision` or `panic`): frames to send and stream schedule.
 
     queue: frames to send
     intervals: period of each scheduled message [s], by message id

@@ -68,7 +68,7 @@ class MavlinkInterface:
     # -- receiving -------------------------------------------------------------------------------------------
 
     def receive(self, link_name: str, data: bytes, now: float) -> None:
-        """Process one received datagram.
+        """Decode one received datagram and act on each message in it.
 
         link_name: link on which it arrived
         now: time since boot [s]

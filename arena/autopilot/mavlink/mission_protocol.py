@@ -127,7 +127,7 @@ class MissionProtocol:
     # -- receiving -------------------------------------------------------------------------------------------
 
     def receive(self, link: str, m: Any, now: float) -> None:
-        """Process one message that is addressed to this vehicle.
+        """Process one message of the mission protocol that is addressed to this vehicle.
 
         link: link on which it arrived
         now: time since boot [s]

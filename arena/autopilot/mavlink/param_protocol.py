@@ -31,7 +31,7 @@ MESSAGE_IDS = (
 
 @dataclass(slots=True)
 class ParamServer:
-    """Parameter server of one vehicle.
+    """Parameter server: replies to clients that list, read or write the parameters of one vehicle.
 
     row: row of the vehicle in the parameter table
     refused: reasons of refused writes; the reader removes them

@@ -39,7 +39,7 @@ class _Checked:
 
 
 class AutoModes:
-    """Navigators of all vehicles.
+    """Flies the vehicles that are in AUTO.MISSION, in AUTO.RTL or on the way to a reposition target.
 
     dt: time between two decisions [s]
     """
