@@ -109,7 +109,8 @@ class FcuLink:
         return now - self.checks.received_at <= CONNECTION_TIMEOUT_S
 
     def armed(self, now: float) -> bool:
-        """Return whether the vehicle is armed, as far as this process can know.
+        """Return whether the vehicle is armed. A real vehicle that becomes silent keeps the state that it
+        last reported.
 
         A real vehicle that fell silent while armed counts as armed, because it may still fly after its radio
         has failed. A simulated vehicle counts as disarmed after 5 s of silence, because its process has
@@ -161,7 +162,9 @@ class FcuLink:
         return ["router", *vision, *panic]
 
     def _on_autopilot(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Process a frame from the vehicle's autopilot."""
+        """Process a frame from the vehicle's autopilot: update the stream rates, the parameter check and the
+        preflight checks.
+        """
         if now - self.checks.received_at > _SILENT_S:
             self._streams.restart()
             if not self.checks.armed:  # another vehicle may have been connected meanwhile
@@ -263,8 +266,8 @@ class FcuLink:
         self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now)
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
-        """Pass on a request to arm, or refuse it. Return the refusal, which is sent to the requesting link
-        and to the router.
+        """Pass on a request to arm, or refuse it. Return the refusal as messages for the requesting link and
+        for the router; empty if the request was passed on.
         """
         flies = self.checks.armed and self.alive(now)
         in_flight = (

@@ -25,7 +25,7 @@ _MAX_SHOWN = 3
 
 @dataclass(kw_only=True)
 class _Param:
-    """Required parameter, and the vehicle's replies for it.
+    """A required parameter: the value that the vehicle must have, and what the vehicle has replied so far.
 
     wanted: required value
     value: value read from the vehicle; None before the first reply
@@ -54,7 +54,7 @@ class _Param:
 
 
 class ParamCheck:
-    """Check of the required parameters, with the values read so far.
+    """Reads the required parameters from the vehicle and compares them with their required values.
 
     params: name -> required value
     display_path: path of the .params file as shown to the user
@@ -86,7 +86,7 @@ class ParamCheck:
         self._last_event = ""
 
     def due(self, now: float) -> list[str]:
-        """Return the names to request now. Call it only while the vehicle is connected."""
+        """Return the names of the parameters to request now. Call it only while the vehicle is connected."""
         if self.complete and now >= self._next_recheck:
             self._recheck(now)
         waiting = [p for p in self._params.values() if p.due and now - p.asked < RETRY_S]

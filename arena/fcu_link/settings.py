@@ -45,7 +45,8 @@ class Preflight:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Settings of one link process.
+    """Settings of one link process: its addresses, the limits of the preflight checks, and the required
+    parameters.
 
     connection: URL of the flight controller
     links: router, vision and panic link
@@ -101,7 +102,7 @@ def _connection(raw: Any) -> ConnectionUrl:
     try:
         return url_from_json(raw)
     except ValueError as error:
-        raise InputError(f"configuration of the link process: wire: {error}") from error
+        raise InputError(f"configuration of the link process: key `wire`: {error}") from error
 
 
 def _preflight(raw: Mapping[str, Any]) -> Preflight:
@@ -143,5 +144,5 @@ def _address(raw: Any) -> Address:
         return str(ipaddress.IPv4Address(host)), int(port)
     except ValueError as error:
         raise InputError(
-            f"configuration of the link process: {raw!r} is not [numeric IPv4 host, port]: {error}"
+            f"configuration of the link process: got {raw!r}, expected [numeric IPv4 host, port]: {error}"
         ) from error

@@ -40,7 +40,7 @@ _RETRY_S, _RETRY_REFUSED_S = 10.0, 30.0
 
 @dataclass(kw_only=True)
 class _Stream:
-    """Required and measured rate of one message.
+    """Required and measured rate of one MAVLink message that the autopilot sends regularly.
 
     hz: required rate
     since, count: start [s] and number of messages of the current measurement

@@ -31,7 +31,7 @@ NextFrame = Callable[[], bytes | None]
 
 
 class FcuTransport(Protocol):
-    """Interface of the transports.
+    """Interface of a connection to the flight controller, by UDP or by serial device.
 
     Call `read` when `fileno` is readable and at every tick, `write` when frames wait, `tick` a few times a
     second.
@@ -110,7 +110,7 @@ class LearnedPeer:
 
 
 class UdpTransport:
-    """UDP transport.
+    """Connection to the flight controller by UDP.
 
     A `udpin` URL opens a bound socket that learns the vehicle's address. A `udpout` URL sends to one address
     and accepts only data from it.
@@ -178,7 +178,8 @@ class UdpTransport:
 
 
 class SerialTransport:
-    """Serial transport. The device may be absent, refused or unplugged.
+    """Connection to the flight controller by serial device. The device may be absent or unplugged, or opening
+    it may fail.
 
     Each change is reported once. Opening is retried every second.
     """

@@ -1,4 +1,5 @@
-"""Frames, rotations and their conventions. Pure numpy, batched over leading axes.
+"""Conversions between coordinate frames, and between representations of rotations. Pure numpy functions on
+arrays of any leading shape.
 
 | letter | frame       | axes                                   |
 |--------|-------------|----------------------------------------|

@@ -70,7 +70,7 @@ class FaultInjectionShell(RouterShell):
             self._join_clock()
             at = self._delay_time(now)
         except RunError as error:
-            self._process.event(f"links are no longer delayed: {error}")
+            self._process.event(f"fault injection: loss and delay of all links are set to 0 ({error})")
             self.impaired.clear()
             self._leave_clock()
             self._clock_path, at = None, math.inf

@@ -49,7 +49,8 @@ class _ImpairedLink:
 
 
 class ImpairedRouter:
-    """Routes datagrams in place of a `Router` while a fault is active.
+    """Routes datagrams in place of a `Router` while a fault is active, and loses or delays some of these
+    datagrams.
 
     at: time for measuring delays [s], by any clock that never goes backwards
     now: monotonic [s], as in `Router`

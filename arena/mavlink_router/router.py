@@ -53,7 +53,8 @@ Handler = Callable[[Address, Buffer, float], list[Out]]
 
 @dataclass(kw_only=True)
 class Endpoint:
-    """Address of one client.
+    """A receiver of messages (client, tool or ground station): its address, and the MAVLink senders that use
+    this address.
 
     socket: index in `Router.sockets`
     senders: system << 8 | component of every sender that has used this address, oldest first
@@ -132,9 +133,7 @@ class Router:
 
     @property
     def links(self) -> dict[str, int]:
-        """For each vehicle name, the index in `sockets` of the socket of the link to the vehicle's
-        autopilot.
-        """
+        """Return vehicle name -> index in `sockets` of the socket for the link to this vehicle's autopilot."""
         return {v.vehicle.name: v.up[0][0] for v in self._vehicles}
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:
@@ -148,8 +147,8 @@ class Router:
         return self._handlers[socket](sender, memoryview(data), now)
 
     def tick(self, now: float) -> None:
-        """Remove tools that have sent nothing for `TOOL_TIMEOUT_S`, and mark vehicles without heartbeat as
-        not connected. now: monotonic [s].
+        """Remove programs that have sent nothing to a tools port for `TOOL_TIMEOUT_S`, and mark vehicles
+        without heartbeat as not connected. now: monotonic [s].
         """
         for v in self._vehicles:
             v.status.tick(now)
@@ -159,7 +158,7 @@ class Router:
                 v.routes.clear()
 
     def heartbeat(self, frame: bytes) -> list[Out]:
-        """Return the datagrams to send, so that every vehicle receives the heartbeat `frame`."""
+        """Return the datagrams that send the heartbeat `frame` to every vehicle."""
         return [(frame, self._up_routes[_TO_ALL])]
 
     def changed_facts(self) -> dict[str, Fact]:
@@ -226,8 +225,8 @@ class Router:
         return v
 
     def _serve(self, local: Address, handler: Handler, clients: Iterable[Address]) -> dict[Address, Endpoint]:
-        """Add a socket for `clients`, and a second socket if some clients are on other computers. Return the
-        endpoint of each client.
+        """Add the socket that exchanges messages with `clients`, and a second socket if some clients are on
+        other computers. Return the endpoint of each client.
 
         A socket that is bound to loopback cannot send to other computers.
         """

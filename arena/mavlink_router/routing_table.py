@@ -13,7 +13,7 @@ from arena.transport import Address
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """Addresses of a vehicle and of the clients that receive only this vehicle.
+    """Addresses of a vehicle and of the clients that receive only this vehicle's messages.
 
     id: MAVLink system id
     local, remote: the router's end and the autopilot's end of the router link
@@ -35,7 +35,7 @@ class Vehicle:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Addresses of all vehicles and ground stations.
+    """The routing table: the addresses of all vehicles with their clients, and of the ground stations.
 
     heartbeat: send the heartbeat of a ground station, which PX4's data link failsafe monitors.
     """
@@ -61,7 +61,7 @@ class Table:
             )
         except (KeyError, TypeError) as error:
             raise InputError(
-                f"configuration of the router: missing or wrong key: {type(error).__name__} {error}"
+                f"configuration of the router: missing or wrong key: {type(error).__name__} {error} (docs/reference/slices.md)"
             ) from error
 
 

@@ -26,7 +26,7 @@ _GCS_HEARTBEAT = mavlink.MAVLink_heartbeat_message(
 
 
 class RouterShell:
-    """Sockets and loop of the router.
+    """Runs a `Router`: opens its sockets, and receives and sends datagrams in a loop.
 
     Each cycle reads one datagram from each socket that has some, so that a flood on one socket does not delay
     the others.

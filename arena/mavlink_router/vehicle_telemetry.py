@@ -20,7 +20,8 @@ _FLOAT = struct.Struct("<f")
 
 
 class VehicleTelemetry:
-    """Height, battery and warnings of one vehicle.
+    """Latest height, battery charge and warnings of one vehicle, for the terminal of `arena up` and for
+    events.jsonl.
 
     height_m: height above the arena's floor [m], None before the first message.
     battery: remaining charge [%], None if unknown.

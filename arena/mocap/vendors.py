@@ -1,4 +1,5 @@
-"""The table of motion-capture vendors.
+"""The table of motion-capture vendors: name of the vendor -> package with its settings, client and emulated
+server.
 
 Each row names the package that contains everything specific to one vendor. Such a package has three modules:
 
@@ -51,7 +52,8 @@ class SocketUse:
 
 
 class VendorSettings(Protocol):
-    """Interface of the module `settings` of a vendor's package.
+    """Interface of the module `settings` in a vendor's package, which converts the values under `mocap:` in
+    the YAML to settings of clients and servers.
 
     keys: the values under `mocap:` in the YAML, defaults included.
     PORTS: YAML keys that are UDP ports -> purpose of the port.

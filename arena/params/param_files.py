@@ -27,7 +27,7 @@ _EXPECTED = "expected a .params file of QGroundControl, lines `NAME value`, or a
 
 @dataclass(frozen=True, kw_only=True)
 class ParamSource:
-    """The parameters of a file, a log, a vehicle or a YAML.
+    """Parameters that were read from a file, a log, a vehicle or a YAML, with information about this source.
 
     values: parameter -> value; an int if the source gives the type INT32.
     types: parameter -> type; empty if the source has no types.

@@ -1,4 +1,5 @@
-"""Conversion of an Arena to a Plan: the list of processes as data. Pure. Imports no package that runs as a process.
+"""Conversion of an `Arena` (the checked YAML) to a `Plan` (the processes to start, as data). Pure. It imports
+no code that these processes run.
 
 `arena.plan.model` imports the standard library only, so that land-all can read plans quickly.
 """
@@ -16,7 +17,9 @@ __all__ = ["LinkPlan", "Listen", "Plan", "ProcessSpec", "Restart", "VehiclePlan"
 
 
 def __getattr__(name: str) -> Any:
-    """Import `make_plan` at its first use, because it imports the schema and pydantic."""
+    """Import `make_plan` only when it is first used, because the modules that it needs (the schema, pydantic)
+    load slowly.
+    """
     if name == "make_plan":
         from arena.plan.make import make_plan
 

@@ -55,7 +55,7 @@ def _versions(arena: Arena) -> Iterator[Problem]:
 
 
 def _parameters(arena: Arena) -> Iterator[Problem]:
-    """Find wrong parameters under `params`.
+    """Find PX4 parameters under `params` in the YAML whose name or value is wrong.
 
     Parameters of a `params_file` are not checked, because the file may come from another vehicle. For hardware, an unknown
     name is allowed if no known name is similar, because the PX4 build may have its own modules.

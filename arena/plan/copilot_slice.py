@@ -23,7 +23,7 @@ def copilot(job: Job) -> Json:
     arena = job.arena
     c = arena.copilot
     if c is None:
-        raise ValueError("this arena has no copilot")
+        raise ValueError("cannot make the configuration of the copilot: this arena has no copilot")
     return {
         "name": "copilot",
         "listen": slices.heartbeat_address(arena),

@@ -48,7 +48,7 @@ class Firmware:
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameter name -> value."""
+        """Return the required parameters as {name: value}."""
         return {line.name: float(line.value) for line in self.lines}
 
 
@@ -73,8 +73,8 @@ def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
-    """Return the value and the source of every PX4 parameter and version: `vehicles.NAME.params.PARAMETER` ->
-    origin.
+    """Return the value of every PX4 version and parameter, and the source of this value, as
+    `vehicles.NAME.params.PARAMETER` -> origin.
     """
     found: dict[str, Origin] = {}
     for name, each in all_firmware(arena).items():
@@ -150,9 +150,8 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Remove rotor geometry and RC mapping from the requirements of hardware and of the built-in autopilot.
-
-    Hardware keeps its own settings of these, and the built-in autopilot reads them from the profile.
+    """Remove rotor geometry and RC mapping for hardware, which keeps its own settings, and for the built-in
+    autopilot, which reads them from the profile.
     """
     return replace(required, rotors=(), channels=0) if autopilot in ("builtin", "hardware") else required
 

@@ -31,14 +31,14 @@ class Job:
 
     @property
     def v(self) -> Vehicle:
-        """The vehicle of this process. Raises ValueError for a process of the whole arena."""
+        """Return the vehicle of this process. Raises ValueError if the process serves the whole arena."""
         if self.vehicle is None:
-            raise ValueError("this process belongs to no vehicle")
+            raise ValueError("this process serves the whole arena, so it has no vehicle")
         return self.vehicle
 
     @property
     def firmware(self) -> Firmware:
-        """The firmware parameters of the process's vehicle."""
+        """Return the PX4 parameters that are required of this process's vehicle."""
         return self.fleet[self.v.name]
 
 
@@ -83,9 +83,8 @@ def autopilot_ends(arena: Arena, vehicle: Vehicle) -> Json:
 
 
 def partner_end(link: LinkPlan) -> Json:
-    """Return `local` and `remote` address of the process that talks to the autopilot on a link.
-
-    That process is the router, the pose forwarder or land-all.
+    """Return the `local` and `remote` address of the process at the other end of an autopilot's link: the
+    router, the pose forwarder or land-all.
     """
     return {
         "local": [link.partner_host, link.partner_port],

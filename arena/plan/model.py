@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 @dataclass(frozen=True, kw_only=True)
 class Restart:
-    """Policy for restarting a process.
+    """Rules by which the supervisor restarts a process after it has exited.
 
     mode: when an exit is followed by a restart.
     limit: number of starts within window_s [s] after which the process becomes FATAL.
@@ -46,7 +46,7 @@ class ProcessSpec:
         `port` (ready_port accepts connections).
     start_timeout_s: longest time from start to READY [s].
     stop_timeout_s: longest time from the stop signal to the exit [s].
-    stopped_for_s: kill the process if it is stopped by SIGSTOP for this time [s]; None: only report it.
+    stopped_for_s: kill the process if it is paused by SIGSTOP for this time [s]; None: only report it.
     silent_for_s: kill the process if it reports nothing for this time [s]; None: no limit.
     restart: restart policy; also used after such a kill.
     outlives: true if the process serves a vehicle that may be flying. It then continues when the supervisor dies, and ends
@@ -81,7 +81,9 @@ class ProcessSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkPlan:
-    """A UDP MAVLink connection between an autopilot and its fixed partner. Hosts are numeric addresses."""
+    """Both ends of a UDP MAVLink link: the autopilot, and its partner (router, pose forwarder or land-all).
+    Hosts are numeric addresses.
+    """
 
     autopilot_host: str
     autopilot_port: int
@@ -91,7 +93,9 @@ class LinkPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePlan:
-    """Names and addresses of one vehicle, for land-all, tools and the live table. id: MAVLink system id (MAV_SYS_ID)."""
+    """Names and addresses of one vehicle, for land-all, tools and the live table in the terminal. id: MAVLink
+    system id (MAV_SYS_ID).
+    """
 
     name: str
     id: int
@@ -110,7 +114,8 @@ class VehiclePlan:
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Everything that the supervisor needs for one run: processes, their configuration files, and tasks.
+    """Everything that the supervisor needs for one run: processes, their configuration files, and the
+    commands for landing and for the report.
 
     slices: file name in the run's folder `slices/` -> configuration of one process, as a JSON object.
     land: task that lands all vehicles; the supervisor runs it before it stops processes while a vehicle may be flying.

@@ -96,15 +96,15 @@ def _copilot_fields(job: Job) -> dict[str, Any]:
 
 
 def required_copilot(arena: Arena) -> tuple[str, ...]:
-    """Return ("copilot",) if vehicles must not fly without the copilot, else (). With `on_loss: warn` they
-    may.
+    """Return ("copilot",) if vehicles must not fly without the copilot, else (). With `on_loss: warn`
+    vehicles may fly without the copilot.
     """
     return ("copilot",) if arena.copilot is not None and arena.copilot.on_loss != "warn" else ()
 
 
 def _logger_needs(job: Job) -> tuple[str, ...]:
-    """Return the names of the processes that must be ready before a logger starts. If the vehicle has a
-    program, the program waits for the copilot instead.
+    """Return the names of the processes that must be ready before a logger starts. The copilot is included
+    only if the vehicle has no program, because a program itself waits for the copilot.
     """
     return ("router",) if job.v.program is not None else ("router", *required_copilot(job.arena))
 
@@ -120,7 +120,7 @@ def _program_command(job: Job, name: str) -> tuple[str, ...]:
     """Return the command line of the user program. A `.py` file runs in arena's Python, any other file as an executable."""
     program = job.v.program
     if program is None:
-        raise ValueError(f"{job.v.name} has no program")
+        raise ValueError(f"cannot make the command line of a program: {job.v.name} has no program")
     start = (job.python, program.path) if program.path.endswith(".py") else (program.path,)
     return (*start, "--uav", f"{{run}}/slices/{name}.json", *program.args)
 
@@ -169,7 +169,7 @@ TABLE: tuple[ProcessKind, ...] = (
         slice=slices.px4,
         cpu_budget=0.3,
         memory_budget_mb=150.0,
-        # never killed while stopped (SIGSTOP): PX4 still flies, and would end with this process
+        # never killed while paused by SIGSTOP: PX4 still flies, and would end with this process
         fields={"restart": Restart(), "start_timeout_s": 60.0, "stopped_for_s": None},
     ),
     ProcessKind(
@@ -252,7 +252,9 @@ def jobs(row: ProcessKind, job: Job) -> Iterator[Job]:
 
 
 def process_spec(row: ProcessKind, job: Job) -> ProcessSpec:
-    """Return one process of the plan."""
+    """Return the `ProcessSpec` of one process: all that the supervisor needs to start, watch and stop the
+    process.
+    """
     vehicle, name = job.vehicle, row.name(job.vehicle)
     argv = (job.python, "-m", row.module, f"{{run}}/slices/{name}.json")
     fields: dict[str, Any] = {"restart": Restart(mode="on_failure"), "outlives": True}

@@ -78,7 +78,9 @@ def px4(job: Job) -> Json:
     """Return the slice of the process that runs a vehicle's PX4 SITL."""
     arena, v = job.arena, job.v
     if arena.px4 is None:
-        raise ValueError(f"{v.name} needs PX4 SITL, but no PX4 was found")
+        raise ValueError(
+            f"{v.name} needs PX4 SITL, but no PX4 was found. Set PX4_HOME to PX4's build folder."
+        )
     params = px4_params(v, job.firmware.values)
     given: Json = {
         "vehicle": v.name,
@@ -137,7 +139,9 @@ def link(job: Job) -> Json:
     """Return the slice of the process that owns the connection to a vehicle's real flight controller."""
     arena, v = job.arena, job.v
     if v.wire is None:
-        raise ValueError(f"{v.name} has no connection to a real flight controller")
+        raise ValueError(
+            f"cannot make the configuration of a link process: {v.name} has no connection to a real flight controller"
+        )
     if v.wire.kind == "serial":
         wire: Json = {"kind": "serial", "device": v.wire.device, "baud": v.wire.baud}
     else:

@@ -59,7 +59,7 @@ class Autopilot:
 
 
 class Forwarder:
-    """Pose forwarder of one vehicle.
+    """Converts the captured poses of one vehicle to ODOMETRY messages, and sets the autopilot's origin.
 
     settings: configuration of the `forward` process.
     wait_s: maximum time for which the first pose waits for a message of the autopilot [s].
@@ -191,7 +191,8 @@ class Forwarder:
 
     @property
     def serving(self) -> bool:
-        """True if at least one pose was forwarded and the autopilot is armed or may be armed.
+        """Return whether the forwarder is ready: it has forwarded a pose, and the autopilot is armed or can
+        be armed.
 
         True also in modes that do not allow arming, because the autopilot stays in AUTO.LAND on the ground
         after a landing.
@@ -242,7 +243,9 @@ class Forwarder:
         )
 
     def _on_autopilot_restart(self) -> None:
-        """Reset the state after a restart of the autopilot: it has no origin and may not be ready to arm."""
+        """Reset the stored state after a restart of the autopilot, which then has no origin and may not be
+        ready to arm.
+        """
         a = self.autopilot
         a.has_origin = a.may_arm = a.has_position = False
         a.since, a.on_ground = math.inf, None

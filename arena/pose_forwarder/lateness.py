@@ -16,7 +16,7 @@ _DRIFT = 1e-3  # drift between the two clocks [s/s]; a crystal's error is a tent
 
 
 class Lateness:
-    """Lateness of one server's frames.
+    """Measures how late the frames of one motion-capture server arrive.
 
     stale_s: lateness limit [s]. shifts: number of detected changes of the server's clock.
     """
@@ -27,7 +27,9 @@ class Lateness:
         self.reset()
 
     def reset(self) -> None:
-        """Start again. The next frame is the first one of a new clock."""
+        """Start again with the next frame as reference, for example because the server has restarted with
+        another clock.
+        """
         self._reference: float | None = None
         self._now = -inf
         self._early = 0

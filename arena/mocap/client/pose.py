@@ -1,4 +1,4 @@
-"""Conversion of captured poses to NED and FRD.
+"""Conversion of captured poses: from z-up world axes to NED, and from FLU body axes to FRD.
 
 Uses plain floats, not arrays, because many processes run this code 180 times a second.
 """
@@ -17,7 +17,7 @@ _MAX_DISTANCE_M = 1e4
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Pose of a rigid body.
+    """Position and attitude of a rigid body in NED.
 
     body: name of the rigid body. p_n: position of its origin [m] [NED]. q_nb: attitude [-] wxyz.
     """
@@ -42,7 +42,7 @@ class CapturedFrame:
 
 
 def pose_ned(body: str, position_w: Triple, quat_xyzw_wf: Quad) -> Pose | None:
-    """Convert a pose from z-up axes to NED: p_n = (y, x, -z), q_nb = q_nw * q_wf * q_fb.
+    """Convert a pose from z-up and FLU axes to NED and FRD axes: p_n = (y, x, -z), q_nb = q_nw * q_wf * q_fb.
 
     Returns None if a value is not finite, the position is farther than 10 km, or the quaternion does not have
     norm 1.

@@ -58,7 +58,7 @@ class Reception:
         return now - self._changed_at.get(event, -math.inf) < within_s
 
     def update_frames(self, readable: int, frames: Sequence[CapturedFrame], now: float) -> bool:
-        """Record the result of one poll. Return True if frames came that could be decoded.
+        """Record the result of one poll. Return True if frames have arrived and could be decoded.
 
         readable: number of frames decoded since the start, including frames without a requested body.
         frames: frames returned by this poll.

@@ -44,7 +44,7 @@ class _EmulatorProcess:
         self.began = self.reported = time.monotonic()
 
     def serve(self) -> None:
-        """Run until a stop signal, or until the world ends."""
+        """Simulate the cameras and send their frames, until a stop signal arrives or the world ends."""
         try:
             self._serve()
         finally:
@@ -77,8 +77,8 @@ class _EmulatorProcess:
                 self._report(wall)
 
     def _sleep_until(self, due: float) -> float | None:
-        """Sleep until simulation time `due` and return the time [s]. Return None earlier if faults were
-        applied, or if the caller must check for a stop signal.
+        """Sleep until simulation time `due` [s] and apply injected faults meanwhile. Return the simulation
+        time, or None after at most 250 ms if `due` is not reached.
 
         Faults are also applied during the sleep, because simulation time may stand still while many of them
         are sent.
@@ -98,7 +98,9 @@ class _EmulatorProcess:
         return now if now is not None and now >= due - _EARLY_S else None
 
     def _expose(self, number: int, now: float) -> int:
-        """Measure frame `number` and return the number of the next frame."""
+        """Measure frame `number` and queue it for sending. Return the number of the next frame to measure,
+        which may skip late frames.
+        """
         sample = self.truth.at(self.cameras.exposure(number))
         if sample is None:
             self.skipped += 1

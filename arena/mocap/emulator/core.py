@@ -32,7 +32,8 @@ _CLOCK_STEP_S = 1e-6  # a clock that wakes by steps may return a time a little b
 
 
 class EmulatedCameras:
-    """Emulated cameras with fault injection.
+    """Simulates the cameras: computes measured frames from true poses, with noise, latency and injected
+    faults.
 
     settings: configuration of the `mocap` process.
     delay_s: injected delay, added to the latency [s]; may change at any time.

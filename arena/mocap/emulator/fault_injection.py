@@ -1,5 +1,5 @@
-"""Fault injection for the emulated cameras: translates one fault (JSON object, see `arena.fault_injection`)
-to a method call. Pure.
+"""Fault injection for the emulated cameras: calls the camera method that applies a given fault (JSON object,
+see `arena.fault_injection`). Pure.
 """
 
 from __future__ import annotations

@@ -29,7 +29,9 @@ class MeasuredBody:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFrame:
-    """Exposure of all cameras. number: frame number. exposed_s: time of the exposure [s]."""
+    """The poses of all bodies, measured by the cameras at the same time. number: frame number. exposed_s:
+    time of the exposure [s].
+    """
 
     number: int
     exposed_s: float

@@ -77,7 +77,10 @@ def _request_socket(address: Address, name: str) -> socket.socket:
         s.bind(address)
     except OSError as error:
         s.close()
-        raise RunError(f"cannot serve {name} on {address[0]}:{address[1]}: {error.strerror}") from error
+        raise RunError(
+            f"motion capture emulator: cannot serve {name} on UDP {address[0]}:{address[1]}: {error.strerror}. "
+            "Does another program use this port?"
+        ) from error
     return s
 
 

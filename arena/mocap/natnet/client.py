@@ -32,7 +32,8 @@ def open_client(settings: Settings) -> NatNetClient:
         return NatNetClient(settings)
     except socket.gaierror as error:
         raise InputError(
-            f"motion capture: cannot resolve the server name {settings['server']!r}: {error.strerror}"
+            f"motion capture: cannot resolve the server name {settings['server']!r}: {error.strerror}. "
+            "Check the name, or give the server's IPv4 address."
         ) from error
 
 

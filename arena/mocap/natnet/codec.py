@@ -55,7 +55,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """A frame of data.
+    """Content of a NatNet FRAME packet: the poses of rigid bodies at one exposure, with time stamps.
 
     number: frame number. timestamp_s: the server's time [s].
     exposure_ticks, transmit_ticks: times of the middle of the exposure and of sending, in ticks of the
@@ -73,7 +73,9 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServerInfo:
-    """Description that a server sends of itself, SERVERINFO. group: "" if the server streams by unicast."""
+    """Content of a SERVERINFO packet, in which a server describes itself. group: multicast group; "" if the
+    server streams by unicast.
+    """
 
     name: str
     app_version: tuple[int, int, int, int]
@@ -89,7 +91,7 @@ def is_supported(version: Version) -> bool:
 
 
 def packet(message: int, payload: bytes = b"") -> bytes:
-    """Return a packet: header and payload."""
+    """Return a NatNet packet: message number and payload size, followed by the payload."""
     return _HEAD.pack(message, len(payload)) + payload
 
 
@@ -236,7 +238,7 @@ def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = 
     count = reader.count("rigid bodies")
     if sized and (size := reader.i32()) != count * _BODY.size:
         raise WireError(
-            f"NatNet frame with {count} bodies in {size} bytes, expected {_BODY.size} bytes a body"
+            f"NatNet frame with {count} bodies in {size} bytes, expected {_BODY.size} bytes per body"
         )
     bodies = _read_bodies(reader, count, wanted)
     if sized:
@@ -370,5 +372,5 @@ class _Reader:
 def _payload(data: bytes, expected: int) -> bytes:
     message = message_of(data)
     if message != expected:
-        raise WireError(f"NatNet message {message}, expected {expected}")
+        raise WireError(f"got NatNet message number {message}, expected {expected}")
     return data[_HEAD.size : _HEAD.size + _HEAD.unpack_from(data)[1]]

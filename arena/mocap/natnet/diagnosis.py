@@ -11,7 +11,8 @@ from arena.mocap.natnet.codec import ServerInfo
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """Observations of a client in the last seconds.
+    """Observations of a NatNet client in the last seconds. `diagnose` uses them to find out why no poses
+    arrive.
 
     no_network: reason why no socket is open, "" if the sockets are open.
     answered: the server's description of itself, None if the server has not answered.

@@ -18,7 +18,7 @@ _REQUEST_MODELS = codec.packet(codec.REQUEST_MODELDEF)
 
 
 class NatNetReceiver:
-    """NatNet protocol of one client.
+    """Protocol of one NatNet client: gives the requests to send, and decodes the packets that arrive.
 
     bodies: names of the requested bodies, None for all.
     info: the server's last description of itself, None before the first. answers: number of such descriptions

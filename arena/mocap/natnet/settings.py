@@ -20,7 +20,7 @@ PORTS = {
 
 
 def group_for(address: str) -> str:
-    """Return the multicast group for a server at this address.
+    """Return the multicast group that a server at this address uses if the YAML does not name a group.
 
     Servers on different loopback addresses get different groups, so that two arenas on one computer do not
     receive each other's frames.

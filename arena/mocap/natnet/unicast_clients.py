@@ -19,8 +19,9 @@ _MAX_CLIENTS = 64
 
 @dataclass(slots=True)
 class _Client:
-    """State of one client. last_request, quiet_until: wall time [s]. keepalives: the client has sent a
-    keepalive.
+    """State of one client. last_request: time of its last request. quiet_until: time before which no frames
+    are sent to the port from which it sends requests. keepalives: whether it has sent a keepalive. Times are
+    wall time [s].
     """
 
     last_request: float

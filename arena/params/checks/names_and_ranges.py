@@ -167,7 +167,8 @@ def _within(value: float, p: Parameter) -> bool:
 
 
 def _checked_elsewhere(name: str) -> bool:
-    """Return whether `types_and_ranges` skips the limits of this parameter.
+    """Return whether `types_and_ranges` skips the limits of this parameter, because the limits do not apply
+    or another rule checks them.
 
     Circuit breakers have their own rule. Counters of flight time can exceed their limits.
     """

@@ -53,7 +53,7 @@ class Change(NamedTuple):
 
 
 class ConvertedParams(NamedTuple):
-    """Result of a conversion to a newer PX4 version.
+    """Result of converting parameters to the names and values of a newer PX4 version.
 
     values: parameters of the newer version.
     notes: one sentence for each parameter that was renamed, converted or dropped.

@@ -27,7 +27,7 @@ _HEAD = re.compile(r"# (\d+\.\d+) ([=~]) (.+)")
 
 
 class Parameter(NamedTuple):
-    """A parameter of one PX4 version.
+    """Definition of a parameter in one PX4 version: type, unit, default value and limits.
 
     unit: unit as written by PX4; "" if there is none.
     default: default value in this unit; an int for INT32.
@@ -102,7 +102,9 @@ class Version:
 
 
 class Provenance(NamedTuple):
-    """Source of the rows of one version. text: PX4's tag or commit; released: whether this is a release of the version."""
+    """Source of the table's rows for one PX4 version. text: PX4's tag or commit; released: false if this is a
+    development version.
+    """
 
     text: str
     released: bool

@@ -46,7 +46,7 @@ class Generated(NamedTuple):
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameter name -> value."""
+        """Return the generated parameters as {name: value}."""
         return {line.name: line.value for line in self.lines}
 
 

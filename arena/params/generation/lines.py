@@ -37,14 +37,14 @@ class LineWriter:
         self.not_possible: list[str] = []
 
     def line(self, name: str, value: float, meaning: str, requirement: str) -> Line:
-        """Return a generated parameter as a `Line`.
+        """Return a `Line` with a parameter's name, value and meaning, and with the reason for the value.
 
         requirement: key of `Requirements.reasons`; its value becomes the line's reason.
         """
         return Line(name, value, meaning, self.required.reasons.get(requirement, "arena's default"))
 
     def within_limits(self, name: str, value: float, requirement: str) -> float:
-        """Return the nearest value within PX4's limits, rounded if the parameter is an INT32.
+        """Return `value`, or the nearest value within PX4's limits, rounded if the parameter is an INT32.
 
         If the value had to change, a sentence is added to `not_possible`.
         """

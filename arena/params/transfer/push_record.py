@@ -1,4 +1,5 @@
-"""The record of a push (push.json): wanted values, old values, and values written so far.
+"""Record of a push (writing parameters to vehicles), kept in push.json: wanted values, old values, and values
+written so far.
 
 The record is saved before the first value of a vehicle is written, and repeatedly during the push. A resumed push writes
 `wanted` again, except values that the vehicle already has. `before` keeps the values from before the first attempt.
@@ -21,7 +22,7 @@ _FORMAT = "arena params push 1"
 
 @dataclass(kw_only=True)
 class VehicleRecord:
-    """The part of the record about one vehicle.
+    """Values of one vehicle in the record of a push: wanted, old and written so far.
 
     wanted: parameter -> value that the user wants.
     before: parameter -> old value, for parameters that differed.
@@ -38,7 +39,9 @@ class VehicleRecord:
 
 
 class PushRecord:
-    """The record of a push, kept in the file `path`. Each `save` replaces the whole file."""
+    """Record of a push (writing parameters to vehicles), kept in the file `path`. Each `save` replaces the
+    whole file.
+    """
 
     def __init__(self, path: Path, vehicles: dict[str, VehicleRecord]) -> None:
         self.path, self.vehicles = path, vehicles
@@ -71,7 +74,7 @@ class PushRecord:
         except OSError as error:
             raise InputError(f"{path}: {error.strerror}: there is no push to resume") from error
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: is not the record of a push: {error}") from error
+            raise InputError(f"{path} is not the record of a push: {error}") from error
 
     @property
     def unfinished(self) -> bool:

@@ -25,7 +25,7 @@ _MAX_LIST_REQUESTS = 5
 
 
 class ParamReader(Transfer):
-    """Transfer that reads parameters.
+    """Transfer that reads parameters from one vehicle: those with given names, or all of them.
 
     names: names of the parameters to read; None: the vehicle's whole list.
     values: parameter name -> value read.
@@ -98,7 +98,7 @@ class ParamReader(Transfer):
 
 
 class _ParamList:
-    """The part of a vehicle's parameter list that was received.
+    """The part of a vehicle's parameter list that has been received so far.
 
     count: length of the list; 0 while unknown.
     received: index in the list -> parameter name.
@@ -116,13 +116,15 @@ class _ParamList:
         return [index for index in range(self.count) if index not in self.received]
 
     def is_paused(self, now: float) -> bool:
-        """Return whether the vehicle has paused sending: the list is complete, or nothing new arrives."""
+        """Return whether the vehicle no longer sends the list, because the list is complete or nothing new
+        has arrived for some time.
+        """
         return now - self._new_at >= _LIST_PAUSE_S * max(self.requests, 1) or (
             self.count > 0 and len(self.received) == self.count
         )
 
     def restart(self, now: float) -> None:
-        """Start to wait for the list again, and count the new request. now: time of the request [s]."""
+        """Record that the list has been requested again. now: time of the request [s]."""
         self.requests, self._new_at = self.requests + 1, now
 
     def add(self, value: Value, now: float) -> bool:

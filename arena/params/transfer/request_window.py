@@ -105,11 +105,11 @@ class RequestWindow(Generic[Key]):
         return not self._open
 
     def with_state(self, *states: RequestState) -> list[Key]:
-        """Return the requests in one of these states."""
+        """Return the keys of the requests that are in one of these states."""
         return [key for key, request in self._requests.items() if request.state in states]
 
     def due(self, now: float) -> list[Key]:
-        """Return the requests to send now.
+        """Return the keys of the requests to send now.
 
         If all of them are repetitions, the probe is added. An answer to the probe shows that the link works.
         """
@@ -128,7 +128,9 @@ class RequestWindow(Generic[Key]):
         return [key for key, _ in chosen] + ([self._probe] if needs_probe else [])
 
     def answer(self, key: Key, now: float) -> None:
-        """Record an answer to an open request or to the probe. All other answers are ignored."""
+        """Record an answer to an open request or to the probe (a request that the vehicle always answers).
+        All other answers are ignored.
+        """
         request = self._sent(key)
         if request is not None:
             self._link.add_answer(request.tries, now - request.sent_at)
@@ -141,7 +143,9 @@ class RequestWindow(Generic[Key]):
             self._close(key, request, state)
 
     def _sent(self, key: Key) -> _Request | None:
-        """Return the sent, open request that an answer belongs to, or None. Also count the answer."""
+        """Return the open request that was sent and that this answer belongs to, or None. Also count the
+        answer.
+        """
         request = self._open.get(key)
         sent = request is not None and request.tries > 0
         self._answers += sent or key == self._probe

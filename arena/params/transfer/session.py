@@ -103,7 +103,7 @@ def push(
     reboot_names: frozenset[str] = frozenset(),
     on_progress: OnProgress | None = None,
 ) -> dict[str, PushReport]:
-    """Write parameters to vehicles: read, write the values that differ, read back.
+    """Write parameters to vehicles: read the current values, write those that differ, and read them back.
 
     wanted: vehicle -> {parameter: value}.
     dry_run: only read and compare.

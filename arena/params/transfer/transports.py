@@ -14,7 +14,7 @@ from arena.wire.mavlink_frame import Buffer, Frame, Stream, parse_frames
 
 @dataclass(frozen=True, kw_only=True)
 class ParamTarget:
-    """The address of a vehicle: UDP, or a serial device.
+    """Address of a vehicle for a parameter transfer: a UDP address, or a serial device.
 
     system: MAVLink system id.
     remote: (host, port) of the vehicle, the only accepted sender; None: the first sender with this system id.
@@ -30,7 +30,9 @@ class ParamTarget:
 
 
 class ParamTransport(Protocol):
-    """The connection to one vehicle."""
+    """Interface of a connection to one vehicle, by UDP or by serial device: receives and sends MAVLink
+    frames.
+    """
 
     def fileno(self) -> int: ...
 

@@ -84,7 +84,8 @@ _STEPS_DONE: Mapping[Step, int] = {"unread": 0, "differs": 1, "sent": 1, "acknow
 
 
 class ParamWriter(Transfer):
-    """Transfer that writes parameters.
+    """Transfer that writes parameters to one vehicle: reads the current values, writes those that differ, and
+    reads them back.
 
     wanted: parameter -> value.
     dry_run: only read and compare; the vehicle may then be armed.
@@ -111,7 +112,7 @@ class ParamWriter(Transfer):
 
     @property
     def before(self) -> dict[str, float]:
-        """Values before the push of all parameters that differ from the wanted values.
+        """Return the old value of each parameter whose value differed from the wanted value before the push.
 
         All of them are known before the first value is written.
         """
@@ -119,7 +120,7 @@ class ParamWriter(Transfer):
 
     @property
     def written(self) -> dict[str, float]:
-        """New values that the vehicle has acknowledged."""
+        """Return parameter -> new value, for the values that the vehicle has acknowledged."""
         return {
             n: p.wanted
             for n, p in self._params.items()
@@ -212,7 +213,8 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Start to read unknown parameters again, if other parameters were written since they were last read.
+        """Start to read unknown parameters again if other parameters were written since the last reading,
+        because the vehicle may have them now.
 
         Returns whether there are parameters to read. In PX4, some parameters exist only after another
         parameter has a certain value.
