@@ -59,7 +59,9 @@ class FcuLinkShell:
         self._write_params()
 
     def run(self) -> None:
-        """Run until a stop signal. If the supervisor dies, run until the vehicle is disarmed."""
+        """Run the link until a stop signal arrives. If the supervisor dies, continue until the vehicle is
+        disarmed.
+        """
         while not (self._process.stopping or self._over):
             self._wait()
             now = time.monotonic()

@@ -102,7 +102,7 @@ class FcuLink:
 
     @property
     def ever_connected(self) -> bool:
-        """True after the first heartbeat."""
+        """True after the first heartbeat of the vehicle's autopilot."""
         return self.checks.heartbeat_at > -math.inf
 
     def alive(self, now: float) -> bool:
@@ -332,7 +332,9 @@ class FcuLink:
         self.queue.put(Priority.ROUTER, self._codec.pack(message), message.get_msgId(), now)
 
     def _report_silence(self, now: float) -> None:
-        """Report what was received since the last report: other systems, data without MAVLink, or nothing."""
+        """Report to the user what was received instead of the vehicle's messages: another system, data that
+        is not MAVLink, or nothing.
+        """
         connection, since = self._s.connection, now - self._silence_reported_at
         if self._foreign:
             k, others = self.system, f"system {self._foreign >> 8} component {self._foreign & 0xFF}"

@@ -27,15 +27,16 @@ Vector = tuple[float, float, float]
 
 
 def sentence(text: str) -> str:
-    """Return "Preflight: ..." with at most 50 bytes. A long text is sent without the prefix, and is cut if it
-    is still too long.
+    """Return "Preflight: " and the text, with at most 50 bytes. If this is too long, omit the prefix, and cut
+    the text if it is still too long.
     """
     full = f"Preflight: {text}"
     return full if len(full.encode()) <= TEXT_BYTES else text.encode()[:TEXT_BYTES].decode(errors="ignore")
 
 
 class PreflightChecks:
-    """Preflight checks of one vehicle.
+    """Checks the telemetry and the poses of one vehicle, and gives the reasons why the vehicle must not be
+    armed.
 
     Pass the autopilot's messages to `on_autopilot` and each sent pose to `on_pose`. `reasons` returns the
     checks that fail.
@@ -60,7 +61,7 @@ class PreflightChecks:
         self._poses: deque[float] = deque()
 
     def on_autopilot(self, m: Any, now: float) -> None:
-        """Process a decoded message of the vehicle's autopilot."""
+        """Store the values that the checks need from a decoded message of the vehicle's autopilot."""
         kind = m.get_type()
         if kind == "HEARTBEAT":
             self.heartbeat_at, self.armed = now, bool(m.base_mode & 128)
@@ -76,7 +77,7 @@ class PreflightChecks:
             self._packs[m.id] = now, m.battery_remaining
 
     def on_pose(self, m: Any, now: float) -> None:
-        """Process an ODOMETRY message that is sent to the vehicle."""
+        """Store the pose of an ODOMETRY message that is sent to the vehicle."""
         self._pose = now, (m.x, m.y, m.z), _yaw(m.q)
         self._poses.append(now)
         self._trim(now)
@@ -122,7 +123,9 @@ class PreflightChecks:
         return found + (self._estimate(now) or self._agreement(p_n, yaw))
 
     def _agreement(self, p_n: Vector, yaw: float) -> list[str]:
-        """Compare the pose with the autopilot's estimate. Call it only if `_estimate` has found no error."""
+        """Return one reason for each of position and yaw in which the pose differs too much from the
+        autopilot's estimate. Call it only if `_estimate` has found no error.
+        """
         assert self._local is not None and self._yaw is not None
         apart = math.dist(p_n, self._local[1])
         turned = abs(math.degrees(math.remainder(yaw - self._yaw[1], math.tau)))

@@ -19,8 +19,8 @@ _MAX_READS = 16
 
 
 class SimulatorClient:
-    """Connection to the world. It is open only while the controller sends, so that the motors of an absent
-    controller stop.
+    """TCP connection to the world. The connection is closed while the flight controller sends nothing, so
+    that the world stops the motors of an absent controller.
 
     greeting: the first bytes sent; the world accepts a controller only after it has sent something
     events: messages for the user; the caller takes them and empties the list

@@ -107,8 +107,8 @@ def written_param_findings(arena: Arena) -> list[WrittenParamFinding]:
 
 
 def px4_version(vehicle: Vehicle | None, asked: str = "") -> str:
-    """Return the PX4 version whose parameter names apply to a vehicle: `asked` if given, else `px4_version`
-    of the vehicle, else 1.16.
+    """Return the PX4 version whose parameter names apply to a vehicle: `asked` if given, else the vehicle's
+    `px4_version` in the YAML, else 1.16.
 
     Raises InputError if `asked` or the version in the YAML is not in the parameter table. For a PX4 binary whose version is
     not in the table, the result is 1.16.

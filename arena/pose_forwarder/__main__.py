@@ -73,7 +73,9 @@ class _ForwarderProcess:
         self.gap_sleep = _PoseGapSleep(1.0 / float(s["rate_hz"]))
 
     def serve(self) -> None:
-        """Run until a stop signal. If the supervisor dies, run until the vehicle is disarmed."""
+        """Forward poses until a stop signal arrives. If the supervisor dies, continue until the vehicle is
+        disarmed.
+        """
         selector = selectors.DefaultSelector()
         selector.register(self.capture, selectors.EVENT_READ)
         selector.register(self.link, selectors.EVENT_READ)

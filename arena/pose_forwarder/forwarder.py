@@ -123,7 +123,9 @@ class Forwarder:
         return self._odometry(best, now)
 
     def _take(self, frame: CapturedFrame, now: float) -> Pose | None:
-        """Return the pose to forward. If there is none, count the reason and return None."""
+        """Return the pose that must be forwarded from a frame. If the frame has no such pose, count the
+        reason and return None.
+        """
         place = self._order.place(frame.number)
         if place == "repeated":
             self.counts["repeated frame"] += 1

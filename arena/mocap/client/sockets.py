@@ -60,8 +60,8 @@ def multicast_socket(group: str, port: int, local: str) -> socket.socket:
 
 
 class ServerSockets:
-    """UDP sockets between one client and one server. They open when the network is available and drop foreign
-    datagrams.
+    """UDP sockets between one client and one server. The sockets open when the network is available, and
+    accept datagrams of this server only.
 
     server, port: destination of requests; the address is numeric.
     local: address of the local interface; None selects the interface that routes to the server.

@@ -86,7 +86,9 @@ def _no_frames(c: Condition) -> str:
 
 
 def _advice(c: Condition) -> str:
-    """Return which setting to change, based on how the server says that it streams."""
+    """Return advice on what to check or to change in the settings, based on the streaming mode, address and
+    port that the server reports.
+    """
     info = c.answered
     if info is not None and info.data_port:
         if info.group and c.transport == "unicast":

@@ -54,7 +54,9 @@ def current_action(ctx: CheckContext, event: Event) -> Action | None:
 
 
 def _parameter(ctx: CheckContext, event: Event) -> str:
-    """Return the parameter that selects the action for an event; "" if the version has a fixed action."""
+    """Return the parameter that selects the action for an event; "" if the action is fixed in this PX4
+    version.
+    """
     return next(
         (name for settings in failsafe_actions(event, ctx.version).settings.values() for name in settings), ""
     )

@@ -48,7 +48,7 @@ class Traffic:
 
 @dataclass(frozen=True, kw_only=True)
 class PushReport:
-    """The result of writing to one vehicle.
+    """Result of writing parameters to one vehicle.
 
     ending: "done", or why the transfer ended early.
     results: parameter -> outcome.
@@ -74,7 +74,7 @@ class PushReport:
 
 @dataclass(frozen=True, kw_only=True)
 class PullReport:
-    """The result of reading one vehicle.
+    """Result of reading the parameters of one vehicle.
 
     ending: "done", or why the transfer ended early.
     why: why the connection could not be opened; "" if it was opened.
@@ -264,7 +264,7 @@ def _run(
     on_progress: OnProgress | None,
     before_send: BeforeSend[AnyTransfer] | None,
 ) -> dict[str, _Connection[AnyTransfer]]:
-    """Run transfers until all are done.
+    """Run parameter transfers with several vehicles until all transfers are done.
 
     make: function (vehicle name, monotonic time [s]) that returns the transfer of a vehicle.
     before_send: callback that is called each time before frames are sent.

@@ -41,7 +41,7 @@ Outcome = Literal["same", "written", "refused", "unknown", "unanswered", "differ
 
 
 class ParamResult(NamedTuple):
-    """The outcome for one parameter.
+    """Outcome of writing one parameter: whether the vehicle has the wanted value, and if not, why.
 
     outcome: same: the vehicle already had the value.
         written: the value was set and read back.
