@@ -1,20 +1,40 @@
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import pytest
+from fake_autopilot import TELEMETRY, FakeAutopilot
+from served import Address, Connection, Served, UdpPort, until
 
 from arena.uav import UAV, vehicle_control
 
-from .fake import FakeAutopilot, free_address, until
-
 CURVE = {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 25.0}
+_hosts = itertools.count(1)
 
 
-def make_uav(address: tuple[str, int], **more: object) -> UAV:
+def free_address() -> Address:
+    """Return a UDP address that no other test of this process uses."""
+    port = UdpPort((f"127.56.1.{next(_hosts) % 250 + 1}", 0))
+    port.close()
+    return port.address
+
+
+def make_uav(address: Address, **more: object) -> UAV:
     return UAV(
         "uav1", 1.52, 0.275, 0.1, 4, CURVE, link=f"udpin:{address[0]}:{address[1]}", system_id=1, **more
     )
+
+
+def sending_to(address: Address, autopilot: FakeAutopilot) -> Served:
+    """Serve an autopilot that sends its telemetry to the port of a program."""
+    return Served([Connection(autopilot=autopilot, port=UdpPort(("127.56.2.1", 0)), remote=address)])
+
+
+def let_pass(autopilot: FakeAutopilot, ticks: int) -> None:
+    """Wait for this number of telemetry periods, so that datagrams on their way arrive."""
+    end = autopilot.ticks + ticks
+    until(lambda: autopilot.ticks >= end)
 
 
 @pytest.fixture(autouse=True)
@@ -24,13 +44,21 @@ def short_stream(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def autopilot() -> Iterator[FakeAutopilot]:
-    with FakeAutopilot(free_address()) as fake:
+def address() -> Address:
+    """Give the port of the program."""
+    return free_address()
+
+
+@pytest.fixture
+def autopilot(address: Address) -> Iterator[FakeAutopilot]:
+    """Give a disarmed autopilot on the floor, with all telemetry at 50 Hz. It lands only if a test sets land_s."""
+    fake = FakeAutopilot(telemetry=tuple(TELEMETRY))
+    with sending_to(address, fake):
         yield fake
 
 
 @pytest.fixture
-def uav(autopilot: FakeAutopilot) -> Iterator[UAV]:
-    with make_uav(autopilot.to) as one:
+def uav(autopilot: FakeAutopilot, address: Address) -> Iterator[UAV]:
+    with make_uav(address) as one:
         until(lambda: one.ekf.age_s < 0.5 and one.info.is_connected)
         yield one

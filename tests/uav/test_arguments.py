@@ -13,7 +13,7 @@ from arena.errors import InputError
 from arena.uav import UAV
 from arena.uav.arguments import read_arguments
 
-from .fake import free_address
+from .conftest import free_address
 
 PROFILE = {
     "mass_kg": 1.3,

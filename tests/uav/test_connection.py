@@ -9,7 +9,7 @@ from arena.mocap.client import CapturedFrame, Pose
 from arena.uav.connection import Connection
 from arena.uav.poses import Poses
 
-from .fake import free_address
+from .conftest import free_address
 
 
 class FakeClient:

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fake_autopilot import FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
+from served import Address, until
 
 from arena import Heartbeat
 from arena.wire.mavlink_codec import Codec
 
 from .conftest import make_uav
-from .fake import FakeAutopilot, until
 
 
 class Copilot:
@@ -106,8 +107,10 @@ def test_heartbeat_is_made_from_the_supervisors_arguments(tmp_path: Path, copilo
     assert [m.get_srcSystem() for m in copilot.received()] == [3]
 
 
-def test_heartbeats_leave_only_while_methods_run(autopilot: FakeAutopilot, copilot: Copilot) -> None:
-    with make_uav(autopilot.to, heartbeat=copilot.address) as uav:
+def test_heartbeats_leave_only_while_methods_run(
+    autopilot: FakeAutopilot, address: Address, copilot: Copilot
+) -> None:
+    with make_uav(address, heartbeat=copilot.address) as uav:
         until(lambda: uav.ekf.age_s < 0.5 and uav.info.is_connected)
         copilot.received()
         links = len(autopilot.heartbeats)

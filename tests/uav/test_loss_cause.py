@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 
 import pytest
+from served import until
 
 from arena.emergency.run_record import record_command
 from arena.errors import OffboardLostError
 from arena.uav.loss_cause import UNKNOWN, cause_of_loss
 
 from .conftest import make_uav
-from .fake import until
 
 NOW = 1000.0
 
@@ -55,8 +55,8 @@ def test_old_records_and_unreadable_folders_are_ignored(tmp_path):
     assert cause_of_loss("uav1", [], tmp_path / "missing", NOW) == UNKNOWN
 
 
-def test_exception_names_land_all_and_not_a_pilot(autopilot, tmp_path):
-    with make_uav(autopilot.to, run=str(tmp_path)) as uav:
+def test_exception_names_land_all_and_not_a_pilot(autopilot, address, tmp_path):
+    with make_uav(address, run=str(tmp_path)) as uav:
         until(lambda: uav.ekf.age_s < 0.5 and uav.info.is_connected)
         uav.start_offboard_mission()
         record_command(tmp_path, "land-all", ["uav1"])

@@ -11,11 +11,11 @@ from arena.recorder.recorder import Recorder
 from .conftest import make_uav
 
 
-def test_reference_arrives_at_the_logger(autopilot):
+def test_reference_arrives_at_the_logger(autopilot, address):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as logger:
         logger.bind(("127.0.0.1", 0))
         logger.settimeout(5.0)
-        with make_uav(autopilot.to, log=logger.getsockname()) as uav:
+        with make_uav(address, log=logger.getsockname()) as uav:
             uav.reference(p=[1, 2, -3], yaw=0.5)
         data = logger.recv(2048)
     recorder = Recorder(1, None)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 
 import pytest
+from fake_autopilot import FakeAutopilot
+from served import until
 
 from arena.errors import InputError, NotConfirmedError
 from arena.uav.start_barrier import START_DELAY_S, StartBarrier
 
 from .conftest import make_uav
-from .fake import FakeAutopilot, until
 
 PROGRAMS = ["uav1", "uav2", "uav3"]
 
@@ -65,16 +66,16 @@ def test_program_started_by_hand_has_no_barrier(autopilot, uav):
         uav.wait_for("start", n=2)
 
 
-def test_missing_program_is_named_after_the_timeout(autopilot: FakeAutopilot, tmp_path):
+def test_missing_program_is_named_after_the_timeout(autopilot: FakeAutopilot, address, tmp_path):
     with (
-        make_uav(autopilot.to, barriers=str(tmp_path), programs=["uav1", "uav2"]) as uav,
+        make_uav(address, barriers=str(tmp_path), programs=["uav1", "uav2"]) as uav,
         pytest.raises(NotConfirmedError, match=r"after 0.1 s: 1 of 2 programs .* missing: uav2"),
     ):
         uav.wait_for("start", timeout=0.1)
 
 
-def test_flying_vehicle_holds_its_position_while_it_waits(autopilot: FakeAutopilot, tmp_path):
-    with make_uav(autopilot.to, barriers=str(tmp_path), programs=["uav1", "uav2"]) as uav:
+def test_flying_vehicle_holds_its_position_while_it_waits(autopilot: FakeAutopilot, address, tmp_path):
+    with make_uav(address, barriers=str(tmp_path), programs=["uav1", "uav2"]) as uav:
         until(lambda: uav.ekf.age_s < 0.5 and uav.info.is_connected)
         uav.start_offboard_mission()
         autopilot.pos = (3.0, 4.0, -1.5)

@@ -7,13 +7,14 @@ import time
 
 import numpy as np
 import pytest
+from fake_autopilot import TELEMETRY, FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
+from served import until
 
 from arena.errors import CommandRefusedError, NotConfirmedError, OffboardLostError, StaleDataError
 from arena.uav import UAV, vehicle_control
 
-from .conftest import make_uav
-from .fake import FakeAutopilot, free_address, until
+from .conftest import free_address, let_pass, make_uav, sending_to
 
 OFFBOARD_TIMEOUT_S = 1.0  # COM_OF_LOSS_T: a longer pause between setpoints is a failsafe
 
@@ -26,10 +27,10 @@ def test_no_setpoint_is_sent_between_calls(autopilot, uav):
     uav.start_offboard_mission()
     for _ in range(5):
         uav.set_vel_yaw([0, 0, -1], 0.0, 50)
-    autopilot.let_pass(3)
+    let_pass(autopilot, 3)
     beats, sent = len(autopilot.heartbeats), len(autopilot.setpoints)
     until(lambda: len(autopilot.heartbeats) >= beats + 1)  # the program hangs, its link lives
-    autopilot.let_pass(25)
+    let_pass(autopilot, 25)
     assert len(autopilot.setpoints) == sent
 
 
@@ -98,10 +99,14 @@ def test_first_heartbeat_is_requested(autopilot, uav):
 
 def test_mission_needs_a_position_estimate(monkeypatch):
     monkeypatch.setattr(vehicle_control, "READY_TIMEOUT_S", 0.4)
-    with FakeAutopilot(free_address(), position=False) as autopilot, make_uav(autopilot.to) as uav:
+    address, autopilot = (
+        free_address(),
+        FakeAutopilot(telemetry=sorted(TELEMETRY.keys() - {"LOCAL_POSITION_NED"})),
+    )
+    with sending_to(address, autopilot), make_uav(address) as uav:
         with pytest.raises(NotConfirmedError, match="no position estimate"):
             uav.start_offboard_mission()
-        autopilot.let_pass(3)
+        let_pass(autopilot, 3)
         assert autopilot.setpoints == [] and autopilot.orders == []
 
 
@@ -184,22 +189,11 @@ def test_disarming_by_the_program_is_no_loss(autopilot, uav):
 
 def test_landing_returns_on_the_ground_and_disarmed(autopilot, uav):
     uav.start_offboard_mission()
-    autopilot.landed = False
+    autopilot.landed, autopilot.land_s, autopilot.disarm_s = False, 0.1, 0.3
     until(lambda: not uav.info.is_landed)
-    done = threading.Event()
-
-    def touch_down() -> None:
-        until(lambda: autopilot.mode == "AUTO.LAND")
-        autopilot.landed = True
-        assert not done.wait(0.3), "landed but armed is not landed"
-        autopilot.armed = False
-
-    ground = threading.Thread(target=touch_down)
-    ground.start()
     uav.auto_land()
-    done.set()
-    ground.join()
-    assert not autopilot.armed and autopilot.mode == "AUTO.LAND"
+    assert autopilot.landed and autopilot.mode == "AUTO.LAND"
+    assert not autopilot.armed, "landed but armed is not landed"
 
 
 def test_unconfirmed_landing_raises_with_the_last_state(autopilot, uav, monkeypatch):
@@ -227,14 +221,14 @@ def test_landing_taken_over_by_the_pilot_raises(autopilot, uav):
     watch.join()
 
 
-def test_closing_after_an_exception_commands_nothing(autopilot):
-    with pytest.raises(ZeroDivisionError), make_uav(autopilot.to) as uav:
+def test_closing_after_an_exception_commands_nothing(autopilot, address):
+    with pytest.raises(ZeroDivisionError), make_uav(address) as uav:
         until(lambda: uav.ekf.age_s < 0.5)
         uav.start_offboard_mission()
-        autopilot.let_pass(3)
+        let_pass(autopilot, 3)
         asked, sent = len(autopilot.commands), len(autopilot.setpoints)
         raise ZeroDivisionError
-    autopilot.let_pass(10)
+    let_pass(autopilot, 10)
     assert (len(autopilot.commands), len(autopilot.setpoints)) == (asked, sent)
     assert autopilot.armed
 
