@@ -21,9 +21,9 @@ from pathlib import Path
 from statistics import median
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent / "tests" / "emergency"))
+sys.path[:0] = [str(HERE.parent / "tests"), str(HERE.parent / "tests" / "emergency")]
 
-from fakes import Fake, Fleet  # noqa: E402  the vehicles of the tests
+from emergency_fleet import Fleet  # noqa: E402  the vehicles of the tests
 
 VERBS = (("land-all",), ("kill-all", "--yes"))
 
@@ -90,7 +90,7 @@ def once(verb: tuple[str, ...], run: Path, host: str, count: int, cold: bool) ->
 def confirmed(verb: tuple[str, ...], run: Path, host: str, count: int) -> float:
     """Return the duration of the process with autopilots that obey and land in 0.2 s [s]."""
     argv = [str(Path(sys.executable).with_name("arena")), *verb, "--run", str(run)]
-    with Fleet([Fake(system=k) for k in range(1, count + 1)], host):
+    with Fleet(range(1, count + 1), host):
         began = time.time()
         subprocess.run(argv, stdout=subprocess.DEVNULL, check=True)
         return time.time() - began

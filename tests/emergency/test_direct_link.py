@@ -3,20 +3,18 @@
 The link is the real process; the vehicle is a fake on UDP or at the other end of a serial cable.
 """
 
-import contextlib
 import json
 import os
-import select
 import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
 import pytest
-from fakes import LAND, Fake, Fleet
+from emergency_fleet import Fleet, flying
+from served import Connection, SerialDevice, Served
 
 from arena.emergency import link_process
 from arena.emergency.land_all import command, land_all
@@ -26,38 +24,9 @@ K = 1
 DEADLINE_S = 60.0
 
 
-class SerialFake:
-    """A fake vehicle at the far end of a serial cable."""
-
-    def __init__(self, fake, device):
-        self.fake, self.fd = fake, os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        self.wake, self.stop = socket.socketpair()
-        self.thread = threading.Thread(target=self.run)
-
-    def __enter__(self):
-        self.thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.stop.send(b"x")
-        self.thread.join(10)
-        os.close(self.fd)
-        for s in (self.wake, self.stop):
-            s.close()
-
-    def run(self):
-        due = 0.0
-        while True:
-            ready, _, _ = select.select([self.wake, self.fd], [], [], 0.02)
-            if self.wake in ready:
-                return
-            out = self.fake.receive(os.read(self.fd, 4096)) if self.fd in ready else []
-            if (now := time.monotonic()) > due:
-                due = now + 0.1
-                self.fake.step(now)
-                out += self.fake.state()
-            with contextlib.suppress(BlockingIOError):
-                os.write(self.fd, b"".join(out))
+def on_serial_line(autopilot, device):
+    """Serve a vehicle at the far end of a serial cable."""
+    return Served([Connection(autopilot=autopilot, port=SerialDevice(device))])
 
 
 class Lab:
@@ -175,12 +144,12 @@ def lines(capsys):
 
 def test_a_working_link_records_the_address_and_carries_the_landing(lab, capsys):
     host = "127.66.1.1"
-    with Fleet([Fake(system=K)], host, paths=("wire",)) as fleet:
+    with Fleet([K], host, paths=("wire",)) as fleet:
         site = lab(host, udpin(host))
         site.start()
         assert site.seen() == {"kind": "udpin", "local": [host, 14541], "vehicle": [host, 25001]}
         assert land_all(run=site.folder) == 0
-        assert fleet.fakes[K].mode == LAND and site.link.poll() is None
+        assert fleet.autopilots[K].mode == "AUTO.LAND" and site.link.poll() is None
     printed = lines(capsys)
     assert printed[1].startswith("uav1: landed and disarmed") and len(printed) == 2, "no direct connection"
 
@@ -189,12 +158,12 @@ def test_a_working_link_records_the_address_and_carries_the_landing(lab, capsys)
 @pytest.mark.parametrize("verb", ["land-all", "kill-all"])
 def test_a_stopped_or_dead_link_is_replaced(lab, capsys, number, verb):
     host = f"127.66.2.{number + 10 * len(verb)}"
-    with Fleet([Fake(system=K)], host, paths=("wire",)) as fleet:
+    with Fleet([K], host, paths=("wire",)) as fleet:
         site = lab(host, udpin(host))
         site.start()
         site.signal(number)
         assert command(verb, ["--run", str(site.folder), *(["--yes"] if verb == "kill-all" else [])]) == 0
-        assert not fleet.fakes[K].armed
+        assert not fleet.autopilots[K].armed
     printed = lines(capsys)
     assert any(f"sending on udpin {host}:14541 instead" in line for line in printed)
     assert any(f"process {site.link.pid}" in line and "was killed" in line for line in printed) is (
@@ -206,13 +175,13 @@ def test_a_stopped_or_dead_link_is_replaced(lab, capsys, number, verb):
 def test_a_vehicle_without_known_address_is_found_by_its_telemetry(lab, capsys):
     host = "127.66.3.1"
     site = lab(host, udpin(host))
-    with Fleet([Fake(system=K)], host, paths=("wire",)):
+    with Fleet([K], host, paths=("wire",)):
         assert land_all(run=site.folder) == 0, "only the run folder is left"
 
 
 def test_a_vehicle_on_udpout_is_commanded_in_place_of_its_link(lab):
     host = "127.66.4.1"
-    with Fleet([Fake(system=K)], host, paths=("tools",)) as fleet:  # answers every sender
+    with Fleet([K], host, paths=("tools",)) as fleet:  # answers every sender
         site = lab(host, {"kind": "udpout", "address": list(fleet.targets[0].tools)})
         site.start()
         site.signal(signal.SIGSTOP)
@@ -224,7 +193,7 @@ def test_a_vehicle_on_udpout_is_commanded_in_place_of_its_link(lab):
 
 def test_a_link_that_reads_is_never_killed(lab, capsys):
     host = "127.66.5.1"
-    with Fleet([Fake(system=K)], host, paths=("wire",)):
+    with Fleet([K], host, paths=("wire",)):
         site = lab(host, udpin(host))
         site.start()
     assert land_all(run=site.folder, timeout_s=2.5) == 1
@@ -248,13 +217,13 @@ def test_another_process_with_the_recorded_pid_is_not_killed():
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
 def test_on_a_serial_line_the_device_is_taken_over(lab, serial_cable, capsys, number):
     near, far = serial_cable
-    fake = Fake(system=K)
-    with SerialFake(fake, far):
+    fake = flying(K)
+    with on_serial_line(fake, far):
         site = lab(f"127.66.6.{number}", {"kind": "serial", "device": near, "baud": 115200})
         site.start()
         site.signal(number)
         assert land_all(run=site.folder) == 0
-    assert fake.mode == LAND and not fake.armed
+    assert fake.mode == "AUTO.LAND" and not fake.armed
     assert any(f"sending on {near} at 115200 baud instead" in line for line in lines(capsys))
 
 
@@ -266,21 +235,21 @@ def test_from_the_yaml_alone(tmp_path, monkeypatch, serial_cable):
         f'address: {host}\nvehicles:\n  a: {{autopilot: hardware, url: "udpin:{host}:14541", world: [}}\n'
         f"  b: {{autopilot: hardware, url: 'serial:{near}'}}\n"
     )
-    other = Fake(system=2)
-    with Fleet([Fake(system=1)], host, paths=("wire",)) as fleet, SerialFake(other, far):
+    other = flying(2)
+    with Fleet([1], host, paths=("wire",)) as fleet, on_serial_line(other, far):
         assert land_all(arena=file) == 0
-    assert not other.armed and not fleet.fakes[1].armed
+    assert not other.armed and not fleet.autopilots[1].armed
 
 
 def test_a_second_land_all_is_obeyed_by_the_link_too(lab):
     """The first one holds our end of the panic link and hangs; there is no router."""
     host = "127.66.8.1"
     with (
-        Fleet([Fake(system=K)], host, paths=("wire",)) as fleet,
+        Fleet([K], host, paths=("wire",)) as fleet,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
     ):
         site = lab(host, udpin(host))
         site.start()
         other.bind((host, 24015))
         assert land_all(run=site.folder, timeout_s=2.0) == 1, "no telemetry"
-        assert fleet.fakes[K].landed and not fleet.fakes[K].armed
+        assert fleet.autopilots[K].landed and not fleet.autopilots[K].armed

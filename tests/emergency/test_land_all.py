@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import os
 import re
 import signal
@@ -13,7 +14,8 @@ import time
 import types
 
 import pytest
-from fakes import LAND, OFFBOARD, Fake, Fleet, target
+from emergency_fleet import REFUSES_LANDING, Fleet, flying, target
+from fake_autopilot import ARM, FORCE, SET_MODE
 
 from arena.emergency import dispatch, landing_sequence
 from arena.emergency.dispatch import TargetConnections, bring_down, own_component
@@ -47,28 +49,32 @@ def land(targets, timeout_s=20.0, action="land"):
     return bring_down(targets, action=action, timeout_s=timeout_s, say=lines.append), lines
 
 
+def senders(messages):
+    return {(m.get_srcSystem(), m.get_srcComponent()) for m in messages}
+
+
 def test_all_are_landed_and_confirmed():
-    with Fleet([Fake(system=1), Fake(system=2, land_s=0.4)], "127.54.30.1") as fleet:
+    with Fleet([1, flying(2, land_s=0.4)], "127.54.30.1") as fleet:
         code, lines = land(fleet.targets)
     assert code == 0
     assert [line.split(" after ")[0] for line in lines] == [
         "uav1: landed and disarmed",
         "uav2: landed and disarmed",
     ]
-    assert all(fake.mode == LAND and not fake.armed and fake.landed for fake in fleet.fakes.values())
-    assert {(s, c) for fake in fleet.fakes.values() for s, c, _ in fake.received} == {(253, own_component())}
+    assert all(a.mode == "AUTO.LAND" and not a.armed and a.landed for a in fleet.autopilots.values())
+    assert senders(m for a in fleet.autopilots.values() for m in a.received) == {(253, own_component())}
 
 
 @pytest.mark.parametrize("path", ["panic", "tools"])
 def test_one_connection_is_enough(path):
     """The router may have ended, or a second land-all may hold the panic link."""
-    with Fleet([Fake(system=1)], "127.54.31.1", paths=(path,)) as fleet:
+    with Fleet([1], "127.54.31.1", paths=(path,)) as fleet:
         assert land(fleet.targets)[0] == 0
 
 
 def test_a_taken_panic_port_leaves_the_way_through_the_router():
     with (
-        Fleet([Fake(system=1)], "127.54.32.1") as fleet,
+        Fleet([1], "127.54.32.1") as fleet,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
     ):
         other.bind(fleet.targets[0].partner)
@@ -77,17 +83,17 @@ def test_a_taken_panic_port_leaves_the_way_through_the_router():
 
 def test_without_panic_port_and_router_it_lands_unconfirmed(end_when):
     with (
-        Fleet([Fake(system=1)], "127.54.33.1", paths=("panic",)) as fleet,
+        Fleet([1], "127.54.33.1", paths=("panic",)) as fleet,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
     ):
         other.bind(fleet.targets[0].partner)
-        end_when(lambda: fleet.fakes[1].mode == LAND)
+        end_when(lambda: fleet.autopilots[1].mode == "AUTO.LAND")
         code, lines = land(fleet.targets)
     assert (code, lines) == (1, ["uav1: NOT CONFIRMED: no telemetry received"])
 
 
 def test_a_refusing_vehicle_is_not_confirmed_and_the_others_land():
-    with Fleet([Fake(system=1), Fake(system=2, obeys=False)], "127.54.34.1") as fleet:
+    with Fleet([1, flying(2, refuse=REFUSES_LANDING)], "127.54.34.1") as fleet:
         code, lines = land(fleet.targets, timeout_s=2.0)
     assert code == 1
     assert any(
@@ -95,9 +101,11 @@ def test_a_refusing_vehicle_is_not_confirmed_and_the_others_land():
     )
     assert lines[-2].startswith("uav1: landed and disarmed")
     assert lines[-1].startswith("uav2: NOT CONFIRMED: armed, in the air, mode OFFBOARD")
-    assert len([c for c in fleet.fakes[2].commands if c[0] == 176]) >= 6  # two paths, each half second
-    assert all(c[0] != 400 for c in fleet.fakes[2].commands)
-    assert fleet.fakes[2].armed
+    assert (
+        len([c for c in fleet.autopilots[2].commands if c.command == SET_MODE]) >= 6
+    )  # two paths, each half second
+    assert all(c.command != ARM for c in fleet.autopilots[2].commands)
+    assert fleet.autopilots[2].armed
 
 
 @pytest.mark.parametrize("broken", ["__init__", "send", "_read"])
@@ -115,16 +123,16 @@ def test_an_error_with_one_vehicle_does_not_stop_the_others(monkeypatch, end_whe
         dispatch, "LandingSequence", lambda **given: made.append(LandingSequence(**given)) or made[-1]
     )
     end_when(lambda: any(landing.name == "uav2" and landing.confirmed for landing in made))
-    with Fleet([Fake(system=1), Fake(system=2)], "127.54.47.1") as fleet:
+    with Fleet([1, 2], "127.54.47.1") as fleet:
         code, lines = land(fleet.targets)
-    assert code == 1 and fleet.fakes[2].mode == LAND
+    assert code == 1 and fleet.autopilots[2].mode == "AUTO.LAND"
     assert lines.count("uav1: OverflowError: no such port; retrying") == 1
     assert any(line.startswith("uav2: landed and disarmed") for line in lines)
     assert any(line.startswith("uav1: NOT CONFIRMED") for line in lines)
 
 
 def test_a_vehicle_without_telemetry_is_not_confirmed():
-    with Fleet([Fake(system=1)], "127.54.35.1") as fleet:
+    with Fleet([1], "127.54.35.1") as fleet:
         code, lines = land([*fleet.targets, target(2, "127.54.35.1")], timeout_s=0.5)
     assert code == 1
     assert lines[-1] == "uav2: NOT CONFIRMED: no telemetry received"
@@ -144,7 +152,7 @@ CRASHED = {"process": "world", "event": "uav1 crashed: tilted 61 degrees at 3.20
 def test_a_vehicle_without_its_px4_is_not_confirmed_and_not_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(dispatch, "_TRY_SILENT_S", 1.2)
     run = record(tmp_path / "run", CRASHED, PX4_DIED)
-    with Fleet([Fake(system=1)], "127.74.30.1") as fleet:
+    with Fleet([1], "127.74.30.1") as fleet:
         began = time.monotonic()
         silent = dataclasses.replace(target(2, "127.74.30.1"), run=run)
         code, lines = land([*fleet.targets, silent], timeout_s=60.0)
@@ -181,33 +189,33 @@ def test_a_crash_is_recorded_and_a_restarted_px4_is_not(tmp_path):
 
 
 def test_all_land_with_a_third_of_datagrams_lost():
-    with Fleet([Fake(system=k) for k in (1, 2, 3)], "127.54.36.1", paths=("panic",), loss=0.3) as fleet:
+    with Fleet([1, 2, 3], "127.54.36.1", paths=("panic",), loss=0.3) as fleet:
         assert land(fleet.targets)[0] == 0
 
 
 def test_a_vehicle_armed_on_the_ground_is_disarmed_without_force(monkeypatch):
     monkeypatch.setattr(landing_sequence, "DISARM_AFTER_S", 0.6)
-    fake = Fake(system=1, landed=True, disarms=False, mode=OFFBOARD)
+    fake = flying(1, landed=True, disarm_s=math.inf)
     with Fleet([fake], "127.54.37.1") as fleet:
         code, lines = land(fleet.targets)
     assert code == 0
     assert not fake.armed
-    assert {c for c in fake.commands if c[0] == 400} == {(400, 0.0, 0.0)}
+    assert {(c.param1, c.param2) for c in fake.commands if c.command == ARM} == {(0.0, 0.0)}
     assert float(re.fullmatch(r"uav1: landed and disarmed after ([\d.]+) s", lines[-1])[1]) >= 0.6
 
 
 def test_a_disarmed_vehicle_on_the_ground_is_left_alone(monkeypatch):
     monkeypatch.setattr(landing_sequence, "WATCH_S", 0.5)
-    with Fleet([Fake(system=1, landed=True, armed=False)], "127.54.38.1") as fleet:
+    with Fleet([flying(1, landed=True, armed=False)], "127.54.38.1") as fleet:
         assert land(fleet.targets) == (0, ["uav1: already on the ground"])
 
 
 def test_a_vehicle_armed_during_the_landing_is_landed_too():
-    with Fleet([Fake(system=1, armed=False, landed=True)], "127.74.38.1") as fleet:
-        fake = fleet.fakes[1]
+    with Fleet([flying(1, landed=True, armed=False)], "127.74.38.1") as fleet:
+        fake = fleet.autopilots[1]
 
         def take_off():
-            fake.mode, fake.landing_since, fake.armed, fake.landed = OFFBOARD, None, True, False
+            fake.mode, fake.armed, fake.landed = "OFFBOARD", True, False
 
         starter = threading.Timer(0.7, take_off)
         starter.start()
@@ -218,17 +226,17 @@ def test_a_vehicle_armed_during_the_landing_is_landed_too():
 
 
 def test_kill_all_stops_the_motors_in_the_air():
-    with Fleet([Fake(system=1, obeys=False)], "127.54.39.1") as fleet:
+    with Fleet([flying(1, refuse=REFUSES_LANDING)], "127.54.39.1") as fleet:
         code, lines = land(fleet.targets, action="kill")
     assert code == 0
     assert lines[0].startswith("uav1: motors stopped after ")
-    assert {c[:3] for c in fleet.fakes[1].commands} == {(400, 0.0, 21196.0)}
+    assert {(c.command, c.param1, c.param2) for c in fleet.autopilots[1].commands} == {(ARM, 0.0, FORCE)}
 
 
 def test_telemetry_from_another_address_confirms_nothing():
     """A heartbeat on the ground counts only from the vehicle's own link or router."""
     host = "127.54.40.1"
-    lie = Fake(system=1, landed=True, armed=False)
+    lie = flying(1, landed=True, armed=False)
     moved = Target(
         name="uav1", id=1, autopilot=(host, 30000), partner=target(1, host).partner, tools=(host, 30001)
     )
@@ -264,7 +272,7 @@ def test_all_are_landed_and_confirmed_through_a_real_router(tmp_path):
     host = "127.54.46.1"
     file = tmp_path / "router.json"
     file.write_text(json.dumps(router_slice(host, (1, 2))))
-    with Fleet([Fake(system=1), Fake(system=2)], host, paths=("router",)) as fleet:
+    with Fleet([1, 2], host, paths=("router",)) as fleet:
         router = subprocess.Popen([sys.executable, "-m", "arena.mavlink_router", str(file)])
         try:
             code, lines = land(fleet.targets)
@@ -272,8 +280,7 @@ def test_all_are_landed_and_confirmed_through_a_real_router(tmp_path):
             router.terminate()
             assert router.wait(20) == 0
     assert code == 0, lines
-    acks = {(s, c) for fake in fleet.fakes.values() for s, c, kind in fake.received if kind == "COMMAND_LONG"}
-    assert acks == {(253, own_component())}
+    assert senders(c for a in fleet.autopilots.values() for c in a.commands) == {(253, own_component())}
 
 
 # the commands
@@ -300,7 +307,7 @@ def test_the_command_lands_from_a_broken_yaml_with_exit_code_0(tmp_path):
     file.write_text(
         "address: 127.54.41.1\nworld: {size: [\nvehicles:\n  one: {profile: nosuch}\n  two: {start: [0, 0}\n"
     )
-    with Fleet([Fake(system=1), Fake(system=2)], "127.54.41.1"):
+    with Fleet([1, 2], "127.54.41.1"):
         done = arena("land-all", file, "--timeout", "20", env=empty_runtime(tmp_path))
     assert done.returncode == 0, done.stderr
     first, *rest = done.stdout.splitlines()
@@ -314,10 +321,10 @@ def test_the_command_lands_from_a_broken_yaml_with_exit_code_0(tmp_path):
 def test_land_all_spares_the_excepted_vehicles(tmp_path):
     file = tmp_path / "arena.yaml"
     file.write_text("address: 127.54.42.1\nvehicles:\n  one:\n  two:\n")
-    with Fleet([Fake(system=1), Fake(system=2)], "127.54.42.1") as fleet:
+    with Fleet([1, 2], "127.54.42.1") as fleet:
         done = arena("land-all", file, "--except", "two", env=empty_runtime(tmp_path))
     assert done.returncode == 0
-    assert not fleet.fakes[2].commands
+    assert not fleet.autopilots[2].commands
     assert arena("land-all", file, "--only", "three", env=empty_runtime(tmp_path)).returncode == 2
 
 
@@ -333,13 +340,13 @@ def test_an_unconfirmed_vehicle_gives_exit_code_1(tmp_path, module):
 def test_kill_all_requires_yes(tmp_path):
     file = tmp_path / "arena.yaml"
     file.write_text("address: 127.54.44.1\nvehicles:\n  one:\n")
-    with Fleet([Fake(system=1)], "127.54.44.1") as fleet:
+    with Fleet([1], "127.54.44.1") as fleet:
         refused = arena("kill-all", file, env=empty_runtime(tmp_path))
-        assert not fleet.fakes[1].commands
+        assert not fleet.autopilots[1].commands
         done = arena("kill-all", file, "--yes", env=empty_runtime(tmp_path))
     assert (refused.returncode, done.returncode) == (2, 0)
     assert "--yes" in refused.stderr
-    assert not fleet.fakes[1].armed
+    assert not fleet.autopilots[1].armed
 
 
 HEAVY = {
@@ -372,7 +379,7 @@ def test_land_all_imports_no_heavy_package(tmp_path):
         "print(json.dumps([code, sorted(sys.modules)]))"
     )
     for verb in (["land-all"], ["kill-all", "--yes"]):
-        with Fleet([Fake(system=1)], host):
+        with Fleet([1], host):
             argv = [sys.executable, "-c", code, *verb, "--run", str(tmp_path)]
             done = subprocess.run(argv, capture_output=True, text=True, timeout=120, check=True)
         exit_code, loaded = json.loads(done.stdout.splitlines()[-1])
@@ -393,7 +400,7 @@ def test_two_at_once_both_confirm(tmp_path, paths):
     host, file = f"127.66.21.{1 + len(''.join(paths))}", tmp_path / "arena.yaml"
     file.write_text(f"address: {host}\nvehicles:\n  one:\n  two:\n")
     argv = [sys.executable, "-m", "arena.cli", "land-all", str(file)]
-    with Fleet([Fake(system=1), Fake(system=2)], host, paths=paths):
+    with Fleet([1, 2], host, paths=paths):
         both = [
             subprocess.Popen(argv, stdout=subprocess.PIPE, env={**os.environ, **empty_runtime(tmp_path)})
             for _ in range(2)
@@ -406,39 +413,39 @@ def test_two_at_once_both_confirm(tmp_path, paths):
 def test_commands_succeed_with_a_third_of_datagrams_lost(tmp_path, verb):
     host, file = f"127.66.22.{len(verb)}", tmp_path / "arena.yaml"
     file.write_text(f"address: {host}\nvehicles:\n" + "".join(f"  v{k}:\n" for k in range(1, 11)))
-    with Fleet([Fake(system=k) for k in range(1, 11)], host, loss=0.3) as fleet:
+    with Fleet(range(1, 11), host, loss=0.3) as fleet:
         done = arena(*verb, file, env=empty_runtime(tmp_path))
     assert done.returncode == 0, done.stdout
-    assert not any(fake.armed for fake in fleet.fakes.values())
+    assert not any(fake.armed for fake in fleet.autopilots.values())
 
 
 def test_kill_all_spares_the_excepted_vehicles(tmp_path):
     file = tmp_path / "arena.yaml"
     file.write_text("address: 127.66.23.1\nvehicles:\n  one:\n  two:\n  three:\n")
-    with Fleet([Fake(system=k) for k in (1, 2, 3)], "127.66.23.1") as fleet:
+    with Fleet([1, 2, 3], "127.66.23.1") as fleet:
         done = arena(
             "kill-all", file, "--yes", "--only", "one,two", "--except", "two", env=empty_runtime(tmp_path)
         )
     assert done.returncode == 0 and "of one (addresses" in done.stdout
-    assert [fake.armed for fake in fleet.fakes.values()] == [False, True, True]
-    assert not fleet.fakes[2].commands and not fleet.fakes[3].commands
+    assert [fake.armed for fake in fleet.autopilots.values()] == [False, True, True]
+    assert not fleet.autopilots[2].commands and not fleet.autopilots[3].commands
 
 
 def test_a_landing_continues_when_the_terminal_is_closed(tmp_path):
     file = tmp_path / "arena.yaml"
     file.write_text("address: 127.66.24.1\nvehicles:\n  one:\n")
-    with Fleet([Fake(system=1, land_s=1.5)], "127.66.24.1") as fleet:
+    with Fleet([flying(1, land_s=1.5)], "127.66.24.1") as fleet:
         argv = [sys.executable, "-m", "arena.cli", "land-all", str(file)]
         process = subprocess.Popen(
             argv, stdout=subprocess.PIPE, env={**os.environ, **empty_runtime(tmp_path)}
         )
         assert process.stdout.readline().startswith(b"landing one")
         process.stdout.close()
-        while not fleet.fakes[1].commands:
+        while not fleet.autopilots[1].commands:
             time.sleep(0.01)
         process.send_signal(signal.SIGHUP)
         process.wait(120)
-    assert fleet.fakes[1].landed and not fleet.fakes[1].armed
+    assert fleet.autopilots[1].landed and not fleet.autopilots[1].armed
     assert process.returncode == 0
 
 
@@ -446,7 +453,7 @@ def test_fifty_vehicles_are_all_commanded_and_confirmed(tmp_path):
     """How fast is measured by benchmarks/panic.py."""
     file, host = tmp_path / "arena.yaml", "127.54.45.1"
     file.write_text(f"address: {host}\nvehicles:\n" + "".join(f"  v{k}:\n" for k in range(1, 51)))
-    with Fleet([Fake(system=k) for k in range(1, 51)], host) as fleet:
+    with Fleet(range(1, 51), host) as fleet:
         done = arena("land-all", file, env=empty_runtime(tmp_path))
     assert done.returncode == 0, done.stdout
-    assert len(fleet.first_command) == 50
+    assert all(a.commands for a in fleet.autopilots.values())

@@ -1,7 +1,7 @@
 """The landing sequence of one vehicle, on a clock of the test: only the autopilot's telemetry confirms a landing."""
 
 import pytest
-from fakes import AIR, GROUND, LAND, OFFBOARD
+from fake_autopilot import AIR, GROUND, MODES
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.emergency.landing_sequence import LandingSequence
 
 COMPONENT = 200
+LAND, OFFBOARD = MODES["AUTO.LAND"], MODES["OFFBOARD"]
 MODE, NAV_LAND, ARM, INTERVAL = 176, 21, 400, 511
 
 

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from fakes import target
+from emergency_fleet import target
 from hypothesis import given
 from hypothesis import strategies as st
 
