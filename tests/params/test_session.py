@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fake_autopilot import INT32, FakeAutopilot
+from served import Connection, LossyLink, SerialDevice, Served, UdpPort
 
 from arena.autopilot.param_table import SPECS
 from arena.errors import InputError
@@ -25,12 +27,12 @@ from arena.params.transfer.transfer import Progress
 from arena.params.transfer.transports import ParamTarget, SerialParamTransport
 from arena.wire.mavlink_frame import parse_frames
 
-from .simulated_vehicle import INT32, LossyLink, Vehicle, holds, new_values, sixty_params
-from .vehicle_server import BuiltIn, Simulated, own_address, serve
+from .simulated_transfer import holds, new_values, sixty_params, vehicle
+from .vehicle_server import BuiltIn, own_address, serve
 
 
-def fleet(*systems: int, **more: Any) -> Simulated:
-    return Simulated([Vehicle(system=s, **more) for s in systems])
+def fleet(*systems: int) -> list[FakeAutopilot]:
+    return [vehicle(s) for s in systems]
 
 
 def same_for(targets: dict[str, ParamTarget], wanted: dict[str, float]) -> dict[str, dict[str, float]]:
@@ -47,7 +49,7 @@ def test_three_vehicles_get_their_own_values() -> None:
         reports = push(targets, wanted)
         pulled = pull(targets)
     assert all(report.holds for report in reports.values()), reports
-    assert all(holds(v, w) for v, w in zip(vehicles.vehicles, wanted.values(), strict=True))
+    assert all(holds(v, w) for v, w in zip(vehicles, wanted.values(), strict=True))
     assert all(p.complete and len(p.values) == 60 for p in pulled.values())
     assert [p.values["P_01"].value for p in pulled.values()] == [100, 101, 102]
 
@@ -55,14 +57,14 @@ def test_three_vehicles_get_their_own_values() -> None:
 def test_ten_vehicles_over_lossy_links() -> None:
     systems = range(1, 11)
     links = [LossyLink(seed=s, loss=0.1, delay_s=0.1, twice=0.05, late=0.05) for s in systems]
-    vehicles = Simulated([Vehicle(system=s) for s in systems], links)
-    with serve(vehicles) as targets:
+    vehicles = fleet(*systems)
+    with serve(vehicles, links) as targets:
         wanted = dict(list(new_values().items())[:25])
         reports = push(targets, same_for(targets, wanted))
     assert all(report.holds for report in reports.values()), {
         n: (r.ending, r.with_outcome("unanswered")) for n, r in reports.items()
     }
-    assert all(holds(v, wanted) for v in vehicles.vehicles)
+    assert all(holds(v, wanted) for v in vehicles)
     print("ten over lossy links [s]:", sorted(round(r.traffic.seconds, 1) for r in reports.values()))
 
 
@@ -71,7 +73,7 @@ def test_missing_and_armed_vehicles_do_not_delay_others(
 ) -> None:
     monkeypatch.setattr("arena.params.transfer.transfer.CONNECT_TIMEOUT_S", 2.5)
     vehicles = fleet(1, 2, 3)
-    vehicles.vehicles[0].alive, vehicles.vehicles[1].armed = False, True
+    vehicles[0].alive, vehicles[1].armed = False, True
     with serve(vehicles) as targets:
         reports = push(targets, same_for(targets, {"P_03": 9}))
         assert reboot({"uav2": targets["uav2"], "uav3": targets["uav3"]}) == {"uav2": "armed", "uav3": ""}
@@ -79,8 +81,8 @@ def test_missing_and_armed_vehicles_do_not_delay_others(
     assert reports["uav1"].with_outcome("unread") == ["P_03"] and reports["uav3"].with_outcome("written") == [
         "P_03"
     ]
-    assert not reports["uav2"].holds and [v.written_names for v in vehicles.vehicles] == [[], [], ["P_03"]]
-    assert [v.rebooted for v in vehicles.vehicles] == [0, 0, 1]
+    assert not reports["uav2"].holds and [v.written_names for v in vehicles] == [[], [], ["P_03"]]
+    assert [v.rebooted for v in vehicles] == [0, 0, 1]
 
 
 def test_only_written_parameters_need_a_reboot() -> None:
@@ -103,25 +105,10 @@ def test_progress_is_reported_for_all_and_at_the_end() -> None:
 
 
 def test_unknown_address_is_taken_from_the_first_packet() -> None:
-    host, vehicle, over = own_address(), Vehicle(), threading.Event()
-
-    def serve_vehicle() -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-            sock.bind((host, 14580))
-            while not over.is_set():
-                for data in vehicle.step(time.monotonic()):
-                    sock.sendto(data, (host, 14540))
-                if select.select([sock], [], [], 0.01)[0]:
-                    for answer in vehicle.receive(sock.recv(65536)):
-                        sock.sendto(answer, (host, 14540))
-
-    thread = threading.Thread(target=serve_vehicle, daemon=True)
-    thread.start()
-    try:
+    host = own_address()
+    sending = Connection(autopilot=vehicle(), port=UdpPort((host, 14580)), remote=(host, 14540))
+    with Served([sending]):
         reports = push({"a": ParamTarget(system=1, local=(host, 14540))}, {"a": {"P_03": 9}})
-    finally:
-        over.set()
-        thread.join(10)
     assert reports["a"].holds
 
 
@@ -139,27 +126,11 @@ def test_address_in_use_ends_that_vehicle_only() -> None:
 
 def test_serial_device(serial_cable: tuple[str, str]) -> None:
     near, far = serial_cable
-    vehicle, over = Vehicle(), threading.Event()
-    fd = os.open(far, os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY)
-
-    def serve_vehicle() -> None:
-        while not over.is_set():
-            for data in vehicle.step(time.monotonic()):
-                os.write(fd, data)
-            if select.select([fd], [], [], 0.01)[0]:
-                for answer in vehicle.receive(os.read(fd, 65536)):
-                    os.write(fd, answer)
-
-    thread = threading.Thread(target=serve_vehicle, daemon=True)
-    thread.start()
-    try:
+    autopilot = vehicle()
+    with Served([Connection(autopilot=autopilot, port=SerialDevice(far))]):
         targets = {"uav1": ParamTarget(system=1, device=near, baud=57600)}
         report, pulled = push(targets, {"uav1": new_values()})["uav1"], pull(targets)["uav1"]
-    finally:
-        over.set()
-        thread.join(10)
-        os.close(fd)
-    assert report.holds and holds(vehicle, new_values()) and pulled.complete
+    assert report.holds and holds(autopilot, new_values()) and pulled.complete
 
 
 def test_unplugged_device_ends_as_connection_lost(
@@ -173,7 +144,7 @@ def test_unplugged_device_ends_as_connection_lost(
     name = os.ttyname(device)
 
     def answer_once() -> None:
-        heartbeat, asked = Vehicle().step(0.0)[0], False
+        heartbeat, asked = vehicle().step(0.0)[0], False
         while not asked:
             os.write(board, heartbeat)
             if select.select([board], [], [], 0.05)[0]:
@@ -199,11 +170,11 @@ def test_missing_device_is_reported() -> None:
 # -- the record ----------------------------------------------------------------------------------------------------------------
 
 
-def interrupt_when(vehicle: Vehicle, written: int) -> Any:
+def interrupt_when(autopilot: FakeAutopilot, written: int) -> Any:
     """Return an on_progress that raises KeyboardInterrupt after this number of writes."""
 
     def interrupt(_: Any) -> None:
-        if len(vehicle.written_names) >= written:
+        if len(autopilot.written_names) >= written:
             raise KeyboardInterrupt
 
     return interrupt
@@ -211,9 +182,8 @@ def interrupt_when(vehicle: Vehicle, written: int) -> Any:
 
 def test_interrupted_push_is_resumed_from_its_record(tmp_path: Path) -> None:
     vehicles, file = fleet(1, 2), tmp_path / "push.json"
-    first, second = vehicles.vehicles
-    vehicles.links = [LossyLink(delay_s=0.05), LossyLink(delay_s=0.05)]
-    with serve(vehicles) as targets:
+    first, second = vehicles
+    with serve(vehicles, [LossyLink(delay_s=0.05), LossyLink(delay_s=0.05)]) as targets:
         wanted = same_for(targets, new_values())
         reports = push(
             targets, wanted, record=PushRecord.begin(file, wanted), on_progress=interrupt_when(first, 15)
@@ -223,17 +193,19 @@ def test_interrupted_push_is_resumed_from_its_record(tmp_path: Path) -> None:
             "differs", "unanswered"
         )
         left = PushRecord.read(file)
-        for name, vehicle in (("uav1", first), ("uav2", second)):
+        for name, autopilot in (("uav1", first), ("uav2", second)):
             entry = left.vehicles[name]
             assert entry.wanted == new_values() and entry.ending == "interrupted"
             assert (
                 set(entry.written)
                 == set(reports[name].with_outcome("written"))
-                <= set(vehicle.written_names)
+                <= set(autopilot.written_names)
                 <= set(entry.before)
             )
             assert entry.before == pytest.approx({n: v for n, (v, _) in sixty_params().items()})
-        before = {name: list(vehicle.written_names) for name, vehicle in (("uav1", first), ("uav2", second))}
+        before = {
+            name: list(autopilot.written_names) for name, autopilot in (("uav1", first), ("uav2", second))
+        }
         again = push(targets, left.wanted, record=left)
     assert all(r.holds for r in again.values()) and holds(first, new_values()) and holds(second, new_values())
     assert set(again["uav1"].with_outcome("same")) >= set(reports["uav1"].with_outcome("written")), (
@@ -247,12 +219,12 @@ def test_old_values_are_saved_before_the_first_write(tmp_path: Path) -> None:
     file = tmp_path / "push.json"
     seen: list[set[str]] = []
 
-    class Watched(Vehicle):
-        def set(self, name: str, raw: float) -> None:
+    class Watched(FakeAutopilot):
+        def write(self, name: str, raw: float) -> None:
             seen.append(set(json.loads(file.read_text())["vehicles"]["uav1"]["before"]))
-            super().set(name, raw)
+            super().write(name, raw)
 
-    with serve(Simulated([Watched()])) as targets:
+    with serve([Watched(params=sixty_params(), telemetry=("HEARTBEAT",))]) as targets:
         push(targets, {"uav1": new_values()}, record=PushRecord.begin(file, {"uav1": new_values()}))
     assert seen and all(names == set(new_values()) for names in seen)
 
@@ -274,7 +246,7 @@ def test_resumed_record_keeps_the_oldest_values(tmp_path: Path) -> None:
 
 def test_unfinished_vehicle_keeps_the_record(tmp_path: Path) -> None:
     vehicles, file = fleet(1, 2), tmp_path / "push.json"
-    vehicles.vehicles[1].armed = True
+    vehicles[1].armed = True
     with serve(vehicles) as targets:
         wanted = same_for(targets, {"P_03": 9})
         push(targets, wanted, record=PushRecord.begin(file, wanted))
@@ -289,7 +261,7 @@ def test_unwritable_record_stops_before_the_first_write(tmp_path: Path) -> None:
             {"uav1": new_values()},
             record=PushRecord.begin(tmp_path / "none" / "push.json", {"uav1": new_values()}),
         )
-    assert vehicles.vehicles[0].written_names == []
+    assert vehicles[0].written_names == []
 
 
 NO_NUMBER = '{"a": {"wanted": {"X": "1"}, "before": {}, "written": {}, "ending": ""}}'
@@ -320,15 +292,15 @@ push({"uav1": ParamTarget(system=1, remote=eval(sys.argv[2]))}, wanted, record=P
 
 
 def test_killed_process_leaves_a_complete_record(tmp_path: Path) -> None:
-    vehicles, file = Simulated([Vehicle()], [LossyLink(delay_s=0.05)]), tmp_path / "push.json"
-    with serve(vehicles) as targets:
+    vehicles, file = fleet(1), tmp_path / "push.json"
+    with serve(vehicles, [LossyLink(delay_s=0.05)]) as targets:
         wanted = {"uav1": new_values()}
         pusher = subprocess.Popen(
             [sys.executable, "-c", PUSHER, str(file), repr(targets["uav1"].remote), repr(new_values())]
         )
         try:
             deadline = time.monotonic() + 60.0
-            while len(vehicles.vehicles[0].written_names) < 15:
+            while len(vehicles[0].written_names) < 15:
                 assert time.monotonic() < deadline and pusher.poll() is None, "nothing is written"
                 time.sleep(0.005)
         finally:
@@ -337,7 +309,7 @@ def test_killed_process_leaves_a_complete_record(tmp_path: Path) -> None:
         left = PushRecord.read(file)
         assert left.wanted == wanted and set(left.vehicles["uav1"].before) == set(new_values())
         assert push(targets, left.wanted, record=left)["uav1"].holds
-    assert holds(vehicles.vehicles[0], new_values())
+    assert holds(vehicles[0], new_values())
 
 
 # -- built-in autopilots -------------------------------------------------------------------------------------------------------
@@ -364,7 +336,7 @@ def test_ten_built_in_autopilots_take_sixty_parameters_each(tmp_path: Path) -> N
     wanted = some_of_the_built_in()
     assert len(wanted) == 60 and 15 < sum(SPECS[n].type == "int32" for n in wanted) < 45
     flying = BuiltIn(10, tmp_path)
-    with serve(flying) as targets:
+    with serve(flying.vehicles()) as targets:
         alone = push({"uav1": targets["uav1"]}, {"uav1": wanted})["uav1"]
         reports = push(targets, same_for(targets, wanted))
         pulled = pull(targets)
@@ -380,7 +352,7 @@ def test_ten_built_in_autopilots_take_sixty_parameters_each(tmp_path: Path) -> N
 def test_built_in_autopilot_refuses_out_of_range_and_unknown(
     tmp_path: Path,
 ) -> None:
-    with serve(BuiltIn(1, tmp_path)) as targets:
+    with serve(BuiltIn(1, tmp_path).vehicles()) as targets:
         wanted = {"EKF2_HGT_REF": 9, "MPC_XY_P": 1.25, "NO_SUCH_NAME": 1, "MPC_Z_P": 1.25}
         report = push(targets, {"uav1": wanted})["uav1"]
     assert {n: r.outcome for n, r in report.results.items()} == {

@@ -1,17 +1,18 @@
-"""Vehicles behind loopback sockets, served by a thread: simulated ones, or built-in autopilots in their world."""
+"""Vehicles on loopback sockets for parameter transfers: fake autopilots, or built-in autopilots in their world."""
 
 from __future__ import annotations
 
 import itertools
 import os
-import select
-import socket
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
+
+from fake_autopilot import FakeAutopilot
+from served import Connection, LossyLink, Served, UdpPort
 
 from arena.autopilot import Autopilots
 from arena.params.transfer.transports import ParamTarget
@@ -19,50 +20,12 @@ from arena.plan import make_plan
 from arena.schema import load_arena
 from arena.sim.world import World
 
-from .simulated_vehicle import LossyLink, Vehicle
-
 _count = itertools.count(1)
 
 
 def own_address() -> str:
     """Return a loopback address that no other test of this process has: 127.26.x.y."""
     return f"127.26.{os.getpid() % 250 + 1}.{next(_count)}"
-
-
-class Served(Protocol):
-    """Vehicles behind the sockets, by index."""
-
-    def systems(self) -> Sequence[int]: ...
-    def receive(self, i: int, data: bytes) -> list[bytes]: ...
-    def step(self) -> list[tuple[int, bytes]]: ...
-
-
-class Simulated:
-    """Simulated vehicles, each with a link of its own."""
-
-    def __init__(self, vehicles: Sequence[Vehicle], links: Sequence[LossyLink] = ()) -> None:
-        self.vehicles = vehicles
-        self.links = links or [LossyLink() for _ in vehicles]
-
-    def systems(self) -> Sequence[int]:
-        return [v.system for v in self.vehicles]
-
-    def receive(self, i: int, data: bytes) -> list[bytes]:
-        self.links[i].send("up", data, time.monotonic())
-        return []
-
-    def step(self) -> list[tuple[int, bytes]]:
-        now, out = time.monotonic(), []
-        for i, (vehicle, link) in enumerate(zip(self.vehicles, self.links, strict=True)):
-            for data in vehicle.step(now):
-                link.send("down", data, now)
-            for way, data in link.arrived(now):
-                if way == "down":
-                    out.append((i, data))
-                else:
-                    for answer in vehicle.receive(data):
-                        link.send("down", answer, now)
-        return out
 
 
 class BuiltIn:
@@ -79,59 +42,52 @@ class BuiltIn:
         self.pilots = Autopilots(settings, self.world.period_s)
         self.motors: Any = [[0.0] * 4] * vehicles
         self._systems = [v["id"] for v in settings["vehicles"]]
+        self._sent: list[list[bytes]] = [[] for _ in self._systems]
         self._began = time.monotonic()
 
-    def systems(self) -> Sequence[int]:
-        return self._systems
+    def vehicles(self) -> list[BuiltInVehicle]:
+        return [BuiltInVehicle(self, i, system) for i, system in enumerate(self._systems)]
 
-    def receive(self, i: int, data: bytes) -> list[bytes]:
-        self.pilots.receive(i, "router", data)
+    def transmit(self, i: int) -> list[bytes]:
+        """Step the world if it is due, and return the datagrams of one vehicle."""
+        if self.world.now <= time.monotonic() - self._began:
+            self.world.step(self.motors)
+            self.motors = self.pilots.step(self.world.now, self.world.sense())
+            for k, link, data in self.pilots.transmit():
+                if link == "router":
+                    self._sent[k].append(data)
+        sent, self._sent[i] = self._sent[i], []
+        return sent
+
+
+@dataclass
+class BuiltInVehicle:
+    """One vehicle of a BuiltIn."""
+
+    fleet: BuiltIn
+    row: int
+    system: int
+
+    def receive(self, data: bytes, _: float) -> list[bytes]:
+        self.fleet.pilots.receive(self.row, "router", data)
         return []
 
-    def step(self) -> list[tuple[int, bytes]]:
-        if self.world.now > time.monotonic() - self._began:
-            return []
-        self.world.step(self.motors)
-        self.motors = self.pilots.step(self.world.now, self.world.sense())
-        return [(i, data) for i, link, data in self.pilots.transmit() if link == "router"]
+    def step(self, _: float) -> list[bytes]:
+        return self.fleet.transmit(self.row)
 
 
 @contextmanager
-def serve(fleet: Served) -> Iterator[dict[str, ParamTarget]]:
-    """Serve vehicles and yield their targets by name. A vehicle sends to its last sender, as a router does."""
+def serve(
+    vehicles: Sequence[FakeAutopilot | BuiltInVehicle], links: Sequence[LossyLink] = ()
+) -> Iterator[dict[str, ParamTarget]]:
+    """Serve vehicles, each over a link of its own, and yield their targets by name."""
     host = own_address()
-    sockets, partners = [], {}
-    for system in fleet.systems():
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        sock.bind((host, 24006 + 10 * system))
-        sock.setblocking(False)
-        sockets.append(sock)
-    over = threading.Event()
-
-    def work() -> None:
-        rows = {sock.fileno(): i for i, sock in enumerate(sockets)}
-        poll = select.poll()
-        for fd in rows:
-            poll.register(fd, select.POLLIN)
-        while not over.is_set():
-            for fd, _ in poll.poll(5):
-                i = rows[fd]
-                data, partners[i] = sockets[i].recvfrom(65536)
-                for answer in fleet.receive(i, data):
-                    sockets[i].sendto(answer, partners[i])
-            for i, data in fleet.step():
-                if i in partners:
-                    sockets[i].sendto(data, partners[i])
-
-    thread = threading.Thread(target=work, daemon=True)
-    thread.start()
-    try:
+    connections = [
+        Connection(autopilot=v, port=UdpPort((host, 24006 + 10 * v.system)), link=link)
+        for v, link in zip(vehicles, links or [LossyLink() for _ in vehicles], strict=True)
+    ]
+    with Served(connections):
         yield {
-            f"uav{s}": ParamTarget(system=s, remote=sock.getsockname())
-            for s, sock in zip(fleet.systems(), sockets, strict=True)
+            f"uav{v.system}": ParamTarget(system=v.system, remote=c.port.address)
+            for v, c in zip(vehicles, connections, strict=True)
         }
-    finally:
-        over.set()
-        thread.join(10)
-        for sock in sockets:
-            sock.close()
