@@ -76,7 +76,7 @@ class ParamCheck:
 
     @property
     def types(self) -> dict[str, int]:
-        """MAV_PARAM_TYPE of each parameter that was read."""
+        """Return parameter name -> MAV_PARAM_TYPE, for the parameters that have been read."""
         return {name: p.kind for name, p in self._params.items() if p.kind}
 
     def restart(self) -> None:

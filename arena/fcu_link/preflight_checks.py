@@ -123,8 +123,8 @@ class PreflightChecks:
         return found + (self._estimate(now) or self._agreement(p_n, yaw))
 
     def _agreement(self, p_n: Vector, yaw: float) -> list[str]:
-        """Return one reason for each of position and yaw in which the pose differs too much from the
-        autopilot's estimate. Call it only if `_estimate` has found no error.
+        """Compare position and yaw of the pose with the autopilot's estimate. Return a reason for each that
+        differs too much. Call it only if `_estimate` has found no error.
         """
         assert self._local is not None and self._yaw is not None
         apart = math.dist(p_n, self._local[1])

@@ -43,7 +43,7 @@ class SimulatorClient:
         return self._connected
 
     def tick(self, wanted: bool, now: float) -> None:
-        """Connect while `wanted`, else disconnect.
+        """Connect to the world while `wanted` is true, else disconnect.
 
         wanted: whether the flight controller is connected to this process.
         """

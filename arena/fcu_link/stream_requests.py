@@ -75,7 +75,7 @@ class StreamRequests:
         self.events: list[str] = []
 
     def restart(self) -> None:
-        """Start again, because the vehicle has rebooted or is connected again."""
+        """Measure the rates of all streams anew, because the vehicle has rebooted or is connected again."""
         self._streams.clear()
         self._pending = None
 
@@ -100,7 +100,7 @@ class StreamRequests:
         return self._request(now)
 
     def on_ack(self, result: int, now: float) -> None:
-        """Process the COMMAND_ACK for this process's SET_MESSAGE_INTERVAL."""
+        """Process the vehicle's COMMAND_ACK to a SET_MESSAGE_INTERVAL that this process has sent."""
         if self._pending is None:
             return
         msgid, stream = self._pending[0], self._streams[self._pending[0]]

@@ -78,7 +78,7 @@ class Endpoint:
 
 @dataclass(kw_only=True)
 class VehicleRoutes:
-    """Sockets, clients and cached routes of one vehicle.
+    """Data that the router keeps about one vehicle: its sockets, status, clients and cached routes.
 
     serve_socket, tool_socket: indices in `Router.sockets`
     up: the autopilot's end of the router link

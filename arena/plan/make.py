@@ -18,7 +18,7 @@ from arena.schema.models import Tool
 
 
 def make_plan(arena: Arena, python: str = sys.executable) -> Plan:
-    """Return the plan of an arena.
+    """Return the plan of an arena: its processes with their configuration files, in start order.
 
     python: path of the Python interpreter for arena's processes and `.py` programs.
     Raises InputError with every problem of PX4 parameters, PX4 versions and the needs of tools.

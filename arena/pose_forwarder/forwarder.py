@@ -203,7 +203,7 @@ class Forwarder:
         return self.poses > 0 and (a.may_arm or a.armed or a.mode in _MODES_WITHOUT_ARMING)
 
     def on_mavlink(self, data: bytes, now: float) -> None:
-        """Process a datagram from the autopilot."""
+        """Update the stored state of the autopilot from a received datagram."""
         for m in self._codec.parse(data):
             if m.get_srcSystem() == self.system and m.get_srcComponent() == 1:
                 self._on_message(m, now)

@@ -111,7 +111,7 @@ class ServerSockets:
         return True
 
     def listen_on(self, port: int) -> None:
-        """Receive on an additional port of the same interface. Raises OSError."""
+        """Receive datagrams on an additional UDP port of the same interface. Raises OSError."""
         self._add(udp_socket(self.local, port))
 
     def read(self, wall: float) -> list[bytes]:

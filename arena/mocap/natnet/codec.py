@@ -113,7 +113,7 @@ def message_of(data: bytes) -> int:
 
 
 def encode_server_info(info: ServerInfo) -> bytes:
-    """Return a SERVERINFO packet."""
+    """Encode a SERVERINFO packet, in which a server describes itself."""
     name = info.name.encode()[: _NAME_BYTES - 1].ljust(_NAME_BYTES, b"\0")
     group = bytes(int(x) for x in info.group.split(".")) if info.group else bytes(4)
     tail = struct.pack("<QHB", info.clock_hz, info.data_port, 1 if info.group else 0) + group
@@ -121,7 +121,7 @@ def encode_server_info(info: ServerInfo) -> bytes:
 
 
 def decode_server_info(data: bytes) -> ServerInfo:
-    """Decode a SERVERINFO packet. Raises WireError."""
+    """Decode a SERVERINFO packet, in which a server describes itself. Raises WireError."""
     payload = _payload(data, SERVERINFO)
     if len(payload) < _NAME_BYTES + 8:
         raise WireError(
@@ -203,7 +203,7 @@ def _skip_marker_descriptions(reader: _Reader, version: Version) -> None:
 
 
 def encode_frame(frame: Frame, version: Version) -> bytes:
-    """Return a FRAME packet."""
+    """Encode a FRAME packet, which has the poses of one exposure."""
     empty = _SIZED.pack(0, 0) if version >= (4, 1) else _COUNT.pack(0)
     bodies = b"".join(
         _BODY.pack(

@@ -39,7 +39,7 @@ class Condition:
 
 
 def diagnose(c: Condition) -> str:
-    """Return the first reason why no poses arrive; "" if there is none."""
+    """Return the first reason why no poses arrive, with advice for the user; "" if poses arrive."""
     if c.no_network:
         return no_network(c.server, c.no_network)
     if c.version_unsupported and c.answered is not None:

@@ -39,7 +39,9 @@ class UnicastClients:
         self._clients: dict[Address, _Client] = {}
 
     def on_request(self, message: int, sender: Address, now: float) -> None:
-        """Record a request. Call this before the request is answered."""
+        """Update the list of clients after a request: connect, keepalive, disconnect and others. Call this
+        before the request is answered.
+        """
         if message == codec.DISCONNECT:
             self._clients.pop(sender, None)
         elif message in (codec.CONNECT, codec.KEEPALIVE) and (sender in self._clients or self._make_room()):

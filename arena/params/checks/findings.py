@@ -68,7 +68,7 @@ class CheckContext:
 
     @cached_property
     def table(self) -> Mapping[str, Parameter]:
-        """Every parameter of this PX4 version."""
+        """Return parameter name -> definition, for every parameter of this PX4 version."""
         return parameters(self.version)
 
     @cached_property

@@ -32,7 +32,7 @@ Conversion = Callable[[float], Mapping[str, float]]
 
 
 class Change(NamedTuple):
-    """A parameter that was removed, renamed or redefined.
+    """A change of PX4 that removed, renamed or redefined one parameter.
 
     old: name of the parameter.
     since: minor version of the change.

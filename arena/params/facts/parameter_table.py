@@ -94,7 +94,7 @@ class Version:
 
     @property
     def table(self) -> str:
-        """Name of the version in the table: "1.16"."""
+        """Return the name of the version in the parameter table, such as "1.16"."""
         return f"{self.major}.{self.minor}"
 
     def __str__(self) -> str:

@@ -112,7 +112,7 @@ class _ParamList:
 
     @property
     def missing(self) -> list[str | int]:
-        """Indices of the list that were not received."""
+        """Return the indices of the list that have not been received."""
         return [index for index in range(self.count) if index not in self.received]
 
     def is_paused(self, now: float) -> bool:

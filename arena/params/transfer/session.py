@@ -34,7 +34,7 @@ OnProgress = Callable[[Mapping[str, Progress]], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Traffic:
-    """Message counts of one transfer.
+    """Duration and message counts of one parameter transfer.
 
     seconds: duration of the transfer [s].
     sent: number of frames sent.
@@ -68,7 +68,7 @@ class PushReport:
         return self.ending == "done" and all(r.outcome in ("same", "written") for r in self.results.values())
 
     def with_outcome(self, *outcomes: Outcome) -> list[str]:
-        """Return the parameters with one of these outcomes."""
+        """Return the names of the parameters with one of these outcomes."""
         return [name for name, result in self.results.items() if result.outcome in outcomes]
 
 
