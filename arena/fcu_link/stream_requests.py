@@ -75,7 +75,7 @@ class StreamRequests:
         self.events: list[str] = []
 
     def restart(self) -> None:
-        """Measure the rates of all streams anew, because the vehicle has rebooted or is connected again."""
+        """Measure the rates of all streams again, because the vehicle has rebooted or is connected again."""
         self._streams.clear()
         self._pending = None
 
