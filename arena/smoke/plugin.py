@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class ArenaRun:
-    """Value of the fixture `arena_run`.
+    """Object that a test gets from the fixture `arena_run`: it flies scenarios and starts arenas.
 
     folder: folder to which the paths of arenas and scenarios are relative.  results: folder for run folders.
     """

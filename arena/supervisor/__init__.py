@@ -1,4 +1,4 @@
-"""The supervisor: runs the processes of a plan. It contains no drone logic. Only this package forks and sends signals."""
+"""The supervisor: starts, monitors, restarts and stops the processes of a plan. It contains no flight control."""
 
 from arena.supervisor.control_socket import Control
 from arena.supervisor.loop import Options, Supervisor

@@ -1,4 +1,4 @@
-"""Start, signal and reap processes. A `Child` is one started process with its session, its log and its status socket.
+"""Child processes of the supervisor: start them, send signals to them, and collect their exit status.
 
 Each child has its own session and process group; signals go to the group. A child that must not outlive the
 supervisor gets a parent-death signal. The kernel sends this signal when the *thread* that forked ends. Therefore
@@ -37,14 +37,14 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(kw_only=True)
 class Child:
-    """A started process.
+    """A process that the supervisor has started, with its log file and its status socket.
 
     pid: also the number of its process group and session.  start_s: when the kernel started it [s since boot].
     channel: the supervisor's end of the status socket; None once the other end is closed.
     garbage: number of packets that were not JSON objects.
     cut: how often the log file was shortened.
     cpu_s: CPU time of the process and its children [s]; 0 until `reap` returns an Exit.
-    stopped: name of the signal that stopped it, found by the last `reap`; "" if not stopped. A stop by a debugger does
+    stopped: name of the signal that paused it, found by the last `reap`; "" if not paused. A pause by a debugger does
         not count.
     """
 
@@ -85,7 +85,7 @@ class Child:
         return exit_of(status)
 
     def receive(self) -> list[dict[str, Any]]:
-        """Return the packets received on the status socket, at most _PACKETS_PER_CALL.
+        """Return the packets (facts, events, readiness) that the process sent on its status socket: at most _PACKETS_PER_CALL.
 
         Data that is not a JSON object is counted in `garbage`. At end of file `channel` becomes None.
         """
@@ -210,8 +210,7 @@ def adopt_orphans() -> None:
 
 
 def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
-    """Kill adopted processes whose original process of the plan has ended. Return the pids of the killed
-    processes.
+    """Kill processes that a process of the plan left behind when it ended. Return their pids.
 
     known: pids that the supervisor started itself; these are not touched.
     mark: `KEY=value` entry that every process of this run has in its environment.
@@ -232,8 +231,9 @@ def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
 
 
 def _before_exec(spec: ProcessSpec) -> Callable[[], None] | None:
-    """Return the function that the child runs between fork and exec. Return None if the child needs no such
-    function, because vfork is faster.
+    """Return the function that the child runs between fork and exec; None if the child needs none.
+
+    Without such a function the start is faster, because vfork is used.
     """
     if spec.outlives and not spec.nice and not os.getpriority(os.PRIO_PROCESS, 0):
         return None

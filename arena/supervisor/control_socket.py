@@ -198,7 +198,9 @@ class Control:
             self._socket.connect(str(path))
         except OSError as error:
             self._socket.close()
-            raise RunError(f"no arena answers at {path} ({error.strerror or error})") from error
+            raise RunError(
+                f"no arena replies at {path} ({error.strerror or error}): has the run ended?"
+            ) from error
 
     def ask(self, **request: Any) -> dict[str, Any]:
         """Send one request and return the reply. Raises RunError if there is no reply or the reply is an error.
@@ -212,9 +214,11 @@ class Control:
                 kept.append(answer)
             self._kept += kept
         except OSError as error:
-            raise RunError(f"the arena did not answer ({error}): is its supervisor stopped?") from error
+            raise RunError(
+                f"the arena did not reply ({error}): is its supervisor paused by SIGSTOP?"
+            ) from error
         if answer is None:
-            raise RunError("the arena ended before it answered")
+            raise RunError("the arena ended before it replied to the request")
         if "error" in answer:
             raise RunError(str(answer["error"]))
         return answer

@@ -74,13 +74,11 @@ class LandingTask:
     def _log_down(self, down: Mapping[str, str]) -> None:
         for vehicle, why in down.items():
             if vehicle not in self._down:
-                self._log.event(self._now, "arena", f"{vehicle} is not waited for: {why}")
+                self._log.event(self._now, "arena", f"the landing does not wait for {vehicle}: {why}")
         self._down = {**self._down, **down}
 
     def _spec(self, flying: Sequence[str]) -> ProcessSpec:
-        """Return the land task without the vehicles that are not waited for (`_down`), because they would
-        never confirm the landing.
-        """
+        """Return the land task without the vehicles in `_down`, because these would never confirm the landing."""
         assert self._plan.land is not None
         spared = [vehicle for vehicle in self._down if vehicle not in flying]
         extra = ("--except", ",".join(spared)) if spared else ()

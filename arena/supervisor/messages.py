@@ -23,7 +23,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """A line for a person.
+    """A line of text that `arena up` shows to a person, with its source, importance and time.
 
     source: the process or vehicle that the line is about; "" for none.
     time_s: simulated time [s], None before the world runs. Without a simulated world: time since the start [s].
@@ -55,14 +55,14 @@ _REPEATED = (": airborne", ": disarmed")
 
 
 def transition_text(after: State, reason: str) -> str:
-    """Return the text of a line about a new state, such as `ready` or `ended (exit 1)`."""
+    """Return the text that reports a new state of a process, such as `ready` or `ended (exit 1)`."""
     if reason in _PLAIN_REASONS:
         return _STATE_WORDS[after]
     return f"{_STATE_WORDS[after]}: {reason}" if "(" in reason else f"{_STATE_WORDS[after]} ({reason})"
 
 
 def transition_level(after: State, *, kind: str, starts: int, ending: bool) -> Level:
-    """Return the level of a line about a new state.
+    """Return the importance of the line that reports a new state of a process.
 
     kind: kind of the process.  starts: how often the process was started.  ending: the run ends, so all processes stop.
     """
@@ -76,7 +76,7 @@ def transition_level(after: State, *, kind: str, starts: int, ending: bool) -> L
 
 
 def event_level(text: str) -> Level:
-    """Return the level of a line about an event that a process sent."""
+    """Return the importance of the line that reports an event of a process."""
     return Level.DETAIL if text.endswith(_REPEATED) else Level.CHANGE
 
 

@@ -33,7 +33,7 @@ _LOADING_S, _SILENT_LOADING_S = 1.0, 0.3
 
 @dataclass(kw_only=True)
 class Orders:
-    """Requests of the main loop to the processes.
+    """Requests of the main loop to the `ProcessSet`: whether to start processes, and which to stop or kill.
 
     starts_on: processes may be started.
     stop: names of the processes to terminate.
@@ -190,11 +190,13 @@ class ProcessSet:
                 self._start(spec, now)
             case Action.TERMINATE:
                 self._signal(spec.name, signal.Signals[spec.stop_signal])
-                self._signal(spec.name, signal.SIGCONT)  # a stopped process does not receive the signal
+                self._signal(spec.name, signal.SIGCONT)  # a paused process does not receive the signal
             case Action.KILL:
                 self._signal(spec.name, signal.SIGKILL)
                 if status.state is before.state:
-                    self.log.event(now, spec.name, f"did not end within {spec.stop_timeout_s:g} s: SIGKILL")
+                    self.log.event(
+                        now, spec.name, f"did not end within {spec.stop_timeout_s:g} s: killed with SIGKILL"
+                    )
 
     def _log_stopped(
         self, spec: ProcessSpec, before: ProcessStatus, status: ProcessStatus, now: float
@@ -203,10 +205,10 @@ class ProcessSet:
         if child is not None and status.stopped_at is not None:
             limit_s = spec.stopped_for_s
             what = "the arena does not kill it" if limit_s is None else f"killed after {limit_s:g} s"
-            text = f"stopped by {child.stopped}; {what}; `kill -CONT {child.pid}` continues it"
+            text = f"paused by {child.stopped}; {what}; `kill -CONT {child.pid}` continues it"
             self.log.event(now, spec.name, text)
         elif child is not None and before.stopped_at is not None:
-            self.log.event(now, spec.name, f"continues after {now - before.stopped_at:.1f} s")
+            self.log.event(now, spec.name, f"continues after a pause of {now - before.stopped_at:.1f} s")
 
     def _log_last_line(self, name: str, exit: Exit, now: float) -> None:
         """Log the last line that a failed process printed, because it usually names the cause."""

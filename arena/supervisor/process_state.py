@@ -5,7 +5,7 @@
     STARTING  --start time-out-->  STOPPING  --ended-->  BACKOFF | FATAL
     STARTING, READY  --stop requested-->  STOPPING  --ended-->  EXITED
     READY  --restart requested-->  STOPPING  --ended-->  STARTING
-    STARTING, READY  --stopped by a signal for too long-->  STOPPING  --ended-->  BACKOFF | EXITED | FATAL
+    STARTING, READY  --paused by a signal for too long-->  STOPPING  --ended-->  BACKOFF | EXITED | FATAL
     READY  --no packet for too long-->  STOPPING  --ended-->  BACKOFF | EXITED | FATAL
     BACKOFF  --backoff time over-->  STARTING
     EXITED, FATAL  --restart requested-->  STARTING
@@ -81,7 +81,7 @@ class Observation:
     needs_dead: name of a needed process that has ended and will not be restarted, or "".
     proof: text that says how the process has shown that it is ready, or "".
     exit: how the process ended; set in one step only.
-    stopped: a signal has stopped the process (SIGSTOP).
+    stopped: the process is paused by a signal (SIGSTOP).
     silent_s: time since its last packet [s].
     starts_on: new starts are allowed (False once the run ends).
     stop: terminate the process.  kill: kill it at once.  restart: start it again.
@@ -110,7 +110,7 @@ class ProcessStatus:
     unproven: number of consecutive starts that never became READY.
     next_at: in BACKOFF the time of the next start, in STOPPING the time of SIGKILL.
     after: what follows STOPPING.  exit: how the process ended last.
-    stopped_at: when a signal stopped it (SIGSTOP); None if it is not stopped.
+    stopped_at: when a signal (SIGSTOP) paused it; None if it is not paused.
     """
 
     state: State = State.STOPPED
@@ -202,7 +202,7 @@ def _alive(spec: ProcessSpec, status: ProcessStatus, observation: Observation, n
         and now - status.stopped_at >= spec.stopped_for_s
     ):
         return _stop(
-            spec, status, After.RETRY, f"stopped for {now - status.stopped_at:.1f} s", now, Action.KILL
+            spec, status, After.RETRY, f"paused for {now - status.stopped_at:.1f} s", now, Action.KILL
         )
     if (
         status.state is State.READY

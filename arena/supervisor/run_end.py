@@ -62,7 +62,7 @@ class End:
 
 
 def is_served(spec: ProcessSpec, status: ProcessStatus) -> bool:
-    """Return whether the processes that need this process may start: it is ready, or it is a task that ended with exit code 0."""
+    """Return whether a process is ready, or is a task that ended with exit code 0. Processes that need it may then start."""
     done = (
         spec.kind == "task"
         and status.state is State.EXITED
@@ -80,8 +80,9 @@ def is_dead(spec: ProcessSpec, status: ProcessStatus) -> bool:
 
 
 def lost(plan: Plan, statuses: Statuses) -> str:
-    """Return the name and reason if a process that the whole arena needs has ended and is not restarted; else
-    "".
+    """Return a text such as `world: exit 1` if a process that the whole arena needs is lost; else "".
+
+    Lost means that the process has ended and is not restarted.
 
     A process that serves one vehicle only is ignored, because its end affects only the programs of that vehicle.
     """

@@ -46,7 +46,7 @@ class Member:
 
 @dataclass(frozen=True, kw_only=True)
 class RunState:
-    """The content of state.json.
+    """The content of state.json: which processes of a run exist, so that `arena down` can end them without a supervisor.
 
     name: name of the arena.  address: IP address on which its processes open their ports.
     run: path of the run folder.  rt: path of the runtime folder.
@@ -72,9 +72,7 @@ class RunState:
         return self.live and proc_fs.is_stopped(self.supervisor.pid)
 
     def survivors(self) -> dict[str, list[int]]:
-        """Return process name -> running pids of its process group. Processes without running pids are not
-        listed.
-        """
+        """Return the processes of the run that still exist, as name -> running pids of its process group."""
         members = self.processes if self.boot == proc_fs.boot_id() else {}
         found = {name: _still_there(member) for name, member in members.items()}
         return {name: pids for name, pids in found.items() if pids}
@@ -95,7 +93,7 @@ def _still_there(member: Member) -> list[int]:
 
 @dataclass(frozen=True, kw_only=True)
 class RunFolder:
-    """The two folders of a run.
+    """Paths of the two folders of a run and of the files in them.
 
     path: the run folder.
     rt: the private runtime folder. Its path is short enough for Unix sockets.

@@ -44,7 +44,7 @@ class SideTask:
         now: float,
         on_line: Callable[[str], None],
     ) -> SideTask | Exit:
-        """Start the task, or return an Exit if it cannot be started. timeout_s: time until it is killed [s]. now: monotonic [s].
+        """Start the task. Return an Exit if that fails. timeout_s: time after which the task is killed [s]. now: monotonic [s].
 
         The task continues if the supervisor dies, so that a landing is completed.
         """
@@ -70,7 +70,7 @@ class SideTask:
         elif self._stopped_at is None:
             self._stopped_at = now
         elif now - self._stopped_at >= STOPPED_S:
-            self.stop(f"stopped by {self.child.stopped}")
+            self.stop(f"paused by {self.child.stopped}")
         if now >= self.deadline:
             self.stop()
         return None

@@ -44,7 +44,7 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
     """Sweep (clean up) one stale run: land its vehicles, end its processes, remove its runtime folder.
 
     say: function that prints each step.  now: land real vehicles only.
-    A stopped supervisor is killed after the landing.
+    A supervisor that is paused (SIGSTOP) is killed after the landing.
 
     Raises RunError if a real vehicle is not confirmed on the ground. The processes of the run then continue.
     """
@@ -79,7 +79,7 @@ def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say, *, 
     if now and real:
         argv += ["--only", ",".join(real)]
         say(f"{', '.join(real)} may be flying: real vehicles are landed even with --now")
-    say(f"landing first: {' '.join(argv)}")
+    say(f"landing the vehicles before the processes are ended: {' '.join(argv)}")
     try:
         return (
             subprocess.run(
@@ -88,7 +88,7 @@ def _land(state: RunState, plan: Plan | None, left: Iterable[str], say: Say, *, 
             == 0
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        say(f"the land task failed: {error}")
+        say(f"the command that lands the vehicles failed: {error}")
         return False
 
 
@@ -122,7 +122,7 @@ def _end(state: RunState, plan: Plan | None, say: Say) -> None:
     for names in (set(state.processes) - late, late):
         _signal(state, names, signal.SIGTERM)
         if left := _wait(state, names, grace_s):
-            say(f"{', '.join(left)}: did not end within {grace_s:g} s; killing")
+            say(f"{', '.join(left)}: did not end within {grace_s:g} s; killing these processes")
             _signal(state, names, signal.SIGKILL)
             _wait(state, names, _GRACE_S)
 

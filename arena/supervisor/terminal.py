@@ -117,7 +117,7 @@ class LiveTable(Lines):
 
 
 def _with_progress(status: dict[str, Any]) -> RenderableType:
-    """Return the tables, with a spinner above them in the phases starting, landing, stopping and report."""
+    """Return the status tables. While the run starts, lands, stops or writes its report, add a spinner above them."""
     view = status_view(status)
     if status["phase"] not in _WAITING_PHASES:
         return view

@@ -63,7 +63,7 @@ class Connection:
         self._thread.start()
 
     def refresh(self) -> None:
-        """Read the received data, unless this was done in the last millisecond."""
+        """Read data that has arrived at the sockets, unless the sockets were read in the last millisecond."""
         if time.monotonic() - self._polled > _MIN_REFRESH_S:
             self.poll()
 
@@ -95,7 +95,7 @@ class Connection:
                 client.close()
 
     def poll(self) -> None:
-        """Read all sockets."""
+        """Read all sockets: store new telemetry in `telemetry` and new poses in `poses`."""
         with self._receiving:
             if self._ending.is_set():
                 return
@@ -133,8 +133,9 @@ class Connection:
 
 
 def _open(url: str) -> tuple[socket.socket, Address | None]:
-    """Open the program's socket. Return it, and the vehicle's address if the URL contains it. Raises
-    InputError.
+    """Open the program's socket. Return the socket, and the vehicle's address if the URL contains one.
+
+    Raises InputError.
     """
     try:
         connection = parse_url(url)
@@ -156,7 +157,7 @@ def _open(url: str) -> tuple[socket.socket, Address | None]:
 
 
 def _open_captures(settings: Capture | None, bodies: Sequence[str]) -> list[MocapClient]:
-    """Open a client for each server that tracks at least one of the bodies.
+    """Open a client for each motion-capture server that tracks at least one of the bodies.
 
     Each body is requested from the first server that has it, so that poses in the axes of two systems are not
     mixed. If there is only one server, all bodies are requested from it.

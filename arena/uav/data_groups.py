@@ -56,7 +56,7 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Received telemetry and poses from which all data groups read their values.
+    """Storage of received telemetry and poses, from which all data groups (`uav.ekf`, `uav.sen`, ...) read.
 
     refresh: function that reads the received data. now: function that returns the time for computing ages
     [s].
@@ -70,7 +70,7 @@ class Source:
     refresh: Callable[[], None]
 
     def fixed(self) -> Source:
-        """Return a copy whose values and time no longer change."""
+        """Return a copy of this source for a snapshot: its values and its time no longer change."""
         self.refresh()
         instant = self.now()
         return Source(

@@ -99,7 +99,9 @@ def attitude(att: ArrayLike, kind: AttitudeKind) -> Array:
     try:
         return quat_normalize(q_nb)
     except ValueError as error:
-        raise SetpointError(f"att: got {q_nb.tolist()}, whose norm is zero") from error
+        raise SetpointError(
+            f"att: got {q_nb.tolist()}, expected a quaternion with a norm above zero"
+        ) from error
 
 
 class Encoder:

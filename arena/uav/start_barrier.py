@@ -80,7 +80,7 @@ class StartBarrier:
 
 
 class _Waiting:
-    """Arrival of one program at a barrier, while it waits for the others."""
+    """The wait of one program at a barrier, until the other programs arrive there."""
 
     def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
         self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs

@@ -41,7 +41,7 @@ _MAX_SILENCE = 2.0  # in multiples of stale_s: 1 s by default, as the autopilot'
 
 
 class VehicleControl:
-    """Commands and setpoints of one vehicle. All messages are sent in the calls of the user program.
+    """Commands and setpoints of one vehicle. They are sent only while the user program calls a method.
 
     heartbeat: sender of the program's heartbeat, called in each method.
     run: the run folder, which records who took control of the vehicle; None without one.
@@ -67,7 +67,7 @@ class VehicleControl:
         self._holding_since = math.inf
 
     def guard(self) -> None:
-        """Check that the program still controls the vehicle.
+        """Check that the program still controls the vehicle, and raise an error if not.
 
         Raises OffboardLostError if the vehicle left OFFBOARD or was disarmed without a command of the
         program. Raises StaleDataError if the autopilot is silent.
@@ -93,7 +93,7 @@ class VehicleControl:
         self._armed = heart.armed
 
     def send(self, message: mavlink.MAVLink_message) -> None:
-        """Send a setpoint, if the program still controls the vehicle."""
+        """Send a setpoint. Raises OffboardLostError if the program no longer controls the vehicle."""
         self._heartbeat.beat()
         self.guard()
         self._connection.send(message)
@@ -136,7 +136,7 @@ class VehicleControl:
             self.arm()
 
     def wait_until(self, done: Callable[[], T], timeout_s: float) -> T | None:
-        """Wait until done() is true and return its value; None after the timeout [s].
+        """Wait until done() returns a true value, and return that value; None after `timeout_s`.
 
         In OFFBOARD the vehicle holds its position while it waits. Raises OffboardLostError if the program
         loses control.
@@ -188,7 +188,7 @@ class VehicleControl:
         self._offboard = True
 
     def _begin(self) -> None:
-        """Reset the state of an earlier loss of control, because the program now takes control again."""
+        """Forget an earlier loss of control, because the program now takes control again."""
         self._lost, self._hold, self._holding_since = "", None, math.inf
         self._offboard = self._armed = False
 
@@ -202,8 +202,10 @@ class VehicleControl:
                     raise
 
     def _command(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> None:
-        """Send a command until it is answered, with MAVLink's confirmation counter. Raises
-        CommandRefusedError.
+        """Send a command repeatedly until the autopilot acknowledges it.
+
+        Raises CommandRefusedError if the autopilot refuses it, and NotConfirmedError after _TRIES tries.
+        number: MAV_CMD.  what: the command in error messages.  stream: send setpoints meanwhile.
         """
         self._connection.refresh()
         self._source.telemetry.acks.clear()
@@ -213,13 +215,11 @@ class VehicleControl:
             if result is not None:
                 return self._check_result(result - 1, what)
         raise NotConfirmedError(
-            f"{self._source.ns}: no answer from the autopilot to {what} after {_TRIES} tries{self._texts()}"
+            f"{self._source.ns}: no acknowledgement of {what} from the autopilot after {_TRIES} tries{self._texts()}"
         )
 
     def _answer(self, number: int) -> int | None:
-        """Return the result of the command plus one, so that ACCEPTED (0) counts as true; None before the
-        answer.
-        """
+        """Return MAV_RESULT of the acknowledgement plus one, so that ACCEPTED (0) is true; None before it arrives."""
         for ack in list(self._source.telemetry.acks):
             for_us = ack.command == number and ack.target == self._own_address
             if for_us and ack.result != mavlink.MAV_RESULT_IN_PROGRESS:
@@ -247,7 +247,7 @@ class VehicleControl:
         self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> T | None:
-        """Wait until done() is true, while sending setpoints, and return its value; None after the timeout.
+        """Wait until done() returns a true value, and return that value; None after `timeout_s`. If `stream`, send setpoints.
 
         Raises OffboardLostError if the program loses control of the vehicle.
         """

@@ -488,7 +488,7 @@ def _fate_of(events: list[dict[str, str]]) -> Fate | None:
     reasons = [e.get("reason", "") for e in events]
     told = [e.get("to", "") for e in events]
     if "BACKOFF" in told and "READY" in told[told.index("BACKOFF") :]:
-        stopped = any(r.startswith("stopped for ") for r in reasons)
+        stopped = any(r.startswith("paused for ") for r in reasons)
         return Fate.KILLED if stopped else Fate.AGAIN
     first = next((e for e in events if e.get("to") in ("EXITED", "FATAL")), None)
     if any("the arena does not kill it" in e.get("event", "") for e in events):

@@ -78,7 +78,7 @@ def bereft(hangar: Hangar, copilot: str, number: int = signal.SIGKILL) -> Flight
 def test_all_vehicles_land_when_the_copilot_is_lost(hangar: Hangar, number: int) -> None:
     flight = bereft(hangar, "copilot: {}", number)
     assert flight.wait(120) == 1
-    assert "copilot: killed by SIGKILL" in flight.said() or "copilot: stopped" in flight.said()
+    assert "copilot: killed by SIGKILL" in flight.said() or "copilot: paused" in flight.said()
     for name in ("uav1", "uav2"):
         assert flight.verdict(name)["crashed"] == "" and flight.verdict(name)["landings"] == 1
     flight.assert_nothing_left()

@@ -150,7 +150,7 @@ def test_px4_that_never_connects_is_reported_and_others_fly(hangar: Hangar, scri
     assert flight.cli("down", "--run", str(flight.folder)).returncode == 1
     assert flight.wait(60) == 1 and landed_all(flight.said())
     why = "its PX4 has ended" if exits else "its PX4 has never connected to the world"
-    assert f"uav1 is not waited for: {why}" in flight.said()
+    assert f"the landing does not wait for uav1: {why}" in flight.said()
     assert not exits or (
         "PX4 ended before it was ready (exit 127)" in flight.said() and "needs px4.uav1" in flight.said()
     )

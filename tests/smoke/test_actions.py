@@ -136,5 +136,5 @@ def test_signals_reach_only_the_recorded_process(plan: Plan, run: RunFolder):
 def test_restart_needs_the_supervisor(plan: Plan, run: RunFolder):
     run.write_state(plan, {})
     assert runner_of(plan, run)._run_log.member("supervisor") == myself()
-    with pytest.raises(RunError, match="no arena answers"):
+    with pytest.raises(RunError, match="no arena replies"):
         runner_of(plan, run).do(action("restart", processes=("router",)))

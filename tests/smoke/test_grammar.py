@@ -252,8 +252,8 @@ WRONG: dict[str, tuple[object, str, str]] = {
     "trigger misspelt": (
         read_trigger,
         "strat + 3 s",
-        "got 'strat', expected a condition such as uav1.airborne, separation > 0.8 m "
-        "or inside geofence. Did you mean start?",
+        "got 'strat', expected a condition, such as `uav1.airborne`, `separation > 0.8 m` "
+        "or `inside geofence`. Did you mean start?",
     ),
     "vehicle misspelt": (
         read_trigger,

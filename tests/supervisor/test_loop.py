@@ -127,8 +127,8 @@ def test_process_stopped_too_long_is_killed_and_restarted(start):
     run.until("s", "READY")
     os.kill(run.pid("s"), signal.SIGSTOP)
     run.until("s", "READY", times=2)
-    assert "stopped by SIGSTOP; killed after 0.2 s" in run.said()
-    assert run.until("s", "BACKOFF")["reason"].startswith("stopped for ")
+    assert "paused by SIGSTOP; killed after 0.2 s" in run.said()
+    assert run.until("s", "BACKOFF")["reason"].startswith("paused for ")
     run.signal(signal.SIGTERM)
     assert run.wait() == 0
 
@@ -148,11 +148,11 @@ def test_stopped_process_without_limit_continues_and_ends_with_the_run(start):
     run = start(plan_of(spec("s", "good", stopped_for_s=None, stop_timeout_s=60.0)))
     run.until("s", "READY")
     os.kill(run.pid("s"), signal.SIGSTOP)
-    run.until_said("s: stopped by SIGSTOP; the arena does not kill it")
+    run.until_said("s: paused by SIGSTOP; the arena does not kill it")
     os.kill(run.pid("s"), signal.SIGCONT)
-    run.until_said("s: continues after ")
+    run.until_said("s: continues after a pause of ")
     os.kill(run.pid("s"), signal.SIGSTOP)
-    eventually(lambda: run.said().count("s: stopped by SIGSTOP") == 2)
+    eventually(lambda: run.said().count("s: paused by SIGSTOP") == 2)
     run.signal(signal.SIGTERM)
     assert run.wait() == 0
     assert run.outcome["processes"]["s"]["exit"] == "exit 0" and "SIGKILL" not in run.said()

@@ -107,7 +107,7 @@ def test_stopped_land_task_is_killed_and_repeated(start, tmp_path):
     run = begin(start, flying(tmp_path))
     run.signal(signal.SIGINT)
     os.kill(run.pid("land"), signal.SIGSTOP)
-    run.until_said("the landing of uav1 is not confirmed (stopped by SIGSTOP: killed by SIGKILL)")
+    run.until_said("the landing of uav1 is not confirmed (paused by SIGSTOP: killed by SIGKILL)")
     (tmp_path / "go").touch()
     assert run.wait() == 130
     assert run.outcome["landing"] == "landed and disarmed" and run.log("land").count("pid") == 2
@@ -273,7 +273,7 @@ def test_down_now_of_a_mixed_arena_lands_real_vehicles_only(start, tmp_path):
     )
     run = begin(start, plan)
     run.control().ask(do="down", now=True)
-    run.until_said("uav1 is not waited for: arena down --now lands real vehicles only")
+    run.until_said("the landing does not wait for uav1: arena down --now lands real vehicles only")
     run.wait()
     (told,) = [e["event"] for e in run.events("arena") if e.get("event", "").startswith("landing uav2: ")]
     assert told.endswith("--except uav1")

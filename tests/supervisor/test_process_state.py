@@ -177,7 +177,7 @@ def test_process_stopped_by_a_signal_is_killed_after_its_limit():
     status, _ = walk(SPEC, (6.1, Observation(exit=KILLED)), status=status)
     assert (
         status.state is State.BACKOFF
-        and status.reason == "stopped for 1.0 s, then killed by SIGKILL; again in 0.25 s"
+        and status.reason == "paused for 1.0 s, then killed by SIGKILL; again in 0.25 s"
     )
     status, actions = walk(
         SPEC,
@@ -213,7 +213,7 @@ def test_stopped_process_without_restart_policy_fails():
         (7, Observation(stopped=True)),
     )
     status, actions = walk(once, *moves, (7.1, Observation(exit=KILLED)))
-    assert status.state is State.FATAL and status.reason == "stopped for 2.0 s, then killed by SIGKILL"
+    assert status.state is State.FATAL and status.reason == "paused for 2.0 s, then killed by SIGKILL"
     status, actions = walk(left, *moves, (700, Observation(stopped=True)))
     assert status.state is State.READY and Action.KILL not in actions
 

@@ -180,7 +180,7 @@ def test_euler_and_quaternion_attitudes_agree():
 @pytest.mark.parametrize(
     ("att", "kind", "found"),
     [
-        ([0] * 4, "quaternion", "norm is zero"),
+        ([0] * 4, "quaternion", "norm above zero"),
         ([0] * 3, "degrees", "'degrees'"),
         ([0] * 3, "quaternion", r"\(3,\)"),
     ],

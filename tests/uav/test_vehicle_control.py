@@ -112,7 +112,9 @@ def test_mission_needs_a_position_estimate(monkeypatch):
 
 def test_unanswered_command_is_repeated_with_a_counter(autopilot, uav):
     autopilot.ignore.add(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
-    with pytest.raises(NotConfirmedError, match="no answer from the autopilot to arming after 5 tries"):
+    with pytest.raises(
+        NotConfirmedError, match="no acknowledgement of arming from the autopilot after 5 tries"
+    ):
         uav.arm_drone()
     assert [c.confirmation for c in autopilot.commands] == [0, 1, 2, 3, 4]
 

@@ -81,7 +81,7 @@ class ActionRunner:
         self._listener.command(vehicle, _DO_SET_MODE, _CUSTOM_MODE, main, sub)
 
     def _run_emergency(self, verb: str) -> None:
-        """Start the command that a user would type. Its output goes into the folder `logs` of the run folder."""
+        """Start land-all, kill-all or `arena down` as a separate process, which writes its output into the run folder."""
         module, *words = _EMERGENCY[verb]
         with (self._run / "logs" / f"{verb.replace(' ', '-')}.txt").open("ab") as out:
             self._commands.append(
@@ -97,7 +97,7 @@ class ActionRunner:
 
     @property
     def commands_running(self) -> bool:
-        """True while a command such as `arena land-all` runs. Such commands use wall time."""
+        """True while a command such as `arena land-all` runs. The simulation must then not be faster than real time."""
         return any(command.poll() is None for command in self._commands)
 
     # -- faults
@@ -114,7 +114,7 @@ class ActionRunner:
             path = self._slices.get(room, {}).get("faults")
             if not path:
                 raise RunError(
-                    f"{room} cannot inject faults: the key `faults` is missing in its configuration file"
+                    f"{room} cannot inject faults, because its configuration file slices/{room}.json has no key `faults`"
                 )
             inject(path, fault)
 
@@ -125,7 +125,7 @@ class ActionRunner:
 def faults(
     action: Action, vehicles: Mapping[str, VehiclePlan], world: Mapping[str, Any]
 ) -> list[tuple[str, Fault]]:
-    """Return the faults to inject for an action, as (process, fault) pairs. If `action.undo`, they undo the action.
+    """Return the faults to inject for an action, as (process, fault) pairs. If `action.undo`: the faults that undo it.
 
     vehicles: all vehicles of the arena, by name.
     world: JSON configuration (slice) of the world, with its initial wind.

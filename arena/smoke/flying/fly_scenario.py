@@ -33,7 +33,7 @@ REPORT_TIMEOUT_S = 120.0
 
 @dataclass(frozen=True, kw_only=True)
 class FlightOptions:
-    """Options for the flight of a scenario.
+    """Options of a smoke flight: where its results are written, speed of the simulation, seed.
 
     results: folder in which each scenario gets a folder for its run folders.
     speed: simulated seconds per second, or "max", as `arena up --speed`.

@@ -31,7 +31,7 @@ CLOCK_TIMEOUT_S, _POLL_S = 30.0, 0.25  # wall time
 
 
 class Observer:
-    """Observer of one run, which also carries out the actions of the scenario.
+    """Observer of one run: returns observations for the referee, and carries out the actions of the scenario.
 
     plan: plan of the run.  state: content of the run's state.json.
     ended: why observation has ended, such as a world that stopped; "" while it goes on.
@@ -77,7 +77,7 @@ class Observer:
         self._actions.do(action)
 
     def idle(self, wall_s: float) -> None:
-        """Wait `wall_s` seconds of wall time without an observation, while the simulation runs in real time."""
+        """Wait at least `wall_s` seconds of wall time. The simulation advances by at most `wall_s` seconds meanwhile."""
         with contextlib.suppress(RunError):
             self._clock.request_wake(self._clock.now() + wall_s)
             self._clock.wait_for_wake(wall_s)
@@ -103,7 +103,7 @@ class Observer:
         return Observation(time_s=time_s, vehicles=vehicles, processes=states, events=events, wall_s=wall_s)
 
     def _wait_for_time(self) -> float | None:
-        """Wait for the requested simulation time and return it [s]; None if simulation time stands still.
+        """Wait until the simulation reaches the requested time. Return the time [s], or None if the simulation stands still.
 
         Raises RunError if the world has ended.
         """
@@ -114,6 +114,6 @@ class Observer:
 
 
 def slice_of(run: Path, name: str) -> Mapping[str, Any]:
-    """Return the JSON configuration (slice) of a process from the run folder."""
+    """Return the JSON configuration (slice) of the process `name` from the run folder."""
     found: dict[str, Any] = json.loads((run / "slices" / f"{name}.json").read_text())
     return found

@@ -86,7 +86,7 @@ def fly_all(
 
 @contextmanager
 def _stops() -> Iterator[list[int]]:
-    """Collect SIGINT, SIGTERM and SIGHUP in a list, so that they do not interrupt the `with` block."""
+    """Return a context manager that collects SIGINT, SIGTERM and SIGHUP in a list, so that they do not interrupt its block."""
     found: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -101,7 +101,7 @@ def _stops() -> Iterator[list[int]]:
 
 
 def _begin(index: int, scenario: Scenario, options: FlightOptions, flown_by: Fly) -> _Worker:
-    """Fork a worker that flies one scenario. Fork is used because the worker then needs no imports."""
+    """Fork a worker that flies one scenario. Fork saves time, because a forked worker need not import the modules again."""
     context = multiprocessing.get_context("fork")
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(theirs, os.getpid(), scenario, options, flown_by))

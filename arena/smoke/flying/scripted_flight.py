@@ -1,4 +1,4 @@
-"""A flight that a Python test controls step by step, with texts in the language of scenario files.
+"""A flight that a Python test controls step by step. Actions and expectations are written as in scenario files.
 
     with ScriptedFlight(arena, options) as flight:
         flight.always("separation > 0.8 m")
@@ -37,7 +37,7 @@ T = TypeVar("T")
 
 
 class ScriptedFlight:
-    """A flight that a test controls; a context manager that starts and ends the arena.
+    """Context manager that starts an arena for a test and ends it. The test controls the flight with its methods.
 
     arena: the arena loaded from `options.arena` with its overrides.
     All methods raise InputError, with the line of the test, if a text is not valid in the scenario language.
@@ -169,7 +169,7 @@ class ScriptedFlight:
 
 
 def _caller(text: str) -> Place:
-    """Return the file and line of the test that called a method of this module.
+    """Return the file and line of the test that called this module, so that error messages can name the line.
 
     text: the trigger, action, expectation or rule that the test passed.
     """

@@ -37,7 +37,7 @@ _libc = ctypes.CDLL(None)
 
 @dataclass(frozen=True, kw_only=True)
 class LaunchOptions:
-    """Options with which an arena is started.
+    """Options of `arena up`: which arena is started, where its run folder is created, speed and seed.
 
     arena: YAML file of the arena.
     runs: folder in which the run folder is created.
@@ -142,7 +142,7 @@ class Session:
         state = self._until(lambda: open_run(run), "wrote no state.json")
         plan = plan_of(state)
         if plan is None:
-            raise RunError(f"{run}: plan.json cannot be read")
+            raise RunError(f"cannot read {run}/plan.json, the list of processes that `arena up` has written")
         if real := [v.name for v in plan.vehicles if not v.simulated]:
             raise RunError(
                 f"got real vehicles ({', '.join(real)}), expected simulated ones: scenarios inject faults"
@@ -166,13 +166,15 @@ class Session:
                     for name, state in observer.run_log.states.items()
                     if state in ("STOPPED", "STARTING")
                 ]
-                raise RunError(f"not started within {START_TIMEOUT_S:g} s: {', '.join(waiting)}")
+                raise RunError(
+                    f"these processes did not start within {START_TIMEOUT_S:g} s: {', '.join(waiting)}"
+                )
             if observer.observe() is None:
                 raise RunError(f"{observer.ended}; {self._last_output()}")
             time.sleep(OBSERVATION_PERIOD_S)
 
     def _until(self, check: Callable[[], T | None], what: str) -> T:
-        """Poll `check` until it returns a true value, and return that value.
+        """Call `check` repeatedly until it returns a true value, and return that value.
 
         what: the end of the error message "the arena ...", such as "made no run folder".
 
@@ -269,7 +271,7 @@ class Session:
             time.sleep(_POLL_S)
 
     def _tidy(self) -> None:
-        """Copy the output of `arena up` to logs/up.txt in the run folder and delete state.json."""
+        """Copy the output of `arena up` to logs/up.txt in the run folder. Delete state.json, because the run has ended."""
         if self.run is not None:
             with contextlib.suppress(OSError):
                 shutil.copyfile(self._output, self.run / "logs" / "up.txt")
@@ -295,9 +297,9 @@ class Session:
                 yield pid
 
     def _env(self) -> dict[str, str]:
-        """Return the environment variables for `arena up`. ARENA_RUNTIME_DIR is the last of them.
+        """Return the environment variables for `arena up`, with ARENA_RUNTIME_DIR as the last variable.
 
-        The order matters: a process that sets its title may overwrite the first variables.
+        The order matters, because a process that sets its title may overwrite the first variables.
         """
         return {
             **{key: value for key, value in os.environ.items() if key != RUNTIME_DIR_VARIABLE},

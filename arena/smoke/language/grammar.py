@@ -105,7 +105,7 @@ def read_action(text: str, names: Names, place: Place) -> Action:
     if form.lasting and tokens.accept("for"):
         made["for_s"] = tokens.quantity("time", "a time", least=0.0)
     if tokens.next.text == "for":
-        raise tokens.error(f"nothing more, because `{form.verb}` cannot be undone after a time")
+        raise tokens.error(f"no `for`, because the action `{form.verb}` cannot be undone after a time")
     tokens.end("for a time" if form.lasting and "for_s" not in made else "")
     if form.verb in IN_MS:
         made["number"] = round(float(made["number"]) * 1e3, 6)  # type: ignore[arg-type]
@@ -160,7 +160,9 @@ def _condition(
             f"{EACH}.airborne",
             *SINGLE_PROCESSES,
         ]
-        raise tokens.error("a condition such as uav1.airborne, separation > 0.8 m or inside geofence", known)
+        raise tokens.error(
+            "a condition, such as `uav1.airborne`, `separation > 0.8 m` or `inside geofence`", known
+        )
     if made["kind"] == REAL_TIME_FACTOR and not rule:
         raise WrongWordError(
             "got 'real time factor', which is allowed only under `always`, because it is measured over the whole flight."
@@ -327,9 +329,9 @@ def _mode(tokens: TokenReader) -> str:
 
 
 def _form(tokens: TokenReader) -> tuple[Form, list[str]]:
-    """Use the first words of the text, such as `drain battery`, to find its action.
+    """Find the action that the text begins with, such as `battery drain`.
 
-    Returns the `Form` of the action (its syntax), and the words of the form after those consumed here.
+    Returns the syntax of the action, and the words of this syntax that are still to be parsed.
     """
     left = [(form, form.form.split()) for form in ACTIONS]
     depth = 0
@@ -395,7 +397,7 @@ def _part_rotor(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
 
 
 def _nothing(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    """Do nothing. This word of the form was already parsed together with the word before."""
+    """Do nothing, because this part of the action was already parsed together with the part before."""
 
 
 _READ_PART: dict[str, Callable[[TokenReader, Names, dict[str, object]], None]] = {

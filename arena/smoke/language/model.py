@@ -119,7 +119,7 @@ Verb = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class Action:
-    """An action, from an entry `do`.
+    """An action that is carried out on the arena during the flight, such as a fault. It comes from an entry `do`.
 
     processes: affected processes, by their names in the plan, or "supervisor".
     vehicles: affected vehicles, in the order of the text.

@@ -373,16 +373,16 @@ def names_of(arena: Arena) -> Names:
 
 
 def _step_text(entry: dict[str, Any]) -> str:
-    """Return `at` and `do` of a step as one text."""
+    """Return the values of `at` and `do` of a step as one text, which names the step in the report."""
     actions = entry.get("do", ())
     done = ", ".join(str(d) for d in actions) if isinstance(actions, tuple) else str(actions)
     return ": ".join(part for part in (f"at {entry['at']}" if "at" in entry else "", done) if part)
 
 
 def _inside(document: Document, path: YamlPath) -> Document:
-    """Return the part of a YAML document under `path` as a separate document.
+    """Return the part of a YAML document below the key `path`, such as the arena inside a scenario file.
 
-    Its lines keep the numbers that they have in the file.
+    The lines keep the numbers that they have in the file.
     """
     data: Any = document.data
     for part in path:
@@ -392,7 +392,7 @@ def _inside(document: Document, path: YamlPath) -> Document:
 
 
 def fence_of(arena: Arena) -> Box:
-    """Return the arena's geofence, or the walls of its room if there is no geofence. There is no limit below, at the floor."""
+    """Return the arena's geofence, or the walls of its room if there is no geofence. The box has no lower limit."""
     north, east, height = arena.world.size
     fence = arena.geofence or Fence(
         north=(-north / 2.0, north / 2.0), east=(-east / 2.0, east / 2.0), up=height

@@ -25,13 +25,13 @@ class Quantity:
 
     @property
     def si(self) -> float:
-        """The SI value of one `unit`."""
+        """Factor from `unit` to the SI unit, for example 0.001 for ms."""
         return UNITS[self.unit][1]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """Syntax of one action, such as `link delay T V`.
+    """Syntax of one action, such as `link delay T V`, in which T stands for a time and V for a vehicle.
 
     Users write the words in small letters unchanged. They replace the other words, which PARTS explains.
 

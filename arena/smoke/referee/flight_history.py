@@ -16,7 +16,7 @@ _MIN_TIMED_S = 1.0
 
 @dataclass(kw_only=True)
 class _VehicleHistory:
-    """The history of one vehicle.
+    """Events of one vehicle during the flight: its take-off, landing and touchdown, and its position at the last action.
 
     flown: true after the first take-off.
     in_flight: true from the first take-off until the observation in which the vehicle has landed, that one included.

@@ -76,7 +76,7 @@ class StepTracker:
 
     @property
     def results(self) -> Iterator[StepResult]:
-        """Result of the trigger and the actions, then the result of each expectation."""
+        """Yield one result for the trigger and the actions of the step, then one result for each expectation."""
         step = self.step
         if step.trigger is not None or step.do or self.failure:
             yield self._own_result()

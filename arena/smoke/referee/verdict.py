@@ -29,7 +29,7 @@ class StepResult:
 
     @property
     def took_s(self) -> float | None:
-        """Time from `begun_s` to `done_s` [s]; None if not done."""
+        """Duration of the step from `begun_s` to `done_s` [s]; None if it was not completed."""
         return None if self.begun_s is None or self.done_s is None else self.done_s - self.begun_s
 
 
