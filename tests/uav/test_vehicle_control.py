@@ -122,7 +122,7 @@ def test_unanswered_command_is_repeated_with_a_counter(autopilot, uav):
 def test_acknowledgement_for_another_sender_is_ignored(autopilot, uav, monkeypatch):
     monkeypatch.setattr(vehicle_control, "_TRIES", 1)
     autopilot.ack_to = (253, 190)
-    with pytest.raises(NotConfirmedError, match="no answer"):
+    with pytest.raises(NotConfirmedError, match="no acknowledgement of arming"):
         uav.arm_drone()
 
 

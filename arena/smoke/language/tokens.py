@@ -111,7 +111,7 @@ class TokenReader:
             raise self.error(text, [text])
 
     def number(self, what: str) -> float:
-        """Consume and return a number from -1000000 to 1000000. Raises WrongWordError for another token.
+        """Consume and return a number with an absolute value of at most a million. Raises WrongWordError for another token.
 
         what: text after "expected" in the error message.
         """
@@ -119,7 +119,7 @@ class TokenReader:
             raise self.error(what)
         value = float(self.next.text)
         if abs(value) > 1e6:
-            raise self.error(f"{what} from -1000000 to 1000000")
+            raise self.error(f"{what} of at most a million")
         self.advance()
         return value
 
