@@ -172,7 +172,7 @@ class UAV:
         self.clock.sleep_until(end)
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint. Return 1/freq [s] after the previous call returned, so that a loop keeps its rate.
+        """Send a velocity setpoint, then wait until 1/freq [s] has passed since the previous call returned.
 
         vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
         """
@@ -188,7 +188,7 @@ class UAV:
         acc: ArrayLike | None = None,
         yaw_rate: ArrayLike | None = None,
     ) -> None:
-        """Send a trajectory setpoint. Return 1/freq [s] after the previous call returned, so that a loop keeps its rate.
+        """Send a trajectory setpoint, then wait until 1/freq [s] has passed since the previous call returned.
 
         The autopilot flies to `pos` with `vel` and `acc` as feed-forward, so that it does not lag behind a moving position.
         pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
@@ -234,7 +234,7 @@ class UAV:
         return start
 
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint in level body axes. Return 1/freq [s] after the previous call returned, so that a loop keeps its rate.
+        """Send a velocity setpoint in level body axes, then wait until 1/freq [s] has passed since the previous call returned.
 
         vel_body: forward, right, down [m/s] (3,). These axes are rotated by the yaw only. yaw_rate: [rad/s].
         freq: [Hz].
@@ -244,7 +244,7 @@ class UAV:
     def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """Send an attitude setpoint. Return 1/freq [s] after the previous call returned, so that a loop keeps its rate.
+        """Send an attitude setpoint, then wait until 1/freq [s] has passed since the previous call returned.
 
         att: roll, pitch, yaw [rad] (3,) for att_type "euler"; q_nb wxyz (4,) for att_type "quaternion".
         thrust: [N], clamped to the thrust that the vehicle can produce. freq: [Hz].
@@ -253,7 +253,7 @@ class UAV:
         self._send(self._control.encoder.att_thrust(q_nb, self._normalised(thrust), self.clock.now()), freq)
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint. Return 1/freq [s] after the previous call returned, so that a loop keeps its rate.
+        """Send a rate setpoint, then wait until 1/freq [s] has passed since the previous call returned.
 
         ang_vel: body rates [rad/s] [FRD] (3,). thrust: [N], clamped to the thrust that the vehicle can
         produce. freq: [Hz].
@@ -264,7 +264,7 @@ class UAV:
         )
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint for PX4 up to v1.13. Return 1/freq [s] after the previous call returned.
+        """Send an actuator setpoint for PX4 up to v1.13, then wait until 1/freq [s] has passed since the previous call returned.
 
         group: mixer group 0..3. output: up to 8 numbers -1..1 [-]. freq: [Hz].
         Raises CommandRefusedError for other autopilots.
