@@ -12,7 +12,7 @@ import selectors
 import socket
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
@@ -130,13 +130,17 @@ class Connection:
         self._fixed = [self.remote] if one_receiver else None
         self._senders: dict[Any, None] = {}
 
+    @property
+    def receivers(self) -> Collection[Any]:
+        return self._senders if self._fixed is None else self._fixed
+
     def read(self, now: float) -> None:
         while (packet := self.port.read()) is not None:
             self._senders[packet[1]] = None
             self.link.send("up", packet, now)
 
     def send(self, data: bytes, now: float) -> None:
-        for to in self._senders if self._fixed is None else self._fixed:
+        for to in self.receivers:
             self.link.send("down", (data, to), now)
 
     def deliver(self, now: float) -> None:
@@ -182,6 +186,8 @@ class Served:
                 for key, _ in ready:
                     key.data.read(now)
                 for connections in self._autopilots.values():
+                    if not any(c.receivers for c in connections):
+                        continue  # its first telemetry is for the first receiver
                     for data in connections[0].autopilot.step(now):
                         for c in connections:
                             c.send(data, now)

@@ -49,8 +49,8 @@ class BuiltIn:
         return [BuiltInVehicle(self, i, system) for i, system in enumerate(self._systems)]
 
     def transmit(self, i: int) -> list[bytes]:
-        """Step the world if it is due, and return the datagrams of one vehicle."""
-        if self.world.now <= time.monotonic() - self._began:
+        """Return the datagrams of one vehicle. The first vehicle steps the world if that is due."""
+        if i == 0 and self.world.now <= time.monotonic() - self._began:
             self.world.step(self.motors)
             self.motors = self.pilots.step(self.world.now, self.world.sense())
             for k, link, data in self.pilots.transmit():
