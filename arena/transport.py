@@ -128,7 +128,7 @@ def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> Connecti
     if not 1 <= port <= 65535:
         raise ValueError(f"{EXPECTED_URL}; PORT is 1 to 65535")
     if kind == "udpout" and (address.is_unspecified or address.is_multicast or host == "255.255.255.255"):
-        raise ValueError(f"{EXPECTED_URL}; udpout needs the address of one vehicle")
+        raise ValueError(f"{EXPECTED_URL}; udpout:HOST must be the address of one vehicle, got {host}")
     return ConnectionUrl(kind=kind, host=str(address), port=port)
 
 

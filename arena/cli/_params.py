@@ -149,7 +149,7 @@ def version_for(vehicle: Vehicle | None, asked: str) -> str:
 
 
 def required_firmware(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
-    """Return the parameters that the YAML requires of a vehicle. `params_file_text` adds the positions of the rotors."""
+    """Return the PX4 parameters that the YAML requires for a vehicle, without the positions of the rotors."""
     from arena.plan.firmware import firmware
 
     return firmware(arena, vehicle, asked)

@@ -101,7 +101,7 @@ def push(
     ] = False,
     set_: Set = None,
 ) -> None:
-    """Write the parameters that the YAML requires to vehicles: read, write the values that differ, read back.
+    """Write to vehicles the parameters that the YAML requires: read all, write those that differ, read them back.
 
     Refuses armed vehicles.
     """

@@ -194,7 +194,7 @@ def ports_page() -> str:
 
 
 def _answers(port: Port) -> str:
-    """List, as text, the senders that each process on this port accepts."""
+    """Return the table cell that lists, for each process that binds this port, the senders that it accepts."""
     found: dict[str, list[str]] = {}
     for binder in port.binders:
         found.setdefault(binder.answers, []).append(f"`{binder.kind}`")

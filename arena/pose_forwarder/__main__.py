@@ -47,8 +47,8 @@ class _PoseGapSleep:
         self._sent = wall
 
     def sleep(self) -> None:
-        """Sleep until 70 % of the usual interval since the last pose has passed; return at once if the
-        remaining time is short.
+        """Sleep for the first 70 % of the usual interval between two poses, because no pose is due before. The
+        interval begins at the last sent pose. A sleep of less than 3 ms is skipped.
         """
         pause = self._sent + self._SHARE * self._gap_s - time.monotonic()
         if pause > self._MIN_S:

@@ -37,7 +37,7 @@ class Arrivals:
 
 
 class StartBarrier:
-    """Barriers of a run, as used by one program.
+    """Client of the start barriers of a run, for one program: the programs wait for each other at a barrier.
 
     vehicle: name of the program's vehicle.
     folder: folder for the files of all programs of the run; None if `arena up` did not start the program.

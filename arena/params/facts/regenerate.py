@@ -65,7 +65,7 @@ class Table(NamedTuple):
 
 
 def read_xml(data: bytes) -> dict[str, Fact]:
-    """Return parameter name -> columns from the content of a parameters.xml."""
+    """Return parameter name -> its row of px4_parameters.csv, read from the content of a parameters.xml."""
     found = {}
     for node in ElementTree.fromstring(data).iter("parameter"):
         text = {child.tag: (child.text or "").strip() for child in node}
@@ -82,7 +82,7 @@ def read_xml(data: bytes) -> dict[str, Fact]:
 
 
 def read_json(data: bytes) -> dict[str, Fact]:
-    """Return parameter name -> columns from the content of a parameters.json.
+    """Return parameter name -> its row of px4_parameters.csv, read from the content of a parameters.json.
 
     Prefer parameters.xml. Up to 1.18 the JSON file sets rebootRequired for parameters that do not need a reboot (14 in 1.16).
     """
@@ -96,7 +96,7 @@ def _row(row: Mapping[str, Any]) -> Fact:
 
 
 def read(path: Path) -> dict[str, Fact]:
-    """Return parameter name -> columns from a file with the ending .xml, .json, .xml.xz or .json.xz."""
+    """Return parameter name -> its row of px4_parameters.csv, read from a file with the ending .xml, .json, .xml.xz or .json.xz."""
     data = path.read_bytes()
     name = path.name
     if name.endswith(".xz"):
