@@ -196,7 +196,7 @@ def test_a_link_that_reads_is_never_killed(lab, capsys):
     with Fleet([K], host, paths=("wire",)):
         site = lab(host, udpin(host))
         site.start()
-    assert land_all(run=site.folder, timeout_s=2.5) == 1
+    assert land_all(run=site.folder, timeout_s=1.5) == 1
     assert site.link.poll() is None
     printed = lines(capsys)
     assert printed[-1].startswith("uav1: NOT CONFIRMED")
@@ -241,7 +241,7 @@ def test_from_the_yaml_alone(tmp_path, monkeypatch, serial_cable):
     assert not other.armed and not fleet.autopilots[1].armed
 
 
-def test_a_second_land_all_is_obeyed_by_the_link_too(lab):
+def test_a_second_land_all_is_obeyed_by_the_link_too(lab, end_when):
     """The first one holds our end of the panic link and hangs; there is no router."""
     host = "127.66.8.1"
     with (
@@ -251,5 +251,6 @@ def test_a_second_land_all_is_obeyed_by_the_link_too(lab):
         site = lab(host, udpin(host))
         site.start()
         other.bind((host, 24015))
-        assert land_all(run=site.folder, timeout_s=2.0) == 1, "no telemetry"
+        end_when(lambda: fleet.autopilots[K].landed and not fleet.autopilots[K].armed)
+        assert land_all(run=site.folder) == 1, "no telemetry"
         assert fleet.autopilots[K].landed and not fleet.autopilots[K].armed

@@ -71,7 +71,7 @@ def test_ten_vehicles_over_lossy_links() -> None:
 def test_missing_and_armed_vehicles_do_not_delay_others(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("arena.params.transfer.transfer.CONNECT_TIMEOUT_S", 2.5)
+    monkeypatch.setattr("arena.params.transfer.transfer.CONNECT_TIMEOUT_S", 1.5)
     vehicles = fleet(1, 2, 3)
     vehicles[0].alive, vehicles[1].armed = False, True
     with serve(vehicles) as targets:
@@ -350,8 +350,9 @@ def test_ten_built_in_autopilots_take_sixty_parameters_each(tmp_path: Path) -> N
 
 
 def test_built_in_autopilot_refuses_out_of_range_and_unknown(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("arena.params.transfer.request_window._MIN_TIMEOUT_S", 0.05)
     with serve(BuiltIn(1, tmp_path).vehicles()) as targets:
         wanted = {"EKF2_HGT_REF": 9, "MPC_XY_P": 1.25, "NO_SUCH_NAME": 1, "MPC_Z_P": 1.25}
         report = push(targets, {"uav1": wanted})["uav1"]

@@ -7,7 +7,7 @@ import pytest
 from fake_autopilot import TELEMETRY, FakeAutopilot
 from served import Address, Connection, Served, UdpPort, until
 
-from arena.uav import UAV, vehicle_control
+from arena.uav import UAV, connection, vehicle_control
 
 CURVE = {"kind": "quadratic", "a": 34.068, "b": 7.1202, "fade_speed_m_s": 25.0}
 _hosts = itertools.count(1)
@@ -38,9 +38,10 @@ def let_pass(autopilot: FakeAutopilot, ticks: int) -> None:
 
 
 @pytest.fixture(autouse=True)
-def short_stream(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The fake autopilot asks for no stream before OFFBOARD."""
+def short_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fake autopilot asks for no stream before OFFBOARD. Tests wait for heartbeats: they are more frequent."""
     monkeypatch.setattr(vehicle_control, "_STREAM_FIRST_S", 0.1)
+    monkeypatch.setattr(connection, "_HEARTBEAT_S", 0.2)
 
 
 @pytest.fixture

@@ -110,7 +110,8 @@ def test_mission_needs_a_position_estimate(monkeypatch):
         assert autopilot.setpoints == [] and autopilot.orders == []
 
 
-def test_unanswered_command_is_repeated_with_a_counter(autopilot, uav):
+def test_unanswered_command_is_repeated_with_a_counter(autopilot, uav, monkeypatch):
+    monkeypatch.setattr(vehicle_control, "_RETRY_S", 0.1)
     autopilot.ignore.add(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
     with pytest.raises(
         NotConfirmedError, match="no acknowledgement of arming from the autopilot after 5 tries"
