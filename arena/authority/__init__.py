@@ -1,9 +1,26 @@
-"""Decision who may command one vehicle. `requests` reads commands from MAVLink frames; `authority` decides about them. Pure.
+"""Decision who may command one vehicle. `requests` reads commands from MAVLink frames, `authority` decides about them, and
+`command_gate` applies the decision to frames and encodes the replies. Pure.
 
 Imports only the standard library and `wire`, because land-all uses it and must start fast.
 """
 
 from arena.authority.authority import PROGRAM_MODES, Authority, Role
-from arena.authority.requests import MANUAL_MODES, Kind, Request, parse_request
+from arena.authority.command_gate import CommandGate, Refusal, pack_reply, role_of_tool, role_on_link
+from arena.authority.requests import MANUAL_MODES, MESSAGES, Kind, Request, command_of, parse_request
 
-__all__ = ["MANUAL_MODES", "PROGRAM_MODES", "Authority", "Kind", "Request", "Role", "parse_request"]
+__all__ = [
+    "MANUAL_MODES",
+    "MESSAGES",
+    "PROGRAM_MODES",
+    "Authority",
+    "CommandGate",
+    "Kind",
+    "Refusal",
+    "Request",
+    "Role",
+    "command_of",
+    "pack_reply",
+    "parse_request",
+    "role_of_tool",
+    "role_on_link",
+]

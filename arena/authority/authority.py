@@ -66,7 +66,6 @@ class Authority:
     Pass every request to `refusal` before it is sent to the vehicle, and every heartbeat of its autopilot to `on_state`.
     simulated: true if the vehicle has no radio of a pilot, so that an unexpected automatic mode is always a failsafe.
     holder: who commands the vehicle now.
-    changes: changes of authority since the last call of `take_changes`.
     """
 
     def __init__(self, *, simulated: bool) -> None:
@@ -98,7 +97,8 @@ class Authority:
     def _refusal(self, role: Role, request: Request, now: float) -> str:
         kind = request.kind
         starts = kind is Kind.SPIN or (kind is Kind.ARM and not self._armed)
-        if self._arming_off and starts:
+        gesture = kind is Kind.MANUAL_INPUT and not self._armed  # a stick gesture arms
+        if self._arming_off and (starts or gesture):
             return f"arming refused: {self._arming_off}"
         if self.holder is Role.PILOT:
             return self._refusal_with_pilot(role, kind)
@@ -164,7 +164,7 @@ class Authority:
             return
         self._latch = _Latch(by=role, strength=max(strength, latch.strength if latch is not None else 0))
         what = "stop of the motors" if strength >= _KILL else "landing"
-        self._change(role, f"{what}, until `arena release`", now)
+        self._change(role, f"{what}, until `arena release`", now, always=True)
 
     # -- the vehicle ---------------------------------------------------------------------------------------------------
 
@@ -190,13 +190,16 @@ class Authority:
         if mode == "OFFBOARD":
             if role is None and before:
                 self._taken = ""  # the pilot's switch gives control to the program
-            why = "OFFBOARD commanded" if role is not None else "OFFBOARD, by the pilot's switch"
+            by_switch = "OFFBOARD, by the pilot's switch" if before else "OFFBOARD"
+            why = "OFFBOARD commanded" if role is not None else by_switch
             self._change(role if role is not None else Role.PROGRAM, why, now)
             return
         if before == "OFFBOARD":
-            self._on_offboard_left(role, mode, now)
+            self._on_offboard_left(role, mode)
         if role is not None:
             self._change(role, f"{mode} commanded", now)
+        elif before == "OFFBOARD":
+            self._change(Role.NOBODY, f"OFFBOARD has ended without a command: {mode}", now)
         elif self.holder is Role.PILOT:
             self._change(Role.NOBODY, f"pilot has left manual control: {mode}", now)
 
@@ -210,7 +213,7 @@ class Authority:
         if took and role is not Role.PROGRAM:
             self._set_taken(f"{role.words} took control", until_disarmed=False)
 
-    def _on_offboard_left(self, role: Role | None, mode: str, now: float) -> None:
+    def _on_offboard_left(self, role: Role | None, mode: str) -> None:
         if role is Role.GROUND_STATION:
             self._set_taken("ground station took control", until_disarmed=False)
         elif role is None:
@@ -246,7 +249,7 @@ class Authority:
         self._latch, self._taken, self._obeyed = None, "", False
         self._hold_until = float("-inf")
         holder = self.holder if self.holder is Role.PILOT else Role.NOBODY
-        self._change(holder, f"released by {by}", now)
+        self._change(holder, f"released by {by}", now, always=True)
 
     def refuse_arming(self, why: str) -> None:
         """Refuse every request that arms the vehicle from now on, such as "the run is ending". It cannot be undone."""
@@ -257,14 +260,21 @@ class Authority:
         """True if land-all or the copilot has landed or stopped the vehicle, and nobody has released it."""
         return self._latch is not None
 
+    @property
+    def blocked(self) -> str:
+        """Reason why programs may not fly until `release`; "" if there is none."""
+        return f"{self._latch.by.words} has control" if self._latch is not None else self._taken
+
     def take_changes(self) -> list[Change]:
         """Return the changes since the last call."""
         found, self._changes = self._changes, []
         return found
 
-    def _change(self, holder: Role, why: str, now: float) -> None:
+    def _change(self, holder: Role, why: str, now: float, *, always: bool = False) -> None:
+        """Set the holder, and record the change. always: record it also if the holder stays the same."""
+        if always or holder is not self.holder:
+            self._changes.append(Change(holder=holder, why=why, at=now))
         self.holder = holder
-        self._changes.append(Change(holder=holder, why=why, at=now))
 
 
 def _leads_to(asked: str, mode: str) -> bool:

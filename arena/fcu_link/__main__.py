@@ -128,6 +128,8 @@ class FcuLinkShell:
         self._next_tick = max(self._next_tick + _TICK_S, now)
         self._transport.tick(now)
         self._core.tick(now)
+        for request in self._process.requests():
+            self._core.gate.on_request(request, now)
         if self._simulator is not None:
             self._simulator.tick(self._core.alive(now), now)
         self._report_events()
@@ -135,6 +137,8 @@ class FcuLinkShell:
         if not self._types_written and self._core.params.complete:
             self._write_params()
         orphaned = self._process.orphaned
+        if orphaned:
+            self._core.gate.on_supervisor_lost()
         self._over = self._shutdown.over(orphaned=orphaned, any_armed=self._core.armed(now), now=now)
         if now >= self._next_second:
             self._report_stats(now)
@@ -150,6 +154,9 @@ class FcuLinkShell:
             events.clear()
         for text in self._core.events():
             self._say(text)
+        facts = self._core.gate.changed_facts()
+        if facts and not self._s.simulated:  # the router reports simulated vehicles
+            self._process.facts(facts)
 
     def _say(self, text: str) -> None:
         print(text, flush=True)

@@ -5,8 +5,8 @@ vehicle -> router     everything
 vehicle -> vision     the messages that the pose forwarder reads
 vehicle -> panic      everything, while land-all sends
 vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, for hardware in the loop (HITL)
-links -> vehicle      everything except TIMESYNC replies, which would shift the time stamps of poses, and
-refused requests to arm
+links -> vehicle      everything except TIMESYNC replies, which would shift the time stamps of poses, refused
+requests to arm, and commands of senders that must not command the vehicle now (arena.authority)
 simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own
 estimate (mavlink_receiver)
 """
@@ -20,7 +20,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.fcu_link.arming_guard import STICKS, asks_to_arm, command_of, pack_refusal
+from arena.authority import MESSAGES, CommandGate, command_of, pack_reply, role_on_link
+from arena.fcu_link.arming_guard import STICKS, asks_to_arm
 from arena.fcu_link.param_check import ParamCheck
 from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks
 from arena.fcu_link.send_queue import Priority, SendQueue
@@ -29,6 +30,7 @@ from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, ParsedFrames, parse_frames
 from arena.wire.mavlink_params import parse_error, parse_value
+from arena.wire.px4_mode import mode_words
 
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
 SIMULATOR = "simulator"
@@ -85,6 +87,7 @@ class FcuLink:
         self.counts: Counter[str] = Counter()
         self.flow: Counter[str] = Counter()
         self.queue = SendQueue(self.counts)
+        self.gate = CommandGate(s.vehicle, s.id, simulated=s.simulated)
         self.checks = PreflightChecks(s.preflight)
         display_path = "/".join(s.params_file.split("/")[-2:])
         self.params = ParamCheck(s.params, display_path)
@@ -192,7 +195,9 @@ class FcuLink:
                 self._streams.on_ack(m.result, now)
         else:
             if kind == "HEARTBEAT":
-                self._on_heartbeat(bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED), now)
+                armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+                self.gate.on_state(armed, mode_words(m.custom_mode), now)
+                self._on_heartbeat(armed, now)
             self.checks.on_autopilot(m, now)
 
     def _on_heartbeat(self, armed: bool, now: float) -> None:
@@ -233,7 +238,7 @@ class FcuLink:
             elif frame.msgid in STICKS and not self.checks.armed and self.reasons(now):
                 self.counts["to the vehicle: sticks refused"] += 1
             else:
-                self._pass(link, data, frame, now)
+                out += self._pass(link, data, frame, now)
         return out
 
     def from_simulator(self, data: Buffer, found: ParsedFrames, now: float) -> None:
@@ -262,8 +267,17 @@ class FcuLink:
                 self.checks.on_pose(m, now)
         return queued.frame
 
-    def _pass(self, link: str, data: Buffer, frame: Frame, now: float) -> None:
+    def _pass(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
+        """Queue a frame for the vehicle, unless its sender must not command the vehicle now. Return the refusal."""
+        if frame.msgid in MESSAGES and frame.target_sys in (0, self.system):
+            role = role_on_link(link, frame.sysid, self.system)
+            refusal = self.gate.refusal(role, data, frame, now)
+            if refusal is not None:
+                self.counts[f"to the vehicle: refused: {refusal.why}"] += 1
+                reply = refusal.reply(self._autopilot_codec)
+                return [(link, reply)] if reply else []
         self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now)
+        return []
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
         """Pass on a request to arm, or refuse it. Return the refusal as messages for the requesting link and
@@ -275,8 +289,7 @@ class FcuLink:
         )  # then MISSION_START only changes the mode
         reasons = [] if in_flight else self.reasons(now)
         if not reasons:
-            self._pass(link, data, frame, now)
-            return []
+            return self._pass(link, data, frame, now)
         self.counts["to the vehicle: arming refused"] += 1
         if now - self._refusal_reported_at >= 1.0:
             self._refusal_reported_at = now
@@ -284,7 +297,8 @@ class FcuLink:
         fresh = now - self._reasons_sent_at.get(link, -math.inf) >= _REPEAT_REASONS_S
         if fresh:
             self._reasons_sent_at[link] = now
-        answer = pack_refusal(self._autopilot_codec, data, frame, reasons if fresh else ())
+        sender = frame.sysid, frame.compid
+        answer = pack_reply(self._autopilot_codec, command_of(data, frame), sender, reasons if fresh else ())
         return [(end, answer) for end in dict.fromkeys((link, "router"))]
 
     # -- periodic -----------------------------------------------------------------------------------------------------
@@ -364,4 +378,5 @@ class FcuLink:
                 self._say(text)
             source.events.clear()
         found, self._events = self._events, []
-        return found
+        gated = self.gate.events()
+        return found if self._s.simulated else [*found, *gated]  # the router reports simulated vehicles

@@ -195,7 +195,6 @@ def test_every_change_says_who_why_and_when():
     assert said == [
         ("program has control: OFFBOARD commanded", 0.5),
         ("land-all has control: landing, until `arena release`", 10.0),
-        ("land-all has control: AUTO.LAND commanded", 10.5),
         ("released by the operator", 30.0),
     ]
     assert a.take_changes() == []

@@ -1,0 +1,161 @@
+"""Gate in front of one vehicle: decides about each MAVLink frame with `Authority`, and encodes the reply to a refused command.
+
+Router, hardware link and built-in autopilot use it. Pure: no sockets, no clocks.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from arena.authority.authority import Authority, Role
+from arena.authority.requests import COMMANDS, SET_MODE, Kind, Request, command_of, parse_request
+from arena.wire.mavlink_frame import Buffer, Frame
+
+TEXT_BYTES = 50
+"""Length of one STATUSTEXT."""
+_TEXTS_S = 0.5  # a sender gets the text of a refusal again after this time
+_EVENTS_S = 10.0  # the same refusal is an event again after this time
+_COMMAND_ACK, _STATUSTEXT, _DO_SET_MODE = 77, 253, 176
+_ERROR, _TEMPORARILY_REJECTED = 3, 1  # MAV_SEVERITY, MAV_RESULT
+_ACK, _TEXT = struct.Struct("<HBBiBB"), struct.Struct("<B50sHB")
+_TOOLS = {253: Role.EMERGENCY, 251: Role.COPILOT, 250: Role.GROUND_STATION}
+
+
+class _Codec(Protocol):
+    """Encoder of frames in the name of an autopilot, such as `arena.wire.mavlink_codec.Codec`."""
+
+    def frame(self, msgid: int, payload: bytes) -> bytes: ...
+
+
+def role_of_tool(system: int) -> Role:
+    """Return the role of a sender at the router's tools port. system: its MAVLink system id."""
+    return _TOOLS.get(system, Role.PROGRAM)
+
+
+def role_on_link(link: str, system: int, vehicle: int) -> Role:
+    """Return the role of a sender on a link of the vehicle's autopilot.
+
+    link: `router`, `vision` or `panic`. system, vehicle: MAVLink system ids of the sender and of the vehicle.
+    """
+    if link == "panic":
+        return Role.COPILOT if system == 251 else Role.EMERGENCY
+    if system in _TOOLS:
+        return _TOOLS[system]
+    return Role.PROGRAM if system == vehicle else Role.GROUND_STATION
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refusal:
+    """Refused request.
+
+    why: the reason, as text for the user. command: MAV_CMD to acknowledge, 0 if the message has no acknowledgement.
+    to: system and component of the sender. texts: texts to send with the acknowledgement.
+    """
+
+    why: str
+    command: int
+    to: tuple[int, int]
+    texts: tuple[str, ...] = ()
+
+    def reply(self, codec: _Codec) -> bytes:
+        """Return the reply to the sender; empty if there is nothing to send. codec: encodes in the name of the autopilot."""
+        return pack_reply(codec, self.command, self.to, self.texts)
+
+
+class CommandGate:
+    """Gate in front of one vehicle.
+
+    Pass each frame whose message id is in `MESSAGES` to `refusal` before it is sent to the vehicle.
+    name: name of the vehicle. system: its MAVLink system id. simulated: see `Authority`.
+    """
+
+    def __init__(self, name: str, system: int, *, simulated: bool) -> None:
+        self.name, self.system, self.simulated = name, system, simulated
+        self.authority = Authority(simulated=simulated)
+        self.refused = 0
+        self._text_at: dict[Role, float] = {}
+        self._reported: dict[str, float] = {}
+        self._events: list[str] = []
+        self._facts: dict[str, str] = {}
+
+    def refusal(self, role: Role, data: Buffer, frame: Frame, now: float) -> Refusal | None:
+        """Return why a frame must not be sent to the vehicle; None if it may be sent. now: time of one clock [s]."""
+        request = parse_request(data, frame)
+        if request is None:
+            return None
+        why = self.authority.refusal(role, request, now)
+        if not why:
+            return None
+        self.refused += 1
+        to = frame.sysid, frame.compid
+        if request.kind in (Kind.SETPOINT, Kind.MANUAL_INPUT):
+            return Refusal(why=why, command=0, to=to)
+        self._report(role, request, why, now)
+        command = command_of(data, frame) if frame.msgid in COMMANDS else 0
+        command = _DO_SET_MODE if frame.msgid == SET_MODE else command
+        texts = (why,) if now - self._text_at.get(role, -_TEXTS_S) >= _TEXTS_S else ()
+        if texts:
+            self._text_at[role] = now
+        return Refusal(why=why, command=command, to=to, texts=texts)
+
+    def _report(self, role: Role, request: Request, why: str, now: float) -> None:
+        what = f"mode {request.mode}" if request.kind is Kind.MODE else request.kind.value
+        text = f"{what} requested by {role.words} refused: {why}"
+        if now - self._reported.get(text, -_EVENTS_S) >= _EVENTS_S:
+            self._reported = {t: at for t, at in self._reported.items() if now - at < _EVENTS_S}
+            self._reported[text] = now
+            self._events.append(text)
+
+    def on_state(self, armed: bool, mode: str, now: float) -> None:
+        """Process the arming state and mode of a heartbeat of the vehicle's autopilot. now: as in `refusal`."""
+        self.authority.on_state(armed, mode, now)
+
+    def on_request(self, request: Mapping[str, Any], now: float) -> None:
+        """Process a request of the supervisor (see `process_context`). Requests to other vehicles are ignored."""
+        if request.get("vehicle", self.name) != self.name:
+            return
+        if request.get("do") == "refuse_arming":
+            self.authority.refuse_arming(str(request.get("why", "the run is ending")))
+        elif request.get("do") == "release":
+            self.authority.release(str(request.get("by", "the operator")), now)
+
+    def on_supervisor_lost(self) -> None:
+        """Refuse arming from now on, because the supervisor has ended."""
+        self.authority.refuse_arming("the supervisor has ended")
+
+    def events(self) -> list[str]:
+        """Return lines for the event log since the last call, such as `uav1: pilot has control: POSCTL`."""
+        found = [*map(str, self.authority.take_changes()), *self._events]
+        self._events.clear()
+        return [f"{self.name}: {text}" for text in found]
+
+    def changed_facts(self) -> dict[str, str]:
+        """Return the facts `control` (who commands the vehicle) and `blocked` (why programs may not) that have changed."""
+        holder = self.authority.holder
+        now = {
+            f"{self.name}.control": holder.words if holder else "",
+            f"{self.name}.blocked": self.authority.blocked,
+        }
+        changed = {name: value for name, value in now.items() if value != self._facts.get(name, "")}
+        self._facts = now
+        return changed
+
+
+def pack_reply(codec: _Codec, command: int, to: tuple[int, int], texts: Sequence[str]) -> bytes:
+    """Encode the reply to a refused command: one STATUSTEXT per text, then COMMAND_ACK TEMPORARILY_REJECTED.
+
+    codec: encodes in the name of the autopilot. command: MAV_CMD, 0 for no acknowledgement.
+    to: system and component of the sender. texts: most severe first; empty if they were sent a moment ago.
+    The texts are sent first, so that a client has them when it reads the acknowledgement. The most severe
+    text is sent last.
+    """
+    parts = [
+        codec.frame(_STATUSTEXT, _TEXT.pack(_ERROR, text.encode()[:TEXT_BYTES], 0, 0))
+        for text in reversed(texts)
+    ]
+    if command:
+        parts.append(codec.frame(_COMMAND_ACK, _ACK.pack(command, _TEMPORARILY_REJECTED, 0, 0, *to)))
+    return b"".join(parts)
