@@ -18,12 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fake_autopilot import ARM, FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
+from served import Connection, Served, UdpPort
 
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Stream
 
-from .link_rig import ENDS, ID, arm, attitude, heartbeat, local, odometry, own_address, slice_of, sys_status
+from .link_rig import ENDS, ID, POSE, arm, heartbeat, odometry, own_address, slice_of
 
 DEADLINE_S = 60.0
 BOARD = Path(__file__).parents[1] / "children" / "hitl_board.py"
@@ -118,28 +120,15 @@ def read_all(link: socket.socket, codec: Codec) -> list[Any]:
     return found
 
 
-class Vehicle:
-    """An autopilot on UDP."""
+def on_udp(autopilot: FakeAutopilot, address: tuple[str, int], remote: tuple[str, int] | None) -> Served:
+    return Served([Connection(autopilot=autopilot, port=UdpPort(address), remote=remote)])
 
-    def __init__(self, address: tuple[str, int], to: tuple[str, int] | None) -> None:
-        self.link, self.to, self.codec, self.got = udp(address), to, Codec(ID, 1), []
-        self.next = 0.0
 
-    def turn(self) -> None:
-        while True:
-            try:
-                data, sender = self.link.recvfrom(65535)
-            except OSError:
-                break
-            self.to = self.to or sender
-            self.got += self.codec.parse(data)
-        if self.to and time.monotonic() >= self.next:
-            self.next = time.monotonic() + 0.02
-            for m in (heartbeat(), sys_status(), attitude(), local()):
-                self.link.sendto(self.codec.pack(m), self.to)
-
-    def received(self, kind: str) -> list[Any]:
-        return [m for m in self.got if m.get_type() == kind]
+@pytest.fixture
+def autopilot() -> FakeAutopilot:
+    """Give an autopilot that would pass the preflight checks and leaves arming commands unanswered."""
+    telemetry = ("HEARTBEAT", "SYS_STATUS", "ATTITUDE", "LOCAL_POSITION_NED")
+    return FakeAutopilot(system=ID, pos=POSE, telemetry=telemetry, ignore={ARM})
 
 
 @pytest.fixture
@@ -155,25 +144,20 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Started]]:
         one.end()
 
 
-def test_a_vehicle_on_udpin_is_served_guarded_and_left_on_sigterm(start):
+def test_a_vehicle_on_udpin_is_served_guarded_and_left_on_sigterm(start, autopilot):
     link = start()
-    vehicle = Vehicle((link.address, 14999), (link.address, 14540))
     intruder = udp((link.address, 14998))
-    with vehicle.link, intruder:
-        link.until(lambda: link.ready and link.received("router", "HEARTBEAT"), vehicle.turn)
+    with on_udp(autopilot, (link.address, 14999), (link.address, 14540)), intruder:
+        link.until(lambda: link.ready and link.received("router", "HEARTBEAT"))
         intruder.sendto(Codec(ID, 1).pack(heartbeat(armed=True)), (link.address, 14540))
         link.send("router", arm())
-        link.until(lambda: link.received("router", "COMMAND_ACK"), vehicle.turn)
+        link.until(lambda: link.received("router", "COMMAND_ACK"))
         assert "Preflight: no pose received" in {t.text for t in link.received("router", "STATUSTEXT")}
-        assert not vehicle.received("COMMAND_LONG") or all(
-            m.command == 511 for m in vehicle.received("COMMAND_LONG")
-        )
+        assert all(c.command == 511 for c in list(autopilot.commands))
         forwarder = Codec(ID, 197)
 
         def flies() -> None:
-            if time.monotonic() >= vehicle.next:
-                link.send("vision", odometry(), codec=forwarder)
-            vehicle.turn()
+            link.send("vision", odometry(), codec=forwarder)
 
         link.until(
             lambda: (
@@ -183,7 +167,7 @@ def test_a_vehicle_on_udpin_is_served_guarded_and_left_on_sigterm(start):
             flies,
         )
         link.send("router", arm())
-        link.until(lambda: any(m.command == 400 for m in vehicle.received("COMMAND_LONG")), flies)
+        link.until(lambda: any(c.command == ARM for c in list(autopilot.commands)), flies)
         assert link.stats["partner"] == f"{link.address}:14999"
         assert {m.get_srcSystem() for m in link.received("vision", "HEARTBEAT")} == {ID}
         assert not link.received("panic", "HEARTBEAT")
@@ -194,13 +178,12 @@ def test_a_vehicle_on_udpin_is_served_guarded_and_left_on_sigterm(start):
         assert link.process.wait(30) == 0
 
 
-def test_a_vehicle_on_udpout_gets_the_first_message(start):
+def test_a_vehicle_on_udpout_gets_the_first_message(start, autopilot):
     address = own_address()
-    vehicle = Vehicle((address, 14550), None)
-    with vehicle.link:
+    with on_udp(autopilot, (address, 14550), None):
         link = start(wire={"kind": "udpout", "address": [address, 14550]})
-        link.until(lambda: link.ready, vehicle.turn)
-        assert vehicle.received("HEARTBEAT")[0].type == 18
+        link.until(lambda: link.ready)
+        assert autopilot.heartbeats[0].type == 18
 
 
 def test_a_serial_device_may_be_absent_unplugged_and_back(start, tmp_path):
@@ -229,22 +212,17 @@ def test_a_serial_device_may_be_absent_unplugged_and_back(start, tmp_path):
         link.until(lambda gone=gone: sum("is gone" in e for e in link.events) > gone)
 
 
-def test_an_orphan_serves_until_the_vehicle_is_disarmed(start):
+def test_an_orphan_serves_until_the_vehicle_is_disarmed(start, autopilot):
     link = start()
-    vehicle = Vehicle((link.address, 14999), (link.address, 14540))
-    codec = Codec(ID, 1)
-    with vehicle.link:
-        armed = codec.pack(heartbeat(armed=True))
-        link.until(lambda: link.stats.get("armed"), lambda: vehicle.link.sendto(armed, vehicle.to))
+    autopilot.armed = True
+    with on_udp(autopilot, (link.address, 14999), (link.address, 14540)):
+        link.until(lambda: link.stats.get("armed"))
+        autopilot.mute = True  # silent and armed, as after the loss of its radio
         link.line.close()
-        with pytest.raises(subprocess.TimeoutExpired):  # silent and armed, as after the loss of its radio
+        with pytest.raises(subprocess.TimeoutExpired):
             link.process.wait(2.3)
-        end = time.monotonic() + DEADLINE_S
-        while link.process.poll() is None and time.monotonic() < end:
-            vehicle.link.sendto(codec.pack(heartbeat()), vehicle.to)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                link.process.wait(0.1)
-        assert link.process.poll() == 0
+        autopilot.mute = autopilot.armed = False
+        assert link.process.wait(DEADLINE_S) == 0
 
 
 # -- in the loop -----------------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ import time
 
 import numpy as np
 import pytest
-from pymavlink.dialects.v20 import common as mavlink
+from fake_autopilot import FakeAutopilot
 
 from arena.geometry import quat_from_euler
 from arena.mocap.emulator.core import EmulatedCameras
@@ -134,22 +134,18 @@ class Arena:
         self.line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.line.setblocking(False)
         self.forwarder = start(folder / "slice.json", theirs)
-        self.voice = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-        self.received: list = []
+        self.vehicle = FakeAutopilot(telemetry=("HEARTBEAT", "SYS_STATUS"), period_s=0.2)
         self.told: list[dict] = []
-        self.armed, self.healthy, self.ended = False, True, False
-        self.number, self.begin, self.beat = 0, time.monotonic(), 0.0
+        self.ended = False
+        self.number, self.begin = 0, time.monotonic()
 
     def step(self) -> None:
         now = time.monotonic()
         self.number = int((now - self.begin) * 180)
         self._serve(now)
-        self._listen()
-        if now - self.beat > 0.2:
-            self.beat = now
-            self.say(mavlink.MAVLink_heartbeat_message(2, 12, 128 if self.armed else 1, 0, 4, 3))
-            bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
-            self.say(mavlink.MAVLink_sys_status_message(bit, bit, bit if self.healthy else 0, *[0] * 10))
+        self._listen(now)
+        for data in self.vehicle.step(now):
+            self.autopilot.sendto(data, self.link)
         wait = self.begin + (self.number + 1) / 180 - time.monotonic()
         self.ended = self.forwarder.ended(max(wait, 0.001))
 
@@ -159,11 +155,8 @@ class Arena:
             assert time.monotonic() < end, f"it did not happen in time: {self.told[-1:]}"
             self.step()
 
-    def say(self, message, sender: socket.socket | None = None) -> None:
-        (sender or self.autopilot).sendto(message.pack(self.voice), self.link)
-
     def of(self, kind: str) -> list:
-        return [m for m in self.received if m.get_type() == kind]
+        return [m for m in self.vehicle.received if m.get_type() == kind]
 
     @property
     def ready(self) -> bool:
@@ -187,9 +180,9 @@ class Arena:
         for address in self.natnet.destinations(now):
             self.server.sendto(data, address)
 
-    def _listen(self) -> None:
+    def _listen(self, now: float) -> None:
         while (packet := _receive(self.autopilot)) is not None:
-            self.received += mavlink.MAVLink(None).parse_buffer(packet[0]) or []
+            self.vehicle.receive(packet[0], now)
         while (packet := _receive(self.line)) is not None and packet[0]:
             self.told.append(json.loads(packet[0]))
 
@@ -214,10 +207,10 @@ def arena(tmp_path):
 
 
 def test_process_is_ready_when_the_autopilot_may_arm(arena):
-    arena.healthy = False
+    arena.vehicle.prearm = False
     arena.until(lambda: len(arena.of("ODOMETRY")) > 20)
     assert not arena.ready
-    arena.healthy = True
+    arena.vehicle.prearm = True
     arena.until(lambda: arena.ready)
     m = arena.of("ODOMETRY")[-1]
     truth = truth_at(arena.number / 180)
@@ -233,14 +226,14 @@ def test_process_is_ready_when_the_autopilot_may_arm(arena):
 
 
 def test_flood_of_foreign_datagrams_stops_no_pose(arena):
-    arena.healthy = False
+    arena.vehicle.prearm = False
     arena.until(lambda: len(arena.of("ODOMETRY")) > 10)
     with bound(arena.host) as stranger:
-        bit = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+        may_arm = FakeAutopilot(telemetry=("SYS_STATUS",)).state(0.0)
         before, end = len(arena.of("ODOMETRY")), time.monotonic() + 1.0
         while time.monotonic() < end:
             for _ in range(30):
-                arena.say(mavlink.MAVLink_sys_status_message(bit, bit, bit, *[0] * 10), stranger)
+                stranger.sendto(may_arm, arena.link)
                 stranger.sendto(os.urandom(200), arena.link)
             arena.step()
     assert not arena.ready, "only the autopilot says that it may arm"
@@ -269,13 +262,13 @@ def test_process_without_supervisor_serves_until_disarmed(tmp_path, monkeypatch)
     monkeypatch.setattr(shell, "ShutdownPolicy", functools.partial(ShutdownPolicy, settle_s=0.3))
     arena = Arena(tmp_path, start=Thread)
     try:
-        arena.armed = True
+        arena.vehicle.armed = True
         arena.until(lambda: arena.ready)
         arena.line.close()
         before = len(arena.of("ODOMETRY"))
         arena.until(lambda: arena.ended or len(arena.of("ODOMETRY")) - before > 60)
         assert not arena.ended
-        arena.armed = False
+        arena.vehicle.armed = False
         arena.until(lambda: arena.ended)
     finally:
         arena.close()
