@@ -241,8 +241,9 @@ def test_flood_of_foreign_datagrams_stops_no_pose(arena):
     arena.until(lambda: arena.stats.get("dropped foreign datagram", 0) > 1000)
 
 
-def test_missing_body_is_reported_once_with_the_existing_names(tmp_path):
+def test_missing_body_is_reported_once_with_the_existing_names(tmp_path, monkeypatch):
     """Without the report a vehicle would never get ready, for no visible reason."""
+    monkeypatch.setattr("arena.mocap.client.reception._GRACE_S", 0.5)
     arena = Arena(tmp_path, body="B", start=Thread)
     try:
         events = lambda: [t["event"] for t in arena.told if "event" in t]  # noqa: E731
