@@ -166,7 +166,7 @@ class _Isolation:
 def _work(
     all_connections: list[TargetConnections], began: float, end: float, say: Say, isolated: _Isolation
 ) -> None:
-    refusals: dict[str, str] = {}
+    refusals: set[str] = set()
     next_record = began + _READ_RECORD_S
     while (now := time.monotonic()) < end:
         if now >= next_record:
@@ -176,7 +176,7 @@ def _work(
         for connections in all_connections:
             with isolated(connections.target.name):
                 connections.send(now)
-                _say_refusal(connections.landing, refusals, say)
+                _say_changes(connections.landing, refusals, say)
         if all(connections.is_over(began, now) for connections in all_connections):
             return
         _receive(all_connections, isolated)
@@ -207,10 +207,13 @@ def _read_records(all_connections: list[TargetConnections]) -> None:
                 connections.down = down.get(connections.target.name, "")
 
 
-def _say_refusal(landing: LandingSequence, printed: dict[str, str], say: Say) -> None:
-    if landing.refusal and printed.get(landing.name) != landing.refusal:
-        printed[landing.name] = landing.refusal
-        say(f"{landing.name}: {landing.refusal}; retrying")
+def _say_changes(landing: LandingSequence, printed: set[str], say: Say) -> None:
+    for text in landing.take_events():
+        say(f"{landing.name}: {text}")
+    line = f"{landing.name}: {landing.refusal}; retrying"
+    if landing.refusal and line not in printed:
+        printed.add(line)
+        say(line)
 
 
 def _open_panic_link(target: Target) -> socket.socket | None:

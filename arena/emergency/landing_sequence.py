@@ -2,7 +2,10 @@
 
 Pure: no sockets, no clocks.
 Only telemetry received after the start confirms a landing: a HEARTBEAT without the armed bit and an
-EXTENDED_SYS_STATE with the state on the ground. The HEARTBEAT alone confirms a stop of the motors.
+EXTENDED_SYS_STATE with the state on the ground. The HEARTBEAT alone confirms a stop of the motors. Acknowledgements
+and texts only change the texts for the user: another land-all may use the same MAVLink component id, so an
+acknowledgement may belong to a command of the other one.
+A vehicle of which a pilot takes manual control is not commanded any more (`pilot_watch`).
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from arena.constants import FORCE_ARM_DISARM
+from arena.emergency.pilot_watch import PilotWatch
 from arena.wire import mavlink_minimal as mav
 from arena.wire.mavlink_frame import AUTOPILOT, Frame, parse_frames
 from arena.wire.px4_mode import AUTO_LAND, mode_words
@@ -24,6 +28,8 @@ WATCH_S = (
 )
 MODE_STALE_S = 3.0  # an older flight mode may have changed since: the land mode is commanded again
 TELEMETRY_STALE_S = 1.5
+_REASON_S = 2.0  # a text that the autopilot sent within this time before a refusal is its reason
+_WARNING = 4  # MAV_SEVERITY of the least severe text that may be the reason of a refusal
 _HEARTBEAT_S = 1.0
 _NAN = float("nan")
 _REQUESTED_INTERVAL_US = 200_000
@@ -57,6 +63,7 @@ class LandingSequence:
     system: MAVLink id of the vehicle
     component: MAVLink component id of this process, so that acknowledgements are sent to it
     now: monotonic [s]
+    refusal: text about the last command that the vehicle refused; "" if it accepted the last one
     """
 
     def __init__(
@@ -65,6 +72,8 @@ class LandingSequence:
         self.name, self.system, self.action = name, system, action
         self.reported = ReportedState()
         self.refusal = ""
+        self._reason, self._reason_at = "", -_REASON_S
+        self._pilot = PilotWatch()
         self._sender = mav.MinimalSender(SYSTEM, component)
         self._component = component
         self._began = self._next_send = self._next_heartbeat = now
@@ -88,8 +97,16 @@ class LandingSequence:
             frames.append(self._sender.heartbeat())
         if now >= self._next_send and not self.confirmed:
             self._next_send = now + RETRY_S
-            frames += self._kill() if self.action == "kill" else self._land(now)
+            if not self._pilot.has_control(now, self.reported.mode):
+                frames += self._kill() if self.action == "kill" else self._land(now)
+            if self.action == "land":
+                frames += self._missing_telemetry(now)
         return frames
+
+    def take_events(self) -> list[str]:
+        """Return the texts for the user since the last call: the pilot has taken or left manual control."""
+        found, self._pilot.events = self._pilot.events, []
+        return found
 
     def on_datagram(self, data: bytes | memoryview, now: float) -> None:
         """Update the reported state from a received datagram. Frames of other vehicles and components are ignored. Never raises."""
@@ -112,7 +129,7 @@ class LandingSequence:
     def _last_state(self, now: float) -> str:
         reported = self.reported
         if reported.received_at is None:
-            return "no telemetry received"
+            return "; ".join(["no telemetry received", *([self.refusal] if self.refusal else [])])
         age_s = now - reported.received_at
         state = ", ".join(
             [
@@ -122,7 +139,9 @@ class LandingSequence:
                 *([self.refusal] if self.refusal else []),
             ]
         )
-        return state if age_s < TELEMETRY_STALE_S else f"no telemetry for {age_s:.0f} s, last state: {state}"
+        if age_s >= TELEMETRY_STALE_S:
+            state = f"no telemetry for {age_s:.0f} s, last state: {state}"
+        return f"{self._pilot.words}; {state}" if self._pilot.mode else state
 
     def _land(self, now: float) -> list[bytes]:
         reported, frames = self.reported, []
@@ -133,12 +152,14 @@ class LandingSequence:
         landed_since = reported.landed_since
         if landed_since is not None and reported.armed and now - landed_since > DISARM_AFTER_S:
             frames.append(self._command(mav.ARM_DISARM, 0, 0))
-        if now - self._began >= REQUEST_AFTER_S:
-            if reported.armed is None:
-                frames.append(self._request(mav.HEARTBEAT))
-            if reported.landed is None:
-                frames.append(self._request(mav.EXTENDED_SYS_STATE))
         return frames
+
+    def _missing_telemetry(self, now: float) -> list[bytes]:
+        """Return requests for the messages that confirm a landing, if they are missing."""
+        if now - self._began < REQUEST_AFTER_S:
+            return []
+        missing = {mav.HEARTBEAT: self.reported.armed, mav.EXTENDED_SYS_STATE: self.reported.landed}
+        return [self._request(message) for message, value in missing.items() if value is None]
 
     def _kill(self) -> list[bytes]:
         return [self._command(mav.ARM_DISARM, 0, FORCE_ARM_DISARM)]
@@ -155,11 +176,14 @@ class LandingSequence:
             heartbeat = mav.parse_heartbeat(data, at)
             reported.armed = bool(heartbeat.base_mode & mav.ARMED)
             reported.mode, reported.mode_at = mode_words(heartbeat.custom_mode), now
+            self._pilot.on_heartbeat(reported.armed, reported.mode, now)
         elif at.msgid == mav.EXTENDED_SYS_STATE:
             self._on_landed_state(mav.parse_landed_state(data, at), now)
-        elif at.msgid == mav.COMMAND_ACK:
-            self._on_ack(mav.parse_ack(data, at))
         else:
+            if at.msgid == mav.STATUSTEXT:
+                self._on_text(*mav.parse_statustext(data, at), now)
+            elif at.msgid == mav.COMMAND_ACK:
+                self._on_ack(mav.parse_ack(data, at), now)
             return
         reported.received_at = now
         reported.was_up |= bool(reported.armed) or reported.landed is False
@@ -173,15 +197,25 @@ class LandingSequence:
         elif self.reported.landed_since is None:
             self.reported.landed_since = now
 
-    def _on_ack(self, ack: mav.AckFields) -> None:
+    def _on_text(self, severity: int, text: str, now: float) -> None:
+        if severity <= _WARNING and text:
+            self._reason, self._reason_at = text, now
+
+    def _on_ack(self, ack: mav.AckFields, now: float) -> None:
         system, component = ack.target
         if system not in (0, SYSTEM) or component not in (0, self._component):
             return
         words = _COMMAND_WORDS.get(ack.command)
         if words is None or ack.result == mav.IN_PROGRESS:
             return
-        accepted = ack.result == mav.ACCEPTED
-        self.refusal = "" if accepted else f"{words} refused: {mav.result_words(ack.result)}"
+        if ack.result == mav.ACCEPTED:
+            self.refusal = ""
+            return
+        refusal = f"{words} refused: {mav.result_words(ack.result)}"
+        if now - self._reason_at < _REASON_S:
+            self.refusal = f"{refusal} ({self._reason})"
+        elif not self.refusal.startswith(refusal):  # the text is not repeated with each acknowledgement
+            self.refusal = refusal
 
     def _update_confirmed(self, now: float) -> None:
         reported = self.reported

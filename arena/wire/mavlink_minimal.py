@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_frame
 
-HEARTBEAT, COMMAND_LONG, COMMAND_ACK, EXTENDED_SYS_STATE = 0, 76, 77, 245
+HEARTBEAT, COMMAND_LONG, COMMAND_ACK, EXTENDED_SYS_STATE, STATUSTEXT = 0, 76, 77, 245, 253
 NAV_LAND, DO_SET_MODE, ARM_DISARM, SET_MESSAGE_INTERVAL = 21, 176, 400, 511
 TYPE_ONBOARD, AUTOPILOT_INVALID, STATE_ACTIVE = 18, 8, 4
 ARMED, CUSTOM_MODE = 128, 1  # bits of base_mode
@@ -35,6 +35,7 @@ RESULT_WORDS = {
 
 _HEARTBEAT, _COMMAND = struct.Struct("<IBBBBB"), struct.Struct("<7fHBBB")
 _ACK, _EXTENDED = struct.Struct("<HB"), struct.Struct("BB")
+_TEXT = struct.Struct("<B50s")
 _ACK_BYTES = 10  # command, result, progress, result_param2 (4 bytes), target system, target component
 _ONBOARD_HEARTBEAT = _HEARTBEAT.pack(0, TYPE_ONBOARD, AUTOPILOT_INVALID, 0, STATE_ACTIVE, 3)
 
@@ -108,6 +109,12 @@ def parse_ack(data: Buffer, at: Frame) -> AckFields:
     payload = _payload(data, at, _ACK_BYTES)
     command, result = _ACK.unpack_from(payload)
     return AckFields(command, result, (payload[8], payload[9]))
+
+
+def parse_statustext(data: Buffer, at: Frame) -> tuple[int, str]:
+    """Decode a STATUSTEXT and return its severity, a MAV_SEVERITY, and its text."""
+    severity, text = _TEXT.unpack(_payload(data, at, _TEXT.size))
+    return int(severity), bytes(text).rstrip(b"\0").decode(errors="replace")
 
 
 def _pack(sender: MavlinkSender, msgid: int, payload: bytes) -> bytes:

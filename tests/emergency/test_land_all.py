@@ -15,6 +15,7 @@ import time
 import pytest
 from emergency_fleet import REFUSES_LANDING, Fleet, flying, target
 from fake_autopilot import ARM, FORCE, SET_MODE
+from served import until
 
 from arena.emergency import dispatch, landing_sequence
 from arena.emergency.dispatch import TargetConnections, bring_down, own_component
@@ -197,6 +198,49 @@ def test_a_vehicle_armed_during_the_landing_is_landed_too():
         starter.join()
         assert fake.landed and not fake.armed
     assert code == 0 and line.startswith("uav1: landed and disarmed after ")
+
+
+def test_review_fault_5_a_pilot_who_takes_over_is_not_commanded(monkeypatch):
+    fake = flying(1, land_s=math.inf)
+    commands_at_takeover = []
+
+    def pilot():
+        until(lambda: fake.mode == "AUTO.LAND")
+        until_ticks = fake.ticks + 20
+        until(lambda: fake.ticks > until_ticks)
+        fake.mode = "POSCTL"
+        until(lambda: any("pilot has control" in line for line in lines))
+        commands_at_takeover.extend(fake.orders)
+        until_ticks = fake.ticks + 40
+        until(lambda: fake.ticks > until_ticks)
+        fake.landed, fake.armed = True, False
+
+    lines = []
+    with Fleet([fake], "127.54.48.1") as fleet:
+        hands = threading.Thread(target=pilot)
+        hands.start()
+        assert bring_down(fleet.targets, action="land", timeout_s=60.0, say=lines.append) == 0
+        hands.join()
+    assert "uav1: pilot has control (POSCTL): not commanded" in lines
+    assert fake.orders == commands_at_takeover and fake.mode == "POSCTL"
+    assert lines[-1].startswith("uav1: landed and disarmed after ")
+
+
+def test_review_fault_5_a_pilots_vehicle_in_the_air_is_not_confirmed(end_when):
+    fake = flying(1, land_s=math.inf)
+
+    def taken():
+        if fake.ticks > 30:
+            fake.mode = "POSCTL"
+        return fake.ticks > 60
+
+    end_when(taken)
+    with Fleet([fake], "127.54.49.1") as fleet:
+        code, lines = land(fleet.targets)
+    assert code == 1
+    assert lines[-1] == (
+        "uav1: NOT CONFIRMED: pilot has control (POSCTL): not commanded; armed, in the air, mode POSCTL"
+    )
 
 
 def test_kill_all_stops_the_motors_in_the_air():

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.emergency.landing_sequence import LandingSequence
 
 COMPONENT = 200
-LAND, OFFBOARD = MODES["AUTO.LAND"], MODES["OFFBOARD"]
+LAND, OFFBOARD, POSCTL = MODES["AUTO.LAND"], MODES["OFFBOARD"], 3 << 16
 MODE, NAV_LAND, ARM, INTERVAL = 176, 21, 400, 511
 
 
@@ -40,6 +40,10 @@ def heartbeat(armed, mode=OFFBOARD):
 
 def place(state):
     return mavlink.MAVLink_extended_sys_state_message(0, state)
+
+
+def text(words, severity=3):
+    return mavlink.MAVLink_statustext_message(severity, words.encode(), 0, 0)
 
 
 def ack(command, result, system=253, component=COMPONENT):
@@ -190,6 +194,109 @@ def test_kill_forces_the_motors_off_until_confirmed():
     scene.receive(0.8, heartbeat(armed=False))
     assert scene.landing.confirmed
     assert scene.line(1.0) == "uav1: motors stopped after 0.8 s"
+
+
+# review fault 5
+
+
+@pytest.mark.parametrize("action", ["land", "kill"])
+@pytest.mark.parametrize("before", [LAND, OFFBOARD])
+def test_a_vehicle_that_a_pilot_takes_is_not_commanded(action, before):
+    scene = Scene(action)
+    assert scene.commands(0.0)
+    scene.receive(0.4, heartbeat(armed=True, mode=before), place(AIR))
+    scene.commands(0.5)
+    scene.receive(1.4, heartbeat(armed=True, mode=POSCTL))
+    for i in range(200):
+        at = 1.5 + 0.1 * i
+        if i < 100:
+            scene.receive(at, heartbeat(armed=True, mode=POSCTL), place(AIR))
+        assert scene.commands(at) == [], "also after the telemetry has ended"
+    assert scene.landing.take_events() == ["pilot has control (POSCTL): not commanded"]
+    assert not scene.landing.confirmed
+    assert scene.line(11.5) == (
+        "uav1: NOT CONFIRMED: pilot has control (POSCTL): not commanded; armed, in the air, mode POSCTL"
+    )
+
+
+def test_the_pilots_landing_is_reported_by_the_autopilot(scene):
+    scene.receive(0.4, heartbeat(armed=True, mode=LAND), place(AIR))
+    scene.receive(1.4, heartbeat(armed=True, mode=POSCTL))
+    scene.receive(9.0, heartbeat(armed=True, mode=POSCTL), place(GROUND))
+    assert not scene.landing.confirmed
+    assert scene.commands(13.0) == [], "an armed vehicle on the ground is the pilot's too"
+    scene.receive(14.0, heartbeat(armed=False, mode=POSCTL))
+    assert scene.line(14.0) == "uav1: landed and disarmed after 14.0 s"
+
+
+def test_a_vehicle_in_a_manual_mode_from_the_start_is_landed(scene):
+    for i in range(10):
+        scene.receive(0.5 * i, heartbeat(armed=True, mode=POSCTL), place(AIR))
+        assert scene.commands(0.5 * i) == [MODE, NAV_LAND]
+
+
+def test_a_vehicle_that_its_pilot_gives_back_is_landed_again(scene):
+    scene.receive(0.4, heartbeat(armed=True, mode=OFFBOARD), place(AIR))
+    scene.receive(1.4, heartbeat(armed=True, mode=POSCTL))
+    scene.receive(5.0, heartbeat(armed=True, mode=OFFBOARD))
+    assert scene.commands(5.1) == [], "a heartbeat may be late"
+    scene.receive(6.0, heartbeat(armed=True, mode=OFFBOARD))
+    assert scene.commands(6.6) == [MODE, NAV_LAND]
+    assert scene.landing.take_events()[1:] == ["pilot has left manual control (OFFBOARD): commanded again"]
+
+
+def test_late_heartbeats_of_another_path_give_no_command_to_a_pilot(scene):
+    scene.receive(0.4, heartbeat(armed=True, mode=LAND), place(AIR))
+    for second in range(1, 20):
+        scene.receive(second, heartbeat(armed=True, mode=POSCTL))
+        scene.receive(second + 0.1, heartbeat(armed=True, mode=LAND if second < 3 else POSCTL))
+        for tenth in range(10):
+            assert scene.commands(second + tenth / 10) == []
+
+
+def test_a_pilot_who_arms_on_the_ground_is_left_alone(scene):
+    scene.receive(0.4, heartbeat(armed=False, mode=POSCTL), place(GROUND))
+    scene.receive(1.0, heartbeat(armed=True, mode=POSCTL))
+    assert scene.commands(1.5) == []
+
+
+def test_missing_telemetry_of_a_pilots_vehicle_is_requested(scene):
+    scene.receive(0.4, heartbeat(armed=True, mode=OFFBOARD))
+    scene.receive(1.4, heartbeat(armed=True, mode=POSCTL))
+    assert scene.commands(1.5) == [INTERVAL]
+
+
+def test_the_reason_of_a_refusal_is_in_the_result(scene):
+    """A hardware link refuses a command in the name of the autopilot, and sends the text once in a while."""
+    scene.receive(0.2, text("pilot has control"), ack(MODE, 1), ack(NAV_LAND, 1))
+    assert scene.line(0.3) == (
+        "uav1: NOT CONFIRMED: no telemetry received; land command refused: temporarily rejected (pilot has control)"
+    )
+    for i in range(20):
+        scene.receive(0.5 * i, ack(NAV_LAND, 1))
+    assert "(pilot has control)" in scene.line(10.0)
+    scene.receive(10.5, text("info", severity=6), ack(MODE, 2))
+    assert scene.landing.refusal == "LAND mode refused: denied"
+
+
+messages = st.sampled_from(
+    [ack(command, result) for command in (MODE, NAV_LAND, ARM) for result in (0, 1, 5)]
+    + [text("pilot has control")]
+)
+
+
+@given(st.lists(messages, max_size=30), st.sampled_from(["land", "kill"]))
+def test_acknowledgements_change_texts_only(received, action):
+    """Two land-all may have the same component id, so an acknowledgement may belong to the other one."""
+    scenes = Scene(action), Scene(action)
+    for i, message in enumerate(received):
+        now = 0.4 * i
+        state = [heartbeat(armed=i < 20, mode=LAND), place(AIR if i < 10 else GROUND)] if i % 4 == 0 else []
+        scenes[0].receive(now, message, *state)
+        scenes[1].receive(now, *state)
+        assert scenes[0].landing.due(now) == scenes[1].landing.due(now)
+        assert scenes[0].landing.confirmed == scenes[1].landing.confirmed
+        assert scenes[0].landing.reported == scenes[1].landing.reported
 
 
 @given(st.lists(st.binary(max_size=80), max_size=20))

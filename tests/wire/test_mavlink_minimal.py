@@ -91,3 +91,11 @@ def test_each_mav_result_of_the_dialect_has_words():
     known = {number for number, entry in mavlink.enums["MAV_RESULT"].items() if "ENUM_END" not in entry.name}
     assert known <= set(mav.RESULT_WORDS)
     assert mav.result_words(1) == "temporarily rejected" and mav.result_words(99) == "result 99"
+
+
+@given(
+    st.integers(0, 7), st.text(alphabet=st.characters(codec="ascii", exclude_characters="\0"), max_size=50)
+)
+def test_a_text_of_pymavlink_is_parsed(severity, text):
+    message = mavlink.MAVLink_statustext_message(severity, text.encode(), 0, 0)
+    assert mav.parse_statustext(*received(message)) == (severity, text)

@@ -1,0 +1,55 @@
+"""Detection of a pilot who takes manual control of a vehicle while land-all or kill-all commands it. Pure."""
+
+from __future__ import annotations
+
+from arena.authority import MANUAL_MODES
+
+LEFT_S = 1.5
+"""A manual mode counts as left after this time without a report of it [s]. A heartbeat is sent once a second, and
+panic link and router do not deliver heartbeats in order."""
+
+
+class PilotWatch:
+    """Detects that a pilot has taken manual control of one vehicle since the start.
+
+    The pilot has control when the armed vehicle reports a manual mode after it reported another mode, or after it
+    reported that it was disarmed. A vehicle that reports a manual mode from the start is not under the pilot's control:
+    somebody started land-all because of it.
+    events: texts for the user; the caller takes them and empties the list
+    mode: manual mode in which the pilot has control; "" if the pilot does not have control
+    """
+
+    def __init__(self) -> None:
+        self.mode = ""
+        self.events: list[str] = []
+        self._other_reported = False
+        self._left_at: float | None = None
+
+    @property
+    def words(self) -> str:
+        """Text for the user, such as "pilot has control (POSCTL): not commanded"."""
+        return f"pilot has control ({self.mode}): not commanded"
+
+    def on_heartbeat(self, armed: bool, mode: str, now: float) -> None:
+        """Process arming state and mode of a heartbeat of the vehicle's autopilot. now: monotonic [s]."""
+        if armed and mode in MANUAL_MODES:
+            self._left_at = None
+            if self._other_reported and not self.mode:
+                self.mode = mode
+                self.events.append(self.words)
+            return
+        self._other_reported = True
+        if self.mode and self._left_at is None:
+            self._left_at = now
+
+    def has_control(self, now: float, mode: str | None) -> bool:
+        """Return whether the pilot has control.
+
+        A vehicle without telemetry stays under the pilot's control.
+        now: monotonic [s]
+        mode: mode that the vehicle reported last
+        """
+        if self._left_at is not None and now - self._left_at >= LEFT_S:
+            self.mode, self._left_at = "", None
+            self.events.append(f"pilot has left manual control ({mode}): commanded again")
+        return bool(self.mode)
