@@ -110,9 +110,7 @@ class SimClock:
         return now
 
     def request_wake(self, t: float) -> None:
-        """Request a wake-up at time t [s], so that the simulated world may advance. `wait_for_wake` then
-        waits.
-        """
+        """Request a wake-up at time t [s]. The simulated world may then advance up to t. Call `wait_for_wake` next."""
         try:
             self._socket.send(_DOUBLE.pack(t))
         except OSError as error:

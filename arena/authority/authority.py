@@ -38,7 +38,7 @@ class Role(IntEnum):
 
     @property
     def words(self) -> str:
-        """Name for the user; that of EMERGENCY is land-all."""
+        """Name of the role as shown to the user; `land-all` for EMERGENCY."""
         return {Role.EMERGENCY: "land-all"}.get(self, self.name.lower().replace("_", " "))
 
 
@@ -61,7 +61,7 @@ class _Latch:
 
 
 class Authority:
-    """Authority over one vehicle.
+    """Decides who may command one vehicle, from the requests to the vehicle and the heartbeats of its autopilot.
 
     Pass every request to `refusal` before it is sent to the vehicle, and every heartbeat of its autopilot to `on_state`.
     simulated: true if the vehicle has no radio of a pilot, so that an unexpected automatic mode is always a failsafe.
@@ -228,7 +228,9 @@ class Authority:
             self._change(Role.NOBODY, "disarmed", now)
 
     def _role_that_asked(self, mode: str, *, armed_now: bool, now: float) -> Role | None:
-        """Return who requested the vehicle's new mode, or its arming in this mode; None if nobody did."""
+        """Return the role that requested the vehicle's new mode, else the role that requested its arming
+        just now; None if no role did.
+        """
         asked = [
             found for m, found in self._asked.items() if _leads_to(m, mode) and now - found[1] <= _ASKED_S
         ]
@@ -278,7 +280,7 @@ class Authority:
 
 
 def _leads_to(asked: str, mode: str) -> bool:
-    """Return whether a vehicle that was asked for one mode may report the other."""
+    """Return whether the flight mode `mode` can be the result of a request for `asked`, such as AUTO.LOITER after AUTO.TAKEOFF."""
     if asked == mode:
         return True
     if asked == "REPOSITION":

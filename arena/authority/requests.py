@@ -52,7 +52,7 @@ _STANDARD_MODES = {
 
 
 class Kind(Enum):
-    """Kind of request.
+    """Kind of request to a vehicle, such as arming or a change of the flight mode.
 
     SETPOINT: fly to a setpoint, in OFFBOARD. MANUAL_INPUT: stick positions. MODE: change the flight mode.
     ARM, DISARM: start or stop the motors. KILL: stop the motors also in flight. SPIN: turn a motor without arming.
@@ -130,7 +130,7 @@ def _arming_kind(data: Buffer, frame: Frame) -> Kind:
 
 
 def _number(data: Buffer, frame: Frame, index: int) -> float:
-    """Return param1 (index 0) to param7 (index 6) of a command message."""
+    """Return one parameter of a command message. index: 0 for param1, 6 for param7."""
     (value,) = struct.unpack("<f", uint_at(data, frame, 4 * index, 4).to_bytes(4, "little"))
     return float(value)
 

@@ -291,7 +291,7 @@ class Commander:
             self._act_on_link_loss(params.nav_dll_act, s, params, "data link lost")
 
     def _check_manual_control(self, s: CommanderInputs, params: CommanderParams) -> None:
-        """Run the action of NAV_RCL_ACT once when manual control is lost. Without earlier manual control do nothing."""
+        """Run the action of NAV_RCL_ACT once when manual control is lost. Do nothing if there was no manual control before."""
         self._had_manual_control = self._had_manual_control or s.manual_control
         excepted = _EXCEPTION_BIT.get(self.intended, 0) & params.com_rcl_except
         lost = (

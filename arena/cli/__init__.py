@@ -1,4 +1,4 @@
-"""The command `arena`, with one module per subcommand. The modules contain only its options and its output.
+"""The command `arena`, with one module per subcommand. Each module contains only the options and the output of its subcommand.
 
 The module of a verb defines `register(app)`. Only the module of the requested verb is imported. For `land-all` and
 `kill-all`, `arena.emergency` parses the command line, because importing typer takes time. Typer shows only their help.
@@ -123,7 +123,7 @@ def _code(done: SystemExit) -> int:
 
 
 def _take_debug(arguments: list[str]) -> bool:
-    """Remove `--debug` from the arguments in front of a `--`. Return True if `--debug` was found."""
+    """Remove `--debug` from the arguments, unless it comes after a `--`. Return True if `--debug` was removed."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
     found = "--debug" in arguments[:end]
     if found:

@@ -33,7 +33,7 @@ YAML, _DEFAULTS = "yaml:", "defaults"
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether `arena params diff` hides a difference, because one of the sets `a` and `b` is incomplete on purpose.
+    """Return whether `arena params diff` hides a difference, because the set `a` or `b` need not contain every parameter.
 
     A difference is hidden if one set is from the YAML and does not set the parameter, or if the only set with the
     parameter is PX4's defaults.

@@ -56,7 +56,7 @@ _ENDINGS = {
 
 
 def ending_text(ending: str, why: str) -> str:
-    """Return why a transfer ended early, as text. why: error from opening the connection, or ""."""
+    """Return why a transfer ended early, as text. why: error if the connection could not be opened, else ""."""
     return why or _ENDINGS.get(ending, ending)
 
 

@@ -51,7 +51,7 @@ def register(app: typer.Typer) -> None:
 
 
 def explained(arena: Arena, key: str) -> list[str]:
-    """Return one line per value at or below a dotted key, with the place that it comes from.
+    """Return one line per value at or below a dotted YAML key: the value, and where it comes from, such as `arena.yaml:7`.
 
     Raises InputError, with the most similar key, if the key is unknown.
     """

@@ -194,7 +194,7 @@ def ports_page() -> str:
 
 
 def _answers(port: Port) -> str:
-    """Return the table cell that lists, for each process that binds this port, the senders that it accepts."""
+    """Return a table cell about one port: for each process that binds the port, the senders that this process answers."""
     found: dict[str, list[str]] = {}
     for binder in port.binders:
         found.setdefault(binder.answers, []).append(f"`{binder.kind}`")

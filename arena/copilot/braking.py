@@ -51,7 +51,7 @@ def stop(speed: Array, accel: Array, jerk: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """Predicted stops of N vehicles if they are commanded to hold now.
+    """Prediction of how N vehicles stop if they are commanded to hold now.
 
     start: position at the beginning of the braking [m] [NED] (N, 3).
     v_n: velocity at the beginning of the braking [m/s] [NED] (N, 3).

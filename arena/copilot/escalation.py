@@ -164,7 +164,7 @@ class Escalation:
             self._next_send = now
 
     def _most_severe(self, violations: Sequence[Violation]) -> tuple[Step, Violation] | None:
-        """Return the most severe step that a violated rule requires, limited by `at_most`."""
+        """Return the most severe command (step) that a violated rule requires, limited by `at_most`, and the violation of this rule."""
         best: tuple[Step, Violation] | None = None
         for one in violations:
             do = self.rules.do[one.rule]

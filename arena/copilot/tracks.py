@@ -111,7 +111,7 @@ class Tracks:
         )
 
     def off(self, p_n: Array) -> Array:
-        """Return how far each vehicle's estimated position is from the nearest captured position of the last 0.5 s.
+        """Return the distance from each vehicle's estimated position to the nearest captured position of the last 0.5 s.
 
         The result is in [m] (N,), NaN if unknown.
 

@@ -33,7 +33,7 @@ Say = Callable[[str], None]
 
 
 class TargetConnections:
-    """Connections to one vehicle, with its landing sequence.
+    """All connections on which `land-all` can command one vehicle, and the landing sequence of this vehicle.
 
     down: reason why the run records the vehicle as crashed or ended; "" if it does not
     """

@@ -66,7 +66,7 @@ def _record(command: str, targets: Sequence[Target]) -> None:
 
 
 def _worst(found: Found, code: int) -> int:
-    """Print each run whose vehicles could not be commanded. If there is one and `code` is 0, return EXIT_FAILED, else `code`."""
+    """Print each run whose vehicles could not be commanded. Return `code`, or EXIT_FAILED if `code` is 0 and there is such a run."""
     for why in found.unread:
         _say(f"NOT COMMANDED: the vehicles of an active run whose files cannot be read: {why}")
     return code or (EXIT_FAILED if found.unread else EXIT_OK)

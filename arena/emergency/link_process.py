@@ -1,5 +1,5 @@
-"""Checks on the process `link.<v>`, which holds a real vehicle's connection: whether the process still reads
-its sockets, and a function that kills it.
+"""Functions that check whether the process `link.<v>`, the owner of a real vehicle's connection, still
+reads its sockets, and that kill it.
 
 Reads /proc. A signal is sent only to a process with the recorded identity; a process is never selected by
 name.

@@ -134,8 +134,8 @@ def _process(name: str, run: Path) -> ProcessIdentity | None:
 
 
 def _address(raw: Any) -> Address:
-    """Convert [host, port] to an address. Raises ValueError for a port out of range, and for a host name,
-    because resolving one needs a working network.
+    """Convert [host, port] to an address. Raises ValueError for a port out of range or a host name. Host
+    names are refused, because resolving them needs a working network.
     """
     host, port = raw
     if not 0 <= int(port) <= 65535:

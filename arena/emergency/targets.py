@@ -87,7 +87,9 @@ def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
 
 
 def _of_runs(folders: Iterable[Path]) -> Found | None:
-    """Return the vehicles of all runs that can be read. The other runs are listed in `unread`."""
+    """Return the vehicles of all runs whose files can be read. `Found.unread` lists the other runs. Returns
+    None if no run can be read.
+    """
     plans, unread = [], []
     for folder in folders:
         try:

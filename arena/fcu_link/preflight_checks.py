@@ -110,7 +110,7 @@ class PreflightChecks:
         return [f"no telemetry for {silent:.1f} s"] if silent > CONNECTION_TIMEOUT_S else []
 
     def _poses_reasons(self, now: float) -> list[str]:
-        """Check the poses sent to the vehicle, and that the vehicle's estimate agrees with them."""
+        """Return the reasons not to arm that concern the poses: missing, old, too few, or different from the vehicle's estimate."""
         if self._pose is None:
             return ["no pose received", *self._estimate(now)]
         at, p_n, yaw = self._pose
@@ -135,7 +135,7 @@ class PreflightChecks:
         )
 
     def _estimate(self, now: float) -> list[str]:
-        """Check that position and attitude estimates have arrived, are recent and are finite."""
+        """Return a reason not to arm if the position or attitude estimate is missing, old or not finite."""
         if self._local is None:
             return ["no position estimate"]
         if self._yaw is None:

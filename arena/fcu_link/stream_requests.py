@@ -85,7 +85,7 @@ class StreamRequests:
             stream.count += 1
 
     def due(self, now: float) -> tuple[int, float] | None:
-        """Return (message id, interval [us]) of a message to request; None if there is none.
+        """Return the message id and the interval [us] of the next stream to request; None if there is none.
 
         Call it only while the vehicle is connected.
         """

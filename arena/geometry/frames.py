@@ -1,5 +1,4 @@
-"""Conversion of vectors and attitudes between NED and z-up world axes and between FRD and FLU body axes, and
-of latitude and longitude to local positions and back.
+"""Conversions between axes (NED and z-up world, FRD and FLU) of vectors and attitudes, and between global and local positions.
 
 The package docstring defines the frames. A global position is projected on a plane that touches a sphere at
 the origin. In a room this equals PX4's azimuthal projection (v1.16, src/lib/geo) within some micrometres.

@@ -25,7 +25,9 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
 
 
 def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]:
-    """Find tools that need an unknown process, or a tool listed after them (this prevents circular waiting)."""
+    """Find tools that need an unknown process or a tool that is listed after them. By this rule, tools never
+    wait for each other.
+    """
     before = [name for name in process_names if not name.startswith("tool.")]
     own: list[tuple[str, Tool, YamlPath]] = [
         (f"tool.{name}", tool, ("tools", name)) for name, tool in arena.tools.items()

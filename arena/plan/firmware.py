@@ -150,8 +150,8 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Remove rotor geometry and RC mapping for hardware, which keeps its own settings, and for the built-in
-    autopilot, which reads them from the profile.
+    """Return the requirements without rotor geometry and RC mapping if the autopilot does not need them.
+    Hardware keeps its own settings, and the built-in autopilot uses the profile.
     """
     return replace(required, rotors=(), channels=0) if autopilot in ("builtin", "hardware") else required
 

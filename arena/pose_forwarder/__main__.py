@@ -25,8 +25,7 @@ def main() -> int:
 
 
 class _PoseGapSleep:
-    """Sleep during most of the interval between two forwarded poses. This saves wake-ups, because most frames
-    are not forwarded.
+    """Timer for a sleep after each forwarded pose. It saves wake-ups, because most of the next frames are not forwarded.
 
     The interval is measured, so that it is right at any speed of the simulation. period_s: longest interval
     [s].
@@ -47,8 +46,8 @@ class _PoseGapSleep:
         self._sent = wall
 
     def sleep(self) -> None:
-        """Sleep for the first 70 % of the usual interval between two poses, because no pose is due before. The
-        interval begins at the last sent pose. A sleep of less than 3 ms is skipped.
+        """Sleep until shortly before the next pose is due: 70 % of the usual interval, counted from the
+        last pose. Skip a sleep below 3 ms.
         """
         pause = self._sent + self._SHARE * self._gap_s - time.monotonic()
         if pause > self._MIN_S:

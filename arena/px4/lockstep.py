@@ -54,7 +54,7 @@ class _Server:
 
     @property
     def awaited(self) -> bool:
-        """True while the world must wait, because this PX4 has not yet replied to the last sensor sample."""
+        """True while the world must wait for this vehicle's PX4 to reply to the last sensor sample."""
         return (
             self.connection is not None
             and self.late_since is None
@@ -105,7 +105,7 @@ class Px4Links:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors, such as `gps`, that must be sampled for the next `begin`, because their own message is due."""
+        """Names of the sensors, such as `gps`, that must be sampled before the next `begin`, because their own message is due then."""
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:

@@ -49,7 +49,7 @@ class Px4:
 
     @property
     def words(self) -> str:
-        """Text for the user: "PX4" with its version, or that it is arena's stand-in for PX4."""
+        """Name of this PX4 for the user: `PX4` with its version, or `arena's stand-in for PX4`."""
         return (
             "arena's stand-in for PX4" if self.stand_in else f"PX4 {self.version or 'of an unknown version'}"
         )

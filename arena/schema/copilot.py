@@ -83,7 +83,7 @@ class BatteryRule(Strict):
 
 
 class ProgramRule(Strict):
-    """Rule: in OFFBOARD, the user program must send heartbeats. The rule applies from its first heartbeat after arming on."""
+    """Rule: in OFFBOARD, the user program must send heartbeats. The rule applies once the program has sent a heartbeat since arming."""
 
     do: Do = "land"
     """Action: none, hold, land or terminate."""

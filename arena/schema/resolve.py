@@ -123,7 +123,7 @@ def _ids(vehicles: Mapping[str, VehicleKeys]) -> dict[str, int]:
 
 
 def pose_rate_hz(frame_rate_hz: float) -> float:
-    """Return the highest rate up to 60 Hz that divides the frame rate."""
+    """Return the rate at which poses are sent to an autopilot [Hz]: the highest rate up to 60 Hz that divides the frame rate."""
     return frame_rate_hz / math.ceil(frame_rate_hz / MOST_POSE_RATE_HZ - 1e-9)
 
 

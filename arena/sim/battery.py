@@ -98,7 +98,7 @@ class Battery:
 
     @property
     def supply(self) -> Array:
-        """Factor on motor commands, because motors turn slower at a lower battery voltage [-] (V, 1).
+        """Factor on the motor commands [-] (V, 1). It models that motors turn slower at a lower battery voltage.
 
         The factor is the voltage divided by the voltage at which the thrust curve was measured. It is 1 if
         thrust does not depend on the voltage.

@@ -225,7 +225,7 @@ def substeps(physics_hz: float, sensor_hz: float) -> int:
 
 
 def _dynamics(fleet: Fleet, step_s: float) -> Dynamics:
-    """Return the dynamics of a fleet. Raises InputError if its vehicles have different classes."""
+    """Return the dynamics of a fleet. Raises InputError if the vehicles do not all have the same vehicle class."""
     models = {model.name: model for model in map(vehicle_model, fleet.profiles)}
     if len(models) > 1:
         raise InputError(

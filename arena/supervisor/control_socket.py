@@ -41,7 +41,7 @@ class _Client:
 
 
 class ControlServer:
-    """Server of the control socket. The selector of the main loop calls it; it never blocks.
+    """Server of the control socket. The main loop calls it when data arrive. No call blocks.
 
     path: path of the socket, in the private runtime folder of the run.
     answer: function that returns the reply to a request, or raises KeyError or ValueError with a text for the client.

@@ -46,7 +46,7 @@ _CAUSES = {signal.SIGINT: Cause.INTERRUPT, signal.SIGTERM: Cause.TERMINATED, sig
 
 
 class Phase(StrEnum):
-    """Phase of a run."""
+    """Phase of a run, such as running, landing or stopping."""
 
     RUN = "running"
     LAND = "landing"
@@ -62,7 +62,7 @@ class Show(Protocol):
         """Show one line."""
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Redraw the live table if the refresh period is over. status: returns the state to show. now: monotonic [s]."""
+        """Redraw the live table if the refresh period is over. status: function that returns the state to show. now: monotonic [s]."""
 
     def started(self, failed: list[str]) -> None:
         """Report that all processes were started. failed: one text per process that failed to start."""

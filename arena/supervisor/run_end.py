@@ -34,7 +34,7 @@ _ABSENT = {
 
 
 class Cause(StrEnum):
-    """Kind of reason why a run ends."""
+    """Kind of reason why a run ends, such as `time limit`, `Ctrl-C` or `arena down`."""
 
     DONE = "done"
     TIME_LIMIT = "time limit"
@@ -50,7 +50,7 @@ BY_USER = frozenset({Cause.INTERRUPT, Cause.TERMINATED, Cause.HANGUP, Cause.DOWN
 
 @dataclass(frozen=True, kw_only=True)
 class End:
-    """The decision to end a run.
+    """The decision to end a run, with the reason and the status of each process at that time.
 
     cause: the kind of reason.  why: the reason as text.
     statuses: process -> its status at the time of the decision.

@@ -37,7 +37,7 @@ class Lines:
             self.print(str(message))
 
     def print(self, text: str) -> None:
-        """Print a text, independent of the level."""
+        """Print a text. Unlike `say`, this prints at every level of verbosity."""
         try:
             print(text, flush=True)
         except (OSError, ValueError):
@@ -47,7 +47,7 @@ class Lines:
         """Do nothing, because plain lines have no table to redraw."""
 
     def started(self, failed: list[str]) -> None:
-        """Do nothing. The subclass for `arena up --detach` reports here that all processes were started."""
+        """Do nothing, because plain lines need no report of the start. The subclass for `arena up --detach` overrides this method."""
 
     def close(self) -> None:
         """Do nothing, because plain lines have no live table to remove."""

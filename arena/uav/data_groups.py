@@ -83,9 +83,7 @@ class Source:
         )
 
     def limit_s(self, what: str) -> float:
-        """Return the age above which a value is stale [s]. what: name of the value, such as in error
-        messages.
-        """
+        """Return the age above which a value is stale [s]. what: name of the value, as in error messages."""
         return self.stale_s * _AGE_LIMITS.get(what, 1.0)
 
     def fresh(self, value: S | None, what: str) -> S:
@@ -398,7 +396,7 @@ class Info:
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """All groups, with the values of one instant."""
+    """All data groups of a vehicle (`ekf`, `sen`, `act`, `info`), with the values of one instant."""
 
     ekf: Ekf
     sen: Sensors

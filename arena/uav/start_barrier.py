@@ -20,7 +20,7 @@ START_DELAY_S = 0.5  # after the last arrival: longer than the 0.02 s between tw
 
 @dataclass(frozen=True, kw_only=True)
 class Arrivals:
-    """Programs that have arrived at one barrier.
+    """Record of the programs that have arrived at one barrier.
 
     times: vehicle -> time of arrival [s]. count: number of programs that must arrive.
     """
@@ -30,14 +30,14 @@ class Arrivals:
 
     @property
     def start_s(self) -> float | None:
-        """Common start time [s]; None while a program is missing."""
+        """Common start time [s]; None until all programs have arrived."""
         if len(self.times) < self.count:
             return None
         return sorted(self.times.values())[self.count - 1] + START_DELAY_S
 
 
 class StartBarrier:
-    """Client of the start barriers of a run, for one program: the programs wait for each other at a barrier.
+    """Access of one program to the start barriers of its run. At a barrier, programs wait for each other, so that they start together.
 
     vehicle: name of the program's vehicle.
     folder: folder for the files of all programs of the run; None if `arena up` did not start the program.
@@ -49,8 +49,8 @@ class StartBarrier:
         self._uses: Counter[str] = Counter()
 
     def arrive(self, name: str, now: float, count: int | None = None) -> _Waiting:
-        """Record that this program has arrived at the barrier `name`. If a name is used again, the k-th
-        arrival of a program waits for the k-th arrival of the other programs.
+        """Record that this program has arrived at the barrier `name`. If a name is used several times, the
+        k-th arrivals of all programs belong together.
 
         count: number of programs that take part, including this program; None for all programs of the run.
         Raises InputError if the run has fewer programs, or if `arena up` did not start this program.
@@ -80,7 +80,7 @@ class StartBarrier:
 
 
 class _Waiting:
-    """The wait of one program at a barrier, until the other programs arrive there."""
+    """The wait of one program at a barrier. It reads which programs have arrived, until all have arrived or the program gives up."""
 
     def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
         self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs
@@ -93,8 +93,8 @@ class _Waiting:
         return Arrivals(times=times, count=self._count)
 
     def withdraw(self) -> str:
-        """Remove the arrival, so that no other program starts with this program. Return which programs have
-        arrived and which have not.
+        """Remove the record of this program's arrival, because the program no longer waits. Return a text
+        that names the arrived and the missing programs.
         """
         here = self.arrivals().times
         (self._folder / self._vehicle).unlink(missing_ok=True)

@@ -136,9 +136,7 @@ class UAV:
         self._control.disarm()
 
     def start_offboard_mode(self) -> None:
-        """Enter OFFBOARD at the current position and wait for the confirmation. Setpoints are sent all the
-        time.
-        """
+        """Enter OFFBOARD at the current position and wait for the confirmation. Setpoints are sent during the wait."""
         self._control.enter_offboard()
 
     def start_offboard_mission(self) -> None:
@@ -172,7 +170,7 @@ class UAV:
         self.clock.sleep_until(end)
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint, then wait until 1/freq [s] has passed since the previous call returned.
+        """Send a velocity setpoint, then wait, so that a loop with one such call runs at the rate `freq`.
 
         vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
         """
@@ -188,7 +186,7 @@ class UAV:
         acc: ArrayLike | None = None,
         yaw_rate: ArrayLike | None = None,
     ) -> None:
-        """Send a trajectory setpoint, then wait until 1/freq [s] has passed since the previous call returned.
+        """Send a trajectory setpoint, then wait, so that a loop with one such call runs at the rate `freq`.
 
         The autopilot flies to `pos` with `vel` and `acc` as feed-forward, so that it does not lag behind a moving position.
         pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
@@ -212,8 +210,8 @@ class UAV:
             self._connection.send_to(message, self._log)
 
     def wait_for(self, name: str, n: int | None = None, timeout: ArrayLike = 30.0) -> float:
-        """Wait until the other programs of the run have called `wait_for` too, then until the common start
-        time. Return the start time [s] of `clock`.
+        """Wait until the other programs of the run have called `wait_for` too, so that all continue at the
+        same time. Return this time [s] of `clock`.
 
         name: name of the barrier. All programs that wait for the same name start together. A name may be used
         again: a program's second call waits for the second calls of the others.
@@ -234,7 +232,7 @@ class UAV:
         return start
 
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint in level body axes, then wait until 1/freq [s] has passed since the previous call returned.
+        """Send a velocity setpoint in level body axes, then wait, so that a loop with one such call runs at the rate `freq`.
 
         vel_body: forward, right, down [m/s] (3,). These axes are rotated by the yaw only. yaw_rate: [rad/s].
         freq: [Hz].
@@ -244,7 +242,7 @@ class UAV:
     def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """Send an attitude setpoint, then wait until 1/freq [s] has passed since the previous call returned.
+        """Send an attitude setpoint, then wait, so that a loop with one such call runs at the rate `freq`.
 
         att: roll, pitch, yaw [rad] (3,) for att_type "euler"; q_nb wxyz (4,) for att_type "quaternion".
         thrust: [N], clamped to the thrust that the vehicle can produce. freq: [Hz].
@@ -253,7 +251,7 @@ class UAV:
         self._send(self._control.encoder.att_thrust(q_nb, self._normalised(thrust), self.clock.now()), freq)
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint, then wait until 1/freq [s] has passed since the previous call returned.
+        """Send a rate setpoint, then wait, so that a loop with one such call runs at the rate `freq`.
 
         ang_vel: body rates [rad/s] [FRD] (3,). thrust: [N], clamped to the thrust that the vehicle can
         produce. freq: [Hz].
@@ -264,7 +262,7 @@ class UAV:
         )
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint for PX4 up to v1.13, then wait until 1/freq [s] has passed since the previous call returned.
+        """Send an actuator setpoint for PX4 up to v1.13, then wait, so that a loop with one such call runs at the rate `freq`.
 
         group: mixer group 0..3. output: up to 8 numbers -1..1 [-]. freq: [Hz].
         Raises CommandRefusedError for other autopilots.

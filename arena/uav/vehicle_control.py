@@ -112,9 +112,7 @@ class VehicleControl:
         self._offboard, self._armed = offboard, False
 
     def enter_offboard(self) -> None:
-        """Send the current position as setpoint, and request OFFBOARD until it is confirmed. Setpoints are
-        sent all the time.
-        """
+        """Send the current position as setpoint, repeatedly, and request OFFBOARD until the autopilot confirms it."""
         self._begin()
         self._enter()
 

@@ -2,10 +2,8 @@
 
 Method of images (Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward flight",
 ARC R&M 3021, 1955), with the images of all rotors and the lift from the upward flow (fountain) between the
-rotors and under the
-body: Sanchez-Cuevas, Heredia and Ollero, "Characterization of the aerodynamic ground effect and its influence
-    in
-multirotor control", International Journal of Aerospace Engineering, 2017, article 1823056. For a rotor of
+rotors and under the body: Sanchez-Cuevas, Heredia and Ollero, "Characterization of the aerodynamic ground
+effect and its influence in multirotor control", International Journal of Aerospace Engineering, 2017, article 1823056. For a rotor of
 radius R whose plane is at height z above the floor:
 
     T_near / T_far = 1 / (1 - (R / 4z)^2 - S - B)
@@ -76,8 +74,8 @@ def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) ->
 
 
 def _image(z: Array, apart: Array) -> Array:
-    """Compute one term of the sum S (see the module's text), divided by R^2: the effect of the mirror image of
-    one other rotor below the floor [1/m2] (n, ...).
+    """Compute the effect of the mirror image (below the floor) of one other rotor: a term of the sum S in
+    the module's docstring, divided by R^2 [1/m2] (n, ...).
 
     apart: horizontal distance to the other rotor [m]
     """

@@ -39,7 +39,7 @@ class FlightTask:
         landed: bool,
         takeoff_d: float = math.nan,
     ) -> None:
-        """Begin a mode. Its target is the point at which the vehicle can come to a stop.
+        """Begin a mode. The target of the mode is the point at which the vehicle can come to a stop.
 
         takeoff_d: height of the take-off target [m] [NED down], NaN for MIS_TAKEOFF_ALT
         """

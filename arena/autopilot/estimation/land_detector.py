@@ -88,7 +88,7 @@ class TakeoffRamp:
         self.flying = spooled & (self.flying & ~landed | done & climbing)
 
     def speed_up(self, now: float, full: Array) -> Array:
-        """Return the limit of the upward speed [m/s] (V,). It begins negative, which means zero thrust, and rises.
+        """Return the limit of the upward speed [m/s] (V,). It rises from a negative value, at which the thrust is zero, to `full`.
 
         full: climb rate at the end of the ramp [m/s] (V,)
         """

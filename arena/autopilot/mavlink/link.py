@@ -48,7 +48,7 @@ class MavlinkLink:
         return self.schedule[0][0] if self.schedule else math.inf
 
     def take_due(self, now: float) -> list[int]:
-        """Return the ids of the messages that are due at `now` [s], and schedule the next of each."""
+        """Return the ids of the messages that are due at `now` [s], and schedule each of these messages again."""
         schedule, until, oldest, due = self.schedule, now + _ROUNDING_S, now - _CATCH_UP_S, []
         while schedule and schedule[0][0] <= until:
             when, msgid = schedule[0]

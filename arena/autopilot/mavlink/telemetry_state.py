@@ -18,7 +18,7 @@ Bool = NDArray[np.bool_]
 
 
 class TelemetryState:
-    """Arrays over V vehicles with R rotors, valid until the next step.
+    """State of V vehicles with at most R rotors each, from which telemetry messages are made. Valid until the next step.
 
     now_s: time since boot [s]
     est, sp, cascade: estimator, setpoints and controllers (not copies)

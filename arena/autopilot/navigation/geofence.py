@@ -38,7 +38,7 @@ class Area:
         return math.dist(p, self.corners[0]) < self.radius_m
 
     def _in_polygon(self, p: Point) -> bool:
-        """Return whether `p` is inside: an odd number of edges lies north of it (Jordan curve theorem)."""
+        """Return whether the point `p` is inside: an odd number of the polygon's edges lies north of `p` (Jordan curve theorem)."""
         crossings = 0
         for (n1, e1), (n2, e2) in zip(self.corners, self.corners[1:] + self.corners[:1], strict=True):
             if (e1 > p[1]) != (e2 > p[1]) and p[0] < n1 + (n2 - n1) * (p[1] - e1) / (e2 - e1):

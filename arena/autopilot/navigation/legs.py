@@ -154,7 +154,9 @@ class LegFollower:
         )
 
     def _heading(self, s: Situation) -> float:
-        """Return the heading [rad]: that of the leg, or along the path while the target is far away."""
+        """Return the heading setpoint [rad]: the heading of the leg if it has one, else the direction to a
+        distant target; NaN keeps the heading.
+        """
         leg = self.leg
         if math.isfinite(leg.yaw) or leg.kind in ("climb", "stay", "wait", "land"):
             return leg.yaw

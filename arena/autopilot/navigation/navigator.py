@@ -263,7 +263,7 @@ class Navigator:
             self._move_home(d, s)
 
     def _return_destination(self, s: Situation) -> Point:
-        """Return the return target [m] [NED]: home, or a rally point that is nearer by _RALLY_MARGIN_M."""
+        """Return the target of the return flight [m] [NED]: home, or a rally point if it is nearer by more than _RALLY_MARGIN_M."""
         best, least = s.home_n, math.dist(s.home_n[:2], s.p_n[:2])
         for item in self.missions.items[RALLY]:
             point = position_of(item, s.origin, s.home_n[2])

@@ -19,9 +19,11 @@ _MAX_CLIENTS = 64
 
 @dataclass(slots=True)
 class _Client:
-    """State of one client. last_request: time of its last request. quiet_until: time before which no frames
-    are sent to the port from which it sends requests. keepalives: whether it has sent a keepalive. Times are
-    wall time [s].
+    """State of one client that receives frames by unicast. All times are wall time [s].
+
+    last_request: time of the client's last request.
+    quiet_until: until this time, no frames are sent to the port from which the client sends its requests.
+    keepalives: whether the client has sent a keepalive.
     """
 
     last_request: float

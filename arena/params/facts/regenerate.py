@@ -41,7 +41,7 @@ _GENERATED = {
 
 
 class Fact(NamedTuple):
-    """The columns of one parameter in px4_parameters.csv, as text."""
+    """Row of px4_parameters.csv: the properties of one parameter as text."""
 
     type: str
     unit: str
@@ -215,7 +215,7 @@ def _key(version: str) -> tuple[int, ...]:
 def replaced(
     table: Table, version: str, facts: dict[str, Fact], found: Mapping[str, str], of: str, over: bool
 ) -> Table:
-    """Return the table with the parameters of one version replaced.
+    """Return a copy of the table in which the parameters of one version are replaced.
 
     facts: new parameters of the version.
     found: parameter name -> source file in PX4's tree.

@@ -68,7 +68,7 @@ class LinkEstimate:
 
 @dataclass(kw_only=True)
 class _Request:
-    """State of one request.
+    """State of one request to a vehicle: how often it was sent, and how long to wait for the answer.
 
     tries: number of times that the request was sent.
     sent_at: time of the last try [s].
@@ -143,9 +143,7 @@ class RequestWindow(Generic[Key]):
             self._close(key, request, state)
 
     def _sent(self, key: Key) -> _Request | None:
-        """Return the open request that was sent and that this answer belongs to, or None. Also count the
-        answer.
-        """
+        """Return the open request to which this answer belongs; None if there is none or it was not sent yet. Also count the answer."""
         request = self._open.get(key)
         sent = request is not None and request.tries > 0
         self._answers += sent or key == self._probe

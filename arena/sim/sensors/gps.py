@@ -66,6 +66,6 @@ class Gps(Sensor):
         return {"lat_deg": lat, "lon_deg": lon, "alt_m": origin.alt_m - position[:, 2], "v_true_n": velocity}
 
     def _true_north(self, v_n: Array) -> Array:
-        """Return vectors (V, 3) in true NED. The arguments are in the arena's axes, whose north is turned clockwise by `heading`."""
+        """Rotate vectors (V, 3) from the arena's axes to true NED. The arena's north is turned clockwise by `heading` from true north."""
         c, s = math.cos(self._heading), math.sin(self._heading)
         return np.stack([c * v_n[:, 0] - s * v_n[:, 1], s * v_n[:, 0] + c * v_n[:, 1], v_n[:, 2]], axis=-1)

@@ -17,8 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """Error model (noise, bias, range) of a group of sensor axes: names of the profile's keys, and their
-    default values.
+    """Error model (noise, bias, range) of a group of sensor axes: which keys of the profile set the errors, and the default values.
 
     axes: number of axes
     noise: key of the standard deviation of one sample

@@ -38,7 +38,7 @@ class VehicleStates:
     def update(
         self, truth: Truth | None, telemetry: Mapping[str, Telemetry], crashed: Mapping[str, str], now: float
     ) -> dict[str, VehicleState]:
-        """Return the state of every vehicle at this time, as a mapping from its name; {} without ground truth.
+        """Return vehicle name -> state at the time `now`; {} if there is no ground truth.
 
         truth: ground truth of all vehicles, None if there is none yet.
         telemetry: vehicle -> telemetry, with times of reception in simulation time.

@@ -39,7 +39,7 @@ class _Worker:
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during the flights. results: results of the scenarios that were complete."""
+    """Exception that is raised when Ctrl-C interrupts the flights. results: results of the scenarios that were complete."""
 
     def __init__(self, results: Sequence[Result]) -> None:
         super().__init__()
@@ -86,7 +86,7 @@ def fly_all(
 
 @contextmanager
 def _stops() -> Iterator[list[int]]:
-    """Return a context manager that collects SIGINT, SIGTERM and SIGHUP in a list, so that they do not interrupt its block."""
+    """Collect SIGINT, SIGTERM and SIGHUP in a list during a `with` block, so that these signals do not interrupt the block."""
     found: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:

@@ -329,7 +329,7 @@ def _mode(tokens: TokenReader) -> str:
 
 
 def _form(tokens: TokenReader) -> tuple[Form, list[str]]:
-    """Find the action that the text begins with, such as `battery drain`.
+    """Read the words at the beginning of the text that select an action, such as `battery drain`.
 
     Returns the syntax of the action, and the words of this syntax that are still to be parsed.
     """

@@ -252,7 +252,9 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return a problem of the arena. If the scenario file caused the problem, give its line in that file."""
+        """Return a problem that was found in the arena. If the scenario file caused it, for example by
+        `set`, give the line in that file.
+        """
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
             for i, given in enumerate(self._model.set):
@@ -268,7 +270,8 @@ class _Reader:
         return problem
 
     def _overrode(self, given: str, field: str) -> bool:
-        """Return whether an override has set this field: directly, or through `defaults` for all vehicles.
+        """Return whether an override (an entry of `set`) has set the YAML key `field`: directly, or through
+        `defaults` for all vehicles.
 
         given: `key=value` text of the override.  field: dotted YAML key.
         """
