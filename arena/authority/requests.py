@@ -14,13 +14,13 @@ from arena.constants import FORCE_ARM_DISARM
 from arena.wire.mavlink_frame import Buffer, Frame, uint_at
 from arena.wire.px4_mode import mode_words
 
-COMMAND_INT, COMMAND_LONG, SET_MODE, SERIAL_CONTROL = 75, 76, 11, 126
+COMMAND_INT, COMMAND_LONG, SET_MODE, SERIAL_CONTROL, TUNNEL = 75, 76, 11, 126, 385
 COMMANDS = frozenset({COMMAND_INT, COMMAND_LONG})
 SETPOINTS = frozenset({82, 84, 86, 139})
 """SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET."""
 MANUAL_INPUTS = frozenset({69, 70})
 """MANUAL_CONTROL and RC_CHANNELS_OVERRIDE: stick positions."""
-MESSAGES = COMMANDS | SETPOINTS | MANUAL_INPUTS | {SET_MODE, SERIAL_CONTROL}
+MESSAGES = COMMANDS | SETPOINTS | MANUAL_INPUTS | {SET_MODE, SERIAL_CONTROL, TUNNEL}
 """Messages for which `parse_request` may return a request."""
 MANUAL_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE"})
 """Modes in which a person steers with sticks."""
@@ -30,6 +30,7 @@ _NAV_LOITER, _NAV_RTL, _NAV_LAND, _NAV_TAKEOFF, _DO_ORBIT, _DO_REPOSITION = 17, 
 _DO_SET_MODE, _DO_TERMINATE, _DO_STANDARD_MODE = 176, 185, 262
 _MISSION_START, _ARM_DISARM = 300, 400
 _PREFLIGHT_CALIBRATION, _PREFLIGHT_UAVCAN = 241, 243
+_ESC_PASSTHROUGH = 211  # MAV_TUNNEL_PAYLOAD_TYPE_MODALAI_ESC_UART_PASSTHRU
 _SPINS = frozenset({183, 187, 209, 310, 311})
 """DO_SET_SERVO, DO_SET_ACTUATOR, DO_MOTOR_TEST, ACTUATOR_TEST, CONFIGURE_ACTUATOR."""
 _COMMANDED_MODES = {
@@ -95,6 +96,8 @@ def parse_request(data: Buffer, frame: Frame) -> Request | None:
         return Request(Kind.MODE, mode_words(uint_at(data, frame, 0, 4)))
     if frame.msgid == SERIAL_CONTROL:  # a shell of the autopilot: it can arm and spin motors
         return Request(Kind.SPIN)
+    if frame.msgid == TUNNEL and uint_at(data, frame, 0, 2) == _ESC_PASSTHROUGH:  # bytes for the ESCs
+        return Request(Kind.SPIN)
     return None
 
 
@@ -114,7 +117,9 @@ def _of_command(data: Buffer, frame: Frame) -> Request | None:
         return Request(Kind.ARM, command=command)
     if command == _DO_TERMINATE:
         return Request(Kind.KILL, command=command)
-    calibrates_esc = command == _PREFLIGHT_CALIBRATION and _integer(data, frame, 6) == 1
+    calibrates_esc = command == _PREFLIGHT_CALIBRATION and _is_set(
+        _number(data, frame, 6)
+    )  # PX4 cuts 1.9 to 1
     configures = command == _PREFLIGHT_UAVCAN and _integer(data, frame, 0) != 0
     if command in _SPINS or calibrates_esc or configures:
         return Request(Kind.SPIN, command=command)
@@ -133,6 +138,11 @@ def _number(data: Buffer, frame: Frame, index: int) -> float:
     """Return one parameter of a command message. index: 0 for param1, 6 for param7."""
     (value,) = struct.unpack("<f", uint_at(data, frame, 4 * index, 4).to_bytes(4, "little"))
     return float(value)
+
+
+def _is_set(value: float) -> bool:
+    """Return whether a parameter of a command is not 0 and not NaN ("not used")."""
+    return value != 0.0 and not math.isnan(value)
 
 
 def _integer(data: Buffer, frame: Frame, index: int) -> int:

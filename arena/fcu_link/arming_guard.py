@@ -1,33 +1,43 @@
-"""Detection of requests to arm a vehicle, which the link refuses while a preflight check fails. Pure.
+"""Selection of the frames that wait for the preflight checks, because they could arm a vehicle or spin a motor. Pure.
 
-PX4 arms on COMPONENT_ARM_DISARM (also with its force value)
-and on MISSION_START; a pilot can arm with a stick gesture. DO_SET_MODE and SET_MODE never arm. As in PX4, any
-value that rounds to 0 disarms.
+A mode change never arms PX4. MAVLink FTP, parameters and the upload of missions always pass.
 """
 
 from __future__ import annotations
 
-import math
-import struct
-
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.authority import command_of
-from arena.wire.mavlink_frame import Buffer, Frame, uint_at
+from arena.authority import Kind, command_of, parse_request
+from arena.fcu_link.harmless_commands import HARMLESS
+from arena.wire.mavlink_frame import Buffer, Frame
 
 STICKS = (mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE)
+_COMMANDS = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 
 
-def asks_to_arm(data: Buffer, frame: Frame, system: int) -> bool:
-    """Return whether a frame would arm vehicle `system`. Commands to all vehicles (broadcasts) count too."""
+def needs_checks(data: Buffer, frame: Frame, system: int, *, armed: bool) -> bool:
+    """Return whether a frame to vehicle `system` must not pass while a preflight check fails.
+
+    armed: the vehicle is armed for certain; then only a request to arm waits. A broadcast (target system 0) is a frame to the vehicle, too.
+    """
     if frame.target_sys not in (0, system):
         return False
-    command = command_of(data, frame)
-    if command == mavlink.MAV_CMD_MISSION_START:
-        return True
-    return command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM and not _disarms(data, frame)
+    request = parse_request(data, frame)
+    if request is None:
+        return not armed and frame.msgid in _COMMANDS and command_of(data, frame) not in HARMLESS
+    if request.kind is Kind.SPIN:
+        return not armed
+    # MISSION_START arms; in flight it only changes the mode
+    return request.kind is Kind.ARM and not (armed and request.command == mavlink.MAV_CMD_MISSION_START)
 
 
-def _disarms(data: Buffer, frame: Frame) -> bool:
-    (param1,) = struct.unpack("<f", uint_at(data, frame, 0, 4).to_bytes(4, "little"))
-    return not math.isfinite(param1) or abs(param1) < 0.5
+def request_words(data: Buffer, frame: Frame) -> str:
+    """Return what a frame requests, for messages: `arming`, `DO_MOTOR_TEST (command 209)` or `SERIAL_CONTROL`."""
+    request = parse_request(data, frame)
+    if request is not None and request.kind is Kind.ARM:
+        return "arming"
+    if command := command_of(data, frame):
+        known = mavlink.enums["MAV_CMD"].get(command)
+        return f"{known.name.removeprefix('MAV_CMD_')} (command {command})" if known else f"command {command}"
+    name = mavlink.mavlink_map[frame.msgid].msgname
+    return str(name)

@@ -21,7 +21,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.authority import MESSAGES, CommandGate, command_of, pack_reply, role_on_link
-from arena.fcu_link.arming_guard import STICKS, asks_to_arm
+from arena.fcu_link.arming_guard import STICKS, needs_checks, request_words
 from arena.fcu_link.param_check import ParamCheck
 from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks
 from arena.fcu_link.send_queue import Priority, SendQueue
@@ -233,7 +233,7 @@ class FcuLink:
         for frame in found.frames:
             if frame.msgid == _TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
-            elif asks_to_arm(data, frame, self.system):
+            elif needs_checks(data, frame, self.system, armed=self.checks.armed and self.alive(now)):
                 out += self._guard(link, data, frame, now)
             elif frame.msgid in STICKS and not self.checks.armed and self.reasons(now):
                 self.counts["to the vehicle: sticks refused"] += 1
@@ -280,20 +280,17 @@ class FcuLink:
         return []
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
-        """Pass on a request to arm, or refuse it. Return the refusal as messages for the requesting link and
-        for the router; empty if the request was passed on.
+        """Pass on a request that could arm the vehicle or spin a motor, or refuse it. Return the refusal as
+        messages for the requesting link and for the router; empty if the request was passed on.
         """
-        flies = self.checks.armed and self.alive(now)
-        in_flight = (
-            flies and command_of(data, frame) == mavlink.MAV_CMD_MISSION_START
-        )  # then MISSION_START only changes the mode
-        reasons = [] if in_flight else self.reasons(now)
+        reasons = self.reasons(now)
         if not reasons:
             return self._pass(link, data, frame, now)
         self.counts["to the vehicle: arming refused"] += 1
         if now - self._refusal_reported_at >= 1.0:
             self._refusal_reported_at = now
-            self._say(f"arming refused (requested by {frame.sysid}/{frame.compid}): {'; '.join(reasons)}")
+            what = request_words(data, frame)
+            self._say(f"{what} refused (requested by {frame.sysid}/{frame.compid}): {'; '.join(reasons)}")
         fresh = now - self._reasons_sent_at.get(link, -math.inf) >= _REPEAT_REASONS_S
         if fresh:
             self._reasons_sent_at[link] = now

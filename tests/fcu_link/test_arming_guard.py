@@ -1,17 +1,21 @@
-"""Requests to arm are refused while a check fails; disarming and landing always pass."""
+"""Requests to arm and to spin a motor are refused while a check fails; disarming and landing always pass."""
 
 from __future__ import annotations
 
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.authority import parse_request
 from arena.clock import WallClock
+from arena.fcu_link import harmless_commands
 from arena.uav.connection import COMPONENT as PROGRAM
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import parse_frames
 from arena.wire.telemetry import Telemetry
 
 from .link_rig import ENDS, ID, POSE, Rig, arm
 
+NAN = float("nan")
 LAND = (mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 4, 6)
 
 
@@ -142,6 +146,104 @@ def test_disarming_landing_modes_and_setpoints_always_pass(link, message):
     assert rig.reasons()
     rig.send(link, message)
     assert [m.get_msgId() for m in rig.out] == [message.get_msgId()]
+
+
+def shell(text: bytes) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_serial_control_message(10, 6, 0, 0, len(text), list(text.ljust(70, b"\0")))
+
+
+def tunnel(kind: int) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_tunnel_message(ID, 1, kind, 1, [0] * 128)
+
+
+SPINNING = {  # review fault 16
+    "ACTUATOR_TEST": command(310, 1.0, 1.0, 0, 0, 1.0),
+    "ACTUATOR_TEST by int": command_int(310, 1.0),
+    "DO_MOTOR_TEST": command(209, 1.0, 1.0, 1.0),
+    "DO_MOTOR_TEST to every system": command(209, 1.0, 1.0, 1.0, target=0),
+    "DO_SET_SERVO": command(183, 1.0, 2000.0),
+    "DO_SET_ACTUATOR": command(187, 1.0),
+    "CONFIGURE_ACTUATOR": command(311, 1.0),
+    "PREFLIGHT_CALIBRATION of ESCs": command(241, 0, 0, 0, 0, 0, 0, 1.0),
+    "PREFLIGHT_CALIBRATION that PX4 cuts to 1": command(241, 0, 0, 0, 0, 0, 0, 1.9),
+    "PREFLIGHT_UAVCAN": command(243, 1.0),
+    "an unknown command": command(31010, 1.0),
+    "a command of PX4 itself": command(100),
+    "INJECT_FAILURE": command(420, 101.0, 1.0),
+    "SERIAL_CONTROL": shell(b"commander arm\n"),
+    "TUNNEL to the ESCs": tunnel(211),
+}
+
+
+@pytest.mark.parametrize("link", ENDS)
+@pytest.mark.parametrize("message", SPINNING.values(), ids=SPINNING.keys())
+def test_fault_16_requests_that_can_spin_a_motor_are_refused(link, message):
+    rig = rig_with_reasons()
+    rig.send(link, message)
+    assert [m for m in rig.out if m.get_msgId() == message.get_msgId()] == []
+    for end in {link, "router"}:
+        assert {t.text for t in rig.received(end, "STATUSTEXT")} == set(rig.reasons())
+        acks = [(a.command, a.result) for a in rig.received(end, "COMMAND_ACK")]
+        number = getattr(message, "command", None)
+        assert acks == ([(number, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)] if number else [])
+
+
+@pytest.mark.parametrize("message", SPINNING.values(), ids=SPINNING.keys())
+def test_requests_that_can_spin_a_motor_pass_when_all_checks_pass(message):
+    rig = Rig()
+    rig.fly(2.0)
+    rig.out.clear()
+    rig.send("router", message)
+    assert [m.get_msgId() for m in rig.out] == [message.get_msgId()]
+
+
+@pytest.mark.parametrize("message", SPINNING.values(), ids=SPINNING.keys())
+def test_commands_of_a_flight_pass_in_flight_while_a_check_fails(message):
+    rig = Rig()
+    rig.fly(1.0, armed=True, poses=False)
+    assert rig.reasons()
+    rig.out.clear()
+    rig.send("router", message)
+    assert [m.get_msgId() for m in rig.out] == [message.get_msgId()]
+
+
+def test_a_refused_motor_test_is_reported_with_its_name():
+    rig = rig_with_reasons()
+    rig.core.events()
+    rig.send("router", SPINNING["DO_MOTOR_TEST"])
+    (line,) = [e for e in rig.core.events() if "refused" in e]
+    assert line.startswith("uav7: DO_MOTOR_TEST (command 209) refused (requested by 7/191): Preflight: ")
+
+
+HARMLESS = {
+    "REQUEST_MESSAGE": command(512, 148.0),
+    "SET_MESSAGE_INTERVAL": command(511, 30.0, 20000.0),
+    "calibration of the gyroscope": command(241, 1.0, 0, 0, 0, 0, 0, 0),
+    "calibration with an unused param7": command(241, 1.0, 0, 0, 0, 0, 0, NAN),
+    "end of a UAVCAN configuration": command(243, 0.0),
+    "reboot": command(246, 1.0),
+    "parachute": command(208, 2.0),
+    "FTP": mavlink.MAVLink_file_transfer_protocol_message(0, ID, 1, [0] * 251),
+    "PARAM_SET": mavlink.MAVLink_param_set_message(ID, 1, b"MPC_XY_P", 0.9, 9),
+    "mission upload": mavlink.MAVLink_mission_count_message(ID, 1, 3),
+    "mission item": mavlink.MAVLink_mission_item_int_message(ID, 1, 0, 0, 16, 0, 1, 0, 0, 0, 0, 0, 0, 1.0),
+    "tunnel to a gimbal": tunnel(200),
+}
+
+
+@pytest.mark.parametrize("message", HARMLESS.values(), ids=HARMLESS.keys())
+def test_harmless_messages_always_pass(message):
+    rig = Rig()
+    assert rig.reasons()
+    rig.send("router", message)
+    assert [m.get_msgId() for m in rig.out] == [message.get_msgId()]
+
+
+def test_harmless_commands_exclude_all_that_move_the_vehicle():
+    for number in harmless_commands.HARMLESS:
+        data = Codec(ID, PROGRAM).pack(command(number, target=ID))
+        (frame,) = parse_frames(data).frames
+        assert parse_request(data, frame) is None, number
 
 
 def test_in_flight_without_poses_commands_pass():
