@@ -89,6 +89,11 @@ class Authority:
         The text has at most 50 bytes, so that it fits in one STATUSTEXT.
         role: the sender. now: monotonic [s].
         """
+        if (
+            request.kind is Kind.SETPOINT and role is Role.PROGRAM and self._latch is None
+        ):  # by far the most frequent
+            self._program_setpoint_at = now
+            return ""
         why = self._refusal(role, request, now)
         if not why:
             self._record(role, request, now)
@@ -140,10 +145,7 @@ class Authority:
 
     def _record(self, role: Role, request: Request, now: float) -> None:
         kind = request.kind
-        if kind is Kind.SETPOINT:
-            if role is Role.PROGRAM:
-                self._program_setpoint_at = now
-        elif kind is Kind.ARM:
+        if kind is Kind.ARM:
             self._arm_asked = role, now
         elif kind is Kind.MODE:
             self._asked = {m: found for m, found in self._asked.items() if now - found[1] <= _ASKED_S}
@@ -266,6 +268,11 @@ class Authority:
     def blocked(self) -> str:
         """Reason why programs may not fly until `release`; "" if there is none."""
         return f"{self._latch.by.words} has control" if self._latch is not None else self._taken
+
+    @property
+    def has_changes(self) -> bool:
+        """True if `take_changes` has changes to return."""
+        return bool(self._changes)
 
     def take_changes(self) -> list[Change]:
         """Return the changes since the last call."""

@@ -84,11 +84,13 @@ class CommandGate:
     def refusal(self, role: Role, data: Buffer, frame: Frame, now: float) -> Refusal | None:
         """Return why a frame must not be sent to the vehicle; None if it may be sent. now: time of one clock [s]."""
         request = parse_request(data, frame)
-        if request is None:
+        if request is None or not (why := self.authority.refusal(role, request, now)):
             return None
-        why = self.authority.refusal(role, request, now)
-        if not why:
-            return None
+        return self._refuse(role, request, why, data, frame, now)
+
+    def _refuse(
+        self, role: Role, request: Request, why: str, data: Buffer, frame: Frame, now: float
+    ) -> Refusal:
         self.refused += 1
         to = frame.sysid, frame.compid
         if request.kind in (Kind.SETPOINT, Kind.MANUAL_INPUT):
@@ -125,6 +127,11 @@ class CommandGate:
     def on_supervisor_lost(self) -> None:
         """Refuse arming from now on, because the supervisor has ended."""
         self.authority.refuse_arming("the supervisor has ended")
+
+    @property
+    def has_news(self) -> bool:
+        """True if `events` has lines to return."""
+        return bool(self._events) or self.authority.has_changes
 
     def events(self) -> list[str]:
         """Return lines for the event log since the last call, such as `uav1: pilot has control: POSCTL`."""

@@ -15,8 +15,8 @@ import time
 from arena.clock import SimClock
 from arena.errors import RunError
 from arena.fault_injection import FaultReceiver
+from arena.mavlink_router.endpoints import Out
 from arena.mavlink_router.link_impairment import ImpairedRouter
-from arena.mavlink_router.router import Out
 from arena.mavlink_router.routing_table import Table
 from arena.mavlink_router.shell import RouterShell
 from arena.process_context import ProcessContext

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from random import Random
 
 from arena.fault_injection import Fault, flag, number, word
-from arena.mavlink_router.router import Out, Router
+from arena.mavlink_router.endpoints import Out
+from arena.mavlink_router.router import Router
 from arena.transport import Address
 from arena.wire.mavlink_frame import Buffer
 

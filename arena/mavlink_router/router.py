@@ -6,25 +6,22 @@ Routes:
     vehicle, message to one     the endpoints that this system and component sends from, and the logger
     client or tool -> vehicle   its own vehicle, for messages to that vehicle or to all
     ground station -> vehicle   the vehicle that the message names, or all
+A command of a sender that must not command the vehicle now is not forwarded (`arena.authority`).
 A message is never returned to its sender. TIMESYNC replies are never sent to a vehicle, because they would
 shift the time stamps of its poses. Frames that are not forwarded are counted by reason in `counts.dropped`.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from functools import partial
 
+from arena.authority import MESSAGES, Role
+from arena.mavlink_router.command_filter import CommandFilter
+from arena.mavlink_router.endpoints import Counts, Destinations, Endpoint, Out, VehicleRoutes
 from arena.mavlink_router.routing_table import Table, Vehicle
 from arena.mavlink_router.vehicle_status import Fact, VehicleStatus
-from arena.mavlink_router.vehicle_telemetry import (
-    LOCAL_POSITION_NED,
-    STATUSTEXT,
-    SYS_STATUS,
-    VehicleTelemetry,
-)
+from arena.mavlink_router.vehicle_telemetry import LOCAL_POSITION_NED, STATUSTEXT, SYS_STATUS
 from arena.transport import Address
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, parse_frames
 from arena.wire.mavlink_minimal import EXTENDED_SYS_STATE, HEARTBEAT
@@ -40,75 +37,12 @@ _TIMESYNC = 111
 _ANY_ADDRESS = ("0.0.0.0", 0)
 _STATUS = (HEARTBEAT, EXTENDED_SYS_STATE)
 _TELEMETRY = (LOCAL_POSITION_NED, SYS_STATUS, STATUSTEXT)
+_REFUSED = "refused: another has control of the vehicle"
 _TO_ALL = 0
 _TO_NONE = -1
 
 
-Destinations = tuple[tuple[int, Address], ...]
-"""(index in `Router.sockets` to send from, address to send to) of each receiver."""
-Out = tuple[Buffer, Destinations]
-"""A datagram to send, which is a part of the received datagram, and its receivers."""
 Handler = Callable[[Address, Buffer, float], list[Out]]
-
-
-@dataclass(kw_only=True)
-class Endpoint:
-    """A receiver of messages (client, tool or ground station): its address, and the MAVLink senders that use
-    this address.
-
-    socket: index in `Router.sockets`
-    senders: system << 8 | component of every sender that has used this address, oldest first
-    last: time of the last frame, monotonic [s]
-    """
-
-    socket: int
-    address: Address
-    senders: dict[int, None] = field(default_factory=dict)
-    last: float = 0.0
-
-    def serves(self, target: int) -> bool:
-        """Return whether this client must receive a message to `target`.
-
-        target: system << 8 | component; component 0 means every component of the system
-        """
-        if target in self.senders:
-            return True
-        return not target & 0xFF and any(sender >> 8 == target >> 8 for sender in self.senders)
-
-
-@dataclass(kw_only=True)
-class VehicleRoutes:
-    """Data that the router keeps about one vehicle: its sockets, status, clients and cached routes.
-
-    serve_socket, tool_socket: indices in `Router.sockets`
-    up: the autopilot's end of the router link
-    tools: clients that have sent to the tool socket
-    routes: target -> receivers; cleared whenever an endpoint changes
-    """
-
-    vehicle: Vehicle
-    status: VehicleStatus
-    telemetry: VehicleTelemetry = field(default_factory=VehicleTelemetry)
-    serve_socket: int = 0
-    tool_socket: int = 0
-    up: Destinations = ()
-    clients: dict[Address, Endpoint] = field(default_factory=dict)
-    tools: dict[Address, Endpoint] = field(default_factory=dict)
-    routes: dict[int, Destinations] = field(default_factory=dict)
-
-
-@dataclass(kw_only=True)
-class Counts:
-    """Number of frames and bytes since the start. A frame that is sent to n receivers counts n times."""
-
-    frames_from_vehicles: int = 0
-    frames_from_clients: int = 0
-    frames_to_vehicles: int = 0
-    frames_to_clients: int = 0
-    bytes_in: int = 0
-    bytes_out: int = 0
-    unknown: int = 0
-    dropped: Counter[str] = field(default_factory=Counter)
 
 
 class Router:
@@ -117,13 +51,16 @@ class Router:
     Pass received datagrams to `on_datagram`, and send the datagrams that it returns. Call `tick` a few times
     a second.
     sockets: the addresses to bind, in the order of their indices
+    commands: decides which commands of clients reach the vehicles
+    sim_now: returns the simulation time [s]; None without a simulated world
     """
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: Table, sim_now: Callable[[], float] | None = None) -> None:
         self.table, self.counts = table, Counts()
+        self.commands = CommandFilter(table.vehicles, sim_now)
         self.sockets: list[Address] = []
         self._handlers: list[Handler] = []
-        self._gcs = self._serve(table.gcs_local, self._from_gcs, table.gcs)
+        self._gcs = self._serve(table.gcs_local, self._from_gcs, table.gcs, Role.GROUND_STATION)
         self._gcs_received_at = float("-inf")
         self._changed_facts: dict[str, Fact] = {}
         self._vehicles = [self._open(vehicle) for vehicle in table.vehicles]
@@ -224,16 +161,18 @@ class Router:
         v.clients = self._serve(vehicle.serve, partial(self._from_client, v), vehicle.clients)
         return v
 
-    def _serve(self, local: Address, handler: Handler, clients: Iterable[Address]) -> dict[Address, Endpoint]:
+    def _serve(
+        self, local: Address, handler: Handler, clients: Iterable[Address], role: Role = Role.PROGRAM
+    ) -> dict[Address, Endpoint]:
         """Add the socket that exchanges messages with `clients`, and a second socket if some clients are on
-        other computers. Return the endpoint of each client.
+        other computers. Return the endpoint of each client. role: role of the clients.
 
         A socket that is bound to loopback cannot send to other computers.
         """
         near = self._add(local, handler)
         far = {c for c in clients if _is_loopback(local) and not _is_loopback(c)}
         wide = self._add(_ANY_ADDRESS, handler) if far else near
-        return {c: Endpoint(socket=wide if c in far else near, address=c) for c in clients}
+        return {c: Endpoint(socket=wide if c in far else near, address=c, role=role) for c in clients}
 
     def _add(self, local: Address, handler: Handler) -> int:
         self.sockets.append(local)
@@ -267,6 +206,8 @@ class Router:
             return _TO_NONE
         if msgid in _STATUS and compid == AUTOPILOT:
             v.status.on_frame(data, frame, now)
+            if msgid == HEARTBEAT:
+                self.commands.on_heartbeat(sysid, v.status.armed, v.status.mode, now)
         elif msgid in _TELEMETRY and compid == AUTOPILOT:
             v.telemetry.on_frame(data, frame, now)
         return target_sys << 8 | target_comp if target_sys else _TO_ALL
@@ -291,7 +232,7 @@ class Router:
         endpoint = v.clients.get(sender)
         if endpoint is None:
             return self._drop("unknown sender on a client socket")
-        return self._up(v, endpoint, self._parse(data), data)
+        return self._up(v, endpoint, self._parse(data), data, now)
 
     def _from_tool(self, v: VehicleRoutes, sender: Address, data: Buffer, now: float) -> list[Out]:
         if not (_is_loopback(sender) or sender[0] == v.vehicle.tools[0]):
@@ -301,13 +242,13 @@ class Router:
             return []
         endpoint = v.tools.pop(sender, None)
         if endpoint is None:
-            endpoint = Endpoint(socket=v.tool_socket, address=sender)
+            endpoint = Endpoint(socket=v.tool_socket, address=sender, role=None)
             v.routes.clear()
             if len(v.tools) >= MAX_TOOLS:
                 del v.tools[next(iter(v.tools))]
         v.tools[sender] = endpoint
         endpoint.last = now
-        return self._up(v, endpoint, frames, data)
+        return self._up(v, endpoint, frames, data, now)
 
     def _from_gcs(self, sender: Address, data: Buffer, now: float) -> list[Out]:
         endpoint = self._gcs.get(sender)
@@ -316,27 +257,31 @@ class Router:
         frames = self._parse(data)
         if frames:
             self._gcs_received_at = now
-        return self._up(None, endpoint, frames, data)
+        return self._up(None, endpoint, frames, data, now)
 
     def _up(
-        self, v: VehicleRoutes | None, endpoint: Endpoint, frames: list[Frame], data: Buffer
+        self, v: VehicleRoutes | None, endpoint: Endpoint, frames: list[Frame], data: Buffer, now: float
     ) -> list[Out]:
-        """Return the datagrams that forward a client's frames to vehicles.
+        """Return the datagrams that forward a client's frames to vehicles, and the replies to refused commands.
 
         v: the only vehicle that the client may command; None for ground stations.
         """
         self.counts.frames_from_clients += len(frames)
         out: list[Out] = []
         for target, start, end, count in _runs(
-            frames, [self._vehicle_of(v, endpoint, data, f) for f in frames]
+            frames, [self._vehicle_of(v, endpoint, data, f, now) for f in frames]
         ):
             destinations = self._up_routes[target]
             self.counts.frames_to_vehicles += count * len(destinations)
             out.append((data[start:end], destinations))
+        if replies := self.commands.take_replies():
+            out += replies
         return out
 
-    def _vehicle_of(self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame) -> int:
-        """Return the system id of the vehicle to which a client's frame must be sent."""
+    def _vehicle_of(
+        self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
+    ) -> int:
+        """Return the key in `_up_routes` of the vehicles to which a client's frame must be sent."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self.counts.dropped["a vehicle's message, returned by a client"] += 1
@@ -347,11 +292,26 @@ class Router:
             self.counts.dropped["TIMESYNC reply"] += 1
             return _TO_NONE
         if v is not None and (target in (0, v.vehicle.id)):
-            return v.vehicle.id
-        if v is None and (target == 0 or target in self._ids):
+            target = v.vehicle.id
+        elif v is not None or (target and target not in self._ids):
+            self.counts.dropped["target is not a vehicle of this client"] += 1
+            return _TO_NONE
+        return self._allowed(target, endpoint, data, frame, now) if msgid in MESSAGES else target
+
+    def _allowed(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
+        """Return the key in `_up_routes` of the vehicles that a command may reach. target: one of them, 0 for all."""
+        allows = self.commands.allows
+        if target and allows(target, endpoint, data, frame, now):
             return target
-        self.counts.dropped["target is not a vehicle of this client"] += 1
-        return _TO_NONE
+        everyone = [] if target else [v.vehicle.id for v in self._vehicles]
+        found = [vehicle for vehicle in everyone if allows(vehicle, endpoint, data, frame, now)]
+        if found and found == everyone:
+            return target
+        self.counts.dropped[_REFUSED] += max(1, len(everyone) - len(found))
+        key = _TO_NONE - sum(1 << vehicle for vehicle in found)  # below _TO_NONE: a set of vehicles
+        if found:
+            self._up_routes[key] = tuple(place for vehicle in found for place in self._up_routes[vehicle])
+        return key
 
     def _add_sender(self, v: VehicleRoutes | None, endpoint: Endpoint, sender: int) -> None:
         if len(endpoint.senders) >= MAX_SENDERS:

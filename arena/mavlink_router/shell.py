@@ -11,7 +11,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import SimTime
 from arena.errors import RunError
-from arena.mavlink_router.router import Out, Router
+from arena.mavlink_router.endpoints import Out
+from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
 from arena.process_context import ProcessContext, ShutdownPolicy
 from arena.transport import MAX_DATAGRAM_BYTES, listen_udp
@@ -33,7 +34,9 @@ class RouterShell:
     """
 
     def __init__(self, process: ProcessContext, table: Table) -> None:
-        self._process, self._router = process, Router(table)
+        self._world_time, self._next_heartbeat = _world_time(process.settings.get("clock")), 0.0
+        sim_now = self._world_time.now if self._world_time is not None else None
+        self._process, self._router = process, Router(table, sim_now)
         self._sockets = [listen_udp(address, "the router") for address in self._router.sockets]
         self._sendto = [s.sendto for s in self._sockets]
         self._receive = {s.fileno(): (s.recvfrom_into, key) for key, s in enumerate(self._sockets)}
@@ -48,7 +51,6 @@ class RouterShell:
         limit_s = 60.0 if table.simulated or mixed else None
         self._shutdown = [(True, ShutdownPolicy(limit_s=limit_s)), (False, ShutdownPolicy(limit_s=None))]
         self._began = self._next_tick = self._next_second = time.monotonic()
-        self._world_time, self._next_heartbeat = _world_time(process.settings.get("clock")), 0.0
         self._ready = False
         self._over = False
 
@@ -70,8 +72,11 @@ class RouterShell:
             warning
         ) in self._router.warnings():  # first, so that a failsafe is shown before the mode that it enters
             self._process.event(warning)
-        if changed := self._router.changed_facts():
+        events, control = self._router.commands.changes()
+        if changed := {**self._router.changed_facts(), **control}:
             self._process.facts(changed)
+        for event in events:
+            self._process.event(event)
         now = time.monotonic()
         if self._world_time is not None and self._world_time.now() >= self._next_heartbeat:
             self._heartbeat(now)
@@ -103,7 +108,11 @@ class RouterShell:
     def _tick(self, now: float) -> None:
         self._next_tick = max(self._next_tick + _TICK_S, now)
         self._router.tick(now)
+        for request in self._process.requests():
+            self._router.commands.on_request(request, now)
         orphaned = self._process.orphaned
+        if orphaned:
+            self._router.commands.on_supervisor_lost()
         self._over = self._is_over(orphaned, now)
         if not self._ready and (self._router.all_connected or now - self._began > READY_TIMEOUT_S):
             self._ready = True

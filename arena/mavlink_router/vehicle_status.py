@@ -37,6 +37,10 @@ class VehicleStatus:
         return bool(self._facts.get("armed", False))
 
     @property
+    def mode(self) -> str:
+        return str(self._facts.get("mode", ""))
+
+    @property
     def ever_connected(self) -> bool:
         return self._received_at is not None
 

@@ -1,0 +1,85 @@
+"""Filter for the commands that clients send to vehicles: only who may command a vehicle now reaches it (`arena.authority`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from arena.authority import CommandGate, role_of_tool
+from arena.mavlink_router.endpoints import Endpoint, Out
+from arena.mavlink_router.routing_table import Vehicle
+from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame
+
+
+class CommandFilter:
+    """Filter for the commands to all vehicles of a router.
+
+    sim_now: returns the simulation time [s], by which commands to simulated vehicles are timed; None without a
+    simulated world.
+    """
+
+    def __init__(self, vehicles: Sequence[Vehicle], sim_now: Callable[[], float] | None = None) -> None:
+        self._gates = {v.id: CommandGate(v.name, v.id, simulated=v.simulated) for v in vehicles}
+        self._codecs = {v.id: Codec(v.id, AUTOPILOT) for v in vehicles}
+        self._sim_now = sim_now
+        self._replies: list[Out] = []
+        self._news: set[int] = set()
+
+    def allows(self, vehicle: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> bool:
+        """Return whether a client's frame may be sent to a vehicle. vehicle: system id. now: monotonic [s]."""
+        gate = self._gates[vehicle]
+        role = role_of_tool(frame[4]) if endpoint.role is None else endpoint.role
+        if gate.simulated and self._sim_now is not None:
+            now = self._sim_now()
+        refusal = gate.refusal(role, data, frame, now)
+        if gate.has_news:
+            self._news.add(vehicle)
+        if refusal is None:
+            return True
+        if reply := refusal.reply(self._codecs[vehicle]):
+            self._replies.append((reply, ((endpoint.socket, endpoint.address),)))
+        return False
+
+    def take_replies(self) -> list[Out]:
+        """Return the replies to refused commands since the last call."""
+        if not self._replies:
+            return []
+        found, self._replies = self._replies, []
+        return found
+
+    def on_heartbeat(self, vehicle: int, armed: bool, mode: str, now: float) -> None:
+        """Process the arming state and mode of a vehicle. vehicle: system id. now: monotonic [s]."""
+        gate = self._gates[vehicle]
+        gate.on_state(armed, mode, self._time(gate, now))
+        if gate.has_news:
+            self._news.add(vehicle)
+
+    def on_request(self, request: Mapping[str, Any], now: float) -> None:
+        """Process a request of the supervisor (see `process_context`). now: monotonic [s]."""
+        for gate in self._gates.values():
+            gate.on_request(request, self._time(gate, now))
+        self._news |= set(self._gates)
+
+    def on_supervisor_lost(self) -> None:
+        """Refuse arming from now on, because the supervisor has ended."""
+        for gate in self._gates.values():
+            gate.on_supervisor_lost()
+
+    def changes(self) -> tuple[list[str], dict[str, str]]:
+        """Return the events and changed facts of simulated vehicles since the last call.
+
+        The hardware links report those of real vehicles.
+        """
+        events: list[str] = []
+        facts: dict[str, str] = {}
+        for gate in [self._gates[vehicle] for vehicle in sorted(self._news)]:
+            own = gate.events()
+            if gate.simulated:
+                events += own
+                facts |= gate.changed_facts()
+        self._news.clear()
+        return events, facts
+
+    def _time(self, gate: CommandGate, now: float) -> float:
+        return self._sim_now() if gate.simulated and self._sim_now is not None else now

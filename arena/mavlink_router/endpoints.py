@@ -1,0 +1,80 @@
+"""Data of the router about its vehicles and clients: addresses, senders, cached routes and counters."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from arena.authority import Role
+from arena.mavlink_router.routing_table import Vehicle
+from arena.mavlink_router.vehicle_status import VehicleStatus
+from arena.mavlink_router.vehicle_telemetry import VehicleTelemetry
+from arena.transport import Address
+from arena.wire.mavlink_frame import Buffer
+
+Destinations = tuple[tuple[int, Address], ...]
+"""(index in `Router.sockets` to send from, address to send to) of each receiver."""
+Out = tuple[Buffer, Destinations]
+"""A datagram to send, and its receivers. It is usually a part of the received datagram."""
+
+
+@dataclass(kw_only=True)
+class Endpoint:
+    """A receiver of messages (client, tool or ground station): its address, and the MAVLink senders that use
+    this address.
+
+    socket: index in `Router.sockets`
+    role: role of its senders; None at a tools port, where the system id determines the role
+    senders: system << 8 | component of every sender that has used this address, oldest first
+    last: time of the last frame, monotonic [s]
+    """
+
+    socket: int
+    address: Address
+    role: Role | None = Role.PROGRAM
+    senders: dict[int, None] = field(default_factory=dict)
+    last: float = 0.0
+
+    def serves(self, target: int) -> bool:
+        """Return whether this client must receive a message to `target`.
+
+        target: system << 8 | component; component 0 means every component of the system
+        """
+        if target in self.senders:
+            return True
+        return not target & 0xFF and any(sender >> 8 == target >> 8 for sender in self.senders)
+
+
+@dataclass(kw_only=True)
+class VehicleRoutes:
+    """Data that the router keeps about one vehicle: its sockets, status, clients and cached routes.
+
+    serve_socket, tool_socket: indices in `Router.sockets`
+    up: the autopilot's end of the router link
+    tools: clients that have sent to the tool socket
+    routes: target -> receivers; cleared whenever an endpoint changes
+    """
+
+    vehicle: Vehicle
+    status: VehicleStatus
+    telemetry: VehicleTelemetry = field(default_factory=VehicleTelemetry)
+    serve_socket: int = 0
+    tool_socket: int = 0
+    up: Destinations = ()
+    clients: dict[Address, Endpoint] = field(default_factory=dict)
+    tools: dict[Address, Endpoint] = field(default_factory=dict)
+    routes: dict[int, Destinations] = field(default_factory=dict)
+
+
+@dataclass(kw_only=True)
+class Counts:
+    """Number of frames and bytes since the start. A frame that is sent to n receivers counts n times."""
+
+    frames_from_vehicles: int = 0
+    frames_from_clients: int = 0
+    frames_to_vehicles: int = 0
+    frames_to_clients: int = 0
+    bytes_in: int = 0
+    bytes_out: int = 0
+    unknown: int = 0
+    dropped: Counter[str] = field(default_factory=Counter)
