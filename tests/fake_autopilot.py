@@ -268,7 +268,11 @@ class FakeAutopilot(ParamServer):
                 return DENIED
             self.armed = m.param1 == 1.0
         elif m.command == SET_MODE:
-            self.mode = {v: k for k, v in MODES.items()}[int(m.param2) << 16 | int(m.param3) << 24]
+            number = int(m.param2) << 16 | int(m.param3) << 24
+            mode = next((name for name, known in MODES.items() if known == number), None)
+            if mode is None:
+                return DENIED
+            self.mode = mode
         elif m.command == LAND:
             self.mode = "AUTO.LAND"
         return ACCEPTED

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import tty
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -170,11 +171,11 @@ def test_missing_device_is_reported() -> None:
 # -- the record ----------------------------------------------------------------------------------------------------------------
 
 
-def interrupt_when(autopilot: FakeAutopilot, written: int) -> Any:
-    """Return an on_progress that raises KeyboardInterrupt after this number of writes."""
+def interrupt_when(condition: Callable[[], object]) -> Any:
+    """Return an on_progress that raises KeyboardInterrupt once the condition holds."""
 
     def interrupt(_: Any) -> None:
-        if len(autopilot.written_names) >= written:
+        if condition():
             raise KeyboardInterrupt
 
     return interrupt
@@ -185,9 +186,8 @@ def test_interrupted_push_is_resumed_from_its_record(tmp_path: Path) -> None:
     first, second = vehicles
     with serve(vehicles, [LossyLink(delay_s=0.05), LossyLink(delay_s=0.05)]) as targets:
         wanted = same_for(targets, new_values())
-        reports = push(
-            targets, wanted, record=PushRecord.begin(file, wanted), on_progress=interrupt_when(first, 15)
-        )
+        both_write = interrupt_when(lambda: len(first.written_names) >= 15 and second.written_names)
+        reports = push(targets, wanted, record=PushRecord.begin(file, wanted), on_progress=both_write)
         assert reports["uav1"].ending == reports["uav2"].ending == "interrupted"
         assert reports["uav1"].with_outcome("written") and reports["uav1"].with_outcome(
             "differs", "unanswered"
@@ -282,6 +282,7 @@ def test_file_that_is_no_record_is_refused(tmp_path: Path, vehicles: str) -> Non
 
 PUSHER = """
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.session import push
