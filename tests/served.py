@@ -16,6 +16,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
 
+from fake_autopilot import FakeAutopilot
+
 Address = tuple[str, int]
 TICK_S = 0.005
 
@@ -27,6 +29,12 @@ def until(done: Callable[[], object], deadline_s: float = 30.0) -> None:
     while not done():
         assert time.monotonic() < end, "it did not happen in time"
         tick.wait(0.002)
+
+
+def let_pass(autopilot: FakeAutopilot, ticks: int) -> None:
+    """Wait for this number of telemetry periods, so that datagrams on their way arrive."""
+    end = autopilot.ticks + ticks
+    until(lambda: autopilot.ticks >= end)
 
 
 class LossyLink:

@@ -1,31 +1,24 @@
 from __future__ import annotations
 
-import threading
-import time
-import types
-
 import pytest
 
 from arena.emergency import dispatch
+from arena.emergency.dispatch import TargetConnections
 from arena.emergency.landing_sequence import LandingSequence
 
 
 @pytest.fixture
 def end_when(monkeypatch):
-    """A function: end_when(condition) makes the time of `bring_down` run out once the condition holds.
+    """A function: end_when(condition) makes `bring_down` end once the condition holds, as after its timeout.
 
     A test that waits for the end of the time then needs no guess how long a slow machine takes.
     """
+    is_over = TargetConnections.is_over
 
     def patch(condition):
-        reached = threading.Event()
-
-        def monotonic():
-            if not reached.is_set() and condition():
-                reached.set()
-            return time.monotonic() + (1e6 if reached.is_set() else 0.0)
-
-        monkeypatch.setattr(dispatch, "time", types.SimpleNamespace(monotonic=monotonic))
+        monkeypatch.setattr(
+            TargetConnections, "is_over", lambda self, *args: condition() or is_over(self, *args)
+        )
 
     return patch
 

@@ -31,12 +31,6 @@ def sending_to(address: Address, autopilot: FakeAutopilot) -> Served:
     return Served([Connection(autopilot=autopilot, port=UdpPort(("127.56.2.1", 0)), remote=address)])
 
 
-def let_pass(autopilot: FakeAutopilot, ticks: int) -> None:
-    """Wait for this number of telemetry periods, so that datagrams on their way arrive."""
-    end = autopilot.ticks + ticks
-    until(lambda: autopilot.ticks >= end)
-
-
 @pytest.fixture(autouse=True)
 def short_times(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fake autopilot asks for no stream before OFFBOARD. Tests wait for heartbeats: they are more frequent."""

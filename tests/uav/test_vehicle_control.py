@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from fake_autopilot import TELEMETRY, FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
-from served import until
+from served import let_pass, until
 
 from arena.errors import CommandRefusedError, NotConfirmedError, OffboardLostError, StaleDataError
 from arena.uav import UAV, vehicle_control
 
-from .conftest import free_address, let_pass, make_uav, sending_to
+from .conftest import free_address, make_uav, sending_to
 
 OFFBOARD_TIMEOUT_S = 1.0  # COM_OF_LOSS_T: a longer pause between setpoints is a failsafe
 
