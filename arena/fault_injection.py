@@ -96,8 +96,8 @@ class FaultReceiver:
 
 
 def inject(path: str | Path, fault: Fault) -> None:
-    """Send a fault to the socket `path` of a process. Raises RunError if no process has this socket, or if
-    the process has not read it for one second.
+    """Send a fault to a process through its socket `path`. Raises RunError if no process has this socket,
+    or if the process reads nothing for one second.
     """
     with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)) as sender:
         sender.settimeout(_SEND_TIMEOUT_S)

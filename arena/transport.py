@@ -117,7 +117,7 @@ def _parse_serial(rest: str, baud: int) -> ConnectionUrl:
 
 
 def _udp_url(kind: Literal["udpin", "udpout"], host: str, port: int) -> ConnectionUrl:
-    """Return the UDP connection to a numeric IPv4 address. Raises ValueError for another host name or port.
+    """Return the UDP connection to a numeric IPv4 address. Raises ValueError for a host name or a port out of range.
 
     A host name is refused, because a name lookup could block or fail without a network.
     """

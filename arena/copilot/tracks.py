@@ -98,9 +98,7 @@ class Tracks:
         return np.where(known[:, None], slope / np.where(known, spread, 1.0)[:, None], 0.0), known
 
     def tilt_and_acceleration(self) -> tuple[Array, Array]:
-        """Return the tilt [rad] (N,), and the acceleration [m/s2] [NED] (N, 3) that this tilt causes at constant
-        height. Its down component is 0.
-        """
+        """Return the tilt [rad] (N,), and the horizontal acceleration [m/s2] [NED] (N, 3) that the tilt causes at constant height."""
         turns = [(1.0, 0.0, 0.0, 0.0) if pose is None else pose[2] for pose in self._last]
         w, x, y, z = np.array(turns, dtype=np.float64).reshape(-1, 4).T
         up = 1.0 - 2.0 * (x * x + y * y)

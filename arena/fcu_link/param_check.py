@@ -134,7 +134,8 @@ class ParamCheck:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
     def _mark_unknown(self, p: _Param) -> bool:
-        """Mark a parameter as unknown if enough requests had no reply while other parameters were answered.
+        """Mark a parameter as unknown to the vehicle if several requests for it had no reply while the
+        vehicle answered other requests.
 
         Return whether it is unknown.
         """

@@ -70,7 +70,7 @@ class Router:
 
     @property
     def links(self) -> dict[str, int]:
-        """Return vehicle name -> index in `sockets` of the socket for the link to this vehicle's autopilot."""
+        """Return vehicle name -> index of the socket (in `sockets`) that is linked to this vehicle's autopilot."""
         return {v.vehicle.name: v.up[0][0] for v in self._vehicles}
 
     def on_datagram(self, socket: int, sender: Address, data: Buffer, now: float) -> list[Out]:

@@ -35,7 +35,7 @@ _FORWARDING_MS = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Firmware:
-    """The parameters that one vehicle's autopilot must have.
+    """Required PX4 parameters of one vehicle.
 
     version: PX4 version of the parameter names.
     lines: one per parameter, with its value and reason.

@@ -153,7 +153,7 @@ def _wanted(plan: Plan) -> list[tuple[str, str, int]]:
 
 
 def _taken(arena: Arena, plan: Plan, probe: Probe) -> Iterator[str]:
-    """Yield one sentence for each other process that has bound ports of the arena, and one for each missing device."""
+    """Yield one sentence for each address where other processes use the arena's ports, and one for each missing serial device."""
     held: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for process, address, port in _wanted(plan):
         if why := probe.refusal(address, port):

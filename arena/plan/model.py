@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 @dataclass(frozen=True, kw_only=True)
 class Restart:
-    """Rules by which the supervisor restarts a process after it has exited.
+    """Restart policy of a process: when and how often the supervisor starts it again after it has exited.
 
     mode: when an exit is followed by a restart.
     limit: number of starts within window_s [s] after which the process becomes FATAL.

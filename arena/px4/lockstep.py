@@ -255,7 +255,7 @@ class Px4Links:
             self._set_late(server, "does not read the sensor data")
 
     def _collect(self) -> None:
-        """Wait until every PX4 in lockstep has replied or the timeout ends. A PX4 without a reply is then reported as late."""
+        """Wait until every PX4 in lockstep has replied or the timeout has passed. Then report each PX4 without a reply as late."""
         deadline = time.monotonic() + REPLY_TIMEOUT_S
         self._sleep_for_most()
         while True:

@@ -88,7 +88,7 @@ def _shared_wires(c: Check) -> Iterator[Problem]:
 
 
 def _speed(c: Check) -> Iterator[Problem]:
-    """Refuse a `sim.speed` other than 1 if a vehicle has a real flight controller, because it runs in real time only."""
+    """Refuse a `sim.speed` other than 1 if a vehicle has a real flight controller, because flight controllers run in real time only."""
     real = [v for v in c.arena.vehicles if v.wire is not None or v.autopilot in ("hardware", "hitl")]
     if real and c.arena.sim.speed != 1.0 and ("sim", "speed") not in c.pruned:
         said = f"got {c.arena.sim.speed}, but {real[0].name} has autopilot: {real[0].autopilot}, which runs in real time only. Try 1."

@@ -15,7 +15,7 @@ _PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 1e6
 
 @dataclass(frozen=True, kw_only=True)
 class Usage:
-    """Resources of one process.
+    """CPU time and memory that one process uses.
 
     cpu_s: CPU time of the process and of the children that it has waited for [s].  rss_mb: resident memory [MB].
     """

@@ -274,7 +274,7 @@ class EmulatedSensor:
 
     @property
     def age_s(self) -> float:
-        """Age of the oldest of these poses: the vehicle's and each neighbour's [s]."""
+        """Age of the oldest pose [s], of the vehicle's pose and the neighbours' poses."""
         self._source.refresh()
         poses = self._source.poses
         return max(self._source.age(p) for p in (poses.own, *poses.neighbours))

@@ -38,7 +38,7 @@ _NAN = math.nan
 
 
 class AllModes:
-    """Object that is sent like one message; its `pack` encodes one AVAILABLE_MODES message per selectable mode."""
+    """Replacement for a message object in the send queue: `pack` encodes several messages, one AVAILABLE_MODES per selectable mode."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
         """Return one AVAILABLE_MODES frame per selectable mode, in PX4's order.

@@ -95,12 +95,12 @@ class Fence:
 def usable_areas(
     found: list[Area], home: Point | None, here: Point | None
 ) -> tuple[tuple[Area, ...], list[str]]:
-    """Drop the invalid areas, as PX4 does: areas that forbid the home position or the vehicle's position.
+    """Return the valid areas. As in PX4, an area is invalid if it forbids the home position or the vehicle's position.
 
     home: north, east [m], None if not set
     here: north, east [m] of a vehicle in flight, None on the ground
 
-    Returns the other areas, and PX4's text for each dropped area.
+    Also returns PX4's text for each invalid area.
     """
     kept, reasons = [], []
     for area in found:

@@ -50,7 +50,7 @@ class MissionStore:
         self.current_changes += 1
 
     def set_progress(self, *, current: int | None = None, reached: int | None = None) -> None:
-        """Store the item that is now flown (`current`) or was reached (`reached`). None keeps the value."""
+        """Store the mission item that the vehicle flies to now (`current`) or that was reached (`reached`). None keeps the old value."""
         self.current = self.current if current is None else current
         self.reached = self.reached if reached is None else reached
         self.progress_changes += 1

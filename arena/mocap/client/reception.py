@@ -47,7 +47,7 @@ class Reception:
         self._foreign_address, self._foreign_at = "", -math.inf
 
     def update(self, event: str, count: int, now: float) -> bool:
-        """Store the time `now` if the total count of an event has changed. Return True if it has changed."""
+        """Store `now` as the last time of an event if the total count of this event has changed. Return True if it has changed."""
         if count == self._counts.get(event, 0):
             return False
         self._counts[event], self._changed_at[event] = count, now

@@ -11,8 +11,7 @@ from arena.mocap.natnet.codec import ServerInfo
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """Observations of a NatNet client in the last seconds. `diagnose` uses them to find out why no poses
-    arrive.
+    """Observations of one NatNet client in the last seconds, from which `diagnose` finds the reason why no poses arrive.
 
     no_network: reason why no socket is open, "" if the sockets are open.
     answered: the server's description of itself, None if the server has not answered.

@@ -15,7 +15,7 @@ _MAX_ARMED_AFTER_LANDING_S = 5.0
 
 
 class _Breaker(NamedTuple):
-    """A circuit breaker parameter and the problem that it causes. since, until: first and last minor version with this effect."""
+    """A circuit breaker parameter of PX4, and the problem if it is set. since, until: first and last minor version with this problem."""
 
     name: str
     since: int

@@ -128,7 +128,7 @@ class _ParamList:
         self.requests, self._new_at = self.requests + 1, now
 
     def add(self, value: Value, now: float) -> bool:
-        """Add a received parameter. Return True if the list's length has changed, because earlier indices are then invalid."""
+        """Add a received parameter. Return True if the total number of parameters has changed, because their indices are then invalid."""
         changed = self.count not in (0, value.total)
         if changed:
             self.received.clear()

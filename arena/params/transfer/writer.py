@@ -213,8 +213,8 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Start to read unknown parameters again if other parameters were written since the last reading,
-        because the vehicle may have them now.
+        """Start to read parameters again that the vehicle did not have. Do this only if other parameters
+        were written since the last reading.
 
         Returns whether there are parameters to read. In PX4, some parameters exist only after another
         parameter has a certain value.

@@ -62,7 +62,7 @@ class SensorSuite:
         return found
 
     def biases(self) -> dict[str, Array]:
-        """Return each sensor's biases, by name, one column per axis of its channels (V, width)."""
+        """Return sensor name -> biases (V, width), one column per axis of the sensor."""
         groups = (*self._every_step, *self._on_request.values())
         return {name: bias for group in groups for name, bias in group.biases().items()}
 

@@ -115,7 +115,9 @@ class Session:
         return self._observer
 
     def outcome(self) -> dict[str, Any]:
-        """Return the content of outcome.json after the end of the arena; {} if there is none, as after a killed supervisor."""
+        """Return the content of outcome.json after the end of the arena; {} if the file is missing, for
+        example after SIGKILL of the supervisor.
+        """
         try:
             found = json.loads((self.run / "outcome.json").read_text()) if self.run else {}
         except (OSError, ValueError):
@@ -297,7 +299,7 @@ class Session:
                 yield pid
 
     def _env(self) -> dict[str, str]:
-        """Return the environment variables for `arena up`, with ARENA_RUNTIME_DIR as the last variable.
+        """Return the environment variables for `arena up`. ARENA_RUNTIME_DIR must be the last variable.
 
         The order matters, because a process that sets its title may overwrite the first variables.
         """

@@ -104,7 +104,7 @@ class Referee:
 
     @property
     def _current(self) -> StepTracker | None:
-        """The first step that is not finished, or that has failed. None if all steps have passed."""
+        """The first step that is not finished or has failed. None if all steps have passed."""
         return next((step for step in self._steps if not step.settled or step.failed), None)
 
     def _update_expectations(self) -> None:
