@@ -104,7 +104,7 @@ class LandingSequence:
         return frames
 
     def take_events(self) -> list[str]:
-        """Return the texts for the user since the last call: the pilot has taken or left manual control."""
+        """Return the texts for the user since the last call. They report that the pilot has taken or left manual control."""
         found, self._pilot.events = self._pilot.events, []
         return found
 
@@ -155,7 +155,7 @@ class LandingSequence:
         return frames
 
     def _missing_telemetry(self, now: float) -> list[bytes]:
-        """Return requests for the messages that confirm a landing, if they are missing."""
+        """Return requests for the messages that confirm a landing, as far as the vehicle does not send them."""
         if now - self._began < REQUEST_AFTER_S:
             return []
         missing = {mav.HEARTBEAT: self.reported.armed, mav.EXTENDED_SYS_STATE: self.reported.landed}

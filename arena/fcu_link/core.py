@@ -268,7 +268,7 @@ class FcuLink:
         return queued.frame
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
-        """Queue a frame for the vehicle, unless its sender must not command the vehicle now. Return the refusal."""
+        """Queue a frame for the vehicle if its sender may command the vehicle now. Else return the refusal, to be sent on the link."""
         if frame.msgid in MESSAGES and frame.target_sys in (0, self.system):
             role = role_on_link(link, frame.sysid, self.system)
             refusal = self.gate.refusal(role, data, frame, now)

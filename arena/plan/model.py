@@ -1,4 +1,4 @@
-"""Data classes of the plan, which lists the processes of a run. `make_plan` makes it, and the supervisor runs it.
+"""Data classes of the plan: the processes of a run and their settings. `make_plan` creates a plan, and the supervisor runs it.
 
 Text in argv, env, cwd and slices may hold two placeholders that only a run can fill:
     {run}  the run folder, absolute       {rt}  the run's private folder for local sockets and shared pages

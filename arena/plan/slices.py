@@ -301,8 +301,8 @@ def heartbeat_address(arena: Arena) -> Address | None:
 
 
 def _captures(arena: Arena, v: Vehicle) -> Json | list[Json] | None:
-    """Return the settings of the motion capture receivers for the vehicle and its neighbours. They are a dict
-    for one receiver, a list for several, None for none.
+    """Return the settings of the motion capture receivers for the vehicle and its neighbours: a dict for
+    one receiver, a list for several, None for none.
     """
     seen = [v, *(arena.vehicle(n) for n in v.neighbours if n != v.name)]
     found = []
