@@ -187,7 +187,7 @@ class Loop:
         return now
 
     def _idle(self, left_s: float) -> None:
-        """Wait for `left_s` [s] of wall time.
+        """Wait before the next step. left_s: time to wait, in wall time [s].
 
         Poll the clock's sockets first. Sleep during the last milliseconds, because sleeping is more precise.
         """

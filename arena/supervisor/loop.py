@@ -59,7 +59,7 @@ class Show(Protocol):
     """Interface for the output of a run to a person. The loop calls it, so no method may raise or block."""
 
     def say(self, message: Message) -> None:
-        """Show one line."""
+        """Show one line of output to the person who watches the run."""
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
         """Redraw the live table if the refresh period is over. status: function that returns the state to show. now: monotonic [s]."""
