@@ -59,10 +59,10 @@ class FcuLinkShell:
         self._write_params()
 
     def run(self) -> None:
-        """Run the link until a stop signal arrives. If the supervisor dies, continue until the vehicle is
-        disarmed.
+        """Run the link until a stop signal arrives; a real vehicle is served until it is disarmed. If the supervisor dies,
+        continue until the vehicle is disarmed.
         """
-        while not (self._process.stopping or self._over):
+        while not (self._over or (self._process.stopping and self._process.may_end(self._armed_real()))):
             self._wait()
             now = time.monotonic()
             for data, found in self._transport.read(now):
@@ -74,6 +74,11 @@ class FcuLinkShell:
                 self._tick(now)
             self._flush(now)
         self._report_stats(time.monotonic())
+
+    def _armed_real(self) -> list[str]:
+        """Return the name of the vehicle if it is real and armed."""
+        armed = not self._s.simulated and self._core.armed(time.monotonic())
+        return [self._s.vehicle] if armed else []
 
     def close(self) -> None:
         self._transport.close()

@@ -129,11 +129,9 @@ class Router:
             for v in self._vehicles
         }
 
-    def any_armed(self, *, simulated: bool) -> bool:
-        """Return whether a vehicle is armed. Only simulated vehicles count if `simulated` is true, else only
-        real vehicles.
-        """
-        return any(v.status.armed for v in self._vehicles if v.vehicle.simulated == simulated)
+    def armed(self, *, simulated: bool) -> list[str]:
+        """Return the names of the armed vehicles: the simulated ones if `simulated` is true, else the real ones."""
+        return [v.vehicle.name for v in self._vehicles if v.status.armed and v.vehicle.simulated == simulated]
 
     @property
     def all_connected(self) -> bool:

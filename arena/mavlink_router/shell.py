@@ -55,10 +55,11 @@ class RouterShell:
         self._over = False
 
     def run(self) -> None:
-        """Route datagrams until a stop is requested. If the supervisor dies, route datagrams until all
-        vehicles are disarmed.
+        """Route datagrams until a stop is requested and no real vehicle is armed. If the supervisor dies, route
+        datagrams until all vehicles are disarmed.
         """
-        while not (self._process.stopping or self._over):
+        process, router = self._process, self._router
+        while not (self._over or (process.stopping and process.may_end(router.armed(simulated=False)))):
             self.turn(max(0.0, self._next_tick - time.monotonic()))
         self._process.stats(self._stats())
 
@@ -142,7 +143,7 @@ class RouterShell:
 
     def _is_over(self, orphaned: bool, now: float) -> bool:
         over = [
-            policy.over(orphaned=orphaned, any_armed=self._router.any_armed(simulated=simulated), now=now)
+            policy.over(orphaned=orphaned, any_armed=bool(self._router.armed(simulated=simulated)), now=now)
             for simulated, policy in self._shutdown
         ]
         return all(over)
