@@ -75,7 +75,7 @@ class LandingSequence:
         self._reason, self._reason_at = "", -_REASON_S
         self._pilot = PilotWatch()
         self._sender = mav.MinimalSender(SYSTEM, component)
-        self._component = component
+        self.component = component
         self._began = self._next_send = self._next_heartbeat = now
         self._confirmed_at: float | None = None
 
@@ -203,7 +203,7 @@ class LandingSequence:
 
     def _on_ack(self, ack: mav.AckFields, now: float) -> None:
         system, component = ack.target
-        if system not in (0, SYSTEM) or component not in (0, self._component):
+        if system not in (0, SYSTEM) or component not in (0, self.component):
             return
         words = _COMMAND_WORDS.get(ack.command)
         if words is None or ack.result == mav.IN_PROGRESS:
