@@ -11,6 +11,7 @@ The supervisor sends requests to the child on the same socket, each one JSON obj
 requests that it does not know:
     {"do": "refuse_arming", "why": "..."}  from the first stop signal on: refuse every command that arms a vehicle
     {"do": "forget", "vehicle": "uav1"}    an operator has declared the vehicle dead: end without waiting for it
+    {"do": "release", "vehicle": "uav1", "by": "..."}  `arena release`: programs may fly the vehicle again
 End of file on the socket means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
 """
 
@@ -32,6 +33,8 @@ from arena.errors import ArenaError, InputError
 
 SOCKET_VARIABLE = "ARENA_FD"
 """Environment variable with the number of the socket to the supervisor."""
+SUPERVISOR_LOST = {"do": "refuse_arming", "why": "the supervisor has ended"}
+"""Request that a process makes to itself when the supervisor has died."""
 _PACKET_BYTES = 1 << 16
 
 

@@ -126,10 +126,6 @@ class CommandGate:
         elif request.get("do") == "release":
             self.authority.release(str(request.get("by", "the operator")), now)
 
-    def on_supervisor_lost(self) -> None:
-        """Refuse arming from now on, because the supervisor has ended."""
-        self.authority.refuse_arming("the supervisor has ended")
-
     @property
     def has_news(self) -> bool:
         """True if `events` has lines to return."""

@@ -19,7 +19,7 @@ from arena.fcu_link.core import SIMULATOR, FcuLink, Out
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.simulator_client import SimulatorClient
 from arena.fcu_link.transports import FcuTransport, open_transport
-from arena.process_context import ProcessContext, ShutdownPolicy
+from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
 from arena.transport import listen_udp, receive_datagrams
 from arena.wire.qgc_params import format_params
 
@@ -143,7 +143,7 @@ class FcuLinkShell:
             self._write_params()
         orphaned = self._process.orphaned
         if orphaned:
-            self._core.gate.on_supervisor_lost()
+            self._core.gate.on_request(SUPERVISOR_LOST, now)
         self._over = self._shutdown.over(orphaned=orphaned, any_armed=self._core.armed(now), now=now)
         if now >= self._next_second:
             self._report_stats(now)

@@ -61,11 +61,6 @@ class CommandFilter:
             gate.on_request(request, self._time(gate, now))
         self._news |= set(self._gates)
 
-    def on_supervisor_lost(self) -> None:
-        """Refuse arming from now on, because the supervisor has ended."""
-        for gate in self._gates.values():
-            gate.on_supervisor_lost()
-
     def changes(self) -> tuple[list[str], dict[str, str]]:
         """Return the events of simulated vehicles since the last call, and their facts that have changed.
 

@@ -14,7 +14,7 @@ from arena.errors import RunError
 from arena.mavlink_router.endpoints import Out
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
-from arena.process_context import ProcessContext, ShutdownPolicy
+from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
 from arena.transport import MAX_DATAGRAM_BYTES, listen_udp
 from arena.wire.mavlink_codec import Codec
 
@@ -113,7 +113,7 @@ class RouterShell:
             self._router.commands.on_request(request, now)
         orphaned = self._process.orphaned
         if orphaned:
-            self._router.commands.on_supervisor_lost()
+            self._router.commands.on_request(SUPERVISOR_LOST, now)
         self._over = self._is_over(orphaned, now)
         if not self._ready and (self._router.all_connected or now - self._began > READY_TIMEOUT_S):
             self._ready = True
