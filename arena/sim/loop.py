@@ -209,9 +209,7 @@ class Loop:
         orphaned = self._context.orphaned
         if orphaned:
             self._autopilots.on_request(SUPERVISOR_LOST)
-        return self._shutdown.over(
-            orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now
-        )
+        return self._shutdown.over(orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now)
 
     def _log_pace(self, pacer: Pacer) -> None:
         """Log a line if the real-time factor of the last second differs from the requested one."""
