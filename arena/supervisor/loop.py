@@ -31,6 +31,7 @@ from arena.supervisor.messages import Level, Message
 from arena.supervisor.meters import RealTimeMeter
 from arena.supervisor.process_set import Orders, ProcessSet
 from arena.supervisor.process_state import ENDED, State
+from arena.supervisor.release import check_release, guards
 from arena.supervisor.run_end import Cause, End
 from arena.supervisor.run_folder import RunFolder
 from arena.supervisor.run_result import RunResult
@@ -132,6 +133,8 @@ class Supervisor:
                 return self.status()
             case "restart":
                 return self._restart(str(request.get("name")), in_flight=request.get("yes") is True)
+            case "release":
+                return self._release([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
             case "down":
                 now = request.get("now") is True
                 if now and not self._shutdown.at_once and self._shutdown.landing.task is not None:
@@ -139,7 +142,9 @@ class Supervisor:
                 self._shutdown.at_once |= now
                 self._request_end(Cause.DOWN, hurry=now)
                 return {"ok": True}
-        raise ValueError(f"got request {request.get('do')!r}, expected ps, restart, down or subscribe")
+        raise ValueError(
+            f"got request {request.get('do')!r}, expected ps, restart, release, down or subscribe"
+        )
 
     def status(self) -> dict[str, Any]:
         """Return the status of the run, as `arena ps --json` prints it."""
@@ -249,6 +254,15 @@ class Supervisor:
             raise ValueError(refusal)
         self._processes.request_restart(name)
         self._log.event(time.monotonic(), name, "restart requested by `arena restart`")
+        return {"ok": True}
+
+    def _release(self, vehicles: list[str], by: str) -> dict[str, Any]:
+        if self.phase is not Phase.RUN:
+            raise ValueError(f"nothing is released: the arena is {self.phase}, so no vehicle may arm")
+        check_release(self.plan, self._processes.facts, vehicles)
+        for vehicle in vehicles:
+            packet = {"do": "release", "vehicle": vehicle, "by": by}
+            self._processes.request(packet, to=guards(self.plan, vehicle))
         return {"ok": True}
 
     # -- the end

@@ -13,6 +13,7 @@ from arena.supervisor.event_log import EventLog
 from arena.supervisor.landing_task import LandingTask
 from arena.supervisor.process_set import Orders, ProcessSet
 from arena.supervisor.process_state import State
+from arena.supervisor.release import guards
 from arena.supervisor.run_end import Cause
 from arena.supervisor.run_folder import RunFolder
 
@@ -55,9 +56,8 @@ class Shutdown:
         """Begin the end of the run: start nothing but restarts of processes that serve vehicles, and refuse arming."""
         self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"
         self._keep_serving()
-        guards = {spec.name for spec in self._plan.processes if spec.kind in ("world", "link", "router")}
         packet = {"do": "refuse_arming", "why": "the run is ending"}
-        self._processes.request(packet, to=guards, standing=True)
+        self._processes.request(packet, to=guards(self._plan), standing=True)
 
     def _keep_serving(self) -> None:
         """Restart processes that serve vehicles, as in flight, until the landing has ended."""

@@ -107,6 +107,18 @@ def flickers() -> None:
     forever()
 
 
+def prints_requests() -> None:
+    """Report facts (the argument, as JSON), and print every request of the supervisor. SIGTERM ends it after the last one."""
+    signal.signal(signal.SIGTERM, lambda *_: tell.line.setblocking(False))
+    tell(ready=True, facts=json.loads(sys.argv[2]))
+    while True:
+        try:
+            data = tell.line.recv(65536)
+        except BlockingIOError:
+            sys.exit(0)
+        print(data.decode(), flush=True)
+
+
 def floods() -> None:
     """Print without end."""
     block = b"flood " * 10_000 + b"\n"
