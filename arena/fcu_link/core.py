@@ -27,6 +27,7 @@ from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightCheck
 from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
+from arena.wire.age_limits import SHORTEST_LIMIT_S, without_old_frames
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, ParsedFrames, parse_frames
 from arena.wire.mavlink_params import parse_error, parse_value
@@ -86,7 +87,7 @@ class FcuLink:
         self.system, self._s = s.id, s
         self.counts: Counter[str] = Counter()
         self.flow: Counter[str] = Counter()
-        self.queue = SendQueue(self.counts)
+        self.queue = SendQueue(self.counts, s.preflight.pose_age_s)
         self.gate = CommandGate(s.vehicle, s.id, simulated=s.simulated)
         self.checks = PreflightChecks(s.preflight)
         display_path = "/".join(s.params_file.split("/")[-2:])
@@ -220,10 +221,15 @@ class FcuLink:
         """Return why the vehicle must not be armed now; empty if arming is allowed."""
         return self.checks.reasons(now, self.params.reasons())
 
-    def from_link(self, link: str, data: Buffer, now: float) -> Out:
+    def from_link(self, link: str, data: Buffer, now: float, age_s: float = 0.0) -> Out:
         """Process a datagram from the router, vision or panic link. Return the replies of this process as
         (link, datagram).
+
+        age_s: time since this computer received the datagram [s]; frames older than their limit are dropped
         """
+        if age_s > SHORTEST_LIMIT_S:
+            data, dropped = without_old_frames(data, age_s)
+            self.counts[f"from {link}: waited too long"] += dropped
         found = parse_frames(data)
         if found.garbage:
             self.counts[f"from {link}: garbage bytes"] += found.garbage
@@ -234,11 +240,11 @@ class FcuLink:
             if frame.msgid == _TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
             elif needs_checks(data, frame, self.system, armed=self.checks.armed and self.alive(now)):
-                out += self._guard(link, data, frame, now)
+                out += self._guard(link, data, frame, now, age_s)
             elif frame.msgid in STICKS and not self.checks.armed and self.reasons(now):
                 self.counts["to the vehicle: sticks refused"] += 1
             else:
-                out += self._pass(link, data, frame, now)
+                out += self._pass(link, data, frame, now, age_s)
         return out
 
     def from_simulator(self, data: Buffer, found: ParsedFrames, now: float) -> None:
@@ -267,7 +273,7 @@ class FcuLink:
                 self.checks.on_pose(m, now)
         return queued.frame
 
-    def _pass(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
+    def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
         """Queue a frame for the vehicle if its sender may command the vehicle now. Else return the refusal, to be sent on the link."""
         if frame.msgid in MESSAGES and frame.target_sys in (0, self.system):
             role = role_on_link(link, frame.sysid, self.system)
@@ -276,16 +282,16 @@ class FcuLink:
                 self.counts[f"to the vehicle: refused: {refusal.why}"] += 1
                 reply = refusal.reply(self._autopilot_codec)
                 return [(link, reply)] if reply else []
-        self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now)
+        self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now - age_s)
         return []
 
-    def _guard(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
+    def _guard(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
         """Pass on a request that could arm the vehicle or spin a motor, or refuse it. Return the refusal as
         messages for the requesting link and for the router; empty if the request was passed on.
         """
         reasons = self.reasons(now)
         if not reasons:
-            return self._pass(link, data, frame, now)
+            return self._pass(link, data, frame, now, age_s)
         self.counts["to the vehicle: arming refused"] += 1
         if now - self._refusal_reported_at >= 1.0:
             self._refusal_reported_at = now
