@@ -24,6 +24,8 @@ from arena.authority import MESSAGES, CommandGate, command_of, pack_reply, role_
 from arena.fcu_link.arming_guard import STICKS, needs_checks, request_words
 from arena.fcu_link.param_check import ParamCheck
 from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks
+from arena.fcu_link.radio_check import PARAMS as RADIO_PARAMS
+from arena.fcu_link.radio_check import RadioCheck
 from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
@@ -65,6 +67,7 @@ _DECODED = frozenset(
         mavlink.MAVLINK_MSG_ID_ATTITUDE,
         mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
         mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
+        mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
         mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
     }
 )
@@ -91,8 +94,11 @@ class FcuLink:
         self.gate = CommandGate(s.vehicle, s.id, simulated=s.simulated)
         self.checks = PreflightChecks(s.preflight)
         display_path = "/".join(s.params_file.split("/")[-2:])
-        self.params = ParamCheck(s.params, display_path)
-        self._streams = StreamRequests(wide=s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD)
+        radio = s.preflight.radio
+        self.radio = RadioCheck(radio) if radio is not None else None
+        self.params = ParamCheck(s.params, display_path, RADIO_PARAMS if radio is not None else ())
+        wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
+        self._streams = StreamRequests(wide=wide, radio=radio is not None)
         self._codec, self._autopilot_codec = Codec(s.id, COMPONENT), Codec(s.id, AUTOPILOT)
         self._events: list[str] = []
         self._panic_received_at = -math.inf
@@ -172,7 +178,7 @@ class FcuLink:
         if now - self.checks.received_at > _SILENT_S:
             self._streams.restart()
             if not self.checks.armed:  # another vehicle may have been connected meanwhile
-                self.params.restart()
+                self._restart_setup()
         self.checks.received_at = now
         self._streams.on_message(frame.msgid, now)
         if frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
@@ -200,6 +206,8 @@ class FcuLink:
                 self.gate.on_state(armed, mode_words(m.custom_mode), now)
                 self._on_heartbeat(armed, now)
             self.checks.on_autopilot(m, now)
+            if self.radio is not None:
+                self.radio.on_autopilot(m, now)
 
     def _on_heartbeat(self, armed: bool, now: float) -> None:
         if not self.ever_connected:
@@ -212,14 +220,21 @@ class FcuLink:
     def _rebooted(self) -> None:
         self._say("has rebooted: reading its parameters again")
         self.checks.reset()
-        self.params.restart()
+        self._restart_setup()
         self._streams.restart()
+
+    def _restart_setup(self) -> None:
+        """Read the parameters again, and demand a new test of the kill switch."""
+        self.params.restart()
+        if self.radio is not None:
+            self.radio.reset()
 
     # -- to the vehicle ------------------------------------------------------------------------------------------------
 
     def reasons(self, now: float) -> list[str]:
         """Return why the vehicle must not be armed now; empty if arming is allowed."""
-        return self.checks.reasons(now, self.params.reasons())
+        radio = self.radio.reasons(now, self.params.values()) if self.radio and self.alive(now) else []
+        return self.checks.reasons(now, [*radio, *self.params.reasons()])
 
     def from_link(self, link: str, data: Buffer, now: float, age_s: float = 0.0) -> Out:
         """Process a datagram from the router, vision or panic link. Return the replies of this process as

@@ -93,8 +93,9 @@ class LinkPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePlan:
-    """Names and addresses of one vehicle, for land-all, tools and the live table in the terminal. id: MAVLink
-    system id (MAV_SYS_ID).
+    """Names and addresses of one vehicle, for land-all, tools and the live table in the terminal.
+
+    id: MAVLink system id (MAV_SYS_ID). radio: `required` if a pilot has an RC transmitter.
     """
 
     name: str
@@ -110,6 +111,7 @@ class VehiclePlan:
     tools_port: int
     logger_port: int
     mocap_body: str
+    radio: str = "none"
 
 
 @dataclass(frozen=True, kw_only=True)

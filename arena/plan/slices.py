@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from arena.mocap.vendors import vendor_settings
+from arena.params.facts.failsafe_table import rc_priority_modes
 from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_end
 from arena.plan.px4_startup import hitl_params, px4_params, px4_scripts, reset_by_startup
 from arena.schema import Arena, Vehicle
@@ -162,6 +163,7 @@ def link(job: Job) -> Json:
             "battery": p.battery,
             "size_m": list(arena.world.size),
             "poses": v.forward,
+            "radio": list(rc_priority_modes(job.firmware.version)) if v.radio == "required" else None,
             # for hardware, the lab chooses the rigid body's origin; it is not below the vehicle's lowest point
             "height_m": v.profile.height_m / 2.0 if v.simulated else 0.0,
         },

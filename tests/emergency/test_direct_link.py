@@ -65,6 +65,7 @@ class Lab:
             "size_m": [7, 4, 3],
             "height_m": 0.1,
             "poses": True,
+            "radio": None,
         }
         slice_ = {
             "name": "link.uav1",

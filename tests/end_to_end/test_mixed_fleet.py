@@ -32,7 +32,7 @@ mocap: {{source: natnet, server: {server}}}
 defaults: {{program: {{path: '{program}', args: [{args}]}}, neighbours: [uav1, uav2]}}
 vehicles:
   uav1: {{autopilot: builtin, start: {{position: [3, 1, 0]}}}}
-  uav2: {{autopilot: hardware, url: "udpin:{hangar.address}:{WIRE_PORT}"{more}}}
+  uav2: {{autopilot: hardware, profile: iris, radio: none, url: "udpin:{hangar.address}:{WIRE_PORT}"{more}}}
 """)
     return file
 
