@@ -185,7 +185,7 @@ SPECS: dict[str, Spec] = {
 
 
 class Params:
-    """Values of all parameters for all vehicles of the built-in autopilot.
+    """Parameter values of all vehicles.
 
     version: increases with each write
     """

@@ -83,6 +83,8 @@ class Estimator:
     innovation, innovation_var: innovations of position [m] [NED] and yaw [rad], and their variances [m2]
         [rad2] (V, 4)
     rejected, reset_counter: number of rejected samples, and number of realignments (V,)
+    at_rest: True while the vehicle stands on the ground with idle motors, set by the caller. Only such a
+        vehicle aligns again with poses that the gate rejects for EKF2_NOAID_TOUT (V,)
     """
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
@@ -99,6 +101,8 @@ class Estimator:
         self.last_xy, self.last_z, self.last_yaw = np.full(v, _NEVER), np.full(v, _NEVER), np.full(v, _NEVER)
         self.rejected = np.zeros(v, int)
         self.reset_counter = np.zeros(v, int)
+        self.at_rest = np.zeros(v, bool)
+        self._rejected_since = np.full(v, np.inf)  # time of the first of the latest rejections in a row [s]
         self.test_ratio = np.zeros((v, 2))
         self.innovation = np.zeros((v, 4))
         self.innovation_var = np.ones((v, 4))  # variances that the filter assumes for them [m2], [rad2]
@@ -153,6 +157,10 @@ class Estimator:
     def velocity_known(self, i: int) -> bool:
         """Return whether the estimated velocity of vehicle i is accurate enough to brake without vision."""
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
+
+    def specific_force(self) -> Array:
+        """Return the magnitude of the specific force, averaged over 0.2 s [m/s2] (V,). At rest it is gravity."""
+        return np.asarray(np.sqrt((self._accel_mean * self._accel_mean).sum(1)))
 
     def _converged(self, now: float) -> Bool:
         d = np.einsum("vii->vi", self.cov)[:, :9]
@@ -221,6 +229,9 @@ class Estimator:
         var_p, var_yaw: variances [m2] (m, 3) and [rad2] (m,)
         now: time since boot [s]
         """
+        rejected_s = now - self._rejected_since[idx]
+        lost = self.at_rest[idx] & np.isfinite(q_nb[:, 0]) & (rejected_s >= self._timeout_s[idx])
+        self.realign(idx[lost & self.aligned[idx]])
         fresh = ~self.aligned[idx]
         if fresh.any():
             self._align(idx[fresh], p_n[fresh], q_nb[fresh], var_p[fresh], now)
@@ -271,7 +282,9 @@ class Estimator:
         use_xy, use_z = consistent & (ctrl & 1 > 0), consistent & (ctrl & 2 > 0)
         # A jump of the yaw alone is a flipped rigid body: do not follow it.
         use_yaw = has_yaw & consistent & (yaw_ratio < 1.0)
-        self.rejected[idx] += ~consistent | (has_yaw & (yaw_ratio >= 1.0))
+        rejected = ~consistent | (has_yaw & (yaw_ratio >= 1.0))
+        self.rejected[idx] += rejected
+        self._rejected_since[idx] = np.where(rejected, np.minimum(self._rejected_since[idx], now), np.inf)
         use, passed = np.empty_like(y, bool), np.empty_like(y, bool)
         use[:, 0] = use[:, 1] = use_xy
         use[:, 2], use[:, 3] = use_z, use_yaw
@@ -354,7 +367,7 @@ class Estimator:
         sigma = np.array([0.1] * 3 + [0.1] * 3 + [0.05, 0.05, 0.1] + [0.02] * 3 + [0.1] * 3)
         self.cov[idx] = np.diag(sigma**2)
         self.aligned[idx], self.aligned_at[idx] = True, now
-        self._gate_var[idx] = np.inf
+        self._gate_var[idx] = self._rejected_since[idx] = np.inf
         self.last_xy[idx] = self.last_z[idx] = self.last_yaw[idx] = now
 
     def _past(self, idx: Index, delay_s: Array) -> tuple[Array, Array]:

@@ -1,6 +1,8 @@
 """Land detector and take-off ramp, batched over vehicles, with PX4's conditions and parameters (LNDMC_*).
 
-A vehicle is landed if its thrust is low and it neither moves nor turns for LNDMC_TRIG_TIME.
+A vehicle is landed if its thrust is low and it neither moves nor turns for LNDMC_TRIG_TIME. As in PX4, an
+invalid horizontal velocity is not compared with its limit. After a collision without external vision it can
+be wrong by several metres per second for minutes. The vertical velocity comes from the barometer then.
 
 An armed vehicle takes off when its setpoint is a climb. After COM_SPOOLUP_TIME the allowed climb rate grows
 for MPC_TKO_RAMP_T, from no thrust to its full value (MPC_Z_VEL_MAX_UP in OFFBOARD, else MPC_TKO_SPEED).
@@ -20,6 +22,8 @@ Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 _LOW_THRUST = 0.3  # share of the way from MPC_THR_MIN to MPC_THR_HOVER
+_FREEFALL_M_S2 = 2.0  # below this specific force the vehicle falls
+_REST_M_S2 = 0.5  # largest difference of the specific force from gravity at rest
 
 
 class LandDetector:
@@ -27,16 +31,19 @@ class LandDetector:
 
     landed: True if on the ground (V,)
     contact: True if probably on the ground; it is set after one third of LNDMC_TRIG_TIME (V,)
+    at_rest: True if landed, and the IMU has measured no motion for LNDMC_TRIG_TIME; no velocity is used (V,)
     """
 
     def __init__(self, params: Params, vehicles: int) -> None:
         self.params = params
         self.landed = np.ones(vehicles, bool)
         self.contact = np.ones(vehicles, bool)
+        self.at_rest = np.zeros(vehicles, bool)
         self._since = np.zeros(vehicles)
+        self._at_rest_since = np.zeros(vehicles)
 
     def update(self, now: float, est: Estimator, thrust: Array, climbing: Bool, v_sp_down: Array) -> None:
-        """Detect from estimate and setpoints which vehicles are on the ground; update `landed`, `contact`.
+        """Detect from estimate and setpoints which vehicles are on the ground; update the attributes.
 
         now: time since boot [s]
         thrust: collective thrust 0..1 (V,)
@@ -46,17 +53,22 @@ class LandDetector:
         p = self.params
         low = p["MPC_THR_MIN"] + _LOW_THRUST * (p["MPC_THR_HOVER"] - p["MPC_THR_MIN"])
         vertical = np.abs(est.v_n[:, 2]) < p["LNDMC_Z_VEL_MAX"]
-        still = vertical & (np.hypot(est.v_n[:, 0], est.v_n[:, 1]) < p["LNDMC_XY_VEL_MAX"])
+        moving = est.xy_valid(now) & (np.hypot(est.v_n[:, 0], est.v_n[:, 1]) >= p["LNDMC_XY_VEL_MAX"])
         quiet = np.abs(est.omega_b).max(1) < np.radians(p["LNDMC_ROT_MAX"])
+        force = est.specific_force()
         pressed_down = (
             vertical & (v_sp_down > 0.5 * p["MPC_LAND_SPEED"]) & (thrust < 0.9 * p["MPC_THR_HOVER"])
         )
+        still = vertical & ~moving & (force > _FREEFALL_M_S2)
         resting = ~climbing & (quiet & still & ((thrust <= low) | pressed_down) | (thrust < 0.01) & vertical)
         self._since = np.where(resting, self._since, now)
         held = now - self._since
         trigger = p["LNDMC_TRIG_TIME"]
         self.contact = held > trigger / 3.0
         self.landed = np.where(self.landed, resting | ~climbing & (thrust <= low), held > trigger)
+        rest = self.landed & quiet & (np.abs(force - GRAVITY_M_S2) < _REST_M_S2)
+        self._at_rest_since = np.where(rest, self._at_rest_since, now)
+        self.at_rest = now - self._at_rest_since > trigger
 
 
 class TakeoffRamp:

@@ -200,7 +200,7 @@ class Navigator:
         )
 
     def _run_item(self, item: Item, s: Situation) -> Leg:
-        """Carry out a mission item that has no position, such as a change of speed or a delay.
+        """Run an item that has no position.
 
         An unsupported command has no effect.
         """
