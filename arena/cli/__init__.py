@@ -33,7 +33,6 @@ VERBS = (
     "logs",
     "restart",
     "down",
-    "release",
     "land-all",
     "kill-all",
 )

@@ -175,8 +175,6 @@ class _Merge:
             wire=self._wire(autopilot),
             gps=gps,
             sticks=sticks,
-            radio=self._take("radio", "required") if autopilot == "hardware" else "none",
-            measured=own.measured or {},
             position=start.position,
             rpy_deg=start.rpy_deg,
             ports=ports,
@@ -267,20 +265,16 @@ class _Merge:
         return found
 
     def _own_params(self) -> dict[str, float]:
-        """Return the PX4 parameters that the user sets. Later layers win: `params_file`, `defaults`, `measured`, `params`."""
+        """Return the PX4 parameters that the user sets. Later layers win: `params_file`, `defaults`, the vehicle's `params`."""
         found: dict[str, float] = {}
         if name := self._take("params_file", None):
             for key, value in self.params_files.get(name, {}).items():
                 if key != "MAV_SYS_ID":
                     found[key] = self._note(f"params.{key}", value, str(name))
-        here: YamlPath = ("vehicles", self.name)
-        measured = {key: one.value for key, one in (self.own.measured or {}).items()}
-        layers: tuple[tuple[Mapping[str, float] | None, YamlPath], ...] = (
+        for given, path in (
             (self.common.params, ("defaults", "params")),
-            (measured, (*here, "measured")),
-            (self.own.params, (*here, "params")),
-        )
-        for given, path in layers:
+            (self.own.params, ("vehicles", self.name, "params")),
+        ):
             for key, value in (given or {}).items():
                 found[key] = self._note(f"params.{key}", float(value), self.source.origin((*path, key)))
         return found

@@ -143,7 +143,9 @@ class UAV:
         """Wait until the vehicle is ready (at most 20 s), enter OFFBOARD and arm. Wait for the confirmation
         of each step.
 
-        Setpoints are sent all the time.
+        Setpoints are sent all the time. If arming is temporarily rejected, e.g. because poses were missing for
+        a moment, it is requested again within the 20 s. Raises CommandRefusedError with the autopilot's reasons
+        after that.
         """
         self._control.start_mission()
 

@@ -35,6 +35,7 @@ LAND_TIMEOUT_S = 60.0
 _CONFIRM_TIMEOUT_S = 3.0
 _RETRY_S = 0.5
 _TRIES = 5
+_REARM_S = 1.0  # from a rejected arming until the next request
 _STREAM_FIRST_S = 0.5  # PX4 enters OFFBOARD only where setpoints already flow
 _TEXTS_S = 10.0
 _MAX_SILENCE = 2.0  # in multiples of stale_s: 1 s by default, as the autopilot's limit for a silent program
@@ -98,9 +99,19 @@ class VehicleControl:
         self.guard()
         self._connection.send(message)
 
-    def arm(self) -> None:
-        """Arm, and wait until the heartbeat confirms it."""
-        self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arming")
+    def arm(self, until: float = -math.inf) -> None:
+        """Arm, and wait until the heartbeat confirms it.
+
+        until: time until which a temporarily rejected request is repeated, when the vehicle is ready [s]
+        """
+        while True:
+            result = self._result_of(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arming")
+            rejected = result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+            if not rejected or self._clock.now() + _REARM_S > until:
+                break
+            self._wait(lambda: False, _REARM_S)
+            self._wait(self._is_ready, until - self._clock.now())
+        self._check_result(result, "arming")
         self._confirm(lambda: self._has_state(armed=True), "armed")
         self._armed = True
 
@@ -119,9 +130,11 @@ class VehicleControl:
     def start_mission(self) -> None:
         """Wait until the vehicle is ready, enter OFFBOARD and arm. Wait for the confirmation of each step.
 
-        Setpoints are sent all the time.
+        Setpoints are sent all the time. If arming is temporarily rejected, e.g. because poses were missing for
+        a moment, it is requested again until READY_TIMEOUT_S has passed.
         """
         self._begin()
+        end = self._clock.now() + READY_TIMEOUT_S
         if self._wait(lambda: self._source.telemetry.received_at is not None, READY_TIMEOUT_S):
             # heartbeats come once a second: without this, two programs could take off a second apart
             self._request_heartbeat()
@@ -131,7 +144,7 @@ class VehicleControl:
             )
         self._enter()
         if not self._has_state(armed=True):
-            self.arm()
+            self.arm(until=end)
 
     def wait_until(self, done: Callable[[], T], timeout_s: float) -> T | None:
         """Wait until done() returns a true value, and return that value; None after `timeout_s`.
@@ -200,9 +213,13 @@ class VehicleControl:
                     raise
 
     def _command(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> None:
-        """Send a command repeatedly until the autopilot acknowledges it.
+        """Send a command as `_result_of` does. Raises CommandRefusedError if the autopilot refuses it."""
+        self._check_result(self._result_of(number, params, what, stream=stream), what)
 
-        Raises CommandRefusedError if the autopilot refuses it, and NotConfirmedError after _TRIES tries.
+    def _result_of(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> int:
+        """Send a command repeatedly until the autopilot acknowledges it, and return its MAV_RESULT.
+
+        Raises NotConfirmedError after _TRIES tries.
         number: MAV_CMD.  what: the command in error messages.  stream: send setpoints meanwhile.
         """
         self._connection.refresh()
@@ -211,7 +228,7 @@ class VehicleControl:
             self._connection.send(self.encoder.command(number, params, confirmation))
             result = self._wait(lambda: self._answer(number), _RETRY_S, stream=stream)
             if result is not None:
-                return self._check_result(result - 1, what)
+                return result - 1
         raise NotConfirmedError(
             f"{self._source.ns}: no acknowledgement of {what} from the autopilot after {_TRIES} tries{self._texts()}"
         )

@@ -61,13 +61,74 @@ def test_mission_enters_offboard_at_the_present_position_then_arms(autopilot, ua
     assert first.yaw == pytest.approx(np.radians(30), abs=1e-5)
 
 
-def test_refused_arming_raises_with_the_autopilots_text(autopilot, uav):
-    autopilot.refuse[mavlink.MAV_CMD_COMPONENT_ARM_DISARM] = (1, b"Arming denied: throttle above center")
+ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+
+
+def test_refused_arming_raises_with_the_autopilots_text(autopilot, uav, monkeypatch):
+    monkeypatch.setattr(vehicle_control, "READY_TIMEOUT_S", 3.0)
+    monkeypatch.setattr(vehicle_control, "_REARM_S", 0.1)
+    autopilot.refuse[ARM] = (1, b"Arming denied: throttle above center")
     with pytest.raises(
         CommandRefusedError, match=r"uav1.*arming.*temporarily rejected.*throttle above center"
     ):
         uav.start_offboard_mission()
     assert gaps(autopilot).max() < OFFBOARD_TIMEOUT_S
+
+
+def test_temporarily_rejected_arming_is_requested_again(autopilot, uav, monkeypatch):
+    monkeypatch.setattr(vehicle_control, "_REARM_S", 0.1)
+    autopilot.refuse[ARM] = (1, b"Arming denied: 12 poses/s, needs 20")
+    begun = len(autopilot.orders)
+
+    def see_more_poses() -> None:
+        until(lambda: sum(c.command == ARM for c in autopilot.orders[begun:]) >= 3)
+        autopilot.refuse.clear()
+
+    watch = threading.Thread(target=see_more_poses)
+    watch.start()
+    uav.start_offboard_mission()
+    watch.join()
+    assert (autopilot.mode, autopilot.armed) == ("OFFBOARD", True)
+    assert gaps(autopilot).max() < OFFBOARD_TIMEOUT_S
+
+
+def test_rejected_arming_waits_for_the_arming_checks(autopilot, uav, monkeypatch):
+    monkeypatch.setattr(vehicle_control, "_REARM_S", 0.1)
+    autopilot.refuse[ARM] = (1, b"Arming denied: no poses")
+
+    def lose_poses_for_a_moment() -> None:
+        until(lambda: any(c.command == ARM for c in autopilot.orders))
+        autopilot.prearm = False
+        until(lambda: uav._source.telemetry.status.prearm is False)
+        let_pass(autopilot, 25)  # a request that was on its way arrives
+        before = sum(c.command == ARM for c in autopilot.orders)
+        let_pass(autopilot, 40)
+        asked.append(sum(c.command == ARM for c in autopilot.orders) - before)
+        autopilot.refuse.clear()
+        autopilot.prearm = True
+
+    asked: list[int] = []
+    watch = threading.Thread(target=lose_poses_for_a_moment)
+    watch.start()
+    uav.start_offboard_mission()
+    watch.join()
+    assert autopilot.armed
+    assert asked == [0], "arming was requested while the arming checks failed"
+
+
+@pytest.mark.parametrize("result", [2, 3, 4], ids=["denied", "unsupported", "failed"])
+def test_finally_refused_arming_is_not_requested_again(autopilot, uav, result):
+    autopilot.refuse[ARM] = (result, b"Arming denied: land-all has control")
+    with pytest.raises(CommandRefusedError, match="land-all has control"):
+        uav.start_offboard_mission()
+    assert sum(c.command == ARM for c in autopilot.orders) == 1
+
+
+def test_arm_drone_does_not_wait_for_a_rejected_arming(autopilot, uav):
+    autopilot.refuse[ARM] = (1, b"Arming denied: no poses")
+    with pytest.raises(CommandRefusedError, match="no poses"):
+        uav.arm_drone()
+    assert sum(c.command == ARM for c in autopilot.orders) == 1
 
 
 def test_refused_mode_is_requested_again_then_raises(autopilot, uav, monkeypatch):
