@@ -10,6 +10,8 @@ The child sends packets on this socket, each one JSON object:
 The supervisor sends requests to the child on the same socket, each one JSON object with the key `do`. A process ignores
 requests that it does not know:
     {"do": "refuse_arming", "why": "..."}  from the first stop signal on: refuse every command that arms a vehicle
+    {"do": "forget", "vehicle": "uav1"}    an operator has declared the vehicle dead: end without waiting for it
+    {"do": "release", "vehicle": "uav1", "by": "..."}  `arena release`: programs may fly the vehicle again
 End of file on the socket means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
 """
 
@@ -21,7 +23,7 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -31,6 +33,8 @@ from arena.errors import ArenaError, InputError
 
 SOCKET_VARIABLE = "ARENA_FD"
 """Environment variable with the number of the socket to the supervisor."""
+SUPERVISOR_LOST = {"do": "refuse_arming", "why": "the supervisor has ended"}
+"""Request that a process makes to itself when the supervisor has died."""
 _PACKET_BYTES = 1 << 16
 
 
@@ -50,6 +54,8 @@ class ProcessContext:
         self._socket = channel
         self._orphaned = False
         self._requests: list[dict[str, Any]] = []
+        self._forgotten: set[str] = set()
+        self._refused_end = ""
 
     @classmethod
     def enter(cls, argv: list[str] | None = None) -> ProcessContext:
@@ -91,6 +97,23 @@ class ProcessContext:
         found, self._requests = self._requests, []
         return found
 
+    def may_end(self, armed: Collection[str]) -> bool:
+        """Return whether the process must end now because of a stop signal. Reports it once if the process continues instead.
+
+        armed: real vehicles that the process serves and that are armed. While there is one, a stop signal does not end the
+            process, because the vehicle would lose its poses or its connection in the air.
+        """
+        if not self.stopping:
+            return False
+        self._receive()
+        names = ", ".join(sorted(set(armed) - self._forgotten))
+        if names and names != self._refused_end:
+            self._refused_end = names
+            self.event(
+                f"stop signal received, but {names} is armed: {self.name} continues until it is disarmed"
+            )
+        return not names
+
     def ready(self, **facts: Any) -> None:
         """Report to the supervisor that the process is ready. facts: first facts, sent in the same packet."""
         self._send({"ready": True, "facts": facts} if facts else {"ready": True})
@@ -120,7 +143,13 @@ class ProcessContext:
                 return
             with contextlib.suppress(ValueError):
                 if isinstance(packet := json.loads(data), dict):
-                    self._requests.append(packet)
+                    self._take(packet)
+
+    def _take(self, packet: dict[str, Any]) -> None:
+        if packet.get("do") == "forget":
+            self._forgotten.add(str(packet.get("vehicle")))
+        else:
+            self._requests.append(packet)
 
     def _send(self, packet: dict[str, Any]) -> None:
         if self._socket is None:

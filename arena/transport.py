@@ -19,6 +19,7 @@ import os
 import socket
 import struct
 import termios
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -37,6 +38,12 @@ EXPECTED_URL = (
     "as in udpin:0.0.0.0:14540"
 )
 
+_SO_TIMESTAMPNS = 35  # asm-generic/socket.h; the socket module does not name it
+_TIMESPEC = struct.Struct("@qq")
+_STAMP_SPACE = socket.CMSG_SPACE(_TIMESPEC.size)
+_STAMP_ERROR_S = 0.005  # between a stamp and the two clock readings that it is compared with
+_CLOCK_STEP_S = 0.02  # a greater change of the wall clock against the monotonic clock is a step
+_OFFSET_MEMORY_S = 10.0
 _UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF)
 _MIN_BAUD = 300  # a shorter number after a device's name belongs to the name
 
@@ -189,6 +196,93 @@ def receive_datagrams(
         except OSError:
             if source.fileno() < 0:  # closed between two datagrams
                 return
+
+
+# -- age of received datagrams ---------------------------------------------------------------------------------------------
+
+
+class StampAges:
+    """Converts the kernel's receive stamps to ages. Pure.
+
+    The stamps are times of the wall clock, which may be set while datagrams wait. A stamp is therefore compared
+    with every offset that the wall clock has recently had to the monotonic clock. If several ages are possible,
+    the greatest is returned; if none is, the greatest age that the datagram can have.
+    """
+
+    def __init__(self, wall_s: float, now: float) -> None:
+        self._offsets = [(wall_s - now, now)]
+
+    def update(self, wall_s: float, now: float) -> None:
+        """Record the two clocks. Call it a few times a second. wall_s: wall clock [s]. now: monotonic [s]."""
+        if abs(wall_s - now - self._offsets[-1][0]) < _CLOCK_STEP_S:
+            self._offsets[-1] = wall_s - now, now
+        else:
+            self._offsets.append((wall_s - now, now))
+        if len(self._offsets) > 1:
+            self._offsets = [(o, at) for o, at in self._offsets if now - at <= _OFFSET_MEMORY_S]
+
+    def age_s(self, stamp_s: float, wall_s: float, now: float, longest_s: float) -> float:
+        """Return the age of a datagram [s].
+
+        stamp_s: the kernel's receive stamp, wall clock [s]. longest_s: time since the socket was last empty [s],
+        which limits the age of everything that waits in it.
+        """
+        ages = [now - (stamp_s - offset) for offset in (wall_s - now, *(o for o, _ in self._offsets))]
+        possible = [age for age in ages if -_STAMP_ERROR_S <= age <= longest_s + _STAMP_ERROR_S]
+        return min(max(0.0, *possible), longest_s) if possible else longest_s
+
+
+def receive_stamped(source: socket.socket) -> tuple[bytes, Address, float | None]:
+    """Receive a datagram from a socket with `enable_stamps`. Return (datagram, sender, receive stamp of the wall clock [s],
+    or None if the kernel gave none). Raises OSError.
+    """
+    data, ancillary, _, sender = source.recvmsg(MAX_DATAGRAM_BYTES, _STAMP_SPACE)
+    for level, kind, value in ancillary:
+        if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(value) == _TIMESPEC.size:
+            seconds, nanoseconds = _TIMESPEC.unpack(value)
+            return data, sender, seconds + 1e-9 * nanoseconds
+    return data, sender, None
+
+
+def enable_stamps(source: socket.socket) -> None:
+    """Make the kernel stamp each datagram when it arrives. Without such stamps (another kernel), a datagram that waits has
+    the greatest possible age.
+    """
+    with contextlib.suppress(OSError):
+        source.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+
+
+class AgedSocket:
+    """UDP socket that returns each datagram with its age, the time since this computer received it.
+
+    ages: shared by all sockets of a process, which updates it a few times a second. now: monotonic [s].
+    """
+
+    def __init__(self, source: socket.socket, ages: StampAges, now: float) -> None:
+        self._source, self._ages, self._empty_at = source, ages, now
+        self.fileno, self.sendto, self.close = source.fileno, source.sendto, source.close
+        enable_stamps(source)
+
+    def on_empty(self, now: float) -> None:
+        """Record that no datagram waits, for example because `poll` did not report this socket. now: monotonic [s]."""
+        self._empty_at = now
+
+    def receive(self, limit: int = MAX_DATAGRAMS_PER_READ) -> Iterator[tuple[bytes, Address, float]]:
+        """Yield (datagram, sender, age [s]) for each datagram that has arrived, as `receive_datagrams` does."""
+        for _ in range(limit):
+            began = time.monotonic()
+            try:
+                data, sender, stamp_s = receive_stamped(self._source)
+            except BlockingIOError:
+                return self.on_empty(began)
+            except OSError:
+                if self._source.fileno() < 0:  # closed between two datagrams
+                    return
+                continue
+            now, wall_s = time.monotonic(), time.time()
+            longest_s = now - self._empty_at
+            age_s = longest_s if stamp_s is None else self._ages.age_s(stamp_s, wall_s, now, longest_s)
+            yield data, sender, age_s
 
 
 # -- serial devices --------------------------------------------------------------------------------------------------------

@@ -139,6 +139,7 @@ class FakeAutopilot(ParamServer):
 
     telemetry: names of the messages that it sends every period_s, in one datagram as PX4 does under load
     pos: local position (N, E, D) [m]
+    uid, uid2: hardware uid in AUTOPILOT_VERSION
     land_s: time from entering AUTO.LAND to the ground [s]; infinite: it does not land
     disarm_s: time on the ground until it disarms [s]; infinite: it stays armed
     prearm: its pre-arm checks pass
@@ -157,6 +158,8 @@ class FakeAutopilot(ParamServer):
     mode: str = "AUTO.LOITER"
     pos: tuple[float, float, float] = (1.0, 2.0, -0.05)
     version: int = 0x011000FF
+    uid: int = 0
+    uid2: bytes = bytes(18)
     telemetry: Sequence[str] = ()
     period_s: float = 0.02
     land_s: float = math.inf
@@ -256,7 +259,7 @@ class FakeAutopilot(ParamServer):
             nothing = [0] * 8
             out.append(
                 mavlink.MAVLink_autopilot_version_message(
-                    0, self.version, 0, 0, 0, nothing, nothing, nothing, 0, 0, 0
+                    0, self.version, 0, 0, 0, nothing, nothing, nothing, 0, 0, self.uid, self.uid2
                 )
             )
         return [self.pack(message) for message in out]

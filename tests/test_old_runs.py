@@ -94,7 +94,7 @@ def test_params_diff_reads_through_the_router_of_an_old_run(active: Path, tmp_pa
 
 def test_a_push_that_was_cut_short_is_of_the_same_place() -> None:
     """The record of a push names the vehicle's connection in these words; --resume compares them."""
-    arena = load_arena(OLD / "hardware" / "arena.yaml")
+    arena = load_arena(OLD / "hardware" / "arena.yaml", ["defaults.profile=iris"])
     assert [address_text(arena, v) for v in arena.vehicles] == [
         "id 1, udpin 0.0.0.0:14540",
         "id 2, udpout 192.168.1.12:14550",

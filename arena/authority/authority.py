@@ -280,7 +280,7 @@ class Authority:
         return found
 
     def _change(self, holder: Role, why: str, now: float, *, always: bool = False) -> None:
-        """Set the holder, and record the change. always: record it also if the holder stays the same."""
+        """Set who commands the vehicle (the holder), and record the change. always: record also if the holder stays the same."""
         if always or holder is not self.holder:
             self._changes.append(Change(holder=holder, why=why, at=now))
         self.holder = holder

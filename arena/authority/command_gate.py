@@ -1,4 +1,4 @@
-"""Gate in front of one vehicle: decides about each MAVLink frame with `Authority`, and encodes the reply to a refused command.
+"""Filter for the MAVLink frames to one vehicle: refuses commands of senders that must not command it now, and encodes the replies.
 
 Router, hardware link and built-in autopilot use it. Pure: no sockets, no clocks.
 """
@@ -25,18 +25,20 @@ _TOOLS = {253: Role.EMERGENCY, 251: Role.COPILOT, 250: Role.GROUND_STATION}
 
 
 class _Codec(Protocol):
-    """Encoder of frames in the name of an autopilot, such as `arena.wire.mavlink_codec.Codec`."""
+    """Interface of an encoder whose frames have the ids of the vehicle's autopilot, such as `arena.wire.mavlink_codec.Codec`."""
 
     def frame(self, msgid: int, payload: bytes) -> bytes: ...
 
 
 def role_of_tool(system: int) -> Role:
-    """Return the role of a sender at the router's tools port. system: its MAVLink system id."""
+    """Return the role (such as program or ground station) of a sender at the router's tools port. system:
+    MAVLink system id of the sender.
+    """
     return _TOOLS.get(system, Role.PROGRAM)
 
 
 def role_on_link(link: str, system: int, vehicle: int) -> Role:
-    """Return the role of a sender on a link of the vehicle's autopilot.
+    """Return the role (such as program or ground station) of a sender on a link of the vehicle's autopilot.
 
     link: `router`, `vision` or `panic`. system, vehicle: MAVLink system ids of the sender and of the vehicle.
     """
@@ -49,7 +51,7 @@ def role_on_link(link: str, system: int, vehicle: int) -> Role:
 
 @dataclass(frozen=True, kw_only=True)
 class Refusal:
-    """Refused request.
+    """Refusal of a command to a vehicle: the reason, and the data for the reply to the sender.
 
     why: the reason, as text for the user. command: MAV_CMD to acknowledge, 0 if the message has no acknowledgement.
     to: system and component of the sender. texts: texts to send with the acknowledgement.
@@ -61,12 +63,12 @@ class Refusal:
     texts: tuple[str, ...] = ()
 
     def reply(self, codec: _Codec) -> bytes:
-        """Return the reply to the sender; empty if there is nothing to send. codec: encodes in the name of the autopilot."""
+        """Return the reply to the sender; empty if there is nothing to send. codec: encoder with the ids of the vehicle's autopilot."""
         return pack_reply(codec, self.command, self.to, self.texts)
 
 
 class CommandGate:
-    """Gate in front of one vehicle.
+    """Filter for the MAVLink frames to one vehicle: refuses commands of senders that must not command the vehicle now.
 
     Pass each frame whose message id is in `MESSAGES` to `refusal` before it is sent to the vehicle.
     name: name of the vehicle. system: its MAVLink system id. simulated: see `Authority`.
@@ -82,7 +84,7 @@ class CommandGate:
         self._facts: dict[str, str] = {}
 
     def refusal(self, role: Role, data: Buffer, frame: Frame, now: float) -> Refusal | None:
-        """Return why a frame must not be sent to the vehicle; None if it may be sent. now: time of one clock [s]."""
+        """Return the refusal of a frame; None if the frame may be sent to the vehicle. now: time of one clock [s]."""
         request = parse_request(data, frame)
         if request is None or not (why := self.authority.refusal(role, request, now)):
             return None
@@ -112,7 +114,7 @@ class CommandGate:
             self._events.append(text)
 
     def on_state(self, armed: bool, mode: str, now: float) -> None:
-        """Process the arming state and mode of a heartbeat of the vehicle's autopilot. now: as in `refusal`."""
+        """Process the arming state and mode from a heartbeat of the vehicle's autopilot. now: as in `refusal`."""
         self.authority.on_state(armed, mode, now)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
@@ -123,10 +125,6 @@ class CommandGate:
             self.authority.refuse_arming(str(request.get("why", "the run is ending")))
         elif request.get("do") == "release":
             self.authority.release(str(request.get("by", "the operator")), now)
-
-    def on_supervisor_lost(self) -> None:
-        """Refuse arming from now on, because the supervisor has ended."""
-        self.authority.refuse_arming("the supervisor has ended")
 
     @property
     def has_news(self) -> bool:
@@ -140,7 +138,9 @@ class CommandGate:
         return [f"{self.name}: {text}" for text in found]
 
     def changed_facts(self) -> dict[str, str]:
-        """Return the facts `control` (who commands the vehicle) and `blocked` (why programs may not) that have changed."""
+        """Return the facts `control` (who commands the vehicle) and `blocked` (why programs must not
+        command it), if they have changed.
+        """
         holder = self.authority.holder
         now = {
             f"{self.name}.control": holder.words if holder else "",

@@ -141,7 +141,7 @@ def _number(data: Buffer, frame: Frame, index: int) -> float:
 
 
 def _is_set(value: float) -> bool:
-    """Return whether a parameter of a command is not 0 and not NaN ("not used")."""
+    """Return whether a parameter of a command is given: neither 0 nor NaN, which means "not used"."""
     return value != 0.0 and not math.isnan(value)
 
 

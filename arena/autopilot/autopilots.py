@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.authority import CommandGate
 from arena.autopilot.commander import Commander, Mode
 from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
 from arena.autopilot.control.control_allocator import ControlAllocator
@@ -30,6 +31,7 @@ from arena.autopilot.navigation.auto_modes import AutoModes
 from arena.autopilot.param_table import Params
 from arena.autopilot.vehicle import Vehicle
 from arena.vehicle_models import vehicle_model
+from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
 
@@ -43,12 +45,13 @@ class Autopilots:
 
     settings: settings of the world, with the list `vehicles`
     dt: sensor period [s]
+    authority: refuse commands of senders that must not command a vehicle now (`arena.authority`). PX4 does not.
     armed: True for each armed vehicle (V,)
     motors: motor commands 0..1 (V, R)
     thrust: collective thrust 0..1 (V,)
     """
 
-    def __init__(self, settings: Mapping[str, Any], dt: float) -> None:
+    def __init__(self, settings: Mapping[str, Any], dt: float, *, authority: bool = False) -> None:
         vehicles = settings["vehicles"]
         n = len(vehicles)
         self.dt, self.names = dt, [x["name"] for x in vehicles]
@@ -71,7 +74,11 @@ class Autopilots:
         self.vehicles = [
             Vehicle(i, x["name"], x["id"], self.params, self.est) for i, x in enumerate(vehicles)
         ]
-        self.interfaces = [MavlinkInterface(v, lambda: self._telemetry) for v in self.vehicles]
+        self.gates = [CommandGate(x["name"], x["id"], simulated=True) for x in vehicles if authority]
+        self.interfaces = [
+            MavlinkInterface(v, lambda: self._telemetry, self.gates[i] if authority else None)
+            for i, v in enumerate(self.vehicles)
+        ]
         self._telemetry: TelemetryState | None = None
         self.tasks = [FlightTask(i) for i in range(n)]
         self.auto = AutoModes(self.params, self.est, n, dt * _DECIDE_EVERY)
@@ -136,8 +143,18 @@ class Autopilots:
             x.send_telemetry(link, msgid, state, payloads)
         return [(x.vehicle.row, link, data) for x in active for link, data in x.take_datagrams()]
 
+    def on_request(self, request: Mapping[str, Any]) -> None:
+        """Process a request of the supervisor (see `process_context`), such as to refuse arming."""
+        for gate in self.gates:
+            gate.on_request(request, self._now)
+
     def events(self) -> list[str]:
-        """Return the lines for the event log, such as mode changes and failsafes, since the last call."""
+        """Return the lines for the event log, such as mode changes and failsafes, since the last call.
+
+        Changes of authority are not among them, because the router reports them.
+        """
+        for gate in self.gates:
+            gate.events()
         found, self._events = self._events, []
         return found
 
@@ -248,6 +265,8 @@ class Autopilots:
         else:
             self._stay_disarmed(v, s)
         v.landed_state = _landed_state(c, s)
+        if self.gates:
+            self.gates[v.row].on_state(c.armed, mode_words(c.mode.custom_mode), s.now)
 
     def _stay_disarmed(self, v: Vehicle, s: CommanderInputs) -> None:
         """Do one step of a disarmed vehicle: clear its setpoint, and set its first home position.

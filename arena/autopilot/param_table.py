@@ -185,7 +185,7 @@ SPECS: dict[str, Spec] = {
 
 
 class Params:
-    """Parameter values of all vehicles.
+    """Values of all parameters for all vehicles of the built-in autopilot.
 
     version: increases with each write
     """

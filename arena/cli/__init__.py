@@ -33,6 +33,7 @@ VERBS = (
     "logs",
     "restart",
     "down",
+    "release",
     "land-all",
     "kill-all",
 )

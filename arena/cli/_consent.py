@@ -25,6 +25,9 @@ def ask_consent(plan: Plan, *, yes: bool) -> None:
     print(f"{plan.name} flies {len(real)} real vehicle{'s' if len(real) > 1 else ''}:")
     for v in real:
         print(f"  {v.name}: system id {v.id}, {v.profile}, flown by {programs.get(v.name, 'no program')}")
+    for v in real:
+        if v.radio == "none":
+            print(f"  {v.name} has no pilot's radio: nobody can take over by hand")
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?",
         flush=True,

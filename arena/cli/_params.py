@@ -349,6 +349,6 @@ class ParamSources:
             vision=required.vision_delay_ms is not None,
             gps=required.gps,
             rc=required.sticks,
-            latency_ms=required.vision_delay_ms,
+            latency_ms=required.vision_delay_ms if required.simulated else None,
             height_m=required.ceiling_m,
         )

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from arena.params.checks.diff import Difference
     from arena.params.checks.findings import Finding
     from arena.params.transfer.session import PushReport
+    from arena.schema import Vehicle
 
 
 class ProgressBars:
@@ -80,6 +81,19 @@ def push_report_lines(name: str, report: PushReport) -> list[str]:
         lines.append(f"  {parameter}: {r.outcome}: {detail}{f' ({r.why})' if r.why else ''}")
     if report.needs_reboot:
         lines.append(f"  {name} needs a reboot for {', '.join(report.needs_reboot)}")
+    return lines
+
+
+def measured_lines(vehicle: Vehicle, unmeasured: Mapping[str, float]) -> list[str]:
+    """Return the lines that show what was measured on a vehicle.
+
+    unmeasured: parameter that nobody has set or measured -> its value in the simulation.
+    """
+    lines = [f"{vehicle.name}: {len(vehicle.measured)} parameters measured"]
+    lines += [f"  {name}: {one.value:g}, {one.date}, {one.how}" for name, one in vehicle.measured.items()]
+    if unmeasured:
+        lines.append("  the vehicle keeps its own value of these (value of the simulation in parentheses):")
+        lines += [f"  {name} ({value:g})" for name, value in unmeasured.items()]
     return lines
 
 

@@ -28,6 +28,7 @@ from arena.cli._params_output import (
     ProgressBars,
     count_text,
     ending_text,
+    measured_lines,
     print_differences,
     push_report_lines,
 )
@@ -52,7 +53,7 @@ def register(app: typer.Typer) -> None:
     group = typer.Typer(
         no_args_is_help=True, help="Generate, push, pull, compare and check the PX4 parameters of vehicles."
     )
-    for command in (generate, push, pull, diff, check):
+    for command in (generate, measured, push, pull, diff, check):
         group.command()(command)
     app.add_typer(group, name="params")
 
@@ -79,6 +80,24 @@ def generate(
             out.mkdir(parents=True, exist_ok=True)
             (out / f"{vehicle.name}.params").write_text(text)
         print(out / f"{vehicle.name}.params")
+
+
+def measured(
+    vehicles: Vehicles = None,
+    arena: ArenaOption = Path("arena.yaml"),
+    px4_version: VersionOption = "",
+    set_: Set = None,
+) -> None:
+    """Show which parameters of real vehicles were measured, when and how, and which ones nobody has set or measured."""
+    from arena.plan.firmware import unmeasured
+    from arena.schema import load_arena
+
+    lab = load_arena(arena, set_ or [])
+    real = [v for v in selected_vehicles(lab, vehicles) if not v.simulated]
+    if not real:
+        print("no real vehicle: simulated vehicles use the values of their profile")
+    for vehicle in real:
+        print("\n".join(measured_lines(vehicle, unmeasured(lab, vehicle, px4_version))))
 
 
 def push(

@@ -66,38 +66,12 @@ def yaml_page() -> str:
     text += "  the vehicle's own entry, `--set key=value`.\n\n"
     text += "## The arena\n\n" + _keys(schema)
     order = [
-        "World",
-        "Origin",
-        "Sim",
-        "Px4Keys",
-        "Mocap",
-        "MocapNoise",
-        "VehicleKeys",
-        "Start",
-        "Program",
-        "Tool",
-        "VehicleDefaults",
-        "Preflight",
-        "Failsafe",
-        "OffboardLoss",
-        "PositionLoss",
-        "LowBattery",
-        "RcLoss",
-        "DataLinkLoss",
-        "FenceLoss",
-        "AttitudeLoss",
-        "Geofence",
-        "Copilot",
-        "GeofenceRule",
-        "SeparationRule",
-        "TiltRule",
-        "SpeedRule",
-        "PoseAgeRule",
-        "EstimateRule",
-        "BatteryRule",
-        "ProgramRule",
-        "Host",
-    ]
+        "World", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "VehicleKeys", "Start",
+        "Measured", "Program", "Tool", "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss",
+        "PositionLoss", "LowBattery", "RcLoss", "DataLinkLoss", "FenceLoss", "AttitudeLoss",
+        "Geofence", "Copilot", "GeofenceRule", "SeparationRule", "TiltRule", "SpeedRule",
+        "PoseAgeRule", "EstimateRule", "BatteryRule", "ProgramRule", "Host",
+    ]  # fmt: skip
     if set(order) != set(defs):
         raise ValueError(
             f"`order` and the JSON schema must have the same models, but {set(order) ^ set(defs)} is in only one of them"

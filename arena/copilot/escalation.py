@@ -31,7 +31,7 @@ SILENT_HOLD_S = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleStatus:
-    """Last reported state of a vehicle.
+    """Last reported state of a vehicle: whether it flies, its flight mode, and whether the report is recent.
 
     fresh: the report is recent enough to check whether the vehicle obeys an order.
     """

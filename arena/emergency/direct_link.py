@@ -4,6 +4,7 @@ While the vehicle's link process `link.<v>` works, the direct connection is used
 link process has ended or no longer reads its socket, the direct connection replaces it. A link process that
 still reads is never killed: in this case the vehicle itself is silent, and the link process receives its
 telemetry as soon as the vehicle sends again.
+A link process that the supervisor restarts gets its port or device back.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ import contextlib
 import socket
 from collections.abc import Callable, Iterator
 
+from arena.emergency.identity_check import IdentityCheck, Source
 from arena.emergency.link_process import kill, unread_bytes
-from arena.emergency.run_record import DirectAddress
+from arena.emergency.link_restart import LinkRestart
+from arena.emergency.run_record import DirectAddress, recorded_process
 from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, open_udp, receive_datagrams
 from arena.wire.mavlink_frame import AUTOPILOT, Stream, parse_frames
 
@@ -28,6 +31,7 @@ class DirectLink:
     Call `step` and `send` in every cycle of the loop, and `read` when one of `files` is readable.
     address: address of the vehicle
     system: MAVLink id of the vehicle
+    component: MAVLink component id of this process
     link_address: UDP address on which the link process receives the commands of land-all
     say: function that prints a line for the user
     """
@@ -38,6 +42,7 @@ class DirectLink:
         *,
         name: str,
         system: int,
+        component: int,
         link_address: Address,
         say: Callable[[str], None],
     ) -> None:
@@ -47,59 +52,77 @@ class DirectLink:
         self._beside: socket.socket | None = None  # another port than the link's
         self._replacement: socket.socket | SerialPort | None = None  # the link's own port or device
         self._stream = Stream()
+        self._restart = LinkRestart(self._process_name, address.run)
+        self._unsent: list[bytes] = []  # the last frames, while the identity of the vehicle is not known
         self._unread_since: float | None = None
         self._next_check = self._next_try = 0.0
         self._printed: set[str] = set()
+        recorded = address.connection.device or address.vehicle
+        self._identity: IdentityCheck | None = None
+        if address.uid:
+            self._identity = IdentityCheck(
+                system=system, component=component, uid=address.uid, recorded=recorded, say=self._print
+            )
 
-    def step(self, silent_s: float, now: float) -> None:
-        """Check the link process and open a direct connection if the link process does not run, hangs, or
-        passes on no telemetry.
+    def step(self, silent_s: float, now: float, *, needed: bool = True) -> None:
+        """Check the link process. Open a direct connection if the link process does not run, hangs, or passes
+        on no telemetry. Close it when the link process has been restarted.
 
         silent_s: time since the vehicle's last telemetry, or since the start [s].
+        needed: false if the vehicle is confirmed, so that no connection has to be opened
         """
-        if self._replacement is not None or now < self._next_check:
+        if now < self._next_check:
             return
         self._next_check = now + _CHECK_S
         unread = unread_bytes(self._link_address)
-        if unread is None:
-            self._replace_link(now, f"{self._process_name} is not running")
+        if self._replacement is not None:
+            if unread is not None or self._restart.has_restarted():
+                self._release()
             return
-        if not unread:
-            self._unread_since = None
-        elif self._unread_since is None:
-            self._unread_since = now
-        if silent_s >= BESIDE_AFTER_S and self._beside is None and self._vehicle is not None:
-            self._beside = open_udp(("0.0.0.0", 0))
-            self._print(f"no telemetry; also sending directly to {self._vehicle[0]}:{self._vehicle[1]}")
-        hangs = self._unread_since is not None and now - self._unread_since >= REPLACE_AFTER_S
-        if hangs and silent_s >= REPLACE_AFTER_S:
-            self._kill_link(now)
+        if not needed:
+            return
+        if unread is None:
+            self._on_no_link(now)
+            return
+        self._restart.on_link()
+        self._check_reading(unread, silent_s, now)
 
-    def send(self, frame: bytes) -> None:
-        """Send a frame on the open connections, if there are any. Errors are ignored, because every command
+    def send(self, frames: list[bytes], now: float) -> None:
+        """Send frames on the open connections, if there are any. Errors are ignored, because every command
         is sent again.
         """
-        with contextlib.suppress(OSError):
-            if isinstance(self._replacement, SerialPort):
-                self._replacement.write(frame)
-            elif (sock := self._replacement or self._beside) is not None and self._vehicle is not None:
-                sock.sendto(frame, self._vehicle)
+        if self._replacement is None and self._beside is None:
+            return
+        if self._identity is None:
+            receivers: list[Source] = [] if self._vehicle is None else [self._vehicle]
+            receivers = [self._address.connection.device] if self._is_serial else receivers
+        else:
+            receivers = self._identity.receivers(now)
+            for source, request in self._identity.requests(now):
+                self._write(request, source)
+        if not receivers:
+            self._unsent = frames or self._unsent
+            return
+        for frame in (*self._unsent, *frames):
+            for source in receivers:
+                self._write(frame, source)
+        self._unsent = []
 
     def files(self) -> list[int]:
         """Return the file descriptors to poll."""
         return [file.fileno() for file in (self._replacement, self._beside) if file is not None]
 
-    def read(self, fd: int) -> Iterator[bytes]:
+    def read(self, fd: int, now: float) -> Iterator[bytes]:
         """Read from this file descriptor and yield the data of the vehicle. Each item contains complete
-        MAVLink frames.
+        MAVLink frames. now: monotonic [s]
         """
         for file in (self._replacement, self._beside):
             if file is None or file.fileno() != fd:
                 continue
             if isinstance(file, SerialPort):
-                yield from self._read_device(file)
+                yield from self._read_device(file, now)
             else:
-                yield from self._read_socket(file)
+                yield from self._read_socket(file, now)
             return
 
     def close(self) -> None:
@@ -111,8 +134,40 @@ class DirectLink:
     def _process_name(self) -> str:
         return f"link.{self._name}"
 
+    @property
+    def _is_serial(self) -> bool:
+        return self._address.connection.kind == "serial"
+
+    def _on_no_link(self, now: float) -> None:
+        """Send beside the link's port while the supervisor may restart the link process; then open the port."""
+        if self._restart.is_expected(now):
+            self._print(f"{self._process_name} is not running; waiting for its restart")
+            self._open_beside()
+        else:
+            self._replace_link(now, f"{self._process_name} is not running")
+
+    def _check_reading(self, unread: int, silent_s: float, now: float) -> None:
+        if not unread:
+            self._unread_since = None
+        elif self._unread_since is None:
+            self._unread_since = now
+        if silent_s >= BESIDE_AFTER_S and self._open_beside() and self._vehicle is not None:
+            self._print(f"no telemetry; also sending directly to {self._vehicle[0]}:{self._vehicle[1]}")
+        hangs = self._unread_since is not None and now - self._unread_since >= REPLACE_AFTER_S
+        if hangs and silent_s >= REPLACE_AFTER_S:
+            self._kill_link(now)
+
+    def _open_beside(self) -> bool:
+        """Open a socket to send beside the link process. Return false if the vehicle has no known UDP address."""
+        if self._beside is None and self._vehicle is not None and not self._is_serial:
+            self._beside = open_udp(("0.0.0.0", 0))
+            self._print_identity()
+        return self._beside is not None
+
     def _kill_link(self, now: float) -> None:
         process = self._address.link_process
+        if self._address.run is not None:  # the supervisor may have restarted it since
+            process = recorded_process(self._process_name, self._address.run) or process
         if process is None:
             self._print(
                 f"{self._process_name} does not respond and its process id is unknown: name the run folder with --run"
@@ -136,14 +191,40 @@ class DirectLink:
                 self._replacement = open_udp(self._address.local or ("0.0.0.0", 0))
         except OSError as error:
             self._print(f"{why}, but {connection} cannot be opened: {error.strerror or error}")
-            if self._beside is None and self._vehicle is not None:
-                self._beside = open_udp(("0.0.0.0", 0))
+            self._open_beside()
             return
+        self._stream = Stream()
+        self._restart.on_replaced()
+        self._unread_since = None
         self._print(f"{why}; sending on {connection} instead")
+        self._print_identity()
 
-    def _read_socket(self, sock: socket.socket) -> Iterator[bytes]:
+    def _release(self) -> None:
+        """Close the port or device of the link process, because the supervisor has restarted the link process."""
+        if self._replacement is not None:
+            self._replacement.close()
+        self._replacement = None
+        self._restart.on_link()
+        self._printed.clear()
+        self._print(f"{self._process_name} runs again; {self._address.connection} is released for it")
+
+    def _print_identity(self) -> None:
+        if self._identity is None:
+            self._print("its hardware uid is not recorded: the identity of the vehicle is not checked")
+
+    def _write(self, frame: bytes, to: Source) -> None:
+        with contextlib.suppress(OSError):
+            if isinstance(self._replacement, SerialPort):
+                self._replacement.write(frame)
+            elif (sock := self._replacement or self._beside) is not None and isinstance(to, tuple):
+                sock.sendto(frame, to)
+
+    def _read_socket(self, sock: socket.socket, now: float) -> Iterator[bytes]:
         for data, sender in receive_datagrams(sock):
-            if sender == self._vehicle or self._is_vehicle(data, sender):
+            if self._identity is not None:
+                if self._identity.receive(data, sender, now):
+                    yield data
+            elif sender == self._vehicle or self._is_vehicle(data, sender):
                 yield data
 
     def _is_vehicle(self, data: bytes, sender: Address) -> bool:
@@ -159,19 +240,24 @@ class DirectLink:
             self._vehicle = sender
         return matches
 
-    def _read_device(self, port: SerialPort) -> Iterator[bytes]:
+    def _read_device(self, port: SerialPort, now: float) -> Iterator[bytes]:
+        device = self._address.connection.device
         for _ in range(MAX_DATAGRAMS_PER_READ):
             try:
                 data = port.read()
             except OSError:  # unplugged: opened again when it is back
                 port.close()
                 self._replacement = None
+                if self._identity is not None:
+                    self._identity.forget(device)
                 return
             if data is None:
                 return
             buffer, found = self._stream.feed(data)
             for frame in found.frames:
-                yield buffer[frame.start : frame.end]
+                one = buffer[frame.start : frame.end]
+                if self._identity is None or self._identity.receive(one, device, now):
+                    yield one
 
     def _print(self, text: str) -> None:
         """Print a line, unless it was printed before."""

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from arena.emergency.direct_link import DirectLink
+from arena.emergency.identity_check import RelayedIdentity
 from arena.emergency.landing_sequence import Action, LandingSequence
 from arena.emergency.run_record import recorded_down
 from arena.emergency.targets import Target
@@ -45,32 +46,44 @@ class TargetConnections:
         self.panic = _open_panic_link(target)
         self._began, self._next_bind = now, now + _REBIND_S
         self._direct: DirectLink | None = None
+        self._relayed: RelayedIdentity | None = None
         if target.direct is not None:
+            system, component, uid = target.id, landing.component, target.direct.uid
             self._direct = DirectLink(
                 target.direct,
                 name=target.name,
-                system=target.id,
+                system=system,
+                component=component,
                 link_address=target.autopilot,
                 say=say,
             )
+            if uid:
+                said = _OnceEach(lambda text: say(f"{target.name}: {text}"))
+                self._relayed = RelayedIdentity(system=system, component=component, uid=uid, say=said)
 
     def send(self, now: float) -> None:
         """Send the frames that are due, on every connection."""
         frames = self.landing.due(now)
+        self._send_relayed(frames, now)
+        if self._direct is not None:
+            received_at = self.landing.reported.received_at
+            silent_s = now - (self._began if received_at is None else received_at)
+            self._direct.step(silent_s, now, needed=not self.landing.confirmed)
+            self._direct.send(frames, now)
+        if self.panic is None and now >= self._next_bind:
+            self._next_bind = now + _REBIND_S
+            self.panic = _open_panic_link(self.target)
+
+    def _send_relayed(self, frames: list[bytes], now: float) -> None:
+        """Send frames on the panic link and through the router."""
+        if self._relayed is not None:
+            requests = self._relayed.requests(now)
+            frames = requests if self._relayed.is_other else [*frames, *requests]
         for frame in frames:
             with contextlib.suppress(OSError):  # a network that is away may be back at the next turn
                 (self.panic or self.router).sendto(frame, self.target.autopilot)
             with contextlib.suppress(OSError):
                 self.router.sendto(frame, self.target.tools)
-        if self._direct is not None:
-            received_at = self.landing.reported.received_at
-            if not self.landing.confirmed:
-                self._direct.step(now - (self._began if received_at is None else received_at), now)
-            for frame in frames:
-                self._direct.send(frame)
-        if self.panic is None and now >= self._next_bind:
-            self._next_bind = now + _REBIND_S
-            self.panic = _open_panic_link(self.target)
 
     def readers(self) -> dict[int, Callable[[], None]]:
         """Return file descriptor -> function that reads from it."""
@@ -103,13 +116,15 @@ class TargetConnections:
 
     def _read(self, sock: socket.socket) -> None:
         for data, sender in receive_datagrams(sock):
-            if sender in (self.target.autopilot, self.target.tools):
+            known = sender in (self.target.autopilot, self.target.tools)
+            if known and (self._relayed is None or self._relayed.receive(data)):
                 self.landing.on_datagram(data, time.monotonic())
 
     def _read_direct(self, fd: int) -> None:
         assert self._direct is not None
-        for data in self._direct.read(fd):
-            self.landing.on_datagram(data, time.monotonic())
+        now = time.monotonic()
+        for data in self._direct.read(fd, now):
+            self.landing.on_datagram(data, now)
 
 
 def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, say: Say = print) -> int:
@@ -144,29 +159,38 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
     return code or (EXIT_OK if confirmed else EXIT_FAILED)
 
 
+class _OnceEach:
+    """Prints each text once."""
+
+    def __init__(self, say: Say) -> None:
+        self._say, self._printed = say, set[str]()
+
+    def __call__(self, text: str) -> None:
+        if text not in self._printed:
+            self._printed.add(text)
+            self._say(text)
+
+
 class _Isolation:
     """Catches the errors of one vehicle, so that they do not stop the landing of the others. Each error is
     printed once.
     """
 
     def __init__(self, say: Say) -> None:
-        self._say, self._printed = say, set[str]()
+        self._say = _OnceEach(say)
 
     @contextlib.contextmanager
     def __call__(self, name: str) -> Iterator[None]:
         try:
             yield
         except Exception as error:
-            line = f"{name}: {type(error).__name__}: {error}; retrying"
-            if line not in self._printed:
-                self._printed.add(line)
-                self._say(line)
+            self._say(f"{name}: {type(error).__name__}: {error}; retrying")
 
 
 def _work(
     all_connections: list[TargetConnections], began: float, end: float, say: Say, isolated: _Isolation
 ) -> None:
-    refusals: set[str] = set()
+    said = _OnceEach(say)
     next_record = began + _READ_RECORD_S
     while (now := time.monotonic()) < end:
         if now >= next_record:
@@ -176,7 +200,7 @@ def _work(
         for connections in all_connections:
             with isolated(connections.target.name):
                 connections.send(now)
-                _say_changes(connections.landing, refusals, say)
+                _say_changes(connections.landing, said, say)
         if all(connections.is_over(began, now) for connections in all_connections):
             return
         _receive(all_connections, isolated)
@@ -207,13 +231,11 @@ def _read_records(all_connections: list[TargetConnections]) -> None:
                 connections.down = down.get(connections.target.name, "")
 
 
-def _say_changes(landing: LandingSequence, printed: set[str], say: Say) -> None:
+def _say_changes(landing: LandingSequence, say_once: _OnceEach, say: Say) -> None:
     for text in landing.take_events():
         say(f"{landing.name}: {text}")
-    line = f"{landing.name}: {landing.refusal}; retrying"
-    if landing.refusal and line not in printed:
-        printed.add(line)
-        say(line)
+    if landing.refusal:
+        say_once(f"{landing.name}: {landing.refusal}; retrying")
 
 
 def _open_panic_link(target: Target) -> socket.socket | None:

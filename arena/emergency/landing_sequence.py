@@ -75,7 +75,7 @@ class LandingSequence:
         self._reason, self._reason_at = "", -_REASON_S
         self._pilot = PilotWatch()
         self._sender = mav.MinimalSender(SYSTEM, component)
-        self._component = component
+        self.component = component
         self._began = self._next_send = self._next_heartbeat = now
         self._confirmed_at: float | None = None
 
@@ -104,7 +104,7 @@ class LandingSequence:
         return frames
 
     def take_events(self) -> list[str]:
-        """Return the texts for the user since the last call: the pilot has taken or left manual control."""
+        """Return the texts for the user since the last call. They report that the pilot has taken or left manual control."""
         found, self._pilot.events = self._pilot.events, []
         return found
 
@@ -155,7 +155,7 @@ class LandingSequence:
         return frames
 
     def _missing_telemetry(self, now: float) -> list[bytes]:
-        """Return requests for the messages that confirm a landing, if they are missing."""
+        """Return requests for the messages that confirm a landing, as far as the vehicle does not send them."""
         if now - self._began < REQUEST_AFTER_S:
             return []
         missing = {mav.HEARTBEAT: self.reported.armed, mav.EXTENDED_SYS_STATE: self.reported.landed}
@@ -203,7 +203,7 @@ class LandingSequence:
 
     def _on_ack(self, ack: mav.AckFields, now: float) -> None:
         system, component = ack.target
-        if system not in (0, SYSTEM) or component not in (0, self._component):
+        if system not in (0, SYSTEM) or component not in (0, self.component):
             return
         words = _COMMAND_WORDS.get(ack.command)
         if words is None or ack.result == mav.IN_PROGRESS:

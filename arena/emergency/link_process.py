@@ -60,9 +60,20 @@ def kill(process: ProcessIdentity) -> bool:
         os.close(handle)
 
 
-def _is_same(process: ProcessIdentity) -> bool:
-    try:
-        fields = Path(f"/proc/{process.pid}/stat").read_bytes().rpartition(b")")[2].split()
-    except OSError:
-        return False
+def is_running(process: ProcessIdentity | None) -> bool:
+    """Return whether the recorded process exists, and has neither ended nor been stopped by a signal."""
+    fields = [] if process is None else _stat(process.pid)
+    return process is not None and _is_same(process, fields) and fields[0] not in b"ZXTt"
+
+
+def _is_same(process: ProcessIdentity, fields: list[bytes] | None = None) -> bool:
+    fields = _stat(process.pid) if fields is None else fields
     return len(fields) >= 20 and abs(int(fields[19]) * _TICK_S - process.start_s) < _START_TOLERANCE_S
+
+
+def _stat(pid: int) -> list[bytes]:
+    """Return the fields of /proc/PID/stat from the state on; empty if the process does not exist."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
+    except OSError:
+        return []

@@ -27,7 +27,7 @@ class PilotWatch:
 
     @property
     def words(self) -> str:
-        """Text for the user, such as "pilot has control (POSCTL): not commanded"."""
+        """Text that explains to the user why a vehicle is not commanded, such as "pilot has control (POSCTL): not commanded"."""
         return f"pilot has control ({self.mode}): not commanded"
 
     def on_heartbeat(self, armed: bool, mode: str, now: float) -> None:

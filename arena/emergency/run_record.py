@@ -1,9 +1,9 @@
 """Reads what a run folder records about a vehicle (crash, last address, link process), and records the
 commands of land-all and kill-all.
 
-<run>/events.jsonl    crashes of simulated vehicles and the end of PX4 processes
+<run>/events.jsonl    crashes of simulated vehicles, and states of processes
 <run>/wire/<v>.json   written by link.<v>: {"kind": "udpin", "local": [host, port], "vehicle": [host, port]}
-                      or {"kind": "serial", "device": "/dev/...", "baud": 57600}
+                      or {"kind": "serial", "device": "/dev/...", "baud": 57600}; "uid" is the hardware uid
 <run>/state.json      process ids and start times, written by the supervisor
 <run>/emergency.jsonl commands of land-all and kill-all, written by this module for the programs of the run
 """
@@ -13,15 +13,18 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import json
+import os
+import re
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from arena.transport import Address, ConnectionUrl
 
 _ENDED = ("EXITED", "FATAL")
+_LAST_EVENTS_BYTES = 1 << 18
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -44,13 +47,17 @@ class DirectAddress:
     connection: URL from the plan or the YAML
     local: UDP address to which the link process was bound; None for any
     vehicle: UDP address of the vehicle; None if unknown
+    uid: hardware uid of the vehicle's autopilot, in hexadecimal digits; "" if unknown
     link_process: the process that holds the connection; None if unknown
+    run: run folder; None if unknown
     """
 
     connection: ConnectionUrl
     local: Address | None = None
     vehicle: Address | None = None
+    uid: str = ""
     link_process: ProcessIdentity | None = None
+    run: Path | None = field(default=None, compare=False)
 
     @classmethod
     def of(cls, connection: ConnectionUrl) -> DirectAddress:
@@ -73,7 +80,32 @@ def with_run_record(direct: DirectAddress, vehicle: str, run: Path) -> DirectAdd
         if seen["kind"] == direct.connection.kind and seen["kind"] != "serial":
             local, last = (_address(seen[key]) if seen.get(key) else None for key in ("local", "vehicle"))
             direct = replace(direct, local=local or direct.local, vehicle=last or direct.vehicle)
-    return replace(direct, link_process=_process(f"link.{vehicle}", run))
+    uid = _recorded_uid(vehicle, run) or direct.uid
+    return replace(direct, uid=uid, link_process=recorded_process(f"link.{vehicle}", run), run=run)
+
+
+def recorded_process(name: str, run: Path) -> ProcessIdentity | None:
+    """Return the process that state.json lists under this name, or the supervisor; None if there is none.
+
+    name: name of a process, or "supervisor"
+    """
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        state = json.loads((run / "state.json").read_text())
+        if state["boot"] == _BOOT_ID.read_text().strip():
+            member = state["supervisor"] if name == "supervisor" else state["processes"][name]
+            return ProcessIdentity(name=name, pid=int(member["pid"]), start_s=float(member["start_s"]))
+    return None
+
+
+def has_given_up(name: str, run: Path) -> bool:
+    """Return whether the supervisor has recorded that it does not restart this process. Reads the end of
+    events.jsonl only.
+    """
+    last = ""
+    for event in _events(run / "events.jsonl", last_bytes=_LAST_EVENTS_BYTES):
+        if event.get("process") == name and "to" in event:
+            last = str(event["to"])
+    return last in _ENDED
 
 
 def recorded_down(run: Path, vehicles: Iterable[str]) -> dict[str, str]:
@@ -110,27 +142,38 @@ def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -
         found.pop(vehicle, None)
 
 
-def _events(file: Path) -> Iterator[dict[str, Any]]:
+def _events(file: Path, last_bytes: int | None = None) -> Iterator[dict[str, Any]]:
+    """Yield the events in a file. last_bytes: read only this many bytes at its end; None for the whole file."""
     try:
-        lines = file.read_text(errors="replace").splitlines()
+        with file.open("rb") as opened:
+            if last_bytes is not None:
+                opened.seek(max(0, os.fstat(opened.fileno()).st_size - last_bytes))
+            lines = opened.read().decode(errors="replace").splitlines()
     except OSError:
         return
     for line in lines:
         try:
             event = json.loads(line)
-        except ValueError:  # the last line may be half written
+        except ValueError:  # the first and the last line may be incomplete
             continue
         if isinstance(event, dict):
             yield event
 
 
-def _process(name: str, run: Path) -> ProcessIdentity | None:
+def _recorded_uid(vehicle: str, run: Path) -> str:
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        state = json.loads((run / "state.json").read_text())
-        if state["boot"] == _BOOT_ID.read_text().strip():
-            member = state["processes"][name]
-            return ProcessIdentity(name=name, pid=int(member["pid"]), start_s=float(member["start_s"]))
-    return None
+        seen = json.loads((run / "wire" / f"{vehicle}.json").read_text())
+        return valid_uid(seen["uid"])
+    return ""
+
+
+def valid_uid(raw: Any) -> str:
+    """Return a hardware uid of 8 or 18 bytes in hexadecimal digits; "" if `raw` is no such uid."""
+    return (
+        raw.lower()
+        if isinstance(raw, str) and re.fullmatch(r"([0-9a-fA-F]{16}|[0-9a-fA-F]{36})", raw)
+        else ""
+    )
 
 
 def _address(raw: Any) -> Address:

@@ -7,11 +7,11 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from arena.emergency.run_record import DirectAddress, with_run_record
+from arena.emergency.run_record import DirectAddress, valid_uid, with_run_record
 from arena.emergency.yaml_fallback import VehicleEntry, read_yaml, vehicles_of
 from arena.errors import InputError
 from arena.run_dirs import pointers
@@ -160,7 +160,8 @@ def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
 
 def _planned_direct(plan: Any, vehicle: str, run: Path | None) -> DirectAddress | None:
     try:
-        direct = DirectAddress.of(url_from_json(plan["slices"][f"link.{vehicle}.json"]["wire"]))
+        slice_ = plan["slices"][f"link.{vehicle}.json"]
+        direct = replace(DirectAddress.of(url_from_json(slice_["wire"])), uid=valid_uid(slice_.get("uid")))
     except (KeyError, TypeError, ValueError):
         return None
     return with_run_record(direct, vehicle, run) if run is not None else direct

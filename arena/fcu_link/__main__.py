@@ -19,8 +19,8 @@ from arena.fcu_link.core import SIMULATOR, FcuLink, Out
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.simulator_client import SimulatorClient
 from arena.fcu_link.transports import FcuTransport, open_transport
-from arena.process_context import ProcessContext, ShutdownPolicy
-from arena.transport import listen_udp, receive_datagrams
+from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
+from arena.transport import AgedSocket, StampAges, listen_udp
 from arena.wire.qgc_params import format_params
 
 _TICK_S = 0.05
@@ -41,8 +41,10 @@ class FcuLinkShell:
         now = time.monotonic()
         self._process, self._s = process, settings
         self._core = FcuLink(settings, now)
+        self._ages = StampAges(time.time(), now)
         self._sockets = {
-            name: listen_udp(ends.local, f"the {name} link") for name, ends in settings.links.items()
+            name: AgedSocket(listen_udp(ends.local, f"the {name} link"), self._ages, now)
+            for name, ends in settings.links.items()
         }
         self._remotes = {name: ends.remote for name, ends in settings.links.items()}
         self._by_fd = {s.fileno(): name for name, s in self._sockets.items()}
@@ -59,10 +61,10 @@ class FcuLinkShell:
         self._write_params()
 
     def run(self) -> None:
-        """Run the link until a stop signal arrives. If the supervisor dies, continue until the vehicle is
-        disarmed.
+        """Run the link until a stop signal arrives; a real vehicle is served until it is disarmed. If the supervisor dies,
+        continue until the vehicle is disarmed.
         """
-        while not (self._process.stopping or self._over):
+        while not (self._over or (self._process.stopping and self._process.may_end(self._armed_real()))):
             self._wait()
             now = time.monotonic()
             for data, found in self._transport.read(now):
@@ -74,6 +76,11 @@ class FcuLinkShell:
                 self._tick(now)
             self._flush(now)
         self._report_stats(time.monotonic())
+
+    def _armed_real(self) -> list[str]:
+        """Return the name of the vehicle if it is real and armed."""
+        armed = not self._s.simulated and self._core.armed(time.monotonic())
+        return [self._s.vehicle] if armed else []
 
     def close(self) -> None:
         self._transport.close()
@@ -97,17 +104,22 @@ class FcuLinkShell:
         ):
             poll.register(world, select.POLLIN)
         until = min(self._next_tick, now + 0.002) if len(self._core.queue) else self._next_tick
-        for fd, _ in poll.poll(max(0.0, 1e3 * (until - now))):
-            if fd in self._by_fd:
-                self._read_link(self._by_fd[fd])
+        readable = {fd for fd, _ in poll.poll(max(0.0, 1e3 * (until - now)))}
+        for fd, name in self._by_fd.items():
+            if fd in readable:
+                self._read_link(name)
+            else:
+                self._sockets[name].on_empty(
+                    now
+                )  # `now` is before the poll, in case the process was stopped after it
 
     def _read_link(self, name: str) -> None:
         link, remote = self._sockets[name], self._remotes[name]
-        for data, sender in receive_datagrams(link):
+        for data, sender, age_s in link.receive():
             if sender == remote or (
                 name == "panic" and sender[0] == remote[0]
             ):  # a second land-all, which PX4 would obey too
-                self._send(self._core.from_link(name, data, time.monotonic()))
+                self._send(self._core.from_link(name, data, time.monotonic(), age_s))
             else:
                 self._core.counts[f"from {name}: unknown sender"] += 1
 
@@ -126,6 +138,7 @@ class FcuLinkShell:
 
     def _tick(self, now: float) -> None:
         self._next_tick = max(self._next_tick + _TICK_S, now)
+        self._ages.update(time.time(), now)
         self._transport.tick(now)
         self._core.tick(now)
         for request in self._process.requests():
@@ -138,7 +151,7 @@ class FcuLinkShell:
             self._write_params()
         orphaned = self._process.orphaned
         if orphaned:
-            self._core.gate.on_supervisor_lost()
+            self._core.gate.on_request(SUPERVISOR_LOST, now)
         self._over = self._shutdown.over(orphaned=orphaned, any_armed=self._core.armed(now), now=now)
         if now >= self._next_second:
             self._report_stats(now)

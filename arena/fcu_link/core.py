@@ -24,9 +24,12 @@ from arena.authority import MESSAGES, CommandGate, command_of, pack_reply, role_
 from arena.fcu_link.arming_guard import STICKS, needs_checks, request_words
 from arena.fcu_link.param_check import ParamCheck
 from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks
+from arena.fcu_link.radio_check import PARAMS as RADIO_PARAMS
+from arena.fcu_link.radio_check import RadioCheck
 from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
+from arena.wire.age_limits import SHORTEST_LIMIT_S, without_old_frames
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, ParsedFrames, parse_frames
 from arena.wire.mavlink_params import parse_error, parse_value
@@ -64,6 +67,7 @@ _DECODED = frozenset(
         mavlink.MAVLINK_MSG_ID_ATTITUDE,
         mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
         mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
+        mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
         mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
     }
 )
@@ -86,12 +90,15 @@ class FcuLink:
         self.system, self._s = s.id, s
         self.counts: Counter[str] = Counter()
         self.flow: Counter[str] = Counter()
-        self.queue = SendQueue(self.counts)
+        self.queue = SendQueue(self.counts, s.preflight.pose_age_s)
         self.gate = CommandGate(s.vehicle, s.id, simulated=s.simulated)
         self.checks = PreflightChecks(s.preflight)
         display_path = "/".join(s.params_file.split("/")[-2:])
-        self.params = ParamCheck(s.params, display_path)
-        self._streams = StreamRequests(wide=s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD)
+        radio = s.preflight.radio
+        self.radio = RadioCheck(radio) if radio is not None else None
+        self.params = ParamCheck(s.params, display_path, RADIO_PARAMS if radio is not None else ())
+        wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
+        self._streams = StreamRequests(wide=wide, radio=radio is not None)
         self._codec, self._autopilot_codec = Codec(s.id, COMPONENT), Codec(s.id, AUTOPILOT)
         self._events: list[str] = []
         self._panic_received_at = -math.inf
@@ -171,7 +178,7 @@ class FcuLink:
         if now - self.checks.received_at > _SILENT_S:
             self._streams.restart()
             if not self.checks.armed:  # another vehicle may have been connected meanwhile
-                self.params.restart()
+                self._restart_setup()
         self.checks.received_at = now
         self._streams.on_message(frame.msgid, now)
         if frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_VALUE:
@@ -199,6 +206,8 @@ class FcuLink:
                 self.gate.on_state(armed, mode_words(m.custom_mode), now)
                 self._on_heartbeat(armed, now)
             self.checks.on_autopilot(m, now)
+            if self.radio is not None:
+                self.radio.on_autopilot(m, now)
 
     def _on_heartbeat(self, armed: bool, now: float) -> None:
         if not self.ever_connected:
@@ -211,19 +220,31 @@ class FcuLink:
     def _rebooted(self) -> None:
         self._say("has rebooted: reading its parameters again")
         self.checks.reset()
-        self.params.restart()
+        self._restart_setup()
         self._streams.restart()
+
+    def _restart_setup(self) -> None:
+        """Read the parameters again, and demand a new test of the kill switch."""
+        self.params.restart()
+        if self.radio is not None:
+            self.radio.reset()
 
     # -- to the vehicle ------------------------------------------------------------------------------------------------
 
     def reasons(self, now: float) -> list[str]:
         """Return why the vehicle must not be armed now; empty if arming is allowed."""
-        return self.checks.reasons(now, self.params.reasons())
+        radio = self.radio.reasons(now, self.params.values()) if self.radio and self.alive(now) else []
+        return self.checks.reasons(now, [*radio, *self.params.reasons()])
 
-    def from_link(self, link: str, data: Buffer, now: float) -> Out:
+    def from_link(self, link: str, data: Buffer, now: float, age_s: float = 0.0) -> Out:
         """Process a datagram from the router, vision or panic link. Return the replies of this process as
         (link, datagram).
+
+        age_s: time since this computer received the datagram [s]; frames older than their limit are dropped
         """
+        if age_s > SHORTEST_LIMIT_S:
+            data, dropped = without_old_frames(data, age_s)
+            self.counts[f"from {link}: waited too long"] += dropped
         found = parse_frames(data)
         if found.garbage:
             self.counts[f"from {link}: garbage bytes"] += found.garbage
@@ -234,11 +255,11 @@ class FcuLink:
             if frame.msgid == _TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
             elif needs_checks(data, frame, self.system, armed=self.checks.armed and self.alive(now)):
-                out += self._guard(link, data, frame, now)
+                out += self._guard(link, data, frame, now, age_s)
             elif frame.msgid in STICKS and not self.checks.armed and self.reasons(now):
                 self.counts["to the vehicle: sticks refused"] += 1
             else:
-                out += self._pass(link, data, frame, now)
+                out += self._pass(link, data, frame, now, age_s)
         return out
 
     def from_simulator(self, data: Buffer, found: ParsedFrames, now: float) -> None:
@@ -267,8 +288,8 @@ class FcuLink:
                 self.checks.on_pose(m, now)
         return queued.frame
 
-    def _pass(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
-        """Queue a frame for the vehicle, unless its sender must not command the vehicle now. Return the refusal."""
+    def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
+        """Queue a frame for the vehicle if its sender may command the vehicle now. Else return the refusal, to be sent on the link."""
         if frame.msgid in MESSAGES and frame.target_sys in (0, self.system):
             role = role_on_link(link, frame.sysid, self.system)
             refusal = self.gate.refusal(role, data, frame, now)
@@ -276,16 +297,16 @@ class FcuLink:
                 self.counts[f"to the vehicle: refused: {refusal.why}"] += 1
                 reply = refusal.reply(self._autopilot_codec)
                 return [(link, reply)] if reply else []
-        self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now)
+        self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now - age_s)
         return []
 
-    def _guard(self, link: str, data: Buffer, frame: Frame, now: float) -> Out:
+    def _guard(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
         """Pass on a request that could arm the vehicle or spin a motor, or refuse it. Return the refusal as
         messages for the requesting link and for the router; empty if the request was passed on.
         """
         reasons = self.reasons(now)
         if not reasons:
-            return self._pass(link, data, frame, now)
+            return self._pass(link, data, frame, now, age_s)
         self.counts["to the vehicle: arming refused"] += 1
         if now - self._refusal_reported_at >= 1.0:
             self._refusal_reported_at = now

@@ -9,7 +9,7 @@ between.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from arena.wire.mavlink_params import DOES_NOT_EXIST, Value
@@ -27,7 +27,7 @@ _MAX_SHOWN = 3
 class _Param:
     """A required parameter: the value that the vehicle must have, and what the vehicle has replied so far.
 
-    wanted: required value
+    wanted: required value; None: the value is only read
     value: value read from the vehicle; None before the first reply
     kind: MAV_PARAM_TYPE; 0 before the first reply
     asked: time of the last request [s]
@@ -37,7 +37,7 @@ class _Param:
     answers_before: number of replies to all requests at the time of the first request for this parameter
     """
 
-    wanted: float
+    wanted: float | None = None
     value: float | None = None
     kind: int = 0
     asked: float = -math.inf
@@ -48,8 +48,8 @@ class _Param:
 
     @property
     def holds(self) -> bool:
-        if self.value is None:
-            return False
+        if self.value is None or self.wanted is None:
+            return self.value is not None
         return math.isclose(self.value, self.wanted, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
 
 
@@ -57,12 +57,15 @@ class ParamCheck:
     """Reads the required parameters from the vehicle and compares them with their required values.
 
     params: name -> required value
+    read: names of parameters that are only read, again and again
     display_path: path of the .params file as shown to the user
     events: messages for the user; the caller takes them and empties the list
     """
 
-    def __init__(self, params: Mapping[str, float], display_path: str) -> None:
+    def __init__(self, params: Mapping[str, float], display_path: str, read: Sequence[str] = ()) -> None:
         self._params = {name: _Param(wanted=value) for name, value in params.items()}
+        self._read = frozenset(read)
+        self._params |= {name: _Param() for name in read if name not in params}
         self._display_path = display_path
         self._answers = 0
         self._next_recheck = math.inf
@@ -78,6 +81,10 @@ class ParamCheck:
     def types(self) -> dict[str, int]:
         """Return parameter name -> MAV_PARAM_TYPE, for the parameters that have been read."""
         return {name: p.kind for name, p in self._params.items() if p.kind}
+
+    def values(self) -> dict[str, float | None]:
+        """Return the values of the parameters `read`. None: not read yet; NaN: the vehicle does not have the parameter."""
+        return {name: math.nan if (p := self._params[name]).unknown else p.value for name in self._read}
 
     def restart(self) -> None:
         """Read all parameters again, because the vehicle has rebooted."""
@@ -128,9 +135,9 @@ class ParamCheck:
 
     def _differences(self) -> Iterator[str]:
         for name, p in self._params.items():
-            if p.unknown:
+            if p.unknown and p.wanted is not None:
                 yield f"{name} is unknown to the vehicle"
-            elif p.value is not None and not p.holds:
+            elif p.value is not None and p.wanted is not None and not p.holds:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
     def _mark_unknown(self, p: _Param) -> bool:
@@ -149,8 +156,8 @@ class ParamCheck:
 
     def _recheck(self, now: float) -> None:
         self._next_recheck = now + RECHECK_S
-        for p in self._params.values():
-            if p.unknown or not p.holds:
+        for name, p in self._params.items():
+            if p.unknown or not p.holds or name in self._read:
                 p.due, p.tries, p.asked = True, 0, -math.inf
 
     def _report(self, now: float) -> None:
@@ -160,13 +167,13 @@ class ParamCheck:
         if self._next_recheck == math.inf:
             self._next_recheck = now + RECHECK_S
         wrong = list(self._differences())
-        all_ = len(self._params)
+        all_ = sum(p.wanted is not None for p in self._params.values())
         words = (
             f"{len(wrong)} of {all_} parameters differ: {'; '.join(wrong)}"
             if wrong
             else f"all {all_} parameters are as required"
         )
-        if self._params and words != self._last_event:
+        if all_ and words != self._last_event:
             self._last_event = words
             self.events.append(
                 words

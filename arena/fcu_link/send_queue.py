@@ -1,22 +1,33 @@
-"""Queue of frames for the flight controller, sorted by priority. Old frames are dropped. Pure.
+"""Queue of frames for the flight controller. Frames that have become too old are dropped. Pure.
 
-The queue is short, because the autopilot would treat a pose or setpoint that has waited as a current one.
+The queue is short, because the autopilot would treat a pose or setpoint that has waited as a current one. Of each kind
+of pose, setpoint, manual input and sensor message only the newest frame waits.
+
+Frames of `land-all` and `kill-all` (lane PANIC) are sent first. The other lanes share the connection by their weights: on a
+connection that is too slow for all frames, each lane still sends its share, so a flood in one lane does not delay the
+poses, setpoints and commands in the other lanes for long. While the shares differ little, frames are sent by their source
+(`Priority`) and in the order of their arrival.
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.wire.age_limits import MANUAL_INPUTS, POSES, SETPOINTS, age_limit_s
+
 MAX_BYTES = 8192
-MAX_AGE_S = 1.0
 
 
 class Priority(IntEnum):
-    """Priority of a frame, by its source; a smaller number is sent first."""
+    """Source of a frame: land-all or kill-all, the router, the world (the simulator) or the pose forwarder.
+
+    A smaller number is sent first, while the lanes have sent about equal shares.
+    """
 
     PANIC = 0
     ROUTER = 1
@@ -24,72 +35,147 @@ class Priority(IntEnum):
     VISION = 3
 
 
-# Most frames of a message that may wait; a newer one replaces the oldest. PX4 stamps each frame on arrival, so two frames that
-# arrive together would have the same time.
-_MAX_WAITING = {
-    mavlink.MAVLINK_MSG_ID_ODOMETRY: 1,
-    mavlink.MAVLINK_MSG_ID_HIL_SENSOR: 1,
-    mavlink.MAVLINK_MSG_ID_HIL_GPS: 1,
-}
+class Lane(IntEnum):
+    """Part of the queue. PANIC, SIMULATOR and VISION have the frames of one source, the others those of the router."""
+
+    PANIC = 0
+    COMMAND = 1
+    SETPOINT = 2
+    OTHER = 3
+    SIMULATOR = 4
+    VISION = 5
+
+
+# Shares of the bytes on a slow connection. Poses have the largest share: without them the vehicle must land.
+_WEIGHTS = {Lane.COMMAND: 2, Lane.VISION: 6, Lane.SETPOINT: 2, Lane.SIMULATOR: 6, Lane.OTHER: 1}
+_EQUAL_SHARES = 100.0  # lanes whose shares differ by less are equal [bytes / weight]
+_COMMANDS = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
+        mavlink.MAVLINK_MSG_ID_SET_MODE,
+        mavlink.MAVLINK_MSG_ID_COMMAND_INT,
+        mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
+    }
+)
+_STEERING = SETPOINTS | MANUAL_INPUTS
+# Of these messages only the newest waits. PX4 stamps each frame on arrival, so two poses that arrive together would have the
+# same time.
+_NEWEST_ONLY = POSES | _STEERING | {mavlink.MAVLINK_MSG_ID_HIL_SENSOR, mavlink.MAVLINK_MSG_ID_HIL_GPS}
 
 
 class QueuedFrame(NamedTuple):
-    """Frame in the queue. since: time at which it was added [s]."""
+    """Frame in the queue. since: time at which this computer received it [s]. place: order of arrival."""
 
     frame: bytes
     msgid: int
     since: float
     priority: Priority
+    place: int
+
+
+@dataclass(kw_only=True)
+class _Frames:
+    """Frames of one lane. sent: sent bytes divided by the lane's weight, at least as many as of the lane that sent last."""
+
+    frames: deque[QueuedFrame] = field(default_factory=deque)
+    sent: float = 0.0
 
 
 class SendQueue:
-    """Queue of frames, sorted by priority. counts: number of frames that were not sent, by reason."""
+    """Queue of frames in lanes. counts: number of frames that were not sent, by reason.
 
-    def __init__(self, counts: Counter[str]) -> None:
-        self._counts = counts
-        self._queues: dict[Priority, deque[QueuedFrame]] = {priority: deque() for priority in Priority}
-        self._bytes = 0
+    pose_age_s: age limit of poses [s]; 0 for the usual limit
+    """
+
+    def __init__(self, counts: Counter[str], pose_age_s: float = 0.0) -> None:
+        self._counts, self._pose_age_s = counts, pose_age_s
+        self._lanes = {lane: _Frames() for lane in Lane}
+        self._sent = 0.0
+        self._bytes = self._place = 0
 
     def __len__(self) -> int:
-        return sum(map(len, self._queues.values()))
+        return sum(len(lane.frames) for lane in self._lanes.values())
 
-    def put(self, priority: Priority, frame: bytes, msgid: int, now: float) -> None:
-        """Add a frame. When the queue is full, the oldest frame of the lowest priority is dropped."""
-        queue = self._queues[priority]
-        most = _MAX_WAITING.get(msgid)
-        if most is not None and sum(queued.msgid == msgid for queued in queue) >= most:
-            oldest = next(queued for queued in queue if queued.msgid == msgid)
-            queue.remove(oldest)
-            self._drop(oldest, "replaced by a newer one")
-        queue.append(QueuedFrame(frame, msgid, now, priority))
+    def put(self, priority: Priority, frame: bytes, msgid: int, since: float) -> None:
+        """Add a frame. When the queue is full, the oldest frame of the lane with the most bytes is dropped, but none of PANIC.
+
+        A frame that replaces an older one takes its place, so that it is not sent later because of the
+        replacement.
+        since: time at which this computer received the frame [s]
+        """
+        lane = self._lanes[_lane_of(priority, msgid)]
+        if not lane.frames:
+            lane.sent = max(lane.sent, self._sent)
+        waiting = self._waiting(lane, msgid)
+        if waiting is None:
+            self._place += 1
+            lane.frames.append(QueuedFrame(frame, msgid, since, priority, self._place))
+        else:
+            old = lane.frames[waiting]
+            self._drop(old, "replaced by a newer one")
+            lane.frames[waiting] = QueuedFrame(frame, msgid, since, priority, old.place)
         self._bytes += len(frame)
         while self._bytes > MAX_BYTES:
-            lowest = next(p for p in reversed(Priority) if self._queues[p])
-            self._drop(self._queues[lowest].popleft(), "queue full")
+            self._drop(self._largest_lane().frames.popleft(), "queue full")
 
     def take(self, now: float) -> QueuedFrame | None:
-        """Remove and return the next frame to send; None if there is none. Drop frames older than
-        `MAX_AGE_S`.
-        """
-        for queue in self._queues.values():
-            while queue:
-                found = queue.popleft()
-                if now - found.since <= MAX_AGE_S:
-                    self._bytes -= len(found.frame)
-                    return found
+        """Remove and return the next frame to send; None if there is none. Drop frames that are too old."""
+        while (lane := self._next_lane()) is not None:
+            found = self._lanes[lane].frames.popleft()
+            if now - found.since > self._limit_s(found.msgid):
                 self._drop(found, "waited too long")
+                continue
+            self._bytes -= len(found.frame)
+            if lane is not Lane.PANIC:
+                self._sent = max(self._sent, self._lanes[lane].sent)
+                self._lanes[lane].sent += len(found.frame) / _WEIGHTS[lane]
+            return found
         return None
 
     def clear(self) -> None:
         """Drop all frames, because the connection is interrupted and old frames must not be sent after it is
         restored.
         """
-        for queue in self._queues.values():
-            for queued in queue:
+        for lane in self._lanes.values():
+            for queued in lane.frames:
                 self._counts[f"to the vehicle: not connected ({queued.priority.name.lower()})"] += 1
-            queue.clear()
+            lane.frames.clear()
         self._bytes = 0
+
+    def _next_lane(self) -> Lane | None:
+        """Return the lane PANIC if it has frames, else the lane that has sent the smallest share."""
+        if self._lanes[Lane.PANIC].frames:
+            return Lane.PANIC
+        waiting = {name: lane for name, lane in self._lanes.items() if lane.frames}
+        if not waiting:
+            return None
+        least = min(lane.sent for lane in waiting.values())
+        equal = [name for name, lane in waiting.items() if lane.sent < least + _EQUAL_SHARES]
+        return min(equal, key=lambda name: (waiting[name].frames[0].priority, waiting[name].frames[0].place))
+
+    def _largest_lane(self) -> _Frames:
+        others = [lane for name, lane in self._lanes.items() if lane.frames and name is not Lane.PANIC]
+        return max(
+            others or [self._lanes[Lane.PANIC]], key=lambda lane: sum(len(q.frame) for q in lane.frames)
+        )
+
+    def _waiting(self, lane: _Frames, msgid: int) -> int | None:
+        """Return the index of the waiting frame that a new frame replaces."""
+        if msgid not in _NEWEST_ONLY:
+            return None
+        return next((i for i, queued in enumerate(lane.frames) if queued.msgid == msgid), None)
+
+    def _limit_s(self, msgid: int) -> float:
+        return self._pose_age_s if self._pose_age_s and msgid in POSES else age_limit_s(msgid)
 
     def _drop(self, dropped: QueuedFrame, why: str) -> None:
         self._bytes -= len(dropped.frame)
         self._counts[f"to the vehicle: {why} ({dropped.priority.name.lower()})"] += 1
+
+
+def _lane_of(priority: Priority, msgid: int) -> Lane:
+    if priority is not Priority.ROUTER:
+        return Lane[priority.name]
+    if msgid in _STEERING:
+        return Lane.SETPOINT
+    return Lane.COMMAND if msgid in _COMMANDS else Lane.OTHER

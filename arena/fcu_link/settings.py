@@ -31,6 +31,7 @@ class Preflight:
     size_m: size of the arena north, east and up [m]
     height_m: distance from the body's origin down to its lowest point [m]
     poses: a pose forwarder sends poses to the vehicle
+    radio: values of COM_RC_IN_MODE with which the pilot's RC transmitter works; None if no transmitter is required
     """
 
     position_m: float
@@ -41,6 +42,7 @@ class Preflight:
     size_m: tuple[float, float, float]
     height_m: float
     poses: bool
+    radio: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +118,7 @@ def _preflight(raw: Mapping[str, Any]) -> Preflight:
         size_m=(north, east, height),
         height_m=_finite("preflight.height_m", raw["height_m"]),
         poses=poses,
+        radio=None if raw["radio"] is None else tuple(int(mode) for mode in raw["radio"]),
     )
 
 

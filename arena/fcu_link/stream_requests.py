@@ -23,6 +23,7 @@ _NEEDED = {
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
 }
+_RADIO = {mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 2.0}
 # For logs and `sen.imu`: requested on connections that are fast enough.
 _WIDE = {
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 30.0,
@@ -66,10 +67,11 @@ class StreamRequests:
     Pass every received message id to `on_message`. Call `due` a few times a second, and send the request that
     it returns.
     wide: the connection is fast enough for messages that only logs need
+    radio: the vehicle needs an RC transmitter, so its RC channels are requested
     """
 
-    def __init__(self, *, wide: bool) -> None:
-        self._hz = _NEEDED | (_WIDE if wide else {})
+    def __init__(self, *, wide: bool, radio: bool = False) -> None:
+        self._hz = _NEEDED | (_RADIO if radio else {}) | (_WIDE if wide else {})
         self._streams: dict[int, _Stream] = {}
         self._pending: tuple[int, float] | None = None
         self.events: list[str] = []

@@ -1,4 +1,4 @@
-"""Filter for the commands that clients send to vehicles: only who may command a vehicle now reaches it (`arena.authority`)."""
+"""Filter of the router for commands of clients: only senders that may command a vehicle now (`arena.authority`) reach the vehicle."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame
 
 
 class CommandFilter:
-    """Filter for the commands to all vehicles of a router.
+    """Filter for the commands that clients of the router send to vehicles, with one `CommandGate` per vehicle.
 
     sim_now: returns the simulation time [s], by which commands to simulated vehicles are timed; None without a
     simulated world.
@@ -49,7 +49,7 @@ class CommandFilter:
         return found
 
     def on_heartbeat(self, vehicle: int, armed: bool, mode: str, now: float) -> None:
-        """Process the arming state and mode of a vehicle. vehicle: system id. now: monotonic [s]."""
+        """Process the arming state and mode from a heartbeat of a vehicle. vehicle: system id. now: monotonic [s]."""
         gate = self._gates[vehicle]
         gate.on_state(armed, mode, self._time(gate, now))
         if gate.has_news:
@@ -61,13 +61,8 @@ class CommandFilter:
             gate.on_request(request, self._time(gate, now))
         self._news |= set(self._gates)
 
-    def on_supervisor_lost(self) -> None:
-        """Refuse arming from now on, because the supervisor has ended."""
-        for gate in self._gates.values():
-            gate.on_supervisor_lost()
-
     def changes(self) -> tuple[list[str], dict[str, str]]:
-        """Return the events and changed facts of simulated vehicles since the last call.
+        """Return the events of simulated vehicles since the last call, and their facts that have changed.
 
         The hardware links report those of real vehicles.
         """

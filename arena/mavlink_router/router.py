@@ -129,11 +129,9 @@ class Router:
             for v in self._vehicles
         }
 
-    def any_armed(self, *, simulated: bool) -> bool:
-        """Return whether a vehicle is armed. Only simulated vehicles count if `simulated` is true, else only
-        real vehicles.
-        """
-        return any(v.status.armed for v in self._vehicles if v.vehicle.simulated == simulated)
+    def armed(self, *, simulated: bool) -> list[str]:
+        """Return the names of the armed vehicles: the simulated ones if `simulated` is true, else the real ones."""
+        return [v.vehicle.name for v in self._vehicles if v.status.armed and v.vehicle.simulated == simulated]
 
     @property
     def all_connected(self) -> bool:
@@ -281,7 +279,7 @@ class Router:
     def _vehicle_of(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the key in `_up_routes` of the vehicles to which a client's frame must be sent."""
+        """Return the key in `_up_routes` (addresses of vehicles) for the vehicles to which a client's frame must be sent."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self.counts.dropped["a vehicle's message, returned by a client"] += 1
@@ -299,7 +297,9 @@ class Router:
         return self._allowed(target, endpoint, data, frame, now) if msgid in MESSAGES else target
 
     def _allowed(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
-        """Return the key in `_up_routes` of the vehicles that a command may reach. target: one of them, 0 for all."""
+        """Return the key in `_up_routes` (addresses of vehicles) for the vehicles that a command may reach.
+        target: system id, 0 for all vehicles.
+        """
         allows = self.commands.allows
         if target and allows(target, endpoint, data, frame, now):
             return target

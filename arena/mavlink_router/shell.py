@@ -11,12 +11,14 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.clock import SimTime
 from arena.errors import RunError
+from arena.mavlink_router.backlog import Backlog
 from arena.mavlink_router.endpoints import Out
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
-from arena.process_context import ProcessContext, ShutdownPolicy
+from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
 from arena.transport import MAX_DATAGRAM_BYTES, listen_udp
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import Buffer
 
 SYSTEM, COMPONENT = 254, 190
 READY_TIMEOUT_S = 10.0  # after this time without a vehicle's heartbeat the other vehicles start
@@ -51,14 +53,19 @@ class RouterShell:
         limit_s = 60.0 if table.simulated or mixed else None
         self._shutdown = [(True, ShutdownPolicy(limit_s=limit_s)), (False, ShutdownPolicy(limit_s=None))]
         self._began = self._next_tick = self._next_second = time.monotonic()
+        all_simulated = all(v.simulated for v in table.vehicles)
+        self._backlog = Backlog(
+            self._sockets, self._router.links.values(), self._world_time if all_simulated else None
+        )
         self._ready = False
         self._over = False
 
     def run(self) -> None:
-        """Route datagrams until a stop is requested. If the supervisor dies, route datagrams until all
-        vehicles are disarmed.
+        """Route datagrams until a stop is requested and no real vehicle is armed. If the supervisor dies, route
+        datagrams until all vehicles are disarmed.
         """
-        while not (self._process.stopping or self._over):
+        process, router = self._process, self._router
+        while not (self._over or (process.stopping and process.may_end(router.armed(simulated=False)))):
             self.turn(max(0.0, self._next_tick - time.monotonic()))
         self._process.stats(self._stats())
 
@@ -66,6 +73,7 @@ class RouterShell:
         """Run one cycle: wait at most `timeout_s` for datagrams, route them, and do the periodic work that is
         due.
         """
+        self._backlog.before_poll(time.monotonic())
         for fd, _ in self._poll.poll(timeout_s):
             self._read(fd)
         for (
@@ -90,11 +98,17 @@ class RouterShell:
 
     def _read(self, fd: int) -> None:
         receive, key = self._receive[fd]
+        now = time.monotonic()
+        data: Buffer
         try:
-            size, sender = receive(self._buffer)
+            if self._backlog.may_be_old(fd, now):
+                data, sender = self._backlog.receive(fd)
+            else:
+                size, sender = receive(self._buffer)
+                data = self._buffer[:size]
         except OSError:  # no datagram after all
             return
-        self._send(self._route(key, sender, self._buffer[:size], time.monotonic()))
+        self._send(self._route(key, sender, data, now))
 
     def _send(self, out: list[Out]) -> None:
         counts = self._router.counts
@@ -110,9 +124,10 @@ class RouterShell:
         self._router.tick(now)
         for request in self._process.requests():
             self._router.commands.on_request(request, now)
+        self._backlog.tick(now)
         orphaned = self._process.orphaned
         if orphaned:
-            self._router.commands.on_supervisor_lost()
+            self._router.commands.on_request(SUPERVISOR_LOST, now)
         self._over = self._is_over(orphaned, now)
         if not self._ready and (self._router.all_connected or now - self._began > READY_TIMEOUT_S):
             self._ready = True
@@ -142,7 +157,7 @@ class RouterShell:
 
     def _is_over(self, orphaned: bool, now: float) -> bool:
         over = [
-            policy.over(orphaned=orphaned, any_armed=self._router.any_armed(simulated=simulated), now=now)
+            policy.over(orphaned=orphaned, any_armed=bool(self._router.armed(simulated=simulated)), now=now)
             for simulated, policy in self._shutdown
         ]
         return all(over)
@@ -150,6 +165,8 @@ class RouterShell:
     def _stats(self) -> dict[str, Any]:
         counts = self._router.counts
         dropped = {why: n for why, n in counts.dropped.items() if n}
+        if self._backlog.dropped:
+            dropped["waited too long"] = self._backlog.dropped
         return {**vars(counts), "dropped": dropped, "telemetry": self._router.telemetry()}
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from arena.errors import InputError, Problem
 from arena.params.checks.findings import Finding
+from arena.params.facts.failsafe_table import rc_priority_modes
 from arena.plan.firmware import px4_version, written_param_findings
 from arena.schema import Arena
 from arena.schema.loader import YamlPath
@@ -19,7 +20,7 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
     process_names: names of all processes, in start order.
     """
     problems = [*_tool_needs(arena, process_names), *_versions(arena)]
-    problems += _parameters(arena) if not problems else []
+    problems += [*_parameters(arena), *_radio(arena)] if not problems else []
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=lambda p: (p.file, p.line)))
 
@@ -57,18 +58,32 @@ def _versions(arena: Arena) -> Iterator[Problem]:
 
 
 def _parameters(arena: Arena) -> Iterator[Problem]:
-    """Find PX4 parameters under `params` in the YAML whose name or value is wrong.
+    """Find PX4 parameters under `params` and `measured` in the YAML whose name or value is wrong.
 
     Parameters of a `params_file` are not checked, because the file may come from another vehicle. For hardware, an unknown
     name is allowed if no known name is similar, because the PX4 build may have its own modules.
     """
     for name, _, finding in written_param_findings(arena):
         v = arena.vehicle(name)
-        path = arena.source.layer(name, "params", finding.name)
+        key = "measured" if finding.name in v.measured else "params"
+        path = arena.source.layer(name, key, finding.name)
         unknown = finding.value is not None and finding.severity == "warning" and not v.simulated
         if finding.name in _LIMITS_NOT_KEPT or unknown or not arena.source.given(path):
             continue
         yield arena.source.problem(path, _sentences(finding))
+
+
+def _radio(arena: Arena) -> Iterator[Problem]:
+    """Find vehicles whose pilot has an RC transmitter, and whose parameters in the YAML make PX4 ignore it."""
+    for v in arena.vehicles:
+        value, modes = v.own_params.get("COM_RC_IN_MODE"), rc_priority_modes(px4_version(v))
+        if v.radio == "required" and value is not None and value not in modes:
+            words = " or ".join(map(str, modes))
+            message = (
+                f"got {value:g}, with which PX4 may ignore the pilot's RC transmitter; expected {words}. "
+                "If there is no pilot with a transmitter, write `radio: none`."
+            )
+            yield arena.source.problem(arena.source.layer(v.name, "params", "COM_RC_IN_MODE"), message)
 
 
 def _sentences(finding: Finding) -> str:

@@ -133,11 +133,12 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
     )
     return Requirements(
         system_id=v.id,
+        simulated=v.simulated,
         hover=v.profile.hover_command,
         gps=v.gps,
-        sticks=v.sticks,
+        sticks=v.has_rc,
         vision_delay_ms=arena.mocap.latency_ms + _FORWARDING_MS if v.forward else None,
-        failsafe=requirements_failsafe(arena.failsafe, has_sticks=v.sticks),
+        failsafe=requirements_failsafe(arena.failsafe, has_sticks=v.has_rc),
         landing_speed_m_s=arena.landing_speed_m_s,
         ceiling_m=arena.world.size[2],
         fence=_fence(arena, v),
@@ -145,15 +146,28 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
         moment_ratio_m=v.profile.moment_ratio_m,
         gains=dict(v.profile.params),
         own=dict(v.own_params),
+        measured=frozenset(v.measured),
         reasons=_reasons(arena, v),
     )
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements without rotor geometry and RC mapping if the autopilot does not need them.
-    Hardware keeps its own settings, and the built-in autopilot uses the profile.
+    """Remove rotor geometry and RC mapping for the built-in autopilot, which reads them from the profile."""
+    return replace(required, rotors=(), channels=0) if autopilot == "builtin" else required
+
+
+def unmeasured(arena: Arena, vehicle: Vehicle, version: str = "") -> dict[str, float]:
+    """Return the parameters that a real vehicle keeps as they are, because nobody has set or measured them.
+
+    Return name -> value of the simulated vehicle of this profile, for comparison; {} for a simulated vehicle.
+    version: as in `firmware`.
     """
-    return replace(required, rotors=(), channels=0) if autopilot in ("builtin", "hardware") else required
+    if vehicle.simulated:
+        return {}
+    version, real = px4_version(vehicle, version), requirements(arena, vehicle)
+    simulated = generate(replace(real, simulated=True, rotors=(), channels=0), version).values
+    own = generate(real, version).values
+    return {name: float(value) for name, value in simulated.items() if name not in own}
 
 
 def _checked_lines(arena: Arena, v: Vehicle, made: Generated) -> tuple[Line, ...]:
@@ -179,15 +193,17 @@ def _reasons(arena: Arena, v: Vehicle) -> dict[str, str]:
     }
     for key, given in (("gps", v.gps), ("sticks", v.sticks)):
         found[key] = f"{key}: true" if given else "arena's default"
+    if not v.simulated:
+        found["sticks"] = f"radio: {v.radio} ({arena.origins[f'vehicles.{v.name}.radio'].source})"
     failsafes = [("failsafe", key) for key in type(arena.failsafe).model_fields]
     for path in (*failsafes, ("landing_speed_m_s",), ("geofence",)):
         if source.given(path):
             found[".".join(path)] = source.origin(path)
     if arena.geofence is not None:
         found["ceiling_m"] = "below the ceiling: 0.6 of the height of room or fence, whichever is lower"
-    return found | {
-        f"own.{name}": arena.origins[f"vehicles.{v.name}.params.{name}"].source for name in v.own_params
-    }
+    own = {name: arena.origins[f"vehicles.{v.name}.params.{name}"].source for name in v.own_params}
+    own |= {name: f"measured {one.date}, {one.how} ({own[name]})" for name, one in v.measured.items()}
+    return found | {f"own.{name}": reason for name, reason in own.items()}
 
 
 def _fence(arena: Arena, v: Vehicle) -> FenceCylinder | None:

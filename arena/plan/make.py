@@ -84,6 +84,7 @@ def _vehicle(arena: Arena, v: Vehicle) -> VehiclePlan:
         tools_port=v.ports.tools,
         logger_port=v.ports.logger,
         mocap_body=v.mocap_body,
+        radio=v.radio,
     )
 
 

@@ -1,4 +1,4 @@
-"""Data classes of the plan, which lists the processes of a run. `make_plan` makes it, and the supervisor runs it.
+"""Data classes of the plan: the processes of a run and their settings. `make_plan` creates a plan, and the supervisor runs it.
 
 Text in argv, env, cwd and slices may hold two placeholders that only a run can fill:
     {run}  the run folder, absolute       {rt}  the run's private folder for local sockets and shared pages
@@ -93,8 +93,9 @@ class LinkPlan:
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePlan:
-    """Names and addresses of one vehicle, for land-all, tools and the live table in the terminal. id: MAVLink
-    system id (MAV_SYS_ID).
+    """Names and addresses of one vehicle, for land-all, tools and the live table in the terminal.
+
+    id: MAVLink system id (MAV_SYS_ID). radio: `required` if a pilot has an RC transmitter.
     """
 
     name: str
@@ -110,6 +111,7 @@ class VehiclePlan:
     tools_port: int
     logger_port: int
     mocap_body: str
+    radio: str = "none"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,6 +30,13 @@ REAL_START_TIMEOUT_S = 600.0
 COPILOT_SILENT_S = 5.0
 """Kill the copilot of hardware if it reports nothing for this time [s]. Not used in simulation, where time may stand still."""
 
+SILENT_S = 6.0
+"""Kill and restart a router, forwarder or link that reports nothing for this time [s].
+
+They report once per second of wall time, also in a simulation that stands still. On a machine five times slower a report
+may come every 5 s. A process that only waits for data still reports, so a longer silence means that it hangs.
+"""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessKind:
@@ -182,6 +189,7 @@ TABLE: tuple[ProcessKind, ...] = (
         slice=slices.link,
         cpu_budget=0.2,
         memory_budget_mb=120.0,
+        fields={"silent_for_s": SILENT_S},
     ),
     ProcessKind(
         kind="forward",
@@ -193,6 +201,7 @@ TABLE: tuple[ProcessKind, ...] = (
         slice=slices.forward,
         cpu_budget=0.1,
         memory_budget_mb=120.0,
+        fields={"silent_for_s": SILENT_S},
     ),
     ProcessKind(
         kind="router",
@@ -202,6 +211,7 @@ TABLE: tuple[ProcessKind, ...] = (
         slice=slices.router,
         cpu_budget=0.4,
         memory_budget_mb=120.0,
+        fields={"silent_for_s": SILENT_S},
     ),
     ProcessKind(
         kind="copilot",

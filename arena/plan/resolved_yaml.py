@@ -51,6 +51,8 @@ def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
         "mocap_body": v.mocap_body,
         "gps": v.gps,
         "sticks": v.sticks,
+        "radio": None if v.simulated else v.radio,
+        "measured": {name: one.model_dump() for name, one in v.measured.items()} or None,
         "forward": v.forward,
         "pose_rate_hz": v.pose_rate_hz,
         "program": program,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from arena.mocap.vendors import vendor_settings
+from arena.params.facts.failsafe_table import rc_priority_modes
 from arena.plan.job import Address, Job, Json, autopilot_ends, link_of, partner_end
 from arena.plan.px4_startup import hitl_params, px4_params, px4_scripts, reset_by_startup
 from arena.schema import Arena, Vehicle
@@ -162,6 +163,7 @@ def link(job: Job) -> Json:
             "battery": p.battery,
             "size_m": list(arena.world.size),
             "poses": v.forward,
+            "radio": list(rc_priority_modes(job.firmware.version)) if v.radio == "required" else None,
             # for hardware, the lab chooses the rigid body's origin; it is not below the vehicle's lowest point
             "height_m": v.profile.height_m / 2.0 if v.simulated else 0.0,
         },
@@ -301,8 +303,8 @@ def heartbeat_address(arena: Arena) -> Address | None:
 
 
 def _captures(arena: Arena, v: Vehicle) -> Json | list[Json] | None:
-    """Return the settings of the motion capture receivers for the vehicle and its neighbours. They are a dict
-    for one receiver, a list for several, None for none.
+    """Return the settings of the motion capture receivers for the vehicle and its neighbours: a dict for
+    one receiver, a list for several, None for none.
     """
     seen = [v, *(arena.vehicle(n) for n in v.neighbours if n != v.name)]
     found = []

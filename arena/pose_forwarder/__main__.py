@@ -66,20 +66,21 @@ class _ForwarderProcess:
             tuple(s["link"]["remote"]),
         )
         self.simulated = bool(s["simulated"])
+        self.vehicle = str(s["vehicle"])
         self.after = ShutdownPolicy(limit_s=60.0 if self.simulated else None)
         self.reported, self.poses_then, self.ready = time.monotonic(), 0, False
         self.poses_from: float | None = None
         self.gap_sleep = _PoseGapSleep(1.0 / float(s["rate_hz"]))
 
     def serve(self) -> None:
-        """Forward poses until a stop signal arrives. If the supervisor dies, continue until the vehicle is
-        disarmed.
+        """Forward poses until a stop signal arrives; a real vehicle is served until it is disarmed. If the supervisor dies,
+        continue until the vehicle is disarmed.
         """
         selector = selectors.DefaultSelector()
         selector.register(self.capture, selectors.EVENT_READ)
         selector.register(self.link, selectors.EVENT_READ)
         next_tick = time.monotonic()
-        while not self.room.stopping:
+        while not (self.room.stopping and self.room.may_end(self._armed_real())):
             self.gap_sleep.sleep()
             selector.select(max(0.0, next_tick - time.monotonic()))
             now, wall = self.clock.now(), time.monotonic()
@@ -92,6 +93,10 @@ class _ForwarderProcess:
                 next_tick = wall + _TICK_S
                 if self._tick(now, wall):
                     return
+
+    def _armed_real(self) -> list[str]:
+        """Return the name of the vehicle if it is real and its last heartbeat reported that it is armed."""
+        return [self.vehicle] if self.core.autopilot.armed and not self.simulated else []
 
     def _tick(self, now: float, wall: float) -> bool:
         for data in self.core.tick(now):

@@ -294,8 +294,7 @@ class Forwarder:
         return due
 
     def _global_position(self, pose: Pose) -> list[bytes]:
-        """Return the messages that set the autopilot's origin, and its global position at `pose`. The
-        origin's altitude is 0 (sea level).
+        """Return two messages: one sets the autopilot's origin at altitude 0 (sea level), the other its global position at `pose`.
 
         After a gap PX4's estimator resets its height from the first pose as if the origin's altitude were 0.
         With any other altitude the height would jump by that value.

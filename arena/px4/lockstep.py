@@ -111,6 +111,9 @@ class Px4Links:
     def receive(self, vehicle: int, link: str, data: bytes) -> None:
         """Do nothing: `AutopilotSet` requires this method, but PX4 receives MAVLink by its own sockets, not through the world."""
 
+    def on_request(self, request: Mapping[str, Any]) -> None:
+        """Ignore a request of the supervisor: the router and the hardware links carry out requests for PX4."""
+
     def sticks(self, vehicle: int, on: bool) -> None:
         """Switch a vehicle's simulated radio control on (with centred sticks) or off."""
         self._servers[vehicle].core.sticks = on

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from arena.schema.copilot import Copilot
+from arena.schema.measured import Measured
 from arena.schema.mocap import Mocap
-from arena.schema.models import Failsafe, Preflight, RestartMode, Sim, Tool, World
+from arena.schema.models import Failsafe, Preflight, Radio, RestartMode, Sim, Tool, World
 from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, Port, VehiclePorts
 from arena.schema.profile import Profile
 from arena.schema.source import Source
@@ -102,7 +103,9 @@ class Vehicle:
     wind_m_s: wind at this vehicle [m/s] [NED]; None: the world's wind.
     forward: whether a pose forwarder sends poses to the autopilot, pose_rate_hz times per second.
     wire: connection to a real flight controller; None if the autopilot runs on this computer.
-    sticks: whether the vehicle has an RC transmitter.
+    sticks: whether a simulated vehicle has an RC transmitter.
+    radio: `required` if a hardware vehicle has a pilot with an RC transmitter; always `none` for other vehicles.
+    measured: PX4 parameters that were measured on a hardware vehicle; they are part of own_params, too.
     px4_version: version in the PX4 binary, else the version in the YAML; "" if unknown.
     """
 
@@ -128,6 +131,8 @@ class Vehicle:
     wire: ConnectionUrl | None = None
     gps: bool = False
     sticks: bool = False
+    radio: Radio = "none"
+    measured: Mapping[str, Measured] = field(default_factory=dict)
     px4_version: str = ""
 
     def port_address(self, port: Port, address: str) -> tuple[str, int] | None:
@@ -139,6 +144,11 @@ class Vehicle:
             return address, getattr(self.ports, port.key)
         wire = self.wire
         return (wire.host, wire.port) if wire is not None and wire.kind == "udpin" else None
+
+    @property
+    def has_rc(self) -> bool:
+        """True if the vehicle has an RC transmitter, real or simulated."""
+        return self.sticks or self.radio == "required"
 
     @property
     def simulated(self) -> bool:

@@ -29,7 +29,7 @@ class Files(Protocol):
 
 
 class RealFiles:
-    """The file system of this computer."""
+    """Implementation of `Files` that reads the file system of this computer."""
 
     def is_file(self, path: str) -> bool:
         return Path(path).is_file()

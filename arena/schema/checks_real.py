@@ -9,6 +9,7 @@ from arena.errors import Problem
 from arena.mocap.vendors import VENDORS
 from arena.schema.arena import Vehicle
 from arena.schema.checking import Check
+from arena.schema.library import profile_names
 from arena.schema.loader import YamlPath
 from arena.transport import EXPECTED_URL, parse_url
 
@@ -87,6 +88,30 @@ def _shared_wires(c: Check) -> Iterator[Problem]:
             yield c.problem(b.name, (key,), said)
 
 
+def _profiles(c: Check) -> Iterator[Problem]:
+    """Check that hardware vehicles have the key `profile`, because the default profile is another vehicle's."""
+    for v in c.arena.hardware:
+        if not c.source.given(c.where(v.name, "profile")) and c.sound(v, "autopilot", "profile"):
+            said = (
+                f"got hardware, which needs `profile`: the mass, size and thrust of this vehicle. Write {', '.join(profile_names())}, "
+                "or the path of a profile of your own (docs/howto/add-a-vehicle.md says how to make one)."
+            )
+            yield c.problem(v.name, ("autopilot",), said)
+
+
+def _hardware_only(c: Check) -> Iterator[Problem]:
+    """Check that `radio` and `measured` are written only under hardware vehicles, and that `measured` and `params` agree."""
+    for v in c.arena.vehicles:
+        for key in ("radio", "measured"):
+            if c.source.given(("vehicles", v.name, key)) and v.simulated and c.sound(v, "autopilot"):
+                said = f"is for autopilot: hardware, but {v.name} has autopilot: {v.asked}. Remove the key."
+                yield c.problem(v.name, (key,), said)
+        for name, one in v.measured.items():
+            if v.own_params[name] != one.value:
+                said = f"got {one.value:g} from {one.date}, but `params` has {v.own_params[name]:g}. Remove one of them."
+                yield c.problem(v.name, ("measured", name), said)
+
+
 def _speed(c: Check) -> Iterator[Problem]:
     """Refuse a `sim.speed` other than 1 if a vehicle has a real flight controller, because flight controllers run in real time only."""
     real = [v for v in c.arena.vehicles if v.wire is not None or v.autopilot in ("hardware", "hitl")]
@@ -122,4 +147,4 @@ def _capture(c: Check) -> Iterator[Problem]:
         yield c.source.problem(("mocap", "source"), said)
 
 
-REAL = (_wires, _shared_wires, _speed, _capture)
+REAL = (_wires, _shared_wires, _profiles, _hardware_only, _speed, _capture)

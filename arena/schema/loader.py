@@ -28,7 +28,7 @@ _MOST_VALUES = 100_000  # with aliases, a small file can expand to a huge number
 
 @dataclass(frozen=True, kw_only=True)
 class Document:
-    """A parsed YAML file.
+    """A parsed YAML file: its values, and the line of each value.
 
     file: path of the file, for messages.
     data: plain values; mappings are dicts, sequences are tuples.
@@ -51,7 +51,7 @@ _START = "`vehicles:`, or run `arena init`"
 
 
 def load_yaml(path: str | Path, start: str = _START) -> Document:
-    """Read a YAML file.
+    """Read a YAML file and return its values with their lines.
 
     start: first line of a valid file, for the error message if the file is empty.
     Raises InputError when the file cannot be read, is not YAML, or has a key twice.

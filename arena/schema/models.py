@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, mod
 
 from arena.schema.base import Address, NotNegative, Port, Positive, PositiveVector, Span, Strict, Vector
 from arena.schema.copilot import Copilot
+from arena.schema.measured import Measured
 from arena.schema.mocap import Mocap
 
 
@@ -45,6 +46,7 @@ Speed = Annotated[
     WithJsonSchema({"anyOf": [{"type": "number", "exclusiveMinimum": 0, "maximum": 1000}, {"const": "max"}]}),
 ]
 Words = tuple[str, ...]
+Radio = Literal["required", "none"]
 RestartMode = Literal["never", "on_failure", "always"]
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 
@@ -262,7 +264,7 @@ class VehicleDefaults(Strict):
     """Keys that can be written under one vehicle, or under `defaults` for all vehicles. A key that is not given is None."""
 
     profile: str | None = None
-    """Vehicle type: a name in `profiles/`. Default `iris`."""
+    """Vehicle type: a name in `profiles/`, or a file. Default `iris`; hardware needs this key."""
     autopilot: Literal["auto", "builtin", "px4", "hardware", "hitl"] | None = None
     """Autopilot of the vehicle. Default `auto`: PX4 if it is found, else the built-in autopilot."""
     mass_kg: Positive | None = None
@@ -285,6 +287,8 @@ class VehicleDefaults(Strict):
     """true: a simulated PX4 has GPS reception. Default false."""
     sticks: bool | None = None
     """true: a simulated vehicle has an RC transmitter, with centred sticks. Default false."""
+    radio: Radio | None = None
+    """The pilot's RC transmitter of a hardware vehicle. Default `required`: without RC and a tested kill switch it does not arm."""
     forward: bool | None = None
     """true: a pose forwarder sends captured poses to the autopilot. Default true."""
     pose_rate_hz: Positive | None = None
@@ -312,6 +316,8 @@ class VehicleKeys(VehicleDefaults):
     """Connection to a hardware autopilot: udpin:HOST:PORT, udpout:HOST:PORT or serial:DEVICE."""
     serial: str | None = None
     """Serial device of a flight controller in the loop (`autopilot: hitl`)."""
+    measured: dict[str, Measured] | None = None
+    """PX4 parameters that were measured on this hardware vehicle: name -> value, date, how. `arena params measured` shows them."""
     baud: Annotated[int | None, Field(ge=1200, le=12_000_000)] = None
     """Baud rate of a serial connection to an autopilot. Default 921600."""
 

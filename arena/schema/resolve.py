@@ -175,6 +175,8 @@ class _Merge:
             wire=self._wire(autopilot),
             gps=gps,
             sticks=sticks,
+            radio=self._take("radio", "required") if autopilot == "hardware" else "none",
+            measured=own.measured or {},
             position=start.position,
             rpy_deg=start.rpy_deg,
             ports=ports,
@@ -265,16 +267,20 @@ class _Merge:
         return found
 
     def _own_params(self) -> dict[str, float]:
-        """Return the PX4 parameters that the user sets. Later layers win: `params_file`, `defaults`, the vehicle's `params`."""
+        """Return the PX4 parameters that the user sets. Later layers win: `params_file`, `defaults`, `measured`, `params`."""
         found: dict[str, float] = {}
         if name := self._take("params_file", None):
             for key, value in self.params_files.get(name, {}).items():
                 if key != "MAV_SYS_ID":
                     found[key] = self._note(f"params.{key}", value, str(name))
-        for given, path in (
+        here: YamlPath = ("vehicles", self.name)
+        measured = {key: one.value for key, one in (self.own.measured or {}).items()}
+        layers: tuple[tuple[Mapping[str, float] | None, YamlPath], ...] = (
             (self.common.params, ("defaults", "params")),
-            (self.own.params, ("vehicles", self.name, "params")),
-        ):
+            (measured, (*here, "measured")),
+            (self.own.params, (*here, "params")),
+        )
+        for given, path in layers:
             for key, value in (given or {}).items():
                 found[key] = self._note(f"params.{key}", float(value), self.source.origin((*path, key)))
         return found

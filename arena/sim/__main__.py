@@ -47,7 +47,7 @@ def _by_kind(settings: dict[str, Any], dt: float) -> AutopilotSet:
 def _builtin(settings: dict[str, Any], dt: float) -> AutopilotSet:
     from arena.autopilot import Autopilots
 
-    return Autopilots(settings, dt)
+    return Autopilots(settings, dt, authority=True)
 
 
 def _px4(settings: dict[str, Any], dt: float) -> AutopilotSet:

@@ -5,7 +5,7 @@ Several kinds of autopilots can be combined into one set.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -48,6 +48,10 @@ class AutopilotSet(Protocol):
         """Return the MAVLink datagrams that the autopilots send: (index of the vehicle, name of the link,
         data).
         """
+        ...
+
+    def on_request(self, request: Mapping[str, Any]) -> None:
+        """Process a request of the supervisor (see `process_context`), such as to refuse arming."""
         ...
 
     def stats(self) -> dict[str, Any]:
@@ -174,6 +178,11 @@ class CompositeAutopilots:
         the link, data).
         """
         return [(int(rows[i]), link, data) for rows, part in self._parts for i, link, data in part.transmit()]
+
+    def on_request(self, request: Mapping[str, Any]) -> None:
+        """Pass a request of the supervisor to each kind of autopilot."""
+        for _, part in self._parts:
+            part.on_request(request)
 
     def stats(self) -> dict[str, Any]:
         """Return the statistics of each vehicle's autopilot, by vehicle name."""

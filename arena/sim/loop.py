@@ -28,7 +28,7 @@ import numpy as np
 from arena.clock import ClockServer
 from arena.errors import InputError, RunError
 from arena.fault_injection import FaultReceiver
-from arena.process_context import ProcessContext, ShutdownPolicy
+from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
 from arena.sim.autopilot_interface import ExternalAutopilots, MakeAutopilots
 from arena.sim.fault_injection import inject_fault
 from arena.sim.pacing import Pacer, own_core, speed_of
@@ -187,7 +187,7 @@ class Loop:
         return now
 
     def _idle(self, left_s: float) -> None:
-        """Wait for `left_s` [s] of wall time.
+        """Wait before the next step. left_s: time to wait, in wall time [s].
 
         Poll the clock's sockets first. Sleep during the last milliseconds, because sleeping is more precise.
         """
@@ -204,9 +204,12 @@ class Loop:
         for text in (*self._world.events(), *self._autopilots.events(), *self._dropped_clients()):
             self._context.event(text)
             print(text, flush=True)  # the log exists when the supervisor does not
-        return self._shutdown.over(
-            orphaned=self._context.orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now
-        )
+        for request in self._context.requests():
+            self._autopilots.on_request(request)
+        orphaned = self._context.orphaned
+        if orphaned:
+            self._autopilots.on_request(SUPERVISOR_LOST)
+        return self._shutdown.over(orphaned=orphaned, any_armed=bool(np.any(self._autopilots.armed)), now=now)
 
     def _log_pace(self, pacer: Pacer) -> None:
         """Log a line if the real-time factor of the last second differs from the requested one."""

@@ -72,7 +72,7 @@ class ControlServer:
         selector.register(self._socket, selectors.EVENT_READ, self._accept)
 
     def say(self, text: str) -> None:
-        """Send a line to every subscriber."""
+        """Send one line of output to every client that follows the run."""
         for client in list(self._clients.values()):
             if client.subscribed:
                 self._send(client, {"say": text})

@@ -6,7 +6,7 @@ number of attempts is not limited, because the processes that serve a flying veh
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from arena.plan.model import Plan, ProcessSpec
@@ -19,48 +19,83 @@ TIMEOUT_S = 90.0
 ATTEMPTS = 3
 _PAUSE_S = 1.0
 _NOTICE_S = 5.0
+REPORT_LAG_S = 3.0
+"""Longest time between the disarming of a real vehicle and the report of the router: three heartbeats [s]."""
 
 
 class LandingTask:
     """Landing of all vehicles of one run. Call `step` until it returns True.
 
     landed: true if the landing is confirmed or no vehicle was flying.  summary: state of the landing, for people.
+    A vehicle is confirmed when a land task that commanded it has ended with exit code 0. If a real vehicle is still reported as
+    armed REPORT_LAG_S later, its confirmation is withdrawn and it is landed again.
     """
 
     def __init__(self, plan: Plan, folder: RunFolder, log: EventLog) -> None:
         self._plan, self._folder, self._log = plan, folder, log
         self._real = {v.name for v in plan.vehicles if not v.simulated}
         self.task: SideTask | None = None
+        self._begin()
         self.landed = True
         self.summary = "nothing was flying"
+        self._down: Mapping[str, str] = {}
+        self._pilots: set[str] = set()
+        self._pilot_flew = False
+
+    def _begin(self) -> None:
         self._tries = 0
         self._began: float | None = None
         self._now = self._next = 0.0
         self._nothing_since: float | None = None
-        self._down: Mapping[str, str] = {}
+        self._armed: Collection[str] = ()
+        self._commanded: set[str] = set()
+        self._confirmed: dict[str, float] = {}
+
+    def again(self, why: str, now: float) -> None:
+        """Begin a new landing, because a vehicle has become armed after the last one. why: text for the log."""
+        self._begin()
+        self._log.event(now, "arena", why)
 
     def step(
         self,
         flying: Sequence[str],
         now: float,
         *,
+        armed: Collection[str] = (),
+        pilots: Collection[str] = (),
         world_gone: bool = False,
         down: Mapping[str, str] | None = None,
     ) -> bool:
         """Start, monitor or repeat the land task. Return True when the landing has ended, successfully or not.
 
         flying: vehicles that may be in the air.  now: monotonic [s].
+        armed: vehicles that a running process reports as armed.
+        pilots: vehicles whose pilot has control. They are not commanded; they have landed when they are reported disarmed.
         world_gone: the simulated world has ended, so its vehicles do not fly.
         down: vehicle -> reason why the landing does not wait for the vehicle.
         """
-        self._now = now
+        self._now, self._armed = now, armed
         self._log_down(down or {})
+        self._withdraw(armed, now)
+        flying = [v for v in flying if v not in self._confirmed]
+        by_pilot = self._with_pilot(flying, pilots)
+        to_land = [v for v in flying if v not in by_pilot]
         if self.task is not None:
-            return self._watch(self.task, flying, now)
-        if not flying and world_gone and self._tries:
+            return self._watch(self.task, to_land, by_pilot, now)
+        if to_land or not by_pilot:
+            return self._land(to_land, now, world_gone=world_gone, armed=armed)
+        self._pilot_flew = True
+        self.summary = f"{', '.join(by_pilot)} to land: pilot has control"
+        return False
+
+    def _land(self, flying: Sequence[str], now: float, *, world_gone: bool, armed: Collection[str]) -> bool:
+        """Start the land task if a vehicle must be commanded and the task may be tried (again). Return True when the landing has ended."""
+        if not flying and world_gone and self._tries and not self._confirmed:
             return self._give_up("the world ended before the vehicles were on the ground")
         if not flying:
-            return True
+            if self._pilot_flew:
+                self.summary = "landed and disarmed"
+            return not self._real & set(self._confirmed) & set(armed)
         if self._plan.land is None:
             return self._give_up("the plan has no land task")
         if self._began is None:
@@ -71,6 +106,28 @@ class LandingTask:
             self._try(flying, now)
         return False
 
+    def _with_pilot(self, flying: Sequence[str], pilots: Collection[str]) -> list[str]:
+        """Return the flying vehicles whose pilot has control, and log each the first time."""
+        found = [v for v in flying if v in pilots]
+        for vehicle in found:
+            if vehicle not in self._pilots:
+                self._log.event(
+                    self._now, "arena", f"{vehicle}: pilot has control; waiting until it is disarmed"
+                )
+        self._pilots = set(found) | (self._pilots & set(flying) & set(pilots))
+        return found
+
+    def _withdraw(self, armed: Collection[str], now: float) -> None:
+        """Withdraw the confirmation of real vehicles that are still reported as armed after REPORT_LAG_S."""
+        for vehicle, at in list(self._confirmed.items()):
+            if vehicle in self._real and vehicle in armed and now - at >= REPORT_LAG_S:
+                del self._confirmed[vehicle]
+                self._log.event(
+                    now,
+                    "arena",
+                    f"{vehicle}: the landing was confirmed, but the vehicle is armed: landing again",
+                )
+
     def _log_down(self, down: Mapping[str, str]) -> None:
         for vehicle, why in down.items():
             if vehicle not in self._down:
@@ -80,7 +137,8 @@ class LandingTask:
     def _spec(self, flying: Sequence[str]) -> ProcessSpec:
         """Return the land task without the vehicles in `_down`, because these would never confirm the landing."""
         assert self._plan.land is not None
-        spared = [vehicle for vehicle in self._down if vehicle not in flying]
+        spared = [v.name for v in self._plan.vehicles if v.name in {*self._down, *self._pilots} - {*flying}]
+        self._commanded = {v.name for v in self._plan.vehicles} - set(spared)
         extra = ("--except", ",".join(spared)) if spared else ()
         return replace(self._plan.land, argv=(*self._plan.land.argv, *extra))
 
@@ -100,7 +158,7 @@ class LandingTask:
         else:
             self.task = begun
 
-    def _watch(self, task: SideTask, flying: Sequence[str], now: float) -> bool:
+    def _watch(self, task: SideTask, flying: Sequence[str], by_pilot: Sequence[str], now: float) -> bool:
         exit = task.poll(now)
         if exit is None:
             self._hurry(task, flying, now)
@@ -108,7 +166,9 @@ class LandingTask:
         self.task, self._next = None, now + _PAUSE_S
         if exit.code == 0:
             self.landed, self.summary = True, "landed and disarmed"
-            return True
+            confirmed = self._commanded - self._pilots
+            self._confirmed |= dict.fromkeys(confirmed, now)
+            return not ({*flying, *by_pilot} - confirmed or self._real & set(self._armed))
         self._failed(exit, flying, now)
         return False
 

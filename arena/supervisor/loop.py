@@ -3,43 +3,42 @@
 The loop uses one thread and one selector. The phases of a run:
 
     RUN  --the end is decided-->  LAND  --all on the ground, disarmed-->  STOP  --no process runs-->  REPORT  -->  OVER
+                                  LAND  <--a vehicle becomes armed------  STOP
 
-In RUN, processes that end unexpectedly are restarted. From LAND on, no process is started. In LAND all processes
-continue, user programs too. Their setpoint calls raise an error when the landing takes the vehicle out of OFFBOARD.
+In RUN, processes that end unexpectedly are restarted. In LAND only processes that vehicles need for the landing are
+restarted. All processes continue, user programs too. Their setpoint calls raise an error when the landing takes the vehicle
+out of OFFBOARD. If a vehicle becomes armed in STOP, the run returns to LAND (`shutdown.py`).
 A second Ctrl-C kills the user programs at once. A process that serves a flying vehicle is never stopped before the
 landing has ended. `arena down --now` lands real vehicles only, and stops all other processes at once.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import selectors
 import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime
 from enum import StrEnum
 from typing import Any, Protocol
 
-from arena.errors import EXIT_OK
 from arena.plan.model import Plan
 from arena.supervisor import child_process, run_end
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
-from arena.supervisor.landing_task import LandingTask
 from arena.supervisor.messages import Level, Message
 from arena.supervisor.meters import RealTimeMeter
 from arena.supervisor.process_set import Orders, ProcessSet
-from arena.supervisor.process_state import ENDED, Exit, State
+from arena.supervisor.process_state import ENDED, State
+from arena.supervisor.release import check_release, guards
 from arena.supervisor.run_end import Cause, End
-from arena.supervisor.run_folder import RunFolder, write_whole
-from arena.supervisor.side_task import SideTask
+from arena.supervisor.run_folder import RunFolder
+from arena.supervisor.run_result import RunResult
+from arena.supervisor.shutdown import Shutdown
 from arena.supervisor.signals import SignalQueue
 
 SETTLE_S = 0.5
-REPORT_TIMEOUT_S = 120.0
 _BUSY_ROUND_S, _CALM_ROUND_S = 0.05, 0.25
 
 _CAUSES = {signal.SIGINT: Cause.INTERRUPT, signal.SIGTERM: Cause.TERMINATED, signal.SIGHUP: Cause.HANGUP}
@@ -59,7 +58,7 @@ class Show(Protocol):
     """Interface for the output of a run to a person. The loop calls it, so no method may raise or block."""
 
     def say(self, message: Message) -> None:
-        """Show one line."""
+        """Show one line of output to the person who watches the run."""
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
         """Redraw the live table if the refresh period is over. status: function that returns the state to show. now: monotonic [s]."""
@@ -99,17 +98,15 @@ class Supervisor:
         )
         self._control: ControlServer | None = None
         self._processes = ProcessSet(plan, folder, self._log, self._selector)
-        self._landing = LandingTask(plan, folder, self._log)
         self._orders = Orders()
+        self._shutdown = Shutdown(plan, folder, self._processes, self._orders, self._log)
+        self._result = RunResult(plan, folder, self._processes, self._log, self._real_time)
         self._end: End | None = None
-        self._at_once = False
-        self._report: SideTask | None = None
-        self._began, self._began_wall = time.monotonic(), datetime.now().astimezone()
+        self._began = time.monotonic()
         self._quiet_since: float | None = None
         self._next_round = self._next_sample = 0.0
         self._recorded: set[int] | None = None
         self._all_started = False
-        self._exit_code = EXIT_OK
 
     def run(self) -> int:
         """Run the plan to its end and return the exit code. Call it in the main thread, because it handles signals and forks."""
@@ -127,7 +124,7 @@ class Supervisor:
             self._selector.close()
             self._log.close()
             self.folder.close()
-        return self._exit_code
+        return self._result.exit_code
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return the reply to one request of the control socket. Raises ValueError when the request is refused."""
@@ -136,14 +133,18 @@ class Supervisor:
                 return self.status()
             case "restart":
                 return self._restart(str(request.get("name")), in_flight=request.get("yes") is True)
+            case "release":
+                return self._release([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
             case "down":
                 now = request.get("now") is True
-                if now and not self._at_once and self._landing.task is not None:
-                    self._landing.task.stop("arena down --now")  # it lands simulated vehicles too
-                self._at_once |= now
+                if now and not self._shutdown.at_once and self._shutdown.landing.task is not None:
+                    self._shutdown.landing.task.stop("arena down --now")  # it lands simulated vehicles too
+                self._shutdown.at_once |= now
                 self._request_end(Cause.DOWN, hurry=now)
                 return {"ok": True}
-        raise ValueError(f"got request {request.get('do')!r}, expected ps, restart, down or subscribe")
+        raise ValueError(
+            f"got request {request.get('do')!r}, expected ps, restart, release, down or subscribe"
+        )
 
     def status(self) -> dict[str, Any]:
         """Return the status of the run, as `arena ps --json` prints it."""
@@ -193,11 +194,13 @@ class Supervisor:
             case Phase.RUN:
                 self._running(now)
             case Phase.LAND:
-                self._land(now)
+                if self._shutdown.land(now):
+                    self.phase = Phase.STOP
             case Phase.STOP:
                 self._stop(now)
             case Phase.REPORT:
-                self._reporting(now)
+                if self._result.report_ended(now):
+                    self.phase = Phase.OVER
         settled = all(s.state in ENDED | {State.READY} for s in self._processes.statuses.values())
         self._next_round = now + (_CALM_ROUND_S if settled and self.phase is Phase.RUN else _BUSY_ROUND_S)
 
@@ -229,7 +232,11 @@ class Supervisor:
 
     def _is_quiet(self, now: float) -> bool:
         done = run_end.is_done(
-            self.plan, self._processes.statuses, self._processes.facts, self._processes.stats
+            self.plan,
+            self._processes.statuses,
+            self._processes.facts,
+            self._processes.stats,
+            self._shutdown.forgotten,
         )
         if not done:
             self._quiet_since = None
@@ -243,15 +250,20 @@ class Supervisor:
             raise ValueError(f"no process {name!r} in this arena; there are {', '.join(specs)}")
         if self.phase is not Phase.RUN:
             raise ValueError(f"{name} is not restarted: the arena is {self.phase}, so it starts no processes")
-        if not in_flight and (refusal := run_end.restart_refusal(specs[name], self._flying())):
+        if not in_flight and (refusal := run_end.restart_refusal(specs[name], self._shutdown.flying())):
             raise ValueError(refusal)
         self._processes.request_restart(name)
         self._log.event(time.monotonic(), name, "restart requested by `arena restart`")
         return {"ok": True}
 
-    def _flying(self) -> list[str]:
-        p = self._processes
-        return run_end.may_fly(self.plan, p.statuses, p.facts, p.last_facts, p.stats)
+    def _release(self, vehicles: list[str], by: str) -> dict[str, Any]:
+        if self.phase is not Phase.RUN:
+            raise ValueError(f"nothing is released: the arena is {self.phase}, so no vehicle may arm")
+        check_release(self.plan, self._processes.facts, vehicles)
+        for vehicle in vehicles:
+            packet = {"do": "release", "vehicle": vehicle, "by": by}
+            self._processes.request(packet, to=guards(self.plan, vehicle))
+        return {"ok": True}
 
     # -- the end
 
@@ -260,14 +272,15 @@ class Supervisor:
         first = self.phase is Phase.RUN
         if first:
             self._begin_end(
-                cause, f"{cause} --now: stopping" if self._at_once else f"{cause}: landing, then stopping"
+                cause,
+                f"{cause} --now: stopping" if self._shutdown.at_once else f"{cause}: landing, then stopping",
             )
-        if self.phase is Phase.REPORT and self._report is not None and hurry:
-            self._report.stop()
+        if self.phase is Phase.REPORT and self._result.task is not None and hurry:
+            self._result.task.stop()
         elif hurry and (not first or cause is Cause.DOWN) and not self._orders.kill:
             programs = {spec.name for spec in self.plan.processes if spec.kind == "program"}
             self._orders.kill, self._orders.why = programs, f"{cause}: killed without waiting"
-            serves = "a real vehicle" if self._at_once else "a vehicle"
+            serves = "a real vehicle" if self._shutdown.at_once else "a vehicle"
             self._event(f"programs are killed; processes that serve {serves} continue until it has landed")
         elif not first:
             self._show_line(f"{self.phase}: waiting for {self._waited_for()}")
@@ -275,97 +288,24 @@ class Supervisor:
 
     def _begin_end(self, cause: Cause, why: str) -> None:
         self._end = End(cause=cause, why=why, statuses=dict(self._processes.statuses))
-        self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"
         self.phase = Phase.LAND
         self._processes.changed = True
-        self._refuse_arming()
+        self._shutdown.begin(cause)
         self._event(why)
 
-    def _refuse_arming(self) -> None:
-        """Ask every process that passes commands to a vehicle to refuse arming, so that none takes off while the run ends."""
-        guards = {spec.name for spec in self.plan.processes if spec.kind in ("world", "link", "router")}
-        why = "the run is ending"
-        self._processes.request({"do": "refuse_arming", "why": why}, to=guards, standing=True)
-
-    def _land(self, now: float) -> None:
-        p = self._processes
-        flying = self._flying()
-        down = run_end.grounded(self.plan, p.statuses, p.stats)
-        if self._at_once:
-            flying, down = self._real_only(flying, down)
-        world_gone = run_end.is_world_gone(self.plan, p.statuses)
-        if self._landing.step(flying, now, world_gone=world_gone, down=down):
-            self.phase = Phase.STOP
-            p.changed = True
-
-    def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-        """Move the simulated vehicles from `flying` to `down` and return both, because `arena down --now`
-        lands real vehicles only.
-        """
-        simulated = {v.name for v in self.plan.vehicles if v.simulated}
-        left = simulated & set(flying)
-        if left:
-            self._landing.summary = f"{', '.join(sorted(left))} not landed: {Cause.DOWN} --now"
-        real = [name for name in flying if name not in simulated]
-        return real, {**down, **dict.fromkeys(sorted(left), f"{Cause.DOWN} --now lands real vehicles only")}
-
     def _stop(self, now: float) -> None:
-        alive = set(self._processes.alive)
-        if alive:
-            may_stop = run_end.may_stop(self.plan, self._processes.statuses)
-            stopping = alive if self._at_once else may_stop & alive
-            self._orders.stop |= stopping or alive
-            self._processes.changed = self._processes.changed or any(
-                self._processes.statuses[name].state is not State.STOPPING for name in stopping
-            )
-            return
-        self._write_outcome(now)
-        self._begin_report(now)
-
-    def _write_outcome(self, now: float) -> None:
         assert self._end is not None
-        landed, p = self._landing.landed, self._processes
-        failed = run_end.failures(self.plan, self._end, p.statuses, p.stats, landed, self.options.until_done)
-        self._exit_code = run_end.exit_code(self._end, failed, landed)
-        for text in failed:
-            self._event(f"failed: {text}")
-        outcome = run_end.outcome(
-            name=self.plan.name,
-            run=str(self.folder.path),
-            began=self._began_wall,
-            lasted_s=now - self._began,
-            end=self._end,
-            exit_code=self._exit_code,
-            failed=failed,
-            landing=self._landing.summary,
-            real_time=self._real_time.result(),
-        )
-        outcome |= {"facts": p.last_facts, "processes": p.table(now)}
-        write_whole(self.folder.path / "outcome.json", json.dumps(outcome, indent=1, default=str))
-
-    def _begin_report(self, now: float) -> None:
-        self.phase = Phase.OVER
-        if self.plan.report is not None:
-            self._show_line("making the report: summary, logs and plots")
-            begun = SideTask.start(self.plan.report, self.folder, REPORT_TIMEOUT_S, now, _ignore)
-            if isinstance(begun, Exit):
-                self._event(f"no report: {begun.text}")
-            else:
-                self._report, self.phase = begun, Phase.REPORT
-
-    def _reporting(self, now: float) -> None:
-        exit = self._report.poll(now) if self._report is not None else Exit(code=0, text="")
-        if exit is not None:
-            self.phase = Phase.OVER
-            if exit.code:
-                log = self.folder.log(self._report.name if self._report else "")
-                self._event(f"the report failed: {exit.text}; see {log}")
+        if self._shutdown.armed_again(now):
+            self.phase = Phase.LAND
+        elif self._shutdown.stop(now):
+            self._result.write(self._end, self._shutdown.landing, self.options.until_done, now)
+            self.phase = Phase.REPORT if self._result.begin_report(now) else Phase.OVER
 
     # -- in every phase
 
     def _waited_for(self) -> str:
         if self.phase is Phase.LAND:
-            return self._landing.summary
+            return self._shutdown.landing.summary
         return ", ".join(self._processes.alive) or "the report"
 
     def _record(self) -> None:
@@ -382,7 +322,7 @@ class Supervisor:
                 )
 
     def _end_runaways(self, now: float) -> None:
-        tasks = [task for task in (self._landing.task, self._report) if task is not None]
+        tasks = [task for task in (self._shutdown.landing.task, self._result.task) if task is not None]
         known = {c.pid for c in self._processes.children.values()} | {task.child.pid for task in tasks}
         alive = set(self._processes.children) | {task.name for task in tasks}
         mark = f"{child_process.RUN}={self.folder.path}"
@@ -399,9 +339,3 @@ class Supervisor:
         self._show.say(message)
         if self._control is not None and message.level >= Level.CHANGE:
             self._control.say(str(message))
-
-
-def _ignore(text: str) -> None:
-    """Ignore an output line of the report task. The task's log file contains the line, and `arena up` prints
-    the summary.
-    """

@@ -52,6 +52,8 @@ _STATE_WORDS = {
 _PLAIN_REASONS = frozenset({"its needs are ready", "reported ready", "started"})
 # Ends of events that repeat facts of the router.
 _REPEATED = (": airborne", ": disarmed")
+# Change of authority in every flight of a program; the line about OFFBOARD shows it.
+_USUAL = ": program has control: "
 
 
 def transition_text(after: State, reason: str) -> str:
@@ -77,7 +79,7 @@ def transition_level(after: State, *, kind: str, starts: int, ending: bool) -> L
 
 def event_level(text: str) -> Level:
     """Return the importance of the line that reports an event of a process."""
-    return Level.DETAIL if text.endswith(_REPEATED) else Level.CHANGE
+    return Level.DETAIL if text.endswith(_REPEATED) or _USUAL in text else Level.CHANGE
 
 
 class VehicleChanges:

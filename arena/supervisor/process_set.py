@@ -23,12 +23,16 @@ from arena.supervisor.process_state import ALIVE, Action, Exit, Observation, Pro
 from arena.supervisor.run_folder import Member, RunFolder
 
 MAX_NAMES = 2000
+"""Largest number of facts, and of measurements, that one process may send."""
+VEHICLE_FACTS = (".armed", ".landed", ".connected", ".mode", ".pilot", ".airborne_s")
+"""Ends of the names of facts about a vehicle. User programs and tools may not send these facts."""
 
 # Loading Python and its packages keeps a core busy for about 0.2 s. Thirty processes that load at the same time would
 # starve the world. Therefore at most as many processes load as there are cores. A process that sends no reports counts
 # as loading for _SILENT_LOADING_S.
 MAX_LOADING = max(2, os.cpu_count() or 2)
 _LOADING_S, _SILENT_LOADING_S = 1.0, 0.3
+_LONGEST_ROUND_S = 0.5
 
 
 @dataclass(kw_only=True)
@@ -36,12 +40,16 @@ class Orders:
     """Requests of the main loop to the `ProcessSet`: whether to start processes, and which to stop or kill.
 
     starts_on: processes may be started.
+    keep: names of the processes that are restarted even if `starts_on` is false, because vehicles are landing.
+    hold: names of the processes that are not killed after their stop signal, because they serve an armed real vehicle.
     stop: names of the processes to terminate.
     kill: names of the processes to kill at once.
     why: the reason, as text for the log.
     """
 
     starts_on: bool = True
+    keep: frozenset[str] = frozenset()
+    hold: frozenset[str] = frozenset()
     stop: set[str] = field(default_factory=set)
     kill: set[str] = field(default_factory=set)
     why: str = ""
@@ -71,8 +79,10 @@ class ProcessSet:
         self._selector = selector
         self._vehicle_changes = VehicleChanges()
         self._fact_source: dict[str, str] = {}
+        self._names: dict[str, set[str]] = {}  # process -> names of its facts
         self._ready: set[str] = set()
-        self._last_packet_at: dict[str, float] = {}
+        self._silent_s: dict[str, float] = {}
+        self._reconciled_at: float | None = None
         self._loading: dict[str, float] = {}
         self._exits: dict[str, Exit] = {}
         self._restarts: set[str] = set()
@@ -105,6 +115,7 @@ class ProcessSet:
         now: monotonic [s].
         """
         self._ending = not orders.starts_on
+        self._count_silence(now)
         for _ in range(2 + len(self.specs)):
             self.changed = False
             self._loading = {
@@ -115,6 +126,17 @@ class ProcessSet:
                 self._step(spec, self._observe(name, spec, orders, now), now)
             if not self.changed:
                 return
+
+    def _count_silence(self, now: float) -> None:
+        """Add the time since the last call to the silence of every process.
+
+        At most _LONGEST_ROUND_S is added. A supervisor that was itself paused, or a machine that stood still, thus does not
+        make every process look silent.
+        """
+        before, self._reconciled_at = self._reconciled_at, now
+        passed_s = min(now - before, _LONGEST_ROUND_S) if before is not None else 0.0
+        for name in self.children:
+            self._silent_s[name] = self._silent_s.get(name, 0.0) + passed_s
 
     def sample(self, now: float) -> None:
         """Measure CPU and memory of every process. Called about once a second. now: monotonic [s]."""
@@ -144,7 +166,7 @@ class ProcessSet:
         ):
             if spec.silent_for_s is None:
                 return _NOTHING
-            return Observation(silent_s=now - self._last_packet_at.get(name, now))
+            return Observation(silent_s=self._silent_s.get(name, 0.0))
         needs = [(self.specs[n], self.statuses[n]) for n in spec.needs if n in self.specs]
         restart = name in self._restarts
         self._restarts.discard(name)
@@ -156,7 +178,8 @@ class ProcessSet:
             proof=self._proof(name, spec) if status.state is State.STARTING else "",
             exit=exit,
             stopped=stopped,
-            starts_on=orders.starts_on,
+            starts_on=orders.starts_on or name in orders.keep,
+            hold=name in orders.hold,
             stop=name in orders.stop,
             kill=name in orders.kill,
             restart=restart,
@@ -222,7 +245,7 @@ class ProcessSet:
     def _start(self, spec: ProcessSpec, now: float) -> None:
         self.changed = True
         self._ready.discard(spec.name)
-        self._last_packet_at.pop(spec.name, None)
+        self._silent_s[spec.name] = 0.0
         try:
             child = child_process.start(
                 self.folder.spec(spec), self.folder.log(spec.name), str(self.folder.path)
@@ -255,7 +278,7 @@ class ProcessSet:
             self.log.event(time.monotonic(), name, text)
 
     def _take(self, name: str, packet: Mapping[str, Any]) -> None:
-        self._last_packet_at[name] = time.monotonic()
+        self._silent_s[name] = 0.0
         if packet.get("entered") is True or packet.get("ready") is True:
             self.changed = self._loading.pop(name, None) is not None or self.changed
         if packet.get("ready") is True and name not in self._ready:
@@ -263,21 +286,25 @@ class ProcessSet:
             self.changed = True
         if isinstance(facts := packet.get("facts"), dict):
             self._take_facts(name, facts)
-        if isinstance(stats := packet.get("stats"), dict) and len(self.stats[name]) < MAX_NAMES:
-            self.stats[name].update(stats)
+        if isinstance(stats := packet.get("stats"), dict):
+            own = self.stats[name]
+            own.update({key: stats[key] for key in _within_limit(stats, own)})
         if isinstance(event := packet.get("event"), str):
             self.log.event(time.monotonic(), name, event)
 
     def _take_facts(self, name: str, facts: dict[str, Any]) -> None:
         """Store the facts that process `name` sent.
 
-        Facts `armed` and `landed` of user programs are ignored, because the landing must rely on the router only.
+        Facts about a vehicle (VEHICLE_FACTS) from user programs and tools are ignored, because the landing relies on them. The
+        number of facts is limited per process, so that no process can crowd out the facts of another.
         """
-        program = self.specs[name].kind == "program"
+        user = self.specs[name].kind in ("program", "tool")
         taken: dict[str, Any] = {}
-        for key, value in facts.items():
-            if len(self.last_facts) >= MAX_NAMES or (program and key.endswith((".armed", ".landed"))):
+        for key in _within_limit(facts, self._names.setdefault(name, set())):
+            if user and key.endswith(VEHICLE_FACTS):
                 continue
+            value = facts[key]
+            self._names[name].add(key)
             self.changed = self.changed or self.facts.get(key) != value
             self.facts[key] = self.last_facts[key] = taken[key] = value
             self._fact_source[key] = name
@@ -329,6 +356,17 @@ class ProcessSet:
             "over_budget": meter.over_budget(spec, now),
             "stats": self.stats[name],
         }
+
+
+def _within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]:
+    """Return the keys of `values` that may be stored: those in `known`, and new ones up to MAX_NAMES in total."""
+    room, found = MAX_NAMES - len(known), []
+    for key in values:
+        if key not in known:
+            room -= 1
+        if key in known or room >= 0:
+            found.append(key)
+    return found
 
 
 _NOTHING = Observation()

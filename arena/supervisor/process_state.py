@@ -83,7 +83,8 @@ class Observation:
     exit: how the process ended; set in one step only.
     stopped: the process is paused by a signal (SIGSTOP).
     silent_s: time since its last packet [s].
-    starts_on: new starts are allowed (False once the run ends).
+    starts_on: new starts are allowed (False once the run ends, except for processes that serve a landing vehicle).
+    hold: a real vehicle that the process serves is armed. A process that continues after its stop signal is then not killed.
     stop: terminate the process.  kill: kill it at once.  restart: start it again.
     why: the reason for stop, kill or restart.
     """
@@ -95,6 +96,7 @@ class Observation:
     stopped: bool = False
     silent_s: float = 0.0
     starts_on: bool = True
+    hold: bool = False
     stop: bool = False
     kill: bool = False
     restart: bool = False
@@ -240,6 +242,8 @@ def _stop(
 def _stopping(status: ProcessStatus, observation: Observation, now: float) -> Step:
     if observation.stop or observation.kill:
         status = replace(status, after=After.END)
+    if observation.hold and status.after is After.END and not observation.kill:
+        return status, Action.NONE
     if now >= status.next_at or (observation.kill and status.next_at > now + 1.0):
         return replace(status, next_at=now + 1.0), Action.KILL
     return status, Action.NONE

@@ -10,7 +10,7 @@ The exit code is 1 if something failed, 130 after Ctrl-C, 0 otherwise. These are
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from enum import StrEnum
@@ -122,11 +122,20 @@ def _down(vehicle: str, worlds: Sequence[Mapping[str, Any]]) -> str:
     return ""
 
 
-def is_done(plan: Plan, statuses: Statuses, facts: Mapping[str, Any], stats: Stats = _NO_STATS) -> bool:
-    """Return whether every program has ended, no process is starting, and every vehicle is disarmed or cannot fly."""
+def is_done(
+    plan: Plan,
+    statuses: Statuses,
+    facts: Mapping[str, Any],
+    stats: Stats = _NO_STATS,
+    forgotten: Collection[str] = (),
+) -> bool:
+    """Return whether every program has ended, no process is starting, and every vehicle is disarmed or cannot fly.
+
+    forgotten: vehicles that an operator has declared dead (`arena forget`).
+    """
     programs = all(statuses[s.name].state in ENDED for s in plan.processes if s.kind == "program")
     settled = all(statuses[s.name].state in ENDED | {State.READY} for s in plan.processes if s.kind != "tool")
-    still = grounded(plan, statuses, stats)
+    still = {*grounded(plan, statuses, stats), *forgotten}
     disarmed = all(facts.get(f"{v.name}.armed") is False for v in plan.vehicles if v.name not in still)
     return programs and settled and disarmed
 
@@ -143,11 +152,13 @@ def may_fly(
     facts: Mapping[str, Any],
     last_facts: Mapping[str, Any],
     stats: Stats = _NO_STATS,
+    forgotten: Collection[str] = (),
 ) -> list[str]:
     """Return the vehicles that may be in the air.
 
     facts: facts from processes that still run.
     last_facts: the last value of every fact, also from processes that have ended.
+    forgotten: vehicles that an operator has declared dead (`arena forget`); they are never listed.
 
     A vehicle whose `armed` is unknown may fly if the last value was true or if any program has run. A simulated vehicle
     does not fly without its world. A real vehicle that has sent no facts at all was never commanded by this run.
@@ -155,13 +166,50 @@ def may_fly(
     world_gone = is_world_gone(plan, statuses)
     programs_ran = any(statuses[s.name].started for s in plan.processes if s.kind == "program")
     flying, still = [], grounded(plan, statuses, stats)
-    for vehicle in (v for v in plan.vehicles if v.name not in still):
+    for vehicle in (v for v in plan.vehicles if v.name not in still and v.name not in forgotten):
         fact = f"{vehicle.name}.armed"
         reported = vehicle.simulated or any(name.startswith(f"{vehicle.name}.") for name in last_facts)
         unknown = fact not in facts and reported and (bool(last_facts.get(fact)) or programs_ran)
         if (bool(facts.get(fact)) or unknown) and not (vehicle.simulated and world_gone):
             flying.append(vehicle.name)
     return flying
+
+
+def armed(plan: Plan, statuses: Statuses, facts: Mapping[str, Any], stats: Stats = _NO_STATS) -> set[str]:
+    """Return the vehicles that a running process reports as armed: the router, or the link of a real vehicle."""
+    found = {v.name for v in plan.vehicles if facts.get(f"{v.name}.armed") is True}
+    links = [s for s in plan.processes if s.kind == "link" and statuses[s.name].state in ALIVE]
+    return found | {s.vehicle for s in links if s.vehicle and stats.get(s.name, {}).get("armed") is True}
+
+
+def with_pilot(plan: Plan, facts: Mapping[str, Any], last_facts: Mapping[str, Any]) -> set[str]:
+    """Return the real vehicles whose pilot has control. If no process reports it now, the last report counts."""
+    real = [v.name for v in plan.vehicles if not v.simulated]
+    names = {name: f"{name}.pilot" for name in real}
+    return {name for name, fact in names.items() if facts.get(fact, last_facts.get(fact)) is True}
+
+
+SERVING = frozenset({"world", "mocap", "px4", "link", "forward", "router"})
+"""Kinds of the processes that vehicles need to fly and to land."""
+_RESTARTED_IN_LANDING = frozenset({"mocap", "link", "forward", "router"})
+
+
+def kept_in_landing(plan: Plan, statuses: Statuses) -> frozenset[str]:
+    """Return the processes that are restarted during the landing, as in flight. A process that has never started is not kept."""
+    return frozenset(
+        s.name for s in plan.processes if s.kind in _RESTARTED_IN_LANDING and statuses[s.name].started
+    )
+
+
+def serving_real(plan: Plan, vehicles: Collection[str]) -> frozenset[str]:
+    """Return the processes that serve one of these vehicles: those of the vehicle, and those of the whole arena.
+
+    vehicles: names of real vehicles; simulated vehicles in it are ignored.
+    """
+    real = {v.name for v in plan.vehicles if not v.simulated} & set(vehicles)
+    if not real:
+        return frozenset()
+    return frozenset(s.name for s in plan.processes if s.kind in SERVING and (s.vehicle or "") in {"", *real})
 
 
 _IN_FLIGHT = {

@@ -70,26 +70,39 @@ def processes_table(status: Mapping[str, Any]) -> Table:
 
 
 def vehicles_table(status: Mapping[str, Any]) -> Table:
-    """Return a table with one row per vehicle: mode, armed, landed, height, battery and age of the last pose."""
+    """Return a table with one row per vehicle: mode, armed, landed, height, battery and age of the last pose.
+
+    The column `control` is shown if somebody other than its program commands a vehicle.
+    """
     table = Table(box=None, pad_edge=False)
-    for name in ("vehicle", "mode", "armed", "landed"):
+    controls = [_control(status["facts"], vehicle) for vehicle in status["vehicles"]]
+    shows_control = any(control.plain not in ("-", "program") for control in controls)
+    for name in ("vehicle", "mode", "armed", "landed", *(["control"] if shows_control else [])):
         table.add_column(name, no_wrap=True)
     for name in ("height", "battery", "pose age"):
         table.add_column(name, justify="right", no_wrap=True)
     telemetry: dict[str, Any] = {}
     for row in status["processes"].values():
         telemetry.update(row["stats"].get("telemetry") or {} if row["kind"] == "router" else {})
-    for vehicle in status["vehicles"]:
+    for vehicle, control in zip(status["vehicles"], controls, strict=True):
         facts = [status["facts"].get(f"{vehicle}.{name}") for name in ("mode", "armed", "landed")]
         own = telemetry.get(vehicle, {})
         table.add_row(
             vehicle,
             *(Text(_text(value)) for value in facts),
+            *([control] if shows_control else []),
             _figure(own.get("height_m"), ".2f", "m"),
             _figure(own.get("battery"), ".0f", "%"),
             _pose_age(status, vehicle),
         )
     return table
+
+
+def _control(facts: Mapping[str, Any], vehicle: str) -> Text:
+    """Return who has control of a vehicle; yellow and with `blocked` if programs may not fly before `arena release`."""
+    control, blocked = facts.get(f"{vehicle}.control") or "", facts.get(f"{vehicle}.blocked")
+    words = [control, "blocked" if blocked else ""]
+    return Text(", ".join(word for word in words if word) or "-", style="yellow" if blocked else "")
 
 
 def rates(stats: Mapping[str, Any]) -> str:

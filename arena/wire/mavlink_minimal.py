@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_frame
 
-HEARTBEAT, COMMAND_LONG, COMMAND_ACK, EXTENDED_SYS_STATE, STATUSTEXT = 0, 76, 77, 245, 253
-NAV_LAND, DO_SET_MODE, ARM_DISARM, SET_MESSAGE_INTERVAL = 21, 176, 400, 511
+HEARTBEAT, SYSTEM_TIME, COMMAND_LONG, COMMAND_ACK, AUTOPILOT_VERSION = 0, 2, 76, 77, 148
+EXTENDED_SYS_STATE, STATUSTEXT = 245, 253
+NAV_LAND, DO_SET_MODE, ARM_DISARM, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 21, 176, 400, 511, 512
 TYPE_ONBOARD, AUTOPILOT_INVALID, STATE_ACTIVE = 18, 8, 4
 ARMED, CUSTOM_MODE = 128, 1  # bits of base_mode
 LANDED_UNKNOWN, LANDED_ON_GROUND = 0, 1  # MAV_LANDED_STATE
@@ -35,7 +36,8 @@ RESULT_WORDS = {
 
 _HEARTBEAT, _COMMAND = struct.Struct("<IBBBBB"), struct.Struct("<7fHBBB")
 _ACK, _EXTENDED = struct.Struct("<HB"), struct.Struct("BB")
-_TEXT = struct.Struct("<B50s")
+_TEXT, _SYSTEM_TIME = struct.Struct("<B50s"), struct.Struct("<QI")
+_VERSION = struct.Struct("<8xQ44x18s")  # capabilities, uid, versions and ids, uid2
 _ACK_BYTES = 10  # command, result, progress, result_param2 (4 bytes), target system, target component
 _ONBOARD_HEARTBEAT = _HEARTBEAT.pack(0, TYPE_ONBOARD, AUTOPILOT_INVALID, 0, STATE_ACTIVE, 3)
 
@@ -56,6 +58,29 @@ class AckFields(NamedTuple):
     command: int
     result: int
     target: tuple[int, int]
+
+
+class HardwareUid(NamedTuple):
+    """Hardware uid of an autopilot, from an AUTOPILOT_VERSION.
+
+    uid: number of 64 bits; 0 if the autopilot does not report it
+    uid2: 18 bytes; all zero if the autopilot does not report it
+    """
+
+    uid: int
+    uid2: bytes
+
+    def __str__(self) -> str:
+        """Return uid2 in hexadecimal digits, else uid; "" if the autopilot reports neither of them."""
+        if any(self.uid2):
+            return self.uid2.hex()
+        return f"{self.uid:016x}" if self.uid else ""
+
+    def matches(self, recorded: str) -> bool:
+        """Return whether `recorded` is this uid: uid2 or uid in hexadecimal digits."""
+        wanted = recorded.strip().lower().removeprefix("0x")
+        short = f"{self.uid:016x}" if self.uid else ""
+        return bool(wanted) and wanted in (str(self), short)
 
 
 class MinimalSender:
@@ -115,6 +140,16 @@ def parse_statustext(data: Buffer, at: Frame) -> tuple[int, str]:
     """Decode a STATUSTEXT and return its severity, a MAV_SEVERITY, and its text."""
     severity, text = _TEXT.unpack(_payload(data, at, _TEXT.size))
     return int(severity), bytes(text).rstrip(b"\0").decode(errors="replace")
+
+
+def parse_hardware_uid(data: Buffer, at: Frame) -> HardwareUid:
+    """Decode an AUTOPILOT_VERSION and return its hardware uid."""
+    return HardwareUid(*_VERSION.unpack(_payload(data, at, _VERSION.size)))
+
+
+def parse_boot_ms(data: Buffer, at: Frame) -> int:
+    """Decode a SYSTEM_TIME and return the time since the autopilot's start [ms]."""
+    return int(_SYSTEM_TIME.unpack(_payload(data, at, _SYSTEM_TIME.size))[1])
 
 
 def _pack(sender: MavlinkSender, msgid: int, payload: bytes) -> bytes:

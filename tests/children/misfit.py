@@ -107,6 +107,18 @@ def flickers() -> None:
     forever()
 
 
+def prints_requests() -> None:
+    """Report facts (the argument, as JSON), and print every request of the supervisor. SIGTERM ends it after the last one."""
+    signal.signal(signal.SIGTERM, lambda *_: tell.line.setblocking(False))
+    tell(ready=True, facts=json.loads(sys.argv[2]))
+    while True:
+        try:
+            data = tell.line.recv(65536)
+        except BlockingIOError:
+            sys.exit(0)
+        print(data.decode(), flush=True)
+
+
 def floods() -> None:
     """Print without end."""
     block = b"flood " * 10_000 + b"\n"
@@ -172,6 +184,60 @@ def world() -> None:
         if watched and Path(watched).exists():
             mine.send(json.dumps({"facts": {name: False for name in facts}}).encode())
             watched = ""
+
+
+def reports_arming() -> None:
+    """Act as a router: report `uav1.armed` while the file in the argument exists. A stop signal ends it; it prints the state then."""
+    stopped, flag, armed = [], Path(sys.argv[2]), None
+    signal.signal(signal.SIGTERM, lambda *_: stopped.append(1))
+    tell(ready=True)
+    while not stopped:
+        if armed != flag.exists():
+            armed = flag.exists()
+            tell(facts={"uav1.connected": True, "uav1.armed": armed})
+        time.sleep(0.02)
+    print("ended while the vehicle is", "ARMED" if flag.exists() else "disarmed", flush=True)
+
+
+def arms_at_its_end() -> None:
+    """Arm the vehicle after the stop signal: create the file in the argument 0.3 s later, and end after 0.5 s more."""
+
+    def end(*_: object) -> None:
+        time.sleep(0.3)
+        Path(sys.argv[2]).touch()
+        print("armed", flush=True)
+        time.sleep(0.5)
+        sys.exit(0)
+
+    signal.signal(signal.SIGTERM, end)
+    print("flies", flush=True)
+    forever()
+
+
+def names() -> None:
+    """Send as many facts with different names as the argument says."""
+    for i in range(int(sys.argv[2])):
+        tell(facts={f"wp{i}": i})
+        time.sleep(0.0005)
+    forever()
+
+
+def disarms() -> None:
+    """Act as a landing task: delete the file in the argument, which stands for the arming of the vehicle."""
+    print("landing all", flush=True)
+    Path(sys.argv[2]).unlink(missing_ok=True)
+    print("landed all", flush=True)
+
+
+def armed_at_its_end() -> None:
+    """Act as a link whose pilot arms when the stop signal arrives: create the file in the argument, and end when it is gone."""
+    stopped, flag = [], Path(sys.argv[2])
+    signal.signal(signal.SIGTERM, lambda *_: (stopped.append(1), flag.touch()))
+    tell(ready=True)
+    while not stopped or flag.exists():
+        if flag.exists():
+            tell(stats={"armed": True})
+        time.sleep(0.02)
 
 
 def lands() -> None:

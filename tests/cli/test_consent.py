@@ -19,7 +19,7 @@ REAL = """
 mocap: {source: natnet, server: 10.0.0.5}
 vehicles:
   uav1: {autopilot: builtin}
-  uav2: {id: 9, autopilot: hardware, url: "udpin:127.75.0.1:14540", program: fly.py}
+  uav2: {id: 9, autopilot: hardware, profile: iris, radio: none, url: "udpin:127.75.0.1:14540", program: fly.py}
 """
 
 
@@ -51,6 +51,25 @@ def test_any_other_answer_starts_nothing(answer: str, plan: Plan, monkeypatch: p
     monkeypatch.setattr("sys.stdin", Terminal(answer))
     with pytest.raises(InputError, match="Nothing was started"):
         ask_consent(plan, yes=False)
+
+
+@pytest.mark.parametrize("yes", [False, True])
+def test_fault_1_consent_repeats_that_there_is_no_radio(
+    yes: bool, plan: Plan, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("yes\n"))
+    ask_consent(plan, yes=yes)
+    assert "uav2 has no pilot's radio: nobody can take over by hand\n" in capsys.readouterr().out
+
+
+def test_consent_says_nothing_of_a_radio_that_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "fly.py").touch()
+    (tmp_path / "arena.yaml").write_text(REAL.replace(" radio: none,", ""))
+    monkeypatch.setattr("sys.stdin", Terminal("yes\n"))
+    ask_consent(make_plan(load_arena(tmp_path / "arena.yaml")), yes=False)
+    assert "pilot's radio" not in capsys.readouterr().out
 
 
 def test_a_simulated_arena_asks_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,7 +71,7 @@ mocap: {source: natnet, server: 127.52.9.2}
 vehicles:
   builtin: {autopilot: builtin}
   px4: {autopilot: px4, start: {position: [1, 0, 0]}}
-  hardware: {autopilot: hardware, url: "udpin:127.52.9.1:14540"}
+  hardware: {autopilot: hardware, profile: iris, radio: none, url: "udpin:127.52.9.1:14540"}
   hitl: {autopilot: hitl, serial: /dev/ttyACM0, start: {position: [-1, 0, 0]}}
 """
 
@@ -89,13 +89,29 @@ def test_rotor_geometry_is_pushed_to_px4_with_a_simulated_body_only(
         pushed = new_record(arena, [vehicle], None, version).wanted[name]
         compared = ParamSources(Path("arena.yaml"), [], version).read(f"yaml:{name}", "").values
         assert pushed == compared and any(p.startswith("CA_ROTOR") for p in pushed) == has_rotors
-        assert "CA_ROTOR_COUNT" in parse_params(params_file_text(arena, vehicle, version)), (
-            "the file has the geometry for every vehicle"
+        file = parse_params(params_file_text(arena, vehicle, version))
+        assert ("CA_ROTOR_COUNT" in file) == (name != "hardware"), (
+            "the file has the geometry of a simulated body"
         )
     if name != "px4":  # whose version is unknown here
         assert firmware(arena, vehicle).values == pytest.approx(pushed), (
             "what it starts from, or must hold before it arms"
         )
+
+
+def test_fault_12_measured_values_are_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record = "measured: {MPC_THR_HOVER: {value: 0.42, date: 2026-11-20, how: 30 s of hover}}"
+    (folder / "arena.yaml").write_text(KINDS.replace("radio: none,", f"radio: none, {record},"))
+    code, out, _ = run(capsys, "measured")
+    lines = out.splitlines()
+    assert code == 0 and lines[:2] == [
+        "hardware: 1 parameters measured",
+        "  MPC_THR_HOVER: 0.42, 2026-11-20, 30 s of hover",
+    ]
+    assert "  EKF2_EV_DELAY (11)" in lines and not any("builtin" in line for line in lines)
+    _, out, _ = run(capsys, "generate")
+    assert "# this vehicle's own value; measured 2026-11-20, 30 s of hover (arena.yaml:" in out
+    assert "no real vehicle" in run(capsys, "measured", "builtin")[1]
 
 
 def test_files_are_compared_with_each_other_and_with_the_yaml(

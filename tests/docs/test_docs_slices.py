@@ -18,7 +18,7 @@ mocap: {source: natnet, server: 127.0.0.3}
 px4: {home: stand-in}
 vehicles:
   uav1: {start: {position: [0, 0, 0]}, autopilot: builtin, program: hover.py}
-  uav2: {start: {position: [1, 0, 0]}, autopilot: hardware, url: "udpin:127.0.0.1:15000"}
+  uav2: {start: {position: [1, 0, 0]}, autopilot: hardware, profile: iris, radio: none, url: "udpin:127.0.0.1:15000"}
   uav3: {start: {position: [2, 0, 0]}, autopilot: px4}
 """
 PAGE = (ROOT / "docs/reference/slices.md").read_text()

@@ -4,19 +4,22 @@ The link is the real process; the vehicle is a fake on UDP or at the other end o
 """
 
 import json
+import math
 import os
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 from emergency_fleet import Fleet, flying
-from served import Connection, SerialDevice, Served
+from fake_autopilot import ARM, LAND, SET_MODE
+from served import Connection, SerialDevice, Served, UdpPort, until
 
-from arena.emergency import link_process
+from arena.emergency import link_process, link_restart
 from arena.emergency.land_all import command, land_all
 from arena.emergency.run_record import ProcessIdentity
 
@@ -29,8 +32,22 @@ def on_serial_line(autopilot, device):
     return Served([Connection(autopilot=autopilot, port=SerialDevice(device))])
 
 
+def start_time(pid):
+    """Return the start time of a process [s since boot]; 0 if there is none."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return int(fields[19]) / os.sysconf("SC_CLK_TCK")
+
+
 class Lab:
-    """The run folder of a real vehicle, and its link process."""
+    """The run folder of a real vehicle, and its link process.
+
+    supervisor: pid in state.json; 0: none
+    """
+
+    supervisor = 0
 
     def __init__(self, folder, host, wire):
         self.folder, self.host = folder, host
@@ -48,6 +65,7 @@ class Lab:
             "size_m": [7, 4, 3],
             "height_m": 0.1,
             "poses": True,
+            "radio": None,
         }
         slice_ = {
             "name": "link.uav1",
@@ -90,12 +108,15 @@ class Lab:
             [sys.executable, "-m", "arena.fcu_link", str(self.slice)], stdout=subprocess.DEVNULL
         )
         self.until(lambda: "vehicle" not in self.seen() or self.seen()["vehicle"])
-        fields = Path(f"/proc/{self.link.pid}/stat").read_text().rpartition(")")[2].split()
-        start_s = int(fields[19]) / os.sysconf("SC_CLK_TCK")
+        self.write_state()
+
+    def write_state(self):
+        """Write state.json with the link process, as a supervisor does."""
+        start_s = start_time(self.link.pid)
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         state = {
             "boot": boot,
-            "supervisor": {"pid": 0},
+            "supervisor": {"pid": self.supervisor, "start_s": start_time(self.supervisor)},
             "processes": {"link.uav1": {"pid": self.link.pid, "start_s": start_s}},
         }
         (self.folder / "state.json").write_text(json.dumps(state))
@@ -254,3 +275,162 @@ def test_a_second_land_all_is_obeyed_by_the_link_too(lab, end_when):
         end_when(lambda: fleet.autopilots[K].landed and not fleet.autopilots[K].armed)
         assert land_all(run=site.folder) == 1, "no telemetry"
         assert fleet.autopilots[K].landed and not fleet.autopilots[K].armed
+
+
+# review fault 10: the supervisor restarts a crashed link process
+
+
+def start_link_later(site, when):
+    """Start the link process again once `when` holds, as a supervisor does. Return the thread."""
+
+    def restart():
+        until(when)
+        site.link = subprocess.Popen(
+            [sys.executable, "-m", "arena.fcu_link", str(site.slice)], stdout=subprocess.DEVNULL
+        )
+        site.write_state()
+
+    thread = threading.Thread(target=restart)
+    thread.start()
+    return thread
+
+
+def test_review_fault_10_a_restarting_link_keeps_its_port(lab, capsys, monkeypatch):
+    monkeypatch.setattr(link_restart, "RESTART_S", 60.0)
+    host = "127.66.9.1"
+    with Fleet([flying(K, land_s=3.0)], host, paths=("wire",)) as fleet:
+        site = lab(host, udpin(host))
+        site.supervisor = os.getpid()
+        site.start()
+        site.signal(signal.SIGKILL)
+        again = start_link_later(site, lambda: fleet.autopilots[K].commands)
+        assert land_all(run=site.folder) == 0
+        again.join()
+        assert site.link.poll() is None, "the link process could open its port"
+    printed = lines(capsys)
+    assert "uav1: link.uav1 is not running; waiting for its restart" in printed
+    assert not any(" instead" in line for line in printed)
+
+
+@pytest.mark.parametrize("state", ["FATAL", "EXITED", "READY"])
+def test_review_fault_10_the_wait_ends_when_the_supervisor_gives_up(lab, capsys, monkeypatch, state):
+    monkeypatch.setattr(link_restart, "RESTART_S", 0.5 if state == "READY" else 60.0)
+    host = f"127.66.9.{10 + len(state)}"
+    with Fleet([K], host, paths=("wire",)):
+        site = lab(host, udpin(host))
+        site.supervisor = os.getpid()
+        site.start()
+        site.signal(signal.SIGKILL)
+        event = {"process": "link.uav1", "from": "STARTING", "to": state, "reason": "exit -9"}
+        (site.folder / "events.jsonl").write_text(json.dumps(event) + "\n")
+        assert land_all(run=site.folder) == 0
+    assert any(f"sending on udpin {host}:14541 instead" in line for line in lines(capsys))
+
+
+def land_when_link_sends(fake):
+    """Let a vehicle in AUTO.LAND land as soon as its link process sends to it. Return the thread."""
+
+    def land():
+        until(lambda: fake.mode == "AUTO.LAND")
+        count = len(fake.received)
+        until(lambda: any(m.get_srcComponent() == 192 for m in fake.received[count:]), 60.0)
+        fake.land_s = 0.0
+
+    thread = threading.Thread(target=land)
+    thread.start()
+    return thread
+
+
+def test_review_fault_10_a_link_that_comes_back_gets_its_port_back(lab, capsys):
+    host = "127.66.9.3"
+    fake = flying(K, land_s=math.inf)
+    with Fleet([fake], host, paths=("wire",)):
+        site = lab(host, udpin(host))
+        site.start()
+        site.signal(signal.SIGKILL)
+        again = start_link_later(site, lambda: fake.mode == "AUTO.LAND")
+        landing = land_when_link_sends(fake)
+        assert land_all(run=site.folder) == 0
+        again.join()
+        landing.join()
+        assert site.link.poll() is None
+    printed = lines(capsys)
+    assert any(" instead" in line for line in printed)
+    assert f"uav1: link.uav1 runs again; udpin {host}:14541 is released for it" in printed
+
+
+def test_review_fault_10_a_serial_device_is_given_back(lab, serial_cable, capsys):
+    near, far = serial_cable
+    fake = flying(K, land_s=math.inf)
+    with on_serial_line(fake, far):
+        site = lab("127.66.9.4", {"kind": "serial", "device": near, "baud": 115200})
+        site.start()
+        site.signal(signal.SIGKILL)
+        again = start_link_later(site, lambda: fake.mode == "AUTO.LAND")
+        landing = land_when_link_sends(fake)
+        assert land_all(run=site.folder) == 0
+        again.join()
+        landing.join()
+    assert f"uav1: link.uav1 runs again; {near} at 115200 baud is released for it" in lines(capsys)
+
+
+# review fault 4: another vehicle with the same system id
+
+
+OURS, OTHER = bytes(range(1, 19)), bytes(range(2, 20))
+
+
+class Bench(Served):
+    """A vehicle on UDP that sends to an address from a port of its own."""
+
+    def __init__(self, autopilot, local, remote):
+        self.autopilot = autopilot
+        super().__init__([Connection(autopilot=autopilot, port=UdpPort(local), remote=remote)])
+
+
+def recorded(site, host, uid, address=None):
+    """Write the record of a link process that has ended."""
+    (site.folder / "wire").mkdir()
+    seen = {"kind": "udpin", "local": [host, 14541], "vehicle": address, "uid": uid.hex()}
+    (site.folder / "wire" / "uav1.json").write_text(json.dumps(seen))
+
+
+def orders(autopilot):
+    return [c.command for c in autopilot.orders]
+
+
+@pytest.mark.parametrize("same_address", [False, True])
+def test_review_fault_4_another_vehicle_never_confirms_a_landing(lab, capsys, same_address):
+    """The vehicle of the run is silent; a vehicle with its system id stands on the bench and sends telemetry."""
+    host = f"127.66.10.{1 + same_address}"
+    bench = flying(K, landed=True, armed=False, uid2=OTHER)
+    site = lab(host, udpin(host))
+    local = (host, 25009)
+    recorded(site, host, OURS, list(local) if same_address else [host, 25008])
+    with Bench(bench, local, (host, 14541)):
+        assert land_all(run=site.folder, timeout_s=2.0) == 1
+    assert not {SET_MODE, LAND, ARM} & set(orders(bench)), "never commanded"
+    printed = lines(capsys)
+    assert printed[-1] == "uav1: NOT CONFIRMED: no telemetry received"
+    assert any(f"another vehicle replies at {host}:25009 (hardware uid {OTHER.hex()}" in p for p in printed)
+
+
+def test_review_fault_4_the_vehicle_is_found_at_a_new_address(lab, capsys):
+    host = "127.66.10.3"
+    ours, bench = flying(K, uid2=OURS), flying(K, landed=True, armed=False, uid2=OTHER)
+    site = lab(host, udpin(host))
+    recorded(site, host, OURS, ["127.66.10.4", 25001])
+    with Bench(bench, (host, 25009), (host, 14541)), Bench(ours, (host, 25010), (host, 14541)):
+        assert land_all(run=site.folder) == 0
+    assert ours.landed and not ours.armed and LAND in orders(ours)
+    assert not {SET_MODE, LAND, ARM} & set(orders(bench))
+    assert "uav1: landed and disarmed after" in lines(capsys)[-1]
+
+
+def test_without_a_recorded_uid_a_line_reports_it(lab, capsys):
+    host = "127.66.10.5"
+    site = lab(host, udpin(host))
+    with Fleet([K], host, paths=("wire",)):
+        assert land_all(run=site.folder) == 0
+    line = "uav1: its hardware uid is not recorded: the identity of the vehicle is not checked"
+    assert line in lines(capsys)

@@ -13,41 +13,58 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from arena.fault_injection import inject
 from arena.plan import make_plan
 from arena.schema import load_arena
 from arena.wire.truth_page import Truth, TruthReader
 
 
-class PosingRoom:
-    """A world with one posing vehicle.
+@dataclass(frozen=True, kw_only=True)
+class PosingVehicle:
+    """Vehicle of a posing room.
 
-    vehicle: name.
     number: system id.
     position: start position [m] [NED].
     partner: address that its MAVLink is sent to.
     """
 
-    def __init__(
-        self,
-        address: str,
-        partner: tuple[str, int],
-        *,
-        vehicle: str,
-        number: int,
-        position: list[float],
-        params: dict[str, float] | None = None,
-    ) -> None:
+    name: str
+    number: int
+    position: list[float]
+    partner: tuple[str, int]
+    params: dict[str, float] = field(default_factory=dict)
+
+
+class PosingRoom:
+    """A world whose vehicles pose as real ones.
+
+    links: name -> address at which the vehicle receives MAVLink.
+    """
+
+    def __init__(self, address: str, *vehicles: PosingVehicle) -> None:
         self.address = address
         self._folder = folder = Path(tempfile.mkdtemp(prefix="arena-room-"))  # short, for the clock's socket
-        keys = {"id": number, "autopilot": "builtin", "start": {"position": position}, "params": params or {}}
-        arena = {"address": address, "world": {"size": [14, 6, 3]}, "vehicles": {vehicle: keys}}
+        keys = {
+            v.name: {
+                "id": v.number,
+                "autopilot": "builtin",
+                "start": {"position": v.position},
+                "params": v.params,
+            }
+            for v in vehicles
+        }
+        arena = {"address": address, "world": {"size": [14, 6, 3]}, "vehicles": keys}
         (folder / "arena.yaml").write_text(json.dumps(arena))
         slices = make_plan(load_arena(folder / "arena.yaml")).slices
-        slices["world.json"]["vehicles"][0]["links"]["router"]["remote"] = list(partner)
+        self.links: dict[str, tuple[str, int]] = {}
+        for vehicle, own in zip(vehicles, slices["world.json"]["vehicles"], strict=True):
+            self.links[vehicle.name] = tuple(own["links"]["router"]["local"])
+            own["links"]["router"]["remote"] = list(vehicle.partner)
         self._slices = {name: self._write(name, slices[f"{name}.json"]) for name in ("world", "mocap")}
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self._start("world", "arena.sim")
@@ -56,6 +73,10 @@ class PosingRoom:
             assert time.monotonic() < deadline and self.processes["world"].poll() is None, self.said("world")
             time.sleep(0.02)
         self._start("mocap", "arena.mocap.emulator")
+
+    def inject(self, process: str, fault: dict[str, Any]) -> None:
+        """Inject a fault into the world or the cameras (process "mocap")."""
+        inject(self._folder / f"{process}.faults", fault)
 
     def truth(self) -> Truth:
         found = TruthReader(self._folder / "truth").newest()

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from .flight import PROGRAMS, ROOT, Flight, Hangar, eventually
-from .posing import PosingRoom
+from .posing import PosingRoom, PosingVehicle
 
 pytestmark = pytest.mark.crowd  # two worlds: the arena and the simulated reality
 EXAMPLE = ROOT / "examples" / "01_two_quads" / "position_setpoints.py"
@@ -32,7 +32,7 @@ mocap: {{source: natnet, server: {server}}}
 defaults: {{program: {{path: '{program}', args: [{args}]}}, neighbours: [uav1, uav2]}}
 vehicles:
   uav1: {{autopilot: builtin, start: {{position: [3, 1, 0]}}}}
-  uav2: {{autopilot: hardware, url: "udpin:{hangar.address}:{WIRE_PORT}"{more}}}
+  uav2: {{autopilot: hardware, profile: iris, radio: none, url: "udpin:{hangar.address}:{WIRE_PORT}"{more}}}
 """)
     return file
 
@@ -41,9 +41,10 @@ vehicles:
 def room(hangar: Hangar) -> Iterator[PosingRoom]:
     a, b, c, d = hangar.address.split(".")
     address = f"{a}.{int(b) + 60}.{c}.{d}"
-    with PosingRoom(
-        address, (hangar.address, WIRE_PORT), vehicle="uav2", number=2, position=[-2.0, 0.0, 0.0]
-    ) as made:
+    posing = PosingVehicle(
+        name="uav2", number=2, position=[-2.0, 0.0, 0.0], partner=(hangar.address, WIRE_PORT)
+    )
+    with PosingRoom(address, posing) as made:
         yield made
 
 

@@ -36,6 +36,7 @@ def slice_of(address: str = "127.71.0.1", **changes: Any) -> dict[str, Any]:
         "size_m": [7, 4, 3],
         "height_m": 0.1,
         "poses": True,
+        "radio": None,
         **changes.pop("preflight", {}),
     }
     links = {
@@ -73,12 +74,23 @@ def odometry(p_n: tuple[float, ...] = POSE, yaw: float = YAW) -> Any:
     return mavlink.MAVLink_odometry_message(0, 1, 12, *p_n, q, *[nan] * 6, [nan] * 21, [nan] * 21, 0, 2, 100)
 
 
-def heartbeat(armed: bool = False) -> Any:
-    return mavlink.MAVLink_heartbeat_message(2, 12, 1 | (128 if armed else 0), 0, 4, 3)
+def heartbeat(armed: bool = False, kill: bool = False, mode: int = 0) -> Any:
+    """Return a heartbeat. kill: the kill switch is on. mode: custom_mode."""
+    status = mavlink.MAV_STATE_FLIGHT_TERMINATION if kill else mavlink.MAV_STATE_ACTIVE
+    return mavlink.MAVLink_heartbeat_message(2, 12, 1 | (128 if armed else 0), mode, status, 3)
 
 
-def sys_status(battery: int = 80) -> Any:
-    return mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 16000, 0, battery, 0, 0, 0, 0, 0, 0)
+def sys_status(battery: int = 80, rc: bool = False, rc_healthy: bool = True) -> Any:
+    """Return a SYS_STATUS. rc: manual control is received."""
+    bit = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    present, health = bit if rc else 0, bit if rc_healthy else 0
+    return mavlink.MAVLink_sys_status_message(
+        present, present, health, 0, 16000, 0, battery, 0, 0, 0, 0, 0, 0
+    )
+
+
+def rc_channels(count: int = 16) -> Any:
+    return mavlink.MAVLink_rc_channels_message(0, count, *[1500] * 18, 80)
 
 
 def attitude(yaw: float = YAW) -> Any:
@@ -126,14 +138,19 @@ class Rig:
         return found
 
     def fly(self, seconds: float, *, poses: bool = True, telemetry: bool = True, **state: Any) -> None:
-        """Advance time with nominal messages, except for `state`: battery, armed, p_n, yaw, pose_n, pose_yaw."""
+        """Advance time with nominal messages, except for `state`: battery, armed, p_n, yaw, pose_n, pose_yaw, rc, kill."""
         p_n, yaw = state.get("p_n", POSE), state.get("yaw", YAW)
         for i in range(round(seconds * 50)):
             self.now += 0.02
             if telemetry:
                 self.receive(local(p_n), attitude(yaw))
             if telemetry and i % 25 == 0:
-                self.receive(heartbeat(state.get("armed", False)), sys_status(state.get("battery", 80)))
+                rc = state.get("rc", False)
+                self.receive(
+                    heartbeat(state.get("armed", False), state.get("kill", False)),
+                    sys_status(state.get("battery", 80), rc),
+                    *([rc_channels()] if rc else []),
+                )
             if poses:
                 self.send(
                     "vision",

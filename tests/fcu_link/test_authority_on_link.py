@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.process_context import SUPERVISOR_LOST
 from arena.wire.mavlink_codec import Codec
 from arena.wire.px4_mode import mode_numbers
 
@@ -126,7 +127,7 @@ def test_nobody_arms_the_vehicle_once_the_run_ends():  # review fault 6
 def test_nobody_arms_the_vehicle_once_the_supervisor_has_ended():  # review fault 6
     rig = Rig()
     rig.fly(2.0)
-    rig.core.gate.on_supervisor_lost()
+    rig.core.gate.on_request(SUPERVISOR_LOST, rig.now)
     assert not sent_by(rig, PROGRAM, arm())
     assert rig.received("router", "STATUSTEXT")[-1].text == "arming refused: the supervisor has ended"
 

@@ -205,10 +205,10 @@ def test_a_fact_is_reported_once_when_it_changes(fleet):
     }
     fleet.send_as("autopilot1", heartbeat(1, armed=True))
     assert fleet.router.changed_facts() == {}
-    assert fleet.router.any_armed(simulated=True)
+    assert fleet.router.armed(simulated=True)
     fleet.send_as("autopilot1", heartbeat(1, mode=LAND))
     assert fleet.router.changed_facts() == {"uav1.armed": False, "uav1.mode": "AUTO.LAND"}
-    assert not fleet.router.any_armed(simulated=True)
+    assert not fleet.router.armed(simulated=True)
     fleet.send_as("autopilot2", heartbeat(2))
     assert fleet.router.all_connected
 
@@ -219,7 +219,7 @@ def test_a_real_vehicle_that_is_switched_off_is_not_waited_for():
     assert fleet.router.all_connected
     fleet.send_as("autopilot2", heartbeat(2, armed=True))
     assert fleet.router.changed_facts()["uav2.armed"] is True
-    assert (fleet.router.any_armed(simulated=True), fleet.router.any_armed(simulated=False)) == (False, True)
+    assert (fleet.router.armed(simulated=True), fleet.router.armed(simulated=False)) == ([], ["uav2"])
     assert Fleet(real=(1, 2)).router.all_connected
 
 
@@ -247,7 +247,7 @@ def test_a_silent_vehicle_is_disconnected_and_keeps_its_last_armed(fleet):
     fleet.now += 0.2
     fleet.router.tick(fleet.now)
     assert fleet.router.changed_facts() == {"uav1.connected": False}
-    assert fleet.router.any_armed(simulated=True)
+    assert fleet.router.armed(simulated=True)
 
 
 @pytest.mark.parametrize("data", [heartbeat(1, 191, armed=True), heartbeat(2, 1, armed=True)])

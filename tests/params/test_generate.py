@@ -116,7 +116,7 @@ def test_requirements_without_a_parameter_are_not_possible() -> None:
         w for w in made("1.9", gains={"MPC_JERK_NEW": 1.0, "MPC_JERK_MAX": 2.0}).not_possible if "JERK" in w
     ] == ["gains: PX4 1.9 has no MPC_JERK_NEW (1)"]
     assert made("1.16", failsafe=failsafe(rc_loss="land")).not_possible == (
-        "failsafe.rc_loss: land is not set, because the vehicle has no RC. Set `sticks: true` if it has",
+        "failsafe.rc_loss: land is not set, because the vehicle has no RC. Set `sticks: true` if it has (hardware: `radio: required`)",
     )
     no_ground_station = failsafe(data_link_loss="terminate")
     assert made("1.13", failsafe=no_ground_station).values["NAV_DLL_ACT"] == 5, (

@@ -120,7 +120,8 @@ def notes(folder: Path, text: str) -> list[str]:
 
 def test_hardware_without_a_copilot_gives_a_note(tmp_path: Path) -> None:
     real: dict[str, Any] = {"url": "udpin:0.0.0.0:14550"}
-    text = f"mocap: {{source: natnet, server: 10.0.0.5}}\nvehicles: {{uav1: {{autopilot: hardware, url: '{real['url']}'}}}}\n"
+    text = "mocap: {source: natnet, server: 10.0.0.5}\nvehicles:\n"
+    text += f"  uav1: {{autopilot: hardware, profile: iris, radio: none, url: '{real['url']}'}}\n"
     assert notes(tmp_path, text) == ["uav1: real vehicles without a copilot: add `copilot: {}` to the YAML"]
     assert notes(tmp_path, "copilot: {}\n" + text) == []
     assert notes(tmp_path, "vehicles: {uav1: {}}") == []

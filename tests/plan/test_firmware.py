@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from arena.errors import InputError
 from arena.params.facts.parameter_table import parameters, versions
-from arena.plan.firmware import firmware, origins, px4_version, written_param_findings
+from arena.plan import make_plan
+from arena.plan.checks import check_arena
+from arena.plan.firmware import firmware, origins, px4_version, unmeasured, written_param_findings
 from arena.plan.resolved_yaml import arena_yaml
 from arena.schema import Arena, load_arena
 
@@ -17,7 +20,7 @@ VEHICLES = (
     "  uav2: {autopilot: builtin, profile: intel_aero, start: {position: [-2, 1, -0.5]}}\n"
 )
 NATNET = "mocap: {source: natnet, server: 10.0.0.2}\n"
-HARDWARE = "{autopilot: hardware, url: 'udpin:0.0.0.0:14580'"
+HARDWARE = "{autopilot: hardware, profile: iris, radio: none, url: 'udpin:0.0.0.0:14580'"
 
 
 @pytest.fixture(autouse=True)
@@ -124,6 +127,76 @@ def test_rotor_geometry_is_left_to_hardware_and_to_the_builtin_autopilot() -> No
     arena = load(text)
     assert "CA_ROTOR_COUNT" not in values(arena) | values(arena, "uav2")
     assert firmware(arena, arena.vehicles[0]).version == "1.14"
+
+
+SIMULATOR_VALUES = ("MPC_THR_HOVER", "EKF2_EV_DELAY", "EKF2_EVP_NOISE", "MC_ROLLRATE_P", "MPC_TKO_RAMP_T")
+MEASURED = "measured: {MPC_THR_HOVER: {value: 0.42, date: 2026-11-20, how: 30 s of hover}}"
+
+
+def test_fault_12_hardware_keeps_its_own_values_instead_of_the_simulators() -> None:
+    arena = load(f"{NATNET}vehicles:\n  uav1: {HARDWARE}}}\n  uav2: {{autopilot: builtin}}\n")
+    assert not set(SIMULATOR_VALUES) & set(values(arena))
+    assert set(SIMULATOR_VALUES) <= set(values(arena, "uav2"))
+    kept = unmeasured(arena, arena.vehicle("uav1"))
+    assert set(SIMULATOR_VALUES) <= set(kept) and kept["MPC_THR_HOVER"] == pytest.approx(0.5652, abs=1e-4)
+    assert not {name for name in kept if name.startswith(("CA_", "RC_"))}
+    assert unmeasured(arena, arena.vehicle("uav2")) == {}
+
+
+def test_fault_12_measured_values_are_demanded_with_date_and_method() -> None:
+    arena = load(f"{NATNET}vehicles:\n  uav1: {HARDWARE}, {MEASURED}}}\n")
+    assert values(arena)["MPC_THR_HOVER"] == 0.42
+    assert "MPC_THR_HOVER" not in unmeasured(arena, arena.vehicles[0])
+    source = origins(arena)["vehicles.uav1.params.MPC_THR_HOVER"].source
+    assert source == "measured 2026-11-20, 30 s of hover (arena.yaml:3)"
+    again = load(arena_yaml(arena))
+    assert again.vehicles[0].measured == arena.vehicles[0].measured and values(again) == values(arena)
+
+
+def test_measured_value_replaces_the_file_and_the_defaults(folder: Path) -> None:
+    (folder / "old.params").write_text("MPC_THR_HOVER 0.3\n")
+    text = f"{NATNET}defaults: {{params: {{MPC_THR_HOVER: 0.35}}}}\nvehicles:\n  uav1: {HARDWARE}, params_file: old.params, {MEASURED}}}\n"
+    assert values(load(text))["MPC_THR_HOVER"] == 0.42
+
+
+def test_misspelt_measured_parameter_is_refused() -> None:
+    arena = load(f"{NATNET}vehicles:\n  uav1: {HARDWARE}, {MEASURED.replace('HOVER', 'HOVR')}}}\n")
+    with pytest.raises(
+        InputError, match=r"arena.yaml:3: vehicles.uav1.measured.MPC_THR_HOVR: .*MPC_THR_HOVER"
+    ):
+        check_arena(arena, [])
+
+
+RADIO = "{autopilot: hardware, profile: iris, url: 'udpin:0.0.0.0:14580'"
+
+
+@pytest.mark.parametrize(("version", "without"), [("1.9", 1.0), ("1.12", 1.0), ("1.16", 4.0), ("1.18", 4.0)])
+def test_fault_1_hardware_has_a_pilot_unless_the_yaml_says_no(version: str, without: float) -> None:
+    for key, expected in (("", 0.0), (", radio: required", 0.0), (", radio: none", without)):
+        made = values(load(f"{NATNET}vehicles:\n  uav1: {RADIO}{key}}}\n"), version=version)
+        assert made["COM_RC_IN_MODE"] == expected, key
+        assert "RC_MAP_ROLL" not in made
+    assert values(load(f"{NATNET}vehicles:\n  uav1: {RADIO}}}\n"))["NAV_RCL_ACT"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("version", "modes"), [("1.9", [0]), ("1.15", [0]), ("1.16", [0, 3]), ("1.17", [0, 3, 5, 7])]
+)
+def test_link_knows_the_modes_with_which_the_transmitter_works(version: str, modes: list[int]) -> None:
+    arena = load(f"{NATNET}vehicles:\n  uav1: {RADIO}, px4_version: '{version}'}}\n")
+    assert make_plan(arena).slices["link.uav1.json"]["preflight"]["radio"] == modes
+    arena = load(f"{NATNET}vehicles:\n  uav1: {RADIO}, radio: none}}\n")
+    assert make_plan(arena).slices["link.uav1.json"]["preflight"]["radio"] is None
+
+
+@pytest.mark.parametrize("mode", [1, 2, 4])
+def test_fault_1_a_parameter_that_ignores_the_transmitter_is_refused(mode: int) -> None:
+    written = f"params: {{COM_RC_IN_MODE: {mode}}}"
+    with pytest.raises(
+        InputError, match="with which PX4 may ignore the pilot's RC transmitter; expected 0 or 3"
+    ):
+        make_plan(load(f"{NATNET}vehicles:\n  uav1: {RADIO}, {written}}}\n"))
+    make_plan(load(f"{NATNET}vehicles:\n  uav1: {RADIO}, radio: none, {written}}}\n"))
 
 
 def test_version_of_the_command_line_replaces_the_vehicles() -> None:

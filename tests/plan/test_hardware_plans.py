@@ -13,6 +13,7 @@ from arena.supervisor.run_folder import _LONGEST_SOCKET
 MIXED = """
 mocap: {source: natnet, server: 10.0.0.5, local: 10.0.0.2, version: "4.1", rate_hz: 120}
 preflight: {position_m: 0.3}
+defaults: {profile: iris, radio: none}
 vehicles:
   real: {id: 7, autopilot: hardware, url: "udpin:0.0.0.0:14540", neighbours: [sim], program: fly.py, params: {COM_OF_LOSS_T: 0.5}}
   sim: {autopilot: builtin, neighbours: [real], program: fly.py}

@@ -115,7 +115,10 @@ def test_address_of_another_computer_gives_one_line() -> None:
 
 
 def test_port_of_a_hardware_url_in_use_asks_for_another_url() -> None:
-    text = NATNET + "vehicles: {uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14540'}}\n"
+    text = (
+        NATNET
+        + "vehicles: {uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpin:0.0.0.0:14540'}}\n"
+    )
     (line,) = refused(Bench(held={("0.0.0.0", 14540): "pid 9 (mavproxy)"}), text)
     assert line == (
         "arena.yaml: UDP port 14540 of 0.0.0.0, for link.uav1, in use by pid 9 (mavproxy). "

@@ -52,7 +52,9 @@ def test_ports_that_other_computers_reach_are_listed(tmp_path):
 
 
 def test_hardware_port_on_every_address_is_listed(tmp_path):
-    real = {"uav1": {"autopilot": "hardware", "url": "udpin:0.0.0.0:14540"}}
+    real = {
+        "uav1": {"autopilot": "hardware", "profile": "iris", "radio": "none", "url": "udpin:0.0.0.0:14540"}
+    }
     lines = open_lines(plan_of(tmp_path, vehicles=real, mocap={"source": "natnet", "server": "127.66.40.9"}))
     assert lines == [
         "open: udp 0.0.0.0:14540 the wire (link.uav1) answers the first address that sends as this vehicle"

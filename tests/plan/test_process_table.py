@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from arena.plan import make
-from arena.plan.process_table import TABLE, ProcessKind
+from arena.plan.process_table import SILENT_S, TABLE, ProcessKind
 from arena.schema import Arena, load_arena
 from arena.schema.ports import PORTS, Binder, Port, vehicle_ports
 
@@ -29,6 +29,11 @@ def test_every_module_of_the_table_can_be_run() -> None:
 
 def test_every_row_has_a_budget_and_a_purpose() -> None:
     assert all(row.cpu_budget > 0 and row.memory_budget_mb > 0 and row.purpose for row in TABLE)
+
+
+def test_hung_router_forwarder_and_link_are_detected() -> None:  # review fault 21
+    limits = {row.kind: row.fields.get("silent_for_s") for row in TABLE}
+    assert limits["router"] == limits["forward"] == limits["link"] == SILENT_S > 5 * 1.0
 
 
 def test_every_port_is_bound_by_kinds_of_the_table() -> None:

@@ -134,3 +134,26 @@ def test_only_simulated_orphans_end_after_the_limit():
         assert not after.over(orphaned=True, any_armed=True, now=0.0)
     assert simulated.over(orphaned=True, any_armed=True, now=60.0)
     assert not real.over(orphaned=True, any_armed=True, now=1e6)
+
+
+def test_stop_signal_does_not_end_a_process_that_serves_an_armed_vehicle(line):  # review fault 6
+    ours, theirs = line
+    room = ProcessContext("link.uav1", {}, theirs)
+    assert not room.may_end([]), "no stop signal yet"
+    room.stopping = True
+    assert not room.may_end(["uav1"]) and not room.may_end(["uav1"])
+    said = json.loads(ours.recv(4096))["event"]
+    assert said == "stop signal received, but uav1 is armed: link.uav1 continues until it is disarmed"
+    ours.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        ours.recv(4096)
+    assert room.may_end([])
+
+
+def test_process_does_not_wait_for_a_vehicle_declared_dead(line):  # review fault 18
+    ours, theirs = line
+    room = ProcessContext("router", {}, theirs)
+    room.stopping = True
+    ours.send(json.dumps({"do": "forget", "vehicle": "uav1"}).encode())
+    assert room.may_end(["uav1"]) and not room.may_end(["uav1", "uav2"])
+    assert room.requests() == []

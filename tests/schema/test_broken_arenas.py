@@ -16,6 +16,7 @@ V1 = "  uav1: {program: hover.py}\n"
 NATNET = "mocap: {source: natnet, server: 10.0.0.2}\nvehicles:\n"
 
 # name of the breakage -> (the YAML, `line: field: ` it must be told at, words it must hold)
+REAL = "autopilot: hardware, profile: iris, url: 'udpin:0.0.0.0:14540'"
 BROKEN: dict[str, tuple[str, str, str]] = {
     "unknown key of the arena": ("nme: x\nvehicles:\n" + V1, "1: nme: ", "unknown key. Did you mean name?"),
     "unknown key of a vehicle": (
@@ -274,7 +275,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "got px4, but no PX4 was found on this machine. Try autopilot: builtin",
     ),
     "autopilot hardware": (
-        "defaults: {autopilot: hardware}\nvehicles:\n" + V1,
+        "defaults: {autopilot: hardware, profile: iris}\nvehicles:\n" + V1,
         "1: vehicles.uav1.autopilot: ",
         "got hardware, which needs `url`",
     ),
@@ -283,39 +284,73 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "2: vehicles.uav1.autopilot: ",
         "got hitl, which needs `serial`",
     ),
+    "hardware without a profile": (  # review fault 12
+        NATNET + "  uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14540'}\n",
+        "3: vehicles.uav1.autopilot: ",
+        "which needs `profile`: the mass, size and thrust of this vehicle. Write intel_aero, iris, or the path",
+    ),
+    "radio of a simulated vehicle": (
+        "vehicles:\n  uav1: {autopilot: builtin, radio: none}\n",
+        "2: vehicles.uav1.radio: ",
+        "is for autopilot: hardware, but uav1 has autopilot: builtin. Remove the key.",
+    ),
+    "radio that is not a radio": (
+        NATNET + f"  uav1: {{{REAL}, radio: optional}}\n",
+        "3: vehicles.uav1.radio: ",
+        "got 'optional', expected required or none.",
+    ),
+    "values measured on a simulated vehicle": (
+        "vehicles:\n  uav1: {autopilot: builtin, measured: {MPC_XY_P: {value: 1.0, date: 2026-11-20, how: tuned}}}\n",
+        "2: vehicles.uav1.measured: ",
+        "is for autopilot: hardware",
+    ),
+    "measured on no day": (
+        NATNET + f"  uav1: {{{REAL}, measured: {{MPC_XY_P: {{value: 1.0, date: yesterday, how: tuned}}}}}}\n",
+        "3: vehicles.uav1.measured.MPC_XY_P.date: ",
+        "got 'yesterday', expected a date such as 2026-11-20.",
+    ),
+    "measured and set to another value": (
+        NATNET
+        + f"  uav1: {{{REAL}, params: {{MPC_XY_P: 0.9}}, measured: {{MPC_XY_P: {{value: 1.0, date: 2026-11-20, how: tuned}}}}}}\n",
+        "3: vehicles.uav1.measured.MPC_XY_P: ",
+        "got 1 from 2026-11-20, but `params` has 0.9. Remove one of them.",
+    ),
     "hardware that nobody sees": (
-        "vehicles:\n  uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14540'}\n",
+        "vehicles:\n  uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpin:0.0.0.0:14540'}\n",
         "2: vehicles.uav1.autopilot: ",
         "the emulator cannot see",
     ),
     "hardware with a word for a url": (
-        NATNET + "  uav1: {autopilot: hardware, url: here}\n",
+        NATNET + "  uav1: {autopilot: hardware, profile: iris, radio: none, url: here}\n",
         "3: vehicles.uav1.url: ",
         "got 'here', expected udpin:HOST:PORT",
     ),
     "hardware by a host name": (
-        NATNET + "  uav1: {autopilot: hardware, url: 'udpout:drone:14540'}\n",
+        NATNET + "  uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpout:drone:14540'}\n",
         "3: vehicles.uav1.url: ",
         "a numeric address",
     ),
     "hardware that is spoken to everywhere": (
-        NATNET + "  uav1: {autopilot: hardware, url: 'udpout:0.0.0.0:14540'}\n",
+        NATNET + "  uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpout:0.0.0.0:14540'}\n",
         "3: vehicles.uav1.url: ",
-        "one vehicle's own address",
+        "the address of one vehicle",
     ),
     "two hardware vehicles on one port": (
         NATNET
-        + "  uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14540'}\n  uav2: {autopilot: hardware, url: 'udpin:10.0.0.9:14540'}\n",
+        + "  uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpin:0.0.0.0:14540'}\n  uav2: {autopilot: hardware, profile: iris, radio: none, url: 'udpin:10.0.0.9:14540'}\n",
         "4: vehicles.uav2.url: ",
         "which is also the connection of uav1",
     ),
     "hardware faster than time": (
-        "sim: {speed: 2}\n" + NATNET + "  uav1: {autopilot: hardware, url: 'udpin:0.0.0.0:14540'}\n",
+        "sim: {speed: 2}\n"
+        + NATNET
+        + "  uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpin:0.0.0.0:14540'}\n",
         "1: sim.speed: ",
         "real time only",
     ),
     "poses on a slow radio": (
-        NATNET + "  uav1: {autopilot: hardware, url: 'serial:/dev/ttyUSB0', baud: 57600}\n",
+        NATNET
+        + "  uav1: {autopilot: hardware, profile: iris, radio: none, url: 'serial:/dev/ttyUSB0', baud: 57600}\n",
         "3: vehicles.uav1.baud: ",
         "Try 230400 or a lower pose_rate_hz",
     ),

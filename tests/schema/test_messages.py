@@ -12,7 +12,7 @@ from arena.schema import load_arena
 
 V = "vehicles:\n  uav1: "
 NATNET = "mocap: {source: natnet, server: 10.0.0.2}\n"
-HARDWARE = "autopilot: hardware, url: 'udpin:0.0.0.0:14540'"
+HARDWARE = "autopilot: hardware, profile: iris, radio: none, url: 'udpin:0.0.0.0:14540'"
 
 # what is wrong -> (YAML, every line of the error)
 GOLDEN: dict[str, tuple[str, list[str]]] = {

@@ -37,6 +37,9 @@ class Echo:
     def events(self) -> list[str]:
         return []
 
+    def on_request(self, request) -> None:
+        pass
+
 
 class ExternalEcho(Echo):
     """The same, with a step in two halves as autopilots in processes of their own have."""

@@ -165,7 +165,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     "what may happen misspelt": (HEAD + "may: [crsh uav1]\n" + STEP, "2: may[0]: ", "Did you mean crash?"),
     "what may happen to nobody": (HEAD + "may: [crash]\n" + STEP, "2: may[0]: ", "got nothing after 'crash'"),
     "hardware": (
-        "arena: {vehicles: {uav1: {autopilot: hardware, url: 'udpin:127.0.0.1:14600'}}}\n"
+        "arena: {vehicles: {uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpin:127.0.0.1:14600'}}}\n"
         + "steps: [do: land all]\n",
         "1: ",
         "uav1",

@@ -24,7 +24,7 @@ def test_real_vehicle_is_refused(tmp_path: Path):
 
     (tmp_path / "arena.yaml").write_text(
         "mocap: {source: natnet, server: 127.0.0.2}\nvehicles:\n  uav1: {autopilot: builtin}\n"
-        "  uav2: {autopilot: hardware, url: 'udpin:127.0.0.1:14600', start: {position: [2, 0, 0]}}\n"
+        "  uav2: {autopilot: hardware, profile: iris, radio: none, url: 'udpin:127.0.0.1:14600', start: {position: [2, 0, 0]}}\n"
     )
     with pytest.raises(InputError, match=r"got real vehicles \(uav2\)"):
         refuse_real(load_arena(tmp_path / "arena.yaml"))

@@ -302,3 +302,19 @@ def test_process_that_fails_at_every_start_fails_for_good(spec, wait_s):
         starts += action is Action.START
     assert status.state in ENDED
     assert starts <= spec.restart.limit
+
+
+def test_process_is_not_killed_while_its_vehicle_is_armed():  # review fault 6
+    """A process that serves an armed real vehicle continues after its stop signal."""
+    moves = [(0, READY_NEEDS), (1, Observation(proof="p")), (2, Observation(stop=True))]
+    held = [(t, Observation(stop=True, hold=True)) for t in (4.5, 10, 100)]
+    status, actions = walk(SPEC, *moves, *held)
+    assert status.state is State.STOPPING and actions[2:] == [Action.TERMINATE, *[Action.NONE] * 3]
+    assert walk(SPEC, *moves, *held, (101, Observation(stop=True)))[1][-1] is Action.KILL
+    assert walk(SPEC, *moves, *held, (101, Observation(hold=True, kill=True)))[1][-1] is Action.KILL
+
+
+def test_hung_process_is_killed_also_while_its_vehicle_is_armed():
+    hung = replace(SPEC, silent_for_s=6.0)
+    moves = [(0, READY_NEEDS), (1, Observation(proof="p")), (8, Observation(silent_s=6.5, hold=True))]
+    assert walk(hung, *moves)[1][-1] is Action.KILL

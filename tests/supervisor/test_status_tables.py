@@ -91,3 +91,11 @@ def test_the_real_time_factor_is_yellow_below_the_limit(rtf: float, colour: str)
 
 def test_the_start_shows_how_many_processes_are_ready() -> None:
     assert header(status(phase="starting")).plain == "lab: starting, 3 s, 2 of 3 ready"
+
+
+def test_control_is_shown_when_another_than_the_program_commands_a_vehicle() -> None:
+    facts = {"uav1.mode": "AUTO.LAND", "uav1.armed": True, "uav1.control": "land-all", "uav1.blocked": "x"}
+    lines = drawn(status(facts=facts), 120)
+    assert "control" in lines[1]
+    assert lines[2].split()[:6] == ["uav1", "AUTO.LAND", "yes", "-", "land-all,", "blocked"]
+    assert "control" not in drawn(status(facts={"uav1.control": "program"}), 120)[1]

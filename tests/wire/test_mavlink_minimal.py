@@ -99,3 +99,27 @@ def test_each_mav_result_of_the_dialect_has_words():
 def test_a_text_of_pymavlink_is_parsed(severity, text):
     message = mavlink.MAVLink_statustext_message(severity, text.encode(), 0, 0)
     assert mav.parse_statustext(*received(message)) == (severity, text)
+
+
+@given(st.integers(0, 2**64 - 1), st.binary(min_size=18, max_size=18))
+def test_the_hardware_uid_of_pymavlink_is_parsed(uid, uid2):
+    eight = [7] * 8
+    message = mavlink.MAVLink_autopilot_version_message(1, 2, 3, 4, 5, eight, eight, eight, 6, 7, uid, uid2)
+    found = mav.parse_hardware_uid(*received(message))
+    assert found == (uid, uid2)
+    assert found.matches(f"{uid:016X}") is (uid != 0) and found.matches(uid2.hex()) is any(uid2)
+    assert not found.matches("") and not found.matches("11" * 8 if uid != 0x1111111111111111 else "22" * 8)
+    assert str(found) == (uid2.hex() if any(uid2) else f"{uid:016x}" if uid else "")
+
+
+@given(st.integers(0, 2**64 - 1), st.integers(0, 2**32 - 1))
+def test_the_time_since_boot_of_pymavlink_is_parsed(unix_us, boot_ms):
+    assert mav.parse_boot_ms(*received(mavlink.MAVLink_system_time_message(unix_us, boot_ms))) == boot_ms
+
+
+def test_the_request_for_the_hardware_uid_is_that_of_pymavlink():
+    wanted = mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, 148, 0, 0, 0, 0, 0, 0
+    )
+    ours = mav.MinimalSender(253, 200).command(1, 1, mav.REQUEST_MESSAGE, mav.AUTOPILOT_VERSION)
+    assert ours == bytes(wanted.pack(mavlink.MAVLink(None, srcSystem=253, srcComponent=200)))

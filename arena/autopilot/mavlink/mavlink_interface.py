@@ -15,6 +15,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.authority import MESSAGES, CommandGate, role_on_link
 from arena.autopilot.commander import CRITICAL
 from arena.autopilot.control.setpoints import OffboardSetpoint
 from arena.autopilot.mavlink import (
@@ -44,10 +45,16 @@ class MavlinkInterface:
     """Receives and sends the MAVLink messages of one vehicle on its links `router`, `vision` and `panic`.
 
     telemetry: function that returns the state of all vehicles at the last step, None before the first step
+    gate: decides who may command the vehicle; None obeys every sender, as PX4 does
     """
 
-    def __init__(self, vehicle: Vehicle, telemetry: Callable[[], TelemetryState | None]) -> None:
-        self.vehicle, self._telemetry = vehicle, telemetry
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        telemetry: Callable[[], TelemetryState | None],
+        gate: CommandGate | None = None,
+    ) -> None:
+        self.vehicle, self._telemetry, self.gate = vehicle, telemetry, gate
         self.counts: Counter[str] = Counter()
         self.mission_protocol = mission_protocol.MissionProtocol(vehicle.missions, tuple(streams.LINK_RATES))
         self.param_server = param_protocol.ParamServer(vehicle.row, vehicle.params)
@@ -78,8 +85,24 @@ class MavlinkInterface:
         for frame in link.codec.frames(data):
             if frame.msgid in _RECORDS:
                 self._receive_record(data, frame)
+            elif frame.msgid in MESSAGES and self._refuses(link, data, frame):
+                self.counts["refused: another has control"] += 1
             elif (message := link.codec.decode(data, frame)) is not None:
                 self._receive_message(link, message)
+
+    def _refuses(self, link: MavlinkLink, data: bytes, frame: Frame) -> bool:
+        """Return whether the sender of a command must not command the vehicle now, and queue the reply to it."""
+        own = self.vehicle.system_id
+        if self.gate is None or frame.target_sys != own or frame.target_comp not in (0, 1):
+            return False
+        role = role_on_link(link.name, frame.sysid, own)
+        refusal = self.gate.refusal(role, data, frame, self.vehicle.now)
+        if refusal is None:
+            return False
+        self._idle_until = 0.0
+        if reply := refusal.reply(link.codec):
+            link.queue.append(reply)
+        return True
 
     def _receive_record(self, data: bytes, frame: Frame) -> None:
         """Process ODOMETRY or SET_POSITION_TARGET_LOCAL_NED from its bytes: faster than with a message object.

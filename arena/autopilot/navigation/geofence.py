@@ -65,7 +65,7 @@ def read_areas(items: Sequence[Item], origin: tuple[float, float, float]) -> lis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fence:
-    """Active geofence of one vehicle.
+    """Geofence of one vehicle that is in force: its areas, and the maximum distances from home.
 
     home_n: home position [m] [NED], None if not set
     max_horizontal_m, max_vertical_m: maximum distances from home [m], 0 for no limit

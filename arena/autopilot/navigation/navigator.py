@@ -200,7 +200,7 @@ class Navigator:
         )
 
     def _run_item(self, item: Item, s: Situation) -> Leg:
-        """Run an item that has no position.
+        """Carry out a mission item that has no position, such as a change of speed or a delay.
 
         An unsupported command has no effect.
         """

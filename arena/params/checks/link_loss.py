@@ -263,7 +263,7 @@ def motors_stop_in_flight(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding for each failsafe that returns to home, if it first climbs to the ceiling or above."""
+    """Yield a finding for each failsafe that returns to home and first climbs to the height of the ceiling or above."""
     altitude = ctx.value("RTL_RETURN_ALT")
     ceiling = ctx.environment.height_m or _LOW_ROOM_M
     if altitude is None or altitude < ceiling:

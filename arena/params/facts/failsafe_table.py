@@ -131,6 +131,13 @@ RC_INPUT_MODES: Mapping[str, tuple[tuple[int, int, int], ...]] = {
 """
 
 
+_RC_PRIORITY_MODES: tuple[tuple[int, int], ...] = ((9, 0), (16, 3), (17, 5), (17, 7))
+"""(since, value of COM_RC_IN_MODE): modes in which a joystick cannot replace an RC transmitter whose kill switch works.
+
+3 (keep the first source) is one of them, because PX4 reacts to the kill switch only if RC was the first source.
+"""
+
+
 def failsafe_actions(event: Event, version: Version | str) -> FailsafeActions:
     """Return the actions that a PX4 version can take after an event."""
     minor = Version.of(version).minor
@@ -191,6 +198,12 @@ def rc_input_mode(source: str, version: Version | str) -> int:
             f"PX4 1.{minor} has no manual control from {source!r}; expected one of {', '.join(known)}"
         )
     return known[source]
+
+
+def rc_priority_modes(version: Version | str) -> tuple[int, ...]:
+    """Return the values of COM_RC_IN_MODE with which a pilot's RC transmitter always works."""
+    minor = Version.of(version).minor
+    return tuple(value for since, value in _RC_PRIORITY_MODES if minor >= since)
 
 
 @cache

@@ -109,7 +109,8 @@ def _rc_loss(w: LineWriter, f: Failsafe) -> Iterator[Line]:
             yield w.line("COM_RCL_EXCEPT", _EXCEPT_ALL, "no reaction when RC is lost", "failsafe.rc_loss")
     elif f.rc_loss != "none":
         w.not_possible.append(
-            f"failsafe.rc_loss: {f.rc_loss} is not set, because the vehicle has no RC. Set `sticks: true` if it has"
+            f"failsafe.rc_loss: {f.rc_loss} is not set, because the vehicle has no RC. "
+            "Set `sticks: true` if it has (hardware: `radio: required`)"
         )
 
 

@@ -76,6 +76,8 @@ def _vision(w: LineWriter) -> Iterator[Line]:
     height = "EKF2_HGT_REF" if "EKF2_HGT_REF" in w.known else "EKF2_HGT_MODE"
     yield w.line(height, _HEIGHT_FROM_VISION, "height comes from poses", "vision")
     yield w.line("EKF2_MAG_TYPE", _NO_MAGNETOMETER, "no magnetometer: heading comes from poses", "vision")
+    if not w.required.simulated:
+        return
     yield w.line("EKF2_EVP_NOISE", VISION_NOISE_M, "smallest position noise assumed for poses [m]", "vision")
     yield w.line(
         "EKF2_EVA_NOISE", VISION_NOISE_RAD, "smallest attitude noise assumed for poses [rad]", "vision"
@@ -91,7 +93,7 @@ def _sensors(w: LineWriter) -> Iterator[Line]:
         yield w.line("COM_ARM_WO_GPS", 1, "arming without GPS is allowed", "gps")
     mode = rc_input_mode("radio" if rc else "none", w.version)
     yield w.line("COM_RC_IN_MODE", mode, "manual control by RC" if rc else "no manual control", "sticks")
-    if rc and w.required.channels:
+    if rc and w.required.channels and w.required.simulated:
         yield w.line("RC_CHAN_CNT", w.required.channels, "RC channels", "sticks")
         for channel, axis in enumerate(("ROLL", "PITCH", "THROTTLE", "YAW"), 1):
             yield w.line(f"RC_MAP_{axis}", channel, f"RC channel of {axis.lower()}", "sticks")
@@ -129,7 +131,8 @@ def _landing(w: LineWriter) -> Iterator[Line]:
     for name, most in _RETURN_ALTITUDES.items():
         value = w.within_limits(name, min(altitude, most), f"ceiling_m: {ceiling:g} m")
         yield w.line(name, value, meanings[name], "ceiling_m")
-    yield w.line("MPC_TKO_RAMP_T", 1.0, "time to reach full thrust at take-off [s]", "takeoff")
+    if required.simulated:
+        yield w.line("MPC_TKO_RAMP_T", 1.0, "time to reach full thrust at take-off [s]", "takeoff")
     if required.landing_speed_m_s is not None:
         speed = w.within_limits("MPC_LAND_SPEED", required.landing_speed_m_s, "landing_speed_m_s")
         yield w.line("MPC_LAND_SPEED", speed, "landing speed [m/s]", "landing_speed_m_s")
@@ -138,6 +141,8 @@ def _landing(w: LineWriter) -> Iterator[Line]:
 def _vehicle(w: LineWriter) -> Iterator[Line]:
     required = w.required
     yield w.line("MAV_SYS_ID", required.system_id, "MAVLink system id", "system_id")
+    if not required.simulated:
+        return
     yield w.line("MPC_THR_HOVER", required.hover, "thrust command in hover [-]", "hover")
     for name, value in required.gains.items():
         old = _OLD_VELOCITY_GAINS.get(name)
@@ -167,4 +172,5 @@ def _own(w: LineWriter) -> Iterator[Line]:
     for name, value in w.required.own.items():
         if name not in w.known:
             w.not_possible.append(f"params: PX4 {w.version} has no {name}")
-        yield w.line(name, value, "as written", f"own.{name}")
+        meaning = "this vehicle's own value" if name in w.required.measured else "as written"
+        yield w.line(name, value, meaning, f"own.{name}")

@@ -75,6 +75,8 @@ class Requirements:
     """Everything that an arena requires of one vehicle's PX4.
 
     system_id: MAVLink system id (MAV_SYS_ID).
+    simulated: the vehicle has the simulated body. A real body keeps its own hover thrust, gains, vision delay and noise, rotor
+        geometry and RC mapping, because the values here are those of the simulation; measured values are in `own`.
     hover: thrust command in hover, 0 to 1 [-].
     vision_delay_ms: delay from the camera exposure to the arrival of a pose at the autopilot [ms]; None: no external vision.
     gps: whether the vehicle has a GPS receiver.
@@ -88,10 +90,12 @@ class Requirements:
     moment_ratio_m: reaction torque of a rotor divided by its thrust [m].
     gains: controller gains of the profile; parameter name of the newest PX4 -> value.
     own: parameters that the user sets; name -> value.
+    measured: names in `own` that were measured on this vehicle.
     reasons: requirement (`hover`, `failsafe.offboard_loss`, `own.NAME`, ...) -> text that says where it comes from.
     """
 
     system_id: int
+    simulated: bool = True
     hover: float
     vision_delay_ms: float | None
     gps: bool = False
@@ -105,4 +109,5 @@ class Requirements:
     moment_ratio_m: float = 0.05
     gains: Mapping[str, float] = field(default_factory=dict)
     own: Mapping[str, float] = field(default_factory=dict)
+    measured: frozenset[str] = frozenset()
     reasons: Mapping[str, str] = field(default_factory=dict)

@@ -84,7 +84,7 @@ Entries = Annotated[tuple[Any, ...], BeforeValidator(_entries)]
 
 
 class ScenarioFile(Strict):
-    """Content of a scenario file."""
+    """Content of a scenario file: arena, time limit, steps, rules and accepted failures."""
 
     name: Annotated[str, Field(min_length=1, max_length=80)] | None = None
     """The scenario's name. Default: the name of the file."""

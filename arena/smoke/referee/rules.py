@@ -69,7 +69,7 @@ class RuleTracker:
         )
 
     def result(self, *, complete: bool) -> RuleResult:
-        """Return the result of the rule.
+        """Return the result of the rule for the report: whether it was met, and the worst value.
 
         complete: all steps were carried out. Then a rule that was never evaluated has failed; else it was not reached.
         """

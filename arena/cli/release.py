@@ -1,0 +1,31 @@
+"""`arena release VEHICLE...`: programs may fly a vehicle again after land-all, the copilot or a pilot took it from them."""
+
+from __future__ import annotations
+
+import getpass
+from typing import Annotated
+
+import typer
+
+from arena.cli._running import RunOption, connect, find
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command `arena release` to the typer app."""
+
+    @app.command()
+    def release(
+        vehicles: Annotated[list[str], typer.Argument(metavar="VEHICLE...", help="vehicles to release")],
+        run: RunOption = None,
+    ) -> None:
+        """Allow programs to arm and fly a vehicle again after land-all, the copilot, a pilot or a ground station took it."""
+        connect(find(run)).ask(do="release", vehicles=vehicles, by=_user())
+        print(f"{', '.join(vehicles)}: released; programs may arm and fly again")
+
+
+def _user() -> str:
+    """Return the name of the user who runs this command."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # a container without this user id
+        return "the operator"

@@ -1,0 +1,196 @@
+"""Check that a real vehicle on a direct connection is the vehicle of the run, by the hardware uid of its autopilot. Pure.
+
+Two vehicles may have the same MAVLink system id. The hardware uid is different for each autopilot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from arena.emergency.landing_sequence import SYSTEM
+from arena.transport import Address
+from arena.wire import mavlink_minimal as mav
+from arena.wire.mavlink_frame import AUTOPILOT, parse_frames
+
+Source = Address | str
+"""Where data come from: the UDP address of the sender, or the name of a serial device or link."""
+
+SILENT_S = 3.0  # after this time without data, another vehicle may use the same source
+REQUEST_S = 0.25
+TELEMETRY_S = 0.3  # a recorded source that has sent no telemetry for this time is commanded without its uid
+ANSWER_S = (
+    1.0  # a vehicle at the recorded source that sends telemetry but no uid is commanded after this time
+)
+_REORDERED_MS = 500  # a smaller step back of the time since boot is a reordered message, not a reboot
+_MOST_SOURCES = 16
+
+
+@dataclass(kw_only=True)
+class _SourceState:
+    """State of one source. Times are monotonic [s].
+
+    is_vehicle: whether the uid is that of the vehicle; None if it has not been received since the last change
+    changed: the source has rebooted, or it was silent, since it was checked
+    since, received_at: times of the first and the last data since the last change
+    """
+
+    is_vehicle: bool | None = None
+    changed: bool = False
+    since: float
+    received_at: float
+    boot_ms: int = 0
+    next_request: float = 0.0
+
+
+class IdentityCheck:
+    """Checks which sources of data are the vehicle with a given hardware uid.
+
+    Only telemetry of a source that has sent this uid counts. Commands may be sent only to such a source, and to the
+    recorded source if the vehicle does not reply. A source that was silent for SILENT_S or has rebooted must
+    send its uid again.
+
+    system: MAVLink id of the vehicle
+    component: MAVLink component id of this process
+    uid: recorded hardware uid, in hexadecimal digits
+    recorded: source that the run has recorded for the vehicle; None if unknown
+    say: function that prints a text for the user
+    """
+
+    def __init__(
+        self,
+        *,
+        system: int,
+        component: int,
+        uid: str,
+        recorded: Source | None,
+        say: Callable[[str], None],
+    ) -> None:
+        self._system, self._uid, self._recorded, self._say = system, uid, recorded, say
+        self._sender = mav.MinimalSender(SYSTEM, component)
+        self._sources: dict[Source, _SourceState] = {}
+        self._opened_at: float | None = None
+
+    def receive(self, data: bytes, source: Source, now: float) -> bool:
+        """Process data that have arrived from a source. Return whether its telemetry counts."""
+        frames = [f for f in parse_frames(data).frames if f.sysid == self._system and f.compid == AUTOPILOT]
+        if not frames:
+            return False
+        state = self._state(source, now)
+        for frame in frames:
+            if frame.msgid == mav.SYSTEM_TIME:
+                self._on_boot_ms(state, mav.parse_boot_ms(data, frame), now)
+            elif frame.msgid == mav.AUTOPILOT_VERSION:
+                self._on_uid(source, state, mav.parse_hardware_uid(data, frame))
+        return state.is_vehicle is True
+
+    def _may_command(self, source: Source, now: float) -> bool:
+        """Return whether commands may be sent to a source."""
+        state = self._sources.get(source)
+        if state is not None and state.is_vehicle is not None:
+            return state.is_vehicle
+        if source != self._recorded or any(s.is_vehicle for s in self._sources.values()):
+            return False
+        if state is None:
+            return self._opened_at is not None and now - self._opened_at >= TELEMETRY_S
+        return not state.changed and now - state.since >= ANSWER_S
+
+    def receivers(self, now: float) -> list[Source]:
+        """Return the sources to which commands may be sent. Call it as soon as the connection is open."""
+        self._opened_at = now if self._opened_at is None else self._opened_at
+        known = dict.fromkeys([*([] if self._recorded is None else [self._recorded]), *self._sources])
+        return [source for source in known if self._may_command(source, now)]
+
+    def requests(self, now: float) -> list[tuple[Source, bytes]]:
+        """Return the requests for the uid that are due, as (source, frame)."""
+        found = []
+        for source, state in self._sources.items():
+            active = source == self._recorded or now - state.received_at < SILENT_S
+            if state.is_vehicle is None and active and now >= state.next_request:
+                state.next_request = now + REQUEST_S
+                found.append((source, _pack_request(self._sender, self._system)))
+        return found
+
+    def forget(self, source: Source) -> None:
+        """Require the uid of a source again, such as a serial device that was unplugged."""
+        if source in self._sources:
+            self._require(self._sources[source], self._sources[source].received_at)
+
+    def _state(self, source: Source, now: float) -> _SourceState:
+        state = self._sources.get(source)
+        if state is None:
+            if len(self._sources) >= _MOST_SOURCES:
+                unknown = (s for s, found in self._sources.items() if not found.is_vehicle)
+                self._sources.pop(next(unknown, next(iter(self._sources))))
+            state = self._sources[source] = _SourceState(since=now, received_at=now)
+        elif now - state.received_at > SILENT_S:
+            self._require(state, now)
+        state.received_at = now
+        return state
+
+    def _on_boot_ms(self, state: _SourceState, boot_ms: int, now: float) -> None:
+        if boot_ms < state.boot_ms - _REORDERED_MS:
+            self._require(state, now)
+        state.boot_ms = boot_ms
+
+    def _require(self, state: _SourceState, now: float) -> None:
+        state.is_vehicle, state.changed, state.since, state.boot_ms = None, True, now, 0
+
+    def _on_uid(self, source: Source, state: _SourceState, found: mav.HardwareUid) -> None:
+        before, state.is_vehicle = state.is_vehicle, found.matches(self._uid)
+        if not state.is_vehicle:
+            if before is not False:
+                self._say(
+                    f"another vehicle replies at {_words(source)} (hardware uid {found or 'none'}, "
+                    f"expected {self._uid}): not commanded"
+                )
+            return
+        for (
+            other,
+            one,
+        ) in self._sources.items():  # the vehicle has moved: its old source must send the uid again
+            if other != source and one.is_vehicle:
+                self._require(one, one.received_at)
+
+
+class RelayedIdentity:
+    """Checks the hardware uid of the vehicle behind the link process, which itself refuses other vehicles.
+
+    The vehicle counts as the right one until it sends another uid. Other parameters as for `IdentityCheck`.
+    """
+
+    def __init__(self, *, system: int, component: int, uid: str, say: Callable[[str], None]) -> None:
+        self.is_other = False
+        self._system, self._uid, self._say = system, uid, say
+        self._sender = mav.MinimalSender(SYSTEM, component)
+        self._next_request = 0.0
+
+    def receive(self, data: bytes) -> bool:
+        """Process a datagram of the link process or the router. Return whether its telemetry counts."""
+        for frame in parse_frames(data).frames:
+            if (frame.sysid, frame.compid, frame.msgid) != (self._system, AUTOPILOT, mav.AUTOPILOT_VERSION):
+                continue
+            found = mav.parse_hardware_uid(data, frame)
+            self.is_other = not found.matches(self._uid)
+            if self.is_other:
+                self._say(
+                    f"another vehicle replies through its link process (hardware uid {found or 'none'}, "
+                    f"expected {self._uid}): not commanded"
+                )
+        return not self.is_other
+
+    def requests(self, now: float) -> list[bytes]:
+        """Return the request for the uid, if it is due."""
+        if now < self._next_request:
+            return []
+        self._next_request = now + 4 * REQUEST_S
+        return [_pack_request(self._sender, self._system)]
+
+
+def _pack_request(sender: mav.MinimalSender, system: int) -> bytes:
+    """Encode a request for AUTOPILOT_VERSION, which contains the hardware uid."""
+    return sender.command(system, AUTOPILOT, mav.REQUEST_MESSAGE, mav.AUTOPILOT_VERSION)
+
+
+def _words(source: Source) -> str:
+    return source if isinstance(source, str) else f"{source[0]}:{source[1]}"

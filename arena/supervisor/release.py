@@ -1,0 +1,33 @@
+"""`arena release`: which vehicles may be released, and which processes must receive the request. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from arena.plan.model import Plan
+
+GUARDS = ("world", "link", "router")
+"""Kinds of the processes that pass commands to a vehicle."""
+
+
+def guards(plan: Plan, vehicle: str = "") -> set[str]:
+    """Return the processes that pass commands to a vehicle. vehicle: its name; "" for those of all vehicles."""
+    kinds = (spec for spec in plan.processes if spec.kind in GUARDS)
+    return {spec.name for spec in kinds if not vehicle or spec.vehicle in (None, vehicle)}
+
+
+def check_release(plan: Plan, facts: Mapping[str, Any], vehicles: Sequence[str]) -> None:
+    """Raise ValueError if one of the vehicles must not be released, or needs no release.
+
+    facts: values that the processes sent. A vehicle without a fact `blocked` has no process that reports it now.
+    """
+    names = [v.name for v in plan.vehicles]
+    if not vehicles:
+        raise ValueError(f"got no vehicle, expected at least one of {', '.join(names)}")
+    for vehicle in vehicles:
+        if vehicle not in names:
+            raise ValueError(f"got vehicle {vehicle!r}, expected one of {', '.join(names)}")
+        if facts.get(f"{vehicle}.blocked") == "":
+            control = facts.get(f"{vehicle}.control") or "nobody"
+            raise ValueError(f"{vehicle}: nothing to release: {control} has control, and programs may fly")

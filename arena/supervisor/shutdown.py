@@ -1,0 +1,147 @@
+"""The end of a run: lands the vehicles, then stops the processes in an order that keeps every armed vehicle served.
+
+In LAND, crashed or hung processes that serve vehicles are restarted as in flight. In STOP, programs, tools, loggers and the
+copilot are stopped first. The processes that serve a real vehicle are stopped SETTLE_S after them, and only while the vehicle
+is disarmed. If a vehicle becomes armed in STOP, the run returns to LAND.
+"""
+
+from __future__ import annotations
+
+from arena.plan.model import Plan
+from arena.supervisor import run_end
+from arena.supervisor.event_log import EventLog
+from arena.supervisor.landing_task import LandingTask
+from arena.supervisor.process_set import Orders, ProcessSet
+from arena.supervisor.process_state import State
+from arena.supervisor.release import guards
+from arena.supervisor.run_end import Cause
+from arena.supervisor.run_folder import RunFolder
+
+SETTLE_S = 1.5
+"""Time between the end of the last program and the end of the router, in an arena with real vehicles [s].
+
+A program may have armed a vehicle just before its end. The vehicle reports it in its next heartbeat, at most 1 s later.
+"""
+
+
+class Shutdown:
+    """Landing and stopping of one run.
+
+    at_once: `arena down --now` was requested: simulated vehicles are not landed.
+    forgotten: vehicle -> who declared it dead (`arena forget`); the run does not wait for such a vehicle.
+    """
+
+    def __init__(
+        self, plan: Plan, folder: RunFolder, processes: ProcessSet, orders: Orders, log: EventLog
+    ) -> None:
+        self._plan, self._processes, self._orders, self._log = plan, processes, orders, log
+        self.landing = LandingTask(plan, folder, log)
+        self.at_once = False
+        self.forgotten: dict[str, str] = {}
+        self._armed_before: set[str] = set()
+        self._users_ended_at: float | None = None
+        self._again = False
+
+    def flying(self) -> list[str]:
+        """Return the vehicles that may be in the air."""
+        p = self._processes
+        return run_end.may_fly(self._plan, p.statuses, p.facts, p.last_facts, p.stats, self.forgotten)
+
+    def armed(self) -> set[str]:
+        """Return the vehicles that a running process reports as armed, except those declared dead."""
+        p = self._processes
+        return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
+
+    def begin(self, cause: Cause) -> None:
+        """Begin the end of the run: start nothing but restarts of processes that serve vehicles, and refuse arming."""
+        self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"
+        self._keep_serving()
+        packet = {"do": "refuse_arming", "why": "the run is ending"}
+        self._processes.request(packet, to=guards(self._plan), standing=True)
+
+    def _keep_serving(self) -> None:
+        """Restart processes that serve vehicles, as in flight, until the landing has ended."""
+        self._orders.keep = run_end.kept_in_landing(self._plan, self._processes.statuses)
+
+    def land(self, now: float) -> bool:
+        """Land the vehicles. Return True when the landing has ended, successfully or not."""
+        p, plan = self._processes, self._plan
+        flying, down = self.flying(), run_end.grounded(plan, p.statuses, p.stats)
+        down |= {name: f"declared dead by {who}" for name, who in self.forgotten.items()}
+        if self.at_once:
+            flying, down = self._real_only(flying, down)
+        self._orders.hold = run_end.serving_real(plan, self.armed())
+        if self._again:
+            self._revive(self.armed())
+        done = self.landing.step(
+            flying,
+            now,
+            armed=self.armed(),
+            pilots=run_end.with_pilot(plan, p.facts, p.last_facts),
+            world_gone=run_end.is_world_gone(plan, p.statuses),
+            down=down,
+        )
+        if done:
+            self._orders.keep = frozenset()
+            self._armed_before = self.armed()
+            p.changed = True
+        return done
+
+    def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
+        """Move the simulated vehicles from `flying` to `down` and return both, because `arena down --now`
+        lands real vehicles only.
+        """
+        simulated = {v.name for v in self._plan.vehicles if v.simulated}
+        left = simulated & set(flying)
+        if left:
+            self.landing.summary = f"{', '.join(sorted(left))} not landed: {Cause.DOWN} --now"
+        real = [name for name in flying if name not in simulated]
+        return real, {**down, **dict.fromkeys(sorted(left), f"{Cause.DOWN} --now lands real vehicles only")}
+
+    def armed_again(self, now: float) -> bool:
+        """Return True if a vehicle has become armed after the landing. The next call of `land` then lands it."""
+        found = self.armed() - self._armed_before
+        self._armed_before &= self.armed()
+        if self.at_once:
+            found -= {v.name for v in self._plan.vehicles if v.simulated}
+        if not found:
+            return False
+        names = ", ".join(sorted(found))
+        self.landing.again(f"{names} was armed while the arena was stopping: landing again", now)
+        self._again = True
+        self._keep_serving()
+        return True
+
+    def _revive(self, vehicles: set[str]) -> None:
+        """Restart the processes that serve these vehicles and have been stopped already."""
+        serving = {s.name for s in self._plan.processes if (s.vehicle or "") in {"", *vehicles}}
+        needed = self._orders.keep & serving if vehicles else frozenset()
+        self._orders.stop -= needed
+        for name in needed:
+            if self._processes.statuses[name].state is State.EXITED:
+                self._processes.request_restart(name)
+
+    def stop(self, now: float) -> bool:
+        """Order the stop of every process that may end now. Return True when no process runs any more."""
+        p, orders = self._processes, self._orders
+        alive = set(p.alive)
+        if not alive:
+            return True
+        orders.hold = run_end.serving_real(self._plan, self.armed())
+        waiting = self._waiting(alive, now)
+        may_stop = run_end.may_stop(self._plan, p.statuses) & alive
+        stopping = (alive if self.at_once else may_stop or alive) - waiting
+        orders.stop |= stopping
+        p.changed = p.changed or any(p.statuses[name].state is not State.STOPPING for name in stopping)
+        return False
+
+    def _waiting(self, alive: set[str], now: float) -> frozenset[str]:
+        """Return the processes that must not be stopped yet, because they serve a real vehicle that has sent data."""
+        p = self._processes
+        reported = {v.name for v in self._plan.vehicles if f"{v.name}.armed" in p.last_facts}
+        serving = run_end.serving_real(self._plan, reported - self.forgotten.keys())
+        if alive - serving:
+            self._users_ended_at = None
+            return serving
+        self._users_ended_at = now if self._users_ended_at is None else self._users_ended_at
+        return serving if now - self._users_ended_at < SETTLE_S else frozenset()
