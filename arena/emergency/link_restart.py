@@ -50,7 +50,7 @@ class LinkRestart:
         return not self._given_up
 
     def on_replaced(self) -> None:
-        """Ignore the process that runs now, because it did not open its sockets in time: it may hang."""
+        """Record that land-all has replaced the link process that runs now, so that only a later process counts as restarted."""
         self._known = self._running()
 
     def has_restarted(self) -> bool:

@@ -279,7 +279,7 @@ class Router:
     def _vehicle_of(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the key in `_up_routes` (addresses of vehicles) for the vehicles to which a client's frame must be sent."""
+        """Return the system id of the vehicle to which a client's frame must be sent: 0 for all vehicles, -1 for none."""
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self.counts.dropped["a vehicle's message, returned by a client"] += 1

@@ -51,7 +51,7 @@ class Source:
         return common if not self.given(own) and self.given(common) else own
 
     def place(self, path: YamlPath) -> tuple[str, int]:
-        """Return (file, line) of a path or, if it is not in the file, of the nearest enclosing path.
+        """Return (file, line) of a YAML key, or of the nearest key above it if the file does not contain the key.
 
         Values from `--set` have the place (`--set`, 0).
         """

@@ -112,7 +112,7 @@ class RunFolder:
         return text.replace("{run}", str(self.path)).replace("{rt}", str(self.rt))
 
     def spec(self, spec: ProcessSpec) -> ProcessSpec:
-        """Return a copy of `spec` with every placeholder replaced (see `fill`)."""
+        """Return a copy of a process's `spec` in which `{run}` and `{rt}` are replaced by the folders of this run."""
         return dataclasses.replace(
             spec,
             argv=tuple(map(self.fill, spec.argv)),

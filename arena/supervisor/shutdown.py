@@ -53,7 +53,7 @@ class Shutdown:
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
     def begin(self, cause: Cause) -> None:
-        """Begin the end of the run: start nothing but restarts of processes that serve vehicles, and refuse arming."""
+        """Start the shutdown of the run: from now on only processes that serve vehicles are restarted, and arming is refused."""
         self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"
         self._keep_serving()
         packet = {"do": "refuse_arming", "why": "the run is ending"}

@@ -76,7 +76,7 @@ class SideTask:
         return None
 
     def stop(self, why: str = "did not end in time") -> None:
-        """Kill the process group of the task. why: text in front of its exit status."""
+        """Kill the process group of the task. why: the reason, which `poll` reports with the exit status."""
         self.expired = self.expired or why
         self.child.signal(signal.SIGKILL)
 

@@ -306,7 +306,7 @@ class UAV:
         self.clock.sleep_until(self._due)
 
     def _normalised(self, thrust: ArrayLike) -> float:
-        """Convert a thrust [N] to 0..1 with the thrust curve, at the vehicle's speed (0 m/s if unknown)."""
+        """Convert a thrust [N] to 0..1 with the thrust curve. The thrust also depends on the airspeed (0 m/s if unknown)."""
         newtons = max(0.0, scalar(thrust, "thrust"))
         try:
             speed = float(np.linalg.norm(self.ekf.vel))

@@ -180,7 +180,7 @@ class ChaosFlight:
                 os.kill(state.processes[process].pid, number)
 
     def _command(self, *arguments: str) -> None:
-        self._runs.append(self._flight.popen(*arguments))
+        self._runs.append(self._flight.start_cli(*arguments))
 
     # -- the end
 

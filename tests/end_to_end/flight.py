@@ -243,7 +243,7 @@ class Flight:
             env=self._env(),
         )
 
-    def popen(self, *arguments: str) -> subprocess.Popen[str]:
+    def start_cli(self, *arguments: str) -> subprocess.Popen[str]:
         return subprocess.Popen(self._command(*arguments), stdout=subprocess.PIPE, text=True, env=self._env())
 
     # -- leftovers

@@ -361,7 +361,7 @@ class _Flying:
 
     def _hit_land_all(self, number: int, hit: Hit) -> None:
         flight = self.flight
-        first = flight.popen("land-all", "--run", str(flight.folder))
+        first = flight.start_cli("land-all", "--run", str(flight.folder))
         self.others.append(first)
         assert first.stdout is not None
         first.stdout.readline()

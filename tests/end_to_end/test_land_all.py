@@ -95,7 +95,7 @@ def test_two_simultaneous_land_alls_both_confirm(hangar: Hangar) -> None:
     flight.until_up(0.9)
     hit(flight, ("supervisor", "router"), signal.SIGSTOP)
     try:
-        both = [flight.popen("land-all") for _ in range(2)]
+        both = [flight.start_cli("land-all") for _ in range(2)]
         said = [process.communicate(timeout=270)[0] for process in both]
         assert [process.returncode for process in both] == [0, 0], said
         for words in said:

@@ -173,7 +173,7 @@ def test_forwarder_restart_in_flight_keeps_the_vehicle_flying(flying: Flight) ->
 
 
 def test_followed_log_ends_with_the_arena(flying: Flight) -> None:
-    with flying.popen("logs", "program.uav1", "-f", "--run", str(flying.folder)) as follower:
+    with flying.start_cli("logs", "program.uav1", "-f", "--run", str(flying.folder)) as follower:
         assert follower.stdout is not None and follower.stdout.readline() == "above\n"
         down = flying.cli("down")
         rest = follower.stdout.read()

@@ -323,7 +323,7 @@ WRONG: dict[str, tuple[object, str, str]] = {
     "process that is not there": (
         read_action,
         "kill px4 uav1",
-        "a vehicle with a process `px4` (the arena has no process px4.uav1)",
+        "a vehicle that has a `px4`; there is no process px4.uav1 in this arena",
     ),
     "tool misspelt": (read_action, "kill tool veiw", "Did you mean view?"),
     "second word misspelt": (

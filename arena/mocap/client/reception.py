@@ -88,7 +88,7 @@ class Reception:
         return self._foreign_address if now - self._foreign_at < RECENT_S else ""
 
     def too_early(self, now: float) -> bool:
-        """Return whether the client was opened so recently that the server may still answer."""
+        """Return whether it is too early to report a silent server, because the client was opened a moment ago."""
         return now - self._started < _GRACE_S
 
     def body_status(self, served: Counter[str], wanted: Collection[str], now: float) -> BodyStatus:

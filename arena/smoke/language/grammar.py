@@ -293,7 +293,9 @@ def _process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
         wanted = [VEHICLE_PROCESSES[word].format(v) for v in vehicles]
         found = tuple(name for name in wanted if name in names.processes)
         if not found:
-            raise tokens.error(f"a vehicle with a process `{word}` (the arena has no process {wanted[0]})")
+            raise tokens.error(
+                f"a vehicle that has a `{word}`; there is no process {wanted[0]} in this arena"
+            )
     elif word == "tool":
         tokens.advance()
         tools = [name.removeprefix("tool.") for name in names.processes if name.startswith("tool.")]
