@@ -123,6 +123,9 @@ class CopilotProcess:
             for frame in frames:
                 self._send(frame, vehicle.panic)
                 self._send(frame, vehicle.tools)
+        for row, frames in output.renewals:
+            for frame in frames:
+                self._send(frame, self._core.vehicles[row].tools)
         for event in output.events:
             self._room.event(event)
             print(event, flush=True)

@@ -41,9 +41,11 @@ class Output:
     """Commands to send and events to log, as the result of one copilot step. events: lines for the event log.
 
     frames: (row of the vehicle, MAVLink frames), to be sent to the router and the panic link.
+    renewals: the same, to be sent to the router only.
     """
 
     frames: tuple[tuple[int, tuple[bytes, ...]], ...] = ()
+    renewals: tuple[tuple[int, tuple[bytes, ...]], ...] = ()
     events: tuple[str, ...] = ()
 
 
@@ -97,14 +99,17 @@ class Copilot:
         events += self._report_meetings(fleet)
         self.closest_m = min(self.closest_m, self.checker.found.closest)
         frames: list[tuple[int, tuple[bytes, ...]]] = []
+        renewals: list[tuple[int, tuple[bytes, ...]]] = []
         for row, escalation in enumerate(self.escalations):
             own = [v for v in violations if v.row == row]
             decision = escalation.decide(own, self._status(row, bool(fleet.flying[row]), now), now)
             events += decision.events
-            if decision.send is not None:
-                frames.append((row, tuple(self._frames(row, decision.send))))
-                self.orders[decision.send] += 1
-        return Output(frames=tuple(frames), events=tuple(events))
+            if decision.send is None:
+                continue
+            to_send = row, tuple(self._frames(row, decision.send))
+            (renewals if decision.renews else frames).append(to_send)
+            self.orders[decision.send] += not decision.renews
+        return Output(frames=tuple(frames), renewals=tuple(renewals), events=tuple(events))
 
     @property
     def flying(self) -> Mask:

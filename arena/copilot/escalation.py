@@ -7,6 +7,9 @@ continues, the next step follows.
                            |                                '--violation persists--> ordered again
                            '--violation persists for escalate_after_s: hold -> land -> terminate, up to at_most
 
+While a violation lasts, an obeyed hold is renewed, so that no program enters OFFBOARD. A landing needs no renewal: the
+router and the links remember it until `arena release` (arena.authority).
+
 The copilot never withdraws an order. An order ends when the vehicle is on the ground, when a pilot changes
 the mode, or when the violation has ended and the program enters OFFBOARD again.
 """
@@ -25,6 +28,8 @@ OPEN = frozenset(
 )
 """Modes that the copilot may end: those of programs and SDKs. All others belong to a pilot or a failsafe."""
 REPEAT_S = 0.2
+RENEW_S = 0.5
+"""Period at which an obeyed hold is renewed while its violation lasts. It must be shorter than `COPILOT_HOLD_S`."""
 SILENT_HOLD_S = 2.0
 """Time for which HOLD is repeated without telemetry [s]."""
 
@@ -60,9 +65,11 @@ class Decision:
     """Command to send and events to log, as the result of one `Escalation` step for one vehicle.
 
     send: the order to send now, None if there is none. events: lines for the event log.
+    renews: the vehicle obeys `send` already: it is sent only to the router, which refuses OFFBOARD for another second.
     """
 
     send: Step | None = None
+    renews: bool = False
     events: tuple[str, ...] = ()
 
 
@@ -111,6 +118,8 @@ class Escalation:
             self._start_order(*wanted, now)
         elif self.order is not None:
             self._escalate(self.order, violations, status, now)
+        if self._renewal_is_due(violations, status, now):
+            return Decision(send="hold", renews=True, events=tuple(self._events))
         return self._acts(self._due(status, now))
 
     def _acts(self, send: Step | None) -> Decision:
@@ -218,6 +227,16 @@ class Escalation:
             return None
         self._next_send = now + REPEAT_S
         return order.step
+
+    def _renewal_is_due(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> bool:
+        """Return whether to renew an obeyed hold now, so that no program takes the vehicle while the violation lasts."""
+        order = self.order
+        if order is None or order.step != "hold" or order.obeyed_at is None or not status.fresh:
+            return False
+        if now < self._next_send or not any(self.rules.do[one.rule] != "none" for one in violations):
+            return False
+        self._next_send = now + RENEW_S
+        return True
 
 
 def _rank(step: Step) -> int:

@@ -7,7 +7,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arena.copilot.escalation import MODES, OPEN, REPEAT_S, Escalation, VehicleStatus
+from arena.authority.authority import COPILOT_HOLD_S
+from arena.copilot.escalation import MODES, OPEN, RENEW_S, REPEAT_S, Escalation, VehicleStatus
 from arena.copilot.fleet_state import Violation
 from arena.copilot.settings import STEPS
 
@@ -37,6 +38,32 @@ def test_order_has_a_reason_and_is_repeated_until_its_mode_is_reported() -> None
     seen = h.decide([], at("AUTO.LOITER"), 1.5)
     assert seen.send is None and "in AUTO.LOITER 0.50 s after the command" in seen.events[0]
     assert h.decide([], at("AUTO.LOITER"), 9.0) == h.decide([], at("AUTO.LOITER"), 99.0)
+
+
+def test_obeyed_hold_is_renewed_while_the_violation_lasts() -> None:
+    h = helm()
+    h.decide([NEAR], at("OFFBOARD"), 1.0)
+    found = [h.decide([NEAR], at("AUTO.LOITER"), 1.1 + 0.02 * k) for k in range(500)]
+    sent = [k * 0.02 for k, d in enumerate(found) if d.send]
+    assert all(d.renews and d.send == "hold" for d in found if d.send)
+    assert max(b - a for a, b in zip(sent, sent[1:], strict=False)) < RENEW_S + 0.03 < COPILOT_HOLD_S
+    after = [h.decide([], at("AUTO.LOITER"), 11.2 + 0.02 * k).send for k in range(500)]
+    assert set(after) == {None}, "the violation has ended: programs may continue"
+
+
+def test_obeyed_landing_is_not_repeated() -> None:
+    h = helm()
+    h.decide([LOST], at("OFFBOARD"), 1.0)
+    assert {h.decide([LOST], at("AUTO.LAND"), 1.1 + 0.02 * k).send for k in range(500)} == {None}
+
+
+def test_hold_is_not_renewed_without_telemetry_or_with_a_pilot() -> None:  # review fault 5
+    h = helm()
+    h.decide([NEAR], at("OFFBOARD"), 1.0)
+    h.decide([NEAR], at("AUTO.LOITER"), 1.1)
+    silent = {h.decide([NEAR], at("AUTO.LOITER", fresh=False), 2.0 + 0.02 * k).send for k in range(500)}
+    pilot = {h.decide([NEAR], at("POSCTL"), 20.0 + 0.02 * k).send for k in range(500)}
+    assert silent == pilot == {None}
 
 
 def test_program_that_takes_the_vehicle_is_held_again_while_the_violation_lasts() -> None:
@@ -75,7 +102,7 @@ def test_hold_without_effect_escalates_up_to_at_most() -> None:
     h = helm()
     h.decide([FENCE], at("OFFBOARD"), 1.0)
     h.decide([FENCE], at("AUTO.LOITER"), 1.1)
-    assert h.decide([FENCE], at("AUTO.LOITER"), 2.9).send is None
+    assert h.decide([FENCE], at("AUTO.LOITER"), 2.9).renews
     assert h.decide([FENCE], at("AUTO.LOITER"), 3.1).send == "land"
     h.decide([FENCE], at("AUTO.LAND"), 3.2)
     assert all(h.decide([FENCE], at("AUTO.LAND"), 4.0 + k).send is None for k in range(20))
@@ -96,14 +123,14 @@ def test_sufficient_landing_is_not_escalated() -> None:
 def test_sufficient_hold_is_not_escalated() -> None:
     h = helm()
     h.decide([NEAR], at("OFFBOARD"), 1.0)
-    assert {h.decide([NEAR], at("AUTO.LOITER"), 1.0 + k).send for k in range(1, 30)} == {None}
+    assert all(h.decide([NEAR], at("AUTO.LOITER"), 1.0 + k).renews for k in range(1, 30))
 
 
 def test_new_violation_starts_its_own_escalation_time() -> None:
     h = helm()
     h.decide([NEAR], at("OFFBOARD"), 1.0)
     h.decide([], at("AUTO.LOITER"), 1.1)
-    assert h.decide([FENCE], at("AUTO.LOITER"), 9.0).send is None
+    assert h.decide([FENCE], at("AUTO.LOITER"), 9.0).renews
     assert h.decide([FENCE], at("AUTO.LOITER"), 11.1).send == "land"
 
 
