@@ -2,8 +2,8 @@
 disarmed.
 
 The autopilot reports its own failsafes. Commands of other senders do not pass through the program, but the
-run folder records those of the supervisor, of the copilot and of `arena land-all`. If none of these records
-fits, a pilot or a ground station sent the command.
+run folder records those of the supervisor, of the copilot and of `arena land-all`, and who has authority over the vehicle. If
+none of these records fits, a pilot or a ground station sent the command.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from typing import Any
 
 _RECENT_S = 10.0
 _LAST_LINES = 200
-_PILOT = re.compile(r"pilot|stick|switch", re.IGNORECASE)
+_PILOT = re.compile(r"\bpilot|stick|switch", re.IGNORECASE)
+_CONTROL = re.compile(r"(pilot|land-all|ground station) has control: (.+)")
 _FAILSAFE = re.compile(r"failsafe|terminat|lockdown|kill", re.IGNORECASE)
 UNKNOWN = "a pilot, a ground station or another program commanded it"
 
@@ -41,7 +42,7 @@ def cause_of_loss(vehicle: str, texts: Sequence[str], run: Path | None, monotoni
 def _recorded(vehicle: str, run: Path | None, monotonic_s: float) -> str:
     if run is None:
         return ""
-    by_hand = ""
+    by_hand = holder = ""
     for entry in reversed(_recent(run / "emergency.jsonl", monotonic_s)):
         if vehicle in entry.get("vehicles", ()):
             by_hand = f"arena {entry.get('command', 'land-all')} commanded it"
@@ -52,7 +53,10 @@ def _recorded(vehicle: str, run: Path | None, monotonic_s: float) -> str:
             return f"the arena is stopping and lands its vehicles ({event.partition(':')[0]})"
         if process == "copilot" and event.startswith(f"{vehicle}:"):
             return f"the copilot commanded it ({event.removeprefix(f'{vehicle}: ')})"
-    return by_hand
+        if not holder and (control := _CONTROL.fullmatch(event.removeprefix(f"{vehicle}: "))):
+            who, why = control.groups()
+            holder = f"{'arena land-all' if who == 'land-all' else f'a {who}'} has taken control ({why})"
+    return by_hand or holder
 
 
 def _recent(file: Path, monotonic_s: float) -> list[dict[str, Any]]:

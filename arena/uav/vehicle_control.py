@@ -22,7 +22,7 @@ from arena.geometry import Array, yaw_from_quat
 from arena.uav.connection import COMPONENT, Connection
 from arena.uav.data_groups import Source
 from arena.uav.heartbeat import Heartbeat
-from arena.uav.loss_cause import cause_of_loss
+from arena.uav.loss_cause import UNKNOWN, cause_of_loss
 from arena.uav.setpoints import Encoder
 from arena.wire.mavlink_minimal import result_words
 from arena.wire.px4_mode import mode_numbers
@@ -38,6 +38,7 @@ _TRIES = 5
 _REARM_S = 1.0  # from a rejected arming until the next request
 _STREAM_FIRST_S = 0.5  # PX4 enters OFFBOARD only where setpoints already flow
 _TEXTS_S = 10.0
+_RECORD_S, _RECORD_POLL_S = 0.5, 0.05  # wall time: the router records a takeover when the program sees it
 _MAX_SILENCE = 2.0  # in multiples of stale_s: 1 s by default, as the autopilot's limit for a silent program
 
 
@@ -341,8 +342,13 @@ class VehicleControl:
     def _cause(self) -> str:
         """Return the cause of the loss of control, as text."""
         worst = mavlink.MAV_SEVERITY_WARNING
-        texts = self._source.telemetry.recent_texts(self._source.now() - _TEXTS_S, worst)
-        return cause_of_loss(self._source.ns, texts, self._run, time.monotonic())
+        end = time.monotonic() + (_RECORD_S if self._run is not None else 0.0)
+        while True:
+            texts = self._source.telemetry.recent_texts(self._source.now() - _TEXTS_S, worst)
+            cause = cause_of_loss(self._source.ns, texts, self._run, time.monotonic())
+            if cause != UNKNOWN or time.monotonic() >= end:
+                return cause
+            time.sleep(_RECORD_POLL_S)
 
     def _lose(self, what: str) -> None:
         self._lost = f"{self._source.ns}: {what}: {self._cause()}. The program does not take the vehicle back{self._texts()}"

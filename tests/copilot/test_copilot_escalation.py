@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 from hypothesis import given
@@ -46,7 +47,7 @@ def test_obeyed_hold_is_renewed_while_the_violation_lasts() -> None:
     found = [h.decide([NEAR], at("AUTO.LOITER"), 1.1 + 0.02 * k) for k in range(500)]
     sent = [k * 0.02 for k, d in enumerate(found) if d.send]
     assert all(d.renews and d.send == "hold" for d in found if d.send)
-    assert max(b - a for a, b in zip(sent, sent[1:], strict=False)) < RENEW_S + 0.03 < COPILOT_HOLD_S
+    assert max(b - a for a, b in itertools.pairwise(sent)) < RENEW_S + 0.03 < COPILOT_HOLD_S
     after = [h.decide([], at("AUTO.LOITER"), 11.2 + 0.02 * k).send for k in range(500)]
     assert set(after) == {None}, "the violation has ended: programs may continue"
 

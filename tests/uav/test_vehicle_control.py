@@ -131,6 +131,16 @@ def test_arm_drone_does_not_wait_for_a_rejected_arming(autopilot, uav):
     assert sum(c.command == ARM for c in autopilot.orders) == 1
 
 
+def test_program_that_may_not_fly_raises_with_the_holder_and_the_remedy(
+    autopilot, uav, monkeypatch
+):  # review fault 9
+    monkeypatch.setattr(vehicle_control, "_CONFIRM_TIMEOUT_S", 0.8)
+    autopilot.refuse[mavlink.MAV_CMD_DO_SET_MODE] = (1, b"pilot took control: run `arena release`")
+    with pytest.raises(CommandRefusedError, match=r"OFFBOARD.*pilot took control: run `arena release`"):
+        uav.start_offboard_mission()
+    assert not autopilot.armed
+
+
 def test_refused_mode_is_requested_again_then_raises(autopilot, uav, monkeypatch):
     monkeypatch.setattr(vehicle_control, "_CONFIRM_TIMEOUT_S", 0.8)
     autopilot.refuse[mavlink.MAV_CMD_DO_SET_MODE] = (2, b"No offboard signal")
