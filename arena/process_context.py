@@ -18,6 +18,7 @@ End of file on the socket means that the supervisor has died. Without ARENA_FD a
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import signal
@@ -74,6 +75,8 @@ class ProcessContext:
         except (OSError, ValueError) as error:
             raise InputError(f"{arguments[0]}: {error}") from error
         context = cls(str(settings["name"]), settings, supervisor_socket())
+        if context.supervised:
+            _drop_output_errors()
         _set_title(f"arena:{context.name}")
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, context._stop)
@@ -230,6 +233,22 @@ class ShutdownPolicy:
             self._disarmed_since = now
         settled = self._disarmed_since is not None and now - self._disarmed_since >= self.settle_s
         return settled or (self.limit_s is not None and now - self._orphan_since >= self.limit_s)
+
+
+class _LogFile(io.FileIO):
+    """Log file of a process. A write that fails, for example on a full disk, is dropped: printing must not end a flight."""
+
+    def write(self, data: Any, /) -> int:
+        with contextlib.suppress(OSError):
+            return super().write(data) or 0
+        return memoryview(data).nbytes
+
+
+def _drop_output_errors() -> None:
+    """Replace stdout and stderr by streams whose writes never raise."""
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        raw = io.BufferedWriter(_LogFile(number, "w", closefd=False))
+        setattr(sys, name, io.TextIOWrapper(raw, errors="backslashreplace", line_buffering=True))
 
 
 def _set_title(title: str) -> None:

@@ -201,6 +201,7 @@ def _run(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:
     finally:
         show.close()
     _print_result(folder.path, code, show)
+    show.flush()
     return code
 
 

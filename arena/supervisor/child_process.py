@@ -150,17 +150,18 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
     """Fork and exec a process. Raises OSError if it cannot be started.
 
     spec: the process, with all placeholders filled; its `env` is added to the supervisor's environment.
-    log: file to which the output of the process is appended.
+    log: file to which the output of the process is appended. If it cannot be opened, the output is dropped, because a process
+        that vehicles need must start also with a full disk.
     run: path of the run folder, for the environment variable ARENA_RUN.
     """
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+    output = _open_log(log)
     variables = {SOCKET_VARIABLE: str(theirs.fileno()), RUN: run, PROCESS: spec.name}
     try:
         ours.setblocking(False)
         popen = subprocess.Popen(
             spec.argv,
-            cwd=spec.cwd,
+            cwd=spec.cwd if Path(spec.cwd).is_dir() or not spec.outlives else "/",
             env={**os.environ, **dict(spec.env), **variables},
             stdin=subprocess.DEVNULL,
             stdout=output,
@@ -183,6 +184,17 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
         channel=ours,
         _popen=popen,
     )
+
+
+def _open_log(log: Path) -> int:
+    """Open a log file for appending, or /dev/null if that fails. Its folder is created if it was deleted."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
+    with contextlib.suppress(OSError):
+        return os.open(log, flags, 0o644)
+    with contextlib.suppress(OSError):
+        log.parent.mkdir()
+        return os.open(log, flags, 0o644)
+    return os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
 
 
 def last_line(log: Path) -> str:

@@ -4,13 +4,16 @@ that they send.
 
 from __future__ import annotations
 
-import contextlib
+import errno
 import json
+import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
+from arena.supervisor.background_writer import BackgroundWriter
 from arena.supervisor.messages import Level, Message, event_level, transition_text
 from arena.supervisor.process_state import State
 
@@ -25,6 +28,7 @@ class EventLog:
     """Writer of events.jsonl, which also shows each entry as a line. `lost` counts entries that could not be
     written.
 
+    writer: thread that writes the file.
     path: the file.  show: function that shows a line.
     vehicles: names of the vehicles; an event that begins with `<vehicle>: ` is shown as a line about that vehicle.
     time_s: function that returns the time to show in front of a line [s], or None for no time.
@@ -34,11 +38,14 @@ class EventLog:
         self,
         path: Path,
         show: Show,
+        writer: BackgroundWriter,
         *,
         vehicles: Sequence[str] = (),
         time_s: Callable[[], float | None] = lambda: None,
     ) -> None:
-        self._file = path.open("a", buffering=1)
+        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        self._writer = writer
+        self._error, self._error_reported = "", False
         self._show, self._vehicles, self._time_s = show, frozenset(vehicles), time_s
         self._counts: Counter[str] = Counter()
         self.lost = 0
@@ -72,16 +79,30 @@ class EventLog:
             Message(text=message.text, source=message.source, level=message.level, time_s=self._time_s())
         )
 
+    def error(self) -> str:
+        """Return why the file cannot be written, such as `No space left on device`, once; else ""."""
+        if not self._error or self._error_reported:
+            return ""
+        self._error_reported = True
+        return self._error
+
     def close(self) -> None:
-        """Close the file."""
-        with contextlib.suppress(OSError):
-            self._file.close()
+        """Close the file after all entries are written."""
+        self._writer.submit(partial(os.close, self._file))
 
     def _write(self, entry: dict[str, object]) -> None:
         entry = {"t": datetime.now().astimezone().isoformat(timespec="milliseconds"), **entry}
         if (time_s := self._time_s()) is not None:
             entry["time_s"] = round(time_s, 3)
+        self._writer.submit(partial(self._append, json.dumps(entry).encode() + b"\n"))
+
+    def _append(self, line: bytes) -> None:
+        """Append a line to the file. The thread of `writer` calls this. A line that does not fit on the disk is removed again."""
         try:
-            self._file.write(json.dumps(entry) + "\n")
-        except OSError:
+            written = os.write(self._file, line)
+            if written < len(line):
+                os.ftruncate(self._file, os.fstat(self._file).st_size - written)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            self._error = self._error or str(error.strerror)
             self.lost += 1

@@ -146,12 +146,10 @@ class LandingTask:
         self._tries += 1
         self._next = now + _PAUSE_S
         self.summary = f"{', '.join(flying)} to land"
-        spec = self._spec(flying)
-        self._log.event(
-            now, "arena", f"landing {', '.join(flying)}: {' '.join(self._folder.spec(spec).argv)}"
-        )
+        spec, folder = self._spec(flying), self._folder.for_landing(self._plan)
+        self._log.event(now, "arena", f"landing {', '.join(flying)}: {' '.join(folder.spec(spec).argv)}")
         begun = SideTask.start(
-            spec, self._folder, TIMEOUT_S, now, lambda text: self._log.event(self._now, "arena", text)
+            spec, folder, TIMEOUT_S, now, lambda text: self._log.event(self._now, "arena", text)
         )
         if isinstance(begun, Exit):
             self._failed(begun, flying, now)

@@ -1,6 +1,7 @@
 """The main loop of the supervisor: starts a plan, keeps it running, lands the vehicles, stops all processes, writes the result.
 
-The loop uses one thread and one selector. The phases of a run:
+The loop uses one thread and one selector. Threads of their own write the terminal and the files (`background_writer.py`), so
+that a frozen terminal or a full disk does not stop the loop. The phases of a run:
 
     RUN  --the end is decided-->  LAND  --all on the ground, disarmed-->  STOP  --no process runs-->  REPORT  -->  OVER
                                   LAND  <--a vehicle becomes armed------  STOP
@@ -21,10 +22,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any, Protocol
 
 from arena.plan.model import Plan
 from arena.supervisor import child_process, run_end
+from arena.supervisor.background_writer import BackgroundWriter
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.messages import Level, Message
@@ -33,13 +36,14 @@ from arena.supervisor.process_set import Orders, ProcessSet
 from arena.supervisor.process_state import ENDED, State
 from arena.supervisor.release import check_release, guards
 from arena.supervisor.run_end import Cause, End
-from arena.supervisor.run_folder import RunFolder
+from arena.supervisor.run_folder import Member, RunFolder
 from arena.supervisor.run_result import RunResult
 from arena.supervisor.shutdown import Shutdown
 from arena.supervisor.signals import SignalQueue
 
 SETTLE_S = 0.5
 _BUSY_ROUND_S, _CALM_ROUND_S = 0.05, 0.25
+_MAX_WRITES, _FLUSH_S = 20000, 5.0
 
 _CAUSES = {signal.SIGINT: Cause.INTERRUPT, signal.SIGTERM: Cause.TERMINATED, signal.SIGHUP: Cause.HANGUP}
 
@@ -90,9 +94,11 @@ class Supervisor:
         self.phase = Phase.RUN
         self._selector = selectors.DefaultSelector()
         self._real_time = RealTimeMeter(plan, folder)
+        self._files = BackgroundWriter("files", _MAX_WRITES)
         self._log = EventLog(
             folder.path / "events.jsonl",
             self._say,
+            self._files,
             vehicles=[v.name for v in plan.vehicles],
             time_s=self._real_time.time_s,
         )
@@ -106,6 +112,7 @@ class Supervisor:
         self._quiet_since: float | None = None
         self._next_round = self._next_sample = 0.0
         self._recorded: set[int] | None = None
+        self._state_error, self._state_error_reported = "", False
         self._all_started = False
 
     def run(self) -> int:
@@ -123,7 +130,8 @@ class Supervisor:
             self._control = None
             self._selector.close()
             self._log.close()
-            self.folder.close()
+            self._files.submit(self.folder.close)
+            self._files.flush(_FLUSH_S)
         return self._result.exit_code
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -313,13 +321,24 @@ class Supervisor:
         members = self._processes.members()
         if (pids := {m.pid for m in members.values()}) != self._recorded:
             self._recorded = pids
-            try:
-                self.folder.write_state(self.plan, members)
-            except OSError as error:
-                self._event(
-                    f"state.json cannot be written ({error.strerror}). If the supervisor dies, "
-                    f"`arena down` cannot find the processes of this run"
-                )
+            self._files.submit(partial(self._write_state, members), replaces="state.json")
+        if self._state_error and not self._state_error_reported:
+            self._state_error_reported = True
+            self._event(
+                f"state.json cannot be written ({self._state_error}). If the supervisor dies, "
+                f"`arena down` cannot find the processes of this run"
+            )
+        if error := self._log.error():
+            self._show_line(
+                f"events.jsonl cannot be written ({error}): the events of this run are incomplete"
+            )
+
+    def _write_state(self, members: dict[str, Member]) -> None:
+        """Write state.json. The thread `files` calls this."""
+        try:
+            self.folder.write_state(self.plan, members)
+        except OSError as error:
+            self._state_error = str(error.strerror)
 
     def _end_runaways(self, now: float) -> None:
         tasks = [task for task in (self._shutdown.landing.task, self._result.task) if task is not None]

@@ -24,7 +24,7 @@ from arena.supervisor.run_folder import Member, RunFolder
 
 MAX_NAMES = 2000
 """Largest number of facts, and of measurements, that one process may send."""
-VEHICLE_FACTS = (".armed", ".landed", ".connected", ".mode", ".pilot", ".airborne_s")
+VEHICLE_FACTS = (".armed", ".landed", ".connected", ".mode", ".airborne_s", ".pilot", ".control", ".blocked")
 """Ends of the names of facts about a vehicle. User programs and tools may not send these facts."""
 
 # Loading Python and its packages keeps a core busy for about 0.2 s. Thirty processes that load at the same time would
@@ -246,6 +246,8 @@ class ProcessSet:
         self.changed = True
         self._ready.discard(spec.name)
         self._silent_s[spec.name] = 0.0
+        if self.statuses[spec.name].restarts:
+            self.folder.restore(self.plan)
         try:
             child = child_process.start(
                 self.folder.spec(spec), self.folder.log(spec.name), str(self.folder.path)

@@ -14,6 +14,7 @@ import os
 import shutil
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -137,9 +138,34 @@ class RunFolder:
         )
         write_whole(self.path / "state.json", json.dumps(dataclasses.asdict(state), indent=1))
 
+    def restore(self, plan: Plan) -> None:
+        """Write the files again that the land task and restarted processes read, if somebody has deleted them.
+
+        Files that cannot be written are left out.
+        """
+        files = {self.path / "plan.json": plan.to_json}
+        for name, slice_ in plan.slices.items():
+            files[_slice_path(self.path, name)] = partial(_slice_text, self, slice_)
+        with contextlib.suppress(OSError):
+            for file, text in files.items():
+                if not file.exists():
+                    file.parent.mkdir(parents=True, exist_ok=True)
+                    file.write_text(text())
+            (self.path / "logs").mkdir(exist_ok=True)
+
+    def for_landing(self, plan: Plan) -> RunFolder:
+        """Return a folder with the plan for the land task: this one, or the runtime folder if plan.json cannot be restored."""
+        self.restore(plan)
+        if (self.path / "plan.json").is_file():
+            return self
+        with contextlib.suppress(OSError):
+            (self.rt / "plan.json").write_text(plan.to_json())
+        return RunFolder(path=self.rt, rt=self.rt)
+
     def close(self) -> None:
         """Remove state.json and the runtime folder. Call it after a clean end of the run."""
-        (self.path / "state.json").unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # a read-only file system
+            (self.path / "state.json").unlink(missing_ok=True)
         shutil.rmtree(self.rt, ignore_errors=True)
 
 
@@ -158,8 +184,7 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
         (path / "arena.yaml").write_text(plan.yaml)
         (path / "plan.json").write_text(plan.to_json())
         for name, slice_ in plan.slices.items():
-            file = path / "slices" / (name if name.endswith(".json") else f"{name}.json")
-            file.write_text(json.dumps(_filled(folder, slice_), indent=1))
+            _slice_path(path, name).write_text(_slice_text(folder, slice_))
         folder.write_state(plan, {})
         folder.rt.mkdir(mode=0o700)
         (folder.rt / "run").write_text(str(path))
@@ -253,6 +278,15 @@ def _make_unique(runs: Path, name: str) -> Path:
 
 def _endings() -> list[str]:
     return ["", *(f"-{i}" for i in range(2, 1000))]
+
+
+def _slice_path(path: Path, name: str) -> Path:
+    """Return the path of the configuration file of a process. path: the run folder."""
+    return path / "slices" / (name if name.endswith(".json") else f"{name}.json")
+
+
+def _slice_text(folder: RunFolder, slice_: dict[str, Any]) -> str:
+    return json.dumps(_filled(folder, slice_), indent=1)
 
 
 def _filled(folder: RunFolder, value: Any) -> Any:

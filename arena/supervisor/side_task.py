@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from arena.plan.model import ProcessSpec
 from arena.supervisor import child_process
@@ -53,7 +54,7 @@ class SideTask:
             child = child_process.start(replace(folder.spec(spec), outlives=True), log, str(folder.path))
         except (OSError, ValueError) as error:
             return Exit(code=127, text=f"could not start: {error}", ran=False)
-        shown = log.stat().st_size
+        shown = _size(log)
         return cls(name=spec.name, child=child, deadline=now + timeout_s, on_line=on_line, _shown=shown)
 
     def poll(self, now: float) -> Exit | None:
@@ -91,3 +92,11 @@ class SideTask:
         *lines, self._half = (self._half + new).split(b"\n")
         for line in lines:
             self.on_line(f"{self.name}: {line.decode(errors='replace')}")
+
+
+def _size(log: Path) -> int:
+    """Return the size of a log file [bytes]; 0 if it cannot be read."""
+    try:
+        return log.stat().st_size
+    except OSError:
+        return 0

@@ -1,23 +1,28 @@
-"""Output of a run on the terminal: plain lines, JSON lines, or a live table. Printing never raises, so it cannot end a flight."""
+"""Output of a run on the terminal: plain lines, JSON lines, or a live table. Printing never raises and never blocks."""
 
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import sys
+from collections import deque
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, TextIO
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.spinner import Spinner
 from rich.text import Text
 
+from arena.supervisor.background_writer import BackgroundWriter, write_all
 from arena.supervisor.messages import Level, Message
 from arena.supervisor.status_tables import status_view
 
-_REFRESH_S, _LINES_S = 1.0, 0.2
+_REFRESH_S, _LINES_S, _FLUSH_S = 1.0, 0.2, 2.0
+_MAX_LINES = 1000
 _WAITING_PHASES = ("starting", "landing", "stopping", "making the report")
 _STYLES = {Level.DETAIL: "dim", Level.CHANGE: "", Level.RESULT: "bold red"}
 
@@ -25,11 +30,15 @@ _STYLES = {Level.DETAIL: "dim", Level.CHANGE: "", Level.RESULT: "bold red"}
 class Lines:
     """Output as plain lines on stdout. After the first write error, such as a closed terminal, output goes to /dev/null.
 
+    A thread writes the lines, so that a frozen terminal (Ctrl-S) does not stop the run. Lines that do not fit in its queue are
+    counted, and the number is shown when the terminal continues.
     level: lowest level that is shown.
     """
 
     def __init__(self, level: Level = Level.CHANGE) -> None:
         self.level = level
+        self._writer = BackgroundWriter("terminal", _MAX_LINES)
+        self._stream = sys.stdout
 
     def say(self, message: Message) -> None:
         """Show one line."""
@@ -37,9 +46,30 @@ class Lines:
             self.print(str(message))
 
     def print(self, text: str) -> None:
-        """Print a text. Unlike `say`, this prints at every level of verbosity."""
+        """Print a text, independent of the level. Does not wait until it is written."""
+        self._submit(text + "\n")
+
+    def flush(self) -> None:
+        """Wait until everything is written, but at most _FLUSH_S, because the terminal may be frozen."""
+        self._writer.flush(_FLUSH_S)
+
+    def blocked_s(self, now: float) -> float:
+        """Return for how long the terminal has accepted no output [s]; 0 if it accepts output. now: monotonic [s]."""
+        return self._writer.blocked_s(now)
+
+    def lost_text(self, lost: int) -> str:
+        """Return the line that reports lost lines."""
+        return f"{lost} lines are not shown, because the terminal was frozen; `events.jsonl` contains them"
+
+    def _submit(self, text: str) -> None:
+        self._writer.submit(partial(self._write, text))
+
+    def _write(self, text: str) -> None:
+        """Write a text to stdout. The thread calls this."""
+        if lost := self._writer.take_lost():
+            text = f"{self.lost_text(lost)}\n{text}"
         try:
-            print(text, flush=True)
+            _write_to(self._stream, text)
         except (OSError, ValueError):
             _silence()
 
@@ -50,11 +80,18 @@ class Lines:
         """Do nothing, because plain lines need no report of the start. The subclass for `arena up --detach` overrides this method."""
 
     def close(self) -> None:
-        """Do nothing, because plain lines have no live table to remove."""
+        """Wait until everything is written. Lines may also be printed afterwards."""
+        self.flush()
 
 
 class JsonLines(Lines):
     """Output as one JSON object per line on stdout, for programs."""
+
+    def lost_text(self, lost: int) -> str:
+        """Return the line that reports lost lines, as a JSON object."""
+        return json.dumps(
+            {"time_s": None, "source": "", "level": "change", "text": f"{lost} lines were dropped"}
+        )
 
     def say(self, message: Message) -> None:
         """Print a message as {"time_s": ..., "source": ..., "level": ..., "text": ...}."""
@@ -68,17 +105,41 @@ class JsonLines(Lines):
             self.print(json.dumps(entry))
 
 
+class _Screen(io.StringIO):
+    """Text for a terminal that rich has drawn and that is not written yet."""
+
+    def isatty(self) -> bool:
+        return True
+
+    def take(self) -> str:
+        """Return the text and remove it."""
+        text = self.getvalue()
+        self.seek(0)
+        self.truncate()
+        return text
+
+
 class LiveTable(Lines):
-    """Output on a terminal: lines, and below them the tables of vehicles and processes, redrawn once a second."""
+    """Output on a terminal: lines, and below them the tables of vehicles and processes, redrawn once a second.
+
+    Nothing is drawn while the terminal accepts no output, because each drawing begins with the removal of the last one. The
+    newest lines are kept for the next drawing.
+    """
 
     def __init__(self, level: Level = Level.CHANGE) -> None:
         super().__init__(level)
-        self._console = Console()
+        self._screen = _Screen()
+        self._console = Console(file=self._screen)
         self._live: Live | None = Live(
-            console=self._console, auto_refresh=False, transient=True, redirect_stderr=False
+            console=self._console,
+            auto_refresh=False,
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
         )
         self._next = 0.0
-        self._waiting: list[Message] = []
+        self._waiting: deque[Message] = deque(maxlen=_MAX_LINES)
+        self._not_shown = 0
         self._live.start()
 
     def say(self, message: Message) -> None:
@@ -86,6 +147,7 @@ class LiveTable(Lines):
         if self._live is None:
             super().say(message)
         elif message.level >= self.level:
+            self._not_shown += len(self._waiting) == _MAX_LINES
             self._waiting.append(message)
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
@@ -93,27 +155,28 @@ class LiveTable(Lines):
         if self._live is None or now < self._next - (_REFRESH_S - _LINES_S if self._waiting else 0.0):
             return
         self._next = now + _REFRESH_S
-        lines, self._waiting = self._waiting, []
-        try:
-            if lines:
-                self._console.print(Text("\n").join(Text(str(m), style=_STYLES[m.level]) for m in lines))
-            self._live.update(_with_progress(status()), refresh=True)
-        except (OSError, ValueError):
-            self._lost()
+        if self._writer.busy:
+            return
+        lines = [Text(str(m), style=_STYLES[m.level]) for m in self._waiting]
+        if self._not_shown:
+            lines.insert(0, Text(self.lost_text(self._not_shown)))
+        self._waiting.clear()
+        self._not_shown = 0
+        if lines:
+            self._console.print(Text("\n").join(lines))
+        self._live.update(_with_progress(status()), refresh=True)
+        self._submit(self._screen.take())
 
     def close(self) -> None:
         """Remove the tables and print the kept lines."""
         live, self._live = self._live, None
         if live is not None:
-            with contextlib.suppress(OSError, ValueError):
-                live.stop()
+            live.stop()
+            self._submit(self._screen.take())
         for message in self._waiting:
             super().say(message)
-        self._waiting = []
-
-    def _lost(self) -> None:
-        _silence()
-        self.close()
+        self._waiting.clear()
+        self.flush()
 
 
 def _with_progress(status: dict[str, Any]) -> RenderableType:
@@ -122,6 +185,20 @@ def _with_progress(status: dict[str, Any]) -> RenderableType:
     if status["phase"] not in _WAITING_PHASES:
         return view
     return Group(Spinner("dots", text=str(status["phase"])), view)
+
+
+def _write_to(stream: TextIO, text: str) -> None:
+    """Write a text to a stream. Raises OSError or ValueError.
+
+    A real file is written without the stream's buffer. A thread that is blocked in a buffer would abort Python at exit.
+    """
+    try:
+        fd = stream.fileno()
+    except (OSError, ValueError):  # replaced by a test
+        stream.write(text)
+        stream.flush()
+        return
+    write_all(fd, text.encode(errors="replace"))
 
 
 def _silence() -> None:

@@ -222,6 +222,21 @@ def names() -> None:
     forever()
 
 
+def says() -> None:
+    """Send events without end, about 100 per second, and count them."""
+    n = 0
+    while True:
+        n += 1
+        tell(event=f"event {n} " + 100 * "x", stats={"n": n})
+        time.sleep(0.01)
+
+
+def needs_file() -> None:
+    """Fail if the file in the argument cannot be read, else report ready."""
+    Path(sys.argv[2]).read_text()
+    good()
+
+
 def disarms() -> None:
     """Act as a landing task: delete the file in the argument, which stands for the arming of the vehicle."""
     print("landing all", flush=True)

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from arena.plan.model import Plan
-from arena.supervisor import Level, Lines, Options, Supervisor, create
+from arena.supervisor import Level, Lines, LiveTable, Options, Supervisor, create
 
 
 def main() -> int:
@@ -17,7 +17,10 @@ def main() -> int:
         time_limit_s=limits[0] if limits else None,
         adopt="no_adopt" not in sys.argv,
     )
-    return Supervisor(plan, create(plan, Path(sys.argv[2])), Lines(Level.DETAIL), options).run()
+    show = LiveTable(Level.DETAIL) if "live" in sys.argv else Lines(Level.DETAIL)
+    code = Supervisor(plan, create(plan, Path(sys.argv[2])), show, options).run()
+    show.close()
+    return code
 
 
 if __name__ == "__main__":

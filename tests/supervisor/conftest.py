@@ -79,8 +79,11 @@ def plan_of(*processes: ProcessSpec, **changes: Any) -> Plan:
 class Run:
     """A supervisor in a process of its own. `end` kills and returns every process that it has left."""
 
-    def __init__(self, folder: Path, plan: Plan, *options: str, **popen: Any) -> None:
-        self.runs = folder / "runs"
+    def __init__(
+        self, folder: Path, plan: Plan, *options: str, runs: Path | None = None, **popen: Any
+    ) -> None:
+        self.runs = runs or folder / "runs"
+        self._folder: Path | None = None
         (folder / "plan.json").write_text(plan.to_json())
         command = [
             sys.executable,
@@ -97,7 +100,9 @@ class Run:
 
     @property
     def folder(self) -> Path:
-        return eventually(lambda: next(iter(self.runs.glob("*")), None), what="a run folder")
+        if self._folder is None:
+            self._folder = eventually(lambda: next(iter(self.runs.glob("*")), None), what="a run folder")
+        return self._folder
 
     @property
     def state(self) -> RunState:
@@ -184,8 +189,8 @@ def start(tmp_path: Path, runtime_dir: Path) -> Iterator[Callable[..., Run]]:
     """start(plan, *options) -> Run. Fails the test when a process of it is left."""
     runs: list[Run] = []
 
-    def begin(plan: Plan, *options: str, **popen: Any) -> Run:
-        runs.append(Run(tmp_path, plan, *options, **popen))
+    def begin(plan: Plan, *options: str, folder: Path | None = None, **popen: Any) -> Run:
+        runs.append(Run(tmp_path, plan, *options, runs=folder and folder / "runs", **popen))
         return runs[-1]
 
     yield begin

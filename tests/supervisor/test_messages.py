@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from arena.supervisor.background_writer import BackgroundWriter
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.messages import Level, Message, VehicleChanges, transition_level, transition_text
 from arena.supervisor.process_state import State
@@ -79,11 +80,13 @@ def test_a_reason_is_shown_only_if_it_adds_something() -> None:
 
 def test_event_about_a_vehicle_is_shown_under_its_name(tmp_path: Path) -> None:
     shown: list[Message] = []
-    log = EventLog(tmp_path / "events.jsonl", shown.append, vehicles=["uav1"], time_s=lambda: 31.04)
+    writer = BackgroundWriter("files", limit=100)
+    log = EventLog(tmp_path / "events.jsonl", shown.append, writer, vehicles=["uav1"], time_s=lambda: 31.04)
     log.event(5.0, "router", "uav1: Failsafe activated: no offboard setpoints: AUTO.LAND")
     log.event(5.0, "logger.uav1", "uav1: airborne")
     log.event(5.0, "router", "uav2 is unknown")
     log.close()
+    assert writer.flush(60.0)
     assert str(shown[0]) == "  31.0 s  uav1: Failsafe activated: no offboard setpoints: AUTO.LAND"
     assert shown[1].level is Level.DETAIL, "the facts of the router show it already"
     assert shown[2].source == "router"
@@ -99,13 +102,17 @@ def test_lines_below_the_level_are_not_shown(capsys: pytest.CaptureFixture[str])
     for level in Level:
         quiet, normal = Lines(Level.RESULT), Lines()
         quiet.say(Message(text=f"quiet {level}", level=level))
+        quiet.flush()
         normal.say(Message(text=f"normal {level}", level=level))
+        normal.flush()
     assert capsys.readouterr().out.splitlines() == ["normal 1", "quiet 2", "normal 2"]
 
 
 def test_json_lines_are_one_object_per_line(capsys: pytest.CaptureFixture[str]) -> None:
-    JsonLines().say(Message(text="armed, OFFBOARD", source="uav1", time_s=2.0))
-    JsonLines().say(Message(text="ready", source="router", level=Level.DETAIL))
+    show = JsonLines()
+    show.say(Message(text="armed, OFFBOARD", source="uav1", time_s=2.0))
+    show.say(Message(text="ready", source="router", level=Level.DETAIL))
+    show.flush()
     assert [json.loads(line) for line in capsys.readouterr().out.splitlines()] == [
         {"time_s": 2.0, "source": "uav1", "level": "change", "text": "armed, OFFBOARD"}
     ]

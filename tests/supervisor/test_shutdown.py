@@ -16,20 +16,22 @@ from .conftest import Run, eventually, is_running, plan_of, program, spec, vehic
 RESTARTED = Restart(mode="on_failure", backoff_s=0.05)
 
 
-def armed_by(flag: Path, *more, program_kind="sleeps", landing="disarms", land_argument=None, **changes):
+def armed_by(
+    flag: Path, *more, program_kind="sleeps", landing="disarms", land_argument=None, land_task=None, **changes
+):
     """A plan with one real vehicle, which is armed while the file `flag` exists; the land task deletes the file."""
     return plan_of(
         spec("router", "reports_arming", str(flag), kind="router", outlives=True, restart=RESTARTED),
         program("p", program_kind, str(flag), needs=("router",)),
         *more,
         vehicles=(vehicle(simulated=False),),
-        land=spec("land", landing, str(land_argument or flag), kind="task"),
+        land=land_task or spec("land", landing, str(land_argument or flag), kind="task"),
         **changes,
     )
 
 
-def begin(start, plan, *, armed: bool = True) -> Run:
-    run = start(plan)
+def begin(start, plan, *, armed: bool = True, **where) -> Run:
+    run = start(plan, **where)
     run.until("p", "READY")
     eventually(lambda: "arms_at_its_end" not in " ".join(plan.processes[1].argv) or "flies" in run.log("p"))
     eventually(lambda: run.control().ask(do="ps")["facts"].get("uav1.armed") is armed)
