@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
 import stat
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 RUNTIME_DIR_VARIABLE = "ARENA_RUNTIME_DIR"
 """Environment variable for tests: the only folder in which runtime folders are created and searched."""
+GROUP_VARIABLE = "ARENA_GROUP"
+"""Environment variable: name of a group of the computer whose members may find and land this user's runs."""
 
 
 def pointers() -> list[Path]:
@@ -20,6 +25,71 @@ def pointers() -> list[Path]:
     return [pointer for base in bases for pointer in sorted(base.glob("*/run")) if _is_ours(pointer.parent)]
 
 
+def pointers_of_others() -> list[tuple[Path, int]]:
+    """Return (path of the `run` file, id of the owner) of every runtime folder of other users that this user may read.
+
+    Root may read all. Other users may read the folders that the owner shares with a group to which they belong (mode
+    0750). A folder is ignored if its path names another owner, or if others than its owner may write to it.
+    """
+    if os.environ.get(RUNTIME_DIR_VARIABLE):
+        return []
+    found = []
+    for base, owner in _bases_of_others():
+        if not _is_readable_folder(base, owner):
+            continue
+        with contextlib.suppress(OSError):
+            folders = sorted(folder for folder in base.iterdir() if _is_readable_folder(folder, owner))
+            found += [(folder / "run", owner) for folder in folders if _is_file_of(folder / "run", owner)]
+    return found
+
+
+def shared_group(folder: Path) -> int | None:
+    """Return the id of the group that may read a runtime folder; None if only the owner may read it."""
+    found = folder.stat()
+    return found.st_gid if found.st_mode & 0o070 == 0o050 else None
+
+
+def _bases_of_others() -> Iterator[tuple[Path, int]]:
+    """Yield each folder that may contain runtime folders of another user, with the user id that its path names."""
+    own, xdg = os.getuid(), os.environ.get("XDG_RUNTIME_DIR", "")
+    users = Path("/run/user") if not xdg else Path(xdg).parent if Path(xdg).name == str(own) else None
+    found = []
+    for folder, pattern, below in (
+        (Path(tempfile.gettempdir()), r"arena-(\d+)", ""),
+        (users, r"(\d+)", "arena"),
+    ):
+        with contextlib.suppress(OSError):
+            for path in sorted(folder.iterdir()) if folder is not None else []:
+                if match := re.fullmatch(pattern, path.name, re.ASCII):
+                    found.append((path / below, int(match[1])))
+    yield from ((path, owner) for path, owner in found if owner != own)
+
+
+def _is_readable_folder(folder: Path, owner: int) -> bool:
+    """Return whether a path is a folder of this owner that only the owner may write to and that this user may read."""
+    try:
+        found = folder.lstat()
+    except OSError:
+        return False
+    if (
+        not stat.S_ISDIR(found.st_mode)
+        or found.st_uid != owner
+        or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    ):
+        return False
+    if os.geteuid() == 0:
+        return True
+    return found.st_mode & 0o077 == 0o050 and found.st_gid in {os.getegid(), *os.getgroups()}
+
+
+def _is_file_of(path: Path, owner: int) -> bool:
+    try:
+        found = path.lstat()
+    except OSError:
+        return False
+    return stat.S_ISREG(found.st_mode) and found.st_uid == owner
+
+
 def _is_ours(folder: Path) -> bool:
     """Return whether a path is a folder that this user owns and that is not writable for all users."""
     try:
@@ -29,8 +99,10 @@ def _is_ours(folder: Path) -> bool:
     return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & stat.S_IWOTH
 
 
-def runtime_bases() -> list[Path]:
+def runtime_bases(*, shared: bool = False) -> list[Path]:
     """Return the folders that may contain runtime folders. New runs use the first one.
+
+    shared: put the folder first that other users can reach. Only its owner can reach XDG_RUNTIME_DIR.
 
     All are searched, because a terminal without XDG_RUNTIME_DIR must find the runs of a terminal in which it is set.
     """
@@ -38,6 +110,6 @@ def runtime_bases() -> list[Path]:
         return [Path(only)]
     uid, xdg = os.getuid(), os.environ.get("XDG_RUNTIME_DIR", "")
     given = [Path(xdg) / "arena"] if xdg and Path(xdg).is_dir() else []
-    return list(
-        dict.fromkeys([*given, Path(tempfile.gettempdir()) / f"arena-{uid}", Path(f"/run/user/{uid}/arena")])
-    )
+    temporary = Path(tempfile.gettempdir()) / f"arena-{uid}"
+    first = [temporary, *given] if shared else [*given, temporary]
+    return list(dict.fromkeys([*first, Path(f"/run/user/{uid}/arena")]))

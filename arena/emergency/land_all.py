@@ -6,15 +6,38 @@ import argparse
 import contextlib
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
+from arena.emergency.active_runs import active_runs, user_name
 from arena.emergency.dispatch import bring_down
+from arena.emergency.landing_sequence import Action
+from arena.emergency.other_users import start_for_others
 from arena.emergency.run_record import record_command
-from arena.emergency.targets import Found, Target, choose, find
+from arena.emergency.targets import Found, Target, choose, find, of_runs
 from arena.errors import EXIT_FAILED, EXIT_OK, ArenaError, InputError
 
 LAND_TIMEOUT_S, KILL_TIMEOUT_S = 60.0, 10.0
+_RESULT_S = 5.0  # a process for another user must end within this time after the timeout
+
+
+@dataclass(frozen=True, kw_only=True)
+class Selection:
+    """Vehicles to command.
+
+    arena, run: see `find`
+    only, spared: names of vehicles to command or not to command
+    timeout_s: [s]
+    """
+
+    arena: Path | None = None
+    run: Path | None = None
+    only: Sequence[str] = ()
+    spared: Sequence[str] = ()
+    timeout_s: float = LAND_TIMEOUT_S
 
 
 def land_all(
@@ -28,13 +51,8 @@ def land_all(
     """Land all vehicles that are found, and print a line for each. Return the exit code. Raises InputError if
     there are none.
     """
-    found, targets = _chosen(arena, run, only, spared)
-    if not targets:
-        _say("no vehicle to land")
-        return EXIT_OK
-    _say(f"landing {', '.join(t.name for t in targets)} (addresses from {found.source})")
-    _record("land-all", targets)
-    return _worst(found, bring_down(targets, action="land", timeout_s=timeout_s, say=_say))
+    selection = Selection(arena=arena, run=run, only=only, spared=spared, timeout_s=timeout_s)
+    return _command_all("land", selection)
 
 
 def kill_all(
@@ -51,13 +69,62 @@ def kill_all(
         raise InputError(
             "kill-all stops all motors, also in the air: vehicles fall. Confirm with --yes, or land with land-all"
         )
-    found, targets = _chosen(arena, run, only, spared)
+    selection = Selection(arena=arena, run=run, only=only, spared=spared, timeout_s=timeout_s)
+    return _command_all("kill", selection)
+
+
+def _command_all(action: Action, selection: Selection) -> int:
+    """Command the vehicles of this user, and for root also those of the other users."""
+    others = []
+    if selection.run is None:
+        others = start_for_others(partial(_command_of_user, action, selection))
+
+    def elsewhere() -> bool:
+        return any([one.has_runs() for one in others])
+
+    end = time.monotonic() + selection.timeout_s + _RESULT_S
+    try:
+        code = _command_own(action, selection, elsewhere)
+    except InputError:
+        if not elsewhere():
+            raise
+        code = EXIT_OK
+    finally:
+        codes = [one.wait(max(0.0, end - time.monotonic()), _say) for one in others]
+    return code or next(filter(None, codes), EXIT_OK)
+
+
+def _command_own(action: Action, selection: Selection, elsewhere: Callable[[], bool]) -> int:
+    found = find(arena=selection.arena, run=selection.run, elsewhere=elsewhere)
+    targets = choose(found.targets, selection.only, selection.spared)
     if not targets:
-        _say("no vehicle to stop")
+        if found.source:
+            _say(f"no vehicle to {'land' if action == 'land' else 'stop'}")
         return EXIT_OK
-    _say(f"STOPPING THE MOTORS of {', '.join(t.name for t in targets)} (addresses from {found.source})")
-    _record("kill-all", targets)
-    return _worst(found, bring_down(targets, action="kill", timeout_s=timeout_s, say=_say))
+    return _command_found(action, selection, found, targets)
+
+
+def _command_of_user(action: Action, selection: Selection, uid: int, report: Callable[[bool], None]) -> int:
+    """Command the vehicles of another user, in a process with the rights of this user. Return the exit code."""
+    found = of_runs(active_runs(), selection.arena)
+    names_found = {target.name for target in found.targets} if found is not None else set()
+    only = [name for name in selection.only if name in names_found]
+    selects = found is not None and bool(only or not selection.only)
+    report(selects)
+    if found is None or not selects:
+        return EXIT_OK
+    targets = choose(found.targets, only, [name for name in selection.spared if name in names_found])
+    if not targets:
+        return EXIT_OK
+    found = replace(found, source=f"{found.source} of user {user_name(uid)}")
+    return _command_found(action, selection, found, targets)
+
+
+def _command_found(action: Action, selection: Selection, found: Found, targets: tuple[Target, ...]) -> int:
+    what = "landing" if action == "land" else "STOPPING THE MOTORS of"
+    _say(f"{what} {', '.join(t.name for t in targets)} (addresses from {found.source})")
+    _record(f"{action}-all", targets)
+    return _worst(found, bring_down(targets, action=action, timeout_s=selection.timeout_s, say=_say))
 
 
 def _record(command: str, targets: Sequence[Target]) -> None:
@@ -98,13 +165,6 @@ def command(verb: str, arguments: Sequence[str], prog: str = "arena") -> int:
     selection = {"arena": a.arena, "run": a.run, "only": a.only, "spared": a.spared, "timeout_s": a.timeout}
     with _ignoring_hangup():
         return kill_all(**selection, yes=a.yes) if verb == "kill-all" else land_all(**selection)
-
-
-def _chosen(
-    arena: Path | None, run: Path | None, only: Sequence[str], spared: Sequence[str]
-) -> tuple[Found, tuple[Target, ...]]:
-    found = find(arena=arena, run=run)
-    return found, choose(found.targets, only, spared)
 
 
 def _say(line: str) -> None:

@@ -41,7 +41,9 @@ def unread_bytes(address: Address) -> int | None:
 
 
 def kill(process: ProcessIdentity) -> bool:
-    """Kill the recorded process and wait for its end. Return False if it cannot be killed."""
+    """Kill the recorded process and wait for its end. Return False if it cannot be killed, or belongs to a user
+    other than the one who recorded it.
+    """
     try:
         handle = os.pidfd_open(process.pid)
     except ProcessLookupError:
@@ -51,6 +53,8 @@ def kill(process: ProcessIdentity) -> bool:
     try:
         if not _is_same(process):  # checked while the open handle keeps the pid from being reused
             return True
+        if not _belongs_to_owner(process):
+            return False
         with contextlib.suppress(ProcessLookupError):
             signal.pidfd_send_signal(handle, signal.SIGKILL)
         return bool(select.select([handle], [], [], _EXIT_TIMEOUT_MS / 1e3)[0])
@@ -69,6 +73,14 @@ def is_running(process: ProcessIdentity | None) -> bool:
 def _is_same(process: ProcessIdentity, fields: list[bytes] | None = None) -> bool:
     fields = _stat(process.pid) if fields is None else fields
     return len(fields) >= 20 and abs(int(fields[19]) * _TICK_S - process.start_s) < _START_TOLERANCE_S
+
+
+def _belongs_to_owner(process: ProcessIdentity) -> bool:
+    """Return whether a process runs as the user who recorded it."""
+    try:
+        return process.owner in (None, Path(f"/proc/{process.pid}").stat().st_uid)
+    except OSError:
+        return False
 
 
 def _stat(pid: int) -> list[bytes]:

@@ -32,11 +32,14 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 class ProcessIdentity:
     """Identity of a process, from state.json. The start time start_s [s since boot] distinguishes the process
     from a later process with the same pid.
+
+    owner: id of the user who wrote state.json; None if unknown. A process of another user is not killed.
     """
 
     name: str
     pid: int
     start_s: float
+    owner: int | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,10 +93,12 @@ def recorded_process(name: str, run: Path) -> ProcessIdentity | None:
     name: name of a process, or "supervisor"
     """
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        state = json.loads((run / "state.json").read_text())
+        file = run / "state.json"
+        state, owner = json.loads(file.read_text()), file.stat().st_uid
         if state["boot"] == _BOOT_ID.read_text().strip():
             member = state["supervisor"] if name == "supervisor" else state["processes"][name]
-            return ProcessIdentity(name=name, pid=int(member["pid"]), start_s=float(member["start_s"]))
+            pid, start_s = int(member["pid"]), float(member["start_s"])
+            return ProcessIdentity(name=name, pid=pid, start_s=start_s, owner=owner)
     return None
 
 
@@ -130,8 +135,13 @@ def record_command(run: Path, command: str, vehicles: Iterable[str]) -> None:
     raises OSError.
     """
     entry = {"mono": time.monotonic(), "command": command, "vehicles": list(vehicles)}
-    with contextlib.suppress(OSError), (run / "emergency.jsonl").open("a") as file:
-        file.write(json.dumps(entry) + "\n")
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    with contextlib.suppress(OSError):  # no link and no pipe: the run may belong to another user
+        file = os.open(run / "emergency.jsonl", flags, 0o644)
+        try:
+            os.write(file, (json.dumps(entry) + "\n").encode())
+        finally:
+            os.close(file)
 
 
 def _apply_state(found: dict[str, str], vehicle: str, state: str, reason: str) -> None:

@@ -6,15 +6,16 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from arena.emergency.active_runs import ActiveRun, active_runs, active_runs_of_others
 from arena.emergency.run_record import DirectAddress, valid_uid, with_run_record
 from arena.emergency.yaml_fallback import VehicleEntry, read_yaml, vehicles_of
 from arena.errors import InputError
-from arena.run_dirs import pointers
 from arena.transport import Address, url_from_json
 
 _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
@@ -54,52 +55,80 @@ class Found:
     unread: tuple[str, ...] = ()
 
 
-def find(*, arena: Path | None = None, run: Path | None = None) -> Found:
+def find(
+    *,
+    arena: Path | None = None,
+    run: Path | None = None,
+    elsewhere: Callable[[], bool] = lambda: False,
+) -> Found:
     """Find the vehicles of `run`, else of the active runs, else of the YAML. Raises InputError if there are
     none.
 
+    Own runs are first. Runs of other users are included if the owner shares them with a group of this user. For root,
+    another process commands them, with the rights of their owner (`other_users`).
     arena: path of a YAML. It selects the active runs that were started from it, else an active run on its
     address.
     run: path of a run folder
+    elsewhere: function that returns whether another process commands the vehicles; then no YAML is read
     """
     if run is not None:
-        return _of_run(run)
+        return _of_run(ActiveRun(folder=run))
     runs = active_runs()
+    if os.geteuid() != 0:
+        runs += [shared for found in active_runs_of_others().values() for shared in found]
+    if selected := of_runs(runs, arena):
+        return selected
+    if elsewhere():
+        return Found(source="", targets=())
     if arena is None:
-        if found := _of_runs(runs):
-            return found
         arena = Path("arena.yaml")
         if not arena.is_file():
             raise InputError(
                 "nothing to land: no run is active, and there is no arena.yaml in this folder. Name the file: arena land-all FILE"
             )
-    arena = arena / "arena.yaml" if arena.is_dir() else arena
-    if found := _of_runs([folder for folder in runs if _began_from(folder) == str(arena.resolve())]):
+        if selected := of_runs(runs, arena):
+            return selected
+    return from_yaml(_yaml_path(arena))
+
+
+def of_runs(runs: Sequence[ActiveRun], arena: Path | None) -> Found | None:
+    """Return the vehicles of the active runs that `arena` selects (see `find`); of all runs if it is None. Returns
+    None if there is no such run, or none can be read.
+    """
+    if arena is None:
+        return _of_all(runs)
+    file = _yaml_path(arena)
+    if found := _of_all([run for run in runs if _began_from(run.folder) == str(file.resolve())]):
         return found
-    written = from_yaml(arena)
-    hosts = {target.tools[0] for target in written.targets}
-    for folder in reversed(runs):
-        with contextlib.suppress(InputError):
-            running = _of_run(folder)
-            if hosts & {target.tools[0] for target in running.targets}:
-                return running
-    return written
+    with contextlib.suppress(InputError):
+        hosts = {target.tools[0] for target in from_yaml(file).targets}
+        for run in reversed(runs):
+            with contextlib.suppress(InputError):
+                running = _of_run(run)
+                if hosts & {target.tools[0] for target in running.targets}:
+                    return running
+    return None
 
 
-def _of_runs(folders: Iterable[Path]) -> Found | None:
+def _yaml_path(arena: Path) -> Path:
+    return arena / "arena.yaml" if arena.is_dir() else arena
+
+
+def _of_all(runs: Iterable[ActiveRun]) -> Found | None:
     """Return the vehicles of all runs whose files can be read. `Found.unread` lists the other runs. Returns
     None if no run can be read.
     """
-    plans, unread = [], []
-    for folder in folders:
+    plans: list[tuple[ActiveRun, Found]] = []
+    unread = []
+    for run in runs:
         try:
-            plans.append(_of_run(folder))
+            plans.append((run, _of_run(run)))
         except InputError as error:
             unread.append(str(error))
     if not plans:
         return None
-    targets = _distinct(t for p in plans for t in p.targets)
-    return Found(source=", ".join(p.source for p in plans), targets=targets, unread=tuple(unread))
+    source = ", ".join(found.source for _, found in plans)
+    return Found(source=source, targets=_distinct(plans), unread=tuple(unread))
 
 
 def _began_from(folder: Path) -> str:
@@ -124,17 +153,6 @@ def choose(
         if name not in names:
             raise InputError(f"got vehicle {name}, expected one of {', '.join(names)}")
     return tuple(t for t in targets if (not only or t.name in only) and t.name not in spared)
-
-
-def active_runs() -> list[Path]:
-    """Return this user's run folders in which a process still runs, oldest first."""
-    found = []
-    for pointer in pointers():
-        with contextlib.suppress(OSError):
-            folder = Path(pointer.read_text().strip())
-            if (state := folder / "state.json").is_file() and _has_running_process(state):
-                found.append((state.stat().st_mtime, folder))
-    return [folder for _, folder in sorted(found)]
 
 
 def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
@@ -193,33 +211,32 @@ def _by_port_rule(vehicle: VehicleEntry, host: str) -> Target:
     )
 
 
-def _of_run(folder: Path) -> Found:
-    """Return the vehicles in a run's plan.json, or in its arena.yaml if the plan cannot be read."""
-    try:
-        return Found(source=str(folder), targets=from_plan((folder / "plan.json").read_text(), folder))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        if (folder / "arena.yaml").is_file():
-            return from_yaml(folder / "arena.yaml")
-        why = (
-            "no such folder"
-            if not folder.is_dir()
-            else f"neither plan.json nor arena.yaml can be read: {error}"
-        )
-        raise InputError(f"{folder}: {why}") from error
-
-
-def _distinct(targets: Iterable[Target]) -> tuple[Target, ...]:
-    return tuple({target.autopilot: target for target in targets}.values())
-
-
-def _has_running_process(state: Path) -> bool:
-    """Return whether one of the recorded processes exists.
-
-    Returns True if this is uncertain, because landing a run that has ended does no harm.
+def _of_run(run: ActiveRun) -> Found:
+    """Return the vehicles in a run's plan.json, or in its arena.yaml if the plan cannot be read. The plan is in the run
+    folder, and in the runtime folder in case that the run folder was deleted or belongs to another user.
     """
-    try:
-        raw = json.loads(state.read_text())
-        members: list[Any] = [raw["supervisor"], *raw["processes"].values()]
-        return any(Path(f"/proc/{member['pid']}").exists() for member in members)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return True
+    why: Exception | None = None
+    for folder in (run.folder, run.runtime):
+        if folder is None:
+            continue
+        try:
+            text = (folder / "plan.json").read_text()
+            return Found(source=str(run), targets=from_plan(text, run.folder))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            why = why or error
+    with contextlib.suppress(OSError):
+        if (run.folder / "arena.yaml").is_file():
+            return from_yaml(run.folder / "arena.yaml")
+    is_missing = isinstance(why, FileNotFoundError) and not run.folder.is_dir()
+    text = "no such folder" if is_missing else f"neither plan.json nor arena.yaml can be read: {why}"
+    raise InputError(f"{run}: {text}") from why
+
+
+def _distinct(plans: Iterable[tuple[ActiveRun, Found]]) -> tuple[Target, ...]:
+    """Return the vehicles of all plans. Of two with the same address, the one of the newest own run is returned."""
+    found: dict[Address, Target] = {}
+    for run, plan in plans:
+        for target in plan.targets:
+            if not run.owner or target.autopilot not in found:
+                found[target.autopilot] = target
+    return tuple(found.values())

@@ -8,7 +8,8 @@ The reply to any other line is {"error": "..."}. The server never waits for a cl
 replies is disconnected.
 
 Only the user who started the arena can open the socket and its folder. The server also gets the user of every
-connection from the kernel, and refuses users other than the owner and root.
+connection from the kernel, and refuses users other than the owner and root. If the folder is shared with a group
+(ARENA_GROUP), the kernel allows the members of this group to open the socket, and the server accepts them too.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from arena.errors import RunError
+from arena.run_dirs import shared_group
 
 _LONGEST_REQUEST = 1 << 16
 _LONGEST_ANSWER = 1 << 22
@@ -46,7 +48,7 @@ class ControlServer:
     path: path of the socket, in the private runtime folder of the run.
     answer: function that returns the reply to a request, or raises KeyError or ValueError with a text for the client.
     refused: called with a text when a user is refused for the first time.
-    users: ids of the users that are allowed; None for the owner and root.
+    users: ids of the users that are allowed; None for the owner and root, and the group with which the folder is shared.
     """
 
     def __init__(
@@ -60,12 +62,17 @@ class ControlServer:
     ) -> None:
         self._answer, self._selector, self._on_refused = answer, selector, refused
         self._users = {0, os.getuid()} if users is None else set(users)
+        group = shared_group(path.parent) if users is None else None
+        self._is_shared = group is not None
         self.refused: dict[int, int] = {}
         self._clients: dict[int, _Client] = {}
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         half = path.with_name("control.new")  # clients connect as soon as the path exists
         self._socket.bind(str(half))
         half.chmod(0o600)
+        if group is not None:
+            os.chown(half, -1, group)
+            half.chmod(0o660)
         self._socket.listen(_MOST_CLIENTS)
         half.rename(path)
         self._socket.setblocking(False)
@@ -90,7 +97,7 @@ class ControlServer:
         except OSError:
             return
         connection.setblocking(False)
-        if (user := _user(connection)) not in self._users:
+        if (user := _user(connection)) not in self._users and not self._is_shared:
             self._refuse(connection, user)
             return
         if len(self._clients) >= _MOST_CLIENTS:

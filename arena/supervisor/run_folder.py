@@ -21,7 +21,7 @@ from typing import Any
 from arena.errors import RunError
 from arena.plan.model import Plan, ProcessSpec
 from arena.run_dirs import RUNTIME_DIR_VARIABLE, pointers, runtime_bases
-from arena.supervisor import proc_fs
+from arena.supervisor import lab_group, proc_fs
 
 _SOCKET_PATH_BYTES = 107
 _LONGEST_SOCKET = "/router.faults"
@@ -173,12 +173,13 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
     """Create a new run folder in `runs`, and its runtime folder.
 
     now_s: wall time for the name of the folder [s since epoch]; None for the current time.
-    Raises RunError if a folder cannot be created.
+    Raises RunError if a folder cannot be created, or ARENA_GROUP names no group of this user.
     """
+    gid = lab_group.group_id()
     stamp = time.strftime("%Y%m%d-%H%M%S", time.localtime(now_s))
     try:
         path = _make_unique(runs.resolve(), f"{stamp}-{plan.name}")
-        folder = RunFolder(path=path, rt=_free_runtime(path.name))
+        folder = RunFolder(path=path, rt=_free_runtime(path.name, gid))
         for sub in ("logs", "slices", "csv", "plots"):
             (path / sub).mkdir()
         (path / "arena.yaml").write_text(plan.yaml)
@@ -188,6 +189,11 @@ def create(plan: Plan, runs: Path, now_s: float | None = None) -> RunFolder:
         folder.write_state(plan, {})
         folder.rt.mkdir(mode=0o700)
         (folder.rt / "run").write_text(str(path))
+        (folder.rt / "plan.json").write_text(plan.to_json())  # land-all needs it if the run folder is deleted
+        if gid is not None:
+            lab_group.share_file(folder.rt / "run", gid)
+            lab_group.share_file(folder.rt / "plan.json", gid)
+            lab_group.share_folder(folder.rt, gid)
     except OSError as error:
         raise RunError(f"cannot create the run folder: {error.filename or runs}: {error.strerror}") from error
     return folder
@@ -248,14 +254,17 @@ def write_whole(path: Path, text: str) -> None:
     half.replace(path)
 
 
-def _free_runtime(name: str) -> Path:
-    base = runtime_bases()[0]
+def _free_runtime(name: str, gid: int | None) -> Path:
+    base = runtime_bases(shared=gid is not None)[0]
     base.mkdir(mode=0o700, exist_ok=True)
     if base.stat().st_uid != os.getuid() or base.is_symlink():
         raise RunError(
             f"{base} belongs to another user: remove it, or set XDG_RUNTIME_DIR to a folder that you own"
         )
-    base.chmod(0o700)
+    if gid is not None:
+        lab_group.share_folder(base, gid)
+    else:  # another run may be shared with a group
+        base.chmod(0o700 | (base.stat().st_mode & 0o050))
     room = _SOCKET_PATH_BYTES - len(os.fsencode(base)) - len("/-999" + _LONGEST_SOCKET)
     if room < len("20261121"):
         raise RunError(

@@ -10,9 +10,10 @@ from emergency_fleet import target
 from hypothesis import given
 from hypothesis import strategies as st
 
+from arena.emergency.active_runs import active_runs
 from arena.emergency.land_all import land_all
 from arena.emergency.run_record import DirectAddress, ProcessIdentity
-from arena.emergency.targets import active_runs, choose, find, from_plan, from_yaml
+from arena.emergency.targets import choose, find, from_plan, from_yaml
 from arena.emergency.yaml_fallback import read_yaml, vehicles_of
 from arena.errors import InputError
 from arena.plan.model import LinkPlan, Plan, VehiclePlan
@@ -100,7 +101,7 @@ def test_only_a_simulated_vehicle_uses_the_record_of_its_run(tmp_path):
 def test_the_running_plan_is_read_before_any_yaml(runtime, tmp_path):
     (tmp_path / "arena.yaml").write_text("vehicles:\n  other:\n")
     folder = runtime("a", plan((3,)))
-    assert active_runs() == [folder]
+    assert [run.folder for run in active_runs()] == [folder]
     assert find().targets == (target(3, HOST),)
     assert find().source == str(folder)
 
@@ -224,7 +225,7 @@ def test_a_run_without_processes_is_not_active(runtime):
 def test_a_state_that_cannot_be_read_counts_as_running(runtime):
     folder = runtime("a", plan())
     (folder / "state.json").write_text("{")
-    assert active_runs() == [folder]
+    assert [run.folder for run in active_runs()] == [folder]
 
 
 def test_a_broken_plan_falls_back_to_the_yaml_of_its_run(runtime):

@@ -12,7 +12,7 @@ import pytest
 
 from arena import run_dirs
 from arena.emergency import targets
-from arena.supervisor import active_runs
+from arena.supervisor import active_runs, control_socket, lab_group
 from arena.supervisor.control_socket import ControlServer
 
 
@@ -77,6 +77,15 @@ def test_control_socket_is_readable_by_its_owner_only(serve, runtime_dir):
     assert [p.name for p in runtime_dir.iterdir()] == ["control.sock"]
 
 
+def test_members_of_a_shared_folders_group_are_answered(serve, runtime_dir, monkeypatch):
+    """review fault 17. The kernel lets only members open the socket."""
+    monkeypatch.setattr(control_socket, "_user", lambda _: os.getuid() + 1)
+    lab_group.share_folder(runtime_dir, os.getgid())
+    served = serve()
+    assert served.path.stat().st_mode & 0o777 == 0o660 and served.path.stat().st_gid == os.getgid()
+    assert json.loads(served.ask()) == {"ok": True}
+
+
 @pytest.mark.parametrize("spoil", ["everybody may write", "a link"])
 def test_runtime_folder_writable_by_others_is_ignored(tmp_path, monkeypatch, spoil):
     base, real = tmp_path / "base", tmp_path / "real"
@@ -86,7 +95,7 @@ def test_runtime_folder_writable_by_others_is_ignored(tmp_path, monkeypatch, spo
     (real / "a" / "run").write_text(str(run))
     (run / "state.json").write_text("{")
     monkeypatch.setenv("ARENA_RUNTIME_DIR", str(real))
-    assert targets.active_runs() == [run], "as long as it is ours alone"
+    assert [one.folder for one in targets.active_runs()] == [run], "as long as it is ours alone"
     if spoil == "a link":
         base.symlink_to(real)
         monkeypatch.setenv("ARENA_RUNTIME_DIR", str(base))
