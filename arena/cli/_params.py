@@ -159,7 +159,7 @@ def params_file_text(arena: Arena, vehicle: Vehicle, asked: str) -> str:
     """Return the text of a vehicle's QGroundControl .params file. Comments give the meaning and reason of each parameter."""
     from arena.params.facts.parameter_table import is_unreleased, parameters
     from arena.params.generation.generate import generate as make
-    from arena.plan.firmware import requirements
+    from arena.plan.firmware import requirements, unmeasured
     from arena.wire.qgc_params import INT32, REAL32, format_params
 
     version = version_for(vehicle, asked)
@@ -173,6 +173,8 @@ def params_file_text(arena: Arena, vehicle: Vehicle, asked: str) -> str:
             f"PX4 {version} was not released when this table was made: the names are those of its development version"
         )
     header += [f"NOT POSSIBLE: {sentence}" for sentence in made.not_possible]
+    if kept := unmeasured(arena, vehicle, asked):
+        header.append(f"NOT SET, because nobody has set or measured it: {', '.join(kept)}")
     comments = {line.name: f"{line.meaning}; {line.reason}" for line in made.lines}
     types = {name: INT32 if known[name].type == "INT32" else REAL32 for name in made.values if name in known}
     return format_params(made.values, vehicle.id, header=header, types=types, comments=comments)

@@ -110,6 +110,7 @@ def test_fault_12_measured_values_are_shown(folder: Path, capsys: pytest.Capture
     ]
     assert "  EKF2_EV_DELAY (11)" in lines and not any("builtin" in line for line in lines)
     _, out, _ = run(capsys, "generate")
+    assert "# NOT SET, because nobody has set or measured it: EKF2_EVP_NOISE, " in out
     assert "# this vehicle's own value; measured 2026-11-20, 30 s of hover (arena.yaml:" in out
     assert "no real vehicle" in run(capsys, "measured", "builtin")[1]
 
