@@ -7,6 +7,7 @@ The child sends packets on this socket, each one JSON object:
     {"facts": {"uav1.armed": true}}  values that the supervisor uses for decisions
     {"stats": {...}}                 measurements for the table and the summary; a new value replaces the old one of its key
     {"event": "..."}                 one line for events.jsonl and the terminal
+    {"audit": [{...}]}               requests to vehicles, for audit.jsonl
 The supervisor sends requests to the child on the same socket, each one JSON object with the key `do`. A process ignores
 requests that it does not know:
     {"do": "refuse_arming", "why": "..."}  from the first stop signal on: refuse every command that arms a vehicle
@@ -132,6 +133,11 @@ class ProcessContext:
     def event(self, text: str) -> None:
         """Send one line for events.jsonl and the terminal."""
         self._send({"event": text})
+
+    def audit(self, entries: list[dict[str, Any]]) -> None:
+        """Send requests to vehicles, which `arena audit` shows (see `arena.authority.audit`). Sends nothing if there are none."""
+        if entries:
+            self._send({"audit": entries})
 
     def _receive(self) -> None:
         while self._socket is not None and not self._orphaned:

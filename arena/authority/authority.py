@@ -101,6 +101,8 @@ class Authority:
 
     def _refusal(self, role: Role, request: Request, now: float) -> str:
         kind = request.kind
+        if kind is Kind.WRITE:
+            return ""
         starts = kind is Kind.SPIN or (kind is Kind.ARM and not self._armed)
         gesture = kind is Kind.MANUAL_INPUT and not self._armed  # a stick gesture arms
         if self._arming_off and (starts or gesture):

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from arena.authority.audit import AuditTrail, Origin
 from arena.authority.authority import Authority, Role
 from arena.authority.requests import COMMANDS, SET_MODE, Kind, Request, command_of, parse_request
 from arena.wire.mavlink_frame import Buffer, Frame
@@ -72,21 +73,31 @@ class CommandGate:
 
     Pass each frame whose message id is in `MESSAGES` to `refusal` before it is sent to the vehicle.
     name: name of the vehicle. system: its MAVLink system id. simulated: see `Authority`.
+    audit: record of the requests whose `origin` is given.
     """
 
     def __init__(self, name: str, system: int, *, simulated: bool) -> None:
         self.name, self.system, self.simulated = name, system, simulated
         self.authority = Authority(simulated=simulated)
+        self.audit = AuditTrail(name)
         self.refused = 0
         self._text_at: dict[Role, float] = {}
         self._reported: dict[str, float] = {}
         self._events: list[str] = []
         self._facts: dict[str, str] = {}
 
-    def refusal(self, role: Role, data: Buffer, frame: Frame, now: float) -> Refusal | None:
-        """Return the refusal of a frame; None if the frame may be sent to the vehicle. now: time of one clock [s]."""
+    def refusal(self, role: Role, data: Buffer, frame: Frame, now: float, origin: Origin = "") -> Refusal | None:
+        """Return the refusal of a frame; None if the frame may be sent to the vehicle.
+
+        now: time of one clock [s]. origin: address of the sender or name of its link, for `audit`; "" records nothing.
+        """
         request = parse_request(data, frame)
-        if request is None or not (why := self.authority.refusal(role, request, now)):
+        if request is None:
+            return None
+        why = self.authority.refusal(role, request, now)
+        if origin:
+            self.audit.add(role, (frame.sysid, frame.compid), request, why, origin, now)
+        if not why:
             return None
         return self._refuse(role, request, why, data, frame, now)
 

@@ -14,17 +14,18 @@ from arena.constants import FORCE_ARM_DISARM
 from arena.wire.mavlink_frame import Buffer, Frame, uint_at
 from arena.wire.px4_mode import mode_words
 
-COMMAND_INT, COMMAND_LONG, SET_MODE, SERIAL_CONTROL, TUNNEL = 75, 76, 11, 126, 385
+COMMAND_INT, COMMAND_LONG, SET_MODE, PARAM_SET, SERIAL_CONTROL, TUNNEL = 75, 76, 11, 23, 126, 385
 COMMANDS = frozenset({COMMAND_INT, COMMAND_LONG})
 SETPOINTS = frozenset({82, 84, 86, 139})
 """SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET."""
 MANUAL_INPUTS = frozenset({69, 70})
 """MANUAL_CONTROL and RC_CHANNELS_OVERRIDE: stick positions."""
-MESSAGES = COMMANDS | SETPOINTS | MANUAL_INPUTS | {SET_MODE, SERIAL_CONTROL, TUNNEL}
+MESSAGES = COMMANDS | SETPOINTS | MANUAL_INPUTS | {SET_MODE, PARAM_SET, SERIAL_CONTROL, TUNNEL}
 """Messages for which `parse_request` may return a request."""
 MANUAL_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE"})
 """Modes in which a person steers with sticks."""
 
+_PARAM_ID_OFFSET = 6  # in PARAM_SET, after the value and the target
 _COMMAND_OFFSET = 28  # in COMMAND_INT and COMMAND_LONG, after seven numbers of four bytes
 _NAV_LOITER, _NAV_RTL, _NAV_LAND, _NAV_TAKEOFF, _DO_ORBIT, _DO_REPOSITION = 17, 20, 21, 22, 34, 192
 _DO_SET_MODE, _DO_TERMINATE, _DO_STANDARD_MODE = 176, 185, 262
@@ -57,6 +58,7 @@ class Kind(Enum):
 
     SETPOINT: fly to a setpoint, in OFFBOARD. MANUAL_INPUT: stick positions. MODE: change the flight mode.
     ARM, DISARM: start or stop the motors. KILL: stop the motors also in flight. SPIN: turn a motor without arming.
+    WRITE: write a parameter.
     """
 
     SETPOINT = "setpoint"
@@ -66,14 +68,20 @@ class Kind(Enum):
     DISARM = "disarm"
     KILL = "kill"
     SPIN = "spin a motor"
+    WRITE = "write parameter"
 
 
 class Request(NamedTuple):
-    """Request to a vehicle. mode: for MODE the name of the requested mode, else "". command: MAV_CMD, 0 for other messages."""
+    """Request to a vehicle.
+
+    mode: for MODE the name of the requested mode, else "". command: MAV_CMD, 0 for other messages.
+    param: for WRITE the name of the parameter, else "".
+    """
 
     kind: Kind
     mode: str = ""
     command: int = 0
+    param: str = ""
 
 
 _SETPOINT, _MANUAL_INPUT = Request(Kind.SETPOINT), Request(Kind.MANUAL_INPUT)
@@ -85,7 +93,7 @@ def command_of(data: Buffer, frame: Frame) -> int:
 
 
 def parse_request(data: Buffer, frame: Frame) -> Request | None:
-    """Return what a frame requests of the vehicle; None if it cannot move the vehicle. The target is not checked."""
+    """Return what a frame requests of the vehicle; None if it neither moves the vehicle nor writes a parameter. The target is not checked."""
     if frame.msgid in SETPOINTS:
         return _SETPOINT
     if frame.msgid in COMMANDS:
@@ -94,6 +102,9 @@ def parse_request(data: Buffer, frame: Frame) -> Request | None:
         return _MANUAL_INPUT
     if frame.msgid == SET_MODE:
         return Request(Kind.MODE, mode_words(uint_at(data, frame, 0, 4)))
+    if frame.msgid == PARAM_SET:
+        name = uint_at(data, frame, _PARAM_ID_OFFSET, 16).to_bytes(16, "little")
+        return Request(Kind.WRITE, param=name.partition(b"\0")[0].decode(errors="replace"))
     if frame.msgid == SERIAL_CONTROL:  # a shell of the autopilot: it can arm and spin motors
         return Request(Kind.SPIN)
     if frame.msgid == TUNNEL and uint_at(data, frame, 0, 2) == _ESC_PASSTHROUGH:  # bytes for the ESCs

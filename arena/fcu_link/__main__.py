@@ -141,6 +141,7 @@ class FcuLinkShell:
         self._ages.update(time.time(), now)
         self._transport.tick(now)
         self._core.tick(now)
+        self._process.audit(self._core.gate.audit.take())
         for request in self._process.requests():
             self._core.gate.on_request(request, now)
         if self._simulator is not None:

@@ -292,7 +292,8 @@ class FcuLink:
         """Queue a frame for the vehicle if its sender may command the vehicle now. Else return the refusal, to be sent on the link."""
         if frame.msgid in MESSAGES and frame.target_sys in (0, self.system):
             role = role_on_link(link, frame.sysid, self.system)
-            refusal = self.gate.refusal(role, data, frame, now)
+            origin = "panic link" if link == "panic" else ""  # the router records its clients
+            refusal = self.gate.refusal(role, data, frame, now, origin)
             if refusal is not None:
                 self.counts[f"to the vehicle: refused: {refusal.why}"] += 1
                 reply = refusal.reply(self._autopilot_codec)

@@ -32,7 +32,7 @@ class CommandFilter:
         role = role_of_tool(frame[4]) if endpoint.role is None else endpoint.role
         if gate.simulated and self._sim_now is not None:
             now = self._sim_now()
-        refusal = gate.refusal(role, data, frame, now)
+        refusal = gate.refusal(role, data, frame, now, endpoint.address)
         if gate.has_news:
             self._news.add(vehicle)
         if refusal is None:
@@ -75,6 +75,10 @@ class CommandFilter:
                 facts |= gate.changed_facts()
         self._news.clear()
         return events, facts
+
+    def take_audit(self) -> list[dict[str, Any]]:
+        """Return the recorded requests of clients since the last call (see `arena.authority.audit`)."""
+        return [entry for gate in self._gates.values() for entry in gate.audit.take()]
 
     def _time(self, gate: CommandGate, now: float) -> float:
         return self._sim_now() if gate.simulated and self._sim_now is not None else now

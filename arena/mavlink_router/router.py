@@ -279,7 +279,9 @@ class Router:
     def _vehicle_of(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the system id of the vehicle to which a client's frame must be sent: 0 for all vehicles, -1 for none."""
+        """Return the receiver of a client's frame: the system id of a vehicle, 0 for all vehicles, -1 for none, or a lower number
+        for a set of vehicles (see `_allowed`).
+        """
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
             self.counts.dropped["a vehicle's message, returned by a client"] += 1

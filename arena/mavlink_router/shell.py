@@ -124,6 +124,7 @@ class RouterShell:
         self._router.tick(now)
         for request in self._process.requests():
             self._router.commands.on_request(request, now)
+        self._process.audit(self._router.commands.take_audit())
         self._backlog.tick(now)
         orphaned = self._process.orphaned
         if orphaned:

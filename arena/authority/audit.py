@@ -1,0 +1,58 @@
+"""Record of who requested what of a vehicle, and whether the request was sent on. Pure.
+
+Setpoints and stick positions are not recorded, because they are repeated many times a second. A request that is repeated
+within 5 s is recorded once.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from arena.authority.authority import Role
+from arena.authority.requests import Kind, Request
+
+_REPEAT_S = 5.0
+_MAX_WAITING = 256  # entries that wait for the supervisor
+
+Entry = dict[str, Any]
+Origin = tuple[str, int] | str
+"""Address of a sender, or the name of its link."""
+
+
+class AuditTrail:
+    """Entries about one vehicle that wait to be sent to the supervisor, which writes them to audit.jsonl.
+
+    vehicle: name of the vehicle.
+    lost: number of entries that did not fit in the memory for waiting entries.
+    """
+
+    def __init__(self, vehicle: str) -> None:
+        self.lost = 0
+        self._vehicle = vehicle
+        self._entries: list[Entry] = []
+        self._last: dict[tuple[Any, ...], float] = {}
+
+    def add(self, role: Role, sender: tuple[int, int], request: Request, refusal: str, origin: Origin, now: float) -> None:
+        """Record a request. sender: system and component. refusal: why it was refused, "" if it was sent on.
+
+        origin: address of the sender, or name of its link. now: time of one clock [s].
+        """
+        if request.kind in (Kind.SETPOINT, Kind.MANUAL_INPUT):
+            return
+        same = role, sender, request, refusal, origin
+        if now - self._last.get(same, -_REPEAT_S) < _REPEAT_S:
+            return
+        self._last = {key: at for key, at in self._last.items() if now - at < _REPEAT_S}
+        self._last[same] = now
+        if len(self._entries) >= _MAX_WAITING:
+            self.lost += 1
+            return
+        place = origin if isinstance(origin, str) else f"{origin[0]}:{origin[1]}"
+        what = f"{request.kind.value} {request.mode}{request.param}".rstrip()
+        entry = {"vehicle": self._vehicle, "role": role.words, "sender": f"{sender[0]}/{sender[1]}", "from": place}
+        self._entries.append({**entry, "request": what, "refused": refusal})
+
+    def take(self) -> list[Entry]:
+        """Return the entries since the last call."""
+        found, self._entries = self._entries, []
+        return found

@@ -1,0 +1,84 @@
+"""`arena audit RUN`: print who armed, commanded and configured the vehicles of a run, and who had control of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from arena.errors import InputError
+
+FILE = "audit.jsonl"
+_CONTROL = (" has control: ", "released by ", "arm permit", "declared dead")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command `arena audit` to the typer app."""
+
+    @app.command()
+    def audit(
+        run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder")],
+        vehicle: Annotated[str, typer.Option("--vehicle", metavar="NAME", help="only this vehicle")] = "",
+        as_json: Annotated[bool, typer.Option("--json", help="print one JSON object per line")] = False,
+    ) -> None:
+        """Print who armed, commanded and wrote parameters to the vehicles of a run, from which address, and what was refused."""
+        found = [entry for entry in entries(run) if vehicle in ("", entry["vehicle"])]
+        if as_json:
+            for entry in found:
+                print(json.dumps(entry))
+            return
+        for entry in found:
+            print(line_of(entry))
+        if not found:
+            print("no request to a vehicle is recorded in this run")
+
+
+def entries(run: Path) -> list[dict[str, Any]]:
+    """Return the requests of audit.jsonl and the changes of control of events.jsonl, in the order of time.
+
+    Raises InputError if the folder is not a run folder.
+    """
+    if not (run / "plan.json").is_file():
+        raise InputError(f"{run}: no plan.json: expected a run folder; `arena runs` lists them")
+    vehicles = [str(v["name"]) for v in json.loads((run / "plan.json").read_text())["vehicles"]]
+    found = [*_lines(run / FILE), *_control(run / "events.jsonl", vehicles), *_emergency(run / "emergency.jsonl")]
+    return sorted(found, key=lambda entry: float(entry["mono"]))
+
+
+def line_of(entry: dict[str, Any]) -> str:
+    """Return one entry as a line of text."""
+    at = f"{entry['time_s']:8.1f} s" if "time_s" in entry else str(entry.get("t", ""))[11:23].rjust(10)
+    if "event" in entry:
+        return f"{at}  {entry['vehicle']}: {entry['event']}"
+    result = f"REFUSED: {entry['refused']}" if entry["refused"] else "sent on"
+    who = f"{entry['role']} {entry['sender']} from {entry['from']}"
+    return f"{at}  {entry['vehicle']}: {entry['request']} by {who}: {result}"
+
+
+def _control(events: Path, vehicles: list[str]) -> Iterator[dict[str, Any]]:
+    for entry in _lines(events):
+        vehicle, _, text = str(entry.get("event", "")).partition(": ")
+        if vehicle in vehicles and any(word in text for word in _CONTROL):
+            yield {**entry, "vehicle": vehicle, "event": text}
+
+
+def _emergency(commands: Path) -> Iterator[dict[str, Any]]:
+    for entry in _lines(commands):
+        for vehicle in entry.get("vehicles", ()):
+            yield {**entry, "vehicle": vehicle, "event": f"`arena {entry.get('command')}` was started"}
+
+
+def _lines(file: Path) -> Iterator[dict[str, Any]]:
+    """Yield the JSON objects of a file; none if it does not exist. The last line may be incomplete."""
+    if not file.is_file():
+        return
+    for line in file.read_text(errors="replace").splitlines():
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            continue
+        if isinstance(entry, dict) and "mono" in entry:
+            yield entry
