@@ -7,7 +7,7 @@ The child sends packets on this socket, each one JSON object:
     {"facts": {"uav1.armed": true}}  values that the supervisor uses for decisions
     {"stats": {...}}                 measurements for the table and the summary; a new value replaces the old one of its key
     {"event": "..."}                 one line for events.jsonl and the terminal
-    {"audit": [{...}]}               requests to vehicles, for audit.jsonl
+    {"audit": [{...}]}               requests to vehicles, for events.jsonl and `arena audit`
 The supervisor sends requests to the child on the same socket, each one JSON object with the key `do`. A process ignores
 requests that it does not know:
     {"do": "refuse_arming", "why": "..."}  from the first stop signal on: refuse every command that arms a vehicle

@@ -20,7 +20,7 @@ Origin = tuple[str, int] | str
 
 
 class AuditTrail:
-    """Entries about one vehicle that wait to be sent to the supervisor, which writes them to audit.jsonl.
+    """Entries about one vehicle that wait to be sent to the supervisor, which writes them to events.jsonl.
 
     vehicle: name of the vehicle.
     lost: number of entries that did not fit in the memory for waiting entries.
@@ -32,7 +32,9 @@ class AuditTrail:
         self._entries: list[Entry] = []
         self._last: dict[tuple[Any, ...], float] = {}
 
-    def add(self, role: Role, sender: tuple[int, int], request: Request, refusal: str, origin: Origin, now: float) -> None:
+    def add(
+        self, role: Role, sender: tuple[int, int], request: Request, refusal: str, origin: Origin, now: float
+    ) -> None:
         """Record a request. sender: system and component. refusal: why it was refused, "" if it was sent on.
 
         origin: address of the sender, or name of its link. now: time of one clock [s].
@@ -49,7 +51,12 @@ class AuditTrail:
             return
         place = origin if isinstance(origin, str) else f"{origin[0]}:{origin[1]}"
         what = f"{request.kind.value} {request.mode}{request.param}".rstrip()
-        entry = {"vehicle": self._vehicle, "role": role.words, "sender": f"{sender[0]}/{sender[1]}", "from": place}
+        entry = {
+            "vehicle": self._vehicle,
+            "role": role.words,
+            "sender": f"{sender[0]}/{sender[1]}",
+            "from": place,
+        }
         self._entries.append({**entry, "request": what, "refused": refusal})
 
     def take(self) -> list[Entry]:

@@ -86,7 +86,9 @@ class CommandGate:
         self._events: list[str] = []
         self._facts: dict[str, str] = {}
 
-    def refusal(self, role: Role, data: Buffer, frame: Frame, now: float, origin: Origin = "") -> Refusal | None:
+    def refusal(
+        self, role: Role, data: Buffer, frame: Frame, now: float, origin: Origin = ""
+    ) -> Refusal | None:
         """Return the refusal of a frame; None if the frame may be sent to the vehicle.
 
         now: time of one clock [s]. origin: address of the sender or name of its link, for `audit`; "" records nothing.

@@ -93,7 +93,7 @@ def command_of(data: Buffer, frame: Frame) -> int:
 
 
 def parse_request(data: Buffer, frame: Frame) -> Request | None:
-    """Return what a frame requests of the vehicle; None if it neither moves the vehicle nor writes a parameter. The target is not checked."""
+    """Return what a frame requests; None if it neither moves the vehicle nor writes a parameter. The target is not checked."""
     if frame.msgid in SETPOINTS:
         return _SETPOINT
     if frame.msgid in COMMANDS:

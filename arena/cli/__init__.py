@@ -29,6 +29,7 @@ VERBS = (
     "up",
     "runs",
     "summary",
+    "audit",
     "ps",
     "logs",
     "restart",

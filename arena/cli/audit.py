@@ -11,7 +11,6 @@ import typer
 
 from arena.errors import InputError
 
-FILE = "audit.jsonl"
 _CONTROL = (" has control: ", "released by ", "arm permit", "declared dead")
 
 
@@ -37,20 +36,20 @@ def register(app: typer.Typer) -> None:
 
 
 def entries(run: Path) -> list[dict[str, Any]]:
-    """Return the requests of audit.jsonl and the changes of control of events.jsonl, in the order of time.
+    """Return the requests to vehicles, the changes of control and the emergency commands of a run, in the order of time.
 
     Raises InputError if the folder is not a run folder.
     """
     if not (run / "plan.json").is_file():
         raise InputError(f"{run}: no plan.json: expected a run folder; `arena runs` lists them")
     vehicles = [str(v["name"]) for v in json.loads((run / "plan.json").read_text())["vehicles"]]
-    found = [*_lines(run / FILE), *_control(run / "events.jsonl", vehicles), *_emergency(run / "emergency.jsonl")]
+    found = [*_from_events(run / "events.jsonl", vehicles), *_emergency(run / "emergency.jsonl")]
     return sorted(found, key=lambda entry: float(entry["mono"]))
 
 
 def line_of(entry: dict[str, Any]) -> str:
     """Return one entry as a line of text."""
-    at = f"{entry['time_s']:8.1f} s" if "time_s" in entry else str(entry.get("t", ""))[11:23].rjust(10)
+    at = f"{entry['time_s']:8.1f} s" if "time_s" in entry else str(entry.get("t", ""))[11:21].rjust(10)
     if "event" in entry:
         return f"{at}  {entry['vehicle']}: {entry['event']}"
     result = f"REFUSED: {entry['refused']}" if entry["refused"] else "sent on"
@@ -58,11 +57,14 @@ def line_of(entry: dict[str, Any]) -> str:
     return f"{at}  {entry['vehicle']}: {entry['request']} by {who}: {result}"
 
 
-def _control(events: Path, vehicles: list[str]) -> Iterator[dict[str, Any]]:
+def _from_events(events: Path, vehicles: list[str]) -> Iterator[dict[str, Any]]:
     for entry in _lines(events):
+        times: dict[str, Any] = {key: entry[key] for key in ("t", "time_s", "mono") if key in entry}
+        if isinstance(request := entry.get("audit"), dict):
+            yield {**times, **request}
         vehicle, _, text = str(entry.get("event", "")).partition(": ")
         if vehicle in vehicles and any(word in text for word in _CONTROL):
-            yield {**entry, "vehicle": vehicle, "event": text}
+            yield {**times, "vehicle": vehicle, "event": text}
 
 
 def _emergency(commands: Path) -> Iterator[dict[str, Any]]:

@@ -8,7 +8,7 @@ import errno
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from arena.supervisor.process_state import State
 
 MAX_EVENT_CHARACTERS = 2000
 MAX_EVENTS_PER_PROCESS = 2000
+MAX_REQUESTS_PER_PROCESS = 20_000
 
 Show = Callable[[Message], None]
 """Function that shows one line to a person. It never raises, because a closed terminal must not end a flight."""
@@ -48,6 +49,7 @@ class EventLog:
         self._error, self._error_reported = "", False
         self._show, self._vehicles, self._time_s = show, frozenset(vehicles), time_s
         self._counts: Counter[str] = Counter()
+        self._requests: Counter[str] = Counter()
         self.lost = 0
 
     def transition(
@@ -72,6 +74,15 @@ class EventLog:
         vehicle, _, about = text.partition(": ")
         source, shown = (vehicle, about) if vehicle in self._vehicles else (process, text)
         self.show(Message(source=source, text=shown, level=event_level(text) if level is None else level))
+
+    def audit(self, mono: float, process: str, entry: Mapping[str, object]) -> None:
+        """Log a request to a vehicle, for `arena audit`. It is not shown. mono: monotonic time [s].
+
+        Requests after the first MAX_REQUESTS_PER_PROCESS of a process are dropped.
+        """
+        self._requests[process] += 1
+        if self._requests[process] <= MAX_REQUESTS_PER_PROCESS:
+            self._write({"mono": mono, "process": process, "audit": dict(entry)})
 
     def show(self, message: Message) -> None:
         """Show a line with the time in front, without writing it to events.jsonl."""

@@ -291,6 +291,9 @@ class ProcessSet:
         if isinstance(stats := packet.get("stats"), dict):
             own = self.stats[name]
             own.update({key: stats[key] for key in _within_limit(stats, own)})
+        for entry in audit if isinstance(audit := packet.get("audit"), list) else ():
+            if isinstance(entry, dict) and self.specs[name].kind in ("router", "link"):
+                self.log.audit(time.monotonic(), name, entry)
         if isinstance(event := packet.get("event"), str):
             self.log.event(time.monotonic(), name, event)
 

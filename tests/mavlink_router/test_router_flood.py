@@ -43,6 +43,7 @@ def flood(fleet, rng, count):
         if i % 1000 == 0:
             router.tick(1e-3 * i)
             router.changed_facts()
+            router.commands.take_audit()
 
 
 def test_broken_datagrams_are_counted_and_leave_no_memory():

@@ -272,6 +272,7 @@ def test_a_missing_vehicle_is_named_and_the_others_start():
         event=reported.append,
         orphaned=False,
         requests=list,
+        audit=lambda entries: None,
         stats=lambda _: None,
     )
     shell = RouterShell(process, Table.from_slice(slice_of((1, 2), host="127.74.5.1")))
