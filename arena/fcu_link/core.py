@@ -24,7 +24,6 @@ from arena.authority import MESSAGES, CommandGate, command_of, pack_reply, role_
 from arena.fcu_link.arming_guard import STICKS, needs_checks, request_words
 from arena.fcu_link.param_check import ParamCheck
 from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks
-from arena.fcu_link.radio_check import PARAMS as RADIO_PARAMS
 from arena.fcu_link.radio_check import RadioCheck
 from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
@@ -94,11 +93,10 @@ class FcuLink:
         self.gate = CommandGate(s.vehicle, s.id, simulated=s.simulated)
         self.checks = PreflightChecks(s.preflight)
         display_path = "/".join(s.params_file.split("/")[-2:])
-        radio = s.preflight.radio
-        self.radio = RadioCheck(radio) if radio is not None else None
-        self.params = ParamCheck(s.params, display_path, RADIO_PARAMS if radio is not None else ())
+        self.radio = RadioCheck(s.preflight.radio)
+        self.params = ParamCheck(s.params, display_path, self.radio.params)
         wide = s.connection.kind != "serial" or s.connection.baud >= WIDE_BAUD
-        self._streams = StreamRequests(wide=wide, radio=radio is not None)
+        self._streams = StreamRequests(wide=wide, radio=self.radio.required)
         self._codec, self._autopilot_codec = Codec(s.id, COMPONENT), Codec(s.id, AUTOPILOT)
         self._events: list[str] = []
         self._panic_received_at = -math.inf
@@ -206,8 +204,7 @@ class FcuLink:
                 self.gate.on_state(armed, mode_words(m.custom_mode), now)
                 self._on_heartbeat(armed, now)
             self.checks.on_autopilot(m, now)
-            if self.radio is not None:
-                self.radio.on_autopilot(m, now)
+            self.radio.on_autopilot(m, now)
 
     def _on_heartbeat(self, armed: bool, now: float) -> None:
         if not self.ever_connected:
@@ -226,14 +223,13 @@ class FcuLink:
     def _restart_setup(self) -> None:
         """Read the parameters again, and demand a new test of the kill switch."""
         self.params.restart()
-        if self.radio is not None:
-            self.radio.reset()
+        self.radio.reset()
 
     # -- to the vehicle ------------------------------------------------------------------------------------------------
 
     def reasons(self, now: float) -> list[str]:
         """Return why the vehicle must not be armed now; empty if arming is allowed."""
-        radio = self.radio.reasons(now, self.params.values()) if self.radio and self.alive(now) else []
+        radio = self.radio.reasons(now, self.params.values()) if self.alive(now) else []
         return self.checks.reasons(now, [*radio, *self.params.reasons()])
 
     def from_link(self, link: str, data: Buffer, now: float, age_s: float = 0.0) -> Out:

@@ -21,8 +21,6 @@ from pymavlink.dialects.v20 import common as mavlink
 from arena.wire.px4_mode import mode_words
 
 KILL_CHANNEL, SOURCE = "RC_MAP_KILL_SW", "COM_RC_IN_MODE"
-PARAMS = (KILL_CHANNEL, SOURCE)
-"""Parameters whose values `RadioCheck.reasons` needs."""
 _MAX_AGE_S = 3.0  # SYS_STATUS and RC_CHANNELS are requested at 2 Hz
 _RC = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 
@@ -31,12 +29,18 @@ class RadioCheck:
     """Check of one vehicle's RC transmitter.
 
     Pass the autopilot's messages to `on_autopilot`. `reasons` returns why the vehicle must not be armed.
-    modes: values of COM_RC_IN_MODE with which the transmitter works.
+    modes: values of COM_RC_IN_MODE with which the transmitter works; None if no transmitter is required.
     """
 
-    def __init__(self, modes: Sequence[int]) -> None:
-        self._modes = tuple(modes)
+    def __init__(self, modes: Sequence[int] | None) -> None:
+        self._modes = tuple(modes or ())
+        self.required = modes is not None
         self.reset()
+
+    @property
+    def params(self) -> tuple[str, ...]:
+        """Names of the parameters whose values `reasons` needs."""
+        return (KILL_CHANNEL, SOURCE) if self.required else ()
 
     def reset(self) -> None:
         """Forget everything, because the autopilot has rebooted or another one may be connected."""
@@ -72,8 +76,10 @@ class RadioCheck:
     def reasons(self, now: float, params: Mapping[str, float | None]) -> list[str]:
         """Return why the vehicle must not be armed; empty if arming is allowed. Each text fits in one STATUSTEXT.
 
-        params: values of `PARAMS` in the vehicle. None: not read yet; NaN: the vehicle does not have the parameter.
+        params: values of the parameters `params` in the vehicle. None: not read yet; NaN: the vehicle does not have the parameter.
         """
+        if not self.required:
+            return []
         found = list(self._setup(params))
         if not self._received(now):
             return [*found, "no RC signal: is the transmitter on?"]

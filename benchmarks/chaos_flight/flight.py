@@ -51,7 +51,9 @@ def arena_yaml(folder: Path, address: str, server: str) -> Path:
         "vehicles:",
     ]
     for i, name in enumerate(VEHICLES):
-        lines.append(f"  {name}: {{autopilot: hardware, url: 'udpin:{address}:{_PORT + i}'}}")
+        lines.append(
+            f"  {name}: {{autopilot: hardware, profile: iris, radio: none, url: 'udpin:{address}:{_PORT + i}'}}"
+        )
     file = folder / "arena.yaml"
     file.write_text("\n".join(lines) + "\n")
     return file
