@@ -201,13 +201,14 @@ def from_yaml(path: Path) -> Found:
 
 def _by_port_rule(vehicle: VehicleEntry, host: str) -> Target:
     base = _LINK_BASE + 10 * vehicle.id
+    direct = DirectAddress.of(vehicle.connection) if vehicle.connection is not None else None
     return Target(
         name=vehicle.name,
         id=vehicle.id,
         autopilot=(host, base + _PANIC_AUTOPILOT),
         partner=(host, base + _PANIC_PARTNER),
         tools=(host, base + _TOOLS),
-        direct=DirectAddress.of(vehicle.connection) if vehicle.connection is not None else None,
+        direct=replace(direct, uid=valid_uid(vehicle.uid)) if direct is not None else None,
     )
 
 

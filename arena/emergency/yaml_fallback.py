@@ -20,11 +20,13 @@ class VehicleEntry:
     """Name, MAVLink id and connection of one vehicle, as read from the YAML.
 
     connection: connection of a real vehicle, from its `url`; None for a simulated vehicle.
+    uid: value of its key `uid`, the hardware uid of a real vehicle; None without this key
     """
 
     name: str
     id: int
     connection: ConnectionUrl | None = None
+    uid: Any = None
 
 
 def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
@@ -51,7 +53,9 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
     free = iter(i for i in range(1, 1000) if i not in given.values())
     connections = {str(name): _connection(root, keys) for name, keys in vehicles.items()}
     named = [
-        VehicleEntry(name=name, id=number or next(free), connection=connections[name])
+        VehicleEntry(
+            name=name, id=number or next(free), connection=connections[name], uid=_uid(vehicles[name])
+        )
         for name, number in given.items()
     ]
     return _address(root.get("address")), named
@@ -75,6 +79,10 @@ def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
 def _id(keys: Any) -> int | None:
     number = keys.get("id") if isinstance(keys, dict) else None
     return number if isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= 250 else None
+
+
+def _uid(keys: Any) -> Any:
+    return keys.get("uid") if isinstance(keys, dict) else None
 
 
 def _address(raw: Any) -> str:

@@ -277,6 +277,19 @@ def test_a_second_land_all_is_obeyed_by_the_link_too(lab, end_when):
         assert fleet.autopilots[K].landed and not fleet.autopilots[K].armed
 
 
+def test_review_fault_5_a_pilots_vehicle_is_refused_by_its_link(lab, capsys):
+    """The pilot has control from the start, so land-all commands the vehicle, and the hardware link refuses."""
+    host = "127.66.11.1"
+    with Fleet([flying(K, mode="POSCTL")], host, paths=("wire",)) as fleet:
+        site = lab(host, udpin(host))
+        site.start()
+        assert land_all(run=site.folder, timeout_s=3.0) == 1
+    assert not {SET_MODE, LAND, ARM} & set(orders(fleet.autopilots[K]))
+    last = lines(capsys)[-1]
+    assert last.startswith("uav1: NOT CONFIRMED: armed, in the air, mode POSCTL")
+    assert last.endswith("refused: temporarily rejected (pilot has control)")
+
+
 # review fault 10: the supervisor restarts a crashed link process
 
 

@@ -186,6 +186,16 @@ def test_a_connection_is_read_from_a_broken_yaml_and_from_defaults():
     assert (a.connection, b.connection) == (serial("/dev/x"), None)
 
 
+def test_a_yaml_gives_the_hardware_uid_of_a_real_vehicle(tmp_path):
+    file, uid = tmp_path / "arena.yaml", "0102030405060708090A0b0c0d0e0f101112"
+    entries = (uid, "none", "7")
+    file.write_text(
+        "vehicles:\n"
+        + "".join(f"  v{i}: {{url: 'udpin:0.0.0.0:14540', uid: {u}}}\n" for i, u in enumerate(entries))
+    )
+    assert [t.direct.uid for t in from_yaml(file).targets] == [uid.lower(), "", ""]
+
+
 def real(host=HOST):
     """Return the plan of one real vehicle."""
     slices = {"link.uav1.json": {"wire": {"kind": "udpin", "address": ["0.0.0.0", 14540]}}}
@@ -211,7 +221,9 @@ def test_a_run_records_the_last_address_and_the_link_process(runtime):
     assert find(run=folder).targets[0].direct == direct
     (folder / "state.json").write_text(json.dumps({**state, "boot": "another"}))
     assert find(run=folder).targets[0].direct.link_process is None
-    for broken in ("{", "[]", '{"kind": "serial"}', '{"kind": "udpin", "vehicle": 3}'):
+    seen.write_text(json.dumps({"kind": "udpin", "uid": "0102030405060708"}))
+    assert find(run=folder).targets[0].direct.uid == "0102030405060708"
+    for broken in ("{", "[]", '{"kind": "serial"}', '{"kind": "udpin", "vehicle": 3}', '{"uid": "nonsense"}'):
         seen.write_text(broken)
         assert find(run=folder).targets[0].direct == UDPIN
 
