@@ -150,16 +150,17 @@ class CommandGate:
         self._events.clear()
         return [f"{self.name}: {text}" for text in found]
 
-    def changed_facts(self) -> dict[str, str]:
-        """Return the facts `control` (who commands the vehicle) and `blocked` (why programs must not
-        command it), if they have changed.
+    def changed_facts(self, place: str = "") -> dict[str, str]:
+        """Return the facts that have changed: `control` (who commands the vehicle), `blocked` (why programs may not).
+
+        place: appended to the name of `blocked`, because each place has its own memory of landings.
         """
         holder = self.authority.holder
         now = {
             f"{self.name}.control": holder.words if holder else "",
-            f"{self.name}.blocked": self.authority.blocked,
+            f"{self.name}.blocked{place}": self.authority.blocked,
         }
-        changed = {name: value for name, value in now.items() if value != self._facts.get(name, "")}
+        changed = {name: value for name, value in now.items() if value != self._facts.get(name)}
         self._facts = now
         return changed
 

@@ -166,6 +166,7 @@ class Autopilots:
                 "armed": v.commander.armed,
                 "failsafe": v.commander.failsafe,
                 "vision_rejected": int(self.est.rejected[v.row]),
+                "blocked": x.gate.authority.blocked if x.gate is not None else "",
                 **x.received_counts(),
             }
             for name, v, x in zip(self.names, self.vehicles, self.interfaces, strict=True)

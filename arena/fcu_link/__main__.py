@@ -168,7 +168,7 @@ class FcuLinkShell:
             events.clear()
         for text in self._core.events():
             self._say(text)
-        facts = self._core.gate.changed_facts()
+        facts = self._core.gate.changed_facts("_at_link")
         if facts and not self._s.simulated:  # the router reports simulated vehicles
             self._process.facts(facts)
 

@@ -24,7 +24,7 @@ class CommandFilter:
         self._codecs = {v.id: Codec(v.id, AUTOPILOT) for v in vehicles}
         self._sim_now = sim_now
         self._replies: list[Out] = []
-        self._news: set[int] = set()
+        self._news = set(self._gates)
 
     def allows(self, vehicle: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> bool:
         """Return whether a client's frame may be sent to a vehicle. vehicle: system id. now: monotonic [s]."""
@@ -69,10 +69,11 @@ class CommandFilter:
         events: list[str] = []
         facts: dict[str, str] = {}
         for gate in [self._gates[vehicle] for vehicle in sorted(self._news)]:
-            own = gate.events()
-            if gate.simulated:
-                events += own
-                facts |= gate.changed_facts()
+            own, changed = gate.events(), gate.changed_facts()
+            if not gate.simulated:
+                changed.pop(f"{gate.name}.control", None)
+            facts |= changed
+            events += own if gate.simulated else []
         self._news.clear()
         return events, facts
 

@@ -267,7 +267,7 @@ class Supervisor:
     def _release(self, vehicles: list[str], by: str) -> dict[str, Any]:
         if self.phase is not Phase.RUN:
             raise ValueError(f"nothing is released: the arena is {self.phase}, so no vehicle may arm")
-        check_release(self.plan, self._processes.facts, vehicles)
+        check_release(self.plan, self._processes.facts, self._processes.stats, vehicles)
         for vehicle in vehicles:
             packet = {"do": "release", "vehicle": vehicle, "by": by}
             self._processes.request(packet, to=guards(self.plan, vehicle))

@@ -17,10 +17,13 @@ def guards(plan: Plan, vehicle: str = "") -> set[str]:
     return {spec.name for spec in kinds if not vehicle or spec.vehicle in (None, vehicle)}
 
 
-def check_release(plan: Plan, facts: Mapping[str, Any], vehicles: Sequence[str]) -> None:
+def check_release(
+    plan: Plan, facts: Mapping[str, Any], stats: Mapping[str, Mapping[str, Any]], vehicles: Sequence[str]
+) -> None:
     """Raise ValueError if one of the vehicles must not be released, or needs no release.
 
-    facts: values that the processes sent. A vehicle without a fact `blocked` has no process that reports it now.
+    facts: values that the processes sent. A vehicle without a fact `control` has no process that reports it now.
+    stats: process -> its measurements.
     """
     names = [v.name for v in plan.vehicles]
     if not vehicles:
@@ -28,6 +31,18 @@ def check_release(plan: Plan, facts: Mapping[str, Any], vehicles: Sequence[str])
     for vehicle in vehicles:
         if vehicle not in names:
             raise ValueError(f"got vehicle {vehicle!r}, expected one of {', '.join(names)}")
-        if facts.get(f"{vehicle}.blocked") == "":
-            control = facts.get(f"{vehicle}.control") or "nobody"
+        known = f"{vehicle}.control" in facts
+        if known and not blocked(vehicle, facts) and not _blocked_in_world(plan, stats, vehicle):
+            control = facts[f"{vehicle}.control"] or "nobody"
             raise ValueError(f"{vehicle}: nothing to release: {control} has control, and programs may fly")
+
+
+def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:
+    """Return why programs may not fly a vehicle, as router and hardware link report it; "" if they may."""
+    return str(facts.get(f"{vehicle}.blocked") or facts.get(f"{vehicle}.blocked_at_link") or "")
+
+
+def _blocked_in_world(plan: Plan, stats: Mapping[str, Mapping[str, Any]], vehicle: str) -> bool:
+    """Return whether the built-in autopilot refuses programs: `land-all` may have reached it without the router."""
+    worlds = [stats.get(spec.name, {}) for spec in plan.processes if spec.kind == "world"]
+    return any(world.get("autopilot", {}).get(vehicle, {}).get("blocked") for world in worlds)

@@ -9,6 +9,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from arena.supervisor.release import blocked
+
 SLOW_FACTOR = 0.98
 """Real-time factor below which the simulation is shown as too slow."""
 OLD_POSE_MS = 200.0
@@ -100,9 +102,9 @@ def vehicles_table(status: Mapping[str, Any]) -> Table:
 
 def _control(facts: Mapping[str, Any], vehicle: str) -> Text:
     """Return who has control of a vehicle; yellow and with `blocked` if programs may not fly before `arena release`."""
-    control, blocked = facts.get(f"{vehicle}.control") or "", facts.get(f"{vehicle}.blocked")
-    words = [control, "blocked" if blocked else ""]
-    return Text(", ".join(word for word in words if word) or "-", style="yellow" if blocked else "")
+    words = [facts.get(f"{vehicle}.control") or "", "blocked" if blocked(vehicle, facts) else ""]
+    text = ", ".join(word for word in words if word) or "-"
+    return Text(text, style="yellow" if words[1] else "")
 
 
 def rates(stats: Mapping[str, Any]) -> str:

@@ -132,7 +132,8 @@ def test_changes_of_authority_are_events_of_simulated_vehicles(fleet):
     land_all(fleet, 2)  # the hardware link reports this one
     events, facts = fleet.router.commands.changes()
     assert events == ["uav1: land-all has control: landing, until `arena release`"]
-    assert facts == {"uav1.control": "land-all", "uav1.blocked": "land-all has control"}
+    latched = "land-all has control"
+    assert facts == {"uav1.control": "land-all", "uav1.blocked": latched, "uav2.blocked": latched}
     fleet.send_as("autopilot1", heartbeat(1, mode=LAND))
     assert fleet.router.commands.changes() == (["uav1: disarmed"], {"uav1.control": ""})
     fleet.router.commands.on_request({"do": "release", "vehicle": "uav1", "by": "ada"}, fleet.now)

@@ -29,9 +29,16 @@ def test_release_goes_to_the_processes_that_pass_commands_to_the_vehicle():
     assert guards(plan()) == {"world", "router", "link.uav1", "link.uav2"}
 
 
-@pytest.mark.parametrize("facts", [BLOCKED, {}])
-def test_blocked_vehicle_may_be_released(facts):
-    check_release(plan(), facts, ["uav1"])
+IN_WORLD = {"world": {"autopilot": {"uav1": {"blocked": "land-all has control"}}}}
+
+
+@pytest.mark.parametrize(
+    ("facts", "stats"),
+    [(BLOCKED, {}), ({}, {}), ({**FREE, "uav1.blocked_at_link": "pilot took control"}, {}), (FREE, IN_WORLD)],
+    ids=["at the router", "unknown", "at the link", "in the world"],
+)
+def test_blocked_vehicle_may_be_released(facts, stats):
+    check_release(plan(), facts, stats, ["uav1"])
 
 
 @pytest.mark.parametrize(
@@ -44,7 +51,7 @@ def test_blocked_vehicle_may_be_released(facts):
 )
 def test_release_is_refused_with_its_reason(vehicles, words):
     with pytest.raises(ValueError, match=words):
-        check_release(plan(), FREE, vehicles)
+        check_release(plan(), FREE, {}, vehicles)
 
 
 def test_release_reaches_the_router_and_is_refused_at_the_end(start):
