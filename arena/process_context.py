@@ -11,7 +11,8 @@ The child sends packets on this socket, each one JSON object:
 The supervisor sends requests to the child on the same socket, each one JSON object with the key `do`. A process ignores
 requests that it does not know:
     {"do": "refuse_arming", "why": "..."}  from the first stop signal on: refuse every command that arms a vehicle
-    {"do": "forget", "vehicle": "uav1"}    an operator has declared the vehicle dead: end without waiting for it
+    {"do": "forget", "vehicle": "uav1", "dead": true}  an operator has declared the vehicle dead: end without waiting for it
+    {"do": "operator"}                     once a second while an operator is present
     {"do": "release", "vehicle": "uav1", "by": "..."}  `arena release`: programs may fly the vehicle again
 End of file on the socket means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
 """
@@ -25,6 +26,7 @@ import os
 import signal
 import socket
 import sys
+import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,6 +39,8 @@ SOCKET_VARIABLE = "ARENA_FD"
 """Environment variable with the number of the socket to the supervisor."""
 SUPERVISOR_LOST = {"do": "refuse_arming", "why": "the supervisor has ended"}
 """Request that a process makes to itself when the supervisor has died."""
+OPERATOR_TIMEOUT_S = 5.0
+"""An operator counts as absent this long after the supervisor's last report of the presence [s]."""
 _PACKET_BYTES = 1 << 16
 
 
@@ -58,6 +62,7 @@ class ProcessContext:
         self._requests: list[dict[str, Any]] = []
         self._forgotten: set[str] = set()
         self._refused_end = ""
+        self._operator_at = float("-inf")
 
     @classmethod
     def enter(cls, argv: list[str] | None = None) -> ProcessContext:
@@ -118,6 +123,10 @@ class ProcessContext:
             )
         return not names
 
+    def operator_present(self, now: float) -> bool:
+        """Return whether the supervisor has reported within OPERATOR_TIMEOUT_S that an operator is present. now: monotonic [s]."""
+        return now - self._operator_at <= OPERATOR_TIMEOUT_S
+
     def ready(self, **facts: Any) -> None:
         """Report to the supervisor that the process is ready. facts: first facts, sent in the same packet."""
         self._send({"ready": True, "facts": facts} if facts else {"ready": True})
@@ -156,7 +165,10 @@ class ProcessContext:
 
     def _take(self, packet: dict[str, Any]) -> None:
         if packet.get("do") == "forget":
-            self._forgotten.add(str(packet.get("vehicle")))
+            change = self._forgotten.discard if packet.get("dead") is False else self._forgotten.add
+            change(str(packet.get("vehicle")))
+        elif packet.get("do") == "operator":
+            self._operator_at = time.monotonic()
         else:
             self._requests.append(packet)
 

@@ -33,6 +33,7 @@ VERBS = (
     "ps",
     "logs",
     "restart",
+    "forget",
     "down",
     "release",
     "land-all",

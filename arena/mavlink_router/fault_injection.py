@@ -55,9 +55,9 @@ class FaultInjectionShell(RouterShell):
         super()._tick(now)
         self._update(now)
 
-    def _send_heartbeat(self, frame: bytes, now: float) -> None:
+    def _send_heartbeat(self, out: list[Out], now: float) -> None:
         if not self.impaired.muted:
-            self._send(self.impaired.outgoing(self._router.heartbeat(frame), self._delay_time(now)))
+            self._send(self.impaired.outgoing(out, self._delay_time(now)))
 
     def _update(self, now: float) -> None:
         """Apply received faults, send datagrams whose delay has ended, and request the next wake-up.

@@ -94,9 +94,15 @@ class Router:
                 del v.tools[address]
                 v.routes.clear()
 
-    def heartbeat(self, frame: bytes) -> list[Out]:
-        """Return the datagrams that send the heartbeat `frame` to every vehicle."""
-        return [(frame, self._up_routes[_TO_ALL])]
+    def heartbeat(self, frame: bytes, *, operator: bool = True) -> list[Out]:
+        """Return the datagrams that send the heartbeat `frame` of a ground station to the vehicles.
+
+        operator: an operator is present. If false, vehicles that need one for this heartbeat receive none.
+        """
+        if operator:
+            return [(frame, self._up_routes[_TO_ALL])]
+        places = tuple(place for v in self._vehicles if not v.vehicle.needs_operator for place in v.up)
+        return [(frame, places)] if places else []
 
     def changed_facts(self) -> dict[str, Fact]:
         """Return the values of the vehicles' status (connected, armed, mode, ...) that have changed since the

@@ -20,6 +20,7 @@ class Vehicle:
     serve: address of the router for `clients` and `logger`
     tools: address of the router to which any program on this computer may send
     simulated: a simulated vehicle is present when the arena starts; a real one may be switched on later
+    needs_operator: send the heartbeat of a ground station only while an operator is present
     """
 
     name: str
@@ -31,6 +32,7 @@ class Vehicle:
     logger: Address | None
     tools: Address
     simulated: bool = True
+    needs_operator: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +78,7 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
         logger=_address(raw["logger"]) if raw["logger"] is not None else None,
         tools=_address(raw["tools"]),
         simulated=bool(raw.get("simulated", True)),
+        needs_operator=bool(raw.get("needs_operator", False)),
     )
 
 

@@ -15,7 +15,7 @@ from arena.mavlink_router.backlog import Backlog
 from arena.mavlink_router.endpoints import Out
 from arena.mavlink_router.router import Router
 from arena.mavlink_router.routing_table import Table
-from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
+from arena.process_context import OPERATOR_TIMEOUT_S, SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
 from arena.transport import MAX_DATAGRAM_BYTES, listen_udp
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Buffer
@@ -58,6 +58,7 @@ class RouterShell:
             self._sockets, self._router.links.values(), self._world_time if all_simulated else None
         )
         self._ready = False
+        self._operator = True
         self._over = False
 
     def run(self) -> None:
@@ -146,15 +147,34 @@ class RouterShell:
         """Send the heartbeat of a ground station to all vehicles. Called once per second of wall time and
         once per second of simulation time.
 
-        With both, no autopilot misses the heartbeat in a world that runs faster than real time.
+        With both, no autopilot misses the heartbeat in a world that runs faster than real time. Real vehicles with a data-link
+        failsafe receive it only while an operator is present, because it would disable this failsafe.
         """
         if self._world_time is not None:
             self._next_heartbeat = self._world_time.now() + _SECOND_S
-        if self._router.table.heartbeat and (not self._process.orphaned or self._router.gcs_alive(now)):
-            self._send_heartbeat(self._codec.pack(_GCS_HEARTBEAT), now)
+        station = self._router.gcs_alive(now)
+        if self._router.table.heartbeat and (station or not self._process.orphaned):
+            operator = station or self._process.operator_present(now)
+            self._report_operator(operator, now)
+            frame = self._codec.pack(_GCS_HEARTBEAT)
+            self._send_heartbeat(self._router.heartbeat(frame, operator=operator), now)
 
-    def _send_heartbeat(self, frame: bytes, now: float) -> None:
-        self._send(self._router.heartbeat(frame))
+    def _report_operator(self, operator: bool, now: float) -> None:
+        """Report a change of the operator's presence, if the heartbeat of a vehicle depends on it."""
+        names = ", ".join(v.name for v in self._router.table.vehicles if v.needs_operator)
+        if not names or operator == self._operator or now - self._began < OPERATOR_TIMEOUT_S:
+            return
+        self._operator = operator
+        if operator:
+            self._process.event(f"operator present: {names} receives the heartbeat of a ground station")
+        else:
+            self._process.event(
+                f"no operator: {names} receives no heartbeat of a ground station, so the failsafe data_link_loss acts. "
+                "A terminal of `arena up`, `arena ps` or a ground station counts as an operator"
+            )
+
+    def _send_heartbeat(self, out: list[Out], now: float) -> None:
+        self._send(out)
 
     def _is_over(self, orphaned: bool, now: float) -> bool:
         over = [

@@ -246,12 +246,22 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
         "name": v.name,
         "id": v.id,
         "simulated": v.simulated,
+        "needs_operator": _needs_operator(arena, v),
         "link": partner_end(link_of(arena, v, "router")),
         "serve": [here, ports.serve],
         "clients": clients,
         "logger": [here, ports.logger],
         "tools": [here, ports.tools],
     }
+
+
+def _needs_operator(arena: Arena, v: Vehicle) -> bool:
+    """Return whether the router's heartbeat of a ground station could disable the data-link failsafe of a real vehicle.
+
+    If the parameters of the vehicle are not checked (`--allow-diff`), it may have this failsafe.
+    """
+    configured = arena.failsafe.data_link_loss.action != "none"
+    return not v.simulated and (configured or not arena.preflight.params)
 
 
 def logger(job: Job) -> Json:

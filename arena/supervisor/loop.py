@@ -32,6 +32,7 @@ from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
 from arena.supervisor.messages import Level, Message
 from arena.supervisor.meters import RealTimeMeter
+from arena.supervisor.operator_presence import OperatorPresence, at_terminal
 from arena.supervisor.process_set import Orders, ProcessSet
 from arena.supervisor.process_state import ENDED, State
 from arena.supervisor.release import check_release, guards
@@ -66,6 +67,9 @@ class Show(Protocol):
 
     def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
         """Redraw the live table if the refresh period is over. status: function that returns the state to show. now: monotonic [s]."""
+
+    def blocked_s(self, now: float) -> float:
+        """Return for how long the output has not been accepted [s]. now: monotonic [s]."""
 
     def started(self, failed: list[str]) -> None:
         """Report that all processes were started. failed: one text per process that failed to start."""
@@ -107,6 +111,7 @@ class Supervisor:
         self._orders = Orders()
         self._shutdown = Shutdown(plan, folder, self._processes, self._orders, self._log)
         self._result = RunResult(plan, folder, self._processes, self._log, self._real_time)
+        self._operator = OperatorPresence()
         self._end: End | None = None
         self._began = time.monotonic()
         self._quiet_since: float | None = None
@@ -136,6 +141,8 @@ class Supervisor:
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """Return the reply to one request of the control socket. Raises ValueError when the request is refused."""
+        now = time.monotonic()
+        self._operator.on_command(now)
         match request.get("do"):
             case "ps":
                 return self.status()
@@ -143,15 +150,18 @@ class Supervisor:
                 return self._restart(str(request.get("name")), in_flight=request.get("yes") is True)
             case "release":
                 return self._release([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
+            case "forget":
+                self._shutdown.forget(str(request.get("vehicle")), str(request.get("by")), now)
+                return {"ok": True}
             case "down":
-                now = request.get("now") is True
-                if now and not self._shutdown.at_once and self._shutdown.landing.task is not None:
+                at_once = request.get("now") is True
+                if at_once and not self._shutdown.at_once and self._shutdown.landing.task is not None:
                     self._shutdown.landing.task.stop("arena down --now")  # it lands simulated vehicles too
-                self._shutdown.at_once |= now
-                self._request_end(Cause.DOWN, hurry=now)
+                self._shutdown.at_once |= at_once
+                self._request_end(Cause.DOWN, hurry=at_once)
                 return {"ok": True}
         raise ValueError(
-            f"got request {request.get('do')!r}, expected ps, restart, release, down or subscribe"
+            f"got request {request.get('do')!r}, expected ps, restart, release, forget, down or subscribe"
         )
 
     def status(self) -> dict[str, Any]:
@@ -188,6 +198,7 @@ class Supervisor:
         if now >= self._next_sample:
             self._next_sample = now + 1.0
             self._processes.sample(now)
+            self._report_operator(now)
             if self.phase in (Phase.RUN, Phase.LAND):
                 self._real_time.sample(now)
         self._show.refresh(self.status, now)
@@ -198,6 +209,7 @@ class Supervisor:
         if self.options.adopt:
             self._end_runaways(now)
         self._record()
+        self._shutdown.recall_forgotten(now)
         match self.phase:
             case Phase.RUN:
                 self._running(now)
@@ -211,6 +223,15 @@ class Supervisor:
                     self.phase = Phase.OVER
         settled = all(s.state in ENDED | {State.READY} for s in self._processes.statuses.values())
         self._next_round = now + (_CALM_ROUND_S if settled and self.phase is Phase.RUN else _BUSY_ROUND_S)
+
+    def _report_operator(self, now: float) -> None:
+        """Report once a second to the router whether an operator is present, because of the data-link failsafe of real vehicles."""
+        if all(v.simulated for v in self.plan.vehicles):
+            return
+        blocked_s = self._show.blocked_s(now)
+        if self._operator.present(now, terminal=at_terminal(), blocked_s=blocked_s):
+            routers = [spec.name for spec in self.plan.processes if spec.kind == "router"]
+            self._processes.request({"do": "operator"}, to=routers)
 
     # -- RUN
 

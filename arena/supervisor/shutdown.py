@@ -52,6 +52,41 @@ class Shutdown:
         p = self._processes
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
+    def forget(self, vehicle: str, by: str, now: float) -> None:
+        """Stop waiting for a real vehicle, because an operator declares it dead. Raises ValueError if this is refused.
+
+        by: name of the operator.  now: monotonic [s].
+        """
+        facts, real = self._processes.facts, [v.name for v in self._plan.vehicles if not v.simulated]
+        if vehicle not in real:
+            expected = f"expected one of {', '.join(real)}" if real else "but this arena has no real vehicle"
+            raise ValueError(f"only a real vehicle can be declared dead: got {vehicle!r}, {expected}")
+        if facts.get(f"{vehicle}.connected") is True and vehicle in self.armed():
+            raise ValueError(
+                f"{vehicle} is not declared dead: it sends telemetry and is armed, so it may fly. Land it (`arena land-all "
+                f"--only {vehicle}`), stop its motors (`arena kill-all --only {vehicle} --yes`) or unplug its battery. "
+                "It can be declared dead when it is disarmed, or 3 s after its last heartbeat"
+            )
+        self.forgotten[vehicle] = by
+        self._log.event(now, "arena", f"{vehicle}: declared dead by {by}; the run does not wait for it")
+        self._send_forgotten(vehicle, dead=True)
+
+    def recall_forgotten(self, now: float) -> None:
+        """Wait again for a vehicle that was declared dead, if it sends telemetry and is armed. now: monotonic [s]."""
+        facts = self._processes.facts
+        for vehicle, by in list(self.forgotten.items()):
+            if facts.get(f"{vehicle}.connected") is True and facts.get(f"{vehicle}.armed") is True:
+                del self.forgotten[vehicle]
+                text = f"{vehicle}: declared dead by {by}, but it sends telemetry and is armed: the run waits for it again"
+                self._log.event(now, "arena", text)
+                self._send_forgotten(vehicle, dead=False)
+
+    def _send_forgotten(self, vehicle: str, *, dead: bool) -> None:
+        packet = {"do": "forget", "vehicle": vehicle, "dead": dead}
+        serving = run_end.serving_real(self._plan, [vehicle])
+        self._processes.request(packet, to=serving, standing=True)
+        self._processes.changed = True
+
     def begin(self, cause: Cause) -> None:
         """Start the shutdown of the run: from now on only processes that serve vehicles are restarted, and arming is refused."""
         self._orders.starts_on, self._orders.why = False, f"the run ends: {cause}"

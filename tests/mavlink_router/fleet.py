@@ -19,6 +19,7 @@ def slice_of(
     simulated=True,
     heartbeat=True,
     real=(),
+    needs_operator=(),
 ):
     client_host = client_host or host
     vehicles = [
@@ -26,6 +27,7 @@ def slice_of(
             "name": f"uav{k}",
             "id": k,
             **({"simulated": False} if k in real else {}),
+            "needs_operator": k in needs_operator,
             "link": {"local": [host, base + 10 * k + 1], "remote": [client_host, base + 10 * k]},
             "serve": [host, base + 10 * k + 8],
             "clients": [
@@ -50,8 +52,8 @@ def slice_of(
 class Fleet:
     """A router with vehicles 1 and 2. Senders and receivers have names: "autopilot1", "program2", "gcs", "tool"."""
 
-    def __init__(self, ids=(1, 2), real=()):
-        self.table = Table.from_slice(slice_of(ids, real=real))
+    def __init__(self, ids=(1, 2), real=(), needs_operator=()):
+        self.table = Table.from_slice(slice_of(ids, real=real, needs_operator=needs_operator))
         self.router = Router(self.table)
         self.now = 100.0
         self.names = {GCS: "gcs"}

@@ -276,6 +276,14 @@ def test_the_routers_heartbeat_goes_to_every_vehicle(fleet):
     ]
 
 
+def test_vehicle_with_a_data_link_failsafe_needs_an_operator_for_the_heartbeat():  # review fault 20
+    fleet = Fleet(real=(2,), needs_operator=(2,))
+    ((_, destinations),) = fleet.router.heartbeat(b"beat", operator=False)
+    assert [fleet.names[dest] for _, dest in destinations] == ["autopilot1"]
+    ((_, destinations),) = fleet.router.heartbeat(b"beat", operator=True)
+    assert [fleet.names[dest] for _, dest in destinations] == ["autopilot1", "autopilot2"]
+
+
 def test_a_client_on_another_computer_has_a_socket_that_can_reach_it():
     """A socket bound to loopback cannot: the kernel refuses to send."""
     far = ("192.0.2.7", 14550)

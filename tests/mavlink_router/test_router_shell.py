@@ -170,6 +170,35 @@ def test_the_ground_station_heartbeat_is_sent_once_a_second(running):
     assert sequence == list(range(sequence[0], sequence[0] + 3))
 
 
+@at(11, real=(1, 2), needs_operator=(2,))
+def test_heartbeat_depends_on_the_operator(running):  # review fault 20
+    next_heartbeat(running, "autopilot1", DEADLINE_S)
+    with pytest.raises(AssertionError):
+        next_heartbeat(running, "autopilot2", 1.6)
+    running.line.send(b'{"do": "operator"}')
+    next_heartbeat(running, "autopilot2", DEADLINE_S)
+
+
+@at(12, real=(1,))
+def test_stop_signal_does_not_end_the_router_of_an_armed_real_vehicle(running):  # review fault 6
+    running.start()
+    for k in (1, 2):
+        running.send_as(f"autopilot{k}", heartbeat(k, armed=True))
+    running.wait_reported(lambda: running.facts.get("uav1.armed"), "the fact")
+    running.process.send_signal(signal.SIGTERM)
+
+    def refused(left):
+        if not select.select([running.line], [], [], left)[0]:
+            return None
+        return "uav1 is armed: router continues" in json.loads(running.line.recv(65536)).get("event", "")
+
+    wait_for(refused, "the report that the router continues")
+    running.send_as("autopilot1", attitude(1))
+    running.wait_received("program1", attitude(1))
+    running.send_as("autopilot1", heartbeat(1, armed=False))
+    assert running.process.wait(DEADLINE_S) == 0, "a simulated vehicle does not keep it running"
+
+
 @at(3)
 def test_an_orphan_serves_armed_vehicles_without_a_heartbeat(running):
     running.start()
@@ -273,6 +302,7 @@ def test_a_missing_vehicle_is_named_and_the_others_start():
         orphaned=False,
         requests=list,
         audit=lambda entries: None,
+        operator_present=lambda now: False,
         stats=lambda _: None,
     )
     shell = RouterShell(process, Table.from_slice(slice_of((1, 2), host="127.74.5.1")))

@@ -43,6 +43,22 @@ def test_hardware_has_a_link_in_place_of_its_autopilot(mixed: Plan) -> None:
     ] is False
 
 
+@pytest.mark.parametrize(
+    ("more", "needs"),
+    [
+        ("", False),
+        ("failsafe: {data_link_loss: {action: land}}\n", True),
+        ("preflight: {params: false}\n", True),
+    ],
+)
+def test_heartbeat_of_the_router_must_not_disable_a_data_link_failsafe(
+    tmp_path: Path, more: str, needs: bool
+) -> None:  # review fault 20
+    text = MIXED.replace("preflight: {position_m: 0.3}\n", more)
+    routed = make_plan(arena_of(text, tmp_path)).slices["router.json"]["vehicles"]
+    assert {v["name"]: v["needs_operator"] for v in routed} == {"real": needs, "sim": False}
+
+
 def test_world_and_emulator_have_only_simulated_vehicles(mixed: Plan) -> None:
     assert [v["name"] for v in mixed.slices["world.json"]["vehicles"]] == ["sim"]
     assert mixed.slices["mocap.json"]["bodies"] == [{"name": "sim", "number": 1, "index": 0}]

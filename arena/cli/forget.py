@@ -1,0 +1,59 @@
+"""`arena forget VEHICLE`: declare a real vehicle dead, so that the run does not wait for it any more."""
+
+from __future__ import annotations
+
+import getpass
+import sys
+from typing import Annotated
+
+import typer
+
+from arena.cli._running import RunOption, connect, find
+from arena.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command `arena forget` to the typer app."""
+
+    @app.command()
+    def forget(
+        vehicle: Annotated[str, typer.Argument(help="real vehicle that has crashed or was unplugged")],
+        run: RunOption = None,
+        yes: Annotated[bool, typer.Option("--yes", help="do not ask for confirmation")] = False,
+    ) -> None:
+        """Declare a real vehicle dead: the run does not wait until it is disarmed. Refused while it reports that it is armed."""
+        control = connect(find(run))
+        facts = control.ask(do="ps")["facts"]
+        if not yes:
+            _confirm(vehicle, facts.get(f"{vehicle}.armed"), facts.get(f"{vehicle}.connected"))
+        control.ask(do="forget", vehicle=vehicle, by=_user())
+        print(f"{vehicle}: declared dead; the run does not wait for it any more")
+
+
+def _confirm(vehicle: str, armed: bool | None, connected: bool | None) -> None:
+    """Ask the user to type the name of the vehicle. Raises InputError if the user types something else or there is no terminal.
+
+    armed, connected: last reports of the vehicle; None if there is none.
+    """
+    words = {True: "armed", False: "disarmed", None: "unknown"}[armed]
+    received = {True: "telemetry arrives", False: "no telemetry", None: "no telemetry in this run"}[connected]
+    print(f"{vehicle}: last reported state: {words}; {received}.")
+    print("Look at the vehicle: are its motors stopped, or is its battery unplugged?", flush=True)
+    if not sys.stdin.isatty():
+        raise InputError(
+            "`arena forget` needs your confirmation, but stdin is not a terminal: use a terminal, or add --yes"
+        )
+    try:
+        answer = input(f"Type {vehicle} to declare it dead: ")
+    except EOFError:
+        answer = ""
+    if answer.strip() != vehicle:
+        raise InputError(f"got {answer.strip()!r}, expected {vehicle}. Nothing was changed")
+
+
+def _user() -> str:
+    """Return the name of the user who runs this command."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # a container without this user id
+        return "the operator"
