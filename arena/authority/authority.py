@@ -255,7 +255,8 @@ class Authority:
         self._latch, self._taken, self._obeyed = None, "", False
         self._hold_until = float("-inf")
         holder = self.holder if self.holder is Role.PILOT else Role.NOBODY
-        self._change(holder, f"released by {by}", now, always=True)
+        why = f"still, after the release by {by}" if holder else f"released by {by}"
+        self._change(holder, why, now, always=True)
 
     def refuse_arming(self, why: str) -> None:
         """Refuse every request that arms the vehicle from now on, such as "the run is ending". It cannot be undone."""

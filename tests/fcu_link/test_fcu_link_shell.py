@@ -225,6 +225,24 @@ def test_an_orphan_serves_until_the_vehicle_is_disarmed(start, autopilot):
         assert link.process.wait(DEADLINE_S) == 0
 
 
+def test_pilot_keeps_the_vehicle_from_land_all_on_the_panic_link(start, autopilot):  # review fault 5
+    link = start()
+    land = mavlink.MAVLink_command_long_message(ID, 1, 176, 0, 1, 4, 6, 0, 0, 0, 0)
+    land_all = Codec(253, 195)
+    autopilot.armed, autopilot.mode = True, "OFFBOARD"
+    with on_udp(autopilot, (link.address, 14999), (link.address, 14540)):
+        link.until(lambda: link.stats.get("armed"))
+        autopilot.mode = "POSCTL"
+        link.until(lambda: "uav7: pilot has control: POSCTL" in link.events)
+        link.send("panic", land, codec=land_all)
+        link.until(lambda: link.received("panic", "COMMAND_ACK"))
+        assert "pilot has control" in {t.text for t in link.received("panic", "STATUSTEXT")}
+        assert not any(c.command == 176 for c in list(autopilot.commands))
+        link.line.send(json.dumps({"do": "release", "vehicle": "uav7", "by": "ada"}).encode())
+        link.until(lambda: "uav7: pilot has control: still, after the release by ada" in link.events)
+        assert autopilot.mode == "POSCTL"
+
+
 # -- in the loop -----------------------------------------------------------------------------------------------------------
 
 

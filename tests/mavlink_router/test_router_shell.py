@@ -315,3 +315,31 @@ def test_a_missing_vehicle_is_named_and_the_others_start():
     finally:
         shell.close()
     assert reported == ["uav1, uav2: no heartbeat for 10 s; starting the other vehicles", "ready"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"requests": lambda: [{"do": "refuse_arming", "why": "the run is ending"}]}, "the run is ending"),
+        ({"orphaned": True}, "the supervisor has ended"),
+    ],
+    ids=["stop signal", "supervisor lost"],
+)
+def test_arming_is_refused_from_the_first_stop_signal_on(changes, reason):  # review fault 6
+    nothing = lambda *_: None  # noqa: E731
+    given = {"settings": {}, "orphaned": False, "requests": list}
+    calls = dict.fromkeys(("ready", "event", "stats", "facts", "audit"), nothing)
+    table = Table.from_slice(slice_of((1,), host="127.74.5.2"))
+    shell = RouterShell(types.SimpleNamespace(**{**given, **calls, **changes}), table)
+    program = table.vehicles[0].clients[0]
+    socket_ = shell._router.sockets.index(table.vehicles[0].serve)
+    try:
+        now = time.monotonic()
+        arm = command(1, (1, 191))
+        (before,) = shell._router.on_datagram(socket_, program, arm, now)
+        assert before[1] == ((shell._router.links["uav1"], table.vehicles[0].remote),)
+        shell._tick(now)
+        ((reply, to),) = shell._router.on_datagram(socket_, program, arm, now)
+        assert to == ((socket_, program),) and reason.encode() in bytes(reply)
+    finally:
+        shell.close()
