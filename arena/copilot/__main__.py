@@ -108,9 +108,9 @@ class CopilotProcess:
 
     def _receive(self, now: float) -> None:
         self._read_socket(now)
-        for capture in self._captures:
+        for server, capture in enumerate(self._captures):
             with contextlib.suppress(OSError, ArenaError):  # no network: the rule `pose_age` reports it
-                self._core.on_frames(capture.poll(now), now)
+                self._core.on_frames(capture.poll(now), now, server)
         wall = time.monotonic()
         if wall - self._heartbeat_at >= 1.0:  # routers drop silent clients by wall time
             self._heartbeat_at = wall

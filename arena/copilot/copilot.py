@@ -21,7 +21,7 @@ from arena.copilot.rules import RuleChecker
 from arena.copilot.settings import Rules, Step, Vehicle
 from arena.copilot.tracks import LATE_S, Tracks
 from arena.copilot.vehicle_state import COMPONENT, SYSTEM, VehicleStates
-from arena.mocap.client import CapturedFrame
+from arena.mocap.client import CapturedFrame, StreamLateness
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Buffer
 from arena.wire.mavlink_minimal import result_words
@@ -29,6 +29,7 @@ from arena.wire.px4_mode import mode_numbers
 
 STEP_HZ = 50.0
 _SILENT_S = 3.0
+_PROMPT_S = 0.1  # a frame that is later is late
 _YOUNG_S = 0.3  # an older pose gives no position; the rule `pose_age` has its own limit
 _TARGET_S, _SETTLED_S = 0.5, 0.3
 _ESTIMATE_S = 0.5
@@ -66,17 +67,21 @@ class Copilot:
         self._codec = Codec(SYSTEM, COMPONENT)
         self._limits = _limits(vehicles)
         self._began = now
+        self._streams: dict[int, StreamLateness] = {}  # by motion-capture server
         self._silent: set[int] = set()
         self._without_landed_state: dict[int, float] = {}  # row -> armed without a landed state since [s]
         self._without_velocity: dict[int, float] = {}  # row -> flying without a velocity since [s]
         self._meeting: set[tuple[int, int]] = set()
         self._refused: set[tuple[int, int, int]] = set()
 
-    def on_frames(self, frames: Iterable[CapturedFrame], now: float) -> None:
-        """Store the poses of captured frames."""
+    def on_frames(self, frames: Iterable[CapturedFrame], now: float, server: int = 0) -> None:
+        """Store the poses of captured frames. server: index of the motion-capture server that sent them."""
+        stream = self._streams.setdefault(server, StreamLateness(_PROMPT_S))
         for frame in frames:
-            for pose in frame.poses:
-                self.tracks.on_pose(pose.body, pose.p_n, pose.q_nb, frame.time_s, now)
+            late = stream.measure(frame, now)
+            if math.isfinite(late):
+                for pose in frame.poses:
+                    self.tracks.on_pose(pose.body, pose.p_n, pose.q_nb, frame.time_s, now, late)
 
     def on_datagram(self, row: int | None, data: Buffer, now: float) -> None:
         """Store the vehicle states and program heartbeats that a received datagram contains.

@@ -42,11 +42,18 @@ class Tracks:
         self._past: list[tuple[float, Array]] = []
 
     def on_pose(
-        self, body: str, p_n: Sequence[float], q_nb: Sequence[float], time_s: float, now: float
+        self,
+        body: str,
+        p_n: Sequence[float],
+        q_nb: Sequence[float],
+        time_s: float,
+        now: float,
+        late_s: float = 0.0,
     ) -> None:
         """Store the pose of a tracked body.
 
         time_s: exposure, by the cameras' clock [s]. now: time of arrival [s].
+        late_s: lateness of the pose [s]; a late pose is as old as one that arrived earlier
         """
         i = self._rows.get(body)
         if i is None:
@@ -70,7 +77,7 @@ class Tracks:
         self._times[i, at] = time_s
         self._places[i, at] = p_n
         self._last[i] = time_s, p_n, q_nb
-        self.seen_at[i] = now
+        self.seen_at[i] = now - late_s
 
     def positions(self, now: float) -> Array:
         """Return the newest positions [m] [NED] (N, 3), NaN before the first pose.

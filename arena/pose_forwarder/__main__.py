@@ -6,12 +6,13 @@ Run as `python -m arena.pose_forwarder slice.json`.
 from __future__ import annotations
 
 import contextlib
+import math
 import selectors
 import sys
 import time
 
 from arena.clock import Clock, SimClock, WallClock
-from arena.mocap.client import ChangeReport, MocapClient, open_client
+from arena.mocap.client import ChangeReport, LateFrames, Lateness, MocapClient, open_client
 from arena.pose_forwarder.forwarder import Forwarder
 from arena.process_context import ProcessContext, ShutdownPolicy, run_process
 from arena.transport import listen_udp
@@ -59,7 +60,7 @@ class _ForwarderProcess:
         s = room.settings
         self.room, self.core = room, Forwarder(s, wait_s=_FIRST_MESSAGE_S)
         self.capture: MocapClient = open_client(s["capture"])
-        self.mocap_report = ChangeReport()
+        self.mocap_report, self.late_frames = ChangeReport(), LateFrames(float(s["stale_s"]))
         self.clock: Clock = SimClock(s["clock"], room.name) if s.get("clock") else WallClock()
         self.link, self.remote = (
             listen_udp(tuple(s["link"]["local"]), "the vision link"),
@@ -123,11 +124,12 @@ class _ForwarderProcess:
         received = {f"capture {k}": v for k, v in self.capture.counts.items()}
         garbled = {f"link {k}": v for k, v in self.core.garbled.items()}
         flow = {"rate_hz": round(rate, 2), "poses": self.core.poses, "pose_age_ms": age_ms}
-        self.room.stats({**flow, **dropped, **received, **garbled})
+        self.room.stats({**flow, **_latency(self.core.lateness), **dropped, **received, **garbled})
 
     def _report_diagnosis(self) -> None:
         """Send the reason why no poses arrive to the supervisor and the log, only when the reason changes."""
-        change = self.mocap_report.changed(self.capture.diagnosis())
+        late = self.late_frames.diagnosis(self.core.late_s)
+        change = self.mocap_report.changed(self.capture.diagnosis() or late)
         if change is not None:
             self.room.event(change)
             print(f"forward: {change}", file=sys.stderr, flush=True)
@@ -147,6 +149,18 @@ class _ForwarderProcess:
         if data is not None:
             with contextlib.suppress(OSError):
                 self.link.sendto(data, self.remote)
+
+
+def _latency(lateness: Lateness) -> dict[str, float | None]:
+    """Return the time from exposure to arrival of the last frame and its greatest error [ms]; None before the server has
+    answered an echo request.
+    """
+    if not math.isfinite(lateness.latency_s):
+        return {"latency_ms": None, "latency_error_ms": None}
+    return {
+        "latency_ms": round(1e3 * lateness.latency_s, 1),
+        "latency_error_ms": round(1e3 * lateness.clock_error_s, 1),
+    }
 
 
 if __name__ == "__main__":

@@ -18,9 +18,8 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.geometry import globe_from_local
-from arena.mocap.client import CapturedFrame, Pose
+from arena.mocap.client import CapturedFrame, Lateness, Pose
 from arena.mocap.client.frame_order import FrameOrder
-from arena.pose_forwarder.lateness import Lateness
 from arena.wire.mavlink_codec import Codec
 from arena.wire.px4_mode import mode_words
 
@@ -84,7 +83,8 @@ class Forwarder:
         self.garbled = self._codec.counts
         self.poses = 0
         self.last_pose = -math.inf
-        self._order, self._lateness = FrameOrder(), Lateness(self._stale_s)
+        self.late_s = 0.0  # lateness of the last frame
+        self._order, self.lateness = FrameOrder(), Lateness(self._stale_s)
         self._slot: int | None = None
         self._last: Pose | None = None
         self._newest: Pose | None = None
@@ -132,7 +132,7 @@ class Forwarder:
             return None
         if place == "restarted":
             self._capture_restarted()
-        late = self._lateness.measure(frame.time_s, now, self.autopilot.armed)
+        late = self.late_s = self.lateness.measure_frame(frame, now, self.autopilot.armed)
         pose = next((p for p in frame.poses if p.body == self._body), None)
         reason = self._drop_reason(frame, pose, late)
         if reason:
@@ -164,7 +164,7 @@ class Forwarder:
         reset counter.
         """
         self.counts["capture restarts"] += 1
-        self._lateness.reset()
+        self.lateness.reset()
         self._slot = self._last = None
         self._resets = (self._resets + 1) % 256
 

@@ -225,6 +225,12 @@ def test_process_is_ready_when_the_autopilot_may_arm(arena):
     assert arena.forwarder.child.wait(30) == 0
 
 
+def test_latency_is_measured_against_the_clock_of_the_server(arena):
+    arena.until(lambda: arena.stats.get("latency_ms") is not None)
+    assert arena.stats["latency_error_ms"] >= 0.0
+    assert arena.stats["capture clock comparisons"] > 0
+
+
 def test_flood_of_foreign_datagrams_stops_no_pose(arena):
     arena.vehicle.prearm = False
     arena.until(lambda: len(arena.of("ODOMETRY")) > 10)

@@ -4,8 +4,19 @@ Only this package converts the axes of a capture system (world z-up, bodies FLU)
 nothing that is specific to one vendor.
 """
 
-from arena.mocap.client.diagnosis import ChangeReport
+from arena.mocap.client.diagnosis import ChangeReport, LateFrames
 from arena.mocap.client.interface import MocapClient, open_client
-from arena.mocap.client.pose import CapturedFrame, Pose
+from arena.mocap.client.lateness import Lateness, StreamLateness
+from arena.mocap.client.pose import CapturedFrame, Echo, Pose
 
-__all__ = ["CapturedFrame", "ChangeReport", "MocapClient", "Pose", "open_client"]
+__all__ = [
+    "CapturedFrame",
+    "ChangeReport",
+    "Echo",
+    "LateFrames",
+    "Lateness",
+    "MocapClient",
+    "Pose",
+    "StreamLateness",
+    "open_client",
+]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Sequence
 
 from arena.mocap.client.reception import BodyStatus
 
 RECOVERED = "motion capture: poses arrive again"
 _MAX_NAMES = 8
+_LATE_TIMES = 2
 
 
 def no_network(server: str, reason: str) -> str:
@@ -53,6 +55,30 @@ def _nearest(name: str, bodies: BodyStatus) -> str:
 def _list(names: Sequence[str]) -> str:
     shown = ", ".join(repr(name) for name in names[:_MAX_NAMES])
     return shown + (f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else "")
+
+
+class LateFrames:
+    """Diagnosis of frames that arrive late. limit_s: lateness above which poses are dropped [s]."""
+
+    def __init__(self, limit_s: float) -> None:
+        self._limit_s = limit_s
+        self._times = 0
+        self._text = ""
+
+    def diagnosis(self, late_s: float) -> str:
+        """Return what the user must check if the last frame was late twice in a row, else "". Call it once a second.
+
+        late_s: lateness of the last frame [s]. The text keeps the first lateness, so that it is logged once.
+        """
+        self._times = self._times + 1 if math.isfinite(late_s) and late_s > self._limit_s else 0
+        if self._times < _LATE_TIMES:
+            self._text = ""
+        elif not self._text:
+            self._text = (
+                f"motion capture: frames arrive {late_s:.2f} s late (limit {self._limit_s:g} s), so their poses are dropped: "
+                "is the network or the server overloaded?"
+            )
+        return self._text
 
 
 class ChangeReport:

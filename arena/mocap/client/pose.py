@@ -28,17 +28,34 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True)
+class Echo:
+    """Comparison of the server's clock with the receiver's clock: a request that the server answers with its time.
+
+    sent, received: times of the request and of the answer, by the receiver's clock [s].
+    answered_s: time at which the server received the request, by its own clock [s].
+    """
+
+    sent: float
+    received: float
+    answered_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class CapturedFrame:
     """Frame of motion capture: the poses of one exposure.
 
     number: frame number. time_s: time of the exposure, by the server's clock [s].
     poses: poses of the tracked bodies. untracked: names of the bodies that are not tracked.
+    sent_s: time at which the server sent the frame, by its clock [s]; None if unknown.
+    echo: the last comparison of the clocks; None if the server answers no echo requests.
     """
 
     number: int
     time_s: float
     poses: tuple[Pose, ...]
     untracked: tuple[str, ...]
+    sent_s: float | None = None
+    echo: Echo | None = None
 
 
 def pose_ned(body: str, position_w: Triple, quat_xyzw_wf: Quad) -> Pose | None:

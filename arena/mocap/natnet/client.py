@@ -20,6 +20,7 @@ from arena.mocap.vendors import Settings
 _RETRY_S = 0.5
 _SILENT_S = 2.0  # without frames for so long: start again, the server or the network may have restarted
 _KEEPALIVE_S = 1.0
+_COMPARE_CLOCKS_S = 0.5
 _NO_UNICAST_S = 1.0  # without frames for so long after opening: a unicast server may stream to the data port
 _KEEPALIVE = codec.packet(codec.KEEPALIVE)
 
@@ -51,7 +52,7 @@ class NatNetClient:
         self._sockets = ServerSockets(
             (self._server, self._port), settings.get("local"), multicast, self._reception, self.counts
         )
-        self._requested_at = self._kept_alive = -math.inf
+        self._requested_at = self._kept_alive = self._compared_at = -math.inf
         self._request = b""
         self._answers_at_request = self._frames_at_open = 0
         self._last_frame = self._opened = now
@@ -69,7 +70,7 @@ class NatNetClient:
         wall = time.monotonic()
         if not self._sockets.is_open:
             self._open(wall)
-        received = (self.core.receive(data) for data in self._sockets.read(wall))
+        received = (self.core.receive(data, now) for data in self._sockets.read(wall))
         frames = [frame for frame in received if frame is not None]
         self._reception.update("answers", self.core.answers, wall)
         self._reception.update("malformed", self.counts["malformed"], wall)
@@ -85,6 +86,9 @@ class NatNetClient:
             with contextlib.suppress(OSError):
                 self._sockets.listen_on(self._data_port)
         self._advance_handshake(wall)
+        if frames and wall - self._compared_at >= _COMPARE_CLOCKS_S:
+            self._compared_at = wall
+            self._sockets.send(self.core.echo_request(now))
         return frames
 
     def diagnosis(self) -> str:

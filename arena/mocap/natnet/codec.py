@@ -20,6 +20,7 @@ from arena.errors import WireError
 
 CONNECT, SERVERINFO, REQUEST, RESPONSE, REQUEST_MODELDEF, MODELDEF = 0, 1, 2, 3, 4, 5
 REQUEST_FRAME, FRAME, MESSAGE, DISCONNECT, KEEPALIVE, UNRECOGNIZED = 6, 7, 8, 9, 10, 100
+ECHO_REQUEST, ECHO_RESPONSE = 12, 13
 TRACKING_VALID = 1  # bit of a body's parameters
 MODELS_CHANGED = 2  # bit of a frame's parameters
 
@@ -122,7 +123,7 @@ def encode_server_info(info: ServerInfo) -> bytes:
 
 def decode_server_info(data: bytes) -> ServerInfo:
     """Decode a SERVERINFO packet, in which a server describes itself. Raises WireError."""
-    payload = _payload(data, SERVERINFO)
+    payload = payload_of(data, SERVERINFO)
     if len(payload) < _NAME_BYTES + 8:
         raise WireError(
             f"NatNet server information of {len(payload)} bytes, expected {_NAME_BYTES + 8} or more"
@@ -168,7 +169,7 @@ def decode_models(data: bytes, version: Version) -> dict[int, str]:
     From 4.1 on, descriptions other than rigid bodies are skipped. Older versions can be decoded only if
     nothing but marker sets precedes the rigid bodies.
     """
-    reader = _Reader(_payload(data, MODELDEF))
+    reader = _Reader(payload_of(data, MODELDEF))
     found: dict[int, str] = {}
     for _ in range(reader.count("descriptions")):
         kind = reader.i32()
@@ -225,7 +226,7 @@ def encode_frame(frame: Frame, version: Version) -> bytes:
 
 def decode_frame(data: bytes, version: Version, wanted: Container[int] | None = None) -> Frame:
     """Decode a FRAME packet. wanted: streaming ids of the bodies to decode, None for all. Raises WireError."""
-    reader = _Reader(_payload(data, FRAME))
+    reader = _Reader(payload_of(data, FRAME))
     number = reader.i32()
     sized = version >= (4, 1)
     if sized:
@@ -369,7 +370,8 @@ class _Reader:
         return found.decode(errors="replace")
 
 
-def _payload(data: bytes, expected: int) -> bytes:
+def payload_of(data: bytes, expected: int) -> bytes:
+    """Return the payload of a packet with the expected message number. Raises WireError."""
     message = message_of(data)
     if message != expected:
         raise WireError(f"got NatNet message number {message}, expected {expected}")

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from math import isfinite, nan
 
 from arena.errors import WireError
 from arena.mocap.client.frame_order import FrameOrder
-from arena.mocap.client.pose import CapturedFrame, pose_ned
-from arena.mocap.natnet import codec
+from arena.mocap.client.pose import CapturedFrame, Echo, pose_ned
+from arena.mocap.natnet import codec, echo
 
 _CONNECT = codec.packet(codec.CONNECT, b"Ping\0")
+_MAX_ECHOES, _MAX_ECHO_NUMBER = 8, 1 << 32  # unanswered echo requests that are remembered
 _REQUEST_MODELS = codec.packet(codec.REQUEST_MODELDEF)
 
 
@@ -38,6 +40,9 @@ class NatNetReceiver:
         self.answers = self.readable_frames = 0
         self._order = FrameOrder()
         self._changed = False
+        self._echo: Echo | None = None
+        self._echo_number = 0
+        self._echoes_sent: dict[int, float] = {}
         self.counts: Counter[str] = Counter()
 
     @property
@@ -79,25 +84,46 @@ class NatNetReceiver:
         self._version = None
         self._names = {}
         self._has_models = False
+        self._echo = None
+        self._echoes_sent.clear()
 
-    def receive(self, data: bytes) -> CapturedFrame | None:
-        """Decode one packet of the server. Return its frame; None for other packets and dropped frames."""
+    def echo_request(self, now: float) -> bytes:
+        """Return a request that compares the server's clock with the caller's clock, to be sent now. now: [s]."""
+        self._echo_number = (self._echo_number + 1) % _MAX_ECHO_NUMBER
+        self._echoes_sent[self._echo_number] = now
+        if len(self._echoes_sent) > _MAX_ECHOES:
+            del self._echoes_sent[next(iter(self._echoes_sent))]
+        return echo.encode_echo_request(self._echo_number)
+
+    def receive(self, data: bytes, now: float = nan) -> CapturedFrame | None:
+        """Decode one packet of the server. Return its frame; None for other packets and dropped frames.
+
+        now: time of arrival [s], by the clock of `echo_request`; only answers to echo requests need it
+        """
         try:
-            return self._receive(data, codec.message_of(data))
+            return self._receive(data, codec.message_of(data), now)
         except WireError:
             self.counts["malformed"] += 1
             return None
 
-    def _receive(self, data: bytes, message: int) -> CapturedFrame | None:
+    def _receive(self, data: bytes, message: int, now: float) -> CapturedFrame | None:
         if message == codec.FRAME:
             return self._frame(data)
         if message == codec.SERVERINFO:
             self._on_server_info(codec.decode_server_info(data))
         elif message == codec.MODELDEF and self._version is not None:
             self._on_models(codec.decode_models(data, self._version))
+        elif message == codec.ECHO_RESPONSE:
+            self._on_echo(*echo.decode_echo_response(data), now)
         else:
             self.counts["other message"] += 1
         return None
+
+    def _on_echo(self, number: int, ticks: int, now: float) -> None:
+        sent = self._echoes_sent.pop(number, None)
+        if sent is not None and self._clock_hz and isfinite(now):
+            self._echo = Echo(sent, now, ticks / self._clock_hz)
+            self.counts["clock comparisons"] += 1
 
     def _on_server_info(self, info: codec.ServerInfo) -> None:
         self.info = info
@@ -155,9 +181,8 @@ class NatNetReceiver:
                     self.counts["no pose"] += 1
             else:
                 poses.append(pose)
-        exposed = (
-            frame.exposure_ticks / self._clock_hz
-            if self._clock_hz and frame.exposure_ticks
-            else frame.timestamp_s
-        )
-        return CapturedFrame(frame.number, exposed, tuple(poses), tuple(untracked))
+        if not (self._clock_hz and frame.exposure_ticks):
+            return CapturedFrame(frame.number, frame.timestamp_s, tuple(poses), tuple(untracked))
+        exposed = frame.exposure_ticks / self._clock_hz
+        sent = frame.transmit_ticks / self._clock_hz if frame.transmit_ticks else None
+        return CapturedFrame(frame.number, exposed, tuple(poses), tuple(untracked), sent, self._echo)

@@ -7,7 +7,7 @@ from collections import Counter
 from arena.errors import WireError
 from arena.mocap.emulator.interface import MeasuredFrame
 from arena.mocap.emulator.udp_server import Address, UdpServer
-from arena.mocap.natnet import codec
+from arena.mocap.natnet import codec, echo
 from arena.mocap.natnet.unicast_clients import UnicastClients
 from arena.mocap.vendors import Settings
 
@@ -37,9 +37,11 @@ class NatNetServer:
         self._data_port = int(settings["data_port"])
         self._group: Address = (settings["group"], self._data_port)
         self._clients = UnicastClients(self._data_port)
+        self._now_s = 0.0
 
     def encode(self, frame: MeasuredFrame, sent_s: float) -> bytes:
         self.counts["frames"] += 1
+        self._now_s = sent_s
         bodies = tuple(
             codec.Body(
                 streaming_id=b.number,
@@ -74,9 +76,21 @@ class NatNetServer:
             return self._server_info()
         if message == codec.REQUEST_MODELDEF:
             return codec.encode_models(self._bodies, self.version)
+        if message == codec.ECHO_REQUEST:
+            return self._echo(data)
         if message not in _NEVER_ANSWERED:
             self.counts["other message"] += 1
         return codec.packet(codec.UNRECOGNIZED) if message == codec.REQUEST else None
+
+    def _echo(self, data: bytes) -> bytes | None:
+        """Return the answer to an echo request. The emulator answers requests when it sends a frame, so the time of
+        that frame is the present time.
+        """
+        try:
+            return echo.encode_echo_response(echo.decode_echo_request(data), round(self._now_s * CLOCK_HZ))
+        except WireError:
+            self.counts["malformed"] += 1
+            return None
 
     def _server_info(self) -> bytes:
         return codec.encode_server_info(

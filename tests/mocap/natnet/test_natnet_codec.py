@@ -16,6 +16,7 @@ from natnet.version import Version
 
 from arena.errors import WireError
 from arena.mocap.natnet import codec as natnet
+from arena.mocap.natnet import echo
 
 BODIES = (
     natnet.Body(
@@ -172,3 +173,13 @@ def test_newer_minor_version_is_decoded_only_with_the_known_layout():
 def test_frames_of_another_layout_give_no_pose(said, sent):
     with suppress(WireError):
         assert natnet.decode_frame(natnet.encode_frame(FRAME, sent), said).bodies == ()
+
+
+def test_echo_request_and_response_have_the_bytes_of_the_protocol():
+    assert echo.encode_echo_request(5) == bytes.fromhex("0c0008000500000000000000")
+    response = echo.encode_echo_response(5, 685_000_000)
+    assert response == bytes.fromhex("0d00100005000000000000004045d42800000000")
+    assert echo.decode_echo_request(echo.encode_echo_request(5)) == 5
+    assert echo.decode_echo_response(response) == (5, 685_000_000)
+    with pytest.raises(WireError):
+        echo.decode_echo_response(natnet.packet(natnet.ECHO_RESPONSE, bytes(15)))

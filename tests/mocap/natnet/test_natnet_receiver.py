@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.geometry import q_nb_from_q_wf, q_wf_from_q_nb, quat_from_euler, wxyz_from_xyzw, xyzw_from_wxyz
-from arena.mocap.client.pose import pose_ned
+from arena.mocap.client.pose import Echo, pose_ned
 from arena.mocap.natnet import codec as natnet
+from arena.mocap.natnet import echo
 from arena.mocap.natnet.receiver import NatNetReceiver
 
 INFO = natnet.encode_server_info(
@@ -93,3 +94,30 @@ def test_any_bytes_are_accepted(data):
     before = sum(receiver.counts.values())
     receiver.receive(data)
     assert sum(receiver.counts.values()) >= before
+
+
+def ticked(number: int) -> bytes:
+    return natnet.encode_frame(
+        natnet.Frame(number=number, timestamp_s=1.0, exposure_ticks=7, transmit_ticks=9, bodies=(body(),)),
+        (3, 1),
+    )
+
+
+def test_frames_carry_the_last_comparison_of_the_clocks():
+    receiver = connected_receiver()
+    first = receiver.receive(ticked(1))
+    assert (first.time_s, first.sent_s, first.echo) == (7.0, 9.0, None)
+    request = echo.decode_echo_request(receiver.echo_request(100.0))
+    receiver.receive(echo.encode_echo_response(request + 1, 50), 100.2)
+    assert receiver.receive(ticked(2)).echo is None, "an answer to no request"
+    receiver.receive(echo.encode_echo_response(request, 50), 100.5)
+    assert receiver.receive(ticked(3)).echo == Echo(100.0, 100.5, 50.0)
+    receiver.receive(echo.encode_echo_response(request, 51), 100.6)
+    assert receiver.receive(ticked(4)).echo == Echo(100.0, 100.5, 50.0), "a repeated answer"
+
+
+def test_unanswered_echo_requests_are_forgotten():
+    receiver = connected_receiver()
+    for i in range(1000):
+        receiver.echo_request(float(i))
+    assert len(receiver._echoes_sent) < 10

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.mocap.natnet import codec as natnet
+from arena.mocap.natnet import echo
 from arena.wire.truth_page import Truth
 
 from ..rig import NatNetRig, settings
@@ -102,3 +103,12 @@ def test_number_of_clients_is_limited():
 def test_any_bytes_are_accepted_as_a_request(data):
     rig = NatNetRig(settings())
     rig.server.reply(data, ("127.0.0.1", 9), 0.0)
+
+
+def test_echo_request_is_answered_with_the_time_of_the_last_frame():
+    rig = NatNetRig(settings())
+    rig.packet(180, still(), sent_s=1.25)
+    reply = rig.server.reply(echo.encode_echo_request(77), ("127.0.0.1", 9), 0.0)
+    assert echo.decode_echo_response(reply) == (77, round(1.25e7))
+    assert rig.server.reply(natnet.packet(natnet.ECHO_REQUEST, b"x"), ("127.0.0.1", 9), 0.0) is None
+    assert rig.server.counts["malformed"] == 1

@@ -1,0 +1,42 @@
+"""NatNet's echo messages, by which a client compares the server's clock with its own.
+
+The server returns the client's number and its own time at the arrival of the request, both 64 bits. (The layout follows public
+NatNet clients.)
+"""
+
+from __future__ import annotations
+
+import struct
+
+from arena.errors import WireError
+from arena.mocap.natnet import codec
+
+_ECHO, _ECHOED = struct.Struct("<Q"), struct.Struct("<QQ")
+
+
+def encode_echo_request(stamp: int) -> bytes:
+    """Return an ECHO_REQUEST packet. stamp: 64-bit number that the server returns."""
+    return codec.packet(codec.ECHO_REQUEST, _ECHO.pack(stamp))
+
+
+def decode_echo_request(data: bytes) -> int:
+    """Return the stamp of an ECHO_REQUEST packet. Raises WireError."""
+    return int(_echo_numbers(data, codec.ECHO_REQUEST, _ECHO)[0])
+
+
+def encode_echo_response(stamp: int, received_ticks: int) -> bytes:
+    """Return the answer to an ECHO_REQUEST. received_ticks: arrival of the request, in ticks of the server's clock."""
+    return codec.packet(codec.ECHO_RESPONSE, _ECHOED.pack(stamp, received_ticks))
+
+
+def decode_echo_response(data: bytes) -> tuple[int, int]:
+    """Return (stamp of the request, its arrival in ticks of the server's clock). Raises WireError."""
+    stamp, ticks = _echo_numbers(data, codec.ECHO_RESPONSE, _ECHOED)
+    return stamp, ticks
+
+
+def _echo_numbers(data: bytes, message: int, layout: struct.Struct) -> tuple[int, ...]:
+    payload = codec.payload_of(data, message)
+    if len(payload) < layout.size:
+        raise WireError(f"NatNet echo of {len(payload)} bytes, expected {layout.size}")
+    return layout.unpack_from(payload)
