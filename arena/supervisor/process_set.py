@@ -24,7 +24,16 @@ from arena.supervisor.run_folder import Member, RunFolder
 
 MAX_NAMES = 2000
 """Largest number of facts, and of measurements, that one process may send."""
-VEHICLE_FACTS = (".armed", ".landed", ".connected", ".mode", ".airborne_s", ".pilot", ".control", ".blocked")
+VEHICLE_FACTS = (
+    ".armed",
+    ".landed",
+    ".connected",
+    ".mode",
+    ".airborne_s",
+    ".control",
+    ".blocked",
+    ".blocked_at_link",
+)
 """Ends of the names of facts about a vehicle. User programs and tools may not send these facts."""
 
 # Loading Python and its packages keeps a core busy for about 0.2 s. Thirty processes that load at the same time would

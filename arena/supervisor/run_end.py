@@ -185,8 +185,8 @@ def armed(plan: Plan, statuses: Statuses, facts: Mapping[str, Any], stats: Stats
 def with_pilot(plan: Plan, facts: Mapping[str, Any], last_facts: Mapping[str, Any]) -> set[str]:
     """Return the real vehicles whose pilot has control. If no process reports it now, the last report counts."""
     real = [v.name for v in plan.vehicles if not v.simulated]
-    names = {name: f"{name}.pilot" for name in real}
-    return {name for name, fact in names.items() if facts.get(fact, last_facts.get(fact)) is True}
+    names = {name: f"{name}.control" for name in real}
+    return {name for name, fact in names.items() if facts.get(fact, last_facts.get(fact)) == "pilot"}
 
 
 SERVING = frozenset({"world", "mocap", "px4", "link", "forward", "router"})

@@ -52,8 +52,8 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
     if left := state.survivors():
         if not state.stopped:
             say(f"the supervisor of {state.run} has died; still running: {', '.join(left)}")
-        landed = _land(state, plan, left, say, now=now)
-        if not landed and (any(not v.simulated for v in plan.vehicles) if plan is not None else not now):
+        must_land = any(not v.simulated for v in plan.vehicles) if plan is not None else not now
+        if not _land(state, plan, left, say, now=now) and must_land:
             unread = "" if plan is not None else "its plan cannot be read, so it may serve real vehicles; "
             raise RunError(
                 f"{state.run}: {unread}a real vehicle is not confirmed on the ground, so the processes are not ended. "
@@ -61,7 +61,7 @@ def sweep(state: RunState, say: Say, *, now: bool = False) -> None:
             )
     _end_supervisor(state)
     if left:
-        _end(state, plan, say)
+        _end(state, plan, say, lambda: not must_land or _land(state, plan, left, say, now=now))
     _forget(state)
 
 
@@ -113,8 +113,13 @@ def _end_supervisor(state: RunState) -> None:
         time.sleep(0.02)
 
 
-def _end(state: RunState, plan: Plan | None, say: Say) -> None:
-    """End user programs and tools first, then the other processes. Kill the processes that do not end in time."""
+def _end(state: RunState, plan: Plan | None, say: Say, land: Callable[[], bool]) -> None:
+    """End user programs and tools first, then the other processes. Kill the processes that do not end in time.
+
+    land: function that lands the vehicles again and returns whether the landing is confirmed. A process that serves a real
+        vehicle does not end while the vehicle is armed, so it is killed only after another confirmed landing.
+    Raises RunError if that landing is not confirmed.
+    """
     specs = plan.processes if plan is not None else ()
     late = {spec.name for spec in specs if spec.outlives}
     alive = state.survivors()
@@ -122,6 +127,11 @@ def _end(state: RunState, plan: Plan | None, say: Say) -> None:
     for names in (set(state.processes) - late, late):
         _signal(state, names, signal.SIGTERM)
         if left := _wait(state, names, grace_s):
+            if names is late and not land():
+                raise RunError(
+                    f"{state.run}: {', '.join(left)}: did not end within {grace_s:g} s, and the landing is not confirmed. Land and "
+                    f"disarm the vehicle, then run `arena down --run {state.run}` again"
+                )
             say(f"{', '.join(left)}: did not end within {grace_s:g} s; killing these processes")
             _signal(state, names, signal.SIGKILL)
             _wait(state, names, _GRACE_S)

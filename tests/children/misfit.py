@@ -255,6 +255,15 @@ def armed_at_its_end() -> None:
         time.sleep(0.02)
 
 
+def lands_once() -> None:
+    """Act as a landing task: confirm the landing if the file in the argument does not exist, and create it."""
+    flag = Path(sys.argv[2])
+    if flag.exists():
+        sys.exit(1)
+    flag.touch()
+    print("landed all", flush=True)
+
+
 def lands() -> None:
     """Act as a landing task: wait for the file in the argument if given, create `landed`, end."""
     print("landing all", flush=True)

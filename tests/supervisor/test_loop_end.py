@@ -300,6 +300,31 @@ def test_down_now_of_a_stale_run_lands_real_vehicles_only(start, tmp_path, simul
     assert not is_running(run.pid("stubborn")) and open_run(run.folder) is None
 
 
+def test_sweep_kills_no_process_of_a_real_vehicle_without_another_landing(start, tmp_path):  # review fault 6
+    """The process does not end on its stop signal: its vehicle may have been armed again after the first landing."""
+    stubborn = spec("stubborn", "ignores_sigterm", outlives=True, kind="link", vehicle="uav1")
+    plan = plan_of(
+        stubborn,
+        vehicles=(vehicle(simulated=False),),
+        land=spec("land", "lands_once", str(tmp_path / "landed once"), kind="task"),
+    )
+    run = start(plan)
+    run.until("stubborn", "READY")
+    eventually(lambda: (s := open_run(run.folder)) and s.processes)
+    run.signal(signal.SIGKILL)
+    run.wait()
+    said = run_python(
+        "from arena.errors import RunError\n"
+        "from arena.supervisor import active_runs, sweep\n"
+        "for state in active_runs():\n"
+        "    try: sweep(state, print)\n"
+        "    except RunError as error: print('refused:', error)"
+    )
+    assert "did not end within 0.3 s, and the landing is not confirmed. Land and disarm the vehicle" in said
+    assert is_running(run.pid("stubborn")) and open_run(run.folder) is not None
+    run.end()
+
+
 def test_sweep_lands_then_ends_recorded_processes_only(start, tmp_path, bystander):
     plan = flying(tmp_path, spec("stubborn", "ignores_sigterm", outlives=True, kind="world"), waits=False)
     run = begin(start, plan)

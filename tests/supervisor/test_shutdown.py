@@ -118,7 +118,12 @@ def test_vehicle_with_a_pilot_is_not_commanded(start, tmp_path):  # review fault
     flag = tmp_path / "armed"
     flag.touch()
     pilot = spec(
-        "link.uav1", "world", json.dumps({"uav1.pilot": True}), kind="link", vehicle="uav1", outlives=True
+        "link.uav1",
+        "world",
+        json.dumps({"uav1.control": "pilot"}),
+        kind="link",
+        vehicle="uav1",
+        outlives=True,
     )
     run = begin(start, armed_by(flag, pilot, landing="disarms"))
     run.until("link.uav1", "READY")
@@ -146,9 +151,9 @@ def test_facts_of_the_router_are_not_crowded_out(start, tmp_path):  # review fau
 
 
 def test_facts_about_vehicles_from_a_program_are_ignored(start, tmp_path):  # review fault 19
-    lie = program("liar", "world", json.dumps({"uav1.pilot": True, "uav1.connected": False, "mine": 1}))
+    lie = program("liar", "world", json.dumps({"uav1.control": "pilot", "uav1.connected": False, "mine": 1}))
     run = begin(start, armed_by(tmp_path / "armed", lie), armed=False)
     facts = eventually(lambda: (f := run.control().ask(do="ps")["facts"]).get("mine") and f)
-    assert "uav1.pilot" not in facts and facts["uav1.connected"] is True
+    assert "uav1.control" not in facts and facts["uav1.connected"] is True
     run.signal(signal.SIGTERM)
     assert run.wait() == 0
