@@ -6,19 +6,19 @@ Run as `python -m arena.fcu_link slice.json`.
 from __future__ import annotations
 
 import contextlib
-import json
 import select
 import sys
 import time
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 from arena.errors import ArenaError
 from arena.fcu_link.core import SIMULATOR, FcuLink, Out
+from arena.fcu_link.identity import NO_UID
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.simulator_client import SimulatorClient
 from arena.fcu_link.transports import FcuTransport, open_transport
+from arena.fcu_link.wire_record import WireRecord
 from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
 from arena.transport import AgedSocket, StampAges, listen_udp
 from arena.wire.qgc_params import format_params
@@ -40,7 +40,8 @@ class FcuLinkShell:
     def __init__(self, process: ProcessContext, settings: Settings) -> None:
         now = time.monotonic()
         self._process, self._s = process, settings
-        self._core = FcuLink(settings, now)
+        self._record = WireRecord(settings.wire_file)
+        self._core = FcuLink(settings, now, *self._record.read())
         self._ages = StampAges(time.time(), now)
         self._sockets = {
             name: AgedSocket(listen_udp(ends.local, f"the {name} link"), self._ages, now)
@@ -57,7 +58,7 @@ class FcuLinkShell:
         self._next_tick = self._next_second = now
         self._flow: Counter[str] = Counter()
         self._ready = self._over = self._types_written = False
-        self._last_address: dict[str, Any] = {}
+        self._permit = ""
         self._write_params()
 
     def run(self) -> None:
@@ -67,8 +68,8 @@ class FcuLinkShell:
         while not (self._over or (self._process.stopping and self._process.may_end(self._armed_real()))):
             self._wait()
             now = time.monotonic()
-            for data, found in self._transport.read(now):
-                self._send(self._core.from_vehicle(data, found, now))
+            for source, data, found in self._transport.read(now):
+                self._send(self._core.from_vehicle(data, found, now, source))
             if self._simulator is not None:
                 for data, found in self._simulator.read():
                     self._core.from_simulator(data, found, now)
@@ -133,6 +134,8 @@ class FcuLinkShell:
                 self._sockets[end].sendto(data, self._remotes[end])
 
     def _flush(self, now: float) -> None:
+        for source, request in self._core.uid_requests(now):
+            self._transport.request(source, request)
         if not self._transport.write(lambda: self._core.next_out(now), now):
             self._core.queue.clear()
 
@@ -143,7 +146,7 @@ class FcuLinkShell:
         self._core.tick(now)
         self._process.audit(self._core.gate.audit.take())
         for request in self._process.requests():
-            self._core.gate.on_request(request, now)
+            self._core.on_request(request, now)
         if self._simulator is not None:
             self._simulator.tick(self._core.alive(now), now)
         self._report_events()
@@ -168,6 +171,9 @@ class FcuLinkShell:
             events.clear()
         for text in self._core.events():
             self._say(text)
+        if self._core.permit.by != self._permit:
+            self._permit = self._core.permit.by
+            self._process.stats({"arm_permit": self._permit})
         facts = self._core.gate.changed_facts("_at_link")
         if facts and not self._s.simulated:  # the router reports simulated vehicles
             self._process.facts(facts)
@@ -186,26 +192,20 @@ class FcuLinkShell:
                 "poses_hz": flow["poses"],
                 "partner": self._transport.peer(),
                 "armed": self._core.armed(now),
+                "uid": self._core.identity.uid,
+                "arm_permit": self._core.permit.by,
                 "may_not_arm": self._core.reasons(now),
                 "dropped": dict(self._core.counts),
             }
         )
 
     def _write_last_address(self) -> None:
-        """Write the vehicle's address to a file for land-all, which needs the address if this process ends or
-        hangs.
-        """
-        address = self._transport.last_address()
-        if not self._s.wire_file or address == self._last_address:
-            return
-        self._last_address, path = address, Path(self._s.wire_file)
-        half = path.with_name(path.name + ".new")
+        """Write the vehicle's address and uid to a file for land-all, which needs them if this process ends or hangs."""
+        uid = self._core.identity.uid
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            half.write_text(json.dumps(address))
-            half.replace(path)
+            self._record.write(self._transport.last_address() | {"uid": "" if uid == NO_UID else uid})
         except OSError as error:
-            self._say(f"{self._s.vehicle}: cannot write {path}: {error.strerror}")
+            self._say(f"{self._s.vehicle}: cannot write {self._s.wire_file}: {error.strerror}")
 
     def _write_params(self) -> None:
         """Write the file of required parameters at the start, and again when the types of the vehicle's

@@ -7,6 +7,7 @@ vehicle -> panic      everything, while land-all sends
 vehicle -> simulator  HIL_ACTUATOR_CONTROLS only, for hardware in the loop (HITL)
 links -> vehicle      everything except TIMESYNC replies, which would shift the time stamps of poses, refused
 requests to arm, and commands of senders that must not command the vehicle now (arena.authority)
+Nothing is carried to or from an autopilot that has not sent the hardware uid of the vehicle (identity.py).
 simulator -> vehicle  the sensors, but not HIL_STATE_QUATERNION, which PX4 in HITL would use as its own
 estimate (mavlink_receiver)
 """
@@ -15,18 +16,22 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.authority import MESSAGES, CommandGate, command_of, pack_reply, role_on_link
+from arena.fcu_link.arm_permit import ArmPermit
 from arena.fcu_link.arming_guard import STICKS, needs_checks, request_words
+from arena.fcu_link.identity import SILENT_S, Identity, Source, uid_request
+from arena.fcu_link.message_sets import ACTUATORS, DECODED, SENSORS, TIMESYNC, VISION_MESSAGES
 from arena.fcu_link.param_check import ParamCheck
-from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks
+from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks, sentence
 from arena.fcu_link.radio_check import RadioCheck
 from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
+from arena.fcu_link.silence_report import SilenceReport
 from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
 from arena.wire.age_limits import SHORTEST_LIMIT_S, without_old_frames
 from arena.wire.mavlink_codec import Codec
@@ -37,39 +42,8 @@ from arena.wire.px4_mode import mode_words
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
 SIMULATOR = "simulator"
 PANIC_TIMEOUT_S = 5.0  # after its last frame, land-all no longer receives telemetry
-_SILENT_S = 3.0
-_REPORT_SILENCE_S = 10.0
 _REORDERED_MS = 500  # a smaller step back of the time since boot is a reordered message, not a reboot
 _REPEAT_REASONS_S = 0.5
-_TIMESYNC = mavlink.MAVLINK_MSG_ID_TIMESYNC
-_ACTUATORS = mavlink.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
-_SENSORS = (
-    mavlink.MAVLINK_MSG_ID_HIL_SENSOR,
-    mavlink.MAVLINK_MSG_ID_HIL_GPS,
-    mavlink.MAVLINK_MSG_ID_HIL_OPTICAL_FLOW,
-)
-_VISION_MESSAGES = frozenset(
-    {
-        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
-        mavlink.MAVLINK_MSG_ID_SYS_STATUS,
-        mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
-        mavlink.MAVLINK_MSG_ID_HOME_POSITION,
-        mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
-    }
-)
-_DECODED = frozenset(
-    {
-        mavlink.MAVLINK_MSG_ID_HEARTBEAT,
-        mavlink.MAVLINK_MSG_ID_SYS_STATUS,
-        mavlink.MAVLINK_MSG_ID_SYSTEM_TIME,
-        mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-        mavlink.MAVLINK_MSG_ID_ATTITUDE,
-        mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
-        mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
-        mavlink.MAVLINK_MSG_ID_RC_CHANNELS,
-        mavlink.MAVLINK_MSG_ID_COMMAND_ACK,
-    }
-)
 _PRIORITIES = {"panic": Priority.PANIC, "router": Priority.ROUTER, "vision": Priority.VISION}
 
 Out = list[tuple[str, bytes]]
@@ -79,18 +53,23 @@ class FcuLink:
     """Connection to one flight controller, without sockets.
 
     Pass in received data with `from_vehicle`, `from_link` and `from_simulator`, call `tick`, and send the
-    frames that `next_out` returns.
+    frames that `uid_requests` and `next_out` return.
+    uid: hardware uid that an earlier process of this run has recorded; last_source: where the vehicle was then
     counts: number of frames that were not passed on, by reason
     flow: number of frames passed on, by direction
     """
 
-    def __init__(self, settings: Settings, now: float) -> None:
+    def __init__(
+        self, settings: Settings, now: float, uid: str = "", last_source: Source | None = None
+    ) -> None:
         s = settings
         self.system, self._s = s.id, s
         self.counts: Counter[str] = Counter()
         self.flow: Counter[str] = Counter()
         self.queue = SendQueue(self.counts, s.preflight.pose_age_s)
         self.gate = CommandGate(s.vehicle, s.id, simulated=s.simulated)
+        self.identity = Identity(s.id, s.uid or uid, last_source, needs_uid=not s.simulated)
+        self.permit = ArmPermit(s.vehicle, needed=not s.simulated)
         self.checks = PreflightChecks(s.preflight)
         display_path = "/".join(s.params_file.split("/")[-2:])
         self.radio = RadioCheck(s.preflight.radio)
@@ -102,7 +81,7 @@ class FcuLink:
         self._panic_received_at = -math.inf
         self._heartbeat_at = -math.inf
         self._boot_ms = 0
-        self._silence_reported_at, self._bytes, self._foreign = now, 0, 0
+        self._silence = SilenceReport(s.connection, s.id, COMPONENT, self.counts, now)
         self._reasons_sent_at: dict[str, float] = {}
         self._refusal_reported_at = -math.inf
 
@@ -126,56 +105,65 @@ class FcuLink:
         """
         return self.checks.armed and (not self._s.simulated or now - self.checks.received_at < 5.0)
 
-    def has_autopilot_frame(self, frames: Sequence[Frame]) -> bool:
-        """Return whether one of the frames was sent by the vehicle's autopilot."""
-        return any(f.sysid == self.system and f.compid == AUTOPILOT for f in frames)
-
-    def from_vehicle(self, data: Buffer, found: ParsedFrames, now: float) -> Out:
-        """Process data from the vehicle. Return (link or "simulator", datagram) for each receiver."""
-        self._count_noise(data, found)
+    def from_vehicle(
+        self, data: Buffer, found: ParsedFrames, now: float, source: Source = "the vehicle"
+    ) -> Out:
+        """Process data that have arrived from a source. Return (link or "simulator", datagram) for each
+        receiver; nothing if the source is not the vehicle.
+        """
+        self._silence.on_data(data, found)
+        if not self._is_vehicle(source, data, found, now):
+            self.counts["from the vehicle: unknown sender"] += 1
+            return []
         parts: dict[str, list[Buffer]] = {}
         for frame in found.frames:
             if frame.sysid != self.system:
                 self.counts["from the vehicle: foreign system"] += 1
-                self._foreign = frame.sysid << 8 | frame.compid
                 continue
             self.flow["from_vehicle"] += 1
             if frame.compid == AUTOPILOT:
                 self._on_autopilot(data, frame, now)
-            elif frame.compid != COMPONENT:  # our own messages may be returned
-                self._foreign = frame.sysid << 8 | frame.compid
             for end in self._links_for(frame, now):
                 parts.setdefault(end, []).append(data[frame.start : frame.end])
         return [(end, b"".join(frames)) for end, frames in parts.items()]
 
+    def on_opened(self) -> None:
+        """Require the uid of the vehicle again, because its serial device was opened: somebody may have exchanged it."""
+        self.identity.release()
+        self.queue.clear()
+        self.permit.on_interruption("its device was unplugged")
+
     def on_foreign_datagram(self, data: Buffer, found: ParsedFrames) -> None:
         """Count a datagram from an address that is not the vehicle's address."""
         self.counts["from the vehicle: unknown sender"] += 1
-        self._count_noise(data, found)
-        for frame in found.frames:
-            self._foreign = frame.sysid << 8 | frame.compid
+        self._silence.on_data(data, found)
 
-    def _count_noise(self, data: Buffer, found: ParsedFrames) -> None:
-        self._bytes += len(data)
-        if found.garbage:
-            self.counts["from the vehicle: garbage bytes"] += found.garbage
-        if found.bad_crc:
-            self.counts["from the vehicle: wrong CRC"] += found.bad_crc
+    def _is_vehicle(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> bool:
+        """Return whether data come from the vehicle. Drop waiting frames if they were meant for another connection."""
+        before, uid = self.identity.source, self.identity.uid
+        accepted = self.identity.accepts(source, data, found.frames, now)
+        if self.identity.source != before:
+            self.queue.clear()
+        if self.identity.uid != uid:
+            self._boot_ms = 0
+            self._restart_checks()
+        return accepted
 
     def _links_for(self, frame: Frame, now: float) -> list[str]:
-        if frame.msgid == _ACTUATORS and self._s.simulator is not None:
+        if frame.msgid == ACTUATORS and self._s.simulator is not None:
             return [SIMULATOR]
         panic = ["panic"] if now - self._panic_received_at <= PANIC_TIMEOUT_S else []
-        vision = ["vision"] if frame.msgid in _VISION_MESSAGES and frame.compid == AUTOPILOT else []
+        vision = ["vision"] if frame.msgid in VISION_MESSAGES and frame.compid == AUTOPILOT else []
         return ["router", *vision, *panic]
 
     def _on_autopilot(self, data: Buffer, frame: Frame, now: float) -> None:
         """Process a frame from the vehicle's autopilot: update the stream rates, the parameter check and the
         preflight checks.
         """
-        if now - self.checks.received_at > _SILENT_S:
+        if now - self.checks.received_at > SILENT_S:
             self._streams.restart()
-            if not self.checks.armed:  # another vehicle may have been connected meanwhile
+            self.permit.on_interruption(f"no telemetry for {SILENT_S:g} s")
+            if not self.checks.armed:  # somebody may have worked on the vehicle meanwhile
                 self._restart_setup()
         self.checks.received_at = now
         self._streams.on_message(frame.msgid, now)
@@ -184,7 +172,7 @@ class FcuLink:
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_PARAM_ERROR and frame.target_comp == COMPONENT:
             name, error, _ = parse_error(data, frame)
             self.params.on_error(name, error)
-        elif frame.msgid in _DECODED:
+        elif frame.msgid in DECODED:
             for m in self._codec.parse(data[frame.start : frame.end]):
                 self._on_message(m, now)
 
@@ -209,13 +197,21 @@ class FcuLink:
     def _on_heartbeat(self, armed: bool, now: float) -> None:
         if not self.ever_connected:
             self._say("connected")
-        elif now - self.checks.heartbeat_at > _SILENT_S:
+        elif now - self.checks.heartbeat_at > SILENT_S:
             self._say(f"connected again after {now - self.checks.heartbeat_at:.0f} s")
+        self.permit.on_heartbeat(armed)
+        if armed:
+            self.identity.fix()
         if armed and not self.checks.armed and (reasons := self.reasons(now)):
             self._say(f"is armed although a preflight check fails: {'; '.join(reasons)}")
 
     def _rebooted(self) -> None:
         self._say("has rebooted: reading its parameters again")
+        self.identity.release()
+        self.permit.on_interruption("it has rebooted")
+        self._restart_checks()
+
+    def _restart_checks(self) -> None:
         self.checks.reset()
         self._restart_setup()
         self._streams.restart()
@@ -229,8 +225,11 @@ class FcuLink:
 
     def reasons(self, now: float) -> list[str]:
         """Return why the vehicle must not be armed now; empty if arming is allowed."""
+        identity = self.identity.problem(now)
         radio = self.radio.reasons(now, self.params.values()) if self.alive(now) else []
-        return self.checks.reasons(now, [*radio, *self.params.reasons()])
+        found = [sentence(identity)] if identity else []
+        found += self.checks.reasons(now, [*radio, *self.params.reasons()])
+        return [*found, *map(sentence, self.permit.reasons)]
 
     def from_link(self, link: str, data: Buffer, now: float, age_s: float = 0.0) -> Out:
         """Process a datagram from the router, vision or panic link. Return the replies of this process as
@@ -248,7 +247,7 @@ class FcuLink:
             self._panic_received_at = now
         out: Out = []
         for frame in found.frames:
-            if frame.msgid == _TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
+            if frame.msgid == TIMESYNC and any(data[frame.payload : frame.payload + min(8, frame.size)]):
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
             elif needs_checks(data, frame, self.system, armed=self.checks.armed and self.alive(now)):
                 out += self._guard(link, data, frame, now, age_s)
@@ -263,7 +262,9 @@ class FcuLink:
         controller.
         """
         for frame in found.frames:
-            if frame.msgid in _SENSORS:
+            if self.identity.source is None:
+                self.counts["to the vehicle: not connected (simulator)"] += 1
+            elif frame.msgid in SENSORS:
                 self.queue.put(Priority.SIMULATOR, bytes(data[frame.start : frame.end]), frame.msgid, now)
             else:
                 self.counts["from the simulator: not for a controller in the loop"] += 1
@@ -286,6 +287,9 @@ class FcuLink:
 
     def _pass(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
         """Queue a frame for the vehicle if its sender may command the vehicle now. Else return the refusal, to be sent on the link."""
+        if self.identity.source is None:
+            self.counts[f"to the vehicle: not connected ({link})"] += 1
+            return []
         if frame.msgid in MESSAGES and frame.target_sys in (0, self.system):
             role = role_on_link(link, frame.sysid, self.system)
             origin = "panic link" if link == "panic" else ""  # the router records its clients
@@ -333,15 +337,34 @@ class FcuLink:
         """Queue the heartbeat and requests that are due, and report a silent vehicle. Call it about twenty
         times a second.
         """
-        if now - self._heartbeat_at >= 1.0:
+        if now - self.checks.received_at > SILENT_S:
+            self.permit.on_interruption(f"no telemetry for {SILENT_S:g} s")
+        unknown = self.identity.source is None and self.identity.has_candidate(now)
+        if now - self._heartbeat_at >= 1.0 and not unknown:
             self._heartbeat_at = now
             heartbeat = self._codec.onboard_heartbeat()
             self.queue.put(Priority.ROUTER, heartbeat, mavlink.MAVLINK_MSG_ID_HEARTBEAT, now)
-        if self.alive(now):
-            self._silence_reported_at, self._bytes, self._foreign = now, 0, 0
+        if self.alive(now) and self.identity.source is not None:
+            self._silence.restart(now)
             self._request(now)
-        elif now - self._silence_reported_at >= _REPORT_SILENCE_S:
-            self._report_silence(now)
+        elif text := self._silence.text(self.identity.problem(now), now):
+            self._say(text)
+
+    def on_request(self, request: Mapping[str, Any], now: float) -> None:
+        """Process a request of the supervisor (see `process_context`)."""
+        self.gate.on_request(request, now)
+        if request.get("do") == "permit" and request.get("vehicle") == self._s.vehicle:
+            connected = self.identity.source is not None and self.alive(now)
+            self.permit.grant(str(request.get("by")), connected=connected)
+            if self.permit.by:
+                self.identity.fix()
+
+    def uid_requests(self, now: float) -> list[tuple[Source, bytes]]:
+        """Return the requests for the hardware uid that are due, as (receiver, frame)."""
+        return [
+            (source, self._codec.pack(uid_request(self.system, command)))
+            for source, command in self.identity.requests(now)
+        ]
 
     def _request(self, now: float) -> None:
         for name in self.params.due(now):
@@ -360,35 +383,12 @@ class FcuLink:
     def _queue_message(self, message: Any, now: float) -> None:
         self.queue.put(Priority.ROUTER, self._codec.pack(message), message.get_msgId(), now)
 
-    def _report_silence(self, now: float) -> None:
-        """Report to the user what was received instead of the vehicle's messages: another system, data that
-        is not MAVLink, or nothing.
-        """
-        connection, since = self._s.connection, now - self._silence_reported_at
-        if self._foreign:
-            k, others = self.system, f"system {self._foreign >> 8} component {self._foreign & 0xFF}"
-            self._say(
-                f"{connection}: received {others}, but no autopilot with id {k}: set the vehicle's MAV_SYS_ID to {k}"
-            )
-        elif self._bytes:
-            baud = (
-                "is the baud rate right?"
-                if connection.kind == "serial"
-                else "does another program send here?"
-            )
-            self._say(f"{connection}: received data, but no MAVLink: {baud}")
-        else:
-            self._say(
-                f"{connection}: no data for {since:.0f} s: is the vehicle switched on, and does it send to this address?"
-            )
-        self._silence_reported_at, self._bytes, self._foreign = now, 0, 0
-
     def _say(self, text: str) -> None:
         self._events.append(f"{self._s.vehicle}: {text}")
 
     def events(self) -> list[str]:
         """Return the messages for the user since the last call, each with the vehicle's name."""
-        for source in (self.params, self._streams):
+        for source in (self.identity, self.permit, self.params, self._streams):
             for text in source.events:
                 self._say(text)
             source.events.clear()

@@ -55,6 +55,7 @@ class Settings:
     simulator: TCP address of the world's simulator port, for hardware in the loop; None for a vehicle that
     flies
     params: parameters that the vehicle must have before it can be armed
+    uid: hardware uid of the vehicle in hexadecimal digits; "none": its autopilot reports no uid; "": any
     params_file: file for QGroundControl to which the parameters are written; "" for none
     wire_file: file for land-all to which the vehicle's last address is written; "" for none
     """
@@ -68,6 +69,7 @@ class Settings:
     params: Mapping[str, float]
     params_file: str
     simulated: bool
+    uid: str
     wire_file: str = ""
 
     @classmethod
@@ -91,6 +93,7 @@ class Settings:
                 params={str(k): _finite(f"params.{k}", v) for k, v in raw["params"].items()},
                 params_file=str(raw["params_file"]),
                 simulated=bool(raw["simulated"]),
+                uid=str(raw["uid"]),
                 wire_file=str(raw.get("wire_file", "")),
             )
         except (KeyError, TypeError) as error:

@@ -4,25 +4,25 @@ unplugged.
 
 from __future__ import annotations
 
+import contextlib
 import errno
-import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from arena.errors import RunError
 from arena.fcu_link.core import FcuLink
+from arena.fcu_link.identity import Source, words
 from arena.transport import (
     MAX_DATAGRAMS_PER_READ,
-    Address,
     ConnectionUrl,
     SerialPort,
     is_unplugged,
     open_udp,
     receive_datagrams,
 )
-from arena.wire.mavlink_frame import Buffer, Frame, ParsedFrames, Stream, parse_frames
+from arena.wire.mavlink_frame import Buffer, ParsedFrames, Stream, parse_frames
 
-PEER_SILENT_S = 3.0  # after this time without the vehicle, another address may become the peer
 _REOPEN_S = 1.0
 _QUEUE_S = 0.01  # data that the serial driver may hold: a more urgent frame cannot overtake it
 _MIN_QUEUE_BYTES = 300
@@ -43,8 +43,11 @@ class FcuTransport(Protocol):
     def fileno(self) -> int | None:
         """Return the file descriptor to poll; None if the device is absent."""
 
-    def read(self, now: float) -> Iterator[tuple[Buffer, ParsedFrames]]:
-        """Yield the data that have arrived from the vehicle. Never waits."""
+    def read(self, now: float) -> Iterator[tuple[Source, Buffer, ParsedFrames]]:
+        """Yield the data that have arrived, with the source of each. Never waits."""
+
+    def request(self, source: Source, frame: bytes) -> None:
+        """Send a request for the hardware uid to a source, before all other frames."""
 
     def write(self, next_frame: NextFrame, now: float) -> bool:
         """Send frames until the transport accepts no more. Return False if the device is absent or the
@@ -70,55 +73,24 @@ class FcuTransport(Protocol):
 def open_transport(connection: ConnectionUrl, core: FcuLink, now: float) -> FcuTransport:
     """Open the connection to the flight controller. Raises RunError if a UDP port cannot be bound.
 
-    core: recognises the vehicle's frames, and counts frames of other senders
+    core: recognises the vehicle by its hardware uid, and counts frames of other senders
     A serial device may be absent: it is opened when it appears.
     """
-    return SerialTransport(connection, now) if connection.kind == "serial" else UdpTransport(connection, core)
-
-
-class LearnedPeer:
-    """Address of the vehicle, learned by a listening socket: the first address from which its autopilot
-    sends. Pure.
-
-    Another address is accepted after `PEER_SILENT_S` without data from the first one.
-    """
-
-    def __init__(self) -> None:
-        self.address: Address | None = None
-        self.events: list[str] = []
-        self._received_at = -math.inf
-
-    def accepts(self, sender: Address, from_autopilot: bool, now: float) -> bool:
-        """Return whether a datagram from this sender comes from the vehicle.
-
-        from_autopilot: the datagram contains a frame of the vehicle's autopilot
-        """
-        silent_s = now - self._received_at
-        if sender != self.address and from_autopilot and silent_s > PEER_SILENT_S:
-            before = (
-                ""
-                if self.address is None
-                else f" (before: {_text(self.address)}, silent for {silent_s:.0f} s)"
-            )
-            self.events.append(f"sends from {_text(sender)}{before}")
-            self.address = sender
-        if sender != self.address:
-            return False
-        if from_autopilot:
-            self._received_at = now
-        return True
+    if connection.kind == "serial":
+        return SerialTransport(connection, core, now)
+    return UdpTransport(connection, core)
 
 
 class UdpTransport:
     """Connection to the flight controller by UDP.
 
-    A `udpin` URL opens a bound socket that learns the vehicle's address. A `udpout` URL sends to one address
-    and accepts only data from it.
+    A `udpin` URL opens a bound socket, and sends to the address of the vehicle that the core has accepted. A
+    `udpout` URL sends to one address and accepts only data from it.
     """
 
     def __init__(self, connection: ConnectionUrl, core: FcuLink) -> None:
         self.events: list[str] = []
-        self._kind, self._core, self._learned = connection.kind, core, LearnedPeer()
+        self._kind, self._core = connection.kind, core
         self._fixed = connection.address if connection.kind == "udpout" else None
         try:
             self._socket = open_udp(None if self._fixed else connection.address)
@@ -133,17 +105,22 @@ class UdpTransport:
     def fileno(self) -> int | None:
         return self._socket.fileno()
 
-    def read(self, now: float) -> Iterator[tuple[Buffer, ParsedFrames]]:
+    def read(self, now: float) -> Iterator[tuple[Source, Buffer, ParsedFrames]]:
         for data, sender in receive_datagrams(self._socket):
             found = parse_frames(data)
-            if self._is_peer(sender, found.frames, now):
-                yield data, found
+            if self._fixed in (None, sender):
+                yield sender, data, found
             else:
                 self._core.on_foreign_datagram(data, found)
 
+    def request(self, source: Source, frame: bytes) -> None:
+        with contextlib.suppress(OSError):  # it is repeated
+            if isinstance(source, tuple):
+                self._socket.sendto(frame, source)
+
     def write(self, next_frame: NextFrame, now: float) -> bool:
-        to = self._fixed or self._learned.address
-        if to is None:
+        to = self._fixed or self._core.identity.source
+        if not isinstance(to, tuple):
             return False
         while (frame := next_frame()) is not None:
             try:
@@ -156,25 +133,18 @@ class UdpTransport:
         return False
 
     def tick(self, now: float) -> None:
-        self.events += self._learned.events
-        self._learned.events.clear()
+        """Do nothing, because a UDP socket stays open."""
 
     def peer(self) -> str:
-        to = self._fixed or self._learned.address
-        return _text(to) if to else ""
+        return words(self._fixed or self._core.identity.source)
 
     def last_address(self) -> dict[str, Any]:
-        to = self._fixed or self._learned.address
+        to = self._fixed or self._core.identity.last_source
         local = list(self._socket.getsockname())
         return {"kind": self._kind, "local": local if local[1] else None, "vehicle": list(to) if to else None}
 
     def close(self) -> None:
         self._socket.close()
-
-    def _is_peer(self, sender: Address, frames: list[Frame], now: float) -> bool:
-        if self._fixed is not None:
-            return sender == self._fixed
-        return self._learned.accepts(sender, self._core.has_autopilot_frame(frames), now)
 
 
 class SerialTransport:
@@ -184,8 +154,9 @@ class SerialTransport:
     Each change is reported once. Opening is retried every second.
     """
 
-    def __init__(self, connection: ConnectionUrl, now: float) -> None:
+    def __init__(self, connection: ConnectionUrl, core: FcuLink, now: float) -> None:
         self.events: list[str] = []
+        self._core, self._requests = core, deque[bytes]()
         self._connection, self._device = connection, connection.device
         self._queue_bytes = max(_MIN_QUEUE_BYTES, int(connection.baud / 10 * _QUEUE_S))
         self._port: SerialPort | None = None
@@ -198,7 +169,7 @@ class SerialTransport:
     def fileno(self) -> int | None:
         return None if self._port is None else self._port.fileno()
 
-    def read(self, now: float) -> Iterator[tuple[Buffer, ParsedFrames]]:
+    def read(self, now: float) -> Iterator[tuple[Source, Buffer, ParsedFrames]]:
         for _ in range(MAX_DATAGRAMS_PER_READ):
             if self._port is None:
                 return
@@ -208,14 +179,17 @@ class SerialTransport:
                 return self._on_lost(error, now)
             if data is None:
                 return
-            yield self._stream.feed(data)
+            yield self._device, *self._stream.feed(data)
+
+    def request(self, source: Source, frame: bytes) -> None:
+        self._requests.append(frame)
 
     def write(self, next_frame: NextFrame, now: float) -> bool:
         port = self._port
         if port is None:
             return False
         try:
-            while port.unsent_bytes() < self._queue_bytes and (frame := self._half_written or next_frame()):
+            while port.unsent_bytes() < self._queue_bytes and (frame := self._next(next_frame)):
                 self._half_written = frame[port.write(frame) :]
                 if self._half_written:
                     break
@@ -242,12 +216,17 @@ class SerialTransport:
             self._port.close()
             self._port = None
 
+    def _next(self, next_frame: NextFrame) -> bytes | None:
+        return self._half_written or (self._requests.popleft() if self._requests else next_frame())
+
     def _open(self) -> None:
         try:
             self._port = SerialPort(self._device, self._connection.baud)
         except OSError as error:
             return self._report(str(error))
         self._stream, self._half_written = Stream(), b""
+        self._requests.clear()
+        self._core.on_opened()
         self._report(f"{self._device} is open at {self._connection.baud} baud")
 
     def _on_lost(self, error: OSError, now: float) -> None:
@@ -262,7 +241,3 @@ class SerialTransport:
         if text != self._last_event:
             self._last_event = text
             self.events.append(text)
-
-
-def _text(address: Address) -> str:
-    return f"{address[0]}:{address[1]}"

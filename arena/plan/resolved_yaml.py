@@ -75,7 +75,8 @@ def _wire(v: Vehicle) -> dict[str, Any]:
     if v.wire is None:
         return {}
     baud = {"baud": v.wire.baud} if v.wire.kind == "serial" else {}
-    return {**({"serial": v.wire.device} if v.autopilot == "hitl" else {"url": v.wire.url}), **baud}
+    uid = {"uid": v.uid} if v.uid else {}
+    return {**uid, **({"serial": v.wire.device} if v.autopilot == "hitl" else {"url": v.wire.url}), **baud}
 
 
 def _tool(tool: Tool) -> dict[str, Any]:

@@ -152,6 +152,7 @@ def link(job: Job) -> Json:
         "name": f"link.{v.name}",
         "vehicle": v.name,
         "id": v.id,
+        "uid": v.uid,
         "wire": wire,
         "links": autopilot_ends(arena, v),
         "simulator": [arena.address, v.ports.simulator] if v.simulated else None,

@@ -103,6 +103,7 @@ class Vehicle:
     wind_m_s: wind at this vehicle [m/s] [NED]; None: the world's wind.
     forward: whether a pose forwarder sends poses to the autopilot, pose_rate_hz times per second.
     wire: connection to a real flight controller; None if the autopilot runs on this computer.
+    uid: hardware uid of the real flight controller in hexadecimal digits; "none": it reports no uid; "": any.
     sticks: whether a simulated vehicle has an RC transmitter.
     radio: `required` if a hardware vehicle has a pilot with an RC transmitter; always `none` for other vehicles.
     measured: PX4 parameters that were measured on a hardware vehicle; they are part of own_params, too.
@@ -129,6 +130,7 @@ class Vehicle:
     neighbours: tuple[str, ...]
     tools: Mapping[str, Tool]
     wire: ConnectionUrl | None = None
+    uid: str = ""
     gps: bool = False
     sticks: bool = False
     radio: Radio = "none"

@@ -23,10 +23,15 @@ def _wires(c: Check) -> Iterator[Problem]:
     for v in c.arena.vehicles:
         keys = {"hardware": "url", "hitl": "serial"}
         wanted = keys.get(v.autopilot)
-        for key in ("url", "serial", "baud"):
+        for key in ("url", "serial", "baud", "uid"):
             given = c.source.given(("vehicles", v.name, key))
-            if given and key != wanted and not (key == "baud" and wanted):
-                other = {"url": "hardware", "serial": "hitl", "baud": "hardware or hitl"}[key]
+            if given and key != wanted and not (key in ("baud", "uid") and wanted):
+                other = {
+                    "url": "hardware",
+                    "serial": "hitl",
+                    "baud": "hardware or hitl",
+                    "uid": "hardware or hitl",
+                }[key]
                 yield c.problem(
                     v.name,
                     (key,),
@@ -112,6 +117,18 @@ def _hardware_only(c: Check) -> Iterator[Problem]:
                 yield c.problem(v.name, ("measured", name), said)
 
 
+def _shared_uids(c: Check) -> Iterator[Problem]:
+    """Check that each hardware uid is that of one vehicle."""
+    known = [v for v in c.arena.vehicles if v.uid not in ("", "none")]
+    for a, b in itertools.combinations(known, 2):
+        if a.uid == b.uid:
+            yield c.problem(
+                b.name,
+                ("uid",),
+                f"got {b.uid}, which is also the uid of {a.name}. Each autopilot has its own.",
+            )
+
+
 def _speed(c: Check) -> Iterator[Problem]:
     """Refuse a `sim.speed` other than 1 if a vehicle has a real flight controller, because flight controllers run in real time only."""
     real = [v for v in c.arena.vehicles if v.wire is not None or v.autopilot in ("hardware", "hitl")]
@@ -147,4 +164,4 @@ def _capture(c: Check) -> Iterator[Problem]:
         yield c.source.problem(("mocap", "source"), said)
 
 
-REAL = (_wires, _shared_wires, _profiles, _hardware_only, _speed, _capture)
+REAL = (_wires, _shared_wires, _shared_uids, _profiles, _hardware_only, _speed, _capture)

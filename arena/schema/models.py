@@ -32,6 +32,14 @@ def _px4_version(text: str) -> str:
     return text.removeprefix("v")
 
 
+def _uid(value: Any) -> str:
+    """Check the hardware uid of an autopilot. A number is refused, because YAML changes the digits of unquoted numbers."""
+    text = value.lower().removeprefix("0x") if isinstance(value, str) else ""
+    if text == "none" or (re.fullmatch(r"[0-9a-f]{16}|[0-9a-f]{36}", text) and text.strip("0")):
+        return text
+    raise ValueError("16 or 36 hexadecimal digits in quotes, or none")
+
+
 def _program(value: Any) -> Any:
     if value is None or isinstance(value, (dict, Program)):
         return value
@@ -316,6 +324,8 @@ class VehicleKeys(VehicleDefaults):
     """Connection to a hardware autopilot: udpin:HOST:PORT, udpout:HOST:PORT or serial:DEVICE."""
     serial: str | None = None
     """Serial device of a flight controller in the loop (`autopilot: hitl`)."""
+    uid: Annotated[str | None, BeforeValidator(_uid)] = None
+    """Hardware uid of a real autopilot, hexadecimal; none: it reports no uid. Default: the first one that answers in a run."""
     measured: dict[str, Measured] | None = None
     """PX4 parameters that were measured on this hardware vehicle: name -> value, date, how. `arena params measured` shows them."""
     baud: Annotated[int | None, Field(ge=1200, le=12_000_000)] = None

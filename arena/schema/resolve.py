@@ -173,6 +173,7 @@ class _Merge:
             autopilot=autopilot,
             asked=asked,
             wire=self._wire(autopilot),
+            uid=own.uid or "",
             gps=gps,
             sticks=sticks,
             radio=self._take("radio", "required") if autopilot == "hardware" else "none",

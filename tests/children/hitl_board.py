@@ -54,6 +54,12 @@ class Board(StandIn):
                 answers += self.receive_simulator(frame) + b"".join(
                     d for link, d in self.transmit() if link == "router"
                 )
+            elif self.samples <= 1 and self._is_uid_request(frame):
+                answers += self._voice.pack(
+                    mavlink.MAVLink_autopilot_version_message(
+                        0, 0, 0, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, 1
+                    )
+                )
             elif f.msgid == _READ and (extra := self._extra(frame)):
                 answers += extra
             else:
@@ -74,6 +80,11 @@ class Board(StandIn):
         (m,) = self._voice.parse(super()._controls(time_usec, motors))
         m = mavlink.MAVLink_hil_actuator_controls_message(m.time_usec, m.controls, m.mode, 0)
         return self._voice.pack(m)
+
+    def _is_uid_request(self, frame: bytes) -> bool:
+        return any(
+            getattr(m, "command", 0) == mavlink.MAV_CMD_REQUEST_MESSAGE for m in self._voice.parse(frame)
+        )
 
     def _extra(self, frame: bytes) -> bytes:
         (m,) = self._voice.parse(frame)

@@ -9,6 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.fcu_link.arm_permit import ArmPermit
 from arena.fcu_link.core import FcuLink
 from arena.fcu_link.settings import Settings
 from arena.wire.mavlink_codec import Codec
@@ -18,6 +19,8 @@ ID = 7
 ENDS = ("router", "vision", "panic")
 _count = itertools.count(1)
 YAW = math.radians(35.0)
+UID = bytes(range(1, 19))
+SOURCE = "the vehicle"
 POSE = (0.4, -1.2, -0.13)
 
 
@@ -46,6 +49,7 @@ def slice_of(address: str = "127.71.0.1", **changes: Any) -> dict[str, Any]:
         "name": "link.uav7",
         "vehicle": "uav7",
         "id": ID,
+        "uid": "",
         "wire": {"kind": "udpin", "address": [address, 14540]},
         "links": links,
         "simulator": None,
@@ -101,14 +105,26 @@ def local(p_n: tuple[float, ...] = POSE) -> Any:
     return mavlink.MAVLink_local_position_ned_message(0, *p_n, 0, 0, 0)
 
 
+def version(uid2: bytes = UID, uid: int = 0) -> Any:
+    """Return the message with the hardware uid of an autopilot."""
+    nothing = [0] * 8
+    return mavlink.MAVLink_autopilot_version_message(
+        0, 0, 0, 0, 0, nothing, nothing, nothing, 0, 0, uid, list(uid2)
+    )
+
+
 def arm(param1: float = 1.0, magic: float = 0.0, target: int = ID, component: int = 1) -> Any:
     return mavlink.MAVLink_command_long_message(target, component, 400, 0, param1, magic, 0, 0, 0, 0, 0)
 
 
 class Rig:
-    """A link, its vehicle and its three UDP links, on a clock that the test advances."""
+    """A link, its vehicle and its three UDP links, on a clock that the test advances.
 
-    def __init__(self, **changes: Any) -> None:
+    The vehicle has sent its hardware uid; it sends it again after each silence.
+    permit: the vehicle needs no arm permit
+    """
+
+    def __init__(self, *, permit: bool = True, **changes: Any) -> None:
         self.now = 100.0
         self.settings = Settings.from_slice(slice_of(**changes))
         self.core = FcuLink(self.settings, self.now)
@@ -117,9 +133,20 @@ class Rig:
         self.got: dict[str, list[Any]] = {n: [] for n in (*ENDS, "simulator")}
         self.out: list[Any] = []
         self._reader = Codec(1, 1)
+        self.identify()
+        if permit:
+            self.core.permit = ArmPermit("uav7", needed=False)
+
+    def identify(self, uid2: bytes = UID, source: Any = SOURCE) -> None:
+        """Pass the hardware uid of an autopilot to the link, without an effect on anything else."""
+        data = Codec(ID, 1).pack(version(uid2))
+        self.core.identity.accepts(source, data, parse_frames(data).frames, self.now)
+        self.core.identity.events.clear()
 
     def receive(self, *messages: Any, codec: Codec | None = None) -> None:
         """Pass messages of the vehicle to the link."""
+        if codec is None:
+            self.identify()
         data = b"".join((codec or self.vehicle).pack(m) for m in messages)
         self._share(self.core.from_vehicle(data, parse_frames(data), self.now))
 

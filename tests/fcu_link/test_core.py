@@ -11,13 +11,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.fcu_link.send_queue import MAX_BYTES
-from arena.fcu_link.transports import LearnedPeer
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Stream, parse_frames
 
 from .link_rig import ENDS, ID, Rig, arm, attitude, heartbeat, local, odometry, sys_status
-
-A, B = ("10.0.0.21", 14550), ("10.0.0.66", 14550)
 
 
 def sensor(us: int) -> mavlink.MAVLink_message:
@@ -170,24 +167,6 @@ def test_frames_are_dropped_while_the_connection_is_away():
     assert rig.core.counts["to the vehicle: not connected (panic)"] == 1
 
 
-# -- the vehicle's address on a listening socket ---------------------------------------------------------------------------------------
-
-
-def test_the_peer_changes_only_after_silence():
-    peer = LearnedPeer()
-    assert not peer.accepts(B, False, 0.0)
-    assert peer.address is None
-    assert peer.accepts(A, True, 1.0)
-    assert not peer.accepts(B, True, 3.9)
-    assert peer.accepts(A, False, 3.9)  # a companion computer at the same address
-    assert peer.accepts(B, True, 4.1)
-    assert not peer.accepts(A, True, 4.2)
-    assert peer.events == [
-        "sends from 10.0.0.21:14550",
-        "sends from 10.0.0.66:14550 (before: 10.0.0.21:14550, silent for 3 s)",
-    ]
-
-
 # -- reports --------------------------------------------------------------------------------------------------------------
 
 
@@ -317,6 +296,7 @@ def test_random_bytes_from_any_side_never_raise(pieces):
 def feed(rig: Rig, stream: Stream, pieces: list[tuple[str, bytes]]) -> None:
     for end, data in pieces:
         rig.now += 0.05
+        rig.identify()
         if end == "wire":
             rig.core.from_vehicle(data, parse_frames(data), rig.now)
         elif end == "stream":
@@ -333,7 +313,7 @@ def test_whole_frames_with_any_payload_never_raise():
     """Every message that is read, with random contents and a correct checksum."""
     rng, sender = random.Random(3), mavlink.MAVLink(None, srcSystem=ID, srcComponent=1)
     rig, stream = Rig(simulator=["127.71.0.1", 24079], params={"SYS_HITL": 1, "MPC_XY_P": 0.95}), Stream()
-    kinds = (0, 1, 2, 22, 30, 31, 32, 69, 70, 75, 76, 77, 93, 107, 111, 147, 253, 331, 345)
+    kinds = (0, 1, 2, 22, 30, 31, 32, 69, 70, 75, 76, 77, 93, 107, 111, 147, 148, 253, 331, 345)
     pieces = []
     for _ in range(1500):
         kind = rng.choice(kinds)

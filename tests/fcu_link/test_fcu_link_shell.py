@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_autopilot import ARM, FakeAutopilot
+from fake_autopilot import ARM, REQUEST, FakeAutopilot
 from pymavlink.dialects.v20 import common as mavlink
 from served import Connection, Served, UdpPort
 
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import Stream
 
-from .link_rig import ENDS, ID, POSE, arm, heartbeat, odometry, own_address, slice_of
+from .link_rig import ENDS, ID, POSE, UID, arm, heartbeat, odometry, own_address, slice_of, version
 
 DEADLINE_S = 60.0
 BOARD = Path(__file__).parents[1] / "children" / "hitl_board.py"
@@ -62,6 +62,10 @@ class Started:
         self.links[link].sendto(
             b"".join((codec or self._codec).pack(m) for m in messages), (self.address, to)
         )
+
+    def permit(self) -> None:
+        """Send the supervisor's request that grants the arm permit."""
+        self.line.send(json.dumps({"do": "permit", "vehicle": "uav7", "by": "the test"}).encode())
 
     def read(self) -> None:
         for name, link in self.links.items():
@@ -128,7 +132,7 @@ def on_udp(autopilot: FakeAutopilot, address: tuple[str, int], remote: tuple[str
 def autopilot() -> FakeAutopilot:
     """Give an autopilot that would pass the preflight checks and leaves arming commands unanswered."""
     telemetry = ("HEARTBEAT", "SYS_STATUS", "ATTITUDE", "LOCAL_POSITION_NED")
-    return FakeAutopilot(system=ID, pos=POSE, telemetry=telemetry, ignore={ARM})
+    return FakeAutopilot(system=ID, uid2=UID, pos=POSE, telemetry=telemetry, ignore={ARM})
 
 
 @pytest.fixture
@@ -153,7 +157,8 @@ def test_a_vehicle_on_udpin_is_served_guarded_and_left_on_sigterm(start, autopil
         link.send("router", arm())
         link.until(lambda: link.received("router", "COMMAND_ACK"))
         assert "Preflight: no pose received" in {t.text for t in link.received("router", "STATUSTEXT")}
-        assert all(c.command == 511 for c in list(autopilot.commands))
+        assert {c.command for c in list(autopilot.commands)} <= {REQUEST, 511}
+        link.permit()
         forwarder = Codec(ID, 197)
 
         def flies() -> None:
@@ -178,6 +183,50 @@ def test_a_vehicle_on_udpin_is_served_guarded_and_left_on_sigterm(start, autopil
         assert link.process.wait(30) == 0
 
 
+def test_review_fault_4_a_stranger_does_not_replace_a_silent_vehicle(start, autopilot, tmp_path):
+    """Another vehicle with the same system id sends from another address, while the vehicle is silent in flight."""
+    record = tmp_path / "wire" / "uav7.json"
+    link = start(wire_file=str(record))
+    bench = FakeAutopilot(system=ID, uid2=bytes(range(50, 68)), telemetry=("HEARTBEAT", "EXTENDED_SYS_STATE"))
+    vehicle, other = (link.address, 14999), (link.address, 14998)
+    autopilot.armed = True
+    with on_udp(autopilot, vehicle, (link.address, 14540)):
+        link.until(lambda: link.stats.get("armed"))
+        autopilot.mute = True
+        with on_udp(bench, other, (link.address, 14540)):
+
+            def lands() -> None:
+                link.send("panic", arm(param1=0.0), codec=Codec(253, 195))
+
+            link.until(lambda: any("another vehicle answers" in e for e in link.events), lands)
+            sent = len(autopilot.commands)
+            link.until(lambda: len(autopilot.commands) > sent + 50, lands)
+            assert link.stats["armed"] and link.stats["partner"] == f"{link.address}:14999"
+            assert {(m.get_type(), getattr(m, "command", 0)) for m in list(bench.received)} == {
+                ("COMMAND_LONG", REQUEST)
+            }
+    assert json.loads(record.read_text()) == {
+        "kind": "udpin",
+        "local": [link.address, 14540],
+        "vehicle": list(vehicle),
+        "uid": UID.hex(),
+    }
+
+
+def test_a_restarted_link_knows_the_uid_of_the_run(start, autopilot, tmp_path):
+    record = tmp_path / "wire" / "uav7.json"
+    record.parent.mkdir()
+    there = {"kind": "udpin", "local": None, "vehicle": ["10.0.0.21", 14550], "uid": UID[::-1].hex()}
+    record.write_text(json.dumps(there))
+    link = start(wire_file=str(record))
+    with on_udp(autopilot, (link.address, 14999), (link.address, 14540)):
+        expected = f"expected {UID[::-1].hex()}"
+        link.until(lambda: any("another vehicle answers" in e and expected in e for e in link.events))
+        assert not link.received("router", "HEARTBEAT")
+    found = json.loads(record.read_text())
+    assert (found["vehicle"], found["uid"]) == (there["vehicle"], there["uid"])
+
+
 def test_a_vehicle_on_udpout_gets_the_first_message(start, autopilot):
     address = own_address()
     with on_udp(autopilot, (address, 14550), None):
@@ -196,7 +245,10 @@ def test_a_serial_device_may_be_absent_unplugged_and_back(start, tmp_path):
         os.set_blocking(master, False)
         device.unlink(missing_ok=True)
         device.symlink_to(os.ttyname(slave))
-        data, before = Codec(ID, 1).pack(heartbeat()), len(link.received("router", "HEARTBEAT"))
+        data, before = (
+            Codec(ID, 1).pack(version()) + Codec(ID, 1).pack(heartbeat()),
+            len(link.received("router", "HEARTBEAT")),
+        )
 
         def send(master: int = master, data: bytes = data) -> None:
             with contextlib.suppress(BlockingIOError):

@@ -1,0 +1,66 @@
+"""Arm permit of a real vehicle: a person has allowed this vehicle to arm, now. Pure.
+
+The permit ends when the vehicle reboots, reconnects or is silent while it is disarmed, because then somebody may have
+worked on it. An armed vehicle keeps it.
+"""
+
+from __future__ import annotations
+
+
+class ArmPermit:
+    """Permission of a person to arm one vehicle.
+
+    vehicle: name of the vehicle
+    needed: false for a simulated vehicle or a flight controller in the loop, which need no permit
+    by: who granted the permit; "" without a permit
+    events: messages for the user; the caller takes them and empties the list
+    """
+
+    def __init__(self, vehicle: str, *, needed: bool) -> None:
+        self._vehicle, self._needed = vehicle, needed
+        self.by = ""
+        self.events: list[str] = []
+        self._armed = False
+        self._interruption = ""  # happened while the vehicle was armed, as far as known
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why the vehicle must not be armed; empty if it has a permit, or needs none."""
+        if not self._needed or self.by:
+            return []
+        return [f"no arm permit: run arena arm-permit {self._vehicle}"]
+
+    def grant(self, by: str, *, connected: bool) -> None:
+        """Grant the permit. by: who grants it. connected: the vehicle is connected; otherwise nothing is granted."""
+        if not self._needed:
+            return
+        if not connected:
+            self.events.append(f"no arm permit from {by}: the vehicle is not connected")
+            return
+        self.by = by
+        self._interruption = ""
+        self.events.append(f"arm permit granted by {by}")
+
+    def on_heartbeat(self, armed: bool) -> None:
+        """Process the arming state in a heartbeat of the vehicle's autopilot."""
+        self._armed = armed
+        why, self._interruption = self._interruption, ""
+        if why and not armed:
+            self._withdraw(why)
+
+    def on_interruption(self, why: str) -> None:
+        """Withdraw the permit because of an interruption, such as a reboot.
+
+        If the vehicle was armed, its next heartbeat decides: the permit stays if the vehicle is still armed.
+        """
+        if self._armed:
+            self._interruption = why
+        else:
+            self._withdraw(why)
+
+    def _withdraw(self, why: str) -> None:
+        if self.by:
+            self.events.append(
+                f"arm permit of {self.by} withdrawn: {why}. To fly, run `arena arm-permit {self._vehicle}`"
+            )
+            self.by = ""

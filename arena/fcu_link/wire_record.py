@@ -1,0 +1,43 @@
+"""File <run>/wire/<vehicle>.json: the last address and the hardware uid of a real vehicle.
+
+The link process writes it for land-all, which needs the address if the link process ends or hangs, and for its own restart.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+from typing import Any
+
+from arena.fcu_link.identity import Source
+
+
+class WireRecord:
+    """Record of one vehicle in a file. path: the file; "" for none."""
+
+    def __init__(self, path: str) -> None:
+        self._path = Path(path) if path else None
+        self._last: dict[str, Any] = {}
+
+    def read(self) -> tuple[str, Source | None]:
+        """Return the uid and the address that an earlier link process of the run has recorded; "" and None if there are none."""
+        if self._path is not None:
+            with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+                found = json.loads(self._path.read_text())
+                uid = str(found.get("uid", ""))
+                if found["kind"] == "serial":
+                    return uid, str(found["device"])
+                host, port = found["vehicle"]
+                return uid, (str(host), int(port))
+        return "", None
+
+    def write(self, address: dict[str, Any]) -> None:
+        """Write the record if it has changed. Raises OSError if the file cannot be written."""
+        if self._path is None or address == self._last:
+            return
+        self._last = address
+        half = self._path.with_name(self._path.name + ".new")
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        half.write_text(json.dumps(address))
+        half.replace(self._path)
