@@ -11,6 +11,7 @@ The child sends packets on this socket, each one JSON object:
 The supervisor sends requests to the child on the same socket, each one JSON object with the key `do`. A process ignores
 requests that it does not know:
     {"do": "refuse_arming", "why": "..."}  from the first stop signal on: refuse every command that arms a vehicle
+    {"do": "permit", "vehicle": "uav1", "by": "..."}  a person permits this real vehicle to arm (link processes)
     {"do": "forget", "vehicle": "uav1", "dead": true}  an operator has declared the vehicle dead: end without waiting for it
     {"do": "operator"}                     once a second while an operator is present
     {"do": "release", "vehicle": "uav1", "by": "..."}  `arena release`: programs may fly the vehicle again

@@ -36,6 +36,7 @@ VERBS = (
     "forget",
     "down",
     "release",
+    "arm-permit",
     "land-all",
     "kill-all",
 )

@@ -10,15 +10,16 @@ from arena.plan.model import Plan
 WORD = "yes"
 
 
-def ask_consent(plan: Plan, *, yes: bool) -> None:
-    """List the real vehicles of a plan and ask the user to type `yes`. Returns at once if there are no real vehicles.
+def ask_consent(plan: Plan, *, yes: bool) -> str:
+    """List the real vehicles of a plan and ask the user to type `yes`. Return how the user has confirmed,
+    such as `--yes`; "" at once if there are no real vehicles.
 
     yes: option --yes: list the vehicles, but do not ask.
     Raises InputError if the user types something else, or if stdin is not a terminal.
     """
     real = [v for v in plan.vehicles if not v.simulated]
     if not real:
-        return
+        return ""
     programs = {
         p.vehicle: p.argv[1] if len(p.argv) > 1 else p.argv[0] for p in plan.processes if p.kind == "program"
     }
@@ -29,11 +30,13 @@ def ask_consent(plan: Plan, *, yes: bool) -> None:
         if v.radio == "none":
             print(f"  {v.name} has no pilot's radio: nobody can take over by hand")
     print(
-        "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?",
+        "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"
+        "This permits the vehicles that are connected when all processes are ready, until they are switched off or "
+        "reconnected. Later ones need `arena arm-permit`.",
         flush=True,
     )
     if yes:
-        return
+        return "--yes"
     if not sys.stdin.isatty():
         raise InputError(
             "real vehicles need your confirmation, but stdin is not a terminal: use a terminal, or add --yes"
@@ -46,3 +49,4 @@ def ask_consent(plan: Plan, *, yes: bool) -> None:
         raise InputError(
             f"real vehicles need your confirmation: got {answer.strip()!r}, expected {WORD}. Nothing was started"
         )
+    return f"typed {WORD}"

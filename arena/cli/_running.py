@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 from pathlib import Path
 from typing import Annotated
 
@@ -44,3 +45,11 @@ def find(run: Path | None, *, stale: bool = False) -> RunState:
 def connect(state: RunState) -> Control:
     """Connect to the supervisor of a run."""
     return Control(Path(state.rt) / "control.sock")
+
+
+def user_name() -> str:
+    """Return the name of the user who runs this command."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # a container without this user id
+        return "the operator"

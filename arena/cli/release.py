@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import getpass
 from typing import Annotated
 
 import typer
 
-from arena.cli._running import RunOption, connect, find
+from arena.cli._running import RunOption, connect, find, user_name
 
 
 def register(app: typer.Typer) -> None:
@@ -19,13 +18,5 @@ def register(app: typer.Typer) -> None:
         run: RunOption = None,
     ) -> None:
         """Allow programs to arm and fly a vehicle again after land-all, the copilot, a pilot or a ground station took it."""
-        connect(find(run)).ask(do="release", vehicles=vehicles, by=_user())
+        connect(find(run)).ask(do="release", vehicles=vehicles, by=user_name())
         print(f"{', '.join(vehicles)}: released; programs may arm and fly again")
-
-
-def _user() -> str:
-    """Return the name of the user who runs this command."""
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # a container without this user id
-        return "the operator"

@@ -19,6 +19,7 @@ import typer
 
 from arena.cli._arena import at_free_address, copilot_notes, not_possible
 from arena.cli._consent import ask_consent
+from arena.cli._running import user_name
 from arena.errors import EXIT_FAILED, EXIT_OK, InputError, RunError
 from arena.plan.model import Plan
 from arena.plan.open_ports import open_lines
@@ -134,11 +135,12 @@ def register(app: typer.Typer) -> None:
         plan = _plan(file, overrides)
         for line in open_lines(plan):
             print(line, file=sys.stderr if as_json or quiet else sys.stdout, flush=True)
-        ask_consent(plan, yes=yes)
+        consent = ask_consent(plan, yes=yes)
         plan = dataclasses.replace(plan, report=None) if no_report else plan
         beside = file if file.is_dir() else file.parent
         folder = create(plan, runs if runs is not None else beside / "runs")
-        options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True)
+        permit_by = f"{user_name()} (arena up, {consent})" if consent else ""
+        options = Options(until_done=until_done, time_limit_s=time_limit, adopt=True, permit_by=permit_by)
         if detach:
             raise SystemExit(_detached(plan, folder, options))
         level = Level.RESULT if quiet else Level.DETAIL if verbose else Level.CHANGE

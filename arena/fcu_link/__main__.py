@@ -16,7 +16,7 @@ from arena.errors import ArenaError
 from arena.fcu_link.core import SIMULATOR, FcuLink, Out
 from arena.fcu_link.identity import NO_UID
 from arena.fcu_link.settings import Settings
-from arena.fcu_link.simulator_client import SimulatorClient
+from arena.fcu_link.simulator_client import SimulatorClient, controller_greeting
 from arena.fcu_link.transports import FcuTransport, open_transport
 from arena.fcu_link.wire_record import WireRecord
 from arena.process_context import SUPERVISOR_LOST, ProcessContext, ShutdownPolicy
@@ -52,7 +52,9 @@ class FcuLinkShell:
         self._transport: FcuTransport = open_transport(settings.connection, self._core, now)
         core, simulator = self._core, settings.simulator
         self._simulator = (
-            SimulatorClient(simulator, core.counts, core.greeting()) if simulator is not None else None
+            SimulatorClient(simulator, core.counts, controller_greeting(settings.id))
+            if simulator is not None
+            else None
         )
         self._shutdown = ShutdownPolicy(limit_s=60.0 if settings.simulated else None)
         self._next_tick = self._next_second = now
@@ -192,6 +194,7 @@ class FcuLinkShell:
                 "poses_hz": flow["poses"],
                 "partner": self._transport.peer(),
                 "armed": self._core.armed(now),
+                "battery": self._core.checks.charge_percent(now),
                 "uid": self._core.identity.uid,
                 "arm_permit": self._core.permit.by,
                 "may_not_arm": self._core.reasons(now),

@@ -322,17 +322,6 @@ class FcuLink:
 
     # -- periodic -----------------------------------------------------------------------------------------------------
 
-    def greeting(self) -> bytes:
-        """Return the first bytes to send to the world (the simulator): a heartbeat of the flight controller."""
-        quad, px4, hil = (
-            mavlink.MAV_TYPE_QUADROTOR,
-            mavlink.MAV_AUTOPILOT_PX4,
-            mavlink.MAV_MODE_FLAG_HIL_ENABLED,
-        )
-        return self._autopilot_codec.pack(
-            mavlink.MAVLink_heartbeat_message(quad, px4, hil, 0, mavlink.MAV_STATE_STANDBY, 3)
-        )
-
     def tick(self, now: float) -> None:
         """Queue the heartbeat and requests that are due, and report a silent vehicle. Call it about twenty
         times a second.

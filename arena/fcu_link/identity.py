@@ -100,39 +100,39 @@ class Identity:
         """Return (source, MAV_CMD) for each request of a uid that is due now."""
         found = []
         for source, candidate in self._candidates.items():
-            if candidate.uid is None and now >= candidate.next_request and self._is_heard(candidate, now):
+            if candidate.uid is None and now >= candidate.next_request and self._is_active(candidate, now):
                 candidate.next_request = now + _REQUEST_S
                 found.append((source, candidate.command))
         return found
 
     def has_candidate(self, now: float) -> bool:
         """Return whether an autopilot that is not accepted has sent data in the last 3 s."""
-        return any(self._is_heard(candidate, now) for candidate in self._candidates.values())
+        return any(self._is_active(candidate, now) for candidate in self._candidates.values())
 
     def problem(self, now: float) -> str:
         """Return why the autopilot that sends must not be armed: its identity is unknown or wrong. Otherwise return ""."""
         if self.source is not None and now - self._received_at <= SILENT_S:
             return "no hardware uid: needs `uid: none`" if self._needs_uid and self.uid == NO_UID else ""
-        heard = [c for c in self._candidates.values() if self._is_heard(c, now)]
-        if not heard:
+        active = [c for c in self._candidates.values() if self._is_active(c, now)]
+        if not active:
             return ""
-        return "hardware uid not received" if heard[-1].uid is None else "another vehicle answers: wrong uid"
+        return "hardware uid not received" if active[-1].uid is None else "another vehicle answers: wrong uid"
 
-    def _is_heard(self, candidate: _Candidate, now: float) -> bool:
+    def _is_active(self, candidate: _Candidate, now: float) -> bool:
         return now - candidate.received_at <= SILENT_S
 
     def _on_autopilot(self, source: Source, now: float) -> None:
-        """Note the time of data from an autopilot. It becomes a candidate if it is new or was silent."""
+        """Store the time of data from an autopilot. It becomes a candidate if it is new or was silent."""
         if source == self.source:
             if now - self._received_at <= SILENT_S:
                 self._received_at = now
                 return
             self.release()
         candidate = self._candidates.get(source)
-        if candidate is not None and self._is_heard(candidate, now):
+        if candidate is not None and self._is_active(candidate, now):
             candidate.received_at = now
             return
-        self._candidates = {s: c for s, c in self._candidates.items() if self._is_heard(c, now)}
+        self._candidates = {s: c for s, c in self._candidates.items() if self._is_active(c, now)}
         if len(self._candidates) < _MAX_CANDIDATES:
             self._candidates[source] = _Candidate(received_at=now, next_request=now)
 

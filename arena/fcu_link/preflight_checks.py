@@ -166,7 +166,7 @@ class PreflightChecks:
     def _charge(self, now: float) -> list[str]:
         if self._p.battery <= 0.0:
             return []
-        charge = self._remaining(now)
+        charge = self.charge_percent(now)
         if charge is None:
             return ["battery level unknown"]
         return (
@@ -175,7 +175,7 @@ class PreflightChecks:
             else [f"battery at {charge} %, needs {100 * self._p.battery:.0f} %"]
         )
 
-    def _remaining(self, now: float) -> int | None:
+    def charge_percent(self, now: float) -> int | None:
         """Return the charge [%]: the autopilot's total, else that of the emptiest battery; None if unknown."""
         if (
             self._battery is not None

@@ -9,8 +9,11 @@ import socket
 from collections import Counter
 from collections.abc import Iterator
 
+from pymavlink.dialects.v20 import common as mavlink
+
 from arena.transport import Address
-from arena.wire.mavlink_frame import Buffer, ParsedFrames, Stream
+from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import AUTOPILOT, Buffer, ParsedFrames, Stream
 
 _RETRY_S = 0.5
 _REPORT_AFTER = 10  # refused connections
@@ -125,3 +128,17 @@ class SimulatorClient:
     def _on_closed(self) -> None:
         self.close()
         self.events.append("the world closed the simulator link; reconnecting")
+
+
+def controller_greeting(system: int) -> bytes:
+    """Return the first bytes to send to the world: a heartbeat of the flight controller. system: its MAVLink id."""
+    return Codec(system, AUTOPILOT).pack(
+        mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_QUADROTOR,
+            mavlink.MAV_AUTOPILOT_PX4,
+            mavlink.MAV_MODE_FLAG_HIL_ENABLED,
+            0,
+            mavlink.MAV_STATE_STANDBY,
+            3,
+        )
+    )

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, mod
 
 from arena.schema.base import Address, NotNegative, Port, Positive, PositiveVector, Span, Strict, Vector
 from arena.schema.copilot import Copilot
+from arena.schema.hardware_uid import HardwareUid
 from arena.schema.measured import Measured
 from arena.schema.mocap import Mocap
 
@@ -30,14 +31,6 @@ def _px4_version(text: str) -> str:
     if not re.fullmatch(r"v?1\.\d{1,2}(\.\d{1,3})?", text):
         raise ValueError("a PX4 version such as 1.16")
     return text.removeprefix("v")
-
-
-def _uid(value: Any) -> str:
-    """Check the hardware uid of an autopilot. A number is refused, because YAML changes the digits of unquoted numbers."""
-    text = value.lower().removeprefix("0x") if isinstance(value, str) else ""
-    if text == "none" or (re.fullmatch(r"[0-9a-f]{16}|[0-9a-f]{36}", text) and text.strip("0")):
-        return text
-    raise ValueError("16 or 36 hexadecimal digits in quotes, or none")
 
 
 def _program(value: Any) -> Any:
@@ -324,7 +317,7 @@ class VehicleKeys(VehicleDefaults):
     """Connection to a hardware autopilot: udpin:HOST:PORT, udpout:HOST:PORT or serial:DEVICE."""
     serial: str | None = None
     """Serial device of a flight controller in the loop (`autopilot: hitl`)."""
-    uid: Annotated[str | None, BeforeValidator(_uid)] = None
+    uid: HardwareUid | None = None
     """Hardware uid of a real autopilot, hexadecimal; none: it reports no uid. Default: the first one that answers in a run."""
     measured: dict[str, Measured] | None = None
     """PX4 parameters that were measured on this hardware vehicle: name -> value, date, how. `arena params measured` shows them."""

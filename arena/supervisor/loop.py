@@ -27,6 +27,7 @@ from typing import Any, Protocol
 
 from arena.plan.model import Plan
 from arena.supervisor import child_process, run_end
+from arena.supervisor.arm_permit import check_permit, permit_request, real_vehicles
 from arena.supervisor.background_writer import BackgroundWriter
 from arena.supervisor.control_socket import ControlServer
 from arena.supervisor.event_log import EventLog
@@ -83,11 +84,13 @@ class Options:
     time_limit_s: end after this time [s]; None for no limit.
     adopt: become the parent of processes that detach from a program, so that they end with the program. Use it only in a
         process that has no other children.
+    permit_by: who has permitted the real vehicles to arm, as text; "" if nobody has.
     """
 
     until_done: bool = False
     time_limit_s: float | None = None
     adopt: bool = False
+    permit_by: str = ""
 
 
 class Supervisor:
@@ -150,6 +153,8 @@ class Supervisor:
                 return self._restart(str(request.get("name")), in_flight=request.get("yes") is True)
             case "release":
                 return self._release([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
+            case "arm_permit":
+                return self._permit([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
             case "forget":
                 self._shutdown.forget(str(request.get("vehicle")), str(request.get("by")), now)
                 return {"ok": True}
@@ -161,7 +166,7 @@ class Supervisor:
                 self._request_end(Cause.DOWN, hurry=at_once)
                 return {"ok": True}
         raise ValueError(
-            f"got request {request.get('do')!r}, expected ps, restart, release, forget, down or subscribe"
+            f"got request {request.get('do')!r}, expected ps, restart, release, arm_permit, forget, down or subscribe"
         )
 
     def status(self) -> dict[str, Any]:
@@ -258,6 +263,18 @@ class Supervisor:
         noun = "process" if ready == "1" else "processes"
         self._show_line(f"{ready} {noun} ready in {now - self._began:.1f} s")
         self._show.started(failed)
+        if self.options.permit_by:
+            self._permit_connected()
+
+    def _permit_connected(self) -> None:
+        """Permit the real vehicles that are connected to arm, because the user has confirmed it before the start."""
+        real = real_vehicles(self.plan, self._processes.statuses)
+        if connected := [name for name, ready in real.items() if ready]:
+            self._permit(connected, self.options.permit_by)
+        for name in (name for name, ready in real.items() if not ready):
+            self._show_line(
+                f"{name}: not connected, so it has no arm permit; later run `arena arm-permit {name}`"
+            )
 
     def _is_quiet(self, now: float) -> bool:
         done = run_end.is_done(
@@ -292,6 +309,14 @@ class Supervisor:
         for vehicle in vehicles:
             packet = {"do": "release", "vehicle": vehicle, "by": by}
             self._processes.request(packet, to=guards(self.plan, vehicle))
+        return {"ok": True}
+
+    def _permit(self, vehicles: list[str], by: str) -> dict[str, Any]:
+        if self.phase is not Phase.RUN:
+            raise ValueError(f"no arm permit: the arena is {self.phase}")
+        check_permit(real_vehicles(self.plan, self._processes.statuses), vehicles)
+        for vehicle in vehicles:
+            self._processes.request(permit_request(vehicle, by), to=[f"link.{vehicle}"])
         return {"ok": True}
 
     # -- the end

@@ -14,8 +14,9 @@ from arena.fcu_link.__main__ import FcuLinkShell
 from arena.fcu_link.settings import Settings
 from arena.process_context import ProcessContext
 from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import parse_frames
 
-from .link_rig import ID, arm, odometry, own_address, slice_of
+from .link_rig import ID, arm, odometry, own_address, slice_of, version
 
 
 def setpoint(number: int) -> mavlink.MAVLink_message:
@@ -43,6 +44,8 @@ def test_a_stalled_link_sends_only_the_newest_setpoint_and_pose():  # review fau
     raw = slice_of(host, wire={"kind": "udpout", "address": [host, 24090]})
     vehicle, router, vision, panic = (udp((host, port)) for port in (24090, 24001, 24003, 24005))
     shell = FcuLinkShell(ProcessContext("link.uav7", raw, None), Settings.from_slice(raw))
+    version_frame = Codec(ID, 1).pack(version())
+    shell._core.from_vehicle(version_frame, parse_frames(version_frame), time.monotonic(), (host, 24090))
     program, forwarder, tool = Codec(ID, 191), Codec(ID, 197), Codec(253, 190)
     try:
         for i in range(150):

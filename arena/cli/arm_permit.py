@@ -1,0 +1,65 @@
+"""`arena arm-permit VEHICLE...`: allow real vehicles to arm that appeared, rebooted or reconnected after the start."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import typer
+
+from arena.cli._running import RunOption, connect, find, user_name
+from arena.errors import RunError
+
+_ANSWER_S = 3.0
+_PERIOD_S = 0.1
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command `arena arm-permit` to the typer app."""
+
+    @app.command("arm-permit")
+    def arm_permit(
+        vehicles: Annotated[
+            list[str], typer.Argument(metavar="VEHICLE...", help="real vehicles that may arm from now on")
+        ],
+        run: RunOption = None,
+    ) -> None:
+        """Allow a real vehicle to arm. Needed if it appeared, rebooted or reconnected after the start of the arena.
+
+        Its program may then arm it at once: clear the room first.
+        """
+        arena = connect(find(run))
+        by = f"{user_name()} (arena arm-permit)"
+        links = _links(arena.ask(do="ps"))
+        for vehicle in vehicles:
+            if vehicle in links:
+                print(vehicle_line(vehicle, links[vehicle]))
+        arena.ask(do="arm_permit", vehicles=vehicles, by=by)
+        deadline = time.monotonic() + _ANSWER_S
+        waiting = list(vehicles)
+        while waiting and time.monotonic() < deadline:
+            links = _links(arena.ask(do="ps"))
+            waiting = [v for v in waiting if links[v].get("arm_permit") != by]
+            time.sleep(_PERIOD_S)
+        for vehicle in vehicles:
+            if vehicle not in waiting:
+                print(f"{vehicle}: may arm now")
+        if waiting:
+            raise RunError(f"{', '.join(waiting)}: got no arm permit, because the vehicle is not connected")
+
+
+def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:
+    """Return what a permit is granted to: uid, address, battery and failing checks. stats: measurements of its link process."""
+    battery = stats.get("battery")
+    charge = "battery unknown" if battery is None else f"battery {battery:.0f} %"
+    failing = [text for text in stats.get("may_not_arm", ()) if "no arm permit" not in text]
+    checks = "; ".join(failing) or "all preflight checks pass"
+    where = stats.get("partner") or "not connected"
+    return f"{vehicle}: uid {stats.get('uid') or 'unknown'}, {where}, {charge}. {checks}"
+
+
+def _links(status: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return vehicle -> measurements of its link process."""
+    processes = status["processes"].values()
+    return {row["vehicle"]: row["stats"] for row in processes if row["kind"] == "link"}

@@ -1,0 +1,34 @@
+"""Arm permits: which real vehicles may get one now, and the requests to their link processes. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from arena.plan.model import Plan
+from arena.supervisor.process_state import ProcessStatus, State
+
+
+def permit_request(vehicle: str, by: str) -> dict[str, str]:
+    """Return the request to the link process of a vehicle. by: who grants the permit."""
+    return {"do": "permit", "vehicle": vehicle, "by": by}
+
+
+def real_vehicles(plan: Plan, statuses: Mapping[str, ProcessStatus]) -> dict[str, bool]:
+    """Return the real vehicles: name -> whether its link process is ready, which means that the vehicle was connected."""
+    names = [v.name for v in plan.vehicles if not v.simulated]
+    return {name: statuses[f"link.{name}"].state is State.READY for name in names}
+
+
+def check_permit(real: Mapping[str, bool], vehicles: Sequence[str]) -> None:
+    """Raise ValueError if one of the vehicles cannot get an arm permit. real: result of `real_vehicles`."""
+    if not real:
+        raise ValueError("this arena has no real vehicle, and simulated vehicles need no arm permit")
+    if not vehicles:
+        raise ValueError(f"got no vehicle, expected at least one of {', '.join(real)}")
+    for vehicle in vehicles:
+        if vehicle not in real:
+            raise ValueError(f"got vehicle {vehicle!r}, expected a real vehicle: {', '.join(real)}")
+        if not real[vehicle]:
+            raise ValueError(
+                f"{vehicle}: no arm permit: link.{vehicle} is not ready. Is the vehicle switched on?"
+            )

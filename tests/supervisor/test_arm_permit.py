@@ -1,0 +1,59 @@
+"""Which vehicles get an arm permit from `arena up` and `arena arm-permit`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from arena.cli.arm_permit import vehicle_line
+from arena.plan import Plan, make_plan
+from arena.schema import load_arena
+from arena.supervisor.arm_permit import check_permit, real_vehicles
+from arena.supervisor.process_state import ProcessStatus, State
+
+ARENA = """
+mocap: {source: natnet, server: 10.0.0.5}
+defaults: {profile: iris}
+vehicles:
+  uav1: {autopilot: builtin}
+  uav2: {autopilot: hardware, url: "udpin:127.75.0.1:14540"}
+  uav3: {autopilot: hardware, url: "udpin:127.75.0.1:14541"}
+"""
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Plan:
+    (tmp_path / "arena.yaml").write_text(ARENA)
+    return make_plan(load_arena(tmp_path / "arena.yaml"))
+
+
+def test_only_connected_real_vehicles_are_permitted_at_the_start(plan):  # review fault 3
+    states = {spec.name: ProcessStatus(since=0.0, state=State.READY) for spec in plan.processes}
+    states["link.uav3"] = ProcessStatus(since=0.0, state=State.STARTING)
+    assert real_vehicles(plan, states) == {"uav2": True, "uav3": False}
+
+
+@pytest.mark.parametrize(
+    ("real", "vehicles", "message"),
+    [
+        ({}, ["uav1"], "simulated vehicles need no arm permit"),
+        ({"uav2": True}, [], "got no vehicle, expected at least one of uav2"),
+        ({"uav2": True}, ["uav1"], "got vehicle 'uav1', expected a real vehicle: uav2"),
+        ({"uav2": False}, ["uav2"], "link.uav2 is not ready"),
+    ],
+)
+def test_a_permit_that_cannot_be_granted_is_refused(real, vehicles, message):
+    with pytest.raises(ValueError, match=message):
+        check_permit(real, vehicles)
+
+
+def test_the_operator_sees_what_is_permitted():
+    reasons = ["Preflight: battery at 10 %, needs 20 %", "no arm permit: run arena arm-permit uav2"]
+    stats = {"uid": "00ab", "partner": "10.0.0.21:14550", "battery": 10, "may_not_arm": reasons}
+    line = vehicle_line("uav2", stats)
+    assert line == "uav2: uid 00ab, 10.0.0.21:14550, battery 10 %. Preflight: battery at 10 %, needs 20 %"
+    assert (
+        vehicle_line("uav2", {})
+        == "uav2: uid unknown, not connected, battery unknown. all preflight checks pass"
+    )
