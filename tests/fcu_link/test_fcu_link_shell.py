@@ -277,6 +277,23 @@ def test_an_orphan_serves_until_the_vehicle_is_disarmed(start, autopilot):
         assert link.process.wait(DEADLINE_S) == 0
 
 
+@pytest.mark.parametrize("forgotten", [False, True])
+def test_stop_signal_does_not_end_the_link_of_an_armed_vehicle(
+    start, autopilot, forgotten
+):  # review faults 6, 18
+    link = start()
+    autopilot.armed = True
+    with on_udp(autopilot, (link.address, 14999), (link.address, 14540)):
+        link.until(lambda: link.stats.get("armed"))
+        link.process.send_signal(signal.SIGTERM)
+        link.until(lambda: any("stop signal received, but uav7 is armed" in e for e in link.events))
+        if forgotten:
+            link.line.send(b'{"do": "forget", "vehicle": "uav7", "dead": true}')
+        else:
+            autopilot.armed = False
+        assert link.process.wait(DEADLINE_S) == 0
+
+
 def test_pilot_keeps_the_vehicle_from_land_all_on_the_panic_link(start, autopilot):  # review fault 5
     link = start()
     land = mavlink.MAVLink_command_long_message(ID, 1, 176, 0, 1, 4, 6, 0, 0, 0, 0)

@@ -225,6 +225,22 @@ def test_process_is_ready_when_the_autopilot_may_arm(arena):
     assert arena.forwarder.child.wait(30) == 0
 
 
+def test_stop_signal_does_not_end_the_forwarder_of_an_armed_real_vehicle(tmp_path):  # review fault 6
+    arena = Arena(tmp_path, simulated=False)
+    try:
+        arena.vehicle.armed = True
+        arena.until(lambda: len(arena.of("ODOMETRY")) > 200)
+        arena.forwarder.child.terminate()
+        arena.until(lambda: any("but uav1 is armed" in t.get("event", "") for t in arena.told))
+        before = len(arena.of("ODOMETRY"))
+        arena.until(lambda: len(arena.of("ODOMETRY")) > before + 20)
+        arena.vehicle.armed = False
+        arena.until(lambda: arena.forwarder.child.poll() is not None)
+        assert arena.forwarder.child.returncode == 0
+    finally:
+        arena.close()
+
+
 def test_latency_is_measured_against_the_clock_of_the_server(arena):
     arena.until(lambda: arena.stats.get("latency_ms") is not None)
     assert arena.stats["latency_error_ms"] >= 0.0
