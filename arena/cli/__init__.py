@@ -25,6 +25,7 @@ VERBS = (
     "plan",
     "schema",
     "params",
+    "signing",
     "smoke",
     "up",
     "runs",

@@ -67,7 +67,7 @@ def yaml_page() -> str:
     text += "## The arena\n\n" + _keys(schema)
     order = [
         "World", "Origin", "Sim", "Px4Keys", "Mocap", "MocapNoise", "VehicleKeys", "Start",
-        "Measured", "Program", "Tool", "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss",
+        "Measured", "Signing", "Program", "Tool", "VehicleDefaults", "Preflight", "Failsafe", "OffboardLoss",
         "PositionLoss", "LowBattery", "RcLoss", "DataLinkLoss", "FenceLoss", "AttitudeLoss",
         "Geofence", "Copilot", "GeofenceRule", "SeparationRule", "TiltRule", "SpeedRule",
         "PoseAgeRule", "EstimateRule", "BatteryRule", "ProgramRule", "Host",

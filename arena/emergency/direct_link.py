@@ -13,6 +13,7 @@ import contextlib
 import socket
 from collections.abc import Callable, Iterator
 
+from arena.emergency.direct_signing import DirectSigning
 from arena.emergency.identity_check import IdentityCheck, Source
 from arena.emergency.link_process import kill, unread_bytes
 from arena.emergency.link_restart import LinkRestart
@@ -58,6 +59,7 @@ class DirectLink:
         self._next_check = self._next_try = 0.0
         self._printed: set[str] = set()
         recorded = address.connection.device or address.vehicle
+        self._signing: DirectSigning | None = None
         self._identity: IdentityCheck | None = None
         if address.uid:
             self._identity = IdentityCheck(
@@ -161,7 +163,7 @@ class DirectLink:
         """Open a socket to send beside the link process. Return false if the vehicle has no known UDP address."""
         if self._beside is None and self._vehicle is not None and not self._is_serial:
             self._beside = open_udp(("0.0.0.0", 0))
-            self._print_identity()
+            self._on_opened()
         return self._beside is not None
 
     def _kill_link(self, now: float) -> None:
@@ -197,7 +199,7 @@ class DirectLink:
         self._restart.on_replaced()
         self._unread_since = None
         self._print(f"{why}; sending on {connection} instead")
-        self._print_identity()
+        self._on_opened()
 
     def _release(self) -> None:
         """Close the port or device of the link process, because the supervisor has restarted the link process."""
@@ -208,11 +210,16 @@ class DirectLink:
         self._printed.clear()
         self._print(f"{self._process_name} runs again; {self._address.connection} is released for it")
 
-    def _print_identity(self) -> None:
+    def _on_opened(self) -> None:
+        """Read the key of the vehicle, and print what is not known about the vehicle."""
+        if self._address.key_file and self._signing is None:
+            self._signing = DirectSigning(self._address.key_file, self._print)
         if self._identity is None:
             self._print("its hardware uid is not recorded: the identity of the vehicle is not checked")
 
     def _write(self, frame: bytes, to: Source) -> None:
+        if self._signing is not None:
+            frame = self._signing.sign(frame)
         with contextlib.suppress(OSError):
             if isinstance(self._replacement, SerialPort):
                 self._replacement.write(frame)
@@ -220,7 +227,10 @@ class DirectLink:
                 sock.sendto(frame, to)
 
     def _read_socket(self, sock: socket.socket, now: float) -> Iterator[bytes]:
-        for data, sender in receive_datagrams(sock):
+        for received, sender in receive_datagrams(sock):
+            data = received if self._signing is None else self._signing.accepted(received)
+            if not data:
+                continue
             if self._identity is not None:
                 if self._identity.receive(data, sender, now):
                     yield data
@@ -256,7 +266,8 @@ class DirectLink:
             buffer, found = self._stream.feed(data)
             for frame in found.frames:
                 one = buffer[frame.start : frame.end]
-                if self._identity is None or self._identity.receive(one, device, now):
+                one = one if self._signing is None else self._signing.accepted(one)
+                if one and (self._identity is None or self._identity.receive(one, device, now)):
                     yield one
 
     def _print(self, text: str) -> None:

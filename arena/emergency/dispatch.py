@@ -29,6 +29,8 @@ _TURN_S = 0.05
 _TRY_DOWN_S, _TRY_SILENT_S = 15.0, 3.0
 _READ_RECORD_S = 1.0
 _REBIND_S = 0.5
+# A vehicle that signs knows at most 16 senders until its next start, so each land-all must be the same sender.
+SIGNED_COMPONENT = 190
 
 Say = Callable[[str], None]
 
@@ -141,7 +143,9 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
     isolated = _Isolation(say)
     for t in targets:
         with isolated(t.name):
-            landing = LandingSequence(name=t.name, system=t.id, component=component, action=action, now=began)
+            signs = t.direct is not None and t.direct.key_file
+            number = SIGNED_COMPONENT if signs else component
+            landing = LandingSequence(name=t.name, system=t.id, component=number, action=action, now=began)
             all_connections.append(TargetConnections(t, landing, say, began))
     code = EXIT_OK
     try:

@@ -51,6 +51,7 @@ class DirectAddress:
     local: UDP address to which the link process was bound; None for any
     vehicle: UDP address of the vehicle; None if unknown
     uid: hardware uid of the vehicle's autopilot, in hexadecimal digits; "" if unknown
+    key_file: file with the key of MAVLink signing; "" if the vehicle does not sign
     link_process: the process that holds the connection; None if unknown
     run: run folder; None if unknown
     """
@@ -59,6 +60,7 @@ class DirectAddress:
     local: Address | None = None
     vehicle: Address | None = None
     uid: str = ""
+    key_file: str = ""
     link_process: ProcessIdentity | None = None
     run: Path | None = field(default=None, compare=False)
 

@@ -179,7 +179,9 @@ def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
 def _planned_direct(plan: Any, vehicle: str, run: Path | None) -> DirectAddress | None:
     try:
         slice_ = plan["slices"][f"link.{vehicle}.json"]
-        direct = replace(DirectAddress.of(url_from_json(slice_["wire"])), uid=valid_uid(slice_.get("uid")))
+        direct = DirectAddress.of(url_from_json(slice_["wire"]))
+        key_file = str(slice_.get("key_file", ""))
+        direct = replace(direct, uid=valid_uid(slice_.get("uid")), key_file=key_file)
     except (KeyError, TypeError, ValueError):
         return None
     return with_run_record(direct, vehicle, run) if run is not None else direct
@@ -196,19 +198,24 @@ def from_yaml(path: Path) -> Found:
     host, vehicles = vehicles_of(read_yaml(text))
     if not vehicles:
         raise InputError(f"{path}: the file names no vehicle. Expected `vehicles:` with one name per line")
-    return Found(source=str(path), targets=tuple(_by_port_rule(one, host) for one in vehicles))
+    targets = tuple(_by_port_rule(one, host, path.parent) for one in vehicles)
+    return Found(source=str(path), targets=targets)
 
 
-def _by_port_rule(vehicle: VehicleEntry, host: str) -> Target:
+def _by_port_rule(vehicle: VehicleEntry, host: str, folder: Path) -> Target:
+    """Return the target of a vehicle in a YAML. folder: the folder of the YAML"""
+    direct = None
+    if vehicle.connection is not None:
+        key_file = str((folder / vehicle.key_file).absolute()) if vehicle.key_file else ""
+        direct = replace(DirectAddress.of(vehicle.connection), uid=valid_uid(vehicle.uid), key_file=key_file)
     base = _LINK_BASE + 10 * vehicle.id
-    direct = DirectAddress.of(vehicle.connection) if vehicle.connection is not None else None
     return Target(
         name=vehicle.name,
         id=vehicle.id,
         autopilot=(host, base + _PANIC_AUTOPILOT),
         partner=(host, base + _PANIC_PARTNER),
         tools=(host, base + _TOOLS),
-        direct=replace(direct, uid=valid_uid(vehicle.uid)) if direct is not None else None,
+        direct=direct,
     )
 
 

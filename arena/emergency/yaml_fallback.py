@@ -21,12 +21,14 @@ class VehicleEntry:
 
     connection: connection of a real vehicle, from its `url`; None for a simulated vehicle.
     uid: value of its key `uid`, the hardware uid of a real vehicle; None without this key
+    key_file: file with the key of MAVLink signing, as written in the YAML; "" if there is none
     """
 
     name: str
     id: int
     connection: ConnectionUrl | None = None
     uid: Any = None
+    key_file: str = ""
 
 
 def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
@@ -54,7 +56,11 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
     connections = {str(name): _connection(root, keys) for name, keys in vehicles.items()}
     named = [
         VehicleEntry(
-            name=name, id=number or next(free), connection=connections[name], uid=_uid(vehicles[name])
+            name=name,
+            id=number or next(free),
+            connection=connections[name],
+            uid=_uid(vehicles[name]),
+            key_file=_key_file(vehicles[name]),
         )
         for name, number in given.items()
     ]
@@ -74,6 +80,12 @@ def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
         )
     except ValueError:
         return None
+
+
+def _key_file(keys: Any) -> str:
+    signing = keys.get("signing") if isinstance(keys, dict) else None
+    file = signing.get("key_file") if isinstance(signing, dict) else None
+    return file if isinstance(file, str) else ""
 
 
 def _id(keys: Any) -> int | None:

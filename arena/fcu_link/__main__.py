@@ -16,6 +16,7 @@ from arena.errors import ArenaError
 from arena.fcu_link.core import SIMULATOR, FcuLink, Out
 from arena.fcu_link.identity import NO_UID
 from arena.fcu_link.settings import Settings
+from arena.fcu_link.signing import LinkSigning
 from arena.fcu_link.simulator_client import SimulatorClient, controller_greeting
 from arena.fcu_link.transports import FcuTransport, open_transport
 from arena.fcu_link.wire_record import WireRecord
@@ -42,6 +43,7 @@ class FcuLinkShell:
         self._process, self._s = process, settings
         self._record = WireRecord(settings.wire_file)
         self._core = FcuLink(settings, now, *self._record.read())
+        self._signing = LinkSigning(settings, self._core.counts)
         self._ages = StampAges(time.time(), now)
         self._sockets = {
             name: AgedSocket(listen_udp(ends.local, f"the {name} link"), self._ages, now)
@@ -71,7 +73,8 @@ class FcuLinkShell:
             self._wait()
             now = time.monotonic()
             for source, data, found in self._transport.read(now):
-                self._send(self._core.from_vehicle(data, found, now, source))
+                signed = self._signing.accepted(source, data, found, now)
+                self._send(self._core.from_vehicle(data, signed, now, source))
             if self._simulator is not None:
                 for data, found in self._simulator.read():
                     self._core.from_simulator(data, found, now)
@@ -136,9 +139,10 @@ class FcuLinkShell:
                 self._sockets[end].sendto(data, self._remotes[end])
 
     def _flush(self, now: float) -> None:
-        for source, request in self._core.uid_requests(now):
-            self._transport.request(source, request)
-        if not self._transport.write(lambda: self._core.next_out(now), now):
+        for source, request in (*self._core.uid_requests(now), *self._signing.greetings()):
+            if (frame := self._signing.signed(request)) is not None:
+                self._transport.request(source, frame)
+        if not self._transport.write(lambda: self._signing.next_frame(self._core.next_out, now), now):
             self._core.queue.clear()
 
     def _tick(self, now: float) -> None:
@@ -146,6 +150,8 @@ class FcuLinkShell:
         self._ages.update(time.time(), now)
         self._transport.tick(now)
         self._core.tick(now)
+        self._signing.tick(now)
+        self._core.signing_problem = self._signing.problem
         self._process.audit(self._core.gate.audit.take())
         for request in self._process.requests():
             self._core.on_request(request, now)
@@ -167,7 +173,8 @@ class FcuLinkShell:
         if not self._ready and self._core.ever_connected and self._core.params.complete:
             self._ready = True
             self._process.ready()
-        for events in (self._transport.events, self._simulator.events if self._simulator is not None else []):
+        simulator_events = self._simulator.events if self._simulator is not None else []
+        for events in (self._transport.events, self._signing.events, simulator_events):
             for text in events:
                 self._say(f"{self._s.vehicle}: {text}")
             events.clear()

@@ -81,6 +81,7 @@ class FcuLink:
         self._panic_received_at = -math.inf
         self._heartbeat_at = -math.inf
         self._boot_ms = 0
+        self.signing_problem = ""  # why messages of the vehicle are not used, if it has a signing key
         self._silence = SilenceReport(s.connection, s.id, COMPONENT, self.counts, now)
         self._reasons_sent_at: dict[str, float] = {}
         self._refusal_reported_at = -math.inf
@@ -336,7 +337,7 @@ class FcuLink:
         if self.alive(now) and self.identity.source is not None:
             self._silence.restart(now)
             self._request(now)
-        elif text := self._silence.text(self.identity.problem(now), now):
+        elif text := self._silence.text(self.identity.problem(now) or self.signing_problem, now):
             self._say(text)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:

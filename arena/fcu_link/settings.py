@@ -58,6 +58,7 @@ class Settings:
     uid: hardware uid of the vehicle in hexadecimal digits; "none": its autopilot reports no uid; "": any
     params_file: file for QGroundControl to which the parameters are written; "" for none
     wire_file: file for land-all to which the vehicle's last address is written; "" for none
+    key_file: file with the key of MAVLink signing; "" if the vehicle does not sign
     """
 
     vehicle: str
@@ -71,6 +72,7 @@ class Settings:
     simulated: bool
     uid: str
     wire_file: str = ""
+    key_file: str = ""
 
     @classmethod
     def from_slice(cls, raw: Mapping[str, Any]) -> Settings:
@@ -95,6 +97,7 @@ class Settings:
                 simulated=bool(raw["simulated"]),
                 uid=str(raw["uid"]),
                 wire_file=str(raw.get("wire_file", "")),
+                key_file=str(raw.get("key_file", "")),
             )
         except (KeyError, TypeError) as error:
             what = f"{type(error).__name__} {error}"

@@ -7,11 +7,14 @@ from collections.abc import Iterator, Sequence
 from arena.errors import InputError, Problem
 from arena.params.checks.findings import Finding
 from arena.params.facts.failsafe_table import rc_priority_modes
+from arena.params.facts.parameter_table import Version
 from arena.plan.firmware import px4_version, written_param_findings
 from arena.schema import Arena
 from arena.schema.loader import YamlPath
 from arena.schema.models import Tool
 from arena.schema.source import near
+
+_SIGNS_FROM = "1.18"
 
 
 def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
@@ -20,7 +23,7 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
     process_names: names of all processes, in start order.
     """
     problems = [*_tool_needs(arena, process_names), *_versions(arena)]
-    problems += [*_parameters(arena), *_radio(arena)] if not problems else []
+    problems += [*_parameters(arena), *_radio(arena), *_signing(arena)] if not problems else []
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=lambda p: (p.file, p.line)))
 
@@ -84,6 +87,18 @@ def _radio(arena: Arena) -> Iterator[Problem]:
                 "If there is no pilot with a transmitter, write `radio: none`."
             )
             yield arena.source.problem(arena.source.layer(v.name, "params", "COM_RC_IN_MODE"), message)
+
+
+def _signing(arena: Arena) -> Iterator[Problem]:
+    """Find vehicles with a signing key whose PX4 version does not sign messages."""
+    for v in arena.vehicles:
+        version = px4_version(v)
+        if v.key_file and Version.parse(version) < Version.parse(_SIGNS_FROM):
+            message = (
+                f"got PX4 {version}, which does not sign messages; expected {_SIGNS_FROM} or newer. "
+                f'If the vehicle has it, write `px4_version: "{_SIGNS_FROM}"`, else remove `signing`.'
+            )
+            yield arena.source.problem(arena.source.layer(v.name, "signing"), message)
 
 
 def _sentences(finding: Finding) -> str:

@@ -52,6 +52,7 @@ def _vehicle(v: Vehicle, firmware: Firmware) -> dict[str, Any]:
         "gps": v.gps,
         "sticks": v.sticks,
         "radio": None if v.simulated else v.radio,
+        "signing": {"key_file": v.key_file} if v.key_file else None,
         "measured": {name: one.model_dump() for name, one in v.measured.items()} or None,
         "forward": v.forward,
         "pose_rate_hz": v.pose_rate_hz,

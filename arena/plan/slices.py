@@ -171,6 +171,7 @@ def link(job: Job) -> Json:
         "params": hitl_params(v, job.firmware.values) if v.simulated else job.firmware.values,
         "params_file": f"{{run}}/params/{v.name}.params",
         "wire_file": f"{{run}}/wire/{v.name}.json",
+        "key_file": v.key_file,
         "simulated": v.simulated,
     }
 

@@ -106,6 +106,7 @@ class Vehicle:
     uid: hardware uid of the real flight controller in hexadecimal digits; "none": it reports no uid; "": any.
     sticks: whether a simulated vehicle has an RC transmitter.
     radio: `required` if a hardware vehicle has a pilot with an RC transmitter; always `none` for other vehicles.
+    key_file: absolute path of the file with the vehicle's signing key; "" if its messages are not signed.
     measured: PX4 parameters that were measured on a hardware vehicle; they are part of own_params, too.
     px4_version: version in the PX4 binary, else the version in the YAML; "" if unknown.
     """
@@ -134,6 +135,7 @@ class Vehicle:
     gps: bool = False
     sticks: bool = False
     radio: Radio = "none"
+    key_file: str = ""
     measured: Mapping[str, Measured] = field(default_factory=dict)
     px4_version: str = ""
 

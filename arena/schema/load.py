@@ -17,6 +17,7 @@ from arena.schema.loader import Document, YamlPath, load_yaml
 from arena.schema.models import ArenaFile
 from arena.schema.profile import Profile
 from arena.schema.resolve import DEFAULT_PROFILE, resolve
+from arena.schema.signing import key_problems
 from arena.schema.source import Source, with_overrides
 from arena.schema.validate import validate
 
@@ -45,6 +46,8 @@ def arena_of(document: Document, overrides: Sequence[str] = (), files: Files | N
     files = files or RealFiles()
     arena = resolve(found.model, source, profiles, files.find_px4, params)
     problems += more
+    keys = {v.name: v.key_file for v in arena.hardware if v.key_file}
+    problems += [source.problem(path, said) for path, said in key_problems(keys)] if keys else []
     problems += found.problems
     problems += check(Check(arena=arena, source=source, pruned=found.pruned, files=files))
     if problems:

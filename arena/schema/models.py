@@ -16,6 +16,7 @@ from arena.schema.base import Address, NotNegative, Port, Positive, PositiveVect
 from arena.schema.copilot import Copilot
 from arena.schema.hardware_uid import HardwareUid
 from arena.schema.measured import Measured
+from arena.schema.signing import Signing
 from arena.schema.mocap import Mocap
 
 
@@ -321,6 +322,8 @@ class VehicleKeys(VehicleDefaults):
     """Hardware uid of a real autopilot, hexadecimal; none: it reports no uid. Default: the first one that answers in a run."""
     measured: dict[str, Measured] | None = None
     """PX4 parameters that were measured on this hardware vehicle: name -> value, date, how. `arena params measured` shows them."""
+    signing: Signing | None = None
+    """MAVLink message signing of a hardware vehicle. Default: messages are not signed."""
     baud: Annotated[int | None, Field(ge=1200, le=12_000_000)] = None
     """Baud rate of a serial connection to an autopilot. Default 921600."""
 

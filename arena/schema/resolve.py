@@ -177,6 +177,7 @@ class _Merge:
             gps=gps,
             sticks=sticks,
             radio=self._take("radio", "required") if autopilot == "hardware" else "none",
+            key_file=self._key_file(),
             measured=own.measured or {},
             position=start.position,
             rpy_deg=start.rpy_deg,
@@ -218,6 +219,12 @@ class _Merge:
             return parse_url(given, baud=baud) if autopilot == "hardware" else serial
         except ValueError:
             return None
+
+    def _key_file(self) -> str:
+        if self.own.signing is None:
+            return ""
+        file = str((self.folder / self.own.signing.key_file).absolute())
+        return str(self._own("signing.key_file", file, "default"))
 
     def _take(self, key: str, default: Any, words: str = "default") -> Any:
         """Return the value under the vehicle, else the value under `defaults`, else `default`; record its origin."""

@@ -315,6 +315,16 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "3: vehicles.uav1.measured.MPC_XY_P: ",
         "got 1 from 2026-11-20, but `params` has 0.9. Remove one of them.",
     ),
+    "signing of a simulated vehicle": (
+        "vehicles:\n  uav1: {autopilot: builtin, signing: {key_file: uav1.key}}\n",
+        "2: vehicles.uav1.signing: ",
+        "is for autopilot: hardware",
+    ),
+    "signing with a key that is missing": (
+        NATNET + f"  uav1: {{{REAL}, px4_version: '1.18', signing: {{key_file: uav1.key}}}}\n",
+        "3: vehicles.uav1.signing.key_file: ",
+        "cannot be read: No such file or directory. `arena signing new FILE` makes a key.",
+    ),
     "hardware that nobody sees": (
         "vehicles:\n  uav1: {autopilot: hardware, profile: iris, radio: none, url: 'udpin:0.0.0.0:14540'}\n",
         "2: vehicles.uav1.autopilot: ",

@@ -1,0 +1,116 @@
+"""Message signing of the link to a flight controller: the key, the last timestamp, and the reason why messages are not used."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+
+from arena.fcu_link.core import COMPONENT
+from arena.fcu_link.identity import Source
+from arena.fcu_link.settings import Settings
+from arena.signing_key import TimestampFile, read_key
+from arena.wire.mavlink_codec import Codec
+from arena.wire.mavlink_frame import AUTOPILOT, Buffer, ParsedFrames, parse_frames
+from arena.wire.mavlink_signing import LINK_PROCESS, SETUP_SIGNING, SignedConnection, Verdict
+
+_GREETING_S = 1.0
+_MOST_SOURCES = 8
+_PROBLEMS = {
+    Verdict.UNSIGNED: "its messages are not signed: it has no key. Run `arena signing setup`",
+    Verdict.WRONG: "its messages have a wrong signature: it has another key than {file}",
+    Verdict.OLD: "its messages have old timestamps: it has just started, or somebody repeats recorded messages",
+}
+
+
+class LinkSigning:
+    """Signs every frame for the vehicle, and passes only validly signed frames from the vehicle.
+
+    Without a key file in the settings, it passes all frames unchanged. Raises InputError if the key cannot be read.
+    A vehicle that has just started has an old timestamp until it receives a signed frame: `greetings` returns one for each
+    source whose frames are not valid.
+    events: messages for the user; the caller takes them and empties the list
+    problem: why the last messages of the vehicle were not used; "" if they were
+    counts: receives the number of dropped frames, by reason
+    wall: returns the time of the wall clock [s since 1970]
+    """
+
+    def __init__(
+        self, settings: Settings, counts: Counter[str], wall: Callable[[], float] = time.time
+    ) -> None:
+        self.events: list[str] = []
+        self.problem = ""
+        self._system, self._file, self._counts, self._wall = settings.id, settings.key_file, counts, wall
+        self._codec = Codec(settings.id, COMPONENT)
+        self._connection: SignedConnection | None = None
+        self._timestamps: TimestampFile | None = None
+        self._was_valid, self._write_problem = False, ""
+        self._greeted: dict[Source, float] = {}
+        self._to_greet: list[Source] = []
+        if settings.key_file:
+            self._timestamps = TimestampFile(settings.key_file)
+            first, own = self._timestamps.first(), (settings.id, COMPONENT)
+            self._connection = SignedConnection(read_key(settings.key_file), LINK_PROCESS, first, own=own)
+
+    def accepted(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> ParsedFrames:
+        """Return the frames from a source that may be used. now: monotonic [s]"""
+        if self._connection is None:
+            return found
+        before = self._connection.counts.copy()
+        frames = self._connection.accepted(data, found.frames, self._wall())
+        wrong = self._connection.counts - before
+        del wrong[Verdict.VALID]
+        for verdict, n in wrong.items():
+            self._counts[f"from the vehicle: {verdict.value}"] += n
+        if any(f.sysid == self._system and f.compid == AUTOPILOT for f in frames):
+            self.problem = ""
+            if not self._was_valid:
+                self._was_valid = True
+                self.events.append("its messages have a valid signature")
+        elif any(f.sysid == self._system and f.compid == AUTOPILOT for f in found.frames):
+            self.problem = _PROBLEMS[next(iter(wrong))].format(file=self._file)
+            self._greet(source, now)
+        return found._replace(frames=frames)
+
+    def greetings(self) -> list[tuple[Source, bytes]]:
+        """Return a heartbeat, not yet signed, for each source that has sent invalid frames: at most one a second."""
+        sources, self._to_greet = self._to_greet, []
+        return [(source, self._codec.onboard_heartbeat()) for source in sources]
+
+    def signed(self, frame: bytes) -> bytes | None:
+        """Return the frame with a signature. Return None, and count the frame, if it must not or cannot be signed."""
+        if self._connection is None:
+            return frame
+        if any(f.msgid == SETUP_SIGNING for f in parse_frames(frame).frames):
+            self._counts["to the vehicle: SETUP_SIGNING"] += 1  # it would contain a key as plain text
+            return None
+        signed = self._connection.sign(frame, self._wall())
+        self._counts["to the vehicle: cannot be signed"] += signed is None
+        return signed
+
+    def next_frame(self, take: Callable[[float], bytes | None], now: float) -> bytes | None:
+        """Return the next frame for the vehicle, signed; None if there is none.
+
+        take: returns the next frame that is not signed. Frames that cannot be signed are dropped.
+        """
+        while (frame := take(now)) is not None:
+            if (signed := self.signed(frame)) is not None:
+                return signed
+        return None
+
+    def tick(self, now: float) -> None:
+        """Store the last timestamp when it is due, so that a restarted link process continues after it."""
+        if self._connection is None or self._timestamps is None:
+            return
+        self._timestamps.save(self._connection.timestamp, now)
+        problem = self._timestamps.problem
+        if problem and problem != self._write_problem:
+            self.events.append(f"{problem}; the run continues")
+        self._write_problem = problem
+
+    def _greet(self, source: Source, now: float) -> None:
+        if len(self._greeted) >= _MOST_SOURCES and source not in self._greeted:
+            self._greeted.pop(min(self._greeted, key=lambda one: self._greeted[one]))
+        if now - self._greeted.get(source, now - _GREETING_S) >= _GREETING_S:
+            self._greeted[source] = now
+            self._to_greet.append(source)
