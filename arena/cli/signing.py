@@ -90,7 +90,7 @@ def serial_connection(vehicle: Vehicle, url: str) -> ConnectionUrl:
 def run_exchange(
     exchange: KeyExchange, connection: ConnectionUrl, name: str, timeout_s: float = SETUP_TIMEOUT_S
 ) -> None:
-    """Exchange the key over a serial device. Raises RunError if the vehicle does not take the key.
+    """Give the key to the vehicle over a serial device. Raises RunError if the vehicle does not take the key.
 
     timeout_s: [s]
     """

@@ -16,8 +16,8 @@ from arena.schema.base import Address, NotNegative, Port, Positive, PositiveVect
 from arena.schema.copilot import Copilot
 from arena.schema.hardware_uid import HardwareUid
 from arena.schema.measured import Measured
-from arena.schema.signing import Signing
 from arena.schema.mocap import Mocap
+from arena.schema.signing import Signing
 
 
 def _speed(value: Any) -> float | Literal["max"]:

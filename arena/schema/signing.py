@@ -13,7 +13,7 @@ class Signing(Strict):
     """MAVLink message signing of a hardware vehicle with PX4 1.18 or newer."""
 
     key_file: str
-    """File with the key, relative to arena.yaml, mode 0600. `arena signing new` makes it, `arena signing setup` gives the key to the vehicle."""
+    """File with the key, relative to arena.yaml, mode 0600. `arena signing new` makes it, `arena signing setup` gives it to the vehicle."""
 
 
 def key_problems(key_files: Mapping[str, str]) -> Iterator[tuple[YamlPath, str]]:
