@@ -117,6 +117,14 @@ def _hardware_only(c: Check) -> Iterator[Problem]:
                 yield c.problem(v.name, ("measured", name), said)
 
 
+def _restarted_programs(c: Check) -> Iterator[Problem]:
+    """Refuse `restart: always` for programs of hardware vehicles, because such a program would fly again without a person."""
+    for v in c.arena.hardware:
+        if v.program is not None and v.program.restart == "always" and c.sound(v, "program"):
+            said = "got always, but a program of a real vehicle must not take off again by itself. Use never or on_failure."
+            yield c.problem(v.name, ("program", "restart"), said)
+
+
 def _shared_uids(c: Check) -> Iterator[Problem]:
     """Check that each hardware uid is that of one vehicle."""
     known = [v for v in c.arena.vehicles if v.uid not in ("", "none")]
@@ -164,4 +172,4 @@ def _capture(c: Check) -> Iterator[Problem]:
         yield c.source.problem(("mocap", "source"), said)
 
 
-REAL = (_wires, _shared_wires, _shared_uids, _profiles, _hardware_only, _speed, _capture)
+REAL = (_wires, _shared_wires, _shared_uids, _profiles, _hardware_only, _restarted_programs, _speed, _capture)

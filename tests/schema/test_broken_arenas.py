@@ -294,6 +294,11 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "2: vehicles.uav1.radio: ",
         "is for autopilot: hardware, but uav1 has autopilot: builtin. Remove the key.",
     ),
+    "program of a real vehicle that always restarts": (  # review fault 9
+        NATNET + f"  uav1: {{{REAL}, program: {{path: hover.py, restart: always}}}}\n",
+        "3: vehicles.uav1.program.restart: ",
+        "got always, but a program of a real vehicle must not take off again by itself. Use never or on_failure.",
+    ),
     "radio that is not a radio": (
         NATNET + f"  uav1: {{{REAL}, radio: optional}}\n",
         "3: vehicles.uav1.radio: ",
