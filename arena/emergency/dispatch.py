@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from arena.emergency.direct_link import DirectLink
-from arena.emergency.identity_check import RelayedIdentity
+from arena.emergency.identity_check import IdentityCheck
 from arena.emergency.landing_sequence import Action, LandingSequence
 from arena.emergency.run_record import recorded_down
 from arena.emergency.targets import Target
@@ -48,7 +48,8 @@ class TargetConnections:
         self.panic = _open_panic_link(target)
         self._began, self._next_bind = now, now + _REBIND_S
         self._direct: DirectLink | None = None
-        self._relayed: RelayedIdentity | None = None
+        self._relayed: IdentityCheck | None = None
+        self._link = f"link.{target.name}"
         if target.direct is not None:
             system, component, uid = target.id, landing.component, target.direct.uid
             self._direct = DirectLink(
@@ -61,7 +62,9 @@ class TargetConnections:
             )
             if uid:
                 said = _OnceEach(lambda text: say(f"{target.name}: {text}"))
-                self._relayed = RelayedIdentity(system=system, component=component, uid=uid, say=said)
+                self._relayed = IdentityCheck(
+                    system=system, component=component, uid=uid, recorded=self._link, say=said
+                )
 
     def send(self, now: float) -> None:
         """Send the frames that are due, on every connection."""
@@ -77,10 +80,10 @@ class TargetConnections:
             self.panic = _open_panic_link(self.target)
 
     def _send_relayed(self, frames: list[bytes], now: float) -> None:
-        """Send frames on the panic link and through the router."""
+        """Send frames on the panic link and through the router. The link process refuses to send them to another vehicle."""
         if self._relayed is not None:
-            requests = self._relayed.requests(now)
-            frames = requests if self._relayed.is_other else [*frames, *requests]
+            requests = [request for _, request in self._relayed.requests(now)]
+            frames = requests if self._relayed.is_other(self._link) else [*frames, *requests]
         for frame in frames:
             with contextlib.suppress(OSError):  # a network that is away may be back at the next turn
                 (self.panic or self.router).sendto(frame, self.target.autopilot)
@@ -119,8 +122,9 @@ class TargetConnections:
     def _read(self, sock: socket.socket) -> None:
         for data, sender in receive_datagrams(sock):
             known = sender in (self.target.autopilot, self.target.tools)
-            if known and (self._relayed is None or self._relayed.receive(data)):
-                self.landing.on_datagram(data, time.monotonic())
+            now = time.monotonic()
+            if known and (self._relayed is None or self._relayed.receive(data, self._link, now)):
+                self.landing.on_datagram(data, now)
 
     def _read_direct(self, fd: int) -> None:
         assert self._direct is not None

@@ -1,4 +1,4 @@
-"""Check that a real vehicle on a direct connection is the vehicle of the run, by the hardware uid of its autopilot. Pure.
+"""Check that a real vehicle is the vehicle of the run, by the hardware uid of its autopilot. Pure.
 
 Two vehicles may have the same MAVLink system id. The hardware uid is different for each autopilot.
 """
@@ -16,8 +16,13 @@ from arena.wire.mavlink_frame import AUTOPILOT, parse_frames
 Source = Address | str
 """Where data come from: the UDP address of the sender, or the name of a serial device or link."""
 
-SILENT_S = 3.0  # after this time without data, another vehicle may use the same source
-REQUEST_S = 0.25
+SILENT_S = (
+    2.0  # after this time without data, another vehicle may use the same source; a link process waits 3 s
+)
+REQUEST_S, REPEAT_S = (
+    0.25,
+    1.0,
+)  # interval of requests: before an answer, and after the answer of another vehicle
 TELEMETRY_S = 0.3  # a recorded source that has sent no telemetry for this time is commanded without its uid
 ANSWER_S = (
     1.0  # a vehicle at the recorded source that sends telemetry but no uid is commanded after this time
@@ -106,10 +111,15 @@ class IdentityCheck:
         found = []
         for source, state in self._sources.items():
             active = source == self._recorded or now - state.received_at < SILENT_S
-            if state.is_vehicle is None and active and now >= state.next_request:
-                state.next_request = now + REQUEST_S
+            if not state.is_vehicle and active and now >= state.next_request:
+                state.next_request = now + (REQUEST_S if state.is_vehicle is None else REPEAT_S)
                 found.append((source, _pack_request(self._sender, self._system)))
         return found
+
+    def is_other(self, source: Source) -> bool:
+        """Return whether a source has sent the uid of another vehicle."""
+        state = self._sources.get(source)
+        return state is not None and state.is_vehicle is False
 
     def forget(self, source: Source) -> None:
         """Require the uid of a source again, such as a serial device that was unplugged."""
@@ -151,40 +161,6 @@ class IdentityCheck:
         ) in self._sources.items():  # the vehicle has moved: its old source must send the uid again
             if other != source and one.is_vehicle:
                 self._require(one, one.received_at)
-
-
-class RelayedIdentity:
-    """Checks the hardware uid of the vehicle behind the link process, which itself refuses other vehicles.
-
-    The vehicle counts as the right one until it sends another uid. Other parameters as for `IdentityCheck`.
-    """
-
-    def __init__(self, *, system: int, component: int, uid: str, say: Callable[[str], None]) -> None:
-        self.is_other = False
-        self._system, self._uid, self._say = system, uid, say
-        self._sender = mav.MinimalSender(SYSTEM, component)
-        self._next_request = 0.0
-
-    def receive(self, data: bytes) -> bool:
-        """Process a datagram of the link process or the router. Return whether its telemetry counts."""
-        for frame in parse_frames(data).frames:
-            if (frame.sysid, frame.compid, frame.msgid) != (self._system, AUTOPILOT, mav.AUTOPILOT_VERSION):
-                continue
-            found = mav.parse_hardware_uid(data, frame)
-            self.is_other = not found.matches(self._uid)
-            if self.is_other:
-                self._say(
-                    f"another vehicle replies through its link process (hardware uid {found or 'none'}, "
-                    f"expected {self._uid}): not commanded"
-                )
-        return not self.is_other
-
-    def requests(self, now: float) -> list[bytes]:
-        """Return the request for the uid, if it is due."""
-        if now < self._next_request:
-            return []
-        self._next_request = now + 4 * REQUEST_S
-        return [_pack_request(self._sender, self._system)]
 
 
 def _pack_request(sender: mav.MinimalSender, system: int) -> bytes:

@@ -24,6 +24,7 @@ from arena.emergency.land_all import command, land_all
 from arena.emergency.run_record import ProcessIdentity
 
 K = 1
+OURS, OTHER = bytes(range(1, 19)), bytes(range(2, 20))
 DEADLINE_S = 60.0
 
 
@@ -78,6 +79,7 @@ class Lab:
             "params": {},
             "params_file": "",
             "simulated": False,
+            "uid": "",
             "wire_file": str(folder / "wire" / "uav1.json"),
         }
         link = {
@@ -165,10 +167,11 @@ def lines(capsys):
 
 def test_a_working_link_records_the_address_and_carries_the_landing(lab, capsys):
     host = "127.66.1.1"
-    with Fleet([K], host, paths=("wire",)) as fleet:
+    with Fleet([flying(K, uid2=OURS)], host, paths=("wire",)) as fleet:
         site = lab(host, udpin(host))
         site.start()
-        assert site.seen() == {"kind": "udpin", "local": [host, 14541], "vehicle": [host, 25001]}
+        seen = {"kind": "udpin", "local": [host, 14541], "vehicle": [host, 25001], "uid": OURS.hex()}
+        site.until(lambda: site.seen() == seen)
         assert land_all(run=site.folder) == 0
         assert fleet.autopilots[K].mode == "AUTO.LAND" and site.link.poll() is None
     printed = lines(capsys)
@@ -280,10 +283,14 @@ def test_a_second_land_all_is_obeyed_by_the_link_too(lab, end_when):
 def test_review_fault_5_a_pilots_vehicle_is_refused_by_its_link(lab, capsys):
     """The pilot has control from the start, so land-all commands the vehicle, and the hardware link refuses."""
     host = "127.66.11.1"
-    with Fleet([flying(K, mode="POSCTL")], host, paths=("wire",)) as fleet:
+    fake = flying(K, mode="POSCTL", uid2=OURS)
+    with Fleet([fake], host, paths=("wire",)) as fleet:
         site = lab(host, udpin(host))
         site.start()
-        assert land_all(run=site.folder, timeout_s=3.0) == 1
+        site.until(lambda: site.seen().get("uid") == OURS.hex())
+        ticks = fake.ticks
+        until(lambda: fake.ticks > ticks + 20)  # the link has received heartbeats of the identified vehicle
+        assert land_all(run=site.folder, timeout_s=5.0) == 1
     assert not {SET_MODE, LAND, ARM} & set(orders(fleet.autopilots[K]))
     last = lines(capsys)[-1]
     assert last.startswith("uav1: NOT CONFIRMED: armed, in the air, mode POSCTL")
@@ -390,9 +397,6 @@ def test_review_fault_10_a_serial_device_is_given_back(lab, serial_cable, capsys
 # review fault 4: another vehicle with the same system id
 
 
-OURS, OTHER = bytes(range(1, 19)), bytes(range(2, 20))
-
-
 class Bench(Served):
     """A vehicle on UDP that sends to an address from a port of its own."""
 
@@ -438,6 +442,24 @@ def test_review_fault_4_the_vehicle_is_found_at_a_new_address(lab, capsys):
     assert ours.landed and not ours.armed and LAND in orders(ours)
     assert not {SET_MODE, LAND, ARM} & set(orders(bench))
     assert "uav1: landed and disarmed after" in lines(capsys)[-1]
+
+
+@pytest.mark.parametrize("number", [None, signal.SIGKILL])
+def test_review_fault_4_the_uid_that_the_link_has_recorded_is_checked(lab, capsys, number):
+    """The vehicle falls silent in flight, and a vehicle on the bench with its system id is switched on."""
+    host = f"127.66.10.{6 if number is None else 7}"
+    ours, bench = flying(K, uid2=OURS), flying(K, landed=True, armed=False, uid2=OTHER)
+    site = lab(host, udpin(host))
+    with Bench(ours, (host, 25009), (host, 14541)):
+        site.start()
+        site.until(lambda: site.seen().get("uid") == OURS.hex())
+        ours.alive = False
+        if number is not None:
+            site.signal(number)
+        with Bench(bench, (host, 25010), (host, 14541)):
+            assert land_all(run=site.folder, timeout_s=5.0) == 1
+    assert not {SET_MODE, LAND, ARM} & set(orders(bench))
+    assert lines(capsys)[-1].startswith("uav1: NOT CONFIRMED")
 
 
 def test_without_a_recorded_uid_a_line_reports_it(lab, capsys):

@@ -8,11 +8,11 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.emergency.identity_check import (
     ANSWER_S,
+    REPEAT_S,
     REQUEST_S,
     SILENT_S,
     TELEMETRY_S,
     IdentityCheck,
-    RelayedIdentity,
 )
 
 OURS, OTHER = bytes(range(1, 19)), bytes(range(2, 20))
@@ -139,10 +139,8 @@ def test_a_flood_of_sources_does_not_displace_the_vehicle(scene):
     assert scene.receive(0.3, A, beat()) and len(scene.asked(0.3)) < 20
 
 
-def test_another_vehicle_behind_the_link_process_does_not_count():
-    said = []
-    check = RelayedIdentity(system=1, component=200, uid=OURS.hex(), say=said.append)
-    assert check.receive(pack(beat())) and len(check.requests(0.0)) == 1 and check.requests(0.1) == []
-    assert not check.receive(pack(version(OTHER), beat())) and check.is_other
-    assert "another vehicle replies through its link process" in said[0]
-    assert check.receive(pack(version(OURS))) and not check.is_other
+def test_a_source_with_another_vehicle_is_asked_again(scene):
+    scene.receive(0.1, A, version(OTHER))
+    assert scene.check.is_other(A) and not scene.check.is_other(B)
+    assert scene.asked(0.2) == [A] and scene.asked(0.9) == [] and scene.asked(0.2 + REPEAT_S) == [A]
+    assert scene.receive(2.0, A, version(OURS)) and not scene.check.is_other(A)
