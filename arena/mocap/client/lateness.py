@@ -24,7 +24,7 @@ _PROVEN_S = 2.0  # a reference with which frames have agreed for longer is not g
 _SETTLED_S = 3.0  # before that: all late for so long while not flying
 _DRIFT = 2e-4  # between two clocks [s/s]: a quartz clock is wrong by 1e-4 at most
 _MAX_PROCESSING_S = 10.0  # between exposure and sending; more is a wrong stamp
-_PROOF_COUNT = 3  # echo answers in a row that contradict the limits
+_PROOF_COUNT = 2  # echo answers in a row that contradict the limits
 _ECHO_ERROR_S = 0.01  # between an event and the reading of a clock that belongs to it
 _MAX_ROUND_TRIP_S = 2.0
 

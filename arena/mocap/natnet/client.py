@@ -20,7 +20,7 @@ from arena.mocap.vendors import Settings
 _RETRY_S = 0.5
 _SILENT_S = 2.0  # without frames for so long: start again, the server or the network may have restarted
 _KEEPALIVE_S = 1.0
-_COMPARE_CLOCKS_S = 0.5
+_COMPARE_CLOCKS_S = 0.2  # often enough to follow the clock of a simulated server that stutters
 _NO_UNICAST_S = 1.0  # without frames for so long after opening: a unicast server may stream to the data port
 _KEEPALIVE = codec.packet(codec.KEEPALIVE)
 
