@@ -209,6 +209,7 @@ class Supervisor:
         self._show.refresh(self.status, now)
 
     def _decide(self, now: float) -> None:
+        self._shutdown.update_hold()
         self._processes.reconcile(self._orders, now)
         self._processes.cut_logs(now)
         if self.options.adopt:

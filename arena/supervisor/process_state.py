@@ -196,7 +196,9 @@ def _alive(spec: ProcessSpec, status: ProcessStatus, observation: Observation, n
     if observation.stop:
         return _stop(spec, status, After.END, observation.why or "stop requested", now)
     if observation.restart:
-        return _stop(spec, status, After.RESTART, observation.why or "restart requested", now)
+        # A process that serves an armed real vehicle would not end on the stop signal.
+        action = Action.KILL if observation.hold else Action.TERMINATE
+        return _stop(spec, status, After.RESTART, observation.why or "restart requested", now, action)
     status = _stopped(status, observation, now)
     if (
         status.stopped_at is not None

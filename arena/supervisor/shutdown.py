@@ -52,6 +52,10 @@ class Shutdown:
         p = self._processes
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
+    def update_hold(self) -> None:
+        """Find the processes that serve an armed real vehicle, and therefore do not end on a stop signal."""
+        self._orders.hold = run_end.serving_real(self._plan, self.armed())
+
     def forget(self, vehicle: str, by: str, now: float) -> None:
         """Stop waiting for a real vehicle, because an operator declares it dead. Raises ValueError if this is refused.
 
@@ -105,7 +109,6 @@ class Shutdown:
         down |= {name: f"declared dead by {who}" for name, who in self.forgotten.items()}
         if self.at_once:
             flying, down = self._real_only(flying, down)
-        self._orders.hold = run_end.serving_real(plan, self.armed())
         if self._again:
             self._revive(self.armed())
         done = self.landing.step(
@@ -162,7 +165,6 @@ class Shutdown:
         alive = set(p.alive)
         if not alive:
             return True
-        orders.hold = run_end.serving_real(self._plan, self.armed())
         waiting = self._waiting(alive, now)
         may_stop = run_end.may_stop(self._plan, p.statuses) & alive
         stopping = (alive if self.at_once else may_stop or alive) - waiting

@@ -314,6 +314,11 @@ def test_process_is_not_killed_while_its_vehicle_is_armed():  # review fault 6
     assert walk(SPEC, *moves, *held, (101, Observation(hold=True, kill=True)))[1][-1] is Action.KILL
 
 
+def test_restart_in_flight_does_not_wait_for_a_process_that_continues():
+    moves = [(0, READY_NEEDS), (1, Observation(proof="p")), (2, Observation(restart=True, hold=True))]
+    assert walk(SPEC, *moves)[1][-1] is Action.KILL
+
+
 def test_hung_process_is_killed_also_while_its_vehicle_is_armed():
     hung = replace(SPEC, silent_for_s=6.0)
     moves = [(0, READY_NEEDS), (1, Observation(proof="p")), (8, Observation(silent_s=6.5, hold=True))]
