@@ -19,11 +19,9 @@ import os
 import selectors
 import signal
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from arena.plan.model import Plan
 from arena.supervisor import child_process, run_end
@@ -39,6 +37,7 @@ from arena.supervisor.process_state import ENDED, State
 from arena.supervisor.release import check_release, guards
 from arena.supervisor.run_end import Cause, End
 from arena.supervisor.run_folder import Member, RunFolder
+from arena.supervisor.run_options import Options, Show
 from arena.supervisor.run_result import RunResult
 from arena.supervisor.shutdown import Shutdown
 from arena.supervisor.signals import SignalQueue
@@ -58,39 +57,6 @@ class Phase(StrEnum):
     STOP = "stopping"
     REPORT = "making the report"
     OVER = "over"
-
-
-class Show(Protocol):
-    """Interface for the output of a run to a person. The loop calls it, so no method may raise or block."""
-
-    def say(self, message: Message) -> None:
-        """Show one line of output to the person who watches the run."""
-
-    def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
-        """Redraw the live table if the refresh period is over. status: function that returns the state to show. now: monotonic [s]."""
-
-    def blocked_s(self, now: float) -> float:
-        """Return for how long the output has not been accepted [s]. now: monotonic [s]."""
-
-    def started(self, failed: list[str]) -> None:
-        """Report that all processes were started. failed: one text per process that failed to start."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Options:
-    """Options that decide when a run ends.
-
-    until_done: end when every program has ended and every vehicle is disarmed.
-    time_limit_s: end after this time [s]; None for no limit.
-    adopt: become the parent of processes that detach from a program, so that they end with the program. Use it only in a
-        process that has no other children.
-    permit_by: who has permitted the real vehicles to arm, as text; "" if nobody has.
-    """
-
-    until_done: bool = False
-    time_limit_s: float | None = None
-    adopt: bool = False
-    permit_by: str = ""
 
 
 class Supervisor:

@@ -1,0 +1,42 @@
+"""Options of a run, and the interface of its output to a person. The caller of the main loop passes both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from arena.supervisor.messages import Message
+
+
+class Show(Protocol):
+    """Interface for the output of a run to a person. The loop calls it, so no method may raise or block."""
+
+    def say(self, message: Message) -> None:
+        """Show one line of output to the person who watches the run."""
+
+    def refresh(self, status: Callable[[], dict[str, Any]], now: float) -> None:
+        """Redraw the live table if the refresh period is over. status: function that returns the state to show. now: monotonic [s]."""
+
+    def blocked_s(self, now: float) -> float:
+        """Return for how long the output has not been accepted [s]. now: monotonic [s]."""
+
+    def started(self, failed: list[str]) -> None:
+        """Report that all processes were started. failed: one text per process that failed to start."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options that decide when a run ends.
+
+    until_done: end when every program has ended and every vehicle is disarmed.
+    time_limit_s: end after this time [s]; None for no limit.
+    adopt: become the parent of processes that detach from a program, so that they end with the program. Use it only in a
+        process that has no other children.
+    permit_by: who has permitted the real vehicles to arm, as text; "" if nobody has.
+    """
+
+    until_done: bool = False
+    time_limit_s: float | None = None
+    adopt: bool = False
+    permit_by: str = ""
