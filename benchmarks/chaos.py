@@ -16,7 +16,6 @@ import os
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
@@ -47,11 +46,13 @@ def main(argv: list[str] | None = None) -> int:
     given = parser.parse_args(argv)
     with tempfile.TemporaryDirectory() as scratch:
         folder = str(given.keep or scratch)
-        results = list(_all(range(given.seed, given.seed + given.flights), folder, given.jobs))
+        results = campaign(range(given.seed, given.seed + given.flights), folder, given.jobs)
     return _report(results)
 
 
-def _all(seeds: range, folder: str, jobs: int) -> Iterator[Result]:
+def campaign(seeds: range, folder: str, jobs: int) -> list[Result]:
+    """Fly all seeds, `jobs` flights at a time, and return the results of the flights that could be flown. folder: for run folders."""
+    found = []
     with ProcessPoolExecutor(jobs) as pool:
         begun = {pool.submit(fly, seed, folder): seed for seed in seeds}
         for done in as_completed(begun):
@@ -61,12 +62,12 @@ def _all(seeds: range, folder: str, jobs: int) -> Iterator[Result]:
                 continue
             result = done.result()
             words = "; ".join(result.why) or "ok"
+            flown = f"{result.took_off} took off, {result.lasted_s:.0f} s"
             print(
-                f"seed {result.script.seed}: {words} ({result.took_off} took off, {result.lasted_s:.0f} s) | {result.script}",
-                file=sys.stderr,
-                flush=True,
+                f"seed {result.script.seed}: {words} ({flown}) | {result.script}", file=sys.stderr, flush=True
             )
-            yield result
+            found.append(result)
+    return found
 
 
 def _report(results: list[Result]) -> int:
