@@ -19,7 +19,7 @@ from tests.end_to_end.flight import PROGRAMS, Flight, Hangar
 from tests.end_to_end.posing import PosingRoom, PosingVehicle
 
 _PORT = 14540
-_LATE_S = 6.0
+_LATE_S, _PERMIT_AFTER_S = 6.0, 4.0
 _READY_S = 60.0
 _END_S = 90.0
 _FORGET_AFTER_S = 12.0
@@ -74,6 +74,7 @@ class ChaosFlight:
         self._runs: list[subprocess.Popen[str]] = []
         self._checked: set[int] = set()
         self._forgotten: list[str] = []
+        self._permitted = False
 
     def fly(self) -> Result:
         """Fly, and return the result."""
@@ -123,15 +124,26 @@ class ChaosFlight:
         """Wait until the vehicles are armed, at most _READY_S; a late vehicle joins. Return the number of armed vehicles."""
         began = time.monotonic()
         while time.monotonic() - began < _READY_S:
-            if self._script.late and time.monotonic() - began > _LATE_S:
-                self._radios[self._script.late].cut = False
-            wanted = [radio for name, radio in self._radios.items() if name != self._script.late]
+            self._join_late(time.monotonic() - began)
+            late = self._script.late if self._permitted else ""
+            wanted = [radio for name, radio in self._radios.items() if name != late]
             if all(radio.state.armed and radio.state.landed is False for radio in wanted):
                 break
             if self._flight.process.poll() is not None:
                 break
             time.sleep(_TICK_S)
         return sum(radio.state.was_armed for radio in self._radios.values())
+
+    def _join_late(self, since_s: float) -> None:
+        """Switch on the late vehicle, and some seconds later permit it to arm. It must not arm before. since_s: time since the start [s]."""
+        late = self._script.late
+        if not late or since_s < _LATE_S or self._permitted:
+            return
+        self._radios[late].cut = False
+        if since_s >= _LATE_S + _PERMIT_AFTER_S:
+            self._permitted = True
+            self._observed[late].armed_without_permit = self._radios[late].state.was_armed
+            self._command("arm-permit", late)
 
     # -- faults
 

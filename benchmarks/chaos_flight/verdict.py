@@ -21,6 +21,7 @@ class Observed:
     flew: it was armed at any time.
     pilot_since: first heartbeat in a manual mode that the arena received [s]; None without one.
     declared: an operator declared the vehicle dead with `arena forget`.
+    armed_without_permit: it joined late and was armed before an operator permitted it.
     false_landings: texts of the arena that say landed while the vehicle was armed.
     """
 
@@ -29,6 +30,7 @@ class Observed:
     flew: bool = False
     pilot_since: float | None = None
     declared: bool = False
+    armed_without_permit: bool = False
     received: Sequence[Received] = ()
     to_stranger: Sequence[Received] = ()
     false_landings: list[str] = field(default_factory=list)
@@ -45,6 +47,8 @@ def violations(vehicles: Iterable[Observed]) -> list[str]:
     for v in vehicles:
         if v.armed_at_end and not v.declared:
             found.append(f"{v.name}: left armed")
+        if v.armed_without_permit:
+            found.append(f"{v.name}: armed without a permit")
         found += [f"{v.name}: reported as landed while armed: {text}" for text in v.false_landings]
         found += [f"{v.name}: {r.what} from {_sender(r)} to another uid" for r in v.to_stranger]
         since = v.pilot_since
