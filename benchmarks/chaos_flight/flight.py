@@ -135,7 +135,7 @@ class ChaosFlight:
         return sum(radio.state.was_armed for radio in self._radios.values())
 
     def _join_late(self, since_s: float) -> None:
-        """Switch on the late vehicle, and some seconds later permit it to arm. It must not arm before. since_s: time since the start [s]."""
+        """Switch on the late vehicle, and some seconds later permit it to arm. since_s: time since the start [s]."""
         late = self._script.late
         if not late or since_s < _LATE_S or self._permitted:
             return

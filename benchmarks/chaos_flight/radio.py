@@ -207,7 +207,10 @@ class Radio(threading.Thread):
             if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
                 with contextlib.suppress(OSError):
                     stranger.sendto(
-                        self._version(self._stranger_codec, b"stranger" + bytes([self.system])), self._arena
+                        self._version(
+                            self._stranger_codec, (b"stranger" + bytes([self.system])).ljust(18, b"\0")
+                        ),
+                        self._arena,
                     )
 
     def _command(self, number: int, *params: float) -> None:
