@@ -6,6 +6,7 @@ interrupted push of parameters can be resumed).
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -90,6 +91,11 @@ def interrupted_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | Non
             raise InputError(
                 f"{record.path}: the interrupted push was to {v.name} at {record.vehicles[v.name].at}, "
                 f"but this arena has {v.name} at {address_text(arena, v)}"
+            )
+        if v.name in record.wanted and v.uid and record.vehicles[v.name].uid not in ("", v.uid):
+            raise InputError(
+                f"{record.path}: the interrupted push was to {v.name} with hardware uid {record.vehicles[v.name].uid}, "
+                f"but this arena has {v.name} with {v.uid}"
             )
     return record
 
@@ -224,21 +230,32 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarg
     found: dict[str, ParamTarget] = {}
     for v in vehicles:
         if run is not None:
-            found[v.name] = ParamTarget(system=v.id, remote=(run.address, v.ports.tools))
+            uid = v.uid or _uid_of_run(run, v)
+            found[v.name] = ParamTarget(system=v.id, remote=(run.address, v.ports.tools), uid=uid)
         elif v.wire is None or v.simulated:
             raise InputError(
                 f"{v.name} is simulated, but no arena is running on {arena.address}. Start the arena with `arena up`"
             )
         elif v.wire.kind == "serial":
-            found[v.name] = ParamTarget(system=v.id, device=v.wire.device, baud=v.wire.baud)
+            found[v.name] = ParamTarget(system=v.id, device=v.wire.device, baud=v.wire.baud, uid=v.uid)
         else:
             there = (v.wire.host, v.wire.port)
             found[v.name] = (
-                ParamTarget(system=v.id, local=there)
+                ParamTarget(system=v.id, local=there, uid=v.uid)
                 if v.wire.kind == "udpin"
-                else ParamTarget(system=v.id, remote=there)
+                else ParamTarget(system=v.id, remote=there, uid=v.uid)
             )
     return found
+
+
+def _uid_of_run(run: RunState, v: Vehicle) -> str:
+    """Return the hardware uid that the link process of a running arena has recorded; "" if there is none."""
+    if v.wire is None:
+        return ""
+    try:
+        return str(json.loads((Path(run.run) / "wire" / f"{v.name}.json").read_text()).get("uid", ""))
+    except (OSError, ValueError, AttributeError):
+        return ""
 
 
 def _run_of(arena: Arena) -> RunState | None:

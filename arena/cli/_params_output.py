@@ -53,6 +53,7 @@ _ENDINGS = {
     "no connection": "no MAVLink from the vehicle for 10 s, or no answer to any request",
     "connection lost": "no MAVLink from the vehicle for 3 s",
     "interrupted": "interrupted",
+    "wrong vehicle": "another vehicle answers",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -147,7 +148,7 @@ def push(
     if record.unfinished and not dry_run:
         print(f"The push was interrupted. Continue it with `arena params push --resume` ({record.path})")
     to_reboot = {
-        name: targets[name]
+        name: replace(targets[name], uid=report.uid or targets[name].uid)
         for name, report in reports.items()
         if report.needs_reboot and report.ending == "done"
     }

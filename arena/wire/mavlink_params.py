@@ -18,6 +18,7 @@ import struct
 from typing import NamedTuple
 
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame
+from arena.wire.mavlink_minimal import AUTOPILOT_VERSION, REQUEST_MESSAGE
 from arena.wire.qgc_params import INTEGERS
 
 REQUEST_READ, REQUEST_LIST, VALUE, SET, COMMAND_LONG, ERROR = 20, 21, 22, 23, 76, 345
@@ -95,6 +96,12 @@ def set_value(system: int, name: str, value: float, kind: int) -> Message:
 def reboot(system: int) -> Message:
     """Return a command that reboots the autopilot: MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN."""
     return COMMAND_LONG, _COMMAND.pack(1.0, *(0.0,) * 6, REBOOT, system, AUTOPILOT, 0)
+
+
+def request_uid(system: int) -> Message:
+    """Return a command that requests AUTOPILOT_VERSION, which contains the hardware uid: MAV_CMD_REQUEST_MESSAGE."""
+    params = (float(AUTOPILOT_VERSION), *(0.0,) * 6)
+    return COMMAND_LONG, _COMMAND.pack(*params, REQUEST_MESSAGE, system, AUTOPILOT, 0)
 
 
 def fitted(value: float, kind: int) -> float:

@@ -13,12 +13,13 @@ import threading
 import time
 import tty
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_autopilot import INT32, FakeAutopilot
-from served import Connection, LossyLink, SerialDevice, Served, UdpPort
+from fake_autopilot import INT32, REQUEST, FakeAutopilot
+from served import Connection, LossyLink, SerialDevice, Served, UdpPort, let_pass
 
 from arena.autopilot.param_table import SPECS
 from arena.errors import InputError
@@ -311,6 +312,57 @@ def test_killed_process_leaves_a_complete_record(tmp_path: Path) -> None:
         assert left.wanted == wanted and set(left.vehicles["uav1"].before) == set(new_values())
         assert push(targets, left.wanted, record=left)["uav1"].holds
     assert holds(vehicles[0], new_values())
+
+
+# -- identity --------------------------------------------------------------------------------------------------------------
+
+OURS, OTHER = bytes(range(1, 19)), bytes(range(101, 119))
+
+
+def with_uid(targets: dict[str, ParamTarget], uid: bytes) -> dict[str, ParamTarget]:
+    return {name: replace(target, uid=uid.hex()) for name, target in targets.items()}
+
+
+def test_review_fault_4_another_vehicle_is_not_written_to_read_or_rebooted() -> None:
+    vehicles = fleet(1)
+    vehicles[0].uid2 = OTHER
+    with serve(vehicles) as targets:
+        ours = with_uid(targets, OURS)
+        report = push(ours, same_for(ours, new_values()))["uav1"]
+        assert report.ending == "wrong vehicle"
+        assert report.why == f"another vehicle answers: hardware uid {OTHER.hex()}, expected {OURS.hex()}"
+        assert pull(ours)["uav1"].values == {}
+        assert "another vehicle" in reboot(ours)["uav1"]
+    assert vehicles[0].written_names == [] and vehicles[0].rebooted == 0
+    assert {m.get_type() for m in vehicles[0].received} == {"HEARTBEAT", "COMMAND_LONG"}
+    assert {c.command for c in vehicles[0].commands} == {REQUEST}
+
+
+def test_review_fault_4_a_resumed_push_is_to_the_same_vehicle(tmp_path: Path) -> None:
+    vehicles, file, wanted = fleet(1), tmp_path / "push.json", {"uav1": new_values()}
+    vehicles[0].uid2 = OURS
+    with serve(vehicles, [LossyLink(delay_s=0.05)]) as targets:
+        stop = interrupt_when(lambda: len(vehicles[0].written_names) >= 15)
+        report = push(targets, wanted, record=PushRecord.begin(file, wanted), on_progress=stop)["uav1"]
+        assert (report.ending, report.uid) == ("interrupted", OURS.hex())
+        left = PushRecord.read(file)
+        assert left.vehicles["uav1"].uid == OURS.hex()
+        let_pass(vehicles[0], 2)  # the last writes of the first push arrive
+        written = len(vehicles[0].written_names)
+        vehicles[0].uid2 = OTHER
+        assert push(targets, left.wanted, record=left)["uav1"].ending == "wrong vehicle"
+        assert len(vehicles[0].written_names) == written
+        vehicles[0].uid2 = OURS
+        assert push(targets, left.wanted, record=PushRecord.read(file))["uav1"].holds
+
+
+def test_a_vehicle_without_autopilot_version_is_written_to_unless_its_uid_is_known() -> None:
+    vehicles = fleet(1)
+    vehicles[0].ignore = {REQUEST}
+    with serve(vehicles) as targets:
+        report = push(with_uid(targets, OURS), same_for(targets, {"P_03": 9}))["uav1"]
+        assert report.ending == "wrong vehicle" and "does not report its hardware uid" in report.why
+        assert push(targets, same_for(targets, {"P_03": 9}))["uav1"].holds
 
 
 # -- built-in autopilots -------------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ class VehicleRecord:
     written: parameter -> value that the vehicle acknowledged.
     ending: why the transfer ended; "" while it runs.
     at: address of the vehicle, as text.
+    uid: hardware uid of the vehicle; "" before it is known, or if the vehicle sends none.
     """
 
     wanted: dict[str, float]
@@ -36,6 +37,7 @@ class VehicleRecord:
     written: dict[str, float] = field(default_factory=dict)
     ending: str = ""
     at: str = ""
+    uid: str = ""
 
 
 class PushRecord:
@@ -87,7 +89,12 @@ class PushRecord:
         return {name: dict(v.wanted) for name, v in self.vehicles.items() if v.ending != "done"}
 
     def update(
-        self, vehicle: str, before: Mapping[str, float], written: Mapping[str, float], ending: str
+        self,
+        vehicle: str,
+        before: Mapping[str, float],
+        written: Mapping[str, float],
+        ending: str,
+        uid: str = "",
     ) -> bool:
         """Add new values to the record of one vehicle; return whether the record has changed.
 
@@ -100,6 +107,7 @@ class PushRecord:
             written={**old.written, **written},
             ending=ending or old.ending,
             at=old.at,
+            uid=old.uid or uid,
         )
         self.vehicles[vehicle] = new
         return new != old
@@ -130,7 +138,12 @@ def _parse(raw: Any) -> VehicleRecord:
         {str(n): _number(v) for n, v in raw[what].items()} for what in ("wanted", "before", "written")
     )
     return VehicleRecord(
-        wanted=wanted, before=before, written=written, ending=str(raw["ending"]), at=str(raw.get("at", ""))
+        wanted=wanted,
+        before=before,
+        written=written,
+        ending=str(raw["ending"]),
+        at=str(raw.get("at", "")),
+        uid=str(raw.get("uid", "")),
     )
 
 

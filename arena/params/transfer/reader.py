@@ -10,6 +10,7 @@ from collections.abc import Iterable
 
 from arena.params.transfer.request_window import LinkEstimate, RequestWindow
 from arena.params.transfer.transfer import PROBE, Outcome, Progress, Transfer
+from arena.params.transfer.uid_check import UidCheck
 from arena.wire.mavlink_params import (
     DOES_NOT_EXIST,
     NO_INDEX,
@@ -33,9 +34,15 @@ class ParamReader(Transfer):
     """
 
     def __init__(
-        self, *, system: int, component: int, now: float, names: Iterable[str] | None = None
+        self,
+        *,
+        system: int,
+        component: int,
+        now: float,
+        names: Iterable[str] | None = None,
+        uid: UidCheck | None = None,
     ) -> None:
-        super().__init__(system=system, component=component, now=now)
+        super().__init__(system=system, component=component, now=now, uid=uid)
         self.values: dict[str, Value] = {}
         self.missing: dict[str | int, Outcome] = {}
         self._link = LinkEstimate()

@@ -20,6 +20,7 @@ from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.reader import ParamReader
 from arena.params.transfer.transfer import Ending, Outcome, ParamResult, Progress, Rebooter, Transfer
 from arena.params.transfer.transports import ParamTarget, ParamTransport, open_transport
+from arena.params.transfer.uid_check import UidCheck
 from arena.params.transfer.writer import ParamWriter
 from arena.wire.mavlink_minimal import own_component
 from arena.wire.mavlink_params import VALUE, Value
@@ -53,7 +54,8 @@ class PushReport:
     ending: "done", or why the transfer ended early.
     results: parameter -> outcome.
     needs_reboot: written parameters that take effect only after a reboot.
-    why: why the connection could not be opened; "" if it was opened.
+    why: why the connection could not be opened, or why the vehicle is the wrong one; "" otherwise.
+    uid: hardware uid of the vehicle; "" if it sends none.
     """
 
     ending: Ending
@@ -61,6 +63,7 @@ class PushReport:
     needs_reboot: tuple[str, ...] = ()
     why: str = ""
     traffic: Traffic = field(default_factory=Traffic)
+    uid: str = ""
 
     @property
     def holds(self) -> bool:
@@ -116,7 +119,12 @@ def push(
 
     def make(name: str, now: float) -> ParamWriter:
         return ParamWriter(
-            system=targets[name].system, component=component, now=now, wanted=wanted[name], dry_run=dry_run
+            system=targets[name].system,
+            component=component,
+            now=now,
+            wanted=wanted[name],
+            dry_run=dry_run,
+            uid=UidCheck(_expected_uid(name, targets[name], record)),
         )
 
     keeper = None if record is None or dry_run else _RecordKeeper(record)
@@ -141,7 +149,8 @@ def pull(
     component = own_component()
 
     def make(name: str, now: float) -> ParamReader:
-        return ParamReader(system=targets[name].system, component=component, now=now, names=names)
+        uid = UidCheck(targets[name].uid) if targets[name].uid else None
+        return ParamReader(system=targets[name].system, component=component, now=now, names=names, uid=uid)
 
     return {
         name: _pull_report(connection) for name, connection in _run(targets, make, on_progress, None).items()
@@ -153,7 +162,8 @@ def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
     component = own_component()
 
     def make(name: str, now: float) -> Rebooter:
-        return Rebooter(system=targets[name].system, component=component, now=now)
+        uid = UidCheck(targets[name].uid)
+        return Rebooter(system=targets[name].system, component=component, now=now, uid=uid)
 
     return {
         name: connection.why
@@ -174,7 +184,14 @@ def _push_report(connection: _Connection[ParamWriter], reboot_names: frozenset[s
         needs_reboot=needs,
         why=connection.why,
         traffic=connection.traffic,
+        uid=connection.uid,
     )
+
+
+def _expected_uid(name: str, target: ParamTarget, record: PushRecord | None) -> str:
+    """Return the uid of the vehicle to which an interrupted push has written, else the uid of the target."""
+    resumed = record.vehicles[name].uid if record is not None else ""
+    return resumed or target.uid
 
 
 def _pull_report(connection: _Connection[ParamReader]) -> PullReport:
@@ -197,15 +214,24 @@ class _Connection(Generic[AnyTransfer]):
     """Connection to one vehicle: its transfer, and either its open socket or device, or the error from opening it."""
 
     def __init__(self, transfer: AnyTransfer, target: ParamTarget) -> None:
-        self.transfer, self.why = transfer, ""
+        self.transfer, self._no_connection = transfer, ""
         self.sent = self.received = 0
         self.began = self.ended = time.monotonic()
         self.transport: ParamTransport | None = None
         try:
             self.transport = open_transport(target)
         except RunError as error:
-            self.why = str(error)
+            self._no_connection = str(error)
             transfer.ending = "no connection"
+
+    @property
+    def why(self) -> str:
+        """Why the connection could not be opened, or why the vehicle is the wrong one; "" otherwise."""
+        return self._no_connection or (self.transfer.uid.problem if self.transfer.uid is not None else "")
+
+    @property
+    def uid(self) -> str:
+        return self.transfer.uid.found if self.transfer.uid is not None else ""
 
     @property
     def traffic(self) -> Traffic:
@@ -247,7 +273,11 @@ class _RecordKeeper:
         for name, connection in connections.items():
             known = len(self.record.vehicles[name].before)
             changed |= self.record.update(
-                name, connection.transfer.before, connection.transfer.written, connection.transfer.ending
+                name,
+                connection.transfer.before,
+                connection.transfer.written,
+                connection.transfer.ending,
+                connection.uid,
             )
             urgent |= len(self.record.vehicles[name].before) > known
         if urgent or (changed and now >= self._next):

@@ -11,9 +11,10 @@ from typing import Literal, NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.params.transfer.uid_check import UidCheck
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, byte_at, uint_at
-from arena.wire.mavlink_minimal import result_words
+from arena.wire.mavlink_minimal import AUTOPILOT_VERSION, parse_hardware_uid, result_words
 from arena.wire.mavlink_params import (
     ERROR,
     REBOOT,
@@ -24,6 +25,7 @@ from arena.wire.mavlink_params import (
     parse_value,
     reboot,
     request_read,
+    request_uid,
 )
 
 SYSTEM = 252
@@ -35,7 +37,7 @@ _ARMED_BIT, _BASE_MODE_OFFSET = 128, 6
 _REBOOT_TIMEOUT_S = 2.5
 PROBE = 0  # index of a parameter that every vehicle has
 
-Ending = Literal["", "done", "armed", "no connection", "connection lost", "interrupted"]
+Ending = Literal["", "done", "armed", "no connection", "connection lost", "interrupted", "wrong vehicle"]
 """Why a transfer ended; "" while it runs."""
 Outcome = Literal["same", "written", "refused", "unknown", "unanswered", "differs", "unread"]
 
@@ -81,10 +83,11 @@ class Transfer:
     system: MAVLink system id of the vehicle.
     component: MAVLink component id of this program.
     now: monotonic time [s].
+    uid: check of the vehicle's hardware uid, which must pass before the first request; None: not checked.
     """
 
-    def __init__(self, *, system: int, component: int, now: float) -> None:
-        self.system = system
+    def __init__(self, *, system: int, component: int, now: float, uid: UidCheck | None = None) -> None:
+        self.system, self.uid = system, uid
         self.ending: Ending = ""
         self.armed: bool | None = None
         self._codec = Codec(SYSTEM, component)
@@ -115,7 +118,9 @@ class Transfer:
         if now >= self._next_heartbeat:
             self._next_heartbeat = now + _HEARTBEAT_PERIOD_S
             frames.append(self._codec.onboard_heartbeat())
-        if self._received_at is not None:
+        if self._received_at is not None and self.uid is not None and not self.uid.passed:
+            frames += [self._codec.frame(*request_uid(self.system))] if self.uid.is_due(now) else []
+        elif self._received_at is not None:
             frames += [self._codec.frame(*message) for message in (*self._requests(now), *self._probe(now))]
         return frames
 
@@ -128,6 +133,10 @@ class Transfer:
         if frame.sysid != self.system or frame.compid != AUTOPILOT or self.done:
             return
         self._received_at = now
+        if frame.msgid == AUTOPILOT_VERSION:
+            self._on_uid(data, frame)
+        elif self.uid is not None and not self.uid.passed and frame.msgid == VALUE:
+            return  # perhaps of another vehicle
         if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             self._heartbeat_at = now
             self.armed = bool(byte_at(data, frame, _BASE_MODE_OFFSET) & _ARMED_BIT)
@@ -143,12 +152,23 @@ class Transfer:
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:
             self._on_ack(data, frame)
 
+    def _on_uid(self, data: Buffer, frame: Frame) -> None:
+        if self.uid is not None:
+            self.uid.receive(parse_hardware_uid(data, frame))
+            self._check_uid()
+
+    def _check_uid(self) -> None:
+        """End the transfer if the vehicle is not the right one."""
+        if self.uid is not None and self.uid.problem:
+            self.ending = self.ending or "wrong vehicle"
+
     def _update(self, now: float) -> None:
         """End the transfer if nothing was received from the vehicle for too long."""
         if self._received_at is None and now - self._began > CONNECT_TIMEOUT_S:
             self.ending = self.ending or "no connection"
         elif self._received_at is not None and now - self._received_at > VEHICLE_TIMEOUT_S:
             self.ending = self.ending or "connection lost"
+        self._check_uid()
 
     def _probe(self, now: float) -> Iterable[Message]:
         """Return a request that a connected vehicle always answers, if nothing was received for a while.
@@ -184,8 +204,8 @@ class Rebooter(Transfer):
     refusal: the autopilot's answer if it refuses; else "".
     """
 
-    def __init__(self, *, system: int, component: int, now: float) -> None:
-        super().__init__(system=system, component=component, now=now)
+    def __init__(self, *, system: int, component: int, now: float, uid: UidCheck | None = None) -> None:
+        super().__init__(system=system, component=component, now=now, uid=uid)
         self.refusal = ""
         self._sent_at: float | None = None
 

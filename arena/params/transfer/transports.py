@@ -19,6 +19,7 @@ class ParamTarget:
     system: MAVLink system id.
     remote: (host, port) of the vehicle, the only accepted sender; None: the first sender with this system id.
     local: (host, port) to bind on this computer; None: any.
+    uid: hardware uid of the vehicle in hexadecimal digits; "none": it reports no uid; "": any.
     device, baud: path and baud rate of a serial device; if it is given, the UDP addresses are not used.
     """
 
@@ -27,6 +28,7 @@ class ParamTarget:
     local: Address | None = None
     device: str = ""
     baud: int = 57600
+    uid: str = ""
 
 
 class ParamTransport(Protocol):

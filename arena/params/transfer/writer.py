@@ -15,6 +15,7 @@ from typing import Literal
 from arena.params.transfer.reader import record_answer
 from arena.params.transfer.request_window import LinkEstimate, RequestState, RequestWindow
 from arena.params.transfer.transfer import PROBE, Outcome, ParamResult, Progress, Transfer
+from arena.params.transfer.uid_check import UidCheck
 from arena.wire.mavlink_params import (
     DOES_NOT_EXIST,
     Message,
@@ -92,9 +93,16 @@ class ParamWriter(Transfer):
     """
 
     def __init__(
-        self, *, system: int, component: int, now: float, wanted: Mapping[str, float], dry_run: bool = False
+        self,
+        *,
+        system: int,
+        component: int,
+        now: float,
+        wanted: Mapping[str, float],
+        dry_run: bool = False,
+        uid: UidCheck | None = None,
     ) -> None:
-        super().__init__(system=system, component=component, now=now)
+        super().__init__(system=system, component=component, now=now, uid=uid)
         self._params = {name: _ParamWrite(given=value, wanted=value) for name, value in wanted.items()}
         self._dry_run = dry_run
         self._link = LinkEstimate()

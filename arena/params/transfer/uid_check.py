@@ -1,0 +1,54 @@
+"""Check that a transfer is with the right vehicle, by the hardware uid of its autopilot. Pure.
+
+Two vehicles may have the same MAVLink system id. Nothing is read from or written to a vehicle before its uid is checked.
+"""
+
+from __future__ import annotations
+
+from arena.wire.mavlink_minimal import HardwareUid
+
+NO_UID = "none"
+"""Uid of an autopilot that reports no hardware uid."""
+_REQUEST_S = 0.4
+_TRIES = 6
+
+
+class UidCheck:
+    """Check of one vehicle.
+
+    expected: hardware uid in hexadecimal digits; NO_UID; "" for any uid, which is then kept for the whole transfer
+    found: uid that the vehicle has sent, or NO_UID; "" before, or if it sends none and any uid is allowed
+    passed: the vehicle is the right one
+    problem: why the transfer must not go on; "" if there is no reason
+    """
+
+    def __init__(self, expected: str) -> None:
+        self.expected = expected.lower()
+        self.found = ""
+        self.passed = False
+        self.problem = ""
+        self._tries = 0
+        self._next = 0.0
+
+    def is_due(self, now: float) -> bool:
+        """Return whether the uid must be requested now. Call it only while the vehicle is connected."""
+        if self.passed or self.problem or now < self._next:
+            return False
+        self._next = now + _REQUEST_S
+        self._tries += 1
+        if self._tries <= _TRIES:
+            return True
+        if self.expected:
+            self.problem = f"the vehicle does not report its hardware uid, expected {self.expected}"
+        else:
+            self.passed = True  # an old autopilot without AUTOPILOT_VERSION
+        return False
+
+    def receive(self, uid: HardwareUid) -> None:
+        """Process the uid in an AUTOPILOT_VERSION of the vehicle."""
+        found, expected = str(uid) or NO_UID, self.expected or self.found
+        if expected and found != expected and not uid.matches(expected):
+            self.problem = f"another vehicle answers: hardware uid {found}, expected {expected}"
+            self.passed = False
+            return
+        self.found, self.passed = found, True
