@@ -9,6 +9,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 FOLDER = Path(__file__).parent
 sys.path.insert(0, str(FOLDER))
@@ -21,6 +22,7 @@ from arena.fcu_link.settings import Settings  # noqa: E402
 from arena.mavlink_router.router import Router  # noqa: E402
 from arena.mavlink_router.routing_table import Table  # noqa: E402
 from arena.pose_forwarder.forwarder import Forwarder  # noqa: E402
+from arena.wire.mavlink_codec import Codec  # noqa: E402
 from arena.wire.mavlink_frame import parse_frames  # noqa: E402
 from arena.wire.telemetry import Telemetry  # noqa: E402
 
@@ -117,6 +119,7 @@ def test_the_link_arms_no_vehicle_on_hostile_frames():
         "size_m": [7, 4, 3],
         "height_m": 0.1,
         "poses": True,
+        "radio": None,
     }
     link = FcuLink(
         Settings.from_slice(
@@ -124,6 +127,7 @@ def test_the_link_arms_no_vehicle_on_hostile_frames():
                 "name": "link.uav7",
                 "vehicle": "uav7",
                 "id": 7,
+                "uid": "",
                 "wire": {"kind": "udpin", "address": ["127.22.0.1", 14540]},
                 "links": ends,
                 "simulator": None,
@@ -136,7 +140,11 @@ def test_the_link_arms_no_vehicle_on_hostile_frames():
         0.0,
     )
     rng, arming = Random(3), Fuzz(Random(1), 7).command(400, 1.0)
+    nothing = [0] * 8
+    version = mavlink.MAVLink_autopilot_version_message(0, 0, 0, 0, 0, nothing, nothing, nothing, 0, 0, 1)
+    uid = Codec(7, 1).pack(version)
     for data, now in hostile_frames(7):
+        link.from_vehicle(uid, parse_frames(uid), now)
         link.from_vehicle(data, parse_frames(data), now)
         for end in ("router", "vision", "panic"):
             link.from_link(end, data if rng.random() < 0.9 else arming, now)

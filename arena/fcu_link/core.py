@@ -148,6 +148,9 @@ class FcuLink:
         if self.identity.uid != uid:
             self._boot_ms = 0
             self._restart_checks()
+        if accepted and self.identity.source != before:  # its mode must be known before the first command
+            for frame in parse_frames(self.identity.heartbeat).frames:
+                self._on_autopilot(self.identity.heartbeat, frame, now)
         return accepted
 
     def _links_for(self, frame: Frame, now: float) -> list[str]:

@@ -27,6 +27,7 @@ _REQUEST_S = 0.25
 _MAX_CANDIDATES = 8
 _MAX_REPORTS = 50
 _VERSION, _ACK = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, mavlink.MAVLINK_MSG_ID_COMMAND_ACK
+_HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _REQUEST = mavlink.MAV_CMD_REQUEST_MESSAGE
 _OLD_REQUEST = mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES  # PX4 before v1.11
 
@@ -39,12 +40,14 @@ class _Candidate:
     received_at: time of its last data [s]
     next_request: time at which its uid is requested again [s]
     command: MAV_CMD of the request
+    heartbeat: its last HEARTBEAT frame
     """
 
     received_at: float
     next_request: float
     uid: HardwareUid | None = None
     command: int = _REQUEST
+    heartbeat: bytes = b""
 
 
 class Identity:
@@ -57,6 +60,7 @@ class Identity:
     fixed: the uid cannot change any more
     source: where the vehicle is; None while no autopilot is accepted
     last_source: where the vehicle was last; None before the first contact
+    heartbeat: last HEARTBEAT frame of the vehicle before it was accepted; empty if there was none
     events: messages for the user; the caller takes them and empties the list
     """
 
@@ -68,6 +72,7 @@ class Identity:
         self._needs_uid = needs_uid and self.uid != NO_UID
         self.source: Source | None = None
         self.last_source = last_source
+        self.heartbeat = b""
         self.events: list[str] = []
         self._received_at = 0.0
         self._candidates: dict[Source, _Candidate] = {}
@@ -91,6 +96,8 @@ class Identity:
         for frame in ours:
             if frame.msgid == _VERSION:
                 self._on_uid(source, parse_hardware_uid(data, frame), now)
+            elif frame.msgid == _HEARTBEAT and source in self._candidates:
+                self._candidates[source].heartbeat = bytes(data[frame.start : frame.end])
             elif frame.msgid == _ACK and source in self._candidates:
                 self._on_ack(self._candidates[source], data, frame)
         self._accept_candidate(source, now)
@@ -169,6 +176,7 @@ class Identity:
                 self.events.append(f"sends from {words(source)}{before}")
             self.source = self.last_source = source
             self._received_at = now
+            self.heartbeat = candidate.heartbeat
             del self._candidates[source]
 
     def _matches(self, source: Source, found: HardwareUid) -> bool:

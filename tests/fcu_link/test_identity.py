@@ -232,3 +232,12 @@ def test_silence_and_a_stranger_are_reported_differently():
     texts = rig.core.events()
     assert sum("another vehicle answers with system id 7" in t for t in texts) == 1
     assert any("is not connected: another vehicle answers: wrong uid" in t for t in texts)
+
+
+def test_the_mode_is_known_before_the_first_command():
+    rig = Rig()
+    rig.core.identity.release()
+    for message in (heartbeat(armed=True), version()):
+        data = Codec(ID, 1).pack(message)
+        rig.core.from_vehicle(data, parse_frames(data), rig.now)
+    assert rig.core.armed(rig.now)
