@@ -1,6 +1,14 @@
 """land-all's direct connection to a vehicle that signs."""
 
+import json
+
+import pytest
+from emergency_fleet import flying
+from served import Connection, Served, UdpPort
+from signing_autopilot import SigningAutopilot
+
 from arena.emergency.direct_signing import DirectSigning
+from arena.emergency.land_all import land_all
 from arena.emergency.targets import from_plan, from_yaml
 from arena.signing_key import TimestampFile, read_key, write_new_key
 from arena.wire.mavlink_codec import Codec
@@ -82,3 +90,46 @@ def test_plan_and_slice_contain_the_path_and_not_the_key(tmp_path) -> None:
     assert target.direct.key_file == str(tmp_path / "uav1.key")
     (tmp_path / "again.yaml").write_text(plan.yaml)
     assert load_arena(tmp_path / "again.yaml").vehicles[0].key_file == str(tmp_path / "uav1.key")
+
+
+def run_folder(folder, host, key_file):
+    """Write the run folder of a real vehicle whose link process has ended."""
+    (folder / "wire").mkdir(parents=True)
+    wire = {"kind": "udpin", "address": [host, 14541]}
+    link = {
+        "autopilot_host": host,
+        "autopilot_port": 24014,
+        "partner_host": host,
+        "partner_port": 24015,
+    }
+    vehicle = {
+        "name": "uav1",
+        "id": 1,
+        "simulated": False,
+        "panic": link,
+        "router": link,
+        "tools_port": 24016,
+    }
+    slice_ = {"wire": wire, "key_file": str(key_file)}
+    (folder / "plan.json").write_text(
+        json.dumps({"vehicles": [vehicle], "slices": {"link.uav1.json": slice_}})
+    )
+    seen = {"kind": "udpin", "local": [host, 14541], "vehicle": [host, 25001]}
+    (folder / "wire" / "uav1.json").write_text(json.dumps(seen))
+    return folder
+
+
+@pytest.mark.parametrize("readable", [True, False])
+def test_land_all_lands_a_signing_vehicle_without_its_link_process(tmp_path, capsys, readable):
+    host, file = f"127.66.77.{1 + readable}", tmp_path / "key"
+    write_new_key(file)
+    board = SigningAutopilot(flying(1), read_key(file))
+    file.chmod(0o600 if readable else 0o644)
+    run = run_folder(tmp_path / "run", host, file)
+    with Served([Connection(autopilot=board, port=UdpPort((host, 25001)), remote=(host, 14541))]):
+        code = land_all(run=run, timeout_s=60.0 if readable else 3.0)
+    said = capsys.readouterr().out
+    assert (code == 0) is readable
+    assert board.inner.armed is not readable
+    assert ("the vehicle will not obey" in said) is not readable
+    assert "wrong signature" not in {v.value for v in board.refused}

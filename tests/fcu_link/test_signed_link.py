@@ -5,41 +5,14 @@ import time
 import pytest
 from fake_autopilot import ARM, FakeAutopilot
 from served import Connection, Served, UdpPort
+from signing_autopilot import SigningAutopilot
 
 from arena.signing_key import TimestampFile, read_key, write_new_key
 from arena.wire.mavlink_codec import Codec
-from arena.wire.mavlink_frame import parse_frames
-from arena.wire.mavlink_signing import FrameSigner, SignatureCheck, Verdict, timestamp_at
+from arena.wire.mavlink_signing import timestamp_at
 
 from .link_rig import ID, POSE, UID, heartbeat, version
 from .test_fcu_link_shell import Started, udp
-
-
-class SigningAutopilot:
-    """An autopilot with a key. accepted: number of frames that it has obeyed; refused: the other ones, by reason"""
-
-    def __init__(self, inner, key):
-        self.inner, self.accepted, self.refused = inner, 0, []
-        self._check, self._signer = SignatureCheck(key), FrameSigner(key, 0, timestamp_at(time.time() - 9e6))
-
-    def receive(self, data, now):
-        answers = []
-        for frame in parse_frames(data).frames:
-            verdict = self._check.check(data, frame, self._signer.timestamp)
-            if verdict is Verdict.VALID:
-                self.accepted += 1
-                answers += self.inner.receive(bytes(data[frame.start : frame.end]), now)
-            else:
-                self.refused.append(verdict)
-        self._signer.on_received(self._check.timestamp)
-        return [self._signed(answer) for answer in answers]
-
-    def step(self, now):
-        return [self._signed(data) for data in self.inner.step(now)]
-
-    def _signed(self, data):
-        frames = parse_frames(data).frames
-        return b"".join(self._signer.sign(data[f.start : f.end], 0.0) for f in frames)
 
 
 @pytest.fixture
