@@ -1,0 +1,40 @@
+"""The arm permit of a real vehicle, from `arena up` to `arena arm-permit`. A fake autopilot stands in for the vehicle."""
+
+from __future__ import annotations
+
+from fake_autopilot import FakeAutopilot
+from served import Connection, Served, UdpPort
+
+from .flight import Hangar, eventually
+
+TELEMETRY = ("HEARTBEAT", "SYS_STATUS", "ATTITUDE", "LOCAL_POSITION_NED", "EXTENDED_SYS_STATE")
+
+
+def test_a_vehicle_that_reconnects_needs_a_new_permit(hangar: Hangar) -> None:  # review fault 3
+    here = (hangar.address, 14540)
+    file = hangar.folder / "arena.yaml"
+    file.write_text(f"""\
+name: permit
+address: {hangar.address}
+preflight: {{params: false, battery: 0}}
+vehicles:
+  uav1: {{autopilot: hardware, profile: iris, radio: none, forward: false, url: "udpin:{here[0]}:{here[1]}"}}
+""")
+    uav = FakeAutopilot(system=1, uid2=bytes(range(1, 19)), telemetry=TELEMETRY, period_s=0.05)
+    with Served([Connection(autopilot=uav, port=UdpPort((hangar.address, 14999)), remote=here)]):
+        flight = hangar.up(file, "--yes", "--no-report")
+
+        def has_event(text: str) -> bool:
+            return any(text in entry.get("event", "") for entry in flight.events())
+
+        eventually(lambda: has_event("uav1: arm permit granted by"), 60, "the first permit", flight.said)
+        uav.mute = True
+        eventually(lambda: has_event("withdrawn: no telemetry for 3 s"), 60, "its withdrawal", flight.said)
+        uav.mute = False
+        eventually(lambda: has_event("connected again"), 60, "the vehicle again", flight.said)
+        given = flight.cli("arm-permit", "uav1")
+        assert given.returncode == 0, given.stdout + given.stderr
+        assert f"uav1: uid {uav.uid2.hex()}, {hangar.address}:14999, battery 87 %" in given.stdout
+        eventually(lambda: has_event("(arena arm-permit)"), 60, "the second permit", flight.said)
+        refused = flight.cli("arm-permit", "uav9")
+        assert refused.returncode != 0 and "expected a real vehicle: uav1" in refused.stderr
