@@ -251,7 +251,8 @@ class ChaosFlight:
         for name, radio in self._radios.items():
             own = self._observed[name]
             own.armed_at_end, own.flew = radio.state.armed, radio.state.was_armed
-            own.pilot_since = radio.pilot.reported_at if radio.pilot is not None else None
+            if radio.pilot is not None:
+                own.pilot_since, own.pilot_until = radio.pilot.reported_at, radio.pilot.until
             own.received, own.to_stranger = tuple(radio.received), tuple(radio.to_stranger)
 
     def _tear_down(self) -> None:

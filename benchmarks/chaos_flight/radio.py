@@ -53,10 +53,14 @@ class TrueState:
 
 @dataclass(kw_only=True)
 class Pilot:
-    """Pilot of one vehicle. since: time at which the pilot took control [s]; reported_at: first heartbeat that the arena got."""
+    """Pilot of one vehicle. Times in s.
+
+    since: when the pilot took control. reported_at: first heartbeat of it that the arena received. until: when the vehicle was disarmed.
+    """
 
     since: float
     reported_at: float | None = None
+    until: float = float("inf")
     lands_at: float = field(default=float("inf"))
 
 
@@ -159,6 +163,8 @@ class Radio(threading.Thread):
             mode = POSCTL
             if self.pilot.reported_at is None and armed and not self.cut:
                 self.pilot.reported_at = now
+            if not armed:
+                self.pilot.until = min(self.pilot.until, now)
         base, status = uint_at(data, frame, 6, 1), uint_at(data, frame, 7, 1)
         return self._autopilot.pack(mavlink.MAVLink_heartbeat_message(2, 12, base, mode, status, 3))
 

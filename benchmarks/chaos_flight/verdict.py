@@ -20,6 +20,7 @@ class Observed:
     armed_at_end: its autopilot was armed when everything of the arena had ended.
     flew: it was armed at any time.
     pilot_since: first heartbeat in a manual mode that the arena received [s]; None without one.
+    pilot_until: when the pilot had landed and disarmed the vehicle [s].
     declared: an operator declared the vehicle dead with `arena forget`.
     armed_without_permit: it joined late and was armed before an operator permitted it.
     false_landings: texts of the arena that say landed while the vehicle was armed.
@@ -29,6 +30,7 @@ class Observed:
     armed_at_end: bool = False
     flew: bool = False
     pilot_since: float | None = None
+    pilot_until: float = float("inf")
     declared: bool = False
     armed_without_permit: bool = False
     received: Sequence[Received] = ()
@@ -51,11 +53,11 @@ def violations(vehicles: Iterable[Observed]) -> list[str]:
             found.append(f"{v.name}: armed without a permit")
         found += [f"{v.name}: reported as landed while armed: {text}" for text in v.false_landings]
         found += [f"{v.name}: {r.what} from {_sender(r)} to another uid" for r in v.to_stranger]
-        since = v.pilot_since
+        since, until = v.pilot_since, v.pilot_until
         late = [
             r
             for r in v.received
-            if since is not None and r.at > since + PILOT_GRACE_S and r.what != "setpoint"
+            if since is not None and since + PILOT_GRACE_S < r.at < until and r.what != "setpoint"
         ]
         found += [
             f"{v.name}: {r.what} from {_sender(r)} {r.at - (since or 0):.1f} s after the pilot took over"
