@@ -56,6 +56,8 @@ def test_a_socket_returns_the_age_of_what_waited():
         sending.bind((HOST, 0))
         to = receiving._source.getsockname()
         try:
+            _until_stamped(sending, receiving)
+            now = time.monotonic()
             sending.sendto(b"old", to)
             while time.monotonic() < now + 0.3:
                 select.select([], [], [], 0.3)
@@ -66,3 +68,14 @@ def test_a_socket_returns_the_age_of_what_waited():
         assert (old, new, sender) == (b"old", b"new", sending.getsockname())
     assert 0.25 < old_s <= time.monotonic() - now
     assert old_s - new_s > 0.2
+
+
+def _until_stamped(sending, receiving):
+    """Wait until the kernel stamps datagrams: it begins a moment after the first socket has asked for stamps."""
+    to, deadline = receiving._source.getsockname(), time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        sending.sendto(b"probe", to)
+        time.sleep(0.05)
+        if any(age_s > 0.03 for _, _, age_s in receiving.receive()):
+            return
+    raise AssertionError("the kernel stamps no datagrams")

@@ -16,10 +16,10 @@ from tests.supervisor.conftest import plan_of
 @pytest.fixture
 def base(tmp_path, monkeypatch):
     """The folder for runtime folders that other users can reach."""
-    (tmp_path / "session").mkdir()
+    short = Path(tempfile.mkdtemp())  # paths of sockets must be short
+    (short / "session").mkdir()
     monkeypatch.delenv("ARENA_RUNTIME_DIR", raising=False)
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "session"))
-    short = Path(tempfile.mkdtemp())
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short / "session"))
     monkeypatch.setattr(tempfile, "tempdir", str(short))
     yield short / f"arena-{os.getuid()}"
     shutil.rmtree(short)
@@ -42,7 +42,7 @@ def test_a_run_is_shared_with_the_group_of_the_lab(base, tmp_path, monkeypatch):
 def test_without_a_group_only_the_owner_can_read_the_runtime_folder(base, tmp_path, monkeypatch):
     monkeypatch.delenv("ARENA_GROUP", raising=False)
     own = create(plan_of(), tmp_path / "runs")
-    assert own.rt.parent == tmp_path / "session" / "arena" and modes(own.rt)[:2] == [0o700, 0o700]
+    assert own.rt.parent == base.parent / "session" / "arena" and modes(own.rt)[:2] == [0o700, 0o700]
 
 
 def test_an_unshared_run_leaves_a_shared_one_readable(base, tmp_path, monkeypatch):
