@@ -153,8 +153,9 @@ class SimClock:
         return int(pid)
 
     def ended(self) -> bool:
-        """Return whether the world (the simulator process) has ended. Never blocks. Do not call this function
-        between `request_wake` and `wait_for_wake`.
+        """Return whether the world (the simulator process) has ended. Never blocks.
+
+        Do not call this function between `request_wake` and `wait_for_wake`, because it would consume the wake-up.
         """
         try:
             return self._socket.recv(_DOUBLE.size, socket.MSG_DONTWAIT) == b""

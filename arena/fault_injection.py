@@ -69,7 +69,7 @@ class FaultReceiver:
         return -1 if self._socket is None else self._socket.fileno()
 
     def take(self) -> list[Fault]:
-        """Return the faults received since the last call, with {} for each datagram that is not a fault.
+        """Return the faults received since the last call. A datagram that is not a fault is returned as {}.
 
         If there is none, the call costs one system call.
         """

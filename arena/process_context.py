@@ -108,7 +108,7 @@ class ProcessContext:
         return found
 
     def may_end(self, armed: Collection[str]) -> bool:
-        """Return whether the process must end now because of a stop signal. Reports it once if the process continues instead.
+        """Return whether a stop signal has arrived and no vehicle in `armed` prevents the end. Report once if a vehicle prevents it.
 
         armed: real vehicles that the process serves and that are armed. While there is one, a stop signal does not end the
             process, because the vehicle would lose its poses or its connection in the air.
@@ -145,7 +145,7 @@ class ProcessContext:
         self._send({"event": text})
 
     def audit(self, entries: list[dict[str, Any]]) -> None:
-        """Send requests to vehicles, which `arena audit` shows (see `arena.authority.audit`). Sends nothing if there are none."""
+        """Report to the supervisor which requests were made to vehicles, so that `arena audit` can show them. Skip an empty list."""
         if entries:
             self._send({"audit": entries})
 

@@ -66,7 +66,7 @@ def _bases_of_others() -> Iterator[tuple[Path, int]]:
 
 
 def _is_readable_folder(folder: Path, owner: int) -> bool:
-    """Return whether a path is a folder of this owner that only the owner may write to and that this user may read."""
+    """Return whether a path is a folder of user `owner` that only `owner` may write to and that the current user may read."""
     try:
         found = folder.lstat()
     except OSError:

@@ -23,8 +23,9 @@ _MOST_BYTES = 1024
 
 
 def read_key(file: str | Path) -> bytes:
-    """Return the key in a file. Raises InputError, without the content of the file, if the file cannot be read, if other
-    users can read it, or if it contains no key.
+    """Return the key in a file. Raises InputError if the file cannot be read, has no key, or can be read by other users.
+
+    The message never contains the content of the file.
     """
     try:
         opened = os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
@@ -89,8 +90,9 @@ class TimestampFile:
         self._saved_at: float | None = None
 
     def first(self) -> int:
-        """Return a timestamp that is not older than the last one, which may have been used after the last write; 0 if
-        there is no file.
+        """Return a timestamp from which this process can start to sign; 0 if there is no file.
+
+        It is later than the timestamp in the file, because newer timestamps may have been used after the last write.
         """
         last = self._read()
         return last + int(SAVE_S * TICKS_PER_S) if last else 0

@@ -202,7 +202,7 @@ def receive_datagrams(
 
 
 class StampAges:
-    """Converts the kernel's receive stamps to ages. Pure.
+    """Computes how long a datagram has waited (its age) from the time at which the kernel received it (its stamp). Pure.
 
     The stamps are times of the wall clock, which may be set while datagrams wait. A stamp is therefore compared
     with every offset that the wall clock has recently had to the monotonic clock. If several ages are possible,
@@ -213,7 +213,10 @@ class StampAges:
         self._offsets = [(wall_s - now, now)]
 
     def update(self, wall_s: float, now: float) -> None:
-        """Record the two clocks. Call it a few times a second. wall_s: wall clock [s]. now: monotonic [s]."""
+        """Record the current times of both clocks, to detect when the wall clock is set. Call it a few times a second.
+
+        wall_s: wall clock [s]. now: monotonic [s].
+        """
         if abs(wall_s - now - self._offsets[-1][0]) < _CLOCK_STEP_S:
             self._offsets[-1] = wall_s - now, now
         else:
@@ -245,8 +248,9 @@ def receive_stamped(source: socket.socket) -> tuple[bytes, Address, float | None
 
 
 def enable_stamps(source: socket.socket) -> None:
-    """Make the kernel stamp each datagram when it arrives. Without such stamps (another kernel), a datagram that waits has
-    the greatest possible age.
+    """Make the kernel record the receive time (stamp) of each datagram, from which `AgedSocket` computes its age.
+
+    Some kernels have no such stamps. Then a datagram that waits is given the greatest age that it can have.
     """
     with contextlib.suppress(OSError):
         source.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
@@ -264,11 +268,11 @@ class AgedSocket:
         enable_stamps(source)
 
     def on_empty(self, now: float) -> None:
-        """Record that no datagram waits, for example because `poll` did not report this socket. now: monotonic [s]."""
+        """Record that the socket is empty: a datagram that arrives later has waited since `now` at most. now: monotonic [s]."""
         self._empty_at = now
 
     def receive(self, limit: int = MAX_DATAGRAMS_PER_READ) -> Iterator[tuple[bytes, Address, float]]:
-        """Yield (datagram, sender, age [s]) for each datagram that has arrived, as `receive_datagrams` does."""
+        """Yield (datagram, sender, age [s]) for each datagram that has arrived. Never waits."""
         for _ in range(limit):
             began = time.monotonic()
             try:

@@ -118,7 +118,7 @@ def _free_id(arena: Arena) -> int:
 
 
 def _ports(c: Check) -> Iterator[Problem]:
-    """Check that no two users of a port have the same number. Vehicles with the same id are skipped, because `_ids` reports them."""
+    """Check that every port number is used only once in the arena. Vehicles with the same id are skipped, because `_ids` reports them."""
     owners: dict[int, tuple[str, YamlPath]] = {}
     reported: set[tuple[str, ...]] = set()
     for port, words, path in _claims(c):
@@ -133,7 +133,7 @@ def _ports(c: Check) -> Iterator[Problem]:
 
 
 def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlPath]) -> Problem:
-    """Return the problem that two users of a port have the same number.
+    """Return a problem that names two YAML keys or processes with the same port number.
 
     The problem is reported at the YAML key of `one`. If the user wrote only the key of `two`, it is reported
     at the key of `two`.
@@ -148,7 +148,7 @@ def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlP
 
 
 def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
-    """Yield each port of the arena as (number, text that names its user, path of the YAML key that changes the number)."""
+    """Yield each port of the arena: (number, text that says what uses the port, path of the YAML key that sets the number)."""
     for port in PORTS:
         place = c.arena.port_address(port)
         if place is not None:
@@ -200,7 +200,7 @@ def _start(c: Check) -> Iterator[Problem]:
 
 
 def _beside(c: Check, v: Vehicle, axis: str, value: float, room: float) -> Iterator[Problem]:
-    """Check that the start position on one horizontal axis is far enough from the walls.
+    """Check on one horizontal axis that a vehicle starts inside the room, with space for its radius before the wall.
 
     room: largest allowed distance from the room's middle [m].
     """

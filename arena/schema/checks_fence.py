@@ -27,7 +27,7 @@ def fence(c: Check) -> Iterator[Problem]:
 
 
 def _span(c: Check, axis: str, kept: tuple[float, float]) -> Iterator[Problem]:
-    """Check the fence on one horizontal axis: lower limit first, not empty after the margin, inside the room's walls.
+    """Check the fence's limits on one horizontal axis: the lower one first, space left after the margin, both inside the walls.
 
     kept: lowest and highest coordinate [m], already reduced by the margin.
     """

@@ -94,7 +94,7 @@ def _shared_wires(c: Check) -> Iterator[Problem]:
 
 
 def _profiles(c: Check) -> Iterator[Problem]:
-    """Check that hardware vehicles have the key `profile`, because the default profile is another vehicle's."""
+    """Check that hardware vehicles have the key `profile`, because the default profile has the mass and thrust of another type."""
     for v in c.arena.hardware:
         if not c.source.given(c.where(v.name, "profile")) and c.sound(v, "autopilot", "profile"):
             said = (
@@ -126,7 +126,7 @@ def _restarted_programs(c: Check) -> Iterator[Problem]:
 
 
 def _shared_uids(c: Check) -> Iterator[Problem]:
-    """Check that each hardware uid is that of one vehicle."""
+    """Check that no two vehicles have the same hardware uid."""
     known = [v for v in c.arena.vehicles if v.uid not in ("", "none")]
     for a, b in itertools.combinations(known, 2):
         if a.uid == b.uid:

@@ -118,12 +118,12 @@ class Bodies:
         bullet.applyExternalTorque(body, -1, (tx, -ty, -tz), bullet.LINK_FRAME, client)
 
     def step(self) -> None:
-        """Make one physics step and read the new state."""
+        """Make one physics step (`advance`), then read the new state of all vehicles from pybullet (`read`)."""
         self.advance()
         self.read()
 
     def advance(self) -> None:
-        """Make one physics step with the wrenches applied since the last step.
+        """Make one physics step with the forces and torques applied since the last step. The new state is not read.
 
         Raises RunError if pybullet has ended.
         """

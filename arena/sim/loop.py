@@ -157,8 +157,9 @@ class Loop:
             self._context.event(text)
 
     def _publish(self, truth: Truth) -> None:
-        """Publish the true state, then the simulation time, because a client that wakes up at this time can
-        read the state at once.
+        """Publish the true state and then the simulation time.
+
+        In this order, a client that wakes up at the new time already finds the state of this time.
         """
         self._truth.write(truth)
         self._clock.tick(self._world.now)
@@ -187,7 +188,7 @@ class Loop:
         return now
 
     def _idle(self, left_s: float) -> None:
-        """Wait before the next step. left_s: time to wait, in wall time [s].
+        """Wait before the next step, and serve the clients of the simulation clock meanwhile. left_s: time to wait, in wall time [s].
 
         Poll the clock's sockets first. Sleep during the last milliseconds, because sleeping is more precise.
         """
@@ -197,7 +198,7 @@ class Loop:
             time.sleep(left_s)
 
     def _check(self, now: float) -> bool:
-        """Report new events of world and autopilots, and return whether the process must end.
+        """Log new events, pass on the requests of the supervisor, and return whether the process must end.
 
         It must end if the supervisor has died and no vehicle needs this world any more.
         """

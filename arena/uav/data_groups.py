@@ -267,7 +267,7 @@ class BaroSensor:
 
 
 class EmulatedSensor:
-    """Positions of the neighbours relative to the vehicle, computed from motion capture."""
+    """Positions and velocities of the neighbours relative to the vehicle, computed from motion capture."""
 
     def __init__(self, source: Source) -> None:
         self._source = source

@@ -23,8 +23,7 @@ UNKNOWN = "a pilot, a ground station or another program commanded it"
 
 
 def cause_of_loss(vehicle: str, texts: Sequence[str], run: Path | None, monotonic_s: float) -> str:
-    """Return the cause, as the end of a sentence like "uav1: the vehicle left OFFBOARD and is now in
-    AUTO.LAND: ".
+    """Return why the program lost control, as a text that is appended to a message: "a pilot (...)", "failsafe of the autopilot (...)".
 
     texts: recent STATUSTEXT messages of the autopilot. run: the run folder, None without one.
     monotonic_s: monotonic wall time [s].

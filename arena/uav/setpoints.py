@@ -183,9 +183,9 @@ class Encoder:
     def vel_body_yaw_rate(
         self, vel_body: ArrayLike, yaw_rate: ArrayLike, now: float
     ) -> mavlink.MAVLink_message:
-        """Return a velocity setpoint in level body axes.
+        """Return a velocity setpoint in axes that turn with the vehicle's yaw but stay level when the vehicle tilts.
 
-        vel_body: forward, right, down [m/s] (3,). These axes are rotated by the yaw only, not by the tilt.
+        vel_body: forward, right, down [m/s] (3,).
         yaw_rate: [rad/s].
         """
         mask = Ignore.POSITION | Ignore.ACCELERATION | Ignore.YAW

@@ -80,7 +80,7 @@ class StartBarrier:
 
 
 class _Waiting:
-    """The wait of one program at a barrier. It reads which programs have arrived, until all have arrived or the program gives up."""
+    """Program that waits at a barrier: reads which programs have arrived, and withdraws this program if it stops waiting."""
 
     def __init__(self, vehicle: str, folder: Path, count: int, programs: Sequence[str]) -> None:
         self._vehicle, self._folder, self._count, self._programs = vehicle, folder, count, programs

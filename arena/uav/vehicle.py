@@ -234,9 +234,9 @@ class UAV:
         return start
 
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint in level body axes, then wait, so that a loop with one such call runs at the rate `freq`.
+        """Send a velocity in level axes that turn with the yaw, then wait, so that a loop with one such call runs at the rate `freq`.
 
-        vel_body: forward, right, down [m/s] (3,). These axes are rotated by the yaw only. yaw_rate: [rad/s].
+        vel_body: forward, right, down [m/s] (3,). The axes stay level when the vehicle tilts. yaw_rate: [rad/s].
         freq: [Hz].
         """
         self._send(self._control.encoder.vel_body_yaw_rate(vel_body, yaw_rate, self.clock.now()), freq)

@@ -214,7 +214,7 @@ class VehicleControl:
                     raise
 
     def _command(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> None:
-        """Send a command as `_result_of` does. Raises CommandRefusedError if the autopilot refuses it."""
+        """Send a command and wait until the autopilot acknowledges it. Raises CommandRefusedError if the autopilot refuses it."""
         self._check_result(self._result_of(number, params, what, stream=stream), what)
 
     def _result_of(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> int:
@@ -235,7 +235,7 @@ class VehicleControl:
         )
 
     def _answer(self, number: int) -> int | None:
-        """Return MAV_RESULT of the acknowledgement plus one, so that ACCEPTED (0) is true; None before it arrives."""
+        """Return 1 + MAV_RESULT of the received acknowledgement, so that ACCEPTED (0) counts as true; None before it arrives."""
         for ack in list(self._source.telemetry.acks):
             for_us = ack.command == number and ack.target == self._own_address
             if for_us and ack.result != mavlink.MAV_RESULT_IN_PROGRESS:

@@ -74,9 +74,11 @@ def ground_share(z: Array, places: Array, *, radius: float, body_lift: float) ->
 
 
 def _image(z: Array, apart: Array) -> Array:
-    """Compute the effect of the mirror image (below the floor) of one other rotor: a term of the sum S in
-    the module's docstring, divided by R^2 [1/m2] (n, ...).
+    """Compute how much another rotor's mirror image below the floor adds to the ground effect [1/m2] (n, ...).
 
+    This is one term of the sum S in the module's docstring, divided by R^2.
+
+    z: heights of the rotor plane above the floor [m] (n,)
     apart: horizontal distance to the other rotor [m]
     """
     z = z.reshape(-1, *[1] * apart.ndim)

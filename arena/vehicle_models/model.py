@@ -86,7 +86,7 @@ class Dynamics(Protocol):
         ...
 
     def scalar(self, vehicle: int) -> ScalarDynamics:
-        """Return the same dynamics for one vehicle in plain floats."""
+        """Return the dynamics of one vehicle, computed in plain floats instead of arrays, because this is faster for few vehicles."""
         ...
 
 

@@ -123,7 +123,7 @@ class Rotors:
         return force, wrench[:, :3]
 
     def scalar(self, vehicle: int) -> ScalarRotors:
-        """Return the same dynamics for one vehicle in plain floats."""
+        """Return the dynamics of one vehicle, computed in plain floats instead of arrays, because this is faster for few vehicles."""
         return ScalarRotors(self, vehicle)
 
     def _thrust(self, air_b: Array, height: Array) -> Array:

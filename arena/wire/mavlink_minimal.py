@@ -77,7 +77,7 @@ class HardwareUid(NamedTuple):
         return f"{self.uid:016x}" if self.uid else ""
 
     def matches(self, recorded: str) -> bool:
-        """Return whether `recorded` is this uid: uid2 or uid in hexadecimal digits."""
+        """Return whether a text (`recorded`) is the uid of this autopilot: its uid2 or its uid, in hexadecimal digits."""
         wanted = recorded.strip().lower().removeprefix("0x")
         short = f"{self.uid:016x}" if self.uid else ""
         return bool(wanted) and wanted in (str(self), short)

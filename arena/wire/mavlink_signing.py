@@ -38,7 +38,7 @@ _LITTLE, _SETUP = struct.Struct("<H"), struct.Struct("<QBB32s")
 
 
 class Verdict(Enum):
-    """Result of the check of one frame; the value is a text for the user."""
+    """Result of the check of one frame's signature. The value is the text that users see."""
 
     VALID = "valid"
     UNSIGNED = "not signed"
@@ -92,7 +92,7 @@ class FrameSigner:
         return signed + _signature(self._key, signed)
 
     def on_received(self, timestamp: int) -> None:
-        """Use only timestamps after one that was received with a valid signature, as the standard requires."""
+        """Process the timestamp of a received frame with a valid signature: later frames are signed with newer timestamps only."""
         self.timestamp = max(self.timestamp, timestamp)
 
     def _sender_of(self, frame: Frame) -> tuple[int, int]:
@@ -117,7 +117,7 @@ class SignatureCheck:
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def check(self, data: Buffer, frame: Frame, local: int) -> Verdict:
-        """Check one frame and record its timestamp. Call it once for each frame.
+        """Check the signature of a frame, and record its timestamp to refuse the same frame later. Call it once per frame.
 
         local: newest timestamp that this process has used, or that of its clock [10 us since 2015-01-01]
         """
@@ -137,8 +137,9 @@ class SignatureCheck:
 
 
 class SignedConnection:
-    """Both directions of one connection to a vehicle that signs: sign frames for it, and drop frames from it that have no
-    valid signature, except RADIO_STATUS of telemetry radios, which do not sign.
+    """Signing on one connection to a vehicle: signs the frames to the vehicle, and drops unsigned or wrongly signed frames from it.
+
+    RADIO_STATUS is accepted without a signature, because telemetry radios do not sign.
 
     key, link_id, timestamp, own: see `FrameSigner`
     counts: number of frames from the vehicle by result of the check
@@ -192,7 +193,7 @@ def timestamp_at(wall_s: float) -> int:
 
 
 def checked_key(key: bytes) -> bytes:
-    """Return the key. Raises ValueError, without the key, if it has another length or all its bytes are 0."""
+    """Return the key if it is valid. Raises ValueError if its length is wrong or all bytes are 0; the message never contains the key."""
     if len(key) != KEY_BYTES or not any(key):
         raise ValueError(f"a signing key has {KEY_BYTES} bytes, not all of them 0; got {len(key)} bytes")
     return key

@@ -152,7 +152,7 @@ class _Reader:
         self.log.types[name] = "FLOAT" if form == "float" else "INT32"
 
     def _recover(self, place: int) -> bool:
-        """Continue after the next synchronisation message. Return False if there is none."""
+        """Skip a damaged part of the log, up to the next synchronisation message. Return False if there is no such message."""
         self.log.damaged.append(place)
         found = self.data.find(_SYNC, place)
         self.at = found + len(_SYNC)

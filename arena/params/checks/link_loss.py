@@ -285,7 +285,7 @@ def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def hold_before_failsafe(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if the vehicle holds its position for too long before failsafes act."""
+    """Yield a finding if PX4 only holds the position for too long (COM_FAIL_ACT_T) after a failure, before its failsafe acts."""
     name, value = "COM_FAIL_ACT_T", ctx.value("COM_FAIL_ACT_T")
     if value is not None and value > _MAX_HOLD_S:
         yield ctx.finding(

@@ -28,7 +28,7 @@ def unknown_names(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def _change_before(name: str, ctx: CheckContext) -> Change | None:
-    """Return the last change up to this version that removed, renamed or redefined a parameter, or None."""
+    """Return the last change that removed, renamed or redefined a parameter up to the vehicle's PX4 version; None if there is none."""
     done = [c for c in CHANGES if c.old == name and c.since <= ctx.minor and name not in c.new]
     return done[-1] if done and (done[-1].still_defined or name not in ctx.table) else None
 
@@ -62,7 +62,7 @@ def _replaced(name: str, value: float, change: Change, ctx: CheckContext) -> Fin
 
 
 def _of_another_version(name: str, value: float, ctx: CheckContext) -> Finding | None:
-    """Return the finding for a parameter that only other PX4 versions have; None if no version has the parameter."""
+    """Return the finding for a parameter that exists only in older or newer PX4 versions; None if it exists in no version."""
     having = [version for version in versions() if name in parameters(version)]
     later = [version for version in having if version.minor > ctx.minor]
     if later:

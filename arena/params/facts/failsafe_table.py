@@ -201,7 +201,7 @@ def rc_input_mode(source: str, version: Version | str) -> int:
 
 
 def rc_priority_modes(version: Version | str) -> tuple[int, ...]:
-    """Return the values of COM_RC_IN_MODE with which a pilot's RC transmitter always works."""
+    """Return the values of COM_RC_IN_MODE with which a joystick cannot replace a pilot's RC transmitter."""
     minor = Version.of(version).minor
     return tuple(value for since, value in _RC_PRIORITY_MODES if minor >= since)
 
@@ -247,8 +247,9 @@ def _minor(text: str) -> int:
 
 
 def _settings(text: str) -> Mapping[Action, Mapping[str, int]]:
-    """Parse the column `actions` of failsafe_actions.csv: `PARAMETER: action=value ...; PARAMETER: ...`, or
-    `action` alone.
+    """Parse the column `actions` of failsafe_actions.csv: `PARAMETER: action=value ...; PARAMETER: ...`.
+
+    If PX4 has no parameter that selects the action, the column contains the action alone.
     """
     found: dict[Action, dict[str, int]] = {}
     for part in text.split("; "):

@@ -73,7 +73,7 @@ class Version:
 
     @classmethod
     def of(cls, version: Version | str) -> Version:
-        """Return a Version from a Version or a text. Raises InputError as `parse` does."""
+        """Return a `Version` unchanged, or parse a text such as 1.16. Raises InputError if the text is not a version of the table."""
         return cls.parse(version) if isinstance(version, str) else version
 
     @classmethod
@@ -94,7 +94,7 @@ class Version:
 
     @property
     def table(self) -> str:
-        """Return the name of the version in the parameter table, such as "1.16"."""
+        """Return the name by which the parameter table lists this version: major and minor number, such as "1.16"."""
         return f"{self.major}.{self.minor}"
 
     def __str__(self) -> str:

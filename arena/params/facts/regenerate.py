@@ -215,7 +215,7 @@ def _key(version: str) -> tuple[int, ...]:
 def replaced(
     table: Table, version: str, facts: dict[str, Fact], found: Mapping[str, str], of: str, over: bool
 ) -> Table:
-    """Return a copy of the table in which the parameters of one version are replaced.
+    """Return a copy of the table with new parameters for one PX4 version.
 
     facts: new parameters of the version.
     found: parameter name -> source file in PX4's tree.

@@ -37,7 +37,7 @@ class LineWriter:
         self.not_possible: list[str] = []
 
     def line(self, name: str, value: float, meaning: str, requirement: str) -> Line:
-        """Return a `Line` with a parameter's name, value and meaning, and with the reason for the value.
+        """Return a `Line` (a generated parameter) with its name, value and meaning, and the reason why the arena needs this value.
 
         requirement: key of `Requirements.reasons`; its value becomes the line's reason.
         """

@@ -131,11 +131,14 @@ class _ParamList:
         )
 
     def restart(self, now: float) -> None:
-        """Record that the list has been requested again. now: time of the request [s]."""
+        """Count a new request for the list, and restart the wait for its parameters. now: time of the request [s]."""
         self.requests, self._new_at = self.requests + 1, now
 
     def add(self, value: Value, now: float) -> bool:
-        """Add a received parameter. Return True if the total number of parameters has changed, because their indices are then invalid."""
+        """Add a received parameter. Return whether the vehicle's total number of parameters has changed.
+
+        After such a change all earlier indices are invalid, so the parameters received before are forgotten.
+        """
         changed = self.count not in (0, value.total)
         if changed:
             self.received.clear()

@@ -189,7 +189,7 @@ def _push_report(connection: _Connection[ParamWriter], reboot_names: frozenset[s
 
 
 def _expected_uid(name: str, target: ParamTarget, record: PushRecord | None) -> str:
-    """Return the uid of the vehicle to which an interrupted push has written, else the uid of the target."""
+    """Return the uid that the vehicle must have: if a push is resumed, the uid in its record, otherwise the uid of `target`."""
     resumed = record.vehicles[name].uid if record is not None else ""
     return resumed or target.uid
 
@@ -226,7 +226,7 @@ class _Connection(Generic[AnyTransfer]):
 
     @property
     def why(self) -> str:
-        """Why the connection could not be opened, or why the vehicle is the wrong one; "" otherwise."""
+        """Text for the user: why the connection could not be opened, or why this is not the expected vehicle; "" if all is well."""
         return self._no_connection or (self.transfer.uid.problem if self.transfer.uid is not None else "")
 
     @property

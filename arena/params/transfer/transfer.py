@@ -171,7 +171,7 @@ class Transfer:
         self._check_uid()
 
     def _probe(self, now: float) -> Iterable[Message]:
-        """Return a request that a connected vehicle always answers, if nothing was received for a while.
+        """Return a request to which every connected vehicle replies; no request if the vehicle has sent something recently.
 
         The answer shows that the vehicle is still connected, although a lossy link has dropped messages.
         """

@@ -39,7 +39,7 @@ class ParamTransport(Protocol):
     def fileno(self) -> int: ...
 
     def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
-        """Yield (bytes, the frames in them) for everything received from the vehicle, without waiting."""
+        """Yield (received bytes, MAVLink frames in these bytes) for all data that has arrived from the vehicle. Never waits."""
 
     def send(self, frame: bytes) -> None:
         """Send a frame. The frame is dropped if it cannot be sent now, because every request is repeated later."""

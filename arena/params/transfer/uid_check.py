@@ -14,7 +14,7 @@ _TRIES = 6
 
 
 class UidCheck:
-    """Check of one vehicle.
+    """Check that the hardware uid of one vehicle is the expected one.
 
     expected: hardware uid in hexadecimal digits; NO_UID; "" for any uid, which is then kept for the whole transfer
     found: uid that the vehicle has sent, or NO_UID; "" before, or if it sends none and any uid is allowed

@@ -221,11 +221,10 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Start to read parameters again that the vehicle did not have. Do this only if other parameters
-        were written since the last reading.
+        """Start to read again the parameters that did not exist in the vehicle, if other parameters were written meanwhile.
 
-        Returns whether there are parameters to read. In PX4, some parameters exist only after another
-        parameter has a certain value.
+        The reason: in PX4, some parameters exist only after another parameter has a certain value. Returns whether there
+        are parameters to read.
         """
         acknowledged = sum(param.step == "acknowledged" for param in self._params.values())
         if acknowledged <= self._acknowledged:
@@ -241,7 +240,7 @@ class ParamWriter(Transfer):
         return self._start("reading", again)
 
     def _check_read_back(self, names: Iterable[str]) -> None:
-        """Compare parameters that were read back with their wanted values, and decide what to do next.
+        """Compare parameters that were read back with their wanted values; mark each as written, to be written again, or refused.
 
         With the wanted value, a parameter is closed as written. With another value, it is written again, or after too many
         attempts closed as refused.

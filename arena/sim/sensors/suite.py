@@ -68,9 +68,7 @@ class SensorSuite:
 
 
 class _Group:
-    """Sensors that share one random generator per vehicle. The channels of these sensors are adjacent columns
-    of one array.
-    """
+    """Sensors whose noise is drawn together, from one random generator per vehicle. One array has a column per sensor axis."""
 
     def __init__(
         self,
@@ -122,7 +120,7 @@ class _Group:
 
 
 def _figures(table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, Any]], what: str) -> Array:
-    """Return the noise, the bias or the range that the profiles set for every sensor axis (V, width).
+    """Return one property (`what`) of every sensor axis from the profiles of the vehicles (V, width).
 
     what: name of the property: noise, bias or range
     """

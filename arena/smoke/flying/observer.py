@@ -77,7 +77,10 @@ class Observer:
         self._actions.do(action)
 
     def idle(self, wall_s: float) -> None:
-        """Wait at least `wall_s` seconds of wall time. The simulation advances by at most `wall_s` seconds meanwhile."""
+        """Wait at least `wall_s` seconds of wall time, in which the simulation advances by at most `wall_s` seconds.
+
+        So a simulation that can be faster than real time is not faster during this wait.
+        """
         with contextlib.suppress(RunError):
             self._clock.request_wake(self._clock.now() + wall_s)
             self._clock.wait_for_wake(wall_s)

@@ -299,9 +299,9 @@ class Session:
                 yield pid
 
     def _env(self) -> dict[str, str]:
-        """Return the environment variables for `arena up`. ARENA_RUNTIME_DIR must be the last variable.
+        """Return the environment variables for `arena up`, with ARENA_RUNTIME_DIR as the last one.
 
-        The order matters, because a process that sets its title may overwrite the first variables.
+        A process that sets its title may overwrite the first variables, but ARENA_RUNTIME_DIR must stay readable from outside.
         """
         return {
             **{key: value for key, value in os.environ.items() if key != RUNTIME_DIR_VARIABLE},

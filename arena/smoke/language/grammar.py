@@ -265,7 +265,7 @@ def _vehicles(tokens: TokenReader, names: Names) -> tuple[str, ...]:
 
 
 def _named(tokens: TokenReader, names: Names, name: str) -> tuple[str, ...]:
-    """Return the vehicles for a name, or all vehicles for `each`. Raises WrongWordError for an unknown name.
+    """Return the vehicles that `name` stands for: one vehicle, or all for `each`. Raises WrongWordError for an unknown name.
 
     No token is consumed.
     """
@@ -331,7 +331,7 @@ def _mode(tokens: TokenReader) -> str:
 
 
 def _form(tokens: TokenReader) -> tuple[Form, list[str]]:
-    """Read the words at the beginning of the text that select an action, such as `battery drain`.
+    """Parse the first words of an action, such as `battery drain`, which decide what kind of action it is.
 
     Returns the syntax of the action, and the words of this syntax that are still to be parsed.
     """

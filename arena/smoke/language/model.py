@@ -77,7 +77,7 @@ class Box:
     high_n: Vector
 
     def outside_m(self, p_n: Vector) -> float:
-        """Return how far `p_n` is outside the box [m]; negative inside: minus the distance to the nearest side."""
+        """Return how far `p_n` is outside the box [m]. If it is inside, return minus the distance to the nearest side."""
         return max(max(low - p, p - high) for low, p, high in zip(self.low_n, p_n, self.high_n, strict=True))
 
 

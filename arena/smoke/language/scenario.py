@@ -252,9 +252,7 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return a problem that was found in the arena. If the scenario file caused it, for example by
-        `set`, give the line in that file.
-        """
+        """Return a problem of the arena, with the place in the scenario file if an entry there (such as `set`) caused it."""
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
             for i, given in enumerate(self._model.set):

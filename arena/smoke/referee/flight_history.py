@@ -72,7 +72,7 @@ class FlightHistory:
             self.rows.extend(self._rows())
 
     def action(self) -> None:
-        """Store the time and the positions of all vehicles. Call this when an action is carried out."""
+        """Record the time and the positions of all vehicles at an action, for `drift_m`. Call this when an action is carried out."""
         self.action_s = self.now.time_s
         for name, history in self._histories.items():
             if name in self.now.vehicles:

@@ -104,7 +104,7 @@ class Referee:
 
     @property
     def _current(self) -> StepTracker | None:
-        """The first step that is not finished or has failed. None if all steps have passed."""
+        """The first step that has not passed: it has failed, has not ended or has not begun. None if all steps have passed."""
         return next((step for step in self._steps if not step.settled or step.failed), None)
 
     def _update_expectations(self) -> None:
@@ -154,7 +154,7 @@ class Referee:
     # -- after the flight
 
     def finish(self, outcome: Mapping[str, Any], problem: str = "") -> None:
-        """Evaluate the end of the arena. Call this once, after the arena has ended.
+        """Include the end of the arena in the verdict: its reported failures, and the steps that are still open. Call this once.
 
         outcome: content of outcome.json, {} if there is none.
         problem: text of another failure, such as an arena that did not start, which fails the scenario; "" if none.
