@@ -1,4 +1,4 @@
-"""Record of who requested what of a vehicle, and whether the request was sent on. Pure.
+"""Records who sent which request to a vehicle, and whether the request was sent on to the autopilot. Pure.
 
 Setpoints and stick positions are not recorded, because they are repeated many times a second. A request that is repeated
 within 5 s is recorded once.

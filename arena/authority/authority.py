@@ -251,7 +251,9 @@ class Authority:
     # -- requests of the operator --------------------------------------------------------------------------------------
 
     def release(self, by: str, now: float) -> None:
-        """End the latch of land-all or the copilot, and allow programs to take OFFBOARD again. by: who released it."""
+        """End the control that land-all or the copilot has taken, and allow programs to take OFFBOARD again. by: who
+        released the vehicle.
+        """
         self._latch, self._taken, self._obeyed = None, "", False
         self._hold_until = float("-inf")
         holder = self.holder if self.holder is Role.PILOT else Role.NOBODY

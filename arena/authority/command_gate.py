@@ -151,7 +151,8 @@ class CommandGate:
         return [f"{self.name}: {text}" for text in found]
 
     def changed_facts(self, place: str = "") -> dict[str, str]:
-        """Return the facts that have changed: `control` (who commands the vehicle), `blocked` (why programs may not).
+        """Return the facts that have changed: `control` (who commands the vehicle) and `blocked` (why programs may
+        not command it).
 
         place: appended to the name of `blocked`, because each place has its own memory of landings.
         """

@@ -143,7 +143,9 @@ class CopilotProcess:
             self._socket.sendto(data, to)
 
     def _report(self) -> bool:
-        """Send stats to the supervisor, twice a second of wall time. Return True if the process may end."""
+        """Report that the copilot is ready, and send its counters, twice a second of wall time. Return True if the
+        process may end (see `ShutdownPolicy`).
+        """
         self._reported = wall = time.monotonic()
         if not self._ready and (not self._core.missing or wall - self._began > _READY_TIMEOUT_S):
             self._ready = True

@@ -138,8 +138,8 @@ class Copilot:
 
     @property
     def missing(self) -> list[str]:
-        """Names of the simulated vehicles that have sent no heartbeat so far, or whose expected captured pose
-        has not arrived.
+        """Names of the simulated vehicles that the copilot does not receive yet: no heartbeat, or no captured pose
+        although the vehicle is captured.
         """
         present = np.isfinite(self.states.heartbeat_at) & (
             np.isfinite(self.tracks.seen_at) | ~np.array([v.poses for v in self.vehicles])

@@ -133,8 +133,8 @@ class Escalation:
         self.order, self._left_alone = None, ""
 
     def _leave_to_others(self, violations: Sequence[Violation], mode: str) -> None:
-        """End the order, or report once that the vehicle is not commanded, because a pilot or a failsafe has
-        changed its mode.
+        """Stop commanding the vehicle, because a pilot or a failsafe has changed its mode: end the order. If there is
+        no order, report a violation once instead of commanding.
         """
         if self.order is not None:
             self._events.append(

@@ -116,7 +116,8 @@ class Tracks:
         )
 
     def off(self, p_n: Array) -> Array:
-        """Return the distance from each vehicle's estimated position to the nearest captured position of the last 0.5 s.
+        """Return how far each vehicle's estimated position is from its captured positions: the distance to the
+        nearest one of the last 0.5 s.
 
         The result is in [m] (N,), NaN if unknown.
 

@@ -141,7 +141,9 @@ class DirectLink:
         return self._address.connection.kind == "serial"
 
     def _on_no_link(self, now: float) -> None:
-        """Send beside the link's port while the supervisor may restart the link process; then open the port."""
+        """Send from a separate socket while the supervisor may restart the link process. If no restart is expected,
+        open the port of the link process.
+        """
         if self._restart.is_expected(now):
             self._print(f"{self._process_name} is not running; waiting for its restart")
             self._open_beside()
@@ -160,7 +162,9 @@ class DirectLink:
             self._kill_link(now)
 
     def _open_beside(self) -> bool:
-        """Open a socket to send beside the link process. Return false if the vehicle has no known UDP address."""
+        """Open a separate socket to the vehicle, while the link process keeps its own port. Return False if the
+        vehicle has no known UDP address.
+        """
         if self._beside is None and self._vehicle is not None and not self._is_serial:
             self._beside = open_udp(("0.0.0.0", 0))
             self._on_opened()
@@ -211,7 +215,9 @@ class DirectLink:
         self._print(f"{self._process_name} runs again; {self._address.connection} is released for it")
 
     def _on_opened(self) -> None:
-        """Read the key of the vehicle, and print what is not known about the vehicle."""
+        """Load the signing key of the vehicle. Warn if no hardware uid is recorded, because the identity of the
+        vehicle cannot be checked then.
+        """
         if self._address.key_file and self._signing is None:
             self._signing = DirectSigning(self._address.key_file, self._print)
         if self._identity is None:

@@ -80,7 +80,9 @@ class TargetConnections:
             self.panic = _open_panic_link(self.target)
 
     def _send_relayed(self, frames: list[bytes], now: float) -> None:
-        """Send frames on the panic link and through the router. The link process refuses to send them to another vehicle."""
+        """Send frames on the panic link and through the router, together with requests for the uid. Send only these
+        requests if the link process is connected to another vehicle.
+        """
         if self._relayed is not None:
             requests = [request for _, request in self._relayed.requests(now)]
             frames = requests if self._relayed.is_other(self._link) else [*frames, *requests]

@@ -77,7 +77,7 @@ class IdentityCheck:
         self._opened_at: float | None = None
 
     def receive(self, data: bytes, source: Source, now: float) -> bool:
-        """Process data that have arrived from a source. Return whether its telemetry counts."""
+        """Process data that have arrived from a source. Return whether the source is the vehicle, so that its telemetry counts."""
         frames = [f for f in parse_frames(data).frames if f.sysid == self._system and f.compid == AUTOPILOT]
         if not frames:
             return False
@@ -101,7 +101,9 @@ class IdentityCheck:
         return not state.changed and now - state.since >= ANSWER_S
 
     def receivers(self, now: float) -> list[Source]:
-        """Return the sources to which commands may be sent. Call it as soon as the connection is open."""
+        """Return the sources to which commands may be sent. Call it as soon as the connection is open, because the
+        first call starts the wait for telemetry.
+        """
         self._opened_at = now if self._opened_at is None else self._opened_at
         known = dict.fromkeys([*([] if self._recorded is None else [self._recorded]), *self._sources])
         return [source for source in known if self._may_command(source, now)]

@@ -133,7 +133,7 @@ def _record(command: str, targets: Sequence[Target]) -> None:
 
 
 def _worst(found: Found, code: int) -> int:
-    """Print each run whose vehicles could not be commanded. Return `code`, or EXIT_FAILED if `code` is 0 and there is such a run."""
+    """Print each active run whose files cannot be read. Return EXIT_FAILED if there is such a run and `code` is 0, else `code`."""
     for why in found.unread:
         _say(f"NOT COMMANDED: the vehicles of an active run whose files cannot be read: {why}")
     return code or (EXIT_FAILED if found.unread else EXIT_OK)

@@ -155,7 +155,7 @@ class LandingSequence:
         return frames
 
     def _missing_telemetry(self, now: float) -> list[bytes]:
-        """Return requests for the messages that confirm a landing, as far as the vehicle does not send them."""
+        """Return requests for the messages that confirm a landing and that the vehicle has not sent so far."""
         if now - self._began < REQUEST_AFTER_S:
             return []
         missing = {mav.HEARTBEAT: self.reported.armed, mav.EXTENDED_SYS_STATE: self.reported.landed}

@@ -28,12 +28,12 @@ class LinkRestart:
         self._known: ProcessIdentity | None = None
 
     def on_link(self) -> None:
-        """Start a new wait when the link process is missing the next time."""
+        """Record that the link process runs. Its next absence then starts a new wait."""
         self._ended_at = None
 
     def is_expected(self, now: float) -> bool:
-        """Return whether to wait for the link process: it is starting, or the supervisor runs and has not given it up.
-        False if it has been missing for RESTART_S.
+        """Return whether to wait for a restart of the link process: it is starting, or the supervisor runs and has
+        not given up the restart. False if the link process has been missing for RESTART_S.
         """
         if self._ended_at is None:
             self._ended_at = now

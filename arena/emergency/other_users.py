@@ -75,7 +75,9 @@ def start_for_others(work: Work) -> list[UserProcess]:
 
 
 def _import_late_modules() -> None:
-    """Import the modules that are otherwise imported when they are needed: other users may not be able to read them."""
+    """Import modules that are usually imported at their first use. Root does this before the processes of other users
+    start, because these users may not be able to read the files of the modules.
+    """
     for name in ("yaml", "serial"):
         with contextlib.suppress(ImportError):
             importlib.import_module(name)

@@ -92,8 +92,8 @@ def find(
 
 
 def of_runs(runs: Sequence[ActiveRun], arena: Path | None) -> Found | None:
-    """Return the vehicles of the active runs that `arena` selects (see `find`); of all runs if it is None. Returns
-    None if there is no such run, or none can be read.
+    """Return the vehicles of the active runs that the YAML `arena` selects (see `find`), or of all active runs if
+    `arena` is None. Return None if no run is selected or none can be read.
     """
     if arena is None:
         return _of_all(runs)
@@ -203,7 +203,7 @@ def from_yaml(path: Path) -> Found:
 
 
 def _by_port_rule(vehicle: VehicleEntry, host: str, folder: Path) -> Target:
-    """Return the target of a vehicle in a YAML. folder: the folder of the YAML"""
+    """Return the target for a vehicle of a YAML, with the ports that follow from the vehicle's id. folder: the folder of the YAML"""
     direct = None
     if vehicle.connection is not None:
         key_file = str((folder / vehicle.key_file).absolute()) if vehicle.key_file else ""
@@ -220,8 +220,8 @@ def _by_port_rule(vehicle: VehicleEntry, host: str, folder: Path) -> Target:
 
 
 def _of_run(run: ActiveRun) -> Found:
-    """Return the vehicles in a run's plan.json, or in its arena.yaml if the plan cannot be read. The plan is in the run
-    folder, and in the runtime folder in case that the run folder was deleted or belongs to another user.
+    """Return the vehicles in a run's plan.json, or in its arena.yaml if the plan cannot be read. The runtime folder
+    has a copy of plan.json, which is read if the run folder was deleted or belongs to another user.
     """
     why: Exception | None = None
     for folder in (run.folder, run.runtime):
@@ -241,7 +241,9 @@ def _of_run(run: ActiveRun) -> Found:
 
 
 def _distinct(plans: Iterable[tuple[ActiveRun, Found]]) -> tuple[Target, ...]:
-    """Return the vehicles of all plans. Of two with the same address, the one of the newest own run is returned."""
+    """Return the vehicles of all plans, one per autopilot address. If several plans have the same address, the
+    vehicle of this user's newest run is returned.
+    """
     found: dict[Address, Target] = {}
     for run, plan in plans:
         for target in plan.targets:

@@ -218,8 +218,8 @@ class FcuLinkShell:
             self._say(f"{self._s.vehicle}: cannot write {self._s.wire_file}: {error.strerror}")
 
     def _write_params(self) -> None:
-        """Write the file of required parameters at the start, and again when the types of the vehicle's
-        parameters are known.
+        """Write the file of required parameters, which the user loads with QGroundControl: at the start, and again
+        when the types of the vehicle's parameters are known.
         """
         if not self._s.params_file or not self._s.params:
             return

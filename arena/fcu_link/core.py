@@ -140,7 +140,9 @@ class FcuLink:
         self._silence.on_data(data, found)
 
     def _is_vehicle(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> bool:
-        """Return whether data come from the vehicle. Drop waiting frames if they were meant for another connection."""
+        """Return whether data come from the vehicle. If the vehicle now sends from another address or device, drop
+        the frames that wait to be sent.
+        """
         before, uid = self.identity.source, self.identity.uid
         accepted = self.identity.accepts(source, data, found.frames, now)
         if self.identity.source != before:
@@ -221,7 +223,7 @@ class FcuLink:
         self._streams.restart()
 
     def _restart_setup(self) -> None:
-        """Read the parameters again, and demand a new test of the kill switch."""
+        """Read the parameters again and require a new test of the kill switch, because somebody may have changed the vehicle."""
         self.params.restart()
         self.radio.reset()
 

@@ -129,7 +129,7 @@ class Identity:
         return now - candidate.received_at <= SILENT_S
 
     def _on_autopilot(self, source: Source, now: float) -> None:
-        """Store the time of data from an autopilot. It becomes a candidate if it is new or was silent."""
+        """Record that an autopilot has sent data. Make its source a candidate if the source is new or was silent."""
         if source == self.source:
             if now - self._received_at <= SILENT_S:
                 self._received_at = now
@@ -185,7 +185,9 @@ class Identity:
         return found.matches(self.uid)
 
     def _learn(self, found: HardwareUid) -> None:
-        """Expect the uid of this autopilot from now on, because no vehicle has been permitted to arm."""
+        """Expect the uid of this autopilot from now on. Called only while the uid is not fixed by an arm permit or by
+        arming (see `fix`).
+        """
         before, self.uid = self.uid, str(found) or NO_UID
         self.last_source = None if NO_UID in (before, self.uid) else self.last_source
         if self.uid == NO_UID:

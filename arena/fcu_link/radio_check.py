@@ -43,7 +43,9 @@ class RadioCheck:
         return (KILL_CHANNEL, SOURCE) if self.required else ()
 
     def reset(self) -> None:
-        """Forget everything, because the autopilot has rebooted or another one may be connected."""
+        """Forget the state of the RC and the test of the kill switch, because the autopilot has rebooted or another
+        one may be connected.
+        """
         self._status_at = self._channels_at = -math.inf
         self._present = self._healthy = False
         self._killed = self._tested = False

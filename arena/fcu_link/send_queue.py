@@ -36,7 +36,9 @@ class Priority(IntEnum):
 
 
 class Lane(IntEnum):
-    """Part of the queue. PANIC, SIMULATOR and VISION have the frames of one source, the others those of the router."""
+    """Part of the queue, with its own share of the connection. PANIC, SIMULATOR and VISION have the frames of one
+    source each. The other lanes have the frames of the router, by kind of message.
+    """
 
     PANIC = 0
     COMMAND = 1
@@ -75,7 +77,9 @@ class QueuedFrame(NamedTuple):
 
 @dataclass(kw_only=True)
 class _Frames:
-    """Frames of one lane. sent: sent bytes divided by the lane's weight, at least as many as of the lane that sent last."""
+    """Frames of one lane. sent: bytes that the lane has sent, divided by its weight. A lane that was empty starts
+    with the value of the lane that sent last.
+    """
 
     frames: deque[QueuedFrame] = field(default_factory=deque)
     sent: float = 0.0
@@ -97,7 +101,8 @@ class SendQueue:
         return sum(len(lane.frames) for lane in self._lanes.values())
 
     def put(self, priority: Priority, frame: bytes, msgid: int, since: float) -> None:
-        """Add a frame. When the queue is full, the oldest frame of the lane with the most bytes is dropped, but none of PANIC.
+        """Add a frame. When the queue is full, drop the oldest frame of the lane with the most bytes. PANIC is chosen
+        only if the other lanes are empty.
 
         A frame that replaces an older one takes its place, so that it is not sent later because of the
         replacement.
@@ -143,7 +148,7 @@ class SendQueue:
         self._bytes = 0
 
     def _next_lane(self) -> Lane | None:
-        """Return the lane PANIC if it has frames, else the lane that has sent the smallest share."""
+        """Return the lane PANIC if it has frames, else the lane that has sent the fewest bytes for its weight."""
         if self._lanes[Lane.PANIC].frames:
             return Lane.PANIC
         waiting = {name: lane for name, lane in self._lanes.items() if lane.frames}

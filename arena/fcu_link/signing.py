@@ -53,7 +53,9 @@ class LinkSigning:
             self._connection = SignedConnection(read_key(settings.key_file), LINK_PROCESS, first, own=own)
 
     def accepted(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> ParsedFrames:
-        """Return the frames from a source that may be used. now: monotonic [s]"""
+        """Return the frames from a source that may be used: those with a valid signature, or all frames if there is
+        no key. now: monotonic [s]
+        """
         if self._connection is None:
             return found
         before = self._connection.counts.copy()
@@ -73,7 +75,9 @@ class LinkSigning:
         return found._replace(frames=frames)
 
     def greetings(self) -> list[tuple[Source, bytes]]:
-        """Return a heartbeat, not yet signed, for each source that has sent invalid frames: at most one a second."""
+        """Return (source, heartbeat) for each source whose frames were not valid, at most once a second per source.
+        The caller signs the heartbeat, from which a restarted vehicle reads the current timestamp.
+        """
         sources, self._to_greet = self._to_greet, []
         return [(source, self._codec.onboard_heartbeat()) for source in sources]
 

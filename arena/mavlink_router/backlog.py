@@ -21,7 +21,7 @@ _Moment = tuple[float, float]
 
 
 class Backlog:
-    """Ages of the datagrams that wait in the router's sockets.
+    """Measures how long datagrams have waited in the router's sockets, and drops the frames that are too old.
 
     links: indices in `sockets` of the links to autopilots; what these send is never dropped, because telemetry
     has values that are sent only once
@@ -46,12 +46,14 @@ class Backlog:
         self.dropped = 0
 
     def before_poll(self, now: float) -> None:
-        """Record that the sockets are polled again. now: monotonic [s]."""
+        """Record that the next poll of the sockets begins. `may_be_old` needs this time. now: monotonic [s]."""
         self._turn += 1
         self._last_poll, self._this_poll = self._this_poll, self._moment(now)
 
     def tick(self, now: float) -> None:
-        """Compare the clocks. Call it a few times a second. now: monotonic [s]."""
+        """Compare the wall clock, by which the kernel stamps datagrams, with the monotonic clock. Call it a few times
+        a second. now: monotonic [s].
+        """
         self._ages.update(time.time(), now)
 
     def may_be_old(self, fd: int, now: float) -> bool:

@@ -152,8 +152,8 @@ class _ForwarderProcess:
 
 
 def _latency(lateness: Lateness) -> dict[str, float | None]:
-    """Return the time from exposure to arrival of the last frame and its greatest error [ms]; None before the server has
-    answered an echo request.
+    """Return the latency of the last frame, from exposure to arrival, and the largest possible error of this latency
+    [ms]. None before the server has answered an echo request.
     """
     if not math.isfinite(lateness.latency_s):
         return {"latency_ms": None, "latency_error_ms": None}

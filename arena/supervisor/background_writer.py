@@ -27,7 +27,9 @@ class BackgroundWriter:
         self._lost = 0
 
     def submit(self, job: Job, *, replaces: str = "") -> None:
-        """Add a write to the queue. replaces: a waiting write that was added with the same text is removed first."""
+        """Add a write to the queue. replaces: key of the write; a waiting write with the same key is removed, because
+        only the newest one matters.
+        """
         with self._changed:
             if replaces:
                 self._jobs = deque(entry for entry in self._jobs if entry[0] != replaces)

@@ -118,7 +118,9 @@ class LandingTask:
         return found
 
     def _withdraw(self, armed: Collection[str], now: float) -> None:
-        """Withdraw the confirmation of real vehicles that are still reported as armed after REPORT_LAG_S."""
+        """Withdraw the confirmed landing of a real vehicle that is reported as armed REPORT_LAG_S after the
+        confirmation. The vehicle is then landed again.
+        """
         for vehicle, at in list(self._confirmed.items()):
             if vehicle in self._real and vehicle in armed and now - at >= REPORT_LAG_S:
                 del self._confirmed[vehicle]
@@ -171,7 +173,7 @@ class LandingTask:
         return False
 
     def _hurry(self, task: SideTask, flying: Sequence[str], now: float) -> None:
-        """Kill the land task early if all vehicles have been on the ground for _NOTICE_S."""
+        """Kill the land task if no vehicle has been in the air for _NOTICE_S, because the task has nothing more to land."""
         if flying:
             self._nothing_since = None
         elif self._nothing_since is None:

@@ -347,7 +347,7 @@ class Supervisor:
             )
 
     def _write_state(self, members: dict[str, Member]) -> None:
-        """Write state.json. The thread `files` calls this."""
+        """Write state.json, and store the error if this fails. Called in the background thread `files`."""
         try:
             self.folder.write_state(self.plan, members)
         except OSError as error:

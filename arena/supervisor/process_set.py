@@ -137,7 +137,7 @@ class ProcessSet:
                 return
 
     def _count_silence(self, now: float) -> None:
-        """Add the time since the last call to the silence of every process.
+        """Add the time since the last call to the silence (time without a received packet) of every process.
 
         At most _LONGEST_ROUND_S is added. A supervisor that was itself paused, or a machine that stood still, thus does not
         make every process look silent.
@@ -373,7 +373,9 @@ class ProcessSet:
 
 
 def _within_limit(values: Mapping[str, Any], known: Collection[str]) -> list[str]:
-    """Return the keys of `values` that may be stored: those in `known`, and new ones up to MAX_NAMES in total."""
+    """Return the keys of `values` that may be stored: the known keys, and new keys until there are MAX_NAMES keys. A
+    faulty process thus cannot fill the memory of the supervisor.
+    """
     room, found = MAX_NAMES - len(known), []
     for key in values:
         if key not in known:

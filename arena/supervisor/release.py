@@ -12,7 +12,9 @@ GUARDS = ("world", "link", "router")
 
 
 def guards(plan: Plan, vehicle: str = "") -> set[str]:
-    """Return the processes that pass commands to a vehicle. vehicle: its name; "" for those of all vehicles."""
+    """Return the names of the processes that pass commands to a vehicle or refuse them: world, router and link.
+    vehicle: its name; "" for all vehicles.
+    """
     kinds = (spec for spec in plan.processes if spec.kind in GUARDS)
     return {spec.name for spec in kinds if not vehicle or spec.vehicle in (None, vehicle)}
 
@@ -43,6 +45,8 @@ def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:
 
 
 def _blocked_in_world(plan: Plan, stats: Mapping[str, Mapping[str, Any]], vehicle: str) -> bool:
-    """Return whether the built-in autopilot refuses programs: `land-all` may have reached it without the router."""
+    """Return whether the built-in autopilot itself refuses programs. It does so after `land-all`, which can reach the
+    autopilot without the router.
+    """
     worlds = [stats.get(spec.name, {}) for spec in plan.processes if spec.kind == "world"]
     return any(world.get("autopilot", {}).get(vehicle, {}).get("blocked") for world in worlds)

@@ -195,7 +195,9 @@ _RESTARTED_IN_LANDING = frozenset({"mocap", "link", "forward", "router"})
 
 
 def kept_in_landing(plan: Plan, statuses: Statuses) -> frozenset[str]:
-    """Return the processes that are restarted during the landing, as in flight. A process that has never started is not kept."""
+    """Return the processes that are restarted if they end during the landing, because vehicles need them to land. A
+    process that has never started is not included.
+    """
     return frozenset(
         s.name for s in plan.processes if s.kind in _RESTARTED_IN_LANDING and statuses[s.name].started
     )

@@ -139,7 +139,8 @@ class RunFolder:
         write_whole(self.path / "state.json", json.dumps(dataclasses.asdict(state), indent=1))
 
     def restore(self, plan: Plan) -> None:
-        """Write the files again that the land task and restarted processes read, if somebody has deleted them.
+        """Write the plan and the configuration files again if somebody has deleted them, because the land task and
+        restarted processes read these files.
 
         Files that cannot be written are left out.
         """

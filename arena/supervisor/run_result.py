@@ -23,7 +23,7 @@ REPORT_TIMEOUT_S = 120.0
 
 
 class RunResult:
-    """Result of one run.
+    """Determines the result of one run at its end: writes outcome.json, sets `exit_code`, and runs the report task.
 
     exit_code: exit code of the run; valid after `write`.
     task: the running report task, or None.

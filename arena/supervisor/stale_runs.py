@@ -29,8 +29,8 @@ Say = Callable[[str], None]
 
 
 def sweep_all(say: Say, address: str) -> None:
-    """Sweep (clean up) every stale run on this address. Stale runs on other addresses are left alone, because
-    their ports differ.
+    """Sweep (clean up) every stale run whose processes use this IPv4 address. Stale runs on other addresses are left
+    alone, because they do not use the ports of this arena.
 
     say: function that prints a line.
     Raises RunError if a run cannot be cleaned up without risk to a real vehicle.

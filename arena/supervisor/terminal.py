@@ -106,13 +106,13 @@ class JsonLines(Lines):
 
 
 class _Screen(io.StringIO):
-    """Text for a terminal that rich has drawn and that is not written yet."""
+    """Buffer into which the library rich draws for the terminal. The text stays here until `take`."""
 
     def isatty(self) -> bool:
         return True
 
     def take(self) -> str:
-        """Return the text and remove it."""
+        """Return the text in the buffer, and empty the buffer."""
         text = self.getvalue()
         self.seek(0)
         self.truncate()
