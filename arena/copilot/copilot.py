@@ -271,7 +271,8 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return True once when a condition has been true for more than `_SILENT_S` seconds without interruption.
+    """Return True at the first call after `so` has been true for more than `_SILENT_S` seconds without interruption,
+    so that the condition is reported once.
 
     since: row -> start time of the condition, updated here. so: whether the condition is true now.
     """

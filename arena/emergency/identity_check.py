@@ -90,7 +90,9 @@ class IdentityCheck:
         return state.is_vehicle is True
 
     def _may_command(self, source: Source, now: float) -> bool:
-        """Return whether commands may be sent to a source."""
+        """Return whether commands may be sent to a source: the source is the vehicle, or it is the recorded source
+        and the vehicle does not reply.
+        """
         state = self._sources.get(source)
         if state is not None and state.is_vehicle is not None:
             return state.is_vehicle

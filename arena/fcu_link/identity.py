@@ -34,7 +34,7 @@ _OLD_REQUEST = mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES  # PX4 before v1.1
 
 @dataclass(kw_only=True)
 class _Candidate:
-    """Source with an autopilot that has not been accepted.
+    """Source (address or device) that sends as an autopilot and whose uid has not been accepted.
 
     uid: the uid that it has sent; None before
     received_at: time of its last data [s]

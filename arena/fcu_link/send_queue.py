@@ -36,8 +36,8 @@ class Priority(IntEnum):
 
 
 class Lane(IntEnum):
-    """Part of the queue, with its own share of the connection. PANIC, SIMULATOR and VISION have the frames of one
-    source each. The other lanes have the frames of the router, by kind of message.
+    """Part of the queue. PANIC is sent first; the other lanes share the connection. PANIC, SIMULATOR and VISION have
+    the frames of one source each, the other lanes those of the router, by kind of message.
     """
 
     PANIC = 0

@@ -28,7 +28,7 @@ class SilenceReport:
         self.restart(now)
 
     def restart(self, now: float) -> None:
-        """Begin again, because the vehicle is received."""
+        """Set the counters to zero, because the vehicle is received."""
         self._since, self._bytes, self._foreign = now, 0, 0
 
     def on_data(self, data: Buffer, found: ParsedFrames) -> None:

@@ -192,7 +192,7 @@ class RouterShell:
 
 
 def _world_time(path: str | None) -> SimTime | None:
-    """Open the simulation time in the file `path` for reading. Return None if there is no simulated world."""
+    """Open the file `path`, from which the simulation time is read. Return None if there is no simulated world."""
     if path is not None:
         with contextlib.suppress(RunError):
             return SimTime(path)

@@ -53,7 +53,7 @@ class Shutdown:
         return run_end.armed(self._plan, p.statuses, p.facts, p.stats) - self.forgotten.keys()
 
     def update_hold(self) -> None:
-        """Find the processes that serve an armed real vehicle, and therefore do not end on a stop signal."""
+        """Update the set of processes that must not end on a stop signal, because they serve an armed real vehicle."""
         self._orders.hold = run_end.serving_real(self._plan, self.armed())
 
     def forget(self, vehicle: str, by: str, now: float) -> None:
