@@ -270,7 +270,7 @@ class Autopilots:
             self.gates[v.row].on_state(c.armed, mode_words(c.mode.custom_mode), s.now)
 
     def _stay_disarmed(self, v: Vehicle, s: CommanderInputs) -> None:
-        """Do one step of a disarmed vehicle: clear its setpoint, and set its first home position.
+        """Clear the setpoint of a disarmed vehicle. If no home position is set and the position is valid, set home to the present position.
 
         A request to reboot, or an estimator that rejects poses, makes the estimator align again."""
         i = v.row

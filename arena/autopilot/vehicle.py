@@ -139,7 +139,7 @@ class Vehicle:
         self.commander.terminate(why)
 
     def _refresh_offboard(self) -> None:
-        """Update the age of the offboard setpoint before a mode or arming request is decided.
+        """Compute the age of the newest offboard setpoint again, so that a mode or arming request is decided with the present age.
 
         Clients request OFFBOARD right after their first setpoint, before the next decision updates the age.
         """

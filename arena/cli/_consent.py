@@ -28,7 +28,7 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
         print(f"  {v.name}: system id {v.id}, {v.profile}, flown by {programs.get(v.name, 'no program')}")
     for v in real:
         if v.radio == "none":
-            print(f"  {v.name} has no pilot's radio: nobody can take over by hand")
+            print(f"  {v.name} has no pilot with an RC transmitter: nobody can take control manually")
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"
         "This permits the vehicles that are connected when all processes are ready, until they are switched off or "

@@ -34,7 +34,7 @@ YAML, _DEFAULTS = "yaml:", "defaults"
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether `arena params diff` hides a difference, because the set `a` or `b` need not contain every parameter.
+    """Return whether `arena params diff` hides a difference, because one set (such as the YAML) need not contain this parameter.
 
     A difference is hidden if one set is from the YAML and does not set the parameter, or if the only set with the
     parameter is PX4's defaults.
@@ -63,7 +63,8 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
     path = Path(arena.folder) / RECORD
     if path.exists() and PushRecord.read(path).unfinished:
         raise InputError(
-            f"{path}: an earlier push was interrupted. Continue it with --resume, or delete this file, which has the old values"
+            f"{path}: an earlier push was interrupted. Continue it with --resume, or delete this file. "
+            "It contains the values from before the push"
         )
     wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}
     return PushRecord.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})
@@ -155,7 +156,7 @@ def version_for(vehicle: Vehicle | None, asked: str) -> str:
 
 
 def required_firmware(arena: Arena, vehicle: Vehicle, asked: str) -> Firmware:
-    """Return the PX4 parameters that the YAML requires for a vehicle, without the positions of the rotors."""
+    """Return the PX4 parameters that the YAML requires for a vehicle. asked: PX4 version given on the command line, or ""."""
     from arena.plan.firmware import firmware
 
     return firmware(arena, vehicle, asked)

@@ -39,7 +39,7 @@ class ProgressBars:
 
     @property
     def show(self) -> Callable[[Mapping[str, Any]], None]:
-        """Function that updates the bars. Its argument is a mapping: vehicle name -> progress."""
+        """Function that updates the bars during a parameter transfer. Its argument is a mapping: vehicle name -> progress."""
 
         def update(progress: Mapping[str, Any]) -> None:
             for name, each in progress.items():
@@ -58,7 +58,9 @@ _ENDINGS = {
 
 
 def ending_text(ending: str, why: str) -> str:
-    """Return why a transfer ended early, as text. why: error if the connection could not be opened, else ""."""
+    """Return the reason why a parameter transfer ended early: `why` (the connection could not be opened) if
+    given, else the text for `ending`.
+    """
     return why or _ENDINGS.get(ending, ending)
 
 
@@ -86,7 +88,8 @@ def push_report_lines(name: str, report: PushReport) -> list[str]:
 
 
 def measured_lines(vehicle: Vehicle, unmeasured: Mapping[str, float]) -> list[str]:
-    """Return the lines that show what was measured on a vehicle.
+    """Return the lines of `arena params measured` for one vehicle: each measured parameter, and the parameters
+    that nobody has set or measured.
 
     unmeasured: parameter that nobody has set or measured -> its value in the simulation.
     """

@@ -50,7 +50,9 @@ def register(app: typer.Typer) -> None:
 
 
 def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:
-    """Return what a permit is granted to: uid, address, battery and failing checks. stats: measurements of its link process."""
+    """Return one line that shows the user which vehicle gets a permit: uid, address, battery and failing checks.
+    stats: measurements of its link process.
+    """
     battery = stats.get("battery")
     charge = "battery unknown" if battery is None else f"battery {battery:.0f} %"
     failing = [text for text in stats.get("may_not_arm", ()) if "no arm permit" not in text]

@@ -168,7 +168,7 @@ def ports_page() -> str:
 
 
 def _answers(port: Port) -> str:
-    """Return a table cell about one port: for each process that binds the port, the senders that this process answers."""
+    """Return a table cell about one port: for each process that binds the port, the senders to which the process replies."""
     found: dict[str, list[str]] = {}
     for binder in port.binders:
         found.setdefault(binder.answers, []).append(f"`{binder.kind}`")

@@ -66,7 +66,7 @@ def register(app: typer.Typer) -> None:
             typer.Option("--set", metavar="KEY=VALUE", help="override one value of the arenas' YAML"),
         ] = None,
         results: Annotated[
-            Path, typer.Option("--results", metavar="DIR", help="folder for run folders")
+            Path, typer.Option("--results", metavar="DIR", help="folder in which the run folders are created")
         ] = Path("results"),
         repeat: Annotated[
             int, typer.Option("--repeat", metavar="N", min=1, help="fly each scenario N times")

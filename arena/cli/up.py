@@ -150,7 +150,7 @@ def register(app: typer.Typer) -> None:
 
 
 def _plan(file: Path, overrides: list[str]) -> Plan:
-    """Load the arena, end runs on its address whose supervisor has died, make all checks before the start, return the plan.
+    """Prepare a run and return its plan: load the arena, end runs on the same address whose supervisor has died, and make all checks.
 
     Raises InputError for problems of the YAML or of this computer, RunError if another arena is in the way.
     """

@@ -29,8 +29,8 @@ def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
 
 
 def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]:
-    """Find tools that need an unknown process or a tool that is listed after them. By this rule, tools never
-    wait for each other.
+    """Find tools that need an unknown process, or a tool that is listed after them in the YAML. A tool can need
+    only earlier tools, so two tools never wait for each other.
     """
     before = [name for name in process_names if not name.startswith("tool.")]
     own: list[tuple[str, Tool, YamlPath]] = [
@@ -77,7 +77,7 @@ def _parameters(arena: Arena) -> Iterator[Problem]:
 
 
 def _radio(arena: Arena) -> Iterator[Problem]:
-    """Find vehicles whose pilot has an RC transmitter, and whose parameters in the YAML make PX4 ignore it."""
+    """Find vehicles that have an RC transmitter, although their parameter COM_RC_IN_MODE in the YAML can make PX4 ignore it."""
     for v in arena.vehicles:
         value, modes = v.own_params.get("COM_RC_IN_MODE"), rc_priority_modes(px4_version(v))
         if v.radio == "required" and value is not None and value not in modes:

@@ -73,8 +73,8 @@ def firmware(arena: Arena, vehicle: Vehicle, version: str = "") -> Firmware:
 
 
 def origins(arena: Arena) -> dict[str, Origin]:
-    """Return the value of every PX4 version and parameter, and the source of this value, as
-    `vehicles.NAME.params.PARAMETER` -> origin.
+    """Return where the PX4 version and each required parameter of every vehicle come from:
+    `vehicles.NAME.params.PARAMETER` -> value and source.
     """
     found: dict[str, Origin] = {}
     for name, each in all_firmware(arena).items():
@@ -152,7 +152,9 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Remove rotor geometry and RC mapping for the built-in autopilot, which reads them from the profile."""
+    """Return the requirements that the autopilot has as parameters. The built-in autopilot has none for rotor
+    geometry and RC mapping, because it reads both from the profile.
+    """
     return replace(required, rotors=(), channels=0) if autopilot == "builtin" else required
 
 

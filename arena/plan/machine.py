@@ -153,7 +153,9 @@ def _wanted(plan: Plan) -> list[tuple[str, str, int]]:
 
 
 def _taken(arena: Arena, plan: Plan, probe: Probe) -> Iterator[str]:
-    """Yield one sentence for each address where other processes use the arena's ports, and one for each missing serial device."""
+    """Yield the problems with ports and devices: one sentence per address where other processes use the arena's
+    ports, and one per missing serial device.
+    """
     held: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for process, address, port in _wanted(plan):
         if why := probe.refusal(address, port):

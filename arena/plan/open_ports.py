@@ -62,7 +62,7 @@ def open_sockets(plan: Plan) -> tuple[OpenSocket, ...]:
 
 
 def open_lines(plan: Plan) -> list[str]:
-    """Return the lines `open: ...` for all sockets that other computers can reach. Ports with the same use share a line."""
+    """Return the lines `open: ...` for all sockets that other computers can reach. Ports of the same use are in one line."""
     found = [opened for opened in open_sockets(plan) if not opened.local and opened.port]
     lines: dict[tuple[str, str, str, str], list[OpenSocket]] = {}
     for opened in found:

@@ -17,7 +17,7 @@ SIMULATED: dict[str, float] = {"SYS_HAS_MAG": 0, "SIM_BAT_MIN_PCT": 0.0, "SDLOG_
 
 
 def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
-    """Return PX4's startup scripts: file name in `etc/init.d-posix` -> text. given: values for the templates."""
+    """Return the startup scripts of one simulated PX4: file name in `etc/init.d-posix` -> text. given: name -> value for the templates."""
     import jinja2
 
     loader = jinja2.FileSystemLoader(str(data_folder("templates") / "px4"))

@@ -105,7 +105,7 @@ class Px4Links:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors, such as `gps`, that must be sampled before the next `begin`, because their own message is due then."""
+        """Names of the sensors, such as `gps`, whose own message to PX4 is due at the next `begin`. The caller must sample them before."""
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:

@@ -49,7 +49,7 @@ class Flight:
 
     @property
     def judge(self) -> Judge:
-        """Name of the source that provides the vehicle's actual position: ground truth, motion capture, or PX4's estimate.
+        """Name of the source from which the vehicle's actual position is read: ground truth, motion capture, or PX4's estimate.
 
         Motion capture is used if there is no ground truth and at least half of the rows while armed have a measured position.
         """

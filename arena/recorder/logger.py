@@ -51,9 +51,7 @@ class Logger:
         self._airborne_unix_s: float | None = None
 
     def run(self) -> None:
-        """Write the log until SIGTERM arrives or the world ends. If the supervisor has died, the log also ends
-        once the vehicle is disarmed.
-        """
+        """Write the log until SIGTERM arrives or the world ends. If the supervisor has died, stop when the vehicle is disarmed."""
         rate = self._clock.rate(self._rate_hz)
         while not self._room.stopping:
             try:

@@ -81,7 +81,7 @@ class Series:
             self._samples.append((time_s, value))
 
     def waits_for(self, time_s: float) -> bool:
-        """Return whether to wait for a sample at or after `time_s`, so that the value at `time_s` can be interpolated.
+        """Return whether the value at `time_s` can be interpolated only after the next sample, which is still expected.
 
         True if the last sample is older than `time_s`, but by at most MAX_GAP_S.
         """
@@ -129,7 +129,7 @@ class Held(Generic[T]):
             self.add(self._clock.local(stamp, received), value)
 
     def add(self, time_s: float, value: T) -> None:
-        """Append a value that is valid from local time `time_s` [s] on. An object that is already the last value is not added again."""
+        """Append a value that is valid from local time `time_s` [s] on. Do nothing if the last value is the same object."""
         if not self._is_newest(value):
             self._values.append((time_s, value))
 

@@ -33,9 +33,7 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """Mark in the plot for one step of the scenario. at_s: simulation time of the step [s]. good: whether the
-    step passed.
-    """
+    """Mark in the plot for one step of the scenario. at_s: simulation time of the step [s]. good: whether the step has passed."""
 
     at_s: float
     text: str

@@ -59,7 +59,10 @@ def test_fault_1_consent_repeats_that_there_is_no_radio(
 ) -> None:
     monkeypatch.setattr("sys.stdin", Terminal("yes\n"))
     ask_consent(plan, yes=yes)
-    assert "uav2 has no pilot's radio: nobody can take over by hand\n" in capsys.readouterr().out
+    assert (
+        "uav2 has no pilot with an RC transmitter: nobody can take control manually\n"
+        in capsys.readouterr().out
+    )
 
 
 def test_consent_says_nothing_of_a_radio_that_is_there(

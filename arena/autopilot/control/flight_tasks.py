@@ -39,7 +39,8 @@ class FlightTask:
         landed: bool,
         takeoff_d: float = math.nan,
     ) -> None:
-        """Begin a mode. The target of the mode is the point at which the vehicle can come to a stop.
+        """Begin a mode, and set its target: in TAKEOFF the take-off height, in the other modes the point at
+        which the vehicle can come to a stop.
 
         takeoff_d: height of the take-off target [m] [NED down], NaN for MIS_TAKEOFF_ALT
         """

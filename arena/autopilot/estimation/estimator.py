@@ -155,11 +155,11 @@ class Estimator:
         return np.asarray(self.aligned & ((now - self.last_yaw < self._timeout_s) | (self._ctrl & 8 == 0)))
 
     def velocity_known(self, i: int) -> bool:
-        """Return whether the estimated velocity of vehicle i is accurate enough to brake without vision."""
+        """Return whether the estimated velocity of vehicle i is accurate enough to stop the vehicle without external vision."""
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
 
     def specific_force(self) -> Array:
-        """Return the magnitude of the specific force, averaged over 0.2 s [m/s2] (V,). At rest it is gravity."""
+        """Return the magnitude of the specific force, averaged over 0.2 s [m/s2] (V,). At rest it equals 9.8 m/s2."""
         return np.asarray(np.sqrt((self._accel_mean * self._accel_mean).sum(1)))
 
     def _converged(self, now: float) -> Bool:
@@ -345,7 +345,7 @@ class Estimator:
             self._update(idx, y, h, np.full((len(idx), 1), 0.25), h @ self.cov[idx])
 
     def realign(self, idx: Index) -> None:
-        """Request a new alignment with the next vision sample. Biases are kept. Use on the ground only."""
+        """Mark vehicles as not aligned, so that the next vision sample aligns them again. IMU biases are kept. Use on the ground only."""
         self.aligned[idx] = False
         self.reset_counter[idx] += 1
 
@@ -382,7 +382,8 @@ class Estimator:
 
 
 def _repaired(cov: Array) -> Array:
-    """Return the covariances (m, 15, 15), with a small positive variance in place of each negative variance.
+    """Return the covariances (m, 15, 15) with each negative variance replaced by a small positive one. Rounding
+    errors can make a variance negative.
 
     The correlations of a replaced variance are set to zero, as in PX4."""
     lost = np.einsum("mii->mi", cov) < 0.0

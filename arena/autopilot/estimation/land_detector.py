@@ -100,7 +100,8 @@ class TakeoffRamp:
         self.flying = spooled & (self.flying & ~landed | done & climbing)
 
     def speed_up(self, now: float, full: Array) -> Array:
-        """Return the limit of the upward speed [m/s] (V,). It rises from a negative value, at which the thrust is zero, to `full`.
+        """Return the greatest climb rate [m/s] (V,) that the take-off ramp allows now. It rises from a negative
+        value (no thrust) to `full`.
 
         full: climb rate at the end of the ramp [m/s] (V,)
         """

@@ -91,7 +91,9 @@ class MavlinkInterface:
                 self._receive_message(link, message)
 
     def _refuses(self, link: MavlinkLink, data: bytes, frame: Frame) -> bool:
-        """Return whether the sender of a command must not command the vehicle now, and queue the reply to it."""
+        """Return whether a command is refused, because its sender must not command the vehicle now. Queue the
+        reply to a refused command.
+        """
         own = self.vehicle.system_id
         if self.gate is None or frame.target_sys != own or frame.target_comp not in (0, 1):
             return False

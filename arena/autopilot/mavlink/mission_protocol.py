@@ -357,7 +357,9 @@ def _sender(m: Any) -> tuple[int, int]:
 
 
 def _refusal(item: Item, kind: int) -> int:
-    """Return MAV_MISSION_ERROR for a fence command in the wrong list or an incomplete polygon, else 0."""
+    """Return MAV_MISSION_ERROR if an uploaded item is refused: a fence or rally point command in a mission, or a
+    fence polygon with fewer than 3 corners. Return 0 if the item is accepted.
+    """
     strange = kind == MISSION and item.command in (*FENCE_COMMANDS, mavlink.MAV_CMD_NAV_RALLY_POINT)
     few = kind == FENCE and item.command in POLYGONS and item.params[0] < 3
     return int(mavlink.MAV_MISSION_ERROR) if strange or few else 0

@@ -38,7 +38,7 @@ _NAN = math.nan
 
 
 class AllModes:
-    """Replacement for a message object in the send queue: `pack` encodes several messages, one AVAILABLE_MODES per selectable mode."""
+    """Entry of the send queue that stands for several messages: its method `pack` encodes one AVAILABLE_MODES per selectable mode."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
         """Return one AVAILABLE_MODES frame per selectable mode, in PX4's order.

@@ -121,7 +121,9 @@ class Navigator:
             self._load(s)
 
     def _first_climb(self, s: Situation) -> float:
-        """Return the height to climb to before the first item [m] [NED down], NaN if no climb is needed."""
+        """Return the height of the first mission item that has a position, if the vehicle must climb to it first
+        [m] [NED down]; else NaN.
+        """
         first = next((x for x in self.missions.items[MISSION][self.missions.current :] if moves(x)), None)
         if first is None:
             return math.nan

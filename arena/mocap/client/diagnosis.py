@@ -14,7 +14,7 @@ _LATE_TIMES = 2
 
 
 def no_network(server: str, reason: str) -> str:
-    """Return what the user must check when no socket to the server can be opened."""
+    """Return the message for the user when no socket to the server can be opened."""
     return f"motion capture: no network route to {server} ({reason}): is this computer in the server's network? Retrying every second"
 
 
@@ -58,7 +58,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 class LateFrames:
-    """Diagnosis of frames that arrive late. limit_s: lateness above which poses are dropped [s]."""
+    """Detects frames that arrive too late, and explains this to the user. limit_s: lateness above which poses are dropped [s]."""
 
     def __init__(self, limit_s: float) -> None:
         self._limit_s = limit_s
@@ -66,7 +66,7 @@ class LateFrames:
         self._text = ""
 
     def diagnosis(self, late_s: float) -> str:
-        """Return what the user must check if the last frame was late twice in a row, else "". Call it once a second.
+        """Return what the user must check if the newest frame was late in the last two calls, else "". Call this method once a second.
 
         late_s: lateness of the last frame [s]. The text keeps the first lateness, so that it is logged once.
         """

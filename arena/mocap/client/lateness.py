@@ -42,8 +42,8 @@ class Lateness:
         self.reset()
 
     def reset(self) -> None:
-        """Start again with the next frame as reference, for example because the server has restarted with
-        another clock.
+        """Discard the measured offset of the clocks, for example because the server has restarted with another
+        clock. The next frame becomes the reference.
         """
         self.latency_s = nan
         self._low, self._high = -inf, inf  # limits of the offset [s]
@@ -56,11 +56,11 @@ class Lateness:
 
     @property
     def clock_error_s(self) -> float:
-        """Greatest error of the difference of the two clocks [s]; infinite before the first echo answer."""
+        """Greatest possible error of the estimated clock offset [s]; infinite before the first reply to an echo request."""
         return 0.5 * (self._high - self._low)
 
     def measure_frame(self, frame: CapturedFrame, now: float, flying: bool) -> float:
-        """Return how late a frame is [s], from its time stamps and the echo answers. See `measure`."""
+        """Return how late a frame is [s], from its time stamps and the server's replies to echo requests. See `measure`."""
         if frame.echo is not None and frame.echo is not self._echo:
             self._echo = frame.echo
             self._on_echo(frame.echo, now)
@@ -99,11 +99,15 @@ class Lateness:
 
     @property
     def _offset(self) -> float:
-        """Estimated offset of the clocks [s]: the middle of its limits; without a lower limit the upper one."""
+        """Estimated offset of the clocks [s]: the middle between its lower and upper limit, or the upper limit
+        if no lower limit is known.
+        """
         return 0.5 * (self._low + self._high) if isfinite(self._low) else self._high
 
     def _drift(self, now: float) -> float:
-        """Add the drift since the last call to the limits. Return the time since then [s]."""
+        """Extend the limits of the clock offset by the drift that is possible since the last call. Return the
+        time since the last call [s].
+        """
         elapsed_s = now - self._now if isfinite(self._now) and now > self._now else 0.0
         self._now = max(self._now, now)
         self._high += _DRIFT * elapsed_s
@@ -111,7 +115,9 @@ class Lateness:
         return elapsed_s
 
     def _settle(self, offset: float, late: float, now: float, flying: bool) -> float:
-        """Return the lateness of a late frame. Give up the reference if it is young and all frames are late."""
+        """Return the lateness of a late frame [s]. If the reference may be a wrong time stamp (it is young, and
+        all later frames are late), replace it by this frame and return 0.
+        """
         if self._late_since is None or flying or self._prompt_s > _PROVEN_S or isfinite(self._low):
             self._late_since = now
         return self._shift(offset) if now - self._late_since >= _SETTLED_S else late
@@ -123,8 +129,8 @@ class Lateness:
         return 0.0
 
     def _on_echo(self, echo: Echo, now: float) -> None:
-        """Update the limits with an echo answer. Answers that contradict the limits replace them after
-        `_PROOF_COUNT` in a row.
+        """Update the limits of the clock offset with the server's reply to an echo request. After `_PROOF_COUNT`
+        replies in a row that contradict the limits, replace the limits.
         """
         low, high = echo.sent - echo.answered_s, echo.received - echo.answered_s
         if not 0.0 <= high - low <= _MAX_ROUND_TRIP_S:
@@ -142,15 +148,18 @@ class Lateness:
 
 
 class StreamLateness:
-    """Lateness of the frames of one motion-capture server, for a receiver that does not follow their numbers itself."""
+    """Lateness of the frames of one motion-capture server. It also detects repeated frames and a restart of the
+    server, for receivers that do not check frame numbers.
+    """
 
     def __init__(self, stale_s: float) -> None:
         self._order, self._lateness = FrameOrder(), Lateness(stale_s)
         self._stamp_s = nan
 
     def measure(self, frame: CapturedFrame, now: float) -> float:
-        """Return how late a frame is [s]; infinite if it is repeated or its time stamp cannot be right; 0 if the server
-        repeats the time stamp of the last frame, because it then has no clock.
+        """Return how late a frame is [s]. Return infinity if the frame is repeated or its time stamp cannot be
+        right. Return 0 if the time stamp has not changed since the last frame, because such a server has no
+        clock.
 
         now: time of arrival [s]
         """

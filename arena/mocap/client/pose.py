@@ -29,7 +29,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Echo:
-    """Comparison of the server's clock with the receiver's clock: a request that the server answers with its time.
+    """Comparison of the server's clock with the receiver's clock. The receiver sends a request, and the server replies with its time.
 
     sent, received: times of the request and of the answer, by the receiver's clock [s].
     answered_s: time at which the server received the request, by its own clock [s].

@@ -77,8 +77,8 @@ class _EmulatorProcess:
                 self._report(wall)
 
     def _sleep_until(self, due: float) -> float | None:
-        """Sleep until simulation time `due` [s], but at most 250 ms of wall time, and apply injected faults.
-        Return the simulation time, or None if `due` is not reached yet.
+        """Sleep until simulation time `due` [s], but at most 250 ms of wall time. Return the simulation time;
+        None if `due` is not reached yet. Injected faults that arrive are applied at once.
 
         Faults are also applied during the sleep, because simulation time may stand still while many of them
         are sent.

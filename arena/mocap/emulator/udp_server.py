@@ -85,8 +85,8 @@ def _request_socket(address: Address, name: str) -> socket.socket:
 
 
 def _frame_socket(address: str) -> socket.socket:
-    """Open the socket that sends frames. It has a free port, not that of the clients, because it would
-    otherwise receive their frames.
+    """Open the socket that sends frames. It is bound to any free port. On the port of the clients it would
+    receive frames meant for them.
     """
     s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     s.setblocking(False)

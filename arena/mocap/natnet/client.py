@@ -125,8 +125,8 @@ class NatNetClient:
             self._frames_at_open = self.counts["frames"]
 
     def _restart(self, wall: float) -> None:
-        """Close and open all sockets again, because the server, the network or the route to the server may
-        have changed.
+        """Connect again, with new sockets and a new handshake, because the server, the network or the route to
+        the server may have changed.
         """
         if self._sockets.is_open:
             self.counts["no frames" if self.core.is_connected else "no handshake"] += 1

@@ -80,7 +80,7 @@ class NatNetReceiver:
         return self._wanted_names or set()
 
     def reset(self) -> None:
-        """Start the handshake again. After a restart of the server a streaming id may belong to another body."""
+        """Start the handshake again, because after a restart of the server a streaming id may belong to another body."""
         self._version = None
         self._names = {}
         self._has_models = False
@@ -88,7 +88,9 @@ class NatNetReceiver:
         self._echoes_sent.clear()
 
     def echo_request(self, now: float) -> bytes:
-        """Return a request that compares the server's clock with the caller's clock, to be sent now. now: [s]."""
+        """Return a request that compares the server's clock with the caller's clock. now: time at which the
+        caller sends the request [s].
+        """
         self._echo_number = (self._echo_number + 1) % _MAX_ECHO_NUMBER
         self._echoes_sent[self._echo_number] = now
         if len(self._echoes_sent) > _MAX_ECHOES:

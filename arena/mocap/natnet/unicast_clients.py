@@ -56,8 +56,8 @@ class UnicastClients:
             self._clients[sender].last_request = self._clients[sender].quiet_until = now
 
     def destinations(self, now: float) -> list[Address]:
-        """Return all addresses to which frames are sent: each host's data port, and the port of each client's
-        requests.
+        """Remove silent clients, and return all addresses to which frames are sent: the data port of each
+        client's host, and the port from which each client sends its requests.
         """
         gone = [a for a, c in self._clients.items() if c.keepalives and now - c.last_request >= _SILENT_S]
         for address in gone:
@@ -67,8 +67,8 @@ class UnicastClients:
         return list(found)
 
     def _make_room(self) -> bool:
-        """Remove from a full list the client without keepalives that has been silent longest. Return whether
-        a new client fits.
+        """Remove a client if the list is full: among those that never sent a keepalive, the client that has been
+        silent longest. Return whether a new client fits.
         """
         if len(self._clients) < _MAX_CLIENTS:
             return True
