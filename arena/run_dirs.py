@@ -17,7 +17,7 @@ GROUP_VARIABLE = "ARENA_GROUP"
 
 
 def pointers() -> list[Path]:
-    """Return the path of the `run` file in every runtime folder of this user. This file contains the path of a run folder.
+    """Return the paths of the `run` files in this user's runtime folders. Each file contains the path of a run folder.
 
     Folders that other users own or may write to are ignored.
     """

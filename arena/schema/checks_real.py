@@ -19,7 +19,7 @@ _USUAL_BAUD = (57_600, 115_200, 230_400, 460_800, 921_600, 1_500_000, 3_000_000)
 
 
 def _wires(c: Check) -> Iterator[Problem]:
-    """Check that hardware vehicles have `url` and hitl vehicles `serial`, and that other vehicles have neither, and no `baud`."""
+    """Check that hardware vehicles have `url` and hitl vehicles `serial`. Refuse connection keys that a vehicle cannot use."""
     for v in c.arena.vehicles:
         keys = {"hardware": "url", "hitl": "serial"}
         wanted = keys.get(v.autopilot)
@@ -60,7 +60,7 @@ def _no_wire(c: Check, v: Vehicle, key: str) -> Iterator[Problem]:
 
 
 def _baud(c: Check, v: Vehicle, baud: int) -> Iterator[Problem]:
-    """Check that the baud rate is high enough for all poses, because poses arrive late on a slow connection."""
+    """Check that the baud rate is high enough for the poses and, with hitl, the sensor values. On a slow line they arrive late."""
     needed = _POSE_BYTES * v.pose_rate_hz if v.forward else 0.0
     needed = _BITS * (needed + (_HIL_BYTES_S if v.autopilot == "hitl" else 0.0))
     if baud < needed:

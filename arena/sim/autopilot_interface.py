@@ -77,7 +77,7 @@ class ExternalAutopilots(Protocol):
     def requested(self) -> tuple[str, ...]: ...
 
     def receive_truth(self, truth: Truth) -> None:
-        """Store the current true state of all vehicles."""
+        """Store the current true state of all vehicles, which PX4 writes to its log."""
         ...
 
     def begin(self, now: float, sensors: dict[str, Array]) -> None:
@@ -158,7 +158,7 @@ class CompositeAutopilots:
         return motors
 
     def receive_truth(self, truth: Truth) -> None:
-        """Pass the true state to the external autopilots. Each kind receives only the state of its vehicles."""
+        """Pass the true state to the external autopilots, for their logs. Each kind receives only the state of its vehicles."""
         for (rows, _), external in zip(self._parts, self._external, strict=True):
             if external is not None:
                 external.receive_truth(

@@ -31,7 +31,7 @@ class ScalarStep:
         self._each = [dynamics.scalar(i) for i in range(vehicles)]
 
     def update(self, vehicle: int) -> None:
-        """Read the changed dynamics of one vehicle. Call this after a fault has changed them."""
+        """Copy the dynamics of one vehicle again, because a fault (such as a failed rotor) has changed them."""
         self._each[vehicle].update()
 
     def advance(self, motors: Array, wind_n: Array, substeps: int) -> Array:

@@ -40,7 +40,7 @@ class Heartbeat:
 
     @classmethod
     def from_args(cls, argv: Sequence[str] | None = None) -> Heartbeat:
-        """Return the heartbeat for the vehicle in `--uav FILE`. Other arguments are ignored."""
+        """Return the heartbeat sender for the vehicle that the argument `--uav FILE` describes. Other arguments are ignored."""
         from arena.uav.arguments import read_arguments
 
         found = read_arguments(argv)

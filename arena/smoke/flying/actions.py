@@ -97,7 +97,7 @@ class ActionRunner:
 
     @property
     def commands_running(self) -> bool:
-        """True while a command such as `arena land-all` runs. The simulation must then not be faster than real time."""
+        """True while a command such as `arena land-all` runs. It uses wall time, so the simulation must not be faster than real time."""
         return any(command.poll() is None for command in self._commands)
 
     # -- faults

@@ -132,9 +132,9 @@ def slug(name: str) -> str:
 
 @contextlib.contextmanager
 def alone_if_px4(arena: Arena) -> Iterator[None]:
-    """Hold a lock file while an arena with PX4 flies, so that only one such arena flies at a time.
+    """Lock a file while an arena with PX4 flies, so that only one such arena flies at a time.
 
-    PX4 binds its ports on every address of the computer.
+    The reason: PX4 binds its ports on every address of the computer. Arenas without PX4 do not wait for the lock.
     """
     if not any(v.autopilot == "px4" for v in arena.vehicles):
         yield

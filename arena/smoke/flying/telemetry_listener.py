@@ -97,7 +97,7 @@ class TelemetryListener:
                     break
 
     def _is_late(self, name: str, now: float) -> bool:
-        """Return whether the newest position of a vehicle is older than _LATE_S, by the time stamp of the autopilot."""
+        """Return whether the autopilot's time stamp of the vehicle's newest position is older than _LATE_S, or no position has arrived."""
         local = self.telemetry[name].local
         return local is None or now - local.boot_s > _LATE_S
 

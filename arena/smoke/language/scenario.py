@@ -151,7 +151,7 @@ def stem(file: str) -> str:
 
 
 def _files(arena: Any) -> tuple[str, ...]:
-    """Return the paths under the key `arena`; ("",) if the arena is defined inside the scenario file."""
+    """Return the paths of the arena files under the key `arena`, or ("",) if the scenario file itself defines the arena."""
     if isinstance(arena, dict):
         return ("",)
     return (arena,) if isinstance(arena, str) else tuple(dict.fromkeys(arena))
@@ -222,7 +222,7 @@ class _Reader:
         return arena
 
     def _likely_names(self) -> Names | None:
-        """Return the names (vehicles, tools) that a faulty YAML probably defines, so that the scenario can be checked.
+        """Return the names of vehicles and processes in an arena that has errors, so that the scenario can be checked anyway.
 
         Return None if the names cannot be read.
         """
