@@ -113,6 +113,8 @@ def test_the_link_arms_no_vehicle_on_hostile_frames():
     preflight = {
         "position_m": 0.2,
         "yaw_deg": 15.0,
+        "tilt_deg": 10.0,
+        "imu": False,
         "pose_age_s": 0.1,
         "pose_rate_hz": 50.0,
         "battery": 0.2,

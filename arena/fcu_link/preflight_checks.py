@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from arena.fcu_link.pose_consistency import PoseConsistency
 from arena.fcu_link.settings import Preflight
 from arena.geometry import yaw_from_quat
 
@@ -49,6 +50,7 @@ class PreflightChecks:
         self.received_at = -math.inf
         self.heartbeat_at = -math.inf
         self.armed = False
+        self._consistency = PoseConsistency(preflight.tilt_deg, imu_required=preflight.imu)
         self.reset()
 
     def reset(self) -> None:
@@ -59,6 +61,7 @@ class PreflightChecks:
         self._packs: dict[int, tuple[float, int]] = {}
         self._pose: tuple[float, Vector, float] | None = None
         self._poses: deque[float] = deque()
+        self._consistency.reset()
 
     def on_autopilot(self, m: Any, now: float) -> None:
         """Store the values that the checks need from a decoded message of the vehicle's autopilot."""
@@ -75,12 +78,16 @@ class PreflightChecks:
             self._battery = now, m.battery_remaining
         elif kind == "BATTERY_STATUS":
             self._packs[m.id] = now, m.battery_remaining
+        elif not self.armed and self._p.poses:
+            self._consistency.on_autopilot(m, now)
 
     def on_pose(self, m: Any, now: float) -> None:
         """Store the pose of an ODOMETRY message that is sent to the vehicle."""
         self._pose = now, (m.x, m.y, m.z), _yaw(m.q)
         self._poses.append(now)
         self._trim(now)
+        if not self.armed:
+            self._consistency.on_attitude(m.q, now)
 
     def reasons(self, now: float, more: Sequence[str] = ()) -> list[str]:
         """Return why the vehicle must not be armed, most severe first; empty if arming is allowed.
@@ -90,6 +97,7 @@ class PreflightChecks:
         found = [
             *self._connection(now),
             *(self._poses_reasons(now) if self._p.poses else self._estimate(now)),
+            *(self._consistency.reasons(now) if self._p.poses else ()),
             *self._inside(now),
         ]
         return [sentence(text) for text in (*found, *self._charge(now), *more)]

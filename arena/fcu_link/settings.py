@@ -25,6 +25,8 @@ class Preflight:
     """Limits of the preflight checks: a vehicle outside these limits cannot be armed.
 
     position_m, yaw_deg: maximum difference between the captured pose and the autopilot's estimate
+    tilt_deg: maximum angle between the captured direction down and the accelerometer's, at rest
+    imu: the vehicle must not be armed before its accelerometer agrees with the captured tilt
     pose_age_s: maximum age of the last pose sent to the vehicle
     pose_rate_hz: rate at which poses are sent
     battery: minimum charge, 0 to 1 [-]; 0 for a battery that is not measured
@@ -36,12 +38,14 @@ class Preflight:
 
     position_m: float
     yaw_deg: float
+    tilt_deg: float
     pose_age_s: float
     pose_rate_hz: float
     battery: float
     size_m: tuple[float, float, float]
     height_m: float
     poses: bool
+    imu: bool = False
     radio: tuple[int, ...] | None = None
 
 
@@ -115,7 +119,7 @@ def _connection(raw: Any) -> ConnectionUrl:
 
 def _preflight(raw: Mapping[str, Any]) -> Preflight:
     poses = bool(raw["poses"])
-    needed = ("position_m", "yaw_deg", "pose_age_s", "pose_rate_hz")
+    needed = ("position_m", "yaw_deg", "tilt_deg", "pose_age_s", "pose_rate_hz")
     limits = {k: _above(f"preflight.{k}", raw[k]) if poses else 0.0 for k in needed}
     north, east, height = (_above("preflight.size_m", x) for x in raw["size_m"])
     return Preflight(
@@ -124,6 +128,7 @@ def _preflight(raw: Mapping[str, Any]) -> Preflight:
         size_m=(north, east, height),
         height_m=_finite("preflight.height_m", raw["height_m"]),
         poses=poses,
+        imu=poses and bool(raw["imu"]),
         radio=None if raw["radio"] is None else tuple(int(mode) for mode in raw["radio"]),
     )
 

@@ -22,6 +22,7 @@ _NEEDED = {
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 10.0,  # for the preflight check of the captured tilt
 }
 _RADIO = {mavlink.MAVLINK_MSG_ID_RC_CHANNELS: 2.0}
 # For logs and `sen.imu`: requested on connections that are fast enough.

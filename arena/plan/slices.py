@@ -159,6 +159,8 @@ def link(job: Job) -> Json:
         "preflight": {
             "position_m": p.position_m,
             "yaw_deg": p.yaw_deg,
+            "tilt_deg": p.tilt_deg,
+            "imu": not v.simulated,
             "pose_age_s": p.pose_age_s,
             "pose_rate_hz": v.pose_rate_hz,
             "battery": p.battery,

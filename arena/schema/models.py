@@ -108,6 +108,8 @@ class Preflight(Strict):
     """Largest distance between the motion capture position and the autopilot's estimate [m]."""
     yaw_deg: Annotated[float, Field(gt=0, le=180)] = 15.0
     """Largest difference between the motion capture yaw and the autopilot's estimate [deg]."""
+    tilt_deg: Annotated[float, Field(gt=0, le=180)] = 10.0
+    """Largest angle between the captured direction down and that of the autopilot's accelerometer at rest [deg]."""
     pose_age_s: Annotated[float, Field(gt=0, le=1)] = 0.1
     """Largest age of the last pose sent to the vehicle [s]."""
     battery: Annotated[float, Field(ge=0, le=1)] = 0.2

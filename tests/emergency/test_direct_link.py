@@ -60,6 +60,8 @@ class Lab:
         preflight = {
             "position_m": 0.2,
             "yaw_deg": 15.0,
+            "tilt_deg": 10.0,
+            "imu": False,
             "pose_age_s": 0.1,
             "pose_rate_hz": 50.0,
             "battery": 0.2,

@@ -33,6 +33,8 @@ def slice_of(address: str = "127.71.0.1", **changes: Any) -> dict[str, Any]:
     preflight = {
         "position_m": 0.2,
         "yaw_deg": 15.0,
+        "tilt_deg": 10.0,
+        "imu": False,
         "pose_age_s": 0.1,
         "pose_rate_hz": 50.0,
         "battery": 0.2,

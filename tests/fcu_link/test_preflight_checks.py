@@ -118,6 +118,7 @@ def test_without_poses_the_estimate_must_be_inside_the_room():
             "poses": False,
             "position_m": None,
             "yaw_deg": None,
+            "tilt_deg": None,
             "pose_age_s": None,
             "pose_rate_hz": None,
         }
@@ -131,7 +132,7 @@ def test_without_poses_the_estimate_must_be_inside_the_room():
 
 
 @pytest.mark.parametrize("value", [None, 0, -1.0, float("nan"), "0.2", True])
-@pytest.mark.parametrize("gate", ["position_m", "yaw_deg", "pose_age_s", "pose_rate_hz"])
+@pytest.mark.parametrize("gate", ["position_m", "yaw_deg", "tilt_deg", "pose_age_s", "pose_rate_hz"])
 def test_no_check_is_switched_off_by_an_empty_limit(gate, value):
     with pytest.raises(InputError, match=gate):
         Settings.from_slice(slice_of(preflight={gate: value}))
