@@ -36,8 +36,8 @@ def _confirm(vehicle: str, armed: bool | None, connected: bool | None) -> None:
     armed, connected: last reports of the vehicle; None if there is none.
     """
     words = {True: "armed", False: "disarmed", None: "unknown"}[armed]
-    received = {True: "telemetry arrives", False: "no telemetry", None: "no telemetry in this run"}[connected]
-    print(f"{vehicle}: last reported state: {words}; {received}.")
+    received = {True: "it still arrives", False: "none arrives now", None: "none in this run"}[connected]
+    print(f"{vehicle} was last reported as {words} (telemetry: {received}).")
     print("Look at the vehicle: are its motors stopped, or is its battery unplugged?", flush=True)
     if not sys.stdin.isatty():
         raise InputError(

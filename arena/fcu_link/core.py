@@ -223,9 +223,10 @@ class FcuLink:
         self._streams.restart()
 
     def _restart_setup(self) -> None:
-        """Read the parameters again and require a new test of the kill switch, because somebody may have changed the vehicle."""
+        """Read the parameters again, and require new tests of kill switch and captured tilt, because the vehicle may have changed."""
         self.params.restart()
         self.radio.reset()
+        self.checks.restart_motion()
 
     # -- to the vehicle ------------------------------------------------------------------------------------------------
 

@@ -31,7 +31,6 @@ _GAP_S = 0.25  # a longer gap between samples: the motion between them is not kn
 _MOVING_RAD_S, _MOVING_SHARE = 0.25, 0.3  # a window has enough motion if this share of it turns this fast
 _STILL_RAD_S = 0.1
 _FOLLOWS, _FOLLOWS_NOT = 0.85, 0.6
-_MG, _MRAD = GRAVITY_M_S2 / 1000.0, 1e-3
 
 
 class PoseConsistency:
@@ -57,17 +56,10 @@ class PoseConsistency:
         self._imu_at = -math.inf
 
     def on_autopilot(self, m: Any, now: float) -> None:
-        """Store a HIGHRES_IMU or SCALED_IMU message of the vehicle. now: time of arrival [s]."""
-        kind = m.get_type()
-        if kind == "HIGHRES_IMU":
-            values = (m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro)
-        elif kind == "SCALED_IMU":
-            values = (
-                *(_MG * x for x in (m.xacc, m.yacc, m.zacc)),
-                *(_MRAD * x for x in (m.xgyro, m.ygyro, m.zgyro)),
-            )
-        else:
+        """Store a HIGHRES_IMU message of the vehicle. Other messages are ignored. now: time of arrival [s]."""
+        if m.get_type() != "HIGHRES_IMU":
             return
+        values = (m.xacc, m.yacc, m.zacc, m.xgyro, m.ygyro, m.zgyro)
         if all(map(math.isfinite, values)):
             self._imu_at = now
             self._imu.append((now, values))
@@ -78,6 +70,7 @@ class PoseConsistency:
         norm = math.sqrt(sum(x * x for x in q_nb))
         if math.isfinite(norm) and norm > 0.5:
             self._poses.append((now, tuple(x / norm for x in q_nb)))
+            self._trim(now)
 
     def reasons(self, now: float) -> list[str]:
         """Return why the vehicle must not be armed; empty if arming is allowed. Each text fits in one STATUSTEXT."""
@@ -95,11 +88,14 @@ class PoseConsistency:
         if now - self._evaluated_at < _EVALUATE_S:
             return
         self._evaluated_at = now
+        self._trim(now)
+        self._compare_gravity(now)
+        self._compare_rotation()
+
+    def _trim(self, now: float) -> None:
         for samples in (self._imu, self._poses):
             while samples and samples[0][0] < now - _WINDOW_S:
                 samples.popleft()
-        self._compare_gravity(now)
-        self._compare_rotation()
 
     def _compare_gravity(self, now: float) -> None:
         imu = np.array([v for t, v in self._imu if t > now - _REST_S])

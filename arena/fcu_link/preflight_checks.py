@@ -63,6 +63,10 @@ class PreflightChecks:
         self._poses: deque[float] = deque()
         self._consistency.reset()
 
+    def restart_motion(self) -> None:
+        """Compare the captured attitude with accelerometer and gyroscope from the start, because the vehicle may be another one."""
+        self._consistency.reset()
+
     def on_autopilot(self, m: Any, now: float) -> None:
         """Store the values that the checks need from a decoded message of the vehicle's autopilot."""
         kind = m.get_type()

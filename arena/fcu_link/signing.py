@@ -75,8 +75,10 @@ class LinkSigning:
         return found._replace(frames=frames)
 
     def greetings(self) -> list[tuple[Source, bytes]]:
-        """Return (source, heartbeat) for each source whose frames were not valid, at most once a second per source.
-        The caller signs the heartbeat, from which a restarted vehicle reads the current timestamp.
+        """Return a heartbeat for each source that has sent frames with an old timestamp or a wrong signature.
+
+        The caller signs the heartbeat and sends it to the source. A vehicle that has restarted reads the current
+        timestamp from it. Each source gets at most one per second.
         """
         sources, self._to_greet = self._to_greet, []
         return [(source, self._codec.onboard_heartbeat()) for source in sources]

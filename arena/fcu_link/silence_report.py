@@ -43,7 +43,10 @@ class SilenceReport:
                 self._foreign = frame.sysid << 8 | frame.compid
 
     def text(self, problem: str, now: float) -> str:
-        """Return the report if it is due; "" otherwise. problem: what is wrong with the identity of an autopilot that sends."""
+        """Return the report that the vehicle sends nothing, if it is due; "" otherwise.
+
+        problem: why an autopilot that does send is not accepted as the vehicle; "" if there is none.
+        """
         if now - self._since < _REPORT_S:
             return ""
         text = f"{self._connection}: {self._cause(problem, now - self._since)}"

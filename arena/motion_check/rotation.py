@@ -118,7 +118,7 @@ def _vector(m: Array) -> Array:
 
 
 def _peak(scores: Array, best: int) -> float:
-    """Return the place of the maximum of a parabola through the best score and its neighbours [grid steps]."""
+    """Return by how many grid steps the true maximum lies after the best score, from a parabola through three scores."""
     if not 0 < best < len(scores) - 1:
         return 0.0
     before, top, after = scores[best - 1 : best + 2]

@@ -254,8 +254,8 @@ class Forwarder:
         self._origin_tries = 0
 
     def _waits_for_origin(self, now: float) -> bool:
-        """Return whether poses must wait, on the ground, until the autopilot has its origin and global
-        position.
+        """Return whether poses are held back because the vehicle is on the ground and its autopilot does not
+        have its origin and global position yet.
 
         If PX4's estimator already uses poses, it takes the jump to a new origin as an error of thousands of
         km and rejects poses for one second. If the origin is set without a global position, the estimator's

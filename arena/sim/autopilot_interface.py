@@ -158,7 +158,10 @@ class CompositeAutopilots:
         return motors
 
     def receive_truth(self, truth: Truth) -> None:
-        """Pass the true state to the external autopilots, for their logs. Each kind receives only the state of its vehicles."""
+        """Pass the true state to the external autopilots, for their logs.
+
+        Each kind of autopilot (PX4 SITL, hardware in the loop) receives only the state of its own vehicles.
+        """
         for (rows, _), external in zip(self._parts, self._external, strict=True):
             if external is not None:
                 external.receive_truth(

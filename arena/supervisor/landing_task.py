@@ -137,7 +137,7 @@ class LandingTask:
         self._down = {**self._down, **down}
 
     def _spec(self, flying: Sequence[str]) -> ProcessSpec:
-        """Return the land task without the vehicles in `_down`, because these would never confirm the landing."""
+        """Return the land task without the vehicles that need no landing: crashed, declared dead, or flown by a pilot."""
         assert self._plan.land is not None
         spared = [v.name for v in self._plan.vehicles if v.name in {*self._down, *self._pilots} - {*flying}]
         self._commanded = {v.name for v in self._plan.vehicles} - set(spared)

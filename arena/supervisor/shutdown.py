@@ -67,7 +67,7 @@ class Shutdown:
             raise ValueError(f"only a real vehicle can be declared dead: got {vehicle!r}, {expected}")
         if facts.get(f"{vehicle}.connected") is True and vehicle in self.armed():
             raise ValueError(
-                f"{vehicle} is not declared dead: it sends telemetry and is armed, so it may fly. Land it (`arena land-all "
+                f"{vehicle} cannot be declared dead: it is armed and sends telemetry, so it may fly. Land it (`arena land-all "
                 f"--only {vehicle}`), stop its motors (`arena kill-all --only {vehicle} --yes`) or unplug its battery. "
                 "It can be declared dead when it is disarmed, or 3 s after its last heartbeat"
             )

@@ -112,6 +112,12 @@ def test_missing_accelerometer_data(required, reasons):
     assert Bench(required=required).run(3.0, imu=False) == reasons
 
 
+def test_poses_without_accelerometer_data_are_forgotten():
+    bench = Bench(required=False)
+    bench.run(20.0, imu=False)
+    assert len(bench.checks._poses) <= 4.0 * 60 + 2
+
+
 def test_a_vehicle_that_was_never_still_has_not_been_compared():
     assert Bench(carried).run(2.0) == ["hold the vehicle still to compare tilt"]
 

@@ -68,7 +68,7 @@ def test_armed_vehicle_with_telemetry_is_not_declared_dead(start):
     run = begin(start, plan_with(facts={**SILENT, "uav1.connected": True}))
     done = arena("forget", "uav1", "--yes", "--run", str(run.folder))
     assert done.returncode == 1
-    assert "uav1 is not declared dead: it sends telemetry and is armed" in done.stderr
+    assert "uav1 cannot be declared dead: it is armed and sends telemetry" in done.stderr
     assert "arena kill-all --only uav1" in done.stderr
     run.end()
 
@@ -85,7 +85,7 @@ def test_forget_needs_a_confirmation(start):
     run = begin(start, plan_with())
     done = arena("forget", "uav1", "--run", str(run.folder))
     assert done.returncode == 2 and "use a terminal, or add --yes" in done.stderr
-    assert "uav1: last reported state: armed; no telemetry." in done.stdout
+    assert "uav1 was last reported as armed (telemetry: none arrives now)." in done.stdout
     run.end()
 
 

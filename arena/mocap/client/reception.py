@@ -92,7 +92,7 @@ class Reception:
         return now - self._started < _GRACE_S
 
     def body_status(self, served: Counter[str], wanted: Collection[str], now: float) -> BodyStatus:
-        """Return which requested bodies have no pose. served: name -> number of the server's bodies with that
+        """Return which requested bodies have no pose. served: name -> how many bodies of the server have that
         name.
         """
         return BodyStatus(

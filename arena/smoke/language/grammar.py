@@ -87,7 +87,9 @@ def read_rule(text: str, names: Names, place: Place) -> Rule:
     tokens = TokenReader(text)
     condition = _condition(tokens, names, place, rule=True)
     if tokens.next.text in {"within", "for"}:
-        raise tokens.error("nothing more, because a rule must hold during the whole flight")
+        raise tokens.error(
+            "the end of the rule, because a rule must hold during the whole flight, so it takes no time"
+        )
     tokens.end()
     return Rule(place=place, condition=condition)
 

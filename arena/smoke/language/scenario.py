@@ -252,7 +252,7 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return a problem of the arena, with the place in the scenario file if an entry there (such as `set`) caused it."""
+        """Return the problem with its place in the scenario file, if an entry of the scenario (such as `set`) has caused it."""
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
             for i, given in enumerate(self._model.set):

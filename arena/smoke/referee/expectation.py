@@ -107,7 +107,7 @@ class ExpectationTracker:
         self.outcome, self.failure = "failed", failure
 
     def _describe(self) -> str:
-        """Return the text of a failure: the observed values of the subjects that failed, and the expectation."""
+        """Return the text of a failure: the expectation, and what was observed of each vehicle or process that did not meet it."""
         condition, records = self.expectation.condition, self._records
         wrong = {who: record for who, record in records.items() if record.holds is not True} or records
         found = [
