@@ -10,5 +10,8 @@ INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
 INT32_NOT_GIVEN = INT32_MAX
 """A latitude or longitude field of COMMAND_INT with this value is not given."""
 
+REORDERED_MS = 500
+"""A step back of SYSTEM_TIME.time_boot_ms by less is a message that arrived out of order; by more, a reboot [ms]."""
+
 FORCE_ARM_DISARM = 21196.0
 """param2 of MAV_CMD_COMPONENT_ARM_DISARM that forces it: with param1 = 0 the motors stop, even in flight."""

@@ -28,6 +28,8 @@ from arena.errors import RunError
 
 Address = tuple[str, int]
 """IPv4 host and UDP port."""
+Source = Address | str
+"""Source of received data: the UDP address of the sender, or the name of a serial device or link."""
 
 DEFAULT_BAUD = 921_600
 RECEIVE_BUFFER_BYTES = 1 << 20
@@ -46,6 +48,13 @@ _CLOCK_STEP_S = 0.02  # a greater change of the wall clock against the monotonic
 _OFFSET_MEMORY_S = 10.0
 _UNPLUGGED = (errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF)
 _MIN_BAUD = 300  # a shorter number after a device's name belongs to the name
+
+
+def source_text(source: Source | None) -> str:
+    """Return a source as text for the user: host:port, or the name of the device or link. "" for None."""
+    if source is None or isinstance(source, str):
+        return source or ""
+    return f"{source[0]}:{source[1]}"
 
 
 # -- connection URLs -------------------------------------------------------------------------------------------------------

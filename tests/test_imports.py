@@ -28,7 +28,7 @@ GROUND = {
     "transport",
 }
 MAY: dict[str, set[str]] = {
-    "authority": {"constants", "wire"},
+    "authority": {"constants", "transport", "wire"},
     "constants": set(),
     "errors": set(),
     "thrust_curve": {"errors"},

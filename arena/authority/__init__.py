@@ -6,10 +6,10 @@ Imports only the standard library and `wire`, because land-all uses it and must 
 
 from arena.authority.authority import PROGRAM_MODES, Authority, Role
 from arena.authority.command_gate import CommandGate, Refusal, pack_reply, role_of_tool, role_on_link
-from arena.authority.requests import MANUAL_MODES, MESSAGES, Kind, Request, command_of, parse_request
+from arena.authority.requests import COMMANDS, MESSAGES, Kind, Request, command_of, parse_request
 
 __all__ = [
-    "MANUAL_MODES",
+    "COMMANDS",
     "MESSAGES",
     "PROGRAM_MODES",
     "Authority",

@@ -10,13 +10,12 @@ from typing import Any
 
 from arena.authority.authority import Role
 from arena.authority.requests import Kind, Request
+from arena.transport import Source, source_text
 
 _REPEAT_S = 5.0
 _MAX_WAITING = 256  # entries that wait for the supervisor
 
 Entry = dict[str, Any]
-Origin = tuple[str, int] | str
-"""Address of a sender, or the name of its link."""
 
 
 class AuditTrail:
@@ -33,7 +32,7 @@ class AuditTrail:
         self._last: dict[tuple[Any, ...], float] = {}
 
     def add(
-        self, role: Role, sender: tuple[int, int], request: Request, refusal: str, origin: Origin, now: float
+        self, role: Role, sender: tuple[int, int], request: Request, refusal: str, origin: Source, now: float
     ) -> None:
         """Record a request. sender: system and component. refusal: why it was refused, "" if it was sent on.
 
@@ -49,13 +48,12 @@ class AuditTrail:
         if len(self._entries) >= _MAX_WAITING:
             self.lost += 1
             return
-        place = origin if isinstance(origin, str) else f"{origin[0]}:{origin[1]}"
         what = f"{request.kind.value} {request.mode}{request.param}".rstrip()
         entry = {
             "vehicle": self._vehicle,
             "role": role.words,
             "sender": f"{sender[0]}/{sender[1]}",
-            "from": place,
+            "from": source_text(origin),
         }
         self._entries.append({**entry, "request": what, "refused": refusal})
 

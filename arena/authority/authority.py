@@ -13,7 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from arena.authority.requests import MANUAL_MODES, Kind, Request
+from arena.authority.requests import Kind, Request
+from arena.wire.px4_mode import MANUAL_MODES
 
 PROGRAM_MODES = frozenset(
     {"OFFBOARD", "AUTO.MISSION", "AUTO.TAKEOFF", "AUTO.FOLLOW_TARGET", "ORBIT", "REPOSITION"}

@@ -10,9 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from arena.authority.audit import AuditTrail, Origin
+from arena.authority.audit import AuditTrail
 from arena.authority.authority import Authority, Role
 from arena.authority.requests import COMMANDS, SET_MODE, Kind, Request, command_of, parse_request
+from arena.transport import Source
 from arena.wire.mavlink_frame import Buffer, Frame
 
 TEXT_BYTES = 50
@@ -87,7 +88,7 @@ class CommandGate:
         self._facts: dict[str, str] = {}
 
     def refusal(
-        self, role: Role, data: Buffer, frame: Frame, now: float, origin: Origin = ""
+        self, role: Role, data: Buffer, frame: Frame, now: float, origin: Source = ""
     ) -> Refusal | None:
         """Return the refusal of a frame; None if the frame may be sent to the vehicle.
 

@@ -11,20 +11,14 @@ from enum import Enum
 from typing import NamedTuple
 
 from arena.constants import FORCE_ARM_DISARM
+from arena.wire.age_limits import MANUAL_INPUTS, SETPOINTS
 from arena.wire.mavlink_frame import Buffer, Frame, uint_at
 from arena.wire.px4_mode import mode_words
 
 COMMAND_INT, COMMAND_LONG, SET_MODE, PARAM_SET, SERIAL_CONTROL, TUNNEL = 75, 76, 11, 23, 126, 385
 COMMANDS = frozenset({COMMAND_INT, COMMAND_LONG})
-SETPOINTS = frozenset({82, 84, 86, 139})
-"""SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT, SET_ACTUATOR_CONTROL_TARGET."""
-MANUAL_INPUTS = frozenset({69, 70})
-"""MANUAL_CONTROL and RC_CHANNELS_OVERRIDE: stick positions."""
 MESSAGES = COMMANDS | SETPOINTS | MANUAL_INPUTS | {SET_MODE, PARAM_SET, SERIAL_CONTROL, TUNNEL}
 """Messages for which `parse_request` may return a request."""
-MANUAL_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE"})
-"""Modes in which a person steers with sticks."""
-
 _PARAM_ID_OFFSET = 6  # in PARAM_SET, after the value and the target
 _COMMAND_OFFSET = 28  # in COMMAND_INT and COMMAND_LONG, after seven numbers of four bytes
 _NAV_LOITER, _NAV_RTL, _NAV_LAND, _NAV_TAKEOFF, _DO_ORBIT, _DO_REPOSITION = 17, 20, 21, 22, 34, 192

@@ -14,11 +14,11 @@ import socket
 from collections.abc import Callable, Iterator
 
 from arena.emergency.direct_signing import DirectSigning
-from arena.emergency.identity_check import IdentityCheck, Source
+from arena.emergency.identity_check import IdentityCheck
 from arena.emergency.link_process import kill, unread_bytes
 from arena.emergency.link_restart import LinkRestart
 from arena.emergency.run_record import DirectAddress, recorded_process
-from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, open_udp, receive_datagrams
+from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, Source, open_udp, receive_datagrams
 from arena.wire.mavlink_frame import AUTOPILOT, Stream, parse_frames
 
 BESIDE_AFTER_S = 0.5  # without telemetry: send directly too

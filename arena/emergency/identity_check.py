@@ -8,26 +8,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from arena.constants import REORDERED_MS
 from arena.emergency.landing_sequence import SYSTEM
-from arena.transport import Address
+from arena.transport import Source, source_text
 from arena.wire import mavlink_minimal as mav
 from arena.wire.mavlink_frame import AUTOPILOT, parse_frames
 
-Source = Address | str
-"""Where data come from: the UDP address of the sender, or the name of a serial device or link."""
-
-SILENT_S = (
-    2.0  # after this time without data, another vehicle may use the same source; a link process waits 3 s
-)
-REQUEST_S, REPEAT_S = (
-    0.25,
-    1.0,
-)  # interval of requests: before an answer, and after the answer of another vehicle
+# Times and intervals [s]. After SILENT_S without data, another vehicle may use the same source (a link process waits 3 s).
+SILENT_S = 2.0
+REQUEST_S = 0.25  # between two requests for the uid, before an answer
+REPEAT_S = 1.0  # the same, after the answer of another vehicle
 TELEMETRY_S = 0.3  # a recorded source that has sent no telemetry for this time is commanded without its uid
-ANSWER_S = (
-    1.0  # a vehicle at the recorded source that sends telemetry but no uid is commanded after this time
-)
-_REORDERED_MS = 500  # a smaller step back of the time since boot is a reordered message, not a reboot
+ANSWER_S = 1.0  # the same for a recorded source that sends telemetry, but no uid
 _MOST_SOURCES = 16
 
 
@@ -143,7 +135,7 @@ class IdentityCheck:
         return state
 
     def _on_boot_ms(self, state: _SourceState, boot_ms: int, now: float) -> None:
-        if boot_ms < state.boot_ms - _REORDERED_MS:
+        if boot_ms < state.boot_ms - REORDERED_MS:
             self._require(state, now)
         state.boot_ms = boot_ms
 
@@ -155,14 +147,12 @@ class IdentityCheck:
         if not state.is_vehicle:
             if before is not False:
                 self._say(
-                    f"another vehicle replies at {_words(source)} (hardware uid {found or 'none'}, "
+                    f"another vehicle replies at {source_text(source)} (hardware uid {found or 'none'}, "
                     f"expected {self._uid}): not commanded"
                 )
             return
-        for (
-            other,
-            one,
-        ) in self._sources.items():  # the vehicle has moved: its old source must send the uid again
+        # the vehicle has moved: its old source must send the uid again
+        for other, one in self._sources.items():
             if other != source and one.is_vehicle:
                 self._require(one, one.received_at)
 
@@ -170,7 +160,3 @@ class IdentityCheck:
 def _pack_request(sender: mav.MinimalSender, system: int) -> bytes:
     """Encode a request for AUTOPILOT_VERSION, which contains the hardware uid."""
     return sender.command(system, AUTOPILOT, mav.REQUEST_MESSAGE, mav.AUTOPILOT_VERSION)
-
-
-def _words(source: Source) -> str:
-    return source if isinstance(source, str) else f"{source[0]}:{source[1]}"

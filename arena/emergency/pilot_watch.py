@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from arena.authority import MANUAL_MODES
+from arena.wire.px4_mode import MANUAL_MODES
 
 LEFT_S = 1.5
 """A manual mode counts as left after this time without a report of it [s]. A heartbeat is sent once a second, and

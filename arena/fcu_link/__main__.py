@@ -115,9 +115,8 @@ class FcuLinkShell:
             if fd in readable:
                 self._read_link(name)
             else:
-                self._sockets[name].on_empty(
-                    now
-                )  # `now` is before the poll, in case the process was stopped after it
+                # `now` is before the poll, in case the process was paused after it
+                self._sockets[name].on_empty(now)
 
     def _read_link(self, name: str) -> None:
         link, remote = self._sockets[name], self._remotes[name]

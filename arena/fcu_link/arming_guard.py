@@ -7,12 +7,9 @@ from __future__ import annotations
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.authority import Kind, command_of, parse_request
+from arena.authority import COMMANDS, Kind, command_of, parse_request
 from arena.fcu_link.harmless_commands import HARMLESS
 from arena.wire.mavlink_frame import Buffer, Frame
-
-STICKS = (mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL, mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE)
-_COMMANDS = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 
 
 def needs_checks(data: Buffer, frame: Frame, system: int, *, armed: bool) -> bool:
@@ -24,7 +21,7 @@ def needs_checks(data: Buffer, frame: Frame, system: int, *, armed: bool) -> boo
         return False
     request = parse_request(data, frame)
     if request is None:
-        return not armed and frame.msgid in _COMMANDS and command_of(data, frame) not in HARMLESS
+        return not armed and frame.msgid in COMMANDS and command_of(data, frame) not in HARMLESS
     if request.kind is Kind.SPIN:
         return not armed
     # MISSION_START arms; in flight it only changes the mode

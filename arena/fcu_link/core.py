@@ -22,9 +22,10 @@ from typing import Any
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.authority import MESSAGES, CommandGate, command_of, pack_reply, role_on_link
+from arena.constants import REORDERED_MS
 from arena.fcu_link.arm_permit import ArmPermit
-from arena.fcu_link.arming_guard import STICKS, needs_checks, request_words
-from arena.fcu_link.identity import SILENT_S, Identity, Source, uid_request
+from arena.fcu_link.arming_guard import needs_checks, request_words
+from arena.fcu_link.identity import SILENT_S, Identity, uid_request
 from arena.fcu_link.message_sets import ACTUATORS, DECODED, SENSORS, TIMESYNC, VISION_MESSAGES
 from arena.fcu_link.param_check import ParamCheck
 from arena.fcu_link.preflight_checks import CONNECTION_TIMEOUT_S, PreflightChecks, sentence
@@ -33,7 +34,8 @@ from arena.fcu_link.send_queue import Priority, SendQueue
 from arena.fcu_link.settings import Settings
 from arena.fcu_link.silence_report import SilenceReport
 from arena.fcu_link.stream_requests import WIDE_BAUD, StreamRequests
-from arena.wire.age_limits import SHORTEST_LIMIT_S, without_old_frames
+from arena.transport import Source
+from arena.wire.age_limits import MANUAL_INPUTS, SHORTEST_LIMIT_S, without_old_frames
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, ParsedFrames, parse_frames
 from arena.wire.mavlink_params import parse_error, parse_value
@@ -42,7 +44,6 @@ from arena.wire.px4_mode import mode_words
 COMPONENT = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER2
 SIMULATOR = "simulator"
 PANIC_TIMEOUT_S = 5.0  # after its last frame, land-all no longer receives telemetry
-_REORDERED_MS = 500  # a smaller step back of the time since boot is a reordered message, not a reboot
 _REPEAT_REASONS_S = 0.5
 _PRIORITIES = {"panic": Priority.PANIC, "router": Priority.ROUTER, "vision": Priority.VISION}
 
@@ -185,7 +186,7 @@ class FcuLink:
     def _on_message(self, m: Any, now: float) -> None:
         kind = m.get_type()
         if kind == "SYSTEM_TIME":
-            if m.time_boot_ms < self._boot_ms - _REORDERED_MS:
+            if m.time_boot_ms < self._boot_ms - REORDERED_MS:
                 self._rebooted()
             self._boot_ms = m.time_boot_ms
         elif kind == "COMMAND_ACK":
@@ -258,7 +259,7 @@ class FcuLink:
                 self.counts["to the vehicle: TIMESYNC reply"] += 1
             elif needs_checks(data, frame, self.system, armed=self.checks.armed and self.alive(now)):
                 out += self._guard(link, data, frame, now, age_s)
-            elif frame.msgid in STICKS and not self.checks.armed and self.reasons(now):
+            elif frame.msgid in MANUAL_INPUTS and not self.checks.armed and self.reasons(now):
                 self.counts["to the vehicle: sticks refused"] += 1
             else:
                 out += self._pass(link, data, frame, now, age_s)

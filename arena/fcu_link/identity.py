@@ -13,12 +13,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.transport import Address
+from arena.transport import Source, source_text
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, Frame, byte_at, uint_at
 from arena.wire.mavlink_minimal import HardwareUid, parse_hardware_uid
-
-Source = Address | str
-"""Where data come from: the UDP address of the sender, or the path of a serial device."""
 
 NO_UID = "none"
 """Value of the key `uid` for an autopilot that reports no hardware uid: its address is its identity."""
@@ -171,9 +168,11 @@ class Identity:
             self._report_stranger(source, found)
         elif not here:
             silent = f", silent for {now - self._received_at:.0f} s" if self.source is not None else ""
-            before = f" (before: {words(self.last_source)}{silent})" if self.last_source is not None else ""
+            before = (
+                f" (before: {source_text(self.last_source)}{silent})" if self.last_source is not None else ""
+            )
             if source != self.last_source:
-                self.events.append(f"sends from {words(source)}{before}")
+                self.events.append(f"sends from {source_text(source)}{before}")
             self.source = self.last_source = source
             self._received_at = now
             self.heartbeat = candidate.heartbeat
@@ -199,9 +198,9 @@ class Identity:
             self.events.append(f"hardware uid {self.uid}" + (f" (before: {before})" if before else ""))
 
     def _report_stranger(self, source: Source, found: HardwareUid) -> None:
-        at, instead = words(source), str(found) or NO_UID
+        at, instead = source_text(source), str(found) or NO_UID
         if instead == self.uid:
-            text = f"at {at}, expected at {words(self.last_source)}, and neither reports a hardware uid"
+            text = f"at {at}, expected at {source_text(self.last_source)}, and neither reports a hardware uid"
         else:
             text = f"uid {instead} at {at}, expected {self.uid}"
         if text not in self._reported and len(self._reported) < _MAX_REPORTS:
@@ -215,10 +214,3 @@ def uid_request(system: int, command: int) -> Any:
     """Return the message that requests the uid of an autopilot. command: MAV_CMD from `Identity.requests`."""
     param1 = float(_VERSION if command == _REQUEST else 1)
     return mavlink.MAVLink_command_long_message(system, AUTOPILOT, command, 0, param1, 0, 0, 0, 0, 0, 0)
-
-
-def words(source: Source | None) -> str:
-    """Return a source as text for the user: host:port, or the path of a device."""
-    if source is None:
-        return ""
-    return source if isinstance(source, str) else f"{source[0]}:{source[1]}"

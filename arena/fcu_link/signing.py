@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Callable
 
 from arena.fcu_link.core import COMPONENT
-from arena.fcu_link.identity import Source
 from arena.fcu_link.settings import Settings
 from arena.signing_key import TimestampFile, read_key
+from arena.transport import Source
 from arena.wire.mavlink_codec import Codec
 from arena.wire.mavlink_frame import AUTOPILOT, Buffer, ParsedFrames, parse_frames
 from arena.wire.mavlink_signing import LINK_PROCESS, SETUP_SIGNING, SignedConnection, Verdict

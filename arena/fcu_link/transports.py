@@ -12,14 +12,15 @@ from typing import Any, Protocol
 
 from arena.errors import RunError
 from arena.fcu_link.core import FcuLink
-from arena.fcu_link.identity import Source, words
 from arena.transport import (
     MAX_DATAGRAMS_PER_READ,
     ConnectionUrl,
     SerialPort,
+    Source,
     is_unplugged,
     open_udp,
     receive_datagrams,
+    source_text,
 )
 from arena.wire.mavlink_frame import Buffer, ParsedFrames, Stream, parse_frames
 
@@ -136,7 +137,7 @@ class UdpTransport:
         """Do nothing, because a UDP socket stays open."""
 
     def peer(self) -> str:
-        return words(self._fixed or self._core.identity.source)
+        return source_text(self._fixed or self._core.identity.source)
 
     def last_address(self) -> dict[str, Any]:
         to = self._fixed or self._core.identity.last_source

@@ -10,11 +10,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from arena.fcu_link.identity import Source
+from arena.transport import Source
 
 
 class WireRecord:
-    """Record of one vehicle in a file. path: the file; "" for none."""
+    """File with the last address and the hardware uid of one vehicle. path: path of the file; "" if nothing is recorded."""
 
     def __init__(self, path: str) -> None:
         self._path = Path(path) if path else None

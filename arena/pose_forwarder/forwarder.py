@@ -17,6 +17,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.constants import REORDERED_MS
 from arena.geometry import globe_from_local
 from arena.mocap.client import CapturedFrame, Lateness, Pose
 from arena.mocap.client.frame_order import FrameOrder
@@ -27,7 +28,6 @@ COMPONENT = 197  # MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
 _NAN = math.nan
 _UNKNOWN = [_NAN] * 21
 _MAX_DISTANCE_M = 1e4
-_REORDERED_MS = 500  # SYSTEM_TIME that is earlier by less arrived out of order
 _SAME_ORIGIN_E7 = 10
 _SILENT_S = 3.0
 _ORIGIN_TRIES = 5
@@ -224,7 +224,7 @@ class Forwarder:
                 m.onboard_control_sensors_health & bit
             )  # PX4 sets this bit in the health field only
         elif kind == "SYSTEM_TIME":
-            if m.time_boot_ms < a.boot_ms - _REORDERED_MS:
+            if m.time_boot_ms < a.boot_ms - REORDERED_MS:
                 self._on_autopilot_restart()
             a.boot_ms = m.time_boot_ms
         elif kind == "EXTENDED_SYS_STATE":

@@ -40,6 +40,8 @@ AUTO = {
     10: "VTOL_TAKEOFF",
 }
 """PX4 sub modes of AUTO."""
+MANUAL_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE"})
+"""Names of the modes in which a person steers with sticks."""
 AUTO_LAND = (4, 6)
 """Main and sub mode of AUTO.LAND."""
 
