@@ -1,4 +1,4 @@
-"""Question to the user before real vehicles may be armed."""
+"""Questions that the user must answer by typing a word, such as the confirmation before real vehicles may be armed."""
 
 from __future__ import annotations
 
@@ -37,16 +37,22 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
     )
     if yes:
         return "--yes"
+    confirm(WORD, f"Type {WORD} to start: ", needs="real vehicles need", unchanged="Nothing was started")
+    return f"typed {WORD}"
+
+
+def confirm(word: str, prompt: str, *, needs: str, unchanged: str) -> None:
+    """Ask the user to type a word. Raises InputError if the user types something else, or if stdin is not a terminal.
+
+    needs: beginning of the error, such as "real vehicles need". unchanged: end of the error, such as "Nothing was started".
+    """
     if not sys.stdin.isatty():
         raise InputError(
-            "real vehicles need your confirmation, but stdin is not a terminal: use a terminal, or add --yes"
+            f"{needs} your confirmation, but stdin is not a terminal: use a terminal, or add --yes"
         )
     try:
-        answer = input(f"Type {WORD} to start: ")
+        answer = input(prompt).strip()
     except EOFError:
         answer = ""
-    if answer.strip() != WORD:
-        raise InputError(
-            f"real vehicles need your confirmation: got {answer.strip()!r}, expected {WORD}. Nothing was started"
-        )
-    return f"typed {WORD}"
+    if answer != word:
+        raise InputError(f"{needs} your confirmation: got {answer!r}, expected {word}. {unchanged}")

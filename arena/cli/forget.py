@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import getpass
-import sys
 from typing import Annotated
 
 import typer
 
-from arena.cli._running import RunOption, connect, find
-from arena.errors import InputError
+from arena.cli._consent import confirm
+from arena.cli._running import RunOption, connect, find, user_name
 
 
 def register(app: typer.Typer) -> None:
@@ -26,7 +24,7 @@ def register(app: typer.Typer) -> None:
         facts = control.ask(do="ps")["facts"]
         if not yes:
             _confirm(vehicle, facts.get(f"{vehicle}.armed"), facts.get(f"{vehicle}.connected"))
-        control.ask(do="forget", vehicle=vehicle, by=_user())
+        control.ask(do="forget", vehicle=vehicle, by=user_name())
         print(f"{vehicle}: declared dead; the run does not wait for it any more")
 
 
@@ -39,21 +37,9 @@ def _confirm(vehicle: str, armed: bool | None, connected: bool | None) -> None:
     received = {True: "it still arrives", False: "none arrives now", None: "none in this run"}[connected]
     print(f"{vehicle} was last reported as {words} (telemetry: {received}).")
     print("Look at the vehicle: are its motors stopped, or is its battery unplugged?", flush=True)
-    if not sys.stdin.isatty():
-        raise InputError(
-            "`arena forget` needs your confirmation, but stdin is not a terminal: use a terminal, or add --yes"
-        )
-    try:
-        answer = input(f"Type {vehicle} to declare it dead: ")
-    except EOFError:
-        answer = ""
-    if answer.strip() != vehicle:
-        raise InputError(f"got {answer.strip()!r}, expected {vehicle}. Nothing was changed")
-
-
-def _user() -> str:
-    """Return the name of the user who runs this command."""
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # a container without this user id
-        return "the operator"
+    confirm(
+        vehicle,
+        f"Type {vehicle} to declare it dead: ",
+        needs="`arena forget` needs",
+        unchanged="Nothing was changed",
+    )
