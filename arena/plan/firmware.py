@@ -23,7 +23,7 @@ from arena.params.generation.requirements import (
     Rotor,
 )
 from arena.schema import Arena, Origin, Vehicle
-from arena.schema.models import Failsafe as FailsafeKeys
+from arena.schema.failsafe import Failsafe as FailsafeKeys
 
 Fleet = Mapping[str, "Firmware"]
 """Vehicle name -> its firmware."""

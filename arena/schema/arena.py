@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from arena.schema.copilot import Copilot
+from arena.schema.failsafe import Failsafe
 from arena.schema.measured import Measured
 from arena.schema.mocap import Mocap
-from arena.schema.models import Failsafe, Preflight, Radio, RestartMode, Sim, Tool, World
+from arena.schema.models import Preflight, Radio, RestartMode, Sim, Tool, World
 from arena.schema.ports import COPILOT, GROUND_STATION, LINK_BASE, Port, VehiclePorts
 from arena.schema.profile import Profile
 from arena.schema.source import Source

@@ -13,7 +13,7 @@ from arena.params.facts.parameter_table import parameters, versions
 from arena.params.generation.generate import Generated, generate
 from arena.params.generation.requirements import Failsafe, Requirements, Rotor
 from arena.plan.firmware import requirements_failsafe
-from arena.schema.models import Failsafe as FailsafeKeys
+from arena.schema.failsafe import Failsafe as FailsafeKeys
 
 VERSIONS = [str(v) for v in versions()]
 ROTORS = tuple(
