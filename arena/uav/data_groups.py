@@ -6,101 +6,14 @@ StaleDataError. `uav.snapshot()` returns the same groups with the values of one 
 
 from __future__ import annotations
 
-import copy
-import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from arena.errors import StaleDataError
 from arena.geometry import Array, euler_from_quat, quat_conj, quat_rotate
-from arena.uav.poses import Pose, Poses
-from arena.wire.telemetry import Attitude, Baro, Imu, Local, Telemetry
-
-# Age limit of a group, in multiples of `stale_s`: longer for what PX4 sends at a low rate.
-_AGE_LIMITS = {
-    "heartbeat": 6.0,
-    "landed state": 6.0,
-    "actuators": 2.0,
-    "gps": 6.0,
-    "battery": 20.0,
-    "connection": 6.0,
-}
-
-
-class Stamped(Protocol):
-    """Interface of every received value: each has its time of arrival [s]."""
-
-    @property
-    def received_at(self) -> float: ...
-
-
-S = TypeVar("S", bound=Stamped)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Body:
-    """Constants of the vehicle. mass: [kg]. radius, height: [m]. thrust_curve: settings from the vehicle's
-    profile, see `arena.thrust_curve`.
-    """
-
-    ns: str
-    mass: float
-    radius: float
-    height: float
-    num_rotors: int
-    thrust_curve: Mapping[str, Any]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Source:
-    """Storage of received telemetry and poses, from which all data groups (`uav.ekf`, `uav.sen`, ...) read.
-
-    refresh: function that reads the received data. now: function that returns the time for computing ages
-    [s].
-    """
-
-    ns: str
-    stale_s: float
-    telemetry: Telemetry
-    poses: Poses
-    now: Callable[[], float]
-    refresh: Callable[[], None]
-
-    def fixed(self) -> Source:
-        """Return a copy of this source for a snapshot: its values and its time no longer change."""
-        self.refresh()
-        instant = self.now()
-        return Source(
-            ns=self.ns,
-            stale_s=self.stale_s,
-            telemetry=copy.copy(self.telemetry),
-            poses=copy.copy(self.poses),
-            now=lambda: instant,
-            refresh=lambda: None,
-        )
-
-    def limit_s(self, what: str) -> float:
-        """Return the age above which a value is stale [s]. what: name of the value, as in error messages."""
-        return self.stale_s * _AGE_LIMITS.get(what, 1.0)
-
-    def fresh(self, value: S | None, what: str) -> S:
-        """Return the value if it has arrived and is not too old, else raise StaleDataError.
-
-        what: name of the data, for the age limit and the error message.
-        """
-        if value is None:
-            raise StaleDataError(f"{self.ns}: no {what} has arrived yet")
-        age, limit = self.now() - value.received_at, self.limit_s(what)
-        if age > limit:
-            raise StaleDataError(f"{self.ns}: {what} is {age:.2f} s old (limit {limit:g} s)")
-        return value
-
-    def age(self, value: Stamped | None) -> float:
-        """Return the age of a value [s]; infinite if none has arrived."""
-        return math.inf if value is None else max(0.0, self.now() - value.received_at)
+from arena.uav.data_source import Body, Source
+from arena.uav.poses import Pose
+from arena.wire.telemetry import Attitude, Baro, Imu, Local
 
 
 class Ekf:

@@ -17,7 +17,8 @@ from arena.clock import Clock, WallClock
 from arena.errors import CommandRefusedError, NotConfirmedError, StaleDataError
 from arena.thrust_curve import thrust_curve as curve_of
 from arena.uav.connection import Capture, Connection
-from arena.uav.data_groups import Actuation, Body, Ekf, Info, Sensors, Snapshot, Source
+from arena.uav.data_groups import Actuation, Ekf, Info, Sensors, Snapshot
+from arena.uav.data_source import Body, Source
 from arena.uav.heartbeat import Heartbeat
 from arena.uav.poses import Poses
 from arena.uav.setpoints import AttitudeKind, attitude, duration_s, period_s, scalar, vector

@@ -20,7 +20,7 @@ from arena.errors import (
 )
 from arena.geometry import Array, yaw_from_quat
 from arena.uav.connection import COMPONENT, Connection
-from arena.uav.data_groups import Source
+from arena.uav.data_source import Source
 from arena.uav.heartbeat import Heartbeat
 from arena.uav.loss_cause import UNKNOWN, cause_of_loss
 from arena.uav.setpoints import Encoder

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.smoke.language.grammar import (
-    Names,
     read_action,
     read_allowance,
     read_expectation,
@@ -18,6 +17,7 @@ from arena.smoke.language.grammar import (
     read_trigger,
 )
 from arena.smoke.language.model import Action, Allowance, Condition, Expectation, Place, Rule, Trigger
+from arena.smoke.language.names import Names
 from arena.smoke.language.tokens import UNITS, WrongWordError
 from arena.smoke.language.vocabulary import (
     ACTIONS,

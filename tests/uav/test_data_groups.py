@@ -8,7 +8,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from arena.errors import StaleDataError
 from arena.geometry import quat_from_euler, quat_rotate
-from arena.uav.data_groups import Body, Snapshot, Source
+from arena.uav.data_groups import Snapshot
+from arena.uav.data_source import Body, Source
 from arena.uav.poses import Poses
 from arena.wire.px4_mode import mode_numbers, mode_words
 from arena.wire.telemetry import Telemetry

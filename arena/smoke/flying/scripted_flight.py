@@ -24,9 +24,10 @@ from arena.errors import InputError
 from arena.schema import Arena
 from arena.smoke.flying.fly_scenario import alone_if_px4
 from arena.smoke.flying.session import LaunchOptions, Session
-from arena.smoke.language.grammar import Names, read_action, read_expectation, read_rule, read_trigger
+from arena.smoke.language.grammar import read_action, read_expectation, read_rule, read_trigger
 from arena.smoke.language.model import Action, Observation, Place, VehicleState
-from arena.smoke.language.scenario import fence_of, names_of
+from arena.smoke.language.names import Names, names_of
+from arena.smoke.language.scenario import fence_of
 from arena.smoke.language.tokens import WrongWordError
 from arena.smoke.referee.conditions import holds
 from arena.smoke.referee.expectation import EPSILON_S, ExpectationTracker

@@ -5,8 +5,7 @@ The module `vocabulary` lists the words of the language.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 
 from arena.smoke.language.model import (
     Action,
@@ -18,12 +17,12 @@ from arena.smoke.language.model import (
     Rule,
     Trigger,
 )
+from arena.smoke.language.names import Names, read_mode, read_process, read_vehicles, vehicles_named
 from arena.smoke.language.tokens import TokenReader, WrongWordError
 from arena.smoke.language.vocabulary import (
     ACTIONS,
     EACH,
     IN_MS,
-    MODES,
     OLD_WORDS,
     PARTS,
     PROCESS_STATES,
@@ -31,21 +30,9 @@ from arena.smoke.language.vocabulary import (
     REAL_TIME_FACTOR,
     SINGLE_PROCESSES,
     STATES,
-    UNPLANNED_PROCESSES,
     VEHICLE_PROCESSES,
     Form,
 )
-from arena.wire.px4_mode import AUTO
-
-
-@dataclass(frozen=True, kw_only=True)
-class Names:
-    """Names that scenario entries may use: the vehicles and processes of the arena. rotors: vehicle -> number of rotors."""
-
-    vehicles: tuple[str, ...]
-    processes: tuple[str, ...]
-    rotors: Mapping[str, int] = field(default_factory=dict)
-
 
 # -- the entries of a scenario
 
@@ -125,9 +112,9 @@ def read_allowance(text: str, names: Names) -> Allowance:
         tokens.expect("up")
         allowed = Allowance(stay_up=True)
     elif what == "crash":
-        allowed = Allowance(crash=frozenset(_vehicles(tokens, names)))
+        allowed = Allowance(crash=frozenset(read_vehicles(tokens, names)))
     else:
-        allowed = Allowance(fail=frozenset(_process(tokens, names)))
+        allowed = Allowance(fail=frozenset(read_process(tokens, names)))
     tokens.end()
     return allowed
 
@@ -177,14 +164,14 @@ def _condition(
 
 
 def _of_vehicle(tokens: TokenReader, names: Names, vehicle: str, what: str) -> dict[str, object]:
-    vehicles = _named(tokens, names, vehicle)
+    vehicles = vehicles_named(tokens, names, vehicle)
     made: dict[str, object] = {"vehicles": vehicles, "kind": what}
     if what == "mode":
         tokens.advance()
         made["operator"] = tokens.one_of(("==", "!="), "== or != and a mode")
-        modes = [_mode(tokens)]
+        modes = [read_mode(tokens)]
         while tokens.accept("or"):
-            modes.append(_mode(tokens))
+            modes.append(read_mode(tokens))
         return {**made, "texts": tuple(modes)}
     if what in STATES:
         tokens.advance()
@@ -212,7 +199,7 @@ def _separation(tokens: TokenReader, names: Names) -> dict[str, object]:
 
 def _tracking(tokens: TokenReader, names: Names) -> dict[str, object]:
     tokens.expect("(")
-    vehicles = _vehicles(tokens, names)
+    vehicles = read_vehicles(tokens, names)
     tokens.expect(")")
     return {"kind": "tracking", "vehicles": vehicles, **_comparison(tokens, "distance")}
 
@@ -251,82 +238,10 @@ _OF_ARENA: dict[str, Callable[[TokenReader, Names], dict[str, object]]] = {
 
 
 def _of_process(tokens: TokenReader, names: Names) -> dict[str, object]:
-    processes = _process(tokens, names)
+    processes = read_process(tokens, names)
     tokens.expect("is")
     state = tokens.one_of(PROCESS_STATES, f"a state: {', '.join(PROCESS_STATES)}")
     return {"kind": "process", "processes": processes, "texts": (state,)}
-
-
-# -- names
-
-
-def _vehicles(tokens: TokenReader, names: Names) -> tuple[str, ...]:
-    found = _named(tokens, names, tokens.next.text)
-    tokens.advance()
-    return found
-
-
-def _named(tokens: TokenReader, names: Names, name: str) -> tuple[str, ...]:
-    """Return the vehicles that `name` stands for: one vehicle, or all for `each`. Raises WrongWordError for an unknown name.
-
-    No token is consumed.
-    """
-    if name == EACH:
-        return names.vehicles
-    if name not in names.vehicles:
-        raise tokens.error(f"a vehicle of the arena, or {EACH}", _with_rest(tokens, (*names.vehicles, EACH)))
-    return (name,)
-
-
-def _with_rest(tokens: TokenReader, vehicles: tuple[str, ...]) -> list[str]:
-    _, dot, rest = tokens.next.text.rpartition(".")
-    return [f"{v}{dot}{rest if dot else ''}" for v in vehicles]
-
-
-def _process(tokens: TokenReader, names: Names) -> tuple[str, ...]:
-    """Parse a process, such as `program uav1`, and return its name in the plan.
-
-    Several names are returned for `program each`.
-    """
-    word = tokens.next.text
-    if word in VEHICLE_PROCESSES:
-        tokens.advance()
-        vehicles = _named(tokens, names, tokens.next.text)
-        wanted = [VEHICLE_PROCESSES[word].format(v) for v in vehicles]
-        found = tuple(name for name in wanted if name in names.processes)
-        if not found:
-            raise tokens.error(
-                f"a vehicle that has a `{word}`; there is no process {wanted[0]} in this arena"
-            )
-    elif word == "tool":
-        tokens.advance()
-        tools = [name.removeprefix("tool.") for name in names.processes if name.startswith("tool.")]
-        if not tools:
-            raise tokens.error("another process, because the arena has no tools")
-        if tokens.next.text not in tools:
-            raise tokens.error("a tool of the arena", tools)
-        found = (f"tool.{tokens.next.text}",)
-    elif word in names.processes or word in UNPLANNED_PROCESSES:
-        found = (word,)
-    elif word in SINGLE_PROCESSES:
-        raise tokens.error(f"a process of the arena (the arena has no {word})")
-    else:
-        raise tokens.error(
-            "a process of the arena",
-            list(dict.fromkeys([*VEHICLE_PROCESSES, *UNPLANNED_PROCESSES, *names.processes])),
-        )
-    tokens.advance()
-    return found
-
-
-def _mode(tokens: TokenReader) -> str:
-    """Parse a flight mode and return its name as decoded from HEARTBEAT, such as `AUTO.LAND`."""
-    name = tokens.next.text.removeprefix("AUTO.")
-    name = "LOITER" if name == "HOLD" else name
-    if tokens.next.kind != "word" or name not in MODES:
-        raise tokens.error("a mode", MODES)
-    tokens.advance()
-    return f"AUTO.{name}" if name in AUTO.values() else name
 
 
 # -- actions
@@ -356,7 +271,7 @@ def _form(tokens: TokenReader) -> tuple[Form, list[str]]:
 
 
 def _part_vehicles(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    made["vehicles"] = _vehicles(tokens, names)
+    made["vehicles"] = read_vehicles(tokens, names)
 
 
 def _part_other(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
@@ -368,11 +283,11 @@ def _part_other(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
 
 
 def _part_processes(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    made["processes"] = _process(tokens, names)
+    made["processes"] = read_process(tokens, names)
 
 
 def _part_mode(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    made["mode"] = _mode(tokens)
+    made["mode"] = read_mode(tokens)
 
 
 def _part_time(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:

@@ -14,7 +14,6 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BeforeValidator, Field
 
 from arena.errors import InputError, Problem
-from arena.plan.make import process_names
 from arena.schema import Arena, load_arena
 from arena.schema.arena import Fence
 from arena.schema.base import Strict
@@ -23,7 +22,6 @@ from arena.schema.loader import Document, YamlPath, load_yaml
 from arena.schema.source import Source, near, show, with_overrides
 from arena.schema.validate import validate
 from arena.smoke.language.grammar import (
-    Names,
     read_action,
     read_allowance,
     read_expectation,
@@ -31,6 +29,7 @@ from arena.smoke.language.grammar import (
     read_trigger,
 )
 from arena.smoke.language.model import Allowance, Box, Place, Rule, Step
+from arena.smoke.language.names import Names, names_of
 from arena.smoke.language.tokens import WrongWordError
 from arena.smoke.language.vocabulary import VEHICLE_PROCESSES
 
@@ -362,15 +361,6 @@ class _Reader:
 
     def _wrong(self, path: YamlPath, message: str) -> None:
         self.problems.append(self._source.problem(path, message))
-
-
-def names_of(arena: Arena) -> Names:
-    """Return the names of the vehicles and processes of an arena."""
-    return Names(
-        vehicles=tuple(v.name for v in arena.vehicles),
-        processes=tuple(process_names(arena)),
-        rotors={v.name: v.profile.num_rotors for v in arena.vehicles},
-    )
 
 
 def _step_text(entry: dict[str, Any]) -> str:
