@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 
 _DECIDE_EVERY = 5  # steps between decisions: 50 Hz at 250 Hz
 _REALIGN_EVERY = 250  # steps between attempts
+_REPORTED_MODES = {mode: mode_words(mode.custom_mode) for mode in Mode}  # names as in the HEARTBEAT
 _IDLE = 0.1  # motor command of an armed vehicle on the ground
 
 
@@ -267,7 +268,7 @@ class Autopilots:
             self._stay_disarmed(v, s)
         v.landed_state = _landed_state(c, s)
         if self.gates:
-            self.gates[v.row].on_state(c.armed, mode_words(c.mode.custom_mode), s.now)
+            self.gates[v.row].on_state(c.armed, _REPORTED_MODES[c.mode], s.now)
 
     def _stay_disarmed(self, v: Vehicle, s: CommanderInputs) -> None:
         """Clear the setpoint of a disarmed vehicle. If no home position is set and the position is valid, set home to the present position.
