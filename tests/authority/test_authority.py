@@ -1,4 +1,4 @@
-"""Who may command a vehicle: priority, latches, takeover by the pilot, arming refused at the end of a run."""
+"""Authority over a vehicle: priority, latches, takeover by the pilot, arming refused at the end of a run."""
 
 from __future__ import annotations
 

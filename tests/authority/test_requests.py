@@ -1,4 +1,4 @@
-"""What a MAVLink frame requests of the vehicle."""
+"""Requests to a vehicle, read from MAVLink frames."""
 
 from __future__ import annotations
 

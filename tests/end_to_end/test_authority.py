@@ -1,4 +1,4 @@
-"""Who may command a flying vehicle, in whole arenas: land-all is not undone by programs, also not by restarted ones."""
+"""Authority over a flying vehicle, in whole arenas: no program undoes land-all, also not a restarted one."""
 
 from __future__ import annotations
 

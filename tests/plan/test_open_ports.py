@@ -1,4 +1,4 @@
-"""What a run has open, by its plan; and what `arena up` and `arena check` say of it."""
+"""Sockets that a run opens, from its plan, and the lines about them of `arena up` and `arena check`."""
 
 from __future__ import annotations
 

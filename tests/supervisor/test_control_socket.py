@@ -1,4 +1,4 @@
-"""Who may command a running arena: its owner and root, by the kernel's word."""
+"""Users who may command a running arena: its owner and root, as the kernel reports the user of a connection."""
 
 from __future__ import annotations
 

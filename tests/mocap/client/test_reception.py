@@ -1,4 +1,4 @@
-"""What a client has received recently, and how its diagnosis is reported."""
+"""Record of what a client has received recently, and the report of its diagnosis."""
 
 from __future__ import annotations
 
