@@ -14,7 +14,7 @@ from arena.schema import load_arena
 
 
 def plan_on(folder: Path, address: str, first_id: int) -> Plan:
-    """Return the YAML of an arena with one vehicle that flies PX4; an empty file stands for its binary."""
+    """Return the plan of an arena with one vehicle that flies PX4; an empty file stands for its binary."""
     binary, scripts = folder / "px4/bin/px4", folder / "px4/etc/init.d-posix"
     for made in (binary.parent, scripts):
         made.mkdir(parents=True, exist_ok=True)
