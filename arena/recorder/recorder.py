@@ -19,9 +19,14 @@ from arena.recorder.columns import columns
 from arena.recorder.samples import MAX_GAP_S, Held, Series, leading_quaternion, position_velocity
 from arena.wire.telemetry import (
     Actuators,
+    Attitude,
     AttitudeReference,
+    Baro,
     Ground,
     HeartbeatState,
+    Imu,
+    Local,
+    Mag,
     Reference,
     Status,
     Telemetry,
@@ -70,6 +75,7 @@ class Recorder:
         self._program_reference = Held[Reference](SETPOINT_MAX_AGE_S)
         self._attitude_setpoint = Held[AttitudeReference](SETPOINT_MAX_AGE_S)
         self._actuators = Held[Actuators](SETPOINT_MAX_AGE_S)
+        self._taken: tuple[Local | None, Attitude | None, Imu | None, Mag | None, Baro | None] = (None,) * 5
         self._pending: deque[_Pending] = deque()
 
     @property
@@ -110,17 +116,23 @@ class Recorder:
         self._pose.receive(exposed, now, np.concatenate([q_nb, p_n]))
 
     def _take_measurements(self, now: float) -> None:
-        telemetry = self.telemetry
-        if (local := telemetry.local) is not None and local.received_at == now:
+        """Add the measurements of the last datagram. One that was added before is skipped, even if the clock of
+        the logger has not advanced since: a second copy would have the time of its reception.
+        """
+        telemetry, before = self.telemetry, self._taken
+        newest = (telemetry.local, telemetry.attitude, telemetry.imu, telemetry.mag, telemetry.baro)
+        self._taken = newest
+        local, attitude, imu, mag, baro = newest
+        if local is not None and local is not before[0]:
             self._local.receive(local.boot_s, now, np.concatenate([local.pos, local.vel]))
-        if (attitude := telemetry.attitude) is not None and attitude.received_at == now:
+        if attitude is not None and attitude is not before[1]:
             self._attitude.receive(attitude.boot_s, now, np.concatenate([attitude.q_nb, attitude.ang_vel]))
-        if (imu := telemetry.imu) is None or imu.received_at != now:
+        if imu is None or imu is before[2]:
             return
         self._imu.receive(imu.boot_s, now, np.concatenate([imu.acc_body, imu.ang_vel]))
-        if (mag := telemetry.mag) is not None and mag.received_at == now:
+        if mag is not None and mag is not before[3]:
             self._mag.receive(imu.boot_s, now, mag.mag)
-        if (baro := telemetry.baro) is not None and baro.received_at == now:
+        if baro is not None and baro is not before[4]:
             air = np.array([baro.pressure, baro.temperature, baro.alt])
             self._baro.receive(imu.boot_s, now, air)
 

@@ -100,6 +100,26 @@ def test_every_group_of_a_row_is_of_the_same_instant(t: float):
     assert three(row, "err.att_euler", "roll pitch yaw") == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
 
 
+def test_datagrams_read_together_do_not_repeat_a_measurement():
+    recorder = Recorder(1, 0)
+    out = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    for k in range(
+        11
+    ):  # the logger wakes 40 ms late and reads what has arrived, all at one time of its clock
+        t = 0.04 * k
+        local = mavlink.MAVLink_local_position_ned_message(round(t * 1e3), *moving(t))
+        attitude = mavlink.MAVLink_attitude_quaternion_message(
+            round(t * 1e3), *quat_from_euler([0, 0, t]), 0, 0, 1
+        )
+        heartbeat = mavlink.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
+        for message in (local, attitude, heartbeat):
+            recorder.receive(message.pack(out), t + 0.036)
+    t = 0.236  # the time of reception of the samples at 0.2 s
+    row = cells(recorder, recorder.row(t, t, truth_at(moving(t)[:3], moving(t)[3:], (0.0, 0.0, t))))
+    assert three(row, "err.pos") == pytest.approx([0.0, 0.0, 0.0], abs=2e-3)
+    assert three(row, "err.att_euler", "roll pitch yaw") == pytest.approx([0.0, 0.0, 0.0], abs=1e-3)
+
+
 def test_stamps_of_an_autopilot_that_booted_earlier_are_converted():
     recorder = Recorder(1, 0)
     receive_circle(recorder, 2.0, boot=100.0, delay=0.0)
