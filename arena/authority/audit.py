@@ -34,8 +34,9 @@ class AuditTrail:
     def add(
         self, role: Role, sender: tuple[int, int], request: Request, refusal: str, origin: Source, now: float
     ) -> None:
-        """Record a request. sender: system and component. refusal: why it was refused, "" if it was sent on.
+        """Record one request to the vehicle, and whether it was refused. Setpoints and stick positions are not recorded.
 
+        sender: MAVLink system id and component id. refusal: why the request was refused, "" if it was sent on.
         origin: address of the sender, or name of its link. now: time of one clock [s].
         """
         if request.kind in (Kind.SETPOINT, Kind.MANUAL_INPUT):
@@ -58,6 +59,6 @@ class AuditTrail:
         self._entries.append({**entry, "request": what, "refused": refusal})
 
     def take(self) -> list[Entry]:
-        """Return the entries since the last call."""
+        """Return the entries that were recorded since the last call."""
         found, self._entries = self._entries, []
         return found

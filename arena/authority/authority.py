@@ -28,7 +28,7 @@ _LAND, _KILL = 3, 4
 
 
 class Role(IntEnum):
-    """Role of somebody who commands a vehicle. A higher number has the higher priority."""
+    """Role in which a person or program commands a vehicle. The role with the higher number has priority."""
 
     NOBODY = 0
     GROUND_STATION = 1
@@ -45,7 +45,10 @@ class Role(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """Change of authority. holder: who commands the vehicle now. why: the reason. at: time [s]."""
+    """Change of authority: another role commands the vehicle, or the same role for another reason.
+
+    holder: role that commands the vehicle now. why: the reason. at: time [s].
+    """
 
     holder: Role
     why: str
@@ -85,9 +88,10 @@ class Authority:
     # -- requests ------------------------------------------------------------------------------------------------------
 
     def refusal(self, role: Role, request: Request, now: float) -> str:
-        """Return why a request must not be sent to the vehicle; "" if it may be sent. A request that may be sent is recorded.
+        """Return why a request must not be sent to the vehicle; "" if the request is allowed.
 
-        The text has at most 50 bytes, so that it fits in one STATUSTEXT.
+        The text has at most 50 bytes, so that it fits in one STATUSTEXT. An allowed request is remembered, because it
+        can change who commands the vehicle.
         role: the sender. now: monotonic [s].
         """
         if (
@@ -126,7 +130,7 @@ class Authority:
         return ""
 
     def _refusal_with_pilot(self, role: Role, kind: Kind) -> str:
-        """Return why a request is refused while the pilot has control.
+        """Return why a request is refused while the pilot has control; "" if the request is allowed.
 
         A program's setpoints are allowed, because a pilot gives control back by switching to OFFBOARD. A simulated
         vehicle obeys land-all, because no pilot could land it.
@@ -233,8 +237,8 @@ class Authority:
             self._change(Role.NOBODY, "disarmed", now)
 
     def _role_that_asked(self, mode: str, *, armed_now: bool, now: float) -> Role | None:
-        """Return the role that requested the vehicle's new mode, else the role that requested its arming
-        just now; None if no role did.
+        """Return the role that caused the vehicle's new mode: it has just requested this mode, or else the arming. None if no
+        role has requested either.
         """
         asked = [
             found for m, found in self._asked.items() if _leads_to(m, mode) and now - found[1] <= _ASKED_S
@@ -262,7 +266,10 @@ class Authority:
         self._change(holder, why, now, always=True)
 
     def refuse_arming(self, why: str) -> None:
-        """Refuse every request that arms the vehicle from now on, such as "the run is ending". It cannot be undone."""
+        """Refuse every request to arm the vehicle from now on. This cannot be undone.
+
+        why: reason that the sender of a refused request gets, such as "the run is ending".
+        """
         self._arming_off = self._arming_off or why[:30]
 
     @property
@@ -272,7 +279,7 @@ class Authority:
 
     @property
     def blocked(self) -> str:
-        """Reason why programs may not fly until `release`; "" if there is none."""
+        """Reason why programs must not fly the vehicle until `release` is called; "" if programs are allowed to fly."""
         return f"{self._latch.by.words} has control" if self._latch is not None else self._taken
 
     @property

@@ -33,8 +33,9 @@ class _Codec(Protocol):
 
 
 def role_of_tool(system: int) -> Role:
-    """Return the role (such as program or ground station) of a sender at the router's tools port. system:
-    MAVLink system id of the sender.
+    """Return the role (such as program or ground station) of a sender at the router's tools port.
+
+    system: MAVLink system id of the sender.
     """
     return _TOOLS.get(system, Role.PROGRAM)
 
@@ -65,7 +66,10 @@ class Refusal:
     texts: tuple[str, ...] = ()
 
     def reply(self, codec: _Codec) -> bytes:
-        """Return the reply to the sender; empty if there is nothing to send. codec: encoder with the ids of the vehicle's autopilot."""
+        """Return the encoded reply to the sender of the refused command; empty if there is nothing to send.
+
+        codec: encoder with the ids of the vehicle's autopilot.
+        """
         return pack_reply(codec, self.command, self.to, self.texts)
 
 
@@ -128,7 +132,7 @@ class CommandGate:
             self._events.append(text)
 
     def on_state(self, armed: bool, mode: str, now: float) -> None:
-        """Process the arming state and mode from a heartbeat of the vehicle's autopilot. now: as in `refusal`."""
+        """Process the arming state and mode from a heartbeat of the vehicle's autopilot. now: monotonic [s]."""
         self.authority.on_state(armed, mode, now)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:

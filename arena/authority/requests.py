@@ -87,7 +87,10 @@ def command_of(data: Buffer, frame: Frame) -> int:
 
 
 def parse_request(data: Buffer, frame: Frame) -> Request | None:
-    """Return what a frame requests; None if it neither moves the vehicle nor writes a parameter. The target is not checked."""
+    """Return what a frame requests; None if the frame neither moves the vehicle nor writes a parameter.
+
+    The target of the frame is not checked.
+    """
     if frame.msgid in SETPOINTS:
         return _SETPOINT
     if frame.msgid in COMMANDS:
@@ -146,11 +149,11 @@ def _number(data: Buffer, frame: Frame, index: int) -> float:
 
 
 def _is_set(value: float) -> bool:
-    """Return whether a parameter of a command is given: neither 0 nor NaN, which means "not used"."""
+    """Return whether a parameter of a command is in use. By MAVLink's convention, 0 and NaN mean "not used"."""
     return value != 0.0 and not math.isnan(value)
 
 
 def _integer(data: Buffer, frame: Frame, index: int) -> int:
-    """Return a parameter of a command message as an integer of one byte; 0 if it is not finite or out of range."""
+    """Return a parameter of a command message as an integer 0..255; 0 if the value is not finite or out of range."""
     value = _number(data, frame, index)
     return round(value) if 0.0 <= value < 255.5 else 0

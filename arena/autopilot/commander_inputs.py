@@ -16,7 +16,7 @@ RADIO, JOYSTICK, EITHER, FIRST, NO_MANUAL_CONTROL = range(5)
 
 @dataclass(slots=True, kw_only=True)
 class CommanderInputs:
-    """Measured state of one vehicle, from which the commander decides in one step.
+    """State of one vehicle at one step. The commander uses it to decide about mode, arming and failsafes.
 
     now: time since boot [s]
     xy_valid, z_valid, yaw_valid: whether the estimated horizontal position, height and heading are good
@@ -138,7 +138,7 @@ class ManualControl:
     _first: ManualControlSource | None = None
 
     def receive(self, source: ManualControlSource, now: float) -> None:
-        """Record that manual control was received.
+        """Record that manual control was received at time `now`.
 
         source: `radio` or `joystick`
         now: time since boot [s]
@@ -147,7 +147,7 @@ class ManualControl:
         self._first = self._first or source
 
     def is_available(self, now: float, in_mode: int, loss_s: float) -> bool:
-        """Return whether manual control was received within the last loss_s seconds.
+        """Return whether manual control was received in the last `loss_s` seconds.
 
         in_mode: value of COM_RC_IN_MODE, which selects the source (radio or joystick)
         loss_s: value of COM_RC_LOSS_T [s]

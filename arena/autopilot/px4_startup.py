@@ -114,7 +114,7 @@ def _open(found: Startup, options: Sequence[str]) -> None:
 
 
 def rotors(params: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Return position and direction of each rotor from the CA_ROTOR* parameters, as in a vehicle profile.
+    """Return position and direction of each rotor from the CA_ROTOR* parameters, in the form that a vehicle profile has.
 
     A rotor with positive KM turns counter-clockwise. Raises InputError if no rotor is defined.
     """

@@ -64,7 +64,7 @@ class StandIn:
         self.armed = False
 
     def greeting(self) -> bytes:
-        """Return the bytes that PX4 sends to the simulator after it has connected.
+        """Return the first bytes that PX4 sends to the simulator on a new connection.
 
         They contain a request for the true state at a given rate, and a HEARTBEAT.
         """

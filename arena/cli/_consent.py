@@ -11,9 +11,9 @@ WORD = "yes"
 
 
 def ask_consent(plan: Plan, *, yes: bool) -> str:
-    """List the real vehicles of a plan and ask the user to type `yes`. Return how the user has confirmed,
-    such as `--yes`; "" at once if there are no real vehicles.
+    """List the real vehicles of a plan, and ask the user to type `yes`. Return how the user has confirmed, such as `--yes`.
 
+    Without real vehicles, return "" and ask nothing.
     yes: option --yes: list the vehicles, but do not ask.
     Raises InputError if the user types something else, or if stdin is not a terminal.
     """
@@ -31,8 +31,8 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
             print(f"  {v.name} has no pilot with an RC transmitter: nobody can take control manually")
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"
-        "This permits the vehicles that are connected when all processes are ready, until they are switched off or "
-        "reconnected. Later ones need `arena arm-permit`.",
+        "Your confirmation is valid for the vehicles that are connected when all processes are ready. It ends when a vehicle is "
+        "switched off or reconnected. A vehicle that connects later needs `arena arm-permit`.",
         flush=True,
     )
     if yes:

@@ -1,4 +1,4 @@
-"""`arena arm-permit VEHICLE...`: allow real vehicles to arm that appeared, rebooted or reconnected after the start."""
+"""`arena arm-permit VEHICLE...`: permit arming of real vehicles that appeared, rebooted or reconnected after the arena's start."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ def register(app: typer.Typer) -> None:
     @app.command("arm-permit")
     def arm_permit(
         vehicles: Annotated[
-            list[str], typer.Argument(metavar="VEHICLE...", help="real vehicles that may arm from now on")
+            list[str],
+            typer.Argument(metavar="VEHICLE...", help="real vehicles that are allowed to arm from now on"),
         ],
         run: RunOption = None,
     ) -> None:
-        """Allow a real vehicle to arm. Needed if it appeared, rebooted or reconnected after the start of the arena.
+        """Allow a real vehicle to arm. Needed if the vehicle appeared, rebooted or reconnected after the start of the arena.
 
-        Its program may then arm it at once: clear the room first.
+        Its program can then arm the vehicle at once: clear the room first.
         """
         arena = connect(find(run))
         by = f"{user_name()} (arena arm-permit)"
@@ -44,14 +45,15 @@ def register(app: typer.Typer) -> None:
             time.sleep(_PERIOD_S)
         for vehicle in vehicles:
             if vehicle not in waiting:
-                print(f"{vehicle}: may arm now")
+                print(f"{vehicle}: is allowed to arm now")
         if waiting:
             raise RunError(f"{', '.join(waiting)}: got no arm permit, because the vehicle is not connected")
 
 
 def vehicle_line(vehicle: str, stats: Mapping[str, Any]) -> str:
     """Return one line that shows the user which vehicle gets a permit: uid, address, battery and failing checks.
-    stats: measurements of its link process.
+
+    stats: measurements of the vehicle's link process.
     """
     battery = stats.get("battery")
     charge = "battery unknown" if battery is None else f"battery {battery:.0f} %"

@@ -46,7 +46,7 @@ def _log(folder: Path, name: str) -> Path:
     log = folder / "logs" / f"{name}.log"
     if "/" in name or not log.is_file():
         there = ", ".join(sorted(p.stem for p in folder.glob("logs/*.log"))) or "none yet"
-        raise InputError(f"{folder}: no log of {name!r}; there are: {there}")
+        raise InputError(f"{folder}: no log of {name!r}; there are logs of: {there}")
     return log
 
 

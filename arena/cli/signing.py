@@ -47,7 +47,7 @@ def setup(
     ] = "",
     old_key: Annotated[
         Path | None,
-        typer.Option("--old-key", metavar="FILE", help="file of the key that the vehicle has now"),
+        typer.Option("--old-key", metavar="FILE", help="file with the key that the vehicle has now"),
     ] = None,
     sets: Set = None,
 ) -> None:
@@ -90,9 +90,9 @@ def serial_connection(vehicle: Vehicle, url: str) -> ConnectionUrl:
 def run_exchange(
     exchange: KeyExchange, connection: ConnectionUrl, name: str, timeout_s: float = SETUP_TIMEOUT_S
 ) -> None:
-    """Give the key to the vehicle over a serial device. Raises RunError if the vehicle does not take the key.
+    """Give the signing key to the vehicle over a serial device. Raises RunError if the vehicle does not use the key then.
 
-    timeout_s: [s]
+    timeout_s: time after which the exchange fails [s].
     """
     from arena.transport import SerialPort
     from arena.wire.mavlink_frame import Stream

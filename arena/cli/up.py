@@ -150,8 +150,9 @@ def register(app: typer.Typer) -> None:
 
 
 def _plan(file: Path, overrides: list[str]) -> Plan:
-    """Prepare a run and return its plan: load the arena, end runs on the same address whose supervisor has died, and make all checks.
+    """Prepare a run and return its plan: load the YAML, end the processes of crashed earlier runs, and make all checks.
 
+    A crashed run is a run on the same address whose supervisor has died.
     Raises InputError for problems of the YAML or of this computer, RunError if another arena is in the way.
     """
     from arena.plan import make_plan

@@ -127,9 +127,7 @@ class Copilot:
         )
 
     def any_armed(self, *, simulated: bool) -> bool:
-        """Return whether any vehicle is armed: of the simulated vehicles if `simulated`, else of the real
-        vehicles.
-        """
+        """Return whether a simulated vehicle is armed, or with `simulated=False` whether a real vehicle is armed."""
         return any(
             a is True
             for a, v in zip(self.states.armed, self.vehicles, strict=True)
@@ -204,7 +202,7 @@ class Copilot:
                 yield f"{vehicle.name}: heartbeat received again"
 
     def _report_unwatched(self, m: FleetState) -> Iterator[str]:
-        """Yield a warning for each vehicle whose rules cannot be checked because data are missing."""
+        """Yield a warning for each vehicle for which the copilot cannot check rules, because data are missing."""
         for row, vehicle in enumerate(self.vehicles):
             armed, landed = self.states.armed[row], self.states.landed[row]
             if _lasted(self._without_landed_state, row, armed is True and landed is None, m.now):
@@ -271,9 +269,9 @@ class Copilot:
 
 
 def _lasted(since: dict[int, float], row: int, so: bool, now: float) -> bool:
-    """Return True at the first call after `so` has been true for more than `_SILENT_S` seconds without interruption,
-    so that the condition is reported once.
+    """Return True once when a condition has been true for more than `_SILENT_S` seconds without interruption.
 
+    Later calls return False until the condition has been false, so that the caller reports the condition once.
     since: row -> start time of the condition, updated here. so: whether the condition is true now.
     """
     if not so:

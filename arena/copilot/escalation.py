@@ -133,8 +133,9 @@ class Escalation:
         self.order, self._left_alone = None, ""
 
     def _leave_to_others(self, violations: Sequence[Violation], mode: str) -> None:
-        """Stop commanding the vehicle, because a pilot or a failsafe has changed its mode: end the order. If there is
-        no order, report a violation once instead of commanding.
+        """End the order and send no commands, because a pilot or a failsafe has changed the vehicle's mode.
+
+        If there is no order, a violation is reported once, but the vehicle is not commanded.
         """
         if self.order is not None:
             self._events.append(
@@ -173,7 +174,10 @@ class Escalation:
             self._next_send = now
 
     def _most_severe(self, violations: Sequence[Violation]) -> tuple[Step, Violation] | None:
-        """Return the most severe command (step) that a violated rule requires, limited by `at_most`, and the violation of this rule."""
+        """Return the most severe command (step) that the violations require, and the violation that requires it; None without one.
+
+        The setting `at_most` limits the command.
+        """
         best: tuple[Step, Violation] | None = None
         for one in violations:
             do = self.rules.do[one.rule]
@@ -192,7 +196,7 @@ class Escalation:
     def _escalate(
         self, order: Order, violations: Sequence[Violation], status: VehicleStatus, now: float
     ) -> None:
-        """Command the next stronger step (land or terminate) if the present order is not obeyed or has no effect.
+        """Replace the order by the next stronger command (land or terminate), if the order is not obeyed or has no effect.
 
         An order has no effect if the vehicle obeys, the violation continues and the rule requires a stronger step.
 

@@ -99,8 +99,9 @@ def _broken(
 
 
 def _order(m: FleetState, a: int, b: int) -> tuple[int, int]:
-    """Return the pair as (first, yielding). The vehicle that comes later in the YAML yields, unless only the
-    earlier vehicle may be commanded; then the earlier one yields.
+    """Return the pair as (first, yielding). The vehicle that comes later in the YAML yields.
+
+    If the copilot may command only the earlier vehicle, the earlier vehicle yields.
     """
     return (a, b) if m.open[b] or not m.open[a] else (b, a)
 

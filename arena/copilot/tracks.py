@@ -116,10 +116,9 @@ class Tracks:
         )
 
     def off(self, p_n: Array) -> Array:
-        """Return how far each vehicle's estimated position is from its captured positions: the distance to the
-        nearest one of the last 0.5 s.
+        """Return the distance [m] (N,) from each vehicle's estimated position to its captured track; NaN if unknown.
 
-        The result is in [m] (N,), NaN if unknown.
+        The track is made of the captured positions of the last 0.5 s. The nearest of them counts.
 
         p_n: estimated positions [m] [NED] (N, 3). They are compared with the track, not with the newest pose,
         because an estimate arrives late and a fast body has moved since.

@@ -19,7 +19,7 @@ _CONNECT_S = 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveRun:
-    """A run in which a process still runs.
+    """Run of an arena of which at least one process still exists.
 
     folder: run folder
     runtime: runtime folder, with a copy of plan.json in case that the run folder cannot be read
@@ -48,7 +48,7 @@ def active_runs_of_others() -> dict[int, list[ActiveRun]]:
 
 
 def user_name(uid: int) -> str:
-    """Return the name of a user; the number if the user has no name."""
+    """Return the name of the user with this id; the id as text if the user has no name."""
     try:
         return pwd.getpwuid(uid).pw_name
     except KeyError:
@@ -66,7 +66,7 @@ def _active(given: Iterable[tuple[Path, str]]) -> list[ActiveRun]:
 
 
 def _is_active(run: ActiveRun) -> bool:
-    """Return whether a process of the run still runs.
+    """Return whether at least one process of the run still exists.
 
     If the run folder has been deleted, the supervisor must accept connections. If this user may not read the run folder,
     the runtime folder must have been made since the computer was started: landing a run that has ended does no harm.

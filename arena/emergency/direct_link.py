@@ -67,8 +67,8 @@ class DirectLink:
             )
 
     def step(self, silent_s: float, now: float, *, needed: bool = True) -> None:
-        """Check the link process. Open a direct connection if the link process does not run, hangs, or passes
-        on no telemetry. Close it when the link process has been restarted.
+        """Check the link process, and open a direct connection if the link process does not run, hangs, or passes on no
+        telemetry. Close this connection when the link process has been restarted.
 
         silent_s: time since the vehicle's last telemetry, or since the start [s].
         needed: false if the vehicle is confirmed, so that no connection has to be opened
@@ -90,9 +90,7 @@ class DirectLink:
         self._check_reading(unread, silent_s, now)
 
     def send(self, frames: list[bytes], now: float) -> None:
-        """Send frames on the open connections, if there are any. Errors are ignored, because every command
-        is sent again.
-        """
+        """Send frames on the direct connections that are open. Errors are ignored, because every command is sent again."""
         if self._replacement is None and self._beside is None:
             return
         if self._identity is None:
@@ -115,8 +113,9 @@ class DirectLink:
         return [file.fileno() for file in (self._replacement, self._beside) if file is not None]
 
     def read(self, fd: int, now: float) -> Iterator[bytes]:
-        """Read from this file descriptor and yield the data of the vehicle. Each item contains complete
-        MAVLink frames. now: monotonic [s]
+        """Read from this file descriptor and yield the data of the vehicle. Each item contains complete MAVLink frames.
+
+        now: monotonic [s].
         """
         for file in (self._replacement, self._beside):
             if file is None or file.fileno() != fd:
@@ -141,8 +140,10 @@ class DirectLink:
         return self._address.connection.kind == "serial"
 
     def _on_no_link(self, now: float) -> None:
-        """Send from a separate socket while the supervisor may restart the link process. If no restart is expected,
-        open the port of the link process.
+        """Open a direct connection, because the link process does not run.
+
+        While the supervisor may restart the link process, a separate socket is used, so that the port stays free for it.
+        If no restart is expected, the port of the link process is opened.
         """
         if self._restart.is_expected(now):
             self._print(f"{self._process_name} is not running; waiting for its restart")
@@ -162,8 +163,8 @@ class DirectLink:
             self._kill_link(now)
 
     def _open_beside(self) -> bool:
-        """Open a separate socket to the vehicle, while the link process keeps its own port. Return False if the
-        vehicle has no known UDP address.
+        """Open a separate socket to the vehicle. The port of the link process is not used. Return False if the vehicle
+        has no known UDP address.
         """
         if self._beside is None and self._vehicle is not None and not self._is_serial:
             self._beside = open_udp(("0.0.0.0", 0))
@@ -185,7 +186,10 @@ class DirectLink:
             self._print(f"{self._process_name} (process {process.pid}) does not respond and cannot be killed")
 
     def _replace_link(self, now: float, why: str) -> None:
-        """Open the UDP port or serial device of the link process, to send in its place. Retry while it is in use."""
+        """Open the UDP port or serial device of the link process, to send commands instead of the link process.
+
+        Another call opens the port or device later if another process still uses it.
+        """
         if now < self._next_try:
             return
         self._next_try = now + _RETRY_S

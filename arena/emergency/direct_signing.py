@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class DirectSigning:
-    """Signs the commands of land-all, and uses only telemetry with a valid signature.
+    """Signs the commands of land-all to one vehicle, and refuses telemetry without a valid signature.
 
     If the key cannot be read, commands are sent without a signature, and all telemetry is used.
     key_file: file with the key

@@ -80,8 +80,9 @@ class TargetConnections:
             self.panic = _open_panic_link(self.target)
 
     def _send_relayed(self, frames: list[bytes], now: float) -> None:
-        """Send frames on the panic link and through the router, together with requests for the uid. Send only these
-        requests if the link process is connected to another vehicle.
+        """Send frames and requests for the uid on the panic link and through the router.
+
+        The frames are left out if the link process is connected to another vehicle.
         """
         if self._relayed is not None:
             requests = [request for _, request in self._relayed.requests(now)]
@@ -170,7 +171,7 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
 
 
 class _OnceEach:
-    """Prints each text once."""
+    """Function object that prints a text for the user only at the first call with this text."""
 
     def __init__(self, say: Say) -> None:
         self._say, self._printed = say, set[str]()
@@ -182,9 +183,7 @@ class _OnceEach:
 
 
 class _Isolation:
-    """Catches the errors of one vehicle, so that they do not stop the landing of the others. Each error is
-    printed once.
-    """
+    """Catches the errors of one vehicle, so that the landing of the other vehicles continues. Each error is printed once."""
 
     def __init__(self, say: Say) -> None:
         self._say = _OnceEach(say)

@@ -25,8 +25,9 @@ _MOST_SOURCES = 16
 
 @dataclass(kw_only=True)
 class _SourceState:
-    """State of one source. Times are monotonic [s].
+    """State of one source: a UDP address, a serial device or a link process that sends MAVLink data.
 
+    Times are monotonic [s].
     is_vehicle: whether the uid is that of the vehicle; None if it has not been received since the last change
     changed: the source has rebooted, or it was silent, since it was checked
     since, received_at: times of the first and the last data since the last change
@@ -41,7 +42,7 @@ class _SourceState:
 
 
 class IdentityCheck:
-    """Checks which sources of data are the vehicle with a given hardware uid.
+    """Checks which sources (addresses, devices or link processes) are the vehicle with a given hardware uid.
 
     Only telemetry of a source that has sent this uid counts. Commands may be sent only to such a source, and to the
     recorded source if the vehicle does not reply. A source that was silent for SILENT_S or has rebooted must
@@ -82,8 +83,9 @@ class IdentityCheck:
         return state.is_vehicle is True
 
     def _may_command(self, source: Source, now: float) -> bool:
-        """Return whether commands may be sent to a source: the source is the vehicle, or it is the recorded source
-        and the vehicle does not reply.
+        """Return whether commands may be sent to a source. Only the vehicle is commanded.
+
+        If no source has replied with the vehicle's uid in time, the source that the run has recorded is commanded.
         """
         state = self._sources.get(source)
         if state is not None and state.is_vehicle is not None:
@@ -118,7 +120,7 @@ class IdentityCheck:
         return state is not None and state.is_vehicle is False
 
     def forget(self, source: Source) -> None:
-        """Require the uid of a source again, such as a serial device that was unplugged."""
+        """Discard what is known about a source, such as a serial device that was unplugged. It must send its uid again."""
         if source in self._sources:
             self._require(self._sources[source], self._sources[source].received_at)
 

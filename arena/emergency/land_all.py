@@ -26,7 +26,7 @@ _RESULT_S = 5.0  # a process for another user must end within this time after th
 
 @dataclass(frozen=True, kw_only=True)
 class Selection:
-    """Vehicles to command.
+    """Selection of the vehicles that land-all or kill-all commands, and the time limit.
 
     arena, run: see `find`
     only, spared: names of vehicles to command or not to command
@@ -133,7 +133,10 @@ def _record(command: str, targets: Sequence[Target]) -> None:
 
 
 def _worst(found: Found, code: int) -> int:
-    """Print each active run whose files cannot be read. Return EXIT_FAILED if there is such a run and `code` is 0, else `code`."""
+    """Print each active run whose files cannot be read, and return the exit code of the command.
+
+    The exit code is `code`. If `code` is 0 and the files of a run cannot be read, it is EXIT_FAILED.
+    """
     for why in found.unread:
         _say(f"NOT COMMANDED: the vehicles of an active run whose files cannot be read: {why}")
     return code or (EXIT_FAILED if found.unread else EXIT_OK)

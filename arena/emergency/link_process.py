@@ -1,8 +1,7 @@
-"""Functions that check whether the process `link.<v>`, the owner of a real vehicle's connection, still
-reads its sockets, and that kill it.
+"""Functions to check whether a process `link.<v>` still reads its sockets, and to kill this process.
 
-Reads /proc. A signal is sent only to a process with the recorded identity; a process is never selected by
-name.
+The process owns the connection to a real vehicle. The functions read /proc. A signal is sent only to a process with the
+recorded identity; a process is never selected by name.
 """
 
 from __future__ import annotations
@@ -41,8 +40,9 @@ def unread_bytes(address: Address) -> int | None:
 
 
 def kill(process: ProcessIdentity) -> bool:
-    """Kill the recorded process and wait for its end. Return False if it cannot be killed, or belongs to a user
-    other than the one who recorded it.
+    """Kill the recorded process and wait for its end. Return False if the process cannot be killed.
+
+    A process of another user than the owner of the record is not killed.
     """
     try:
         handle = os.pidfd_open(process.pid)
@@ -84,7 +84,7 @@ def _belongs_to_owner(process: ProcessIdentity) -> bool:
 
 
 def _stat(pid: int) -> list[bytes]:
-    """Return the fields of /proc/PID/stat from the state on; empty if the process does not exist."""
+    """Return the fields of /proc/PID/stat, beginning with the process state; empty if the process does not exist."""
     try:
         return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
     except OSError:

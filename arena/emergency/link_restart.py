@@ -28,12 +28,13 @@ class LinkRestart:
         self._known: ProcessIdentity | None = None
 
     def on_link(self) -> None:
-        """Record that the link process runs. Its next absence then starts a new wait."""
+        """Record that the link process runs. When it ends later, a new wait for its restart begins."""
         self._ended_at = None
 
     def is_expected(self, now: float) -> bool:
-        """Return whether to wait for a restart of the link process: it is starting, or the supervisor runs and has
-        not given up the restart. False if the link process has been missing for RESTART_S.
+        """Return whether to wait for a restart of the link process. The wait ends RESTART_S after the end of the process.
+
+        There is no wait if the supervisor does not run, or has recorded that it gives up the restart.
         """
         if self._ended_at is None:
             self._ended_at = now

@@ -90,9 +90,9 @@ def with_run_record(direct: DirectAddress, vehicle: str, run: Path) -> DirectAdd
 
 
 def recorded_process(name: str, run: Path) -> ProcessIdentity | None:
-    """Return the process that state.json lists under this name, or the supervisor; None if there is none.
+    """Return the identity of a process of the run, as recorded in state.json; None if no such process is recorded.
 
-    name: name of a process, or "supervisor"
+    name: name of the process, or "supervisor"
     """
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         file = run / "state.json"

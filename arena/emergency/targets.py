@@ -92,8 +92,11 @@ def find(
 
 
 def of_runs(runs: Sequence[ActiveRun], arena: Path | None) -> Found | None:
-    """Return the vehicles of the active runs that the YAML `arena` selects (see `find`), or of all active runs if
-    `arena` is None. Return None if no run is selected or none can be read.
+    """Return the vehicles of the runs that were started from the YAML `arena`; of all runs if `arena` is None.
+
+    If no run was started from this YAML, the newest run on its address is used. Returns None if there is no run, or none
+    can be read.
+    runs: active runs.
     """
     if arena is None:
         return _of_all(runs)
@@ -203,7 +206,10 @@ def from_yaml(path: Path) -> Found:
 
 
 def _by_port_rule(vehicle: VehicleEntry, host: str, folder: Path) -> Target:
-    """Return the target for a vehicle of a YAML, with the ports that follow from the vehicle's id. folder: the folder of the YAML"""
+    """Return the target for a vehicle of a YAML, with the ports that follow from the vehicle's id.
+
+    folder: folder of the YAML.
+    """
     direct = None
     if vehicle.connection is not None:
         key_file = str((folder / vehicle.key_file).absolute()) if vehicle.key_file else ""

@@ -66,8 +66,9 @@ class FcuLinkShell:
         self._write_params()
 
     def run(self) -> None:
-        """Run the link until a stop signal arrives; a real vehicle is served until it is disarmed. If the supervisor dies,
-        continue until the vehicle is disarmed.
+        """Run the link until a stop signal arrives. While a real vehicle is armed, continue after the signal.
+
+        If the supervisor dies, continue until the vehicle is disarmed.
         """
         while not (self._over or (self._process.stopping and self._process.may_end(self._armed_real()))):
             self._wait()

@@ -25,13 +25,16 @@ class ArmPermit:
 
     @property
     def reasons(self) -> list[str]:
-        """Why the vehicle must not be armed; empty if it has a permit, or needs none."""
+        """Reasons why the vehicle must not be armed; empty if the vehicle has a permit or needs none."""
         if not self._needed or self.by:
             return []
         return [f"no arm permit: run arena arm-permit {self._vehicle}"]
 
     def grant(self, by: str, *, connected: bool) -> None:
-        """Grant the permit. by: who grants it. connected: the vehicle is connected; otherwise nothing is granted."""
+        """Grant the permit, if the vehicle is connected.
+
+        by: name of the person who grants the permit. connected: whether the vehicle is connected.
+        """
         if not self._needed:
             return
         if not connected:

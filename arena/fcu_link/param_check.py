@@ -83,8 +83,9 @@ class ParamCheck:
         return {name: p.kind for name, p in self._params.items() if p.kind}
 
     def values(self) -> dict[str, float | None]:
-        """Return name -> value for the parameters in `read`, which other checks use. None: not read yet; NaN: the
-        vehicle does not have the parameter.
+        """Return parameter name -> value, for the parameters that other preflight checks use (`read`).
+
+        None: not read yet. NaN: the vehicle does not have the parameter.
         """
         return {name: math.nan if (p := self._params[name]).unknown else p.value for name in self._read}
 

@@ -47,7 +47,7 @@ class PoseConsistency:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, because the autopilot has rebooted or another one may be connected."""
+        """Delete all samples and results, because the autopilot has rebooted or another autopilot may be connected."""
         self._imu: deque[tuple[float, tuple[float, ...]]] = deque()
         self._poses: deque[tuple[float, tuple[float, ...]]] = deque()
         self._tilt: float | None = None
@@ -84,7 +84,7 @@ class PoseConsistency:
         return found
 
     def _evaluate(self, now: float) -> None:
-        """Compare the newest samples, twice a second."""
+        """Compare the newest samples of motion capture and IMU, at most twice a second."""
         if now - self._evaluated_at < _EVALUATE_S:
             return
         self._evaluated_at = now
@@ -129,7 +129,10 @@ class PoseConsistency:
 
 
 def _verdict(found: Comparison, before: str) -> str:
-    """Return what is wrong with the captured rotation, "" if nothing is. An unclear comparison keeps the result before it."""
+    """Return what is wrong with the captured rotation, as text for the user; "" if nothing is wrong.
+
+    before: result of the comparison before this one. It is returned if this comparison is not clear.
+    """
     if found.captured_rad_s < max(_STILL_RAD_S, 0.2 * found.gyro_rad_s):
         return "vehicle turned, its captured body did not"
     if found.gyro_rad_s < max(_STILL_RAD_S, 0.2 * found.captured_rad_s):
@@ -143,7 +146,7 @@ def _verdict(found: Comparison, before: str) -> str:
 
 
 def _span(imu_t: Array) -> float:
-    """Return over which time to average rates [s]: at least four intervals of the IMU."""
+    """Return the time [s] over which angular rates are averaged: at least four sample intervals of the IMU."""
     return max(0.1, 4.0 * float(np.median(np.diff(imu_t))))
 
 

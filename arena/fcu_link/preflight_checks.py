@@ -64,7 +64,7 @@ class PreflightChecks:
         self._consistency.reset()
 
     def restart_motion(self) -> None:
-        """Compare the captured attitude with accelerometer and gyroscope from the start, because the vehicle may be another one."""
+        """Restart the comparison of captured attitude and IMU, because another vehicle may be connected now."""
         self._consistency.reset()
 
     def on_autopilot(self, m: Any, now: float) -> None:

@@ -24,9 +24,9 @@ MAX_BYTES = 8192
 
 
 class Priority(IntEnum):
-    """Source of a frame: land-all or kill-all, the router, the world (the simulator) or the pose forwarder.
+    """Priority of a frame, by its source. A frame with a smaller number is sent first, if the lanes have sent equal shares.
 
-    A smaller number is sent first, while the lanes have sent about equal shares.
+    The sources are: land-all and kill-all, the router, the world (the simulator), the pose forwarder.
     """
 
     PANIC = 0
@@ -36,8 +36,10 @@ class Priority(IntEnum):
 
 
 class Lane(IntEnum):
-    """Part of the queue. PANIC is sent first; the other lanes share the connection. PANIC, SIMULATOR and VISION have
-    the frames of one source each, the other lanes those of the router, by kind of message.
+    """Part of the send queue, for one kind of frames. PANIC is sent first; the other lanes share the connection.
+
+    PANIC, SIMULATOR and VISION contain the frames of one source each. COMMAND, SETPOINT and OTHER contain the frames of
+    the router.
     """
 
     PANIC = 0
@@ -66,7 +68,10 @@ _NEWEST_ONLY = POSES | _STEERING | {mavlink.MAVLINK_MSG_ID_HIL_SENSOR, mavlink.M
 
 
 class QueuedFrame(NamedTuple):
-    """Frame in the queue. since: time at which this computer received it [s]. place: order of arrival."""
+    """Frame in the send queue, with its message id and priority.
+
+    since: time at which this computer received the frame [s]. place: number in the order of arrival.
+    """
 
     frame: bytes
     msgid: int
@@ -77,8 +82,10 @@ class QueuedFrame(NamedTuple):
 
 @dataclass(kw_only=True)
 class _Frames:
-    """Frames of one lane. sent: bytes that the lane has sent, divided by its weight. A lane that was empty starts
-    with the value of the lane that sent last.
+    """Frames that wait in one lane, and the share of the connection that the lane has used.
+
+    sent: bytes that the lane has sent, divided by its weight. A lane that was empty starts with the value of the lane that
+    sent last.
     """
 
     frames: deque[QueuedFrame] = field(default_factory=deque)
@@ -86,8 +93,9 @@ class _Frames:
 
 
 class SendQueue:
-    """Queue of frames in lanes. counts: number of frames that were not sent, by reason.
+    """Queue of frames for the flight controller, divided into lanes that share the connection.
 
+    counts: number of frames that were not sent, by reason
     pose_age_s: age limit of poses [s]; 0 for the usual limit
     """
 
@@ -101,9 +109,9 @@ class SendQueue:
         return sum(len(lane.frames) for lane in self._lanes.values())
 
     def put(self, priority: Priority, frame: bytes, msgid: int, since: float) -> None:
-        """Add a frame. When the queue is full, drop the oldest frame of the lane with the most bytes. PANIC is chosen
-        only if the other lanes are empty.
+        """Add a frame. If the queue is full, drop the oldest frame of the lane with the most bytes.
 
+        A frame of PANIC is dropped only if the other lanes are empty.
         A frame that replaces an older one takes its place, so that it is not sent later because of the
         replacement.
         since: time at which this computer received the frame [s]
@@ -165,7 +173,10 @@ class SendQueue:
         )
 
     def _waiting(self, lane: _Frames, msgid: int) -> int | None:
-        """Return the index of the waiting frame that a new frame replaces."""
+        """Return the index of the waiting frame that a new frame with this message id replaces; None if there is none.
+
+        Only the newest pose, setpoint, manual input and sensor message waits, because older ones are out of date.
+        """
         if msgid not in _NEWEST_ONLY:
             return None
         return next((i for i, queued in enumerate(lane.frames) if queued.msgid == msgid), None)

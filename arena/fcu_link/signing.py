@@ -53,9 +53,7 @@ class LinkSigning:
             self._connection = SignedConnection(read_key(settings.key_file), LINK_PROCESS, first, own=own)
 
     def accepted(self, source: Source, data: Buffer, found: ParsedFrames, now: float) -> ParsedFrames:
-        """Return the frames from a source that may be used: those with a valid signature, or all frames if there is
-        no key. now: monotonic [s]
-        """
+        """Return the frames from a source that have a valid signature; all frames if there is no key. now: monotonic [s]."""
         if self._connection is None:
             return found
         before = self._connection.counts.copy()
@@ -75,16 +73,16 @@ class LinkSigning:
         return found._replace(frames=frames)
 
     def greetings(self) -> list[tuple[Source, bytes]]:
-        """Return a heartbeat for each source that has sent frames with an old timestamp or a wrong signature.
+        """Return a heartbeat for each source whose frames have an old timestamp or a wrong signature.
 
-        The caller signs the heartbeat and sends it to the source. A vehicle that has restarted reads the current
-        timestamp from it. Each source gets at most one per second.
+        The caller signs the heartbeat and sends it to the source, because a vehicle that has restarted reads the current
+        timestamp from this heartbeat. Each source gets at most one per second.
         """
         sources, self._to_greet = self._to_greet, []
         return [(source, self._codec.onboard_heartbeat()) for source in sources]
 
     def signed(self, frame: bytes) -> bytes | None:
-        """Return the frame with a signature. Return None, and count the frame, if it must not or cannot be signed."""
+        """Return the frame with a signature. If the frame must not or cannot be signed, count the frame and return None."""
         if self._connection is None:
             return frame
         if any(f.msgid == SETUP_SIGNING for f in parse_frames(frame).frames):

@@ -11,7 +11,7 @@ _REPORT_S = 10.0
 
 
 class SilenceReport:
-    """Counts what arrives on the connection to a vehicle, and reports it while the vehicle is not received.
+    """Counts the data on the connection to a vehicle, and reports while the vehicle is not received what arrives instead.
 
     connection: URL of the vehicle
     system: MAVLink id of the vehicle
@@ -43,7 +43,7 @@ class SilenceReport:
                 self._foreign = frame.sysid << 8 | frame.compid
 
     def text(self, problem: str, now: float) -> str:
-        """Return the report that the vehicle sends nothing, if it is due; "" otherwise.
+        """Return the report for the user that the vehicle is not received; "" if no report is due now.
 
         problem: why an autopilot that does send is not accepted as the vehicle; "" if there is none.
         """

@@ -144,8 +144,7 @@ class RouterShell:
             self._process.stats(self._stats())
 
     def _heartbeat(self, now: float) -> None:
-        """Send the heartbeat of a ground station to all vehicles. Called once per second of wall time and
-        once per second of simulation time.
+        """Send the heartbeat of a ground station to all vehicles. Called once a second of wall time and of simulation time.
 
         With both, no autopilot misses the heartbeat in a world that runs faster than real time. Real vehicles with a data-link
         failsafe receive it only while an operator is present, because it would disable this failsafe.
@@ -160,7 +159,7 @@ class RouterShell:
             self._send_heartbeat(self._router.heartbeat(frame, operator=operator), now)
 
     def _report_operator(self, operator: bool, now: float) -> None:
-        """Report a change of the operator's presence, if the heartbeat of a vehicle depends on it."""
+        """Log when the operator appears or is missing, if a vehicle receives heartbeats only while an operator is present."""
         names = ", ".join(v.name for v in self._router.table.vehicles if v.needs_operator)
         if not names or operator == self._operator or now - self._began < OPERATOR_TIMEOUT_S:
             return
@@ -170,7 +169,7 @@ class RouterShell:
         else:
             self._process.event(
                 f"no operator: {names} receives no heartbeat of a ground station, so the failsafe data_link_loss acts. "
-                "A terminal of `arena up`, `arena ps` or a ground station counts as an operator"
+                "Run `arena up` in a terminal, connect a ground station, or run `arena ps` at least once a minute"
             )
 
     def _send_heartbeat(self, out: list[Out], now: float) -> None:

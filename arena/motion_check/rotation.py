@@ -37,12 +37,12 @@ class Comparison:
 
     @property
     def turned_deg(self) -> float | None:
-        """Angle of the rotation between both axes [deg]; None if it is not determined."""
+        """Angle between the captured body axes and the gyroscope's axes [deg]; None if the angle is not determined."""
         return None if self.turned_rad is None else math.degrees(float(np.linalg.norm(self.turned_rad)))
 
 
 def captured_rates(times: ArrayLike, q_nb: ArrayLike, span_s: float = SMOOTHING_S) -> tuple[Array, Array]:
-    """Return times [s] (M,) and angular rates [rad/s] [FRD] (M, 3): the mean rate over `span_s` around each time.
+    """Return times [s] (M,) and captured angular rates [rad/s] [FRD] (M, 3), each averaged over `span_s` around its time.
 
     times: increasing [s] (N,). q_nb: captured attitudes [-] wxyz (N, 4)
     """
@@ -56,7 +56,7 @@ def captured_rates(times: ArrayLike, q_nb: ArrayLike, span_s: float = SMOOTHING_
 
 
 def mean_rates(times: ArrayLike, gyro_b: ArrayLike, span_s: float = SMOOTHING_S) -> tuple[Array, Array]:
-    """Return times [s] (M,) and gyroscope rates [rad/s] [FRD] (M, 3), averaged over `span_s` around each time.
+    """Return times [s] (M,) and gyroscope rates [rad/s] [FRD] (M, 3), each averaged over `span_s` around its time.
 
     times: increasing [s] (N,). gyro_b: [rad/s] [FRD] (N, 3)
     """
@@ -69,8 +69,9 @@ def mean_rates(times: ArrayLike, gyro_b: ArrayLike, span_s: float = SMOOTHING_S)
 def compare(
     captured: tuple[Array, Array], gyro: tuple[Array, Array], largest_delay_s: float = LARGEST_DELAY_S
 ) -> Comparison | None:
-    """Compare captured rates with gyroscope rates, with the delay at which they agree best. None without enough samples.
+    """Find the delay at which captured rates agree best with gyroscope rates, and compare the rates at this delay.
 
+    Returns None if there are not enough samples.
     captured, gyro: times [s] (N,) and rates [rad/s] [FRD] (N, 3), from `captured_rates` and `mean_rates`. The delay is
     searched within +-largest_delay_s.
     """
@@ -98,8 +99,9 @@ def compare(
 
 
 def _fit(captured: Array, gyro: Array) -> tuple[float, float, Array | None]:
-    """Return the correlation after the best rotation of the captured axes, the correlation without it, and the rotation vector.
+    """Find the rotation of the captured axes with which captured rates and gyroscope rates agree best.
 
+    Returns the correlation after this rotation, the correlation without this rotation, and its rotation vector [rad].
     The rotation is that of Kabsch (1976), without a reflection.
     """
     h = gyro.T @ captured
@@ -118,7 +120,7 @@ def _vector(m: Array) -> Array:
 
 
 def _peak(scores: Array, best: int) -> float:
-    """Return by how many grid steps the true maximum lies after the best score, from a parabola through three scores."""
+    """Return the number of grid steps from the best score to the maximum of a parabola through this score and its neighbours."""
     if not 0 < best < len(scores) - 1:
         return 0.0
     before, top, after = scores[best - 1 : best + 2]

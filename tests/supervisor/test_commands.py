@@ -57,7 +57,7 @@ def test_detached_arena_is_controlled_from_other_terminals(terminal):
     assert {name: row["state"] for name, row in status["processes"].items()} == {"a": "READY", "p": "READY"}
     assert "READY" in terminal.run("ps").stdout
     assert f"pid {status['processes']['a']['pid']}" in terminal.run("logs", "a").stdout
-    assert "there are: a, p" in terminal.run("logs", "b").stderr
+    assert "there are logs of: a, p" in terminal.run("logs", "b").stderr
     assert terminal.run("restart", "a").returncode == 0
     eventually(lambda: json.loads(terminal.run("ps", "--json").stdout)["processes"]["a"]["starts"] == 2)
     assert "no process 'nobody'" in terminal.run("restart", "nobody").stderr

@@ -24,9 +24,10 @@ class ControlAllocator:
         self._tilt_rows, self._yaw_rows = rows[:, :, :2].copy(), rows[:, :, 2].copy()
 
     def allocate(self, torque: Array, thrust: Array) -> tuple[Array, Array]:
-        """Return the motor commands 0..1 (V, R) and the torque axes that the motors cannot fully deliver (V, 3).
+        """Return the motor commands 0..1 (V, R), and for each torque axis whether the motors cannot deliver the torque (V, 3).
 
-        An axis with less torque than requested has the sign of the requested torque; other axes have 0.
+        An axis with less torque than requested has the sign of the requested torque; other axes have 0. The rate
+        controller needs these signs to stop its integrals.
 
         torque: normalised roll, pitch, yaw torque [-] [FRD] (V, 3)
         thrust: collective thrust 0..1 (V,)

@@ -52,7 +52,7 @@ class OffboardSetpoint:
 
     @property
     def needs_position(self) -> bool:
-        """True if the setpoint contains a position or velocity: it needs a valid position estimate."""
+        """True if the setpoint contains a position or velocity, so that it can be flown only with a valid position estimate."""
         return self.level is Level.POSITION and any(math.isfinite(x) for x in (*self.p_n, *self.v_n))
 
 
@@ -82,7 +82,7 @@ class Setpoints:
         self.yaw_rate_ff = np.zeros(v)
 
     def at(self, level: Level) -> Bool:
-        """Return a mask of the vehicles whose setpoint has this level (V,)."""
+        """Return a mask (V,) of the vehicles whose setpoint has the given level."""
         return np.asarray(self.level == level.value)  # as int: numpy is slow with enums
 
     def clear(self, i: int) -> None:

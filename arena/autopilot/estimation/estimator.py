@@ -371,7 +371,7 @@ class Estimator:
         self.last_xy[idx] = self.last_z[idx] = self.last_yaw[idx] = now
 
     def _past(self, idx: Index, delay_s: Array) -> tuple[Array, Array]:
-        """Return the estimated position and attitude at `delay_s` seconds (m,) ago, interpolated from stored states."""
+        """Return the position and attitude that were estimated `delay_s` [s] (m,) ago, interpolated from stored states."""
         age = delay_s / self.dt
         whole = np.floor(age).astype(int)
         part = (age - whole)[:, None]

@@ -38,7 +38,7 @@ _NAN = math.nan
 
 
 class AllModes:
-    """Entry of the send queue that stands for several messages: its method `pack` encodes one AVAILABLE_MODES per selectable mode."""
+    """Messages AVAILABLE_MODES of all selectable modes, as one entry of the send queue. `pack` encodes all of them."""
 
     def pack(self, sender: MavlinkSender) -> bytes:
         """Return one AVAILABLE_MODES frame per selectable mode, in PX4's order.

@@ -129,7 +129,7 @@ class Item:
 
 
 def item_of(m: Any, *, ints: bool) -> Item | int:
-    """Decode a MISSION_ITEM, or a MISSION_ITEM_INT if `ints`.
+    """Decode a MISSION_ITEM, or a MISSION_ITEM_INT if `ints` is true.
 
     Returns a MAV_MISSION_RESULT instead of an item if the item is refused.
     """

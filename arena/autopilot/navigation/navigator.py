@@ -121,8 +121,9 @@ class Navigator:
             self._load(s)
 
     def _first_climb(self, s: Situation) -> float:
-        """Return the height of the first mission item that has a position, if the vehicle must climb to it first
-        [m] [NED down]; else NaN.
+        """Return the height [m] [NED down] to which the vehicle must climb before the mission; NaN if it is high enough.
+
+        This is the height of the first mission item that has a position.
         """
         first = next((x for x in self.missions.items[MISSION][self.missions.current :] if moves(x)), None)
         if first is None:

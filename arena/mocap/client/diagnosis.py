@@ -58,7 +58,10 @@ def _list(names: Sequence[str]) -> str:
 
 
 class LateFrames:
-    """Detects frames that arrive too late, and explains this to the user. limit_s: lateness above which poses are dropped [s]."""
+    """Detects that frames arrive too late, and explains to the user what to check.
+
+    limit_s: lateness above which poses are dropped [s].
+    """
 
     def __init__(self, limit_s: float) -> None:
         self._limit_s = limit_s
@@ -66,8 +69,9 @@ class LateFrames:
         self._text = ""
 
     def diagnosis(self, late_s: float) -> str:
-        """Return what the user must check if the newest frame was late in the last two calls, else "". Call this method once a second.
+        """Return what the user must check if frames arrive late, else "". Call this method once a second.
 
+        Frames arrive late if the newest frame was late at this call and at the call before it.
         late_s: lateness of the last frame [s]. The text keeps the first lateness, so that it is logged once.
         """
         self._times = self._times + 1 if math.isfinite(late_s) and late_s > self._limit_s else 0

@@ -30,7 +30,7 @@ _MAX_ROUND_TRIP_S = 2.0
 
 
 class Lateness:
-    """Measures how late the frames of one motion-capture server arrive, later than its fastest frames.
+    """Measures the lateness of one motion-capture server's frames: how much longer a frame takes than the fastest frames.
 
     stale_s: lateness limit [s]. shifts: number of detected changes of the server's clock.
     latency_s: time from the exposure of the last frame to its arrival [s]; nan before the first echo answer.
@@ -115,8 +115,9 @@ class Lateness:
         return elapsed_s
 
     def _settle(self, offset: float, late: float, now: float, flying: bool) -> float:
-        """Return the lateness of a late frame [s]. If the reference may be a wrong time stamp (it is young, and
-        all later frames are late), replace it by this frame and return 0.
+        """Return the lateness of a late frame [s]. If the reference frame may be wrong, use this frame as the reference.
+
+        The reference may have a wrong time stamp if it is young and all later frames are late. The result is 0 then.
         """
         if self._late_since is None or flying or self._prompt_s > _PROVEN_S or isfinite(self._low):
             self._late_since = now

@@ -16,8 +16,9 @@ _MAX_REQUESTS = 64  # per call: a flood of requests must not delay the frames
 
 
 class ServerProtocol(Protocol):
-    """A vendor's protocol: encodes frames and replies, and decodes requests, without sockets. wall: monotonic
-    wall time [s].
+    """Interface of a vendor's protocol: encodes frames and replies, and decodes requests, without sockets.
+
+    wall: monotonic wall time [s].
     """
 
     counts: Counter[str]
@@ -33,8 +34,10 @@ class ServerProtocol(Protocol):
 
 
 class UdpServer:
-    """The two UDP sockets of an emulated server. requests: address and port on which requests are received.
-    Frames are sent from the same address, but from another port.
+    """Emulated motion-capture server over UDP, with one socket for requests and one for frames.
+
+    requests: address and port on which requests are received. Frames are sent from the same address, but from another
+    port.
     """
 
     def __init__(self, protocol: ServerProtocol, requests: Address, name: str) -> None:
@@ -85,8 +88,9 @@ def _request_socket(address: Address, name: str) -> socket.socket:
 
 
 def _frame_socket(address: str) -> socket.socket:
-    """Open the socket that sends frames. It is bound to any free port. On the port of the clients it would
-    receive frames meant for them.
+    """Open the socket that sends frames, on any free port.
+
+    On the clients' port, this socket would receive the frames that are meant for the clients.
     """
     s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     s.setblocking(False)
