@@ -88,8 +88,8 @@ class SimTime:
 
 
 class SimClock:
-    """Client of the simulation clock. path: the shared memory is `<path>.page` and the socket is
-    `<path>.sock`.
+    """Client of the simulation clock, for programs that sleep in simulation time. path: name of the shared
+    memory without `.page`, and of the socket without `.sock`.
 
     Raises RunError if there is no world, or if the world ends during a sleep.
     """
@@ -184,8 +184,8 @@ class _Client:
 
 
 class ClockServer:
-    """Server of the simulation clock; the world (the simulator process) owns it. In lockstep, call
-    `may_advance` before each `tick`.
+    """Server of the simulation clock, which the world (the simulator process) owns. In lockstep, the world
+    must call `may_advance` before each `tick`.
 
     dropped: names of the clients for which the world no longer waits.
     """
@@ -211,9 +211,7 @@ class ClockServer:
         self.dropped: list[str] = []
 
     def tick(self, now: float) -> None:
-        """Publish the time [s], read the clients' requests, and wake the clients whose requested time has
-        come.
-        """
+        """Publish the simulation time [s], read the wake-up requests of the clients, and wake the clients whose requested time has come."""
         self._page[0] = now
         self.poll()
         for client in list(self._clients.values()):

@@ -65,7 +65,7 @@ class FaultReceiver:
                 raise RunError(f"cannot receive faults at {self._path}: {error}") from error
 
     def fileno(self) -> int:
-        """Return the file descriptor, readable when a fault has arrived; -1 without a socket."""
+        """Return the file descriptor of the socket, which is readable when a fault has arrived; -1 if there is no socket."""
         return -1 if self._socket is None else self._socket.fileno()
 
     def take(self) -> list[Fault]:
@@ -82,7 +82,7 @@ class FaultReceiver:
         return found
 
     def apply(self, function: Callable[[Fault], str]) -> list[str]:
-        """Pass each received fault to `function` and return one event per fault.
+        """Pass each received fault to `function`. Return one text per fault, for the event log.
 
         function: applies a fault and returns its description, or raises InputError
         """
@@ -161,7 +161,7 @@ def whole(fault: Fault, key: str, low: int, high: int) -> int:
 
 
 def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
-    """Return the value of `key` in a fault if it is a list of three numbers from -most to most, else raise InputError."""
+    """Return the value of `key` in a fault if it is a list of three numbers, each from -`most` to `most`; else raise InputError."""
     found = fault.get(key)
     if not isinstance(found, list) or len(found) != 3 or not all(_is_number(x, -most, most) for x in found):
         raise _wrong(key, found, f"a list of three numbers from {-most:g} to {most:g}")
@@ -169,7 +169,7 @@ def vector(fault: Fault, key: str, most: float) -> tuple[float, float, float]:
 
 
 def plain(values: Sequence[float]) -> str:
-    """Format numbers without unnecessary digits: "3 0 -0.5"."""
+    """Format numbers for a message, without unnecessary digits: "3 0 -0.5"."""
     return " ".join(f"{x:g}" for x in values)
 
 

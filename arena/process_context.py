@@ -120,7 +120,7 @@ class ProcessContext:
         if names and names != self._refused_end:
             self._refused_end = names
             self.event(
-                f"stop signal received, but {names} is armed: {self.name} continues until it is disarmed"
+                f"stop signal received, but {names} is armed: {self.name} continues until the vehicle is disarmed"
             )
         return not names
 

@@ -50,7 +50,9 @@ def shared_group(folder: Path) -> int | None:
 
 
 def _bases_of_others() -> Iterator[tuple[Path, int]]:
-    """Yield each folder that may contain runtime folders of another user, with the user id that its path names."""
+    """Yield (folder, user id) for each folder that may contain runtime folders of another user. The user id
+    is part of the folder's path.
+    """
     own, xdg = os.getuid(), os.environ.get("XDG_RUNTIME_DIR", "")
     users = Path("/run/user") if not xdg else Path(xdg).parent if Path(xdg).name == str(own) else None
     found = []

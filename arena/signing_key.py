@@ -90,7 +90,7 @@ class TimestampFile:
         self._saved_at: float | None = None
 
     def first(self) -> int:
-        """Return a timestamp from which this process can start to sign; 0 if there is no file.
+        """Return the first timestamp with which this process may sign a frame; 0 if there is no file.
 
         It is later than the timestamp in the file, because newer timestamps may have been used after the last write.
         """
@@ -98,7 +98,7 @@ class TimestampFile:
         return last + int(SAVE_S * TICKS_PER_S) if last else 0
 
     def save(self, timestamp: int, now: float) -> None:
-        """Write the timestamp if SAVE_S have passed. The write is in a thread, so that a slow disk does not delay the caller.
+        """Write the timestamp, at most once per SAVE_S seconds. The write is in a thread, so that a slow disk does not delay the caller.
 
         now: monotonic [s]
         """

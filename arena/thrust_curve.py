@@ -48,7 +48,7 @@ class ThrustCurve:
     _command: Callable[[Array], Array] = field(repr=False)
 
     def newtons(self, u: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """Return the total thrust [N]. The arguments may have any shapes that broadcast.
+        """Return the total thrust [N] for a command. Both arguments can be arrays whose shapes numpy can broadcast.
 
         u: command, limited to 0..1 [-]
         speed_m_s: airspeed [m/s]
@@ -56,7 +56,8 @@ class ThrustCurve:
         return self._newtons(np.clip(np.asarray(u, dtype=np.float64), 0.0, 1.0)) * self._share(speed_m_s)
 
     def command(self, newtons: ArrayLike, speed_m_s: ArrayLike = 0.0) -> Array:
-        """Return the command 0..1 [-] for a total thrust. If the rotors cannot give this thrust, use the nearest possible thrust.
+        """Return the command 0..1 [-] for a total thrust. For a thrust that the rotors cannot give, return
+        the command of the nearest possible thrust.
 
         newtons: total thrust [N]
         speed_m_s: airspeed [m/s]

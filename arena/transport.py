@@ -51,7 +51,7 @@ _MIN_BAUD = 300  # a shorter number after a device's name belongs to the name
 
 
 def source_text(source: Source | None) -> str:
-    """Return a source as text for the user: host:port, or the name of the device or link. "" for None."""
+    """Return the source of received data as text for the user: host:port, or the name of the device or link; "" for None."""
     if source is None or isinstance(source, str):
         return source or ""
     return f"{source[0]}:{source[1]}"
@@ -245,8 +245,8 @@ class StampAges:
 
 
 def receive_stamped(source: socket.socket) -> tuple[bytes, Address, float | None]:
-    """Receive a datagram from a socket with `enable_stamps`. Return (datagram, sender, receive stamp of the wall clock [s],
-    or None if the kernel gave none). Raises OSError.
+    """Receive a datagram and its stamp. Return (datagram, sender, time of reception by the wall clock [s], or
+    None if the kernel gave no stamp). Raises OSError.
     """
     data, ancillary, _, sender = source.recvmsg(MAX_DATAGRAM_BYTES, _STAMP_SPACE)
     for level, kind, value in ancillary:
@@ -257,7 +257,7 @@ def receive_stamped(source: socket.socket) -> tuple[bytes, Address, float | None
 
 
 def enable_stamps(source: socket.socket) -> None:
-    """Make the kernel record the receive time (stamp) of each datagram, from which `AgedSocket` computes its age.
+    """Make the kernel record the time of reception (stamp) of each datagram. `AgedSocket` computes the age of a datagram from its stamp.
 
     Some kernels have no such stamps. Then a datagram that waits is given the greatest age that it can have.
     """
@@ -277,7 +277,9 @@ class AgedSocket:
         enable_stamps(source)
 
     def on_empty(self, now: float) -> None:
-        """Record that the socket is empty: a datagram that arrives later has waited since `now` at most. now: monotonic [s]."""
+        """Record that the socket is empty at the time `now`. A datagram that arrives later cannot have waited
+        longer than since `now`. now: monotonic [s].
+        """
         self._empty_at = now
 
     def receive(self, limit: int = MAX_DATAGRAMS_PER_READ) -> Iterator[tuple[bytes, Address, float]]:

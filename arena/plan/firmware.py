@@ -152,8 +152,8 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
 
 
 def _held(required: Requirements, autopilot: str) -> Requirements:
-    """Return the requirements that the autopilot has as parameters. The built-in autopilot has none for rotor
-    geometry and RC mapping, because it reads both from the profile.
+    """Return the requirements that become parameters of this autopilot. The built-in autopilot has no
+    parameters for rotor geometry and RC mapping, because it reads both from the profile.
     """
     return replace(required, rotors=(), channels=0) if autopilot == "builtin" else required
 

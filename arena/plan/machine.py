@@ -153,9 +153,7 @@ def _wanted(plan: Plan) -> list[tuple[str, str, int]]:
 
 
 def _taken(arena: Arena, plan: Plan, probe: Probe) -> Iterator[str]:
-    """Yield the problems with ports and devices: one sentence per address where other processes use the arena's
-    ports, and one per missing serial device.
-    """
+    """Yield one sentence per problem: an address where other processes use ports of the arena, or a serial device that does not exist."""
     held: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for process, address, port in _wanted(plan):
         if why := probe.refusal(address, port):

@@ -55,7 +55,7 @@ def process_names(arena: Arena) -> list[str]:
 
 
 def _slices(job: Job) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield (file name, JSON configuration (slice)) for each process that has one.
+    """Yield (file name, content) of the JSON configuration (slice) of each process that has one.
 
     A vehicle without a program gets the program's file, too, because the user may start a program by hand.
     """

@@ -22,7 +22,7 @@ PROGRAM_STALE_S = 0.5
 
 
 def world(job: Job) -> Json:
-    """Return the slice of the world."""
+    """Return the configuration (slice) of the world, the process that simulates the vehicles."""
     arena = job.arena
     w, s = arena.world, arena.sim
     return {
@@ -76,7 +76,7 @@ def _origin(arena: Arena) -> Json:
 
 
 def px4(job: Job) -> Json:
-    """Return the slice of the process that runs a vehicle's PX4 SITL."""
+    """Return the configuration (slice) of the process that runs a vehicle's PX4 SITL."""
     arena, v = job.arena, job.v
     if arena.px4 is None:
         raise ValueError(
@@ -108,7 +108,7 @@ def px4(job: Job) -> Json:
 
 
 def mocap(job: Job) -> Json:
-    """Return the slice of the motion capture emulator."""
+    """Return the configuration (slice) of the motion capture emulator."""
     arena = job.arena
     m = arena.mocap
     bodies = [{"name": v.mocap_body, "number": v.id, "index": i} for i, v in enumerate(arena.simulated)]
@@ -137,7 +137,7 @@ def _noise(arena: Arena) -> Json:
 
 
 def link(job: Job) -> Json:
-    """Return the slice of the process that owns the connection to a vehicle's real flight controller."""
+    """Return the configuration (slice) of the process that owns the connection to a vehicle's real flight controller."""
     arena, v = job.arena, job.v
     if v.wire is None:
         raise ValueError(
@@ -199,7 +199,7 @@ def _clock(v: Vehicle) -> str | None:
 
 
 def forward(job: Job) -> Json:
-    """Return the slice of a vehicle's pose forwarder."""
+    """Return the configuration (slice) of a vehicle's pose forwarder."""
     arena, v = job.arena, job.v
     return {
         "name": f"forward.{v.name}",
@@ -219,7 +219,7 @@ def forward(job: Job) -> Json:
 
 
 def router(job: Job) -> Json:
-    """Return the slice of the MAVLink router."""
+    """Return the configuration (slice) of the MAVLink router."""
     arena = job.arena
     stations = list(dict.fromkeys(a for v in arena.vehicles for a in v.gcs))
     gcs = [{"name": "gcs", "address": [arena.address, GROUND_STATION]}]
@@ -271,7 +271,7 @@ def _needs_operator(arena: Arena, v: Vehicle) -> bool:
 
 
 def logger(job: Job) -> Json:
-    """Return the slice of a vehicle's logger."""
+    """Return the configuration (slice) of a vehicle's logger."""
     arena, v = job.arena, job.v
     return {
         "name": f"logger.{v.name}",
@@ -290,7 +290,7 @@ def logger(job: Job) -> Json:
 
 
 def program(job: Job) -> Json:
-    """Return the content of the file that a vehicle's program gets with `--uav`."""
+    """Return the content of the file that a vehicle's program receives with the option `--uav`."""
     arena, v = job.arena, job.v
     neighbours = [{"name": n, "body": arena.vehicle(n).mocap_body} for n in v.neighbours if n != v.name]
     kept = ("mass_kg", "radius_m", "height_m", "num_rotors", "thrust_curve")

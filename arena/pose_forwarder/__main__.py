@@ -26,7 +26,7 @@ def main() -> int:
 
 
 class _PoseGapSleep:
-    """Timer for a sleep after each forwarded pose. It saves wake-ups, because most of the next frames are not forwarded.
+    """Timer for a sleep after each forwarded pose. Most camera frames are not forwarded, so the process need not wake up for each of them.
 
     The interval is measured, so that it is right at any speed of the simulation. period_s: longest interval
     [s].
@@ -74,8 +74,8 @@ class _ForwarderProcess:
         self.gap_sleep = _PoseGapSleep(1.0 / float(s["rate_hz"]))
 
     def serve(self) -> None:
-        """Forward poses until a stop signal arrives; a real vehicle is served until it is disarmed. If the supervisor dies,
-        continue until the vehicle is disarmed.
+        """Forward poses until a stop signal arrives. An armed real vehicle is served until it is disarmed,
+        and after the death of the supervisor every vehicle is.
         """
         selector = selectors.DefaultSelector()
         selector.register(self.capture, selectors.EVENT_READ)

@@ -123,9 +123,7 @@ class Forwarder:
         return self._odometry(best, now)
 
     def _take(self, frame: CapturedFrame, now: float) -> Pose | None:
-        """Return the pose that must be forwarded from a frame. If the frame has no such pose, count the
-        reason and return None.
-        """
+        """Return the vehicle's pose in a frame, or None if this pose must not be forwarded. Dropped poses are counted by reason."""
         place = self._order.place(frame.number)
         if place == "repeated":
             self.counts["repeated frame"] += 1
@@ -254,8 +252,8 @@ class Forwarder:
         self._origin_tries = 0
 
     def _waits_for_origin(self, now: float) -> bool:
-        """Return whether poses are held back because the vehicle is on the ground and its autopilot does not
-        have its origin and global position yet.
+        """Return whether poses must wait, because the vehicle is on the ground and its autopilot does not yet
+        have an origin and a global position.
 
         If PX4's estimator already uses poses, it takes the jump to a new origin as an error of thousands of
         km and rejects poses for one second. If the origin is set without a global position, the estimator's
@@ -294,7 +292,8 @@ class Forwarder:
         return due
 
     def _global_position(self, pose: Pose) -> list[bytes]:
-        """Return two messages: one sets the autopilot's origin at altitude 0 (sea level), the other its global position at `pose`.
+        """Return two messages: one sets the autopilot's origin at altitude 0 (sea level), the other sets its
+        global position, computed from `pose`.
 
         After a gap PX4's estimator resets its height from the first pose as if the origin's altitude were 0.
         With any other altitude the height would jump by that value.

@@ -243,7 +243,7 @@ def _is_locked(lock: Path) -> bool:
 
 
 def _holder(port: int) -> str:
-    """Return the end of a message, ` by process ...`, that names the process that holds a UDP port; "" if it is unknown."""
+    """Return the end of a message, ` by process ...`, which names the process that has bound a UDP port; "" if this process is unknown."""
     import psutil
 
     with contextlib.suppress(psutil.Error):
@@ -254,7 +254,7 @@ def _holder(port: int) -> str:
 
 
 def _lock_owner(instance: int) -> str:
-    """Return the end of a message, ` as process ...`, that names the PX4 that runs as this instance; "" if it is not found."""
+    """Return the end of a message, ` as process ...`, which names the running PX4 with this instance number; "" if it is not found."""
     import psutil
 
     for process in psutil.process_iter(["name", "cmdline", "pid"]):

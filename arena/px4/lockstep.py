@@ -36,7 +36,7 @@ _ACCEPT_EVERY = 16  # steps between two checks for new connections where a PX4 i
 
 
 class _Server:
-    """TCP server to which the PX4 of one vehicle connects, with the connection (None before PX4 connects) and the lockstep state."""
+    """TCP server for the PX4 of one vehicle, with its connection (None until PX4 connects) and the state of the lockstep."""
 
     def __init__(self, row: int, vehicle: Mapping[str, Any], outputs: Sequence[HilOutput]) -> None:
         self.name, self.row = str(vehicle["name"]), row
@@ -275,7 +275,7 @@ class Px4Links:
                 return
 
     def _sleep_for_most(self) -> None:
-        """Wait for most replies with one sleep if there are many vehicles, so that the process does not wake up for each reply.
+        """Wait for most replies in a single sleep if there are many vehicles, because waking up for each reply would cost more CPU time.
 
         The time of the sleep is adjusted at each step.
         """

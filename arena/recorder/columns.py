@@ -21,8 +21,8 @@ Instant = Literal["row", "interpolated", "held"]
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """Columns of one quantity, one per component (part), such as `ekf.pos.north`. A group without parts is a
-    single column called `name`.
+    """A measured quantity and its columns in the log: one column per part, such as `ekf.pos.north`. A
+    quantity without parts has one column, called `name`.
 
     instant: time to which the value of a row belongs. "interpolated": between two samples, for the time of the row;
         "held": value of the last message; "row": exactly the time of the row.
@@ -39,7 +39,7 @@ class Group:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of the group."""
+        """Names of the columns of this quantity."""
         return tuple(f"{self.name}.{part}" for part in self.parts) or (self.name,)
 
 

@@ -43,7 +43,7 @@ Cell = float | str | bool
 
 @dataclass(frozen=True, kw_only=True)
 class _Pending:
-    """Requested row of the log that is not written yet, because later samples are needed for interpolation.
+    """A row of the log that was requested but is not written yet, because its interpolation needs later samples.
 
     time_s: time of the row, by the clock of the logger [s].  stamp: value of the first column [s].
     """
@@ -279,8 +279,8 @@ def _text(cell: Cell) -> str:
 
 
 def rates(recorder: Recorder, now: float) -> dict[str, float | int]:
-    """Return statistics of the logger: mean rates of rows, poses and datagrams since the vehicle's first message
-    [Hz], number of rows, and number of damaged messages. now: local time [s].
+    """Return statistics of the logger: mean rates of rows, poses and datagrams since the vehicle's first
+    message [Hz], and the numbers of rows and damaged messages. now: local time [s].
     """
     since = now - (now if recorder.first_received is None else recorder.first_received)
     each: Iterable[tuple[str, int]] = (

@@ -65,7 +65,7 @@ def _not_yet(c: Check) -> Iterator[Problem]:
 
 
 def _empty_sections(c: Check) -> Iterator[Problem]:
-    """Refuse an empty `copilot:` or `geofence:`, because it looks enabled and is not. `--set copilot=null` is allowed."""
+    """Refuse an empty section `copilot:` or `geofence:`, because it looks enabled but has no effect. `--set copilot=null` is allowed."""
     written = c.source.document.data
     for key, meaning in (("copilot", "all its defaults"), ("geofence", "the whole room")):
         if (
@@ -148,7 +148,7 @@ def _clash(c: Check, port: int, one: tuple[str, YamlPath], two: tuple[str, YamlP
 
 
 def _claims(c: Check) -> Iterator[tuple[int, str, YamlPath]]:
-    """Yield each port of the arena: (number, text that says what uses the port, path of the YAML key that sets the number)."""
+    """Yield each port number of the arena with its use: (number, use as text, path of the YAML key that sets the number)."""
     for port in PORTS:
         place = c.arena.port_address(port)
         if place is not None:

@@ -27,7 +27,8 @@ def fence(c: Check) -> Iterator[Problem]:
 
 
 def _span(c: Check, axis: str, kept: tuple[float, float]) -> Iterator[Problem]:
-    """Check the fence's limits on one horizontal axis: the lower one first, space left after the margin, both inside the walls.
+    """Check the fence's limits on one horizontal axis: they must be in order, leave space after the margin,
+    and lie inside the room's walls.
 
     kept: lowest and highest coordinate [m], already reduced by the margin.
     """

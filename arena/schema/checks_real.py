@@ -105,7 +105,9 @@ def _profiles(c: Check) -> Iterator[Problem]:
 
 
 def _hardware_only(c: Check) -> Iterator[Problem]:
-    """Check that `radio`, `measured` and `signing` are written only under hardware vehicles, and that `measured` and `params` agree."""
+    """Check that `radio`, `measured` and `signing` are used only for hardware vehicles, and that `measured`
+    and `params` give the same values.
+    """
     for v in c.arena.vehicles:
         for key in ("radio", "measured", "signing"):
             if c.source.given(("vehicles", v.name, key)) and v.simulated and c.sound(v, "autopilot"):

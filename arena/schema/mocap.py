@@ -40,7 +40,7 @@ class NatNetKeys(Strict):
 
 
 class Mocap(NatNetKeys):
-    """The motion capture system."""
+    """The motion capture system: source, rate, noise and delay of the poses."""
 
     source: Literal["emulator", "natnet", "vrpn"] = "emulator"
     """Source of poses: the emulator, or the name of the vendor whose server is used."""

@@ -1,4 +1,5 @@
-"""The pydantic models of arena.yaml: every section and key with its type. Defaults of sections are here, defaults of vehicles in `resolve`.
+"""The pydantic models of arena.yaml: every section and key with its type. They contain the defaults of
+sections; `resolve` contains the defaults of vehicles.
 
 The docstring under a key is also the key's description in the reference page and in the JSON schema. Keys that are planned
 but not available yet are in `NOT_YET`, with what to use instead. They are refused, never ignored.
@@ -81,7 +82,7 @@ class World(Strict):
 
 
 class Sim(Strict):
-    """The simulation of the world."""
+    """Settings of the simulation: rates, speed, window."""
 
     physics_hz: Annotated[int, Field(ge=100, le=10000)] = 500
     """Physics steps per second."""

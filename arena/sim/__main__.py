@@ -30,7 +30,7 @@ def main(argv: list[str] | None = None, make_autopilots: MakeAutopilots | None =
 
 
 def _by_kind(settings: dict[str, Any], dt: float) -> AutopilotSet:
-    """Create the autopilots of all vehicles: built-in autopilots, or connections to PX4 for the vehicles that PX4 flies."""
+    """Create the autopilots of all vehicles: built-in ones, connections to PX4, or a combination if the vehicles have different kinds."""
     vehicles = settings["vehicles"]
     kinds = [v.get("autopilot", "builtin") for v in vehicles]
     for kind, make in (("builtin", _builtin), ("px4", _px4)):

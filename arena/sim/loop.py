@@ -166,7 +166,7 @@ class Loop:
 
     def _until_clients_sleep(self) -> None:
         """Wait until all clients of the simulation clock have finished their work for the current time and
-        sleep. Does not wait if the world runs in real time.
+        sleep again. At speed 1 (real time), do not wait.
         """
         if self._speed == 1.0:
             return

@@ -106,8 +106,8 @@ class VehicleLinks:
         self._epoll.close()
 
     def _turn(self, link: _VehicleLink, receive: Receive) -> bool:
-        """Read a few datagrams of one link, so that every link is served. Return whether more datagrams may
-        be waiting.
+        """Read at most _PER_TURN datagrams of one link, so that the other links are served, too. Return
+        whether more datagrams may be waiting.
         """
         for _ in range(_PER_TURN):
             try:

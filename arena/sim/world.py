@@ -164,7 +164,7 @@ class World:
     # -- results -----------------------------------------------------------------------------------------------------
 
     def truth(self) -> Truth:
-        """Return the current true state of all vehicles. It contains the rotor states of the first four rotors only."""
+        """Return the current true state of all vehicles. It has space for four rotor states per vehicle, so further rotors are left out."""
         bodies, motors = self.bodies, self._dynamics.spin
         if self.rotors != 4:
             motors = np.zeros((self.fleet.size, 4))

@@ -207,7 +207,8 @@ def _result(raw: dict[str, Any]) -> Result:
 
 
 def draw(result: Result, rows: Sequence[Row], folder: Path) -> list[str]:
-    """Plot height, distance and mode over time to folder/plots/scenario.png.
+    """Plot height, distance and mode of each vehicle over time to folder/plots/scenario.png. The distance is
+    to the nearest vehicle, or to the start if there is only one vehicle.
 
     rows: values of all vehicles over the flight.  folder: the run folder.
     Return the paths of the plots; empty if there are no rows.

@@ -59,7 +59,7 @@ class BackgroundWriter:
             return found
 
     def flush(self, timeout_s: float) -> bool:
-        """Wait until all writes are complete, at most `timeout_s` [s]. Return whether they are."""
+        """Wait until all writes are complete, at most `timeout_s` [s]. Return False if some are not complete then."""
         with self._changed:
             return self._changed.wait_for(lambda: not self.busy, timeout_s)
 

@@ -76,7 +76,7 @@ class EventLog:
         self.show(Message(source=source, text=shown, level=event_level(text) if level is None else level))
 
     def audit(self, mono: float, process: str, entry: Mapping[str, object]) -> None:
-        """Log a request to a vehicle, for `arena audit`. It is not shown. mono: monotonic time [s].
+        """Log a request to a vehicle, for `arena audit`. The request is not shown on the terminal. mono: monotonic time [s].
 
         Requests after the first MAX_REQUESTS_PER_PROCESS of a process are dropped.
         """
@@ -91,7 +91,9 @@ class EventLog:
         )
 
     def error(self) -> str:
-        """Return why the file cannot be written, such as `No space left on device`, once; else ""."""
+        """Return the reason why the file cannot be written, such as `No space left on device`. Later calls
+        return "", so that it is reported once.
+        """
         if not self._error or self._error_reported:
             return ""
         self._error_reported = True

@@ -107,12 +107,12 @@ class LandingTask:
         return False
 
     def _with_pilot(self, flying: Sequence[str], pilots: Collection[str]) -> list[str]:
-        """Return the flying vehicles whose pilot has control, and log each the first time."""
+        """Return the flying vehicles whose pilot has control. Log each of these vehicles once, when its pilot takes control."""
         found = [v for v in flying if v in pilots]
         for vehicle in found:
             if vehicle not in self._pilots:
                 self._log.event(
-                    self._now, "arena", f"{vehicle}: pilot has control; waiting until it is disarmed"
+                    self._now, "arena", f"{vehicle}: pilot has control; waiting until the vehicle is disarmed"
                 )
         self._pilots = set(found) | (self._pilots & set(flying) & set(pilots))
         return found

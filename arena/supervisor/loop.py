@@ -234,7 +234,9 @@ class Supervisor:
             self._permit_connected()
 
     def _permit_connected(self) -> None:
-        """Permit the real vehicles that are connected to arm, because the user has confirmed it before the start."""
+        """Permit the connected real vehicles to arm, because the user has already given consent to `arena
+        up`. Report the vehicles that are not connected.
+        """
         real = real_vehicles(self.plan, self._processes.statuses)
         if connected := [name for name, ready in real.items() if ready]:
             self._permit(connected, self.options.permit_by)
@@ -289,7 +291,9 @@ class Supervisor:
     # -- the end
 
     def _request_end(self, cause: Cause, *, hurry: bool) -> None:
-        """End the run because the user asked for it. A second request with `hurry` kills the user programs."""
+        """End the run because the user asked for it. With `hurry`, `arena down` also kills the user programs,
+        and so does a second Ctrl-C.
+        """
         first = self.phase is Phase.RUN
         if first:
             self._begin_end(

@@ -16,7 +16,7 @@ _LEAST_S = 3.0
 
 
 class RealTimeMeter:
-    """Meter of the real-time factor of a run: simulated seconds per second of wall time. Also reads the simulated time."""
+    """Meter of the simulated time of a run, and of its real-time factor: simulated seconds per second of wall time."""
 
     def __init__(self, plan: Plan, folder: RunFolder) -> None:
         world = plan.slices.get("world.json", {})

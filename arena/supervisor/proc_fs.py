@@ -68,7 +68,7 @@ def start_time(pid: int) -> float | None:
 
 
 def is_zombie(pid: int) -> bool:
-    """Return whether a process has ended but its parent has not yet collected its exit status."""
+    """Return whether a process has ended although its parent has not yet collected its exit status."""
     fields = _stat(pid)
     return bool(fields) and fields[0] in (b"Z", b"X")
 

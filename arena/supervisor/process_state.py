@@ -275,7 +275,7 @@ def _ended(
 def _again(
     spec: ProcessSpec, status: ProcessStatus, observation: Observation, words: str, now: float
 ) -> Step:
-    """Return the next status of an ended process: BACKOFF before another start, FATAL after too many starts.
+    """Return the next status of an ended process: BACKOFF if it will be started again, FATAL after too many starts.
 
     EXITED if the run ends or a stop was requested.  words: how it ended.  now: monotonic [s].
     """

@@ -80,7 +80,7 @@ class RunState:
 
 
 def _still_there(member: Member) -> list[int]:
-    """Return the pids of the running processes of a recorded process group.
+    """Return the pids of the running processes of a process group that state.json recorded.
 
     The leader is identified by its start time, its descendants by their session and a later start time. The kernel does
     not reuse the number of a group as a pid while a member of the group runs.
@@ -155,7 +155,9 @@ class RunFolder:
             (self.path / "logs").mkdir(exist_ok=True)
 
     def for_landing(self, plan: Plan) -> RunFolder:
-        """Return a folder with the plan for the land task: this one, or the runtime folder if plan.json cannot be restored."""
+        """Return a folder that contains the plan for the land task: the run folder, or the runtime folder if
+        plan.json cannot be restored there.
+        """
         self.restore(plan)
         if (self.path / "plan.json").is_file():
             return self

@@ -126,9 +126,7 @@ class Shutdown:
         return done
 
     def _real_only(self, flying: list[str], down: dict[str, str]) -> tuple[list[str], dict[str, str]]:
-        """Move the simulated vehicles from `flying` to `down` and return both, because `arena down --now`
-        lands real vehicles only.
-        """
+        """Return `flying` and `down` after moving the simulated vehicles to `down`, because `arena down --now` lands real vehicles only."""
         simulated = {v.name for v in self._plan.vehicles if v.simulated}
         left = simulated & set(flying)
         if left:
@@ -160,7 +158,7 @@ class Shutdown:
                 self._processes.request_restart(name)
 
     def stop(self, now: float) -> bool:
-        """Order the stop of every process that may end now. Return True when no process runs any more."""
+        """Request the stop of every process that may end now. Return True when no process runs any more."""
         p, orders = self._processes, self._orders
         alive = set(p.alive)
         if not alive:

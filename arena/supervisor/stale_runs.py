@@ -138,7 +138,7 @@ def _end(state: RunState, plan: Plan | None, say: Say, land: Callable[[], bool])
 
 
 def _signal(state: RunState, names: set[str], number: int) -> None:
-    """Send a signal to the processes with these names that still run, and to the members of their groups."""
+    """Send a signal to the processes with these names that still run, and to their child processes."""
     for name, pids in state.survivors().items():
         for pid in pids if name in names else []:
             try:

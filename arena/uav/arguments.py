@@ -17,7 +17,7 @@ from arena.mocap.vendors import VENDORS, vendor_settings
 
 
 def read_arguments(argv: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return the keyword arguments for `UAV`. Raises InputError.
+    """Parse the command line of a user program and return the keyword arguments for `UAV`. Raises InputError.
 
     argv: arguments without the program's name; None for those of this process.
     """
@@ -93,7 +93,7 @@ def _by_hand(given: argparse.Namespace) -> dict[str, Any]:
 
 
 def _capture(text: str, body: str) -> dict[str, Any]:
-    """Return the settings of a motion-capture client that receives one body.
+    """Parse the option `--capture` and return the settings of a motion-capture client that receives one body.
 
     text: VENDOR:ADDRESS and the vendor's options.
     """

@@ -187,7 +187,7 @@ class EmulatedSensor:
 
     @property
     def age_s(self) -> float:
-        """Age of the oldest pose [s], of the vehicle's pose and the neighbours' poses."""
+        """Age of the oldest pose among those of the vehicle and its neighbours [s]."""
         self._source.refresh()
         poses = self._source.poses
         return max(self._source.age(p) for p in (poses.own, *poses.neighbours))
@@ -254,7 +254,7 @@ class Actuation:
 
     @property
     def group(self) -> int:
-        """Mixer group of the outputs (ACTUATOR_CONTROL_TARGET), or their port number (SERVO_OUTPUT_RAW)."""
+        """Meaning of `output`: the mixer group if the message is ACTUATOR_CONTROL_TARGET, the port number if it is SERVO_OUTPUT_RAW."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.actuators, "actuators").group
 
@@ -309,7 +309,7 @@ class Info:
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """All data groups of a vehicle (`ekf`, `sen`, `act`, `info`), with the values of one instant."""
+    """All data groups of a vehicle (`ekf`, `sen`, `act`, `info`), whose values belong to one instant."""
 
     ekf: Ekf
     sen: Sensors
@@ -318,7 +318,7 @@ class Snapshot:
 
     @classmethod
     def of(cls, source: Source, body: Body) -> Snapshot:
-        """Return all data groups, which read their values from `source`."""
+        """Return a snapshot, whose data groups read their values from `source`."""
         return cls(
             ekf=Ekf(source),
             sen=Sensors(source),

@@ -14,8 +14,7 @@ _TRAIL_LENGTH = 9  # at 180 Hz and 0.3 mm of noise a slope over nine poses is go
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pose:
-    """Pose as plain numbers. It is created 180 times a second, so arrays are made only when a program reads
-    them.
+    """Pose as plain numbers. Up to some hundred poses arrive per second, so numpy arrays are made only when a program reads them.
 
     received_at: time of arrival [s].
     position: [m] [NED] (3,).
@@ -40,9 +39,7 @@ class Pose:
 
     @property
     def v_n(self) -> Array:
-        """Velocity [m/s] [NED] (3,): least-squares slope of the last positions over time; zero after the
-        first pose.
-        """
+        """Velocity [m/s] [NED] (3,): least-squares slope of the last positions over time; zero while only one pose has arrived."""
         times = np.array([t for t, _ in self.trail])
         times -= times.mean()
         spread = float(times @ times)

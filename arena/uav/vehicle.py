@@ -29,7 +29,7 @@ _LAST_WITH_ACTUATOR_CONTROL = 1, 13
 
 
 class UAV:
-    """A vehicle, simulated or real. The program does not see a difference.
+    """A vehicle that a user program flies. A simulated and a real vehicle are used in the same way.
 
     ns: name of the vehicle.
     mass: [kg]. radius, height: [m].
@@ -173,7 +173,7 @@ class UAV:
         self.clock.sleep_until(end)
 
     def set_vel_yaw(self, vel: ArrayLike, yaw: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity setpoint, then wait, so that a loop with one such call runs at the rate `freq`.
+        """Send a velocity setpoint, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
 
         vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
         """
@@ -189,7 +189,7 @@ class UAV:
         acc: ArrayLike | None = None,
         yaw_rate: ArrayLike | None = None,
     ) -> None:
-        """Send a trajectory setpoint, then wait, so that a loop with one such call runs at the rate `freq`.
+        """Send a trajectory setpoint, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
 
         The autopilot flies to `pos` with `vel` and `acc` as feed-forward, so that it does not lag behind a moving position.
         pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad]. freq: [Hz].
@@ -201,8 +201,8 @@ class UAV:
     def reference(
         self, p: ArrayLike | None = None, v: ArrayLike | None = None, yaw: ArrayLike | None = None
     ) -> None:
-        """Send the program's own reference trajectory to the logger, if the setpoints do not contain it (e.g.
-        rate setpoints). Returns at once.
+        """Send the program's own reference trajectory to the logger. Use it if the setpoints do not contain
+        the reference, as with rate setpoints. Returns at once.
 
         p: [m] [NED] (3,). v: [m/s] [NED] (3,). yaw: [rad]. Omit values that the reference does not have.
         The log repeats the values for 0.5 s, in `pos_ref`, `vel_ref` and `pos_ref.yaw`. Without a logger
@@ -235,7 +235,8 @@ class UAV:
         return start
 
     def set_vel_body_yaw_rate(self, vel_body: ArrayLike, yaw_rate: ArrayLike, freq: ArrayLike) -> None:
-        """Send a velocity in level axes that turn with the yaw, then wait, so that a loop with one such call runs at the rate `freq`.
+        """Send a velocity in level axes that turn with the yaw, then wait. A loop that calls this method in
+        each cycle runs at the rate `freq`.
 
         vel_body: forward, right, down [m/s] (3,). The axes stay level when the vehicle tilts. yaw_rate: [rad/s].
         freq: [Hz].
@@ -245,7 +246,7 @@ class UAV:
     def set_att_thrust(
         self, att: ArrayLike, att_type: AttitudeKind, thrust: ArrayLike, freq: ArrayLike
     ) -> None:
-        """Send an attitude setpoint, then wait, so that a loop with one such call runs at the rate `freq`.
+        """Send an attitude setpoint, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
 
         att: roll, pitch, yaw [rad] (3,) for att_type "euler"; q_nb wxyz (4,) for att_type "quaternion".
         thrust: [N], clamped to the thrust that the vehicle can produce. freq: [Hz].
@@ -254,7 +255,7 @@ class UAV:
         self._send(self._control.encoder.att_thrust(q_nb, self._normalised(thrust), self.clock.now()), freq)
 
     def set_ang_vel_thrust(self, ang_vel: ArrayLike, thrust: ArrayLike, freq: ArrayLike) -> None:
-        """Send a rate setpoint, then wait, so that a loop with one such call runs at the rate `freq`.
+        """Send a rate setpoint, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
 
         ang_vel: body rates [rad/s] [FRD] (3,). thrust: [N], clamped to the thrust that the vehicle can
         produce. freq: [Hz].
@@ -265,7 +266,7 @@ class UAV:
         )
 
     def set_act(self, group: int, output: ArrayLike, freq: ArrayLike) -> None:
-        """Send an actuator setpoint for PX4 up to v1.13, then wait, so that a loop with one such call runs at the rate `freq`.
+        """Send an actuator setpoint for PX4 up to v1.13, then wait. A loop that calls this method in each cycle runs at the rate `freq`.
 
         group: mixer group 0..3. output: up to 8 numbers -1..1 [-]. freq: [Hz].
         Raises CommandRefusedError for other autopilots.
@@ -307,7 +308,9 @@ class UAV:
         self.clock.sleep_until(self._due)
 
     def _normalised(self, thrust: ArrayLike) -> float:
-        """Convert a thrust [N] to 0..1 with the thrust curve. The thrust also depends on the airspeed (0 m/s if unknown)."""
+        """Convert a thrust [N] to a command 0..1 with the thrust curve at the current airspeed. If the
+        airspeed is unknown, 0 m/s is used.
+        """
         newtons = max(0.0, scalar(thrust, "thrust"))
         try:
             speed = float(np.linalg.norm(self.ekf.vel))

@@ -263,7 +263,8 @@ class VehicleControl:
         self._connection.send(self.encoder.command(mavlink.MAV_CMD_REQUEST_MESSAGE, heartbeat, 0))
 
     def _wait(self, done: Callable[[], T], timeout_s: float, *, stream: bool = True) -> T | None:
-        """Wait until done() returns a true value, and return that value; None after `timeout_s`. If `stream`, send setpoints.
+        """Wait until done() returns a true value, and return that value; None after `timeout_s`. If `stream`,
+        send setpoints during the wait.
 
         Raises OffboardLostError if the program loses control of the vehicle.
         """

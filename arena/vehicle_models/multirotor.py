@@ -13,7 +13,7 @@ from arena.vehicle_models.multirotor_dynamics import Rotors, actuator_effect
 
 
 class Multirotor:
-    """Multirotor with the profile's rotor geometry. PX4 flies it with a quadrotor airframe."""
+    """Multirotor with the rotor geometry of its profile. PX4 flies it with a quadrotor airframe, whatever the number of rotors."""
 
     name = "multirotor"
     mav_type = 2  # MAV_TYPE_QUADROTOR, which PX4's airframe reports whatever the number of rotors

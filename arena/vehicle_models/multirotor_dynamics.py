@@ -44,7 +44,8 @@ _SPIN = {"ccw": 1.0, "cw": -1.0}
 
 
 class Rotors:
-    """Dynamics of V multirotors with at most R rotors each. A vehicle with fewer rotors ignores the columns of the missing ones.
+    """Dynamics of V multirotors with at most R rotors each. All arrays have R columns; a vehicle with fewer
+    rotors does not use its last ones.
 
     spin: rotor state, given as the command that would maintain it at nominal voltage, 0..1 [-] (V, R)
     wrench: matrix from thrusts (R,) to torque x, y, z [N m] and force z [N] [FRD] (V, 4, R)
@@ -242,7 +243,7 @@ def _column(profiles: Sequence[Profile], key: str, default: float) -> Array:
 
 
 def _curve(profile: Profile) -> tuple[Array, float]:
-    """Tabulate the thrust curve of one rotor.
+    """Tabulate the thrust of one rotor over its command.
 
     Returns the rotor's thrust at each command of the grid [N] (GRID + 1,), and the share of the thrust that is lost
     per airspeed [s/m].

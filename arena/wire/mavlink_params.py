@@ -109,13 +109,13 @@ def fitted(value: float, kind: int) -> float:
     it. Raises ValueError with the reason if the type cannot store the value.
     """
     if not math.isfinite(value):
-        raise ValueError("it must be a finite number")
+        raise ValueError("the value must be a finite number")
     if kind in INTEGERS and value != int(value):
-        raise ValueError("it must be an integer")
+        raise ValueError("the value must be an integer")
     try:
         return _from_bytes(_to_bytes(value, kind), kind)
     except (OverflowError, struct.error):
-        raise ValueError("it is too large for the parameter's type") from None
+        raise ValueError("the value is too large for the parameter's type") from None
 
 
 def alike(a: float, b: float, kind: int) -> bool:
@@ -126,7 +126,9 @@ def alike(a: float, b: float, kind: int) -> bool:
 
 
 def is_name(name: str) -> bool:
-    """Return whether a text is valid as a parameter name: 1 to 16 printable ASCII characters, not `_HASH_CHECK`."""
+    """Return whether a text is valid as a parameter name: 1 to 16 printable ASCII characters. `_HASH_CHECK`
+    is not valid, because it is not a parameter.
+    """
     return 0 < len(name) <= NAME_BYTES and name.isascii() and name.isprintable() and name != HASH
 
 

@@ -92,7 +92,7 @@ class FrameSigner:
         return signed + _signature(self._key, signed)
 
     def on_received(self, timestamp: int) -> None:
-        """Process the timestamp of a received frame with a valid signature: later frames are signed with newer timestamps only."""
+        """Record the timestamp of a received frame with a valid signature, so that later frames are signed with newer timestamps only."""
         self.timestamp = max(self.timestamp, timestamp)
 
     def _sender_of(self, frame: Frame) -> tuple[int, int]:

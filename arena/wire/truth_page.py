@@ -132,7 +132,7 @@ class TruthReader:
         return None if found is None else _between(*found, time_s)
 
     def _around(self, time_s: float, count: int, held: int) -> tuple[Array, Array] | None:
-        """Return the samples before and after `time_s`; None if one of them is not in the page. The search begins at the newest."""
+        """Return the samples before and after `time_s`; None if one of them is not in the page. The search begins at the newest sample."""
         rows, ring = self._rows, self._ring
         if held < 2 or time_s > rows[(count - 1) % ring, 0] + 1e-9:
             return None

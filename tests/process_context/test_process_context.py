@@ -143,7 +143,9 @@ def test_stop_signal_does_not_end_a_process_that_serves_an_armed_vehicle(line): 
     room.stopping = True
     assert not room.may_end(["uav1"]) and not room.may_end(["uav1"])
     said = json.loads(ours.recv(4096))["event"]
-    assert said == "stop signal received, but uav1 is armed: link.uav1 continues until it is disarmed"
+    assert (
+        said == "stop signal received, but uav1 is armed: link.uav1 continues until the vehicle is disarmed"
+    )
     ours.setblocking(False)
     with pytest.raises(BlockingIOError):
         ours.recv(4096)

@@ -128,7 +128,7 @@ def test_vehicle_with_a_pilot_is_not_commanded(start, tmp_path):  # review fault
     run = begin(start, armed_by(flag, pilot, landing="disarms"))
     run.until("link.uav1", "READY")
     run.signal(signal.SIGHUP)
-    run.until_said("uav1: pilot has control; waiting until it is disarmed")
+    run.until_said("uav1: pilot has control; waiting until the vehicle is disarmed")
     run.signal(signal.SIGHUP)
     run.until_said("landing: waiting for uav1 to land: pilot has control")
     assert is_running(run.pid("router")) and is_running(run.pid("p"))

@@ -38,7 +38,8 @@ def settings_text(ctx: CheckContext, event: Event, action: Action) -> str:
 
 
 def expected_text(settings: str, name: str, action: Action) -> str:
-    """Return the expected value of a parameter as text: "4 (land)". Returns "" if `settings` is "".
+    """Return the expected value of a parameter as text, such as "4 (land)". Return "" if no value gives the
+    wanted action, so that `settings` is empty.
 
     settings: result of `settings_text`, such as "NAV_RCL_ACT 4".
     """
@@ -206,7 +207,7 @@ def rc_loss(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def data_link_loss(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if the loss of the ground station also triggers a failsafe in OFFBOARD."""
+    """Yield a finding if PX4 reacts to the loss of the ground station even in OFFBOARD, in which a user program flies the vehicle."""
     name, value = "NAV_DLL_ACT", ctx.value("NAV_DLL_ACT")
     in_offboard = current_action(ctx, "data_link_loss_in_offboard")
     if ctx.minor >= 14 and value and in_offboard not in ("none", None):

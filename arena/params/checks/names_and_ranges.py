@@ -28,7 +28,9 @@ def unknown_names(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def _change_before(name: str, ctx: CheckContext) -> Change | None:
-    """Return the last change that removed, renamed or redefined a parameter up to the vehicle's PX4 version; None if there is none."""
+    """Return the newest change that removed, renamed or redefined a parameter in the vehicle's PX4 version or
+    an older one; None if there is none.
+    """
     done = [c for c in CHANGES if c.old == name and c.since <= ctx.minor and name not in c.new]
     return done[-1] if done and (done[-1].still_defined or name not in ctx.table) else None
 
@@ -167,8 +169,8 @@ def _within(value: float, p: Parameter) -> bool:
 
 
 def _checked_elsewhere(name: str) -> bool:
-    """Return whether `types_and_ranges` skips the limits of this parameter, because the limits do not apply
-    or another rule checks them.
+    """Return whether `types_and_ranges` must skip the limits of this parameter, because they do not apply or
+    because another rule checks them.
 
     Circuit breakers have their own rule. Counters of flight time can exceed their limits.
     """

@@ -193,7 +193,7 @@ _FUNCTIONS: Mapping[str, Conversion] = {
 
 
 def _conversion(text: str, new: tuple[str, ...]) -> Conversion | None:
-    """Parse the column `conversion`: how to compute the new values of a parameter from the old value."""
+    """Parse one field of the column `conversion`, which says how the new values of a parameter are computed from the old value."""
     kind, _, rest = text.partition(" ")
     if not kind:
         return None

@@ -52,7 +52,7 @@ class Fact(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Content of px4_parameters.csv: the parameters of each PX4 version, and where they are defined.
+    """Content of px4_parameters.csv: the parameters of each PX4 version, and the source file that defines each parameter.
 
     facts: version -> parameter name -> columns.
     sources: version -> parameter name -> file in PX4's source tree.

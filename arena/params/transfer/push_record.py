@@ -52,7 +52,7 @@ class PushRecord:
     def begin(
         cls, path: Path, wanted: Mapping[str, Mapping[str, float]], at: Mapping[str, str] | None = None
     ) -> PushRecord:
-        """Return the record of a new push. It is not saved yet.
+        """Return the record of a new push. Its file is not written before the first `save`.
 
         wanted: vehicle -> {parameter: value}.
         at: vehicle -> address, as text.

@@ -131,7 +131,7 @@ class _ParamList:
         )
 
     def restart(self, now: float) -> None:
-        """Count a new request for the list, and restart the wait for its parameters. now: time of the request [s]."""
+        """Record that the whole list was requested again, and restart the wait for its parameters. now: time of the request [s]."""
         self.requests, self._new_at = self.requests + 1, now
 
     def add(self, value: Value, now: float) -> bool:
@@ -151,7 +151,7 @@ class _ParamList:
 
 
 def record_answer(window: RequestWindow[str | int], value: Value, now: float) -> None:
-    """Mark the requests for this parameter, by name and by index, as answered by a PARAM_VALUE."""
+    """Record the arrival of a PARAM_VALUE. It answers two requests: the one with the parameter's name and the one with its index."""
     window.answer(value.name, now)
     if value.place != NO_INDEX:
         window.answer(value.place, now)

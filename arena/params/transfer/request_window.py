@@ -143,7 +143,7 @@ class RequestWindow(Generic[Key]):
             self._close(key, request, state)
 
     def _sent(self, key: Key) -> _Request | None:
-        """Find the open request to which an answer belongs, and count the answer. Return None if no such request was sent."""
+        """Return the open request to which an answer belongs, and count the answer. Return None if no such request was sent."""
         request = self._open.get(key)
         sent = request is not None and request.tries > 0
         self._answers += sent or key == self._probe

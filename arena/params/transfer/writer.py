@@ -221,7 +221,7 @@ class ParamWriter(Transfer):
             self.ending = "done"
 
     def _read_unknown_again(self) -> bool:
-        """Start to read again the parameters that did not exist in the vehicle, if other parameters were written meanwhile.
+        """Start to read again the parameters that the vehicle did not have, because PX4 can create them when other parameters are written.
 
         The reason: in PX4, some parameters exist only after another parameter has a certain value. Returns whether there
         are parameters to read.
@@ -240,7 +240,8 @@ class ParamWriter(Transfer):
         return self._start("reading", again)
 
     def _check_read_back(self, names: Iterable[str]) -> None:
-        """Compare parameters that were read back with their wanted values; mark each as written, to be written again, or refused.
+        """Compare the parameters that were read back with their wanted values. Mark each one as written, as
+        refused, or to be written again.
 
         With the wanted value, a parameter is closed as written. With another value, it is written again, or after too many
         attempts closed as refused.

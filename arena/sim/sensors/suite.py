@@ -68,7 +68,7 @@ class SensorSuite:
 
 
 class _Group:
-    """Sensors whose noise is drawn together, from one random generator per vehicle. One array has a column per sensor axis."""
+    """Sensors whose noise is drawn together, from one random generator per vehicle. Its arrays have one column per sensor axis."""
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class _Group:
 
 
 def _figures(table: Mapping[str, type[Sensor]], profiles: Sequence[Mapping[str, Any]], what: str) -> Array:
-    """Return one property (`what`) of every sensor axis from the profiles of the vehicles (V, width).
+    """Return one property of every sensor axis, such as the noise, from the profiles of the vehicles (V, width).
 
     what: name of the property: noise, bias or range
     """

@@ -36,7 +36,7 @@ _CONTROL_S = 0.5  # wall time; below the 1 s that the world waits for its client
 
 
 class ActionRunner:
-    """Executor of actions on one running arena. run: path of the run folder.  rt: path of the runtime folder."""
+    """Carries out the actions of a scenario on one running arena. run: path of the run folder. rt: path of the runtime folder."""
 
     def __init__(self, plan: Plan, run: Path, rt: Path, run_log: RunLog, listener: TelemetryListener) -> None:
         self._run, self._rt, self._run_log, self._listener = run, rt, run_log, listener
@@ -97,7 +97,9 @@ class ActionRunner:
 
     @property
     def commands_running(self) -> bool:
-        """True while a command such as `arena land-all` runs. It uses wall time, so the simulation must not be faster than real time."""
+        """True while a command such as `arena land-all` runs. This command uses wall time, so the simulation
+        must not be faster than real time.
+        """
         return any(command.poll() is None for command in self._commands)
 
     # -- faults
@@ -125,7 +127,7 @@ class ActionRunner:
 def faults(
     action: Action, vehicles: Mapping[str, VehiclePlan], world: Mapping[str, Any]
 ) -> list[tuple[str, Fault]]:
-    """Return the faults to inject for an action, as (process, fault) pairs. If `action.undo`: the faults that undo it.
+    """Return the faults to inject for an action, as (process, fault) pairs. If `action.undo`, return the faults that end its effect.
 
     vehicles: all vehicles of the arena, by name.
     world: JSON configuration (slice) of the world, with its initial wind.

@@ -77,9 +77,9 @@ class Observer:
         self._actions.do(action)
 
     def idle(self, wall_s: float) -> None:
-        """Wait at least `wall_s` seconds of wall time, in which the simulation advances by at most `wall_s` seconds.
+        """Wait at least `wall_s` seconds of wall time. During this wait, the simulation is not faster than real time.
 
-        So a simulation that can be faster than real time is not faster during this wait.
+        The simulation advances by at most `wall_s` seconds meanwhile, even if it can be faster.
         """
         with contextlib.suppress(RunError):
             self._clock.request_wake(self._clock.now() + wall_s)

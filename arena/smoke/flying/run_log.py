@@ -62,7 +62,7 @@ class RunLog:
 
     @property
     def started(self) -> bool:
-        """True if every process has been started, also if it has ended since."""
+        """True if every process of the run has been started. A process that has already ended counts, too."""
         return not any(state in ("STOPPED", "STARTING") for state in self.states.values())
 
     def member(self, process: str) -> Member | None:

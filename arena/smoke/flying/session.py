@@ -156,7 +156,7 @@ class Session:
         return self._observer
 
     def _wait_for_all(self, observer: Observer) -> None:
-        """Observe until all processes have started.
+        """Observe the run until all processes have started. Raises RunError if that takes too long or the arena ends.
 
         The simulation runs at most in real time meanwhile, because the starting processes need the CPU.
         """
@@ -299,9 +299,10 @@ class Session:
                 yield pid
 
     def _env(self) -> dict[str, str]:
-        """Return the environment variables for `arena up`, with ARENA_RUNTIME_DIR as the last one.
+        """Return the environment variables for `arena up`. ARENA_RUNTIME_DIR is the last one, because setting
+        a process title can overwrite the first ones.
 
-        A process that sets its title may overwrite the first variables, but ARENA_RUNTIME_DIR must stay readable from outside.
+        ARENA_RUNTIME_DIR must stay readable for other processes.
         """
         return {
             **{key: value for key, value in os.environ.items() if key != RUNTIME_DIR_VARIABLE},

@@ -75,7 +75,7 @@ def read_rule(text: str, names: Names, place: Place) -> Rule:
     condition = _condition(tokens, names, place, rule=True)
     if tokens.next.text in {"within", "for"}:
         raise tokens.error(
-            "the end of the rule, because a rule must hold during the whole flight, so it takes no time"
+            "the end of the rule, without `within` or `for`, because a rule must hold during the whole flight"
         )
     tokens.end()
     return Rule(place=place, condition=condition)
@@ -316,7 +316,7 @@ def _part_rotor(tokens: TokenReader, names: Names, made: dict[str, object]) -> N
 
 
 def _nothing(tokens: TokenReader, names: Names, made: dict[str, object]) -> None:
-    """Do nothing, because this part of the action was already parsed together with the part before."""
+    """Do nothing. This function is for a part of an action that was already parsed together with the part before it."""
 
 
 _READ_PART: dict[str, Callable[[TokenReader, Names, dict[str, object]], None]] = {

@@ -1,4 +1,4 @@
-"""Names in scenario entries: vehicles, processes and flight modes, and what the arena has of them."""
+"""Parsers for the names in scenario entries: vehicles, processes and flight modes. A name must exist in the arena."""
 
 from __future__ import annotations
 

@@ -251,7 +251,7 @@ class _Reader:
         return path
 
     def _at_scenario(self, problem: Problem) -> Problem:
-        """Return the problem with its place in the scenario file, if an entry of the scenario (such as `set`) has caused it."""
+        """Return the problem with its place in the scenario file if an entry of the scenario (such as `set`) caused it, else unchanged."""
         if problem.file.startswith("--set"):
             text = problem.file.removeprefix("--set").strip()
             for i, given in enumerate(self._model.set):
@@ -383,7 +383,9 @@ def _inside(document: Document, path: YamlPath) -> Document:
 
 
 def fence_of(arena: Arena) -> Box:
-    """Return the arena's geofence, or the walls of its room if there is no geofence. The box has no lower limit."""
+    """Return the box that vehicles must not leave: the geofence or, if there is none, the room. It has no
+    lower limit, so vehicles on the floor are inside.
+    """
     north, east, height = arena.world.size
     fence = arena.geofence or Fence(
         north=(-north / 2.0, north / 2.0), east=(-east / 2.0, east / 2.0), up=height

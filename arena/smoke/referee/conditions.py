@@ -142,7 +142,7 @@ def _compare(condition: Condition, value: float) -> bool:
 
 
 def unit(condition: Condition) -> tuple[str, float]:
-    """Return the unit in which messages show the value of a condition, and the SI value of one such unit."""
+    """Return the unit in which messages show the value of a condition, and the factor from this unit to the SI unit."""
     if condition.kind == REAL_TIME_FACTOR:
         return "", 1.0
     quantity = QUANTITIES.get(condition.kind)

@@ -104,7 +104,7 @@ class Referee:
 
     @property
     def _current(self) -> StepTracker | None:
-        """The first step that has not passed: it has failed, has not ended or has not begun. None if all steps have passed."""
+        """The first step that has not passed, because it has failed, is not complete or has not begun. None if all steps have passed."""
         return next((step for step in self._steps if not step.settled or step.failed), None)
 
     def _update_expectations(self) -> None:
@@ -185,7 +185,7 @@ class Referee:
             self._problems.append(sentence)
 
     def _close_remaining(self) -> None:
-        """Decide at the end of the arena whether the remaining steps have passed or failed.
+        """Decide for each step that is still open at the end of the arena whether it has passed or failed.
 
         A step that is triggered by the end of the arena begins now.
         """
