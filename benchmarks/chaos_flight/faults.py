@@ -20,6 +20,8 @@ _KINDS = {
     "delete the run folder": 1,
     "land-all": 1,
 }
+DISK_FAULTS = {"full disk": 0.15, "hung disk": 0.1}
+"""Kind -> share of the flights that have it. Drawn last, so that the other faults of a seed do not depend on them."""
 ENDS = ("Ctrl-C", "SIGTERM", "SIGHUP", "arena down", "land-all", "two land-all", "supervisor killed")
 
 
@@ -55,9 +57,19 @@ def draw(seed: int) -> Script:
     """Return the faults of the flight with this seed."""
     rng = random.Random(seed)
     kinds = rng.choices(list(_KINDS), list(_KINDS.values()), k=rng.randint(1, 4))
-    faults = sorted((_fault(kind, rng) for kind in kinds), key=lambda fault: fault.at)
+    faults = [_fault(kind, rng) for kind in kinds]
     late = rng.choice(VEHICLES) if rng.random() < 0.15 else ""
-    return Script(seed=seed, faults=tuple(faults), late=late, end=rng.choice(ENDS))
+    end = rng.choice(ENDS)
+    faults += [_disk_fault(kind, rng) for kind, share in DISK_FAULTS.items() if rng.random() < share]
+    return Script(seed=seed, faults=tuple(sorted(faults, key=lambda fault: fault.at)), late=late, end=end)
+
+
+def _disk_fault(kind: str, rng: random.Random) -> Fault:
+    """Return a full disk, which may stay full, or a disk that lets every write wait."""
+    at = rng.uniform(0.0, FLIGHT_S)
+    if kind == "full disk":
+        return Fault(at=at, what=kind, for_s=0.0 if rng.random() < 0.4 else rng.uniform(1.0, 12.0))
+    return Fault(at=at, what=kind, for_s=rng.uniform(1.0, 20.0))
 
 
 def _fault(kind: str, rng: random.Random) -> Fault:

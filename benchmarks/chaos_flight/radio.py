@@ -49,6 +49,7 @@ class TrueState:
     landed: bool | None = None
     mode: int = 0
     was_armed: bool = False
+    was_airborne: bool = False
 
 
 @dataclass(kw_only=True)
@@ -151,6 +152,7 @@ class Radio(threading.Thread):
             return self._heartbeat(data, frame, now)
         if frame.msgid == mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
             self.state.landed = uint_at(data, frame, 1, 1) == mavlink.MAV_LANDED_STATE_ON_GROUND
+            self.state.was_airborne |= self.state.armed and not self.state.landed
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             return self._version(self._autopilot, self.uid)
         return raw

@@ -43,9 +43,9 @@ def landed_names(text: str) -> set[str]:
     return set(_LANDED.findall(text))
 
 
-def violations(vehicles: Iterable[Observed]) -> list[str]:
-    """Return one text per violated rule."""
-    found = []
+def violations(vehicles: Iterable[Observed], *, ended: bool = True) -> list[str]:
+    """Return one text per violated rule. ended: all processes of the run have ended in time."""
+    found = [] if ended else ["the run did not end"]
     for v in vehicles:
         if v.armed_at_end and not v.declared:
             found.append(f"{v.name}: left armed")
