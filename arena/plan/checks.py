@@ -18,7 +18,7 @@ _SIGNS_FROM = "1.18"
 
 
 def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
-    """Check the needs of tools, PX4 versions and PX4 parameters. Raises InputError with every problem found.
+    """Check PX4 versions, PX4 parameters, and the processes that tools need. Raises InputError with every problem found.
 
     process_names: names of all processes, in start order.
     """

@@ -74,8 +74,8 @@ class _ForwarderProcess:
         self.gap_sleep = _PoseGapSleep(1.0 / float(s["rate_hz"]))
 
     def serve(self) -> None:
-        """Forward poses until a stop signal arrives. An armed real vehicle is served until it is disarmed,
-        and after the death of the supervisor every vehicle is.
+        """Forward poses until a stop signal arrives. A real vehicle that is armed is served until it is
+        disarmed. If the supervisor has died, a simulated vehicle is served in the same way.
         """
         selector = selectors.DefaultSelector()
         selector.register(self.capture, selectors.EVENT_READ)

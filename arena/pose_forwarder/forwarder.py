@@ -158,8 +158,8 @@ class Forwarder:
         return "stale" if late > self._stale_s else ""
 
     def _capture_restarted(self) -> None:
-        """Start again after a restart of the capture system, and report the restart to the autopilot with the
-        reset counter.
+        """Forget the last frame and its lateness after a restart of the capture system. Report the restart to
+        the autopilot with the reset counter.
         """
         self.counts["capture restarts"] += 1
         self.lateness.reset()

@@ -116,8 +116,10 @@ class Recorder:
         self._pose.receive(exposed, now, np.concatenate([q_nb, p_n]))
 
     def _take_measurements(self, now: float) -> None:
-        """Add the measurements of the last datagram. One that was added before is skipped, even if the clock of
-        the logger has not advanced since: a second copy would have the time of its reception.
+        """Add the measurements that have arrived since the last call. Measurements that were added before are skipped.
+
+        Objects are compared, not times, because the clock of the logger may not have advanced since the last call. A second
+        copy would have the time of its reception.
         """
         telemetry, before = self.telemetry, self._taken
         newest = (telemetry.local, telemetry.attitude, telemetry.imu, telemetry.mag, telemetry.baro)

@@ -21,7 +21,7 @@ MAX_SCALAR_VEHICLES = 2
 
 
 class ScalarStep:
-    """Moves the bodies of at most `MAX_SCALAR_VEHICLES` vehicles, computed in plain floats.
+    """Moves the bodies of at most `MAX_SCALAR_VEHICLES` vehicles. For few vehicles, its plain floats are faster than numpy.
 
     step_s: physics step [s]
     """

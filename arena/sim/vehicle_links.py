@@ -106,7 +106,7 @@ class VehicleLinks:
         self._epoll.close()
 
     def _turn(self, link: _VehicleLink, receive: Receive) -> bool:
-        """Read at most _PER_TURN datagrams of one link, so that the other links are served, too. Return
+        """Read a limited number of datagrams of one link, so that the other links are served, too. Return
         whether more datagrams may be waiting.
         """
         for _ in range(_PER_TURN):

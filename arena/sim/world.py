@@ -164,7 +164,7 @@ class World:
     # -- results -----------------------------------------------------------------------------------------------------
 
     def truth(self) -> Truth:
-        """Return the current true state of all vehicles. It has space for four rotor states per vehicle, so further rotors are left out."""
+        """Return the current true state of all vehicles. Of the rotors, it contains only the first four of each vehicle."""
         bodies, motors = self.bodies, self._dynamics.spin
         if self.rotors != 4:
             motors = np.zeros((self.fleet.size, 4))

@@ -9,7 +9,7 @@ from arena.supervisor.process_state import ProcessStatus, State
 
 
 def permit_request(vehicle: str, by: str) -> dict[str, str]:
-    """Return the request to the link process of a vehicle. by: who grants the permit."""
+    """Return the request that gives an arm permit; it is for the link process of the vehicle. by: who gives the permit."""
     return {"do": "permit", "vehicle": vehicle, "by": by}
 
 

@@ -222,7 +222,7 @@ def adopt_orphans() -> None:
 
 
 def reap_adopted(known: set[int], mark: str, alive: set[str]) -> list[int]:
-    """Kill the processes that a process of the plan left behind when it ended, and collect their exit status. Return their pids.
+    """Kill processes whose parent, a process of the plan, has ended without ending them. Collect their exit status and return their pids.
 
     known: pids that the supervisor started itself; these are not touched.
     mark: `KEY=value` entry that every process of this run has in its environment.

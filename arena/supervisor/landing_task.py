@@ -52,7 +52,7 @@ class LandingTask:
         self._confirmed: dict[str, float] = {}
 
     def again(self, why: str, now: float) -> None:
-        """Begin a new landing, because a vehicle has become armed after the last one. why: text for the log."""
+        """Begin another landing, because a vehicle has become armed after the previous one. why: text for the log."""
         self._begin()
         self._log.event(now, "arena", why)
 
@@ -118,8 +118,8 @@ class LandingTask:
         return found
 
     def _withdraw(self, armed: Collection[str], now: float) -> None:
-        """Withdraw the confirmed landing of a real vehicle that is reported as armed REPORT_LAG_S after the
-        confirmation. The vehicle is then landed again.
+        """Withdraw the confirmation of a real vehicle's landing if the vehicle is reported as armed
+        REPORT_LAG_S later. The vehicle is then landed again.
         """
         for vehicle, at in list(self._confirmed.items()):
             if vehicle in self._real and vehicle in armed and now - at >= REPORT_LAG_S:

@@ -197,7 +197,9 @@ class Supervisor:
         self._next_round = now + (_CALM_ROUND_S if settled and self.phase is Phase.RUN else _BUSY_ROUND_S)
 
     def _report_operator(self, now: float) -> None:
-        """Report once a second to the router whether an operator is present, because of the data-link failsafe of real vehicles."""
+        """Report once a second to the router whether an operator is present. Without an operator, the
+        data-link failsafe of real vehicles must be able to react.
+        """
         if all(v.simulated for v in self.plan.vehicles):
             return
         blocked_s = self._show.blocked_s(now)

@@ -118,7 +118,7 @@ class ProcessSet:
         return [name for name in to if name not in self.children or not self.children[name].send(packet)]
 
     def reconcile(self, orders: Orders, now: float) -> None:
-        """Collect ended processes and update the state of every process; start, stop or kill where needed.
+        """Update the state of every process, and start, stop or kill processes as this state requires. Ended processes are collected first.
 
         Repeats while something changes: a process that becomes ready allows others to start.
         now: monotonic [s].

@@ -103,7 +103,7 @@ class Shutdown:
         self._orders.keep = run_end.kept_in_landing(self._plan, self._processes.statuses)
 
     def land(self, now: float) -> bool:
-        """Land the vehicles. Return True when the landing has ended, successfully or not."""
+        """Land the vehicles; call this in each cycle. Return True when the landing has ended, successfully or not."""
         p, plan = self._processes, self._plan
         flying, down = self.flying(), run_end.grounded(plan, p.statuses, p.stats)
         down |= {name: f"declared dead by {who}" for name, who in self.forgotten.items()}

@@ -254,7 +254,7 @@ class Actuation:
 
     @property
     def group(self) -> int:
-        """Meaning of `output`: the mixer group if the message is ACTUATOR_CONTROL_TARGET, the port number if it is SERVO_OUTPUT_RAW."""
+        """Number of the output group: the mixer group if the message was ACTUATOR_CONTROL_TARGET, the port if it was SERVO_OUTPUT_RAW."""
         self._source.refresh()
         return self._source.fresh(self._source.telemetry.actuators, "actuators").group
 

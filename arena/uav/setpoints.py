@@ -136,7 +136,7 @@ class Encoder:
         acc: ArrayLike | None = None,
         yaw_rate: ArrayLike | None = None,
     ) -> mavlink.MAVLink_message:
-        """Return a trajectory setpoint: a position with feed-forward.
+        """Return a trajectory setpoint: a position, and a velocity as feed-forward.
 
         pos: [m] [NED] (3,). vel: [m/s] [NED] (3,). yaw: [rad].
         acc: [m/s2] [NED] (3,). yaw_rate: [rad/s]. None leaves either to the autopilot.

@@ -116,7 +116,7 @@ class VehicleModel(Protocol):
     def crash_limits(self) -> CrashLimits: ...
 
     def allocation(self, actuators: Sequence[Mapping[str, Any]]) -> Array:
-        """Return the weights of roll, pitch and yaw torque for each actuator, normalised as in PX4 (R, 3)."""
+        """Return the control allocation, normalised as in PX4: the weights of roll, pitch and yaw torque for each actuator (R, 3)."""
         ...
 
     def dynamics(self, profiles: Sequence[Profile], *, step_s: float) -> Dynamics:

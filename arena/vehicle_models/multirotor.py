@@ -22,7 +22,7 @@ class Multirotor:
     crash_limits = CrashLimits(touchdown_m_s=1.5, tilt_rad=math.radians(60.0))
 
     def allocation(self, actuators: Sequence[Mapping[str, Any]]) -> Array:
-        """Return the weights of roll, pitch and yaw torque for each rotor (R, 3).
+        """Return the control allocation: the weights of roll, pitch and yaw torque for each rotor (R, 3).
 
         actuators: rotors with `position_m` [m] [FRD] and `direction` (cw or ccw, seen from above)
 

@@ -137,7 +137,7 @@ def record(msgid: int, **constants: Any) -> Records:
 
 
 def payloads(records: Records) -> list[bytes]:
-    """Convert records of one message, one per vehicle, to the payloads to send."""
+    """Convert the records of one message type, one record per vehicle, to the payloads to send."""
     data, size = records.tobytes(), records.itemsize
     return [data[at : at + size] for at in range(0, len(data), size)]
 

@@ -106,7 +106,7 @@ class FrameSigner:
 
 
 class SignatureCheck:
-    """Checks the signatures of received frames, and refuses frames that were recorded and are sent again.
+    """Checks the signatures of received frames. Refuses replayed frames, which somebody has recorded and sends again.
 
     timestamp: newest timestamp of a valid frame [10 us since 2015-01-01]
     """

@@ -38,8 +38,8 @@ def settings_text(ctx: CheckContext, event: Event, action: Action) -> str:
 
 
 def expected_text(settings: str, name: str, action: Action) -> str:
-    """Return the expected value of a parameter as text, such as "4 (land)". Return "" if no value gives the
-    wanted action, so that `settings` is empty.
+    """Return the expected value of a parameter as text, such as "4 (land)". If `settings` is empty, because
+    no value gives the wanted action, return "".
 
     settings: result of `settings_text`, such as "NAV_RCL_ACT 4".
     """

@@ -22,7 +22,7 @@ SENSORS: dict[str, type[Sensor]] = {"imu": Imu, "mag": Magnetometer, "baro": Bar
 
 
 def hil_outputs() -> list[HilOutput]:
-    """Return what each sensor sends in PX4's simulator API, in the order of `SENSORS`.
+    """Return a description of the data that each sensor sends in PX4's simulator API, in the order of `SENSORS`.
 
     A sensor either fills fields of HIL_SENSOR or sends its own message, such as HIL_GPS.
     """
