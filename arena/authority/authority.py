@@ -45,7 +45,7 @@ class Role(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """Change of authority: another role commands the vehicle, or the same role for another reason.
+    """Change of authority over a vehicle: which role commands the vehicle now, why, and since when.
 
     holder: role that commands the vehicle now. why: the reason. at: time [s].
     """
@@ -237,8 +237,9 @@ class Authority:
             self._change(Role.NOBODY, "disarmed", now)
 
     def _role_that_asked(self, mode: str, *, armed_now: bool, now: float) -> Role | None:
-        """Return the role that caused the vehicle's new mode: it has just requested this mode, or else the arming. None if no
-        role has requested either.
+        """Return the role that has just requested the vehicle's new mode; None if no role has requested this mode.
+
+        If the vehicle was armed in this mode, the role that has just requested arming counts, too.
         """
         asked = [
             found for m, found in self._asked.items() if _leads_to(m, mode) and now - found[1] <= _ASKED_S
@@ -256,8 +257,9 @@ class Authority:
     # -- requests of the operator --------------------------------------------------------------------------------------
 
     def release(self, by: str, now: float) -> None:
-        """End the control that land-all or the copilot has taken, and allow programs to take OFFBOARD again. by: who
-        released the vehicle.
+        """End the control that land-all or the copilot has taken, and allow programs to take OFFBOARD again.
+
+        by: name of the person who releases the vehicle.
         """
         self._latch, self._taken, self._obeyed = None, "", False
         self._hold_until = float("-inf")
@@ -300,7 +302,7 @@ class Authority:
 
 
 def _leads_to(asked: str, mode: str) -> bool:
-    """Return whether the flight mode `mode` can be the result of a request for `asked`, such as AUTO.LOITER after AUTO.TAKEOFF."""
+    """Return whether a request for the mode `asked` can lead to `mode`. AUTO.TAKEOFF, for example, ends in AUTO.LOITER."""
     if asked == mode:
         return True
     if asked == "REPOSITION":

@@ -1,4 +1,4 @@
-"""Filter for the MAVLink frames to one vehicle: refuses commands of senders that must not command it now, and encodes the replies.
+"""Filter for the MAVLink frames to one vehicle: refuses commands of senders that must not command the vehicle now.
 
 Router, hardware link and built-in autopilot use it. Pure: no sockets, no clocks.
 """
@@ -156,8 +156,8 @@ class CommandGate:
         return [f"{self.name}: {text}" for text in found]
 
     def changed_facts(self, place: str = "") -> dict[str, str]:
-        """Return the facts that have changed: `control` (who commands the vehicle) and `blocked` (why programs may
-        not command it).
+        """Return the facts that have changed: `control` (who commands the vehicle) and `blocked` (why programs must
+        not command the vehicle).
 
         place: appended to the name of `blocked`, because each place has its own memory of landings.
         """
@@ -172,7 +172,7 @@ class CommandGate:
 
 
 def pack_reply(codec: _Codec, command: int, to: tuple[int, int], texts: Sequence[str]) -> bytes:
-    """Encode the reply to a refused command: one STATUSTEXT per text, then COMMAND_ACK TEMPORARILY_REJECTED.
+    """Encode the reply to a refused command: a STATUSTEXT for each of `texts`, then COMMAND_ACK TEMPORARILY_REJECTED.
 
     codec: encodes in the name of the autopilot. command: MAV_CMD, 0 for no acknowledgement.
     to: system and component of the sender. texts: most severe first; empty if they were sent a moment ago.

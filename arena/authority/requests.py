@@ -135,7 +135,7 @@ def _of_command(data: Buffer, frame: Frame) -> Request | None:
 
 
 def _arming_kind(data: Buffer, frame: Frame) -> Kind:
-    """Return ARM, DISARM or KILL. As in PX4, any value that rounds to 0 disarms."""
+    """Return what an arming command requests: ARM, DISARM or KILL. As in PX4, a param1 that rounds to 0 disarms."""
     if abs(value := _number(data, frame, 0)) >= 0.5 and math.isfinite(value):
         return Kind.ARM
     forced = abs(_number(data, frame, 1) - FORCE_ARM_DISARM) < 0.5

@@ -16,7 +16,7 @@ RADIO, JOYSTICK, EITHER, FIRST, NO_MANUAL_CONTROL = range(5)
 
 @dataclass(slots=True, kw_only=True)
 class CommanderInputs:
-    """State of one vehicle at one step. The commander uses it to decide about mode, arming and failsafes.
+    """State of one vehicle at one step. The commander uses this state to decide about mode, arming and failsafes.
 
     now: time since boot [s]
     xy_valid, z_valid, yaw_valid: whether the estimated horizontal position, height and heading are good

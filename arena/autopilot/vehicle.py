@@ -1,4 +1,4 @@
-"""State of one vehicle of the built-in autopilot, and the requests that clients make to it.
+"""State of one vehicle of the built-in autopilot, and the requests that clients send to this vehicle.
 
 No MAVLink bytes, no sockets, no clock.
 
@@ -121,7 +121,7 @@ class Vehicle:
     # -- commands --------------------------------------------------------------------------------------------
 
     def request_mode(self, mode: Mode | None) -> bool:
-        """Change the flight mode; return whether it was accepted."""
+        """Change the flight mode; return whether the request was accepted."""
         self._refresh_offboard()
         return not self.commander.request_mode(mode, self.inputs, self.commander_params)
 
@@ -139,7 +139,7 @@ class Vehicle:
         self.commander.terminate(why)
 
     def _refresh_offboard(self) -> None:
-        """Compute the age of the newest offboard setpoint again, so that a mode or arming request is decided with the present age.
+        """Compute the age of the newest offboard setpoint again, because a mode or arming request depends on the present age.
 
         Clients request OFFBOARD right after their first setpoint, before the next decision updates the age.
         """
@@ -167,7 +167,7 @@ class Vehicle:
         return accepted
 
     def set_home_to_current_position(self) -> None:
-        """Set home to the estimated position and heading. The caller checks that they are valid."""
+        """Set home to the estimated position and heading. The caller checks that position and heading are valid."""
         self.home_n, self.home_yaw = self._estimator.p_n[self.row].tolist(), self.yaw()
 
     def set_home_here(self) -> bool:

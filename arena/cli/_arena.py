@@ -21,9 +21,9 @@ Set = Annotated[
 
 
 def at_free_address(arena: Arena, plan: Plan, overrides: Sequence[str]) -> tuple[Arena, Plan, str]:
-    """Return the arena, its plan, and why their address was changed. If the address is in use, the first free one is taken.
+    """Move the arena and its plan to the first free loopback address, if the present address is in use.
 
-    The reason is "" if the address was not changed. Only loopback addresses are tried.
+    Returns the arena, the plan and the reason of the move; "" if the address was not changed.
 
     The address is not changed if the YAML or the command line sets it, or if the arena has a real flight controller,
     because two arenas must not command the same vehicle.

@@ -31,8 +31,8 @@ def ask_consent(plan: Plan, *, yes: bool) -> str:
             print(f"  {v.name} has no pilot with an RC transmitter: nobody can take control manually")
     print(
         "Their programs can arm them as soon as the preflight checks pass. Is the room clear? Is the pilot ready?\n"
-        "Your confirmation is valid for the vehicles that are connected when all processes are ready. It ends when a vehicle is "
-        "switched off or reconnected. A vehicle that connects later needs `arena arm-permit`.",
+        "Your confirmation is valid for the vehicles that are connected when all processes are ready, until they are switched "
+        "off or reconnected. Vehicles that connect later need `arena arm-permit`.",
         flush=True,
     )
     if yes:

@@ -34,7 +34,7 @@ YAML, _DEFAULTS = "yaml:", "defaults"
 
 
 def not_applicable(row: Difference, a: str, b: str) -> bool:
-    """Return whether `arena params diff` hides a difference, because one set (such as the YAML) need not contain this parameter.
+    """Return whether `arena params diff` hides a difference, because a set such as the YAML does not contain every parameter.
 
     A difference is hidden if one set is from the YAML and does not set the parameter, or if the only set with the
     parameter is PX4's defaults.
@@ -54,7 +54,7 @@ def selected_vehicles(arena: Arena, names: Sequence[str] | None) -> list[Vehicle
 
 
 def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, version: str) -> PushRecord:
-    """Create the record of a new push, from which the push can be resumed if it is interrupted.
+    """Create the record of a new push, from which an interrupted push can be resumed.
 
     Raises InputError if an earlier push was interrupted and not resumed.
     """
@@ -64,7 +64,7 @@ def new_record(arena: Arena, chosen: Sequence[Vehicle], file: Path | None, versi
     if path.exists() and PushRecord.read(path).unfinished:
         raise InputError(
             f"{path}: an earlier push was interrupted. Continue it with --resume, or delete this file. "
-            "It contains the values from before the push"
+            "The file contains the values from before the push"
         )
     wanted = {v.name: _wanted(arena, v, file, version) for v in chosen}
     return PushRecord.begin(path, wanted, {v.name: address_text(arena, v) for v in chosen})

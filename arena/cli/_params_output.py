@@ -58,8 +58,9 @@ _ENDINGS = {
 
 
 def ending_text(ending: str, why: str) -> str:
-    """Return the reason why a parameter transfer ended early: `why` (the connection could not be opened) if
-    given, else the text for `ending`.
+    """Return the reason why a parameter transfer ended early, as text for the user.
+
+    ending: how the transfer ended. why: why the connection could not be opened; "" if it was opened.
     """
     return why or _ENDINGS.get(ending, ending)
 

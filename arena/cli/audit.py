@@ -74,7 +74,7 @@ def _emergency(commands: Path) -> Iterator[dict[str, Any]]:
 
 
 def _lines(file: Path) -> Iterator[dict[str, Any]]:
-    """Yield the JSON objects of a file; none if it does not exist. The last line may be incomplete."""
+    """Yield the JSON objects of a file; none if the file does not exist. The last line may be incomplete."""
     if not file.is_file():
         return
     for line in file.read_text(errors="replace").splitlines():

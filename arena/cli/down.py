@@ -80,7 +80,7 @@ def _down(state: RunState, now: bool) -> int | None:
 
 
 def _print_lines(control: Control, state: RunState, deadline: float) -> None:
-    """Print the log lines of the run until it has ended, or the supervisor is paused by SIGSTOP.
+    """Print the log lines of the run until the run has ended or its supervisor is paused by SIGSTOP.
 
     deadline: time [s] at which to return in any case.
     """

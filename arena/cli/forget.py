@@ -1,4 +1,4 @@
-"""`arena forget VEHICLE`: declare a real vehicle dead, so that the run does not wait for it any more."""
+"""`arena forget VEHICLE`: declare a real vehicle dead, so that the run does not wait for this vehicle any more."""
 
 from __future__ import annotations
 
@@ -19,13 +19,16 @@ def register(app: typer.Typer) -> None:
         run: RunOption = None,
         yes: Annotated[bool, typer.Option("--yes", help="do not ask for confirmation")] = False,
     ) -> None:
-        """Declare a real vehicle dead: the run does not wait until it is disarmed. Refused while it reports that it is armed."""
+        """Declare a real vehicle dead: the run does not wait until the vehicle is disarmed.
+
+        Refused while the vehicle reports that it is armed.
+        """
         control = connect(find(run))
         facts = control.ask(do="ps")["facts"]
         if not yes:
             _confirm(vehicle, facts.get(f"{vehicle}.armed"), facts.get(f"{vehicle}.connected"))
         control.ask(do="forget", vehicle=vehicle, by=user_name())
-        print(f"{vehicle}: declared dead; the run does not wait for it any more")
+        print(f"{vehicle}: declared dead; the run does not wait for this vehicle any more")
 
 
 def _confirm(vehicle: str, armed: bool | None, connected: bool | None) -> None:

@@ -89,7 +89,7 @@ def measured(
     px4_version: VersionOption = "",
     set_: Set = None,
 ) -> None:
-    """Show which parameters of real vehicles were measured, when and how, and which ones nobody has set or measured."""
+    """Show which parameters of real vehicles were measured, when and how, and which parameters nobody has set or measured."""
     from arena.plan.firmware import unmeasured
     from arena.schema import load_arena
 
@@ -121,7 +121,7 @@ def push(
     ] = False,
     set_: Set = None,
 ) -> None:
-    """Write to vehicles the parameters that the YAML requires: read all, write those that differ, read them back.
+    """Write to vehicles the parameters that the YAML requires: read all parameters, write those that differ, and read them again.
 
     Refuses armed vehicles.
     """

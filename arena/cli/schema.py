@@ -12,7 +12,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command()
     def schema() -> None:
-        """Print the JSON schema of arena.yaml. Editors use it to complete and check keys."""
+        """Print the JSON schema of arena.yaml. Editors use this schema to complete and check keys."""
         from arena.schema.models import json_schema
 
         print(json.dumps(json_schema(), indent=2))

@@ -66,7 +66,9 @@ def setup(
     exchange = KeyExchange(v.id, read_key(v.key_file), read_key(old_key) if old_key else None)
     run_exchange(exchange, connection, vehicle)
     had = (
-        "the vehicle has this key and signs" if not exchange.changed else "the vehicle has the key and signs"
+        "the vehicle already had this key and signs"
+        if not exchange.changed
+        else "the vehicle has the new key and signs"
     )
     print(f"{vehicle}: {had} its messages")
 
@@ -90,7 +92,7 @@ def serial_connection(vehicle: Vehicle, url: str) -> ConnectionUrl:
 def run_exchange(
     exchange: KeyExchange, connection: ConnectionUrl, name: str, timeout_s: float = SETUP_TIMEOUT_S
 ) -> None:
-    """Give the signing key to the vehicle over a serial device. Raises RunError if the vehicle does not use the key then.
+    """Give the signing key to the vehicle over a serial device. Raises RunError if the vehicle does not use the key afterwards.
 
     timeout_s: time after which the exchange fails [s].
     """

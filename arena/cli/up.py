@@ -81,7 +81,7 @@ def register(app: typer.Typer) -> None:
             bool,
             typer.Option(
                 "--allow-diff",
-                help="fly real vehicles even if their parameters differ from what `arena params push` would write",
+                help="fly real vehicles even if their parameters differ from the values that `arena params push` would write",
             ),
         ] = False,
         yes: Annotated[
@@ -245,7 +245,7 @@ class _Piped(Lines):
             self._pipe = -1
 
     def started(self, failed: list[str]) -> None:
-        """Report to the parent process that the start is complete. failed: one text per process that did not start."""
+        """Report to the parent process that the start is complete. failed: texts that each name a process that did not start."""
         self.report(started=True, failed=failed)
 
 

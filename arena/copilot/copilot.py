@@ -75,7 +75,7 @@ class Copilot:
         self._refused: set[tuple[int, int, int]] = set()
 
     def on_frames(self, frames: Iterable[CapturedFrame], now: float, server: int = 0) -> None:
-        """Store the poses of captured frames. server: index of the motion-capture server that sent them."""
+        """Store the poses of captured frames. server: index of the motion-capture server that sent the frames."""
         stream = self._streams.setdefault(server, StreamLateness(_PROMPT_S))
         for frame in frames:
             late = stream.measure(frame, now)

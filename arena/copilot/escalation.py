@@ -174,9 +174,9 @@ class Escalation:
             self._next_send = now
 
     def _most_severe(self, violations: Sequence[Violation]) -> tuple[Step, Violation] | None:
-        """Return the most severe command (step) that the violations require, and the violation that requires it; None without one.
+        """Return the most severe command (step) that the violations require, and the violation that requires this command.
 
-        The setting `at_most` limits the command.
+        The setting `at_most` limits the command. Returns None if no command is required.
         """
         best: tuple[Step, Violation] | None = None
         for one in violations:
@@ -233,7 +233,7 @@ class Escalation:
         return order.step
 
     def _renewal_is_due(self, violations: Sequence[Violation], status: VehicleStatus, now: float) -> bool:
-        """Return whether to renew an obeyed hold now, so that no program takes the vehicle while the violation lasts."""
+        """Return whether to send an obeyed hold again now, so that no program takes the vehicle while the violation lasts."""
         order = self.order
         if order is None or order.step != "hold" or order.obeyed_at is None or not status.fresh:
             return False

@@ -163,8 +163,9 @@ class DirectLink:
             self._kill_link(now)
 
     def _open_beside(self) -> bool:
-        """Open a separate socket to the vehicle. The port of the link process is not used. Return False if the vehicle
-        has no known UDP address.
+        """Open a separate socket to the vehicle, so that the port stays free for the link process.
+
+        Return False if the vehicle has no known UDP address.
         """
         if self._beside is None and self._vehicle is not None and not self._is_serial:
             self._beside = open_udp(("0.0.0.0", 0))
@@ -281,7 +282,7 @@ class DirectLink:
                     yield one
 
     def _print(self, text: str) -> None:
-        """Print a line, unless it was printed before."""
+        """Print a line for the user, unless the same line was printed before."""
         if text not in self._printed:
             self._printed.add(text)
             self._say(f"{self._name}: {text}")

@@ -1,6 +1,6 @@
-"""Sockets and loop of `land-all` and `kill-all`: command all vehicles at once until each is confirmed or the
-timeout has passed.
+"""Sockets and loop of `land-all` and `kill-all`: command all vehicles until each is confirmed as landed (or stopped).
 
+The loop also ends when the timeout has passed.
 Each vehicle is commanded on its panic link and through its router. A real vehicle without telemetry is also
 commanded directly.
 """
@@ -94,7 +94,7 @@ class TargetConnections:
                 self.router.sendto(frame, self.target.tools)
 
     def readers(self) -> dict[int, Callable[[], None]]:
-        """Return file descriptor -> function that reads from it."""
+        """Return file descriptor -> function that reads from this descriptor."""
         found: dict[int, Callable[[], None]] = {
             sock.fileno(): partial(self._read, sock) for sock in (self.router, self.panic) if sock is not None
         }
@@ -137,9 +137,9 @@ class TargetConnections:
 
 
 def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, say: Say = print) -> int:
-    """Command all vehicles until each is confirmed or the timeout has passed; print a line for each. Return
-    the exit code.
+    """Command all vehicles until each is confirmed as landed (or stopped), or the timeout has passed. Return the exit code.
 
+    One line is printed for each vehicle.
     timeout_s: [s]
     say: function that prints a line for the user
     """

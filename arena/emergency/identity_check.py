@@ -70,7 +70,9 @@ class IdentityCheck:
         self._opened_at: float | None = None
 
     def receive(self, data: bytes, source: Source, now: float) -> bool:
-        """Process data that have arrived from a source. Return whether the source is the vehicle, so that its telemetry counts."""
+        """Process data that have arrived from a source. Return whether the source is the vehicle. Telemetry of other
+        sources must not be used.
+        """
         frames = [f for f in parse_frames(data).frames if f.sysid == self._system and f.compid == AUTOPILOT]
         if not frames:
             return False
@@ -97,8 +99,8 @@ class IdentityCheck:
         return not state.changed and now - state.since >= ANSWER_S
 
     def receivers(self, now: float) -> list[Source]:
-        """Return the sources to which commands may be sent. Call it as soon as the connection is open, because the
-        first call starts the wait for telemetry.
+        """Return the sources to which commands may be sent. The first call starts the wait for telemetry, so call
+        this method when the connection is opened.
         """
         self._opened_at = now if self._opened_at is None else self._opened_at
         known = dict.fromkeys([*([] if self._recorded is None else [self._recorded]), *self._sources])
@@ -120,7 +122,7 @@ class IdentityCheck:
         return state is not None and state.is_vehicle is False
 
     def forget(self, source: Source) -> None:
-        """Discard what is known about a source, such as a serial device that was unplugged. It must send its uid again."""
+        """Discard what is known about a source, such as a serial device that was unplugged. The source must then send its uid again."""
         if source in self._sources:
             self._require(self._sources[source], self._sources[source].received_at)
 

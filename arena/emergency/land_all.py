@@ -177,7 +177,7 @@ def _say(line: str) -> None:
 
 @contextlib.contextmanager
 def _ignoring_hangup() -> Iterator[None]:
-    """Ignore SIGHUP, so that a dropped ssh session does not end a landing. Ctrl-C still ends it."""
+    """Ignore SIGHUP, so that a dropped ssh session does not end a landing. Ctrl-C still ends the landing."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         yield

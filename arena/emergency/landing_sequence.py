@@ -1,4 +1,4 @@
-"""Commands that land or stop one vehicle, and the check of the telemetry that confirms it.
+"""Commands that land or stop one vehicle, and the check of telemetry that confirms the landing or stop.
 
 Pure: no sockets, no clocks.
 Only telemetry received after the start confirms a landing: a HEARTBEAT without the armed bit and an
@@ -40,9 +40,9 @@ Action = Literal["land", "kill"]
 
 @dataclass(kw_only=True)
 class ReportedState:
-    """State that the vehicle has reported since the start; None for values that it has not reported. Times
-    are monotonic [s].
+    """State that the vehicle has reported since land-all or kill-all was started; None for values not reported yet.
 
+    Times are monotonic [s].
     was_up: the vehicle was armed or off the ground at any time since the start
     """
 
@@ -84,7 +84,7 @@ class LandingSequence:
         return self._confirmed_at is not None
 
     def settled(self, now: float) -> bool:
-        """Return whether the vehicle is confirmed and has been monitored long enough afterwards."""
+        """Return whether the vehicle is confirmed as landed or stopped, and has been monitored for some time afterwards."""
         if self._confirmed_at is None:
             return False
         return self.reported.was_up or now - self._confirmed_at >= WATCH_S

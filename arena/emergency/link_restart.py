@@ -1,4 +1,4 @@
-"""Reads from the run folder whether the supervisor restarts the process `link.<v>` after it has ended."""
+"""Reads from the run folder whether the supervisor restarts the process `link.<v>` after the end of this process."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class LinkRestart:
         self._known: ProcessIdentity | None = None
 
     def on_link(self) -> None:
-        """Record that the link process runs. When it ends later, a new wait for its restart begins."""
+        """Record that the link process runs. When this process ends later, a new wait for its restart begins."""
         self._ended_at = None
 
     def is_expected(self, now: float) -> bool:

@@ -38,14 +38,14 @@ class UserProcess:
     _has_runs: bool | None = None
 
     def has_runs(self) -> bool:
-        """Return whether the user has an active run with one of the selected vehicles. Waits FOUND_TIMEOUT_S at most."""
+        """Return whether the user has an active run with at least one of the selected vehicles. Waits FOUND_TIMEOUT_S at most."""
         if self._has_runs is None:
             ready = select.select([self.pipe], [], [], FOUND_TIMEOUT_S)[0]
             self._has_runs = bool(ready) and os.read(self.pipe, 1) == _FOUND
         return self._has_runs
 
     def wait(self, timeout_s: float, say: Callable[[str], None]) -> int:
-        """Wait for the end of the process and return its exit code. After `timeout_s` [s] it is killed."""
+        """Wait for the end of the process and return its exit code. The process is killed after `timeout_s` [s]."""
         handle = os.pidfd_open(self.pid)
         if not select.select([handle], [], [], timeout_s)[0]:
             say(

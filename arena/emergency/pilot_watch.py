@@ -10,7 +10,7 @@ panic link and router do not deliver heartbeats in order."""
 
 
 class PilotWatch:
-    """Detects that a pilot has taken manual control of one vehicle since the start.
+    """Detects that a pilot has taken manual control of one vehicle since land-all or kill-all was started.
 
     The pilot has control when the armed vehicle reports a manual mode after it reported another mode, or after it
     reported that it was disarmed. A vehicle that reports a manual mode from the start is not under the pilot's control:

@@ -189,8 +189,8 @@ def valid_uid(raw: Any) -> str:
 
 
 def _address(raw: Any) -> Address:
-    """Convert [host, port] to an address. Raises ValueError for a port out of range or a host name. Host
-    names are refused, because resolving them needs a working network.
+    """Convert [host, port] to an address. Raises ValueError for a port out of range or a host name. Host names are
+    refused, because name resolution needs a working network.
     """
     host, port = raw
     if not 0 <= int(port) <= 65535:

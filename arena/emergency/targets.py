@@ -23,7 +23,7 @@ _LINK_BASE, _PANIC_AUTOPILOT, _PANIC_PARTNER, _TOOLS = 24000, 4, 5, 6
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """Vehicle to land: its name, its MAVLink id, and the addresses on which it receives commands.
+    """Vehicle to land: its name, its MAVLink id, and the addresses on which the vehicle receives commands.
 
     id: MAVLink system id
     autopilot, partner: the two ends of its panic link, the autopilot's and this computer's
@@ -92,7 +92,7 @@ def find(
 
 
 def of_runs(runs: Sequence[ActiveRun], arena: Path | None) -> Found | None:
-    """Return the vehicles of the runs that were started from the YAML `arena`; of all runs if `arena` is None.
+    """Return the vehicles of the active runs that were started from the YAML `arena`, or of all active runs if `arena` is None.
 
     If no run was started from this YAML, the newest run on its address is used. Returns None if there is no run, or none
     can be read.
@@ -159,7 +159,7 @@ def choose(
 
 
 def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
-    """Return the vehicles in a plan.json. Raises ValueError, KeyError or TypeError if it is not a plan.
+    """Return the vehicles in a plan.json. Raises ValueError, KeyError or TypeError if the text is not a plan.
 
     text: contents of the file
     run: run folder of the file
@@ -191,9 +191,7 @@ def _planned_direct(plan: Any, vehicle: str, run: Path | None) -> DirectAddress 
 
 
 def from_yaml(path: Path) -> Found:
-    """Return the vehicles of a YAML, with the ports that the schema assigns. Raises InputError if it names no
-    vehicle.
-    """
+    """Return the vehicles of a YAML, with the ports that the schema assigns. Raises InputError if the YAML names no vehicle."""
     try:
         text = path.read_text(errors="replace")
     except OSError as error:

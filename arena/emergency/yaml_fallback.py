@@ -131,8 +131,8 @@ def _value(rest: str, inner: list[str], depth: int) -> Any:
 
 
 def _flow(rest: str) -> Any:
-    """Parse a value that is written on one line. If it is a flow mapping with errors, return only its `id`
-    and `url`, if they can be found.
+    """Parse a value that is written on one line. If it is a flow mapping with errors, return only `id` and `url`, if
+    these keys can be found.
     """
     value = read_yaml(rest, 0)
     if value is not None:

@@ -34,8 +34,8 @@ _HEADER = (
 
 
 class FcuLinkShell:
-    """Sockets, serial device and loop of the link process. The loop reads a limited amount from each in turn,
-    so that a flood on one does not delay the others.
+    """Sockets, serial device and loop of the link process. The loop reads a limited amount from each connection in
+    turn, so that a flood on one connection does not delay the others.
     """
 
     def __init__(self, process: ProcessContext, settings: Settings) -> None:
@@ -85,7 +85,7 @@ class FcuLinkShell:
         self._report_stats(time.monotonic())
 
     def _armed_real(self) -> list[str]:
-        """Return the name of the vehicle if it is real and armed."""
+        """Return a list with the name of the vehicle if the vehicle is real and armed, else an empty list."""
         armed = not self._s.simulated and self._core.armed(time.monotonic())
         return [self._s.vehicle] if armed else []
 
@@ -210,7 +210,7 @@ class FcuLinkShell:
         )
 
     def _write_last_address(self) -> None:
-        """Write the vehicle's address and uid to a file for land-all, which needs them if this process ends or hangs."""
+        """Write the vehicle's address and uid to a file for land-all, which needs this file if the link process ends or hangs."""
         uid = self._core.identity.uid
         try:
             self._record.write(self._transport.last_address() | {"uid": "" if uid == NO_UID else uid})

@@ -130,7 +130,7 @@ class FcuLink:
         return [(end, b"".join(frames)) for end, frames in parts.items()]
 
     def on_opened(self) -> None:
-        """Require the uid of the vehicle again, because its serial device was opened: somebody may have exchanged it."""
+        """Require the uid of the vehicle again, because the serial device was opened and another vehicle may be connected."""
         self.identity.release()
         self.queue.clear()
         self.permit.on_interruption("its device was unplugged")
@@ -310,8 +310,8 @@ class FcuLink:
         return []
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
-        """Pass on a request that could arm the vehicle or spin a motor, or refuse it. Return the refusal as
-        messages for the requesting link and for the router; empty if the request was passed on.
+        """Pass on or refuse a request that could arm the vehicle or spin a motor. Return the refusal as messages for
+        the requesting link and for the router; empty if the request was passed on.
         """
         reasons = self.reasons(now)
         if not reasons:
@@ -331,9 +331,7 @@ class FcuLink:
     # -- periodic -----------------------------------------------------------------------------------------------------
 
     def tick(self, now: float) -> None:
-        """Queue the heartbeat and requests that are due, and report a silent vehicle. Call it about twenty
-        times a second.
-        """
+        """Queue the heartbeat and requests that are due, and report a silent vehicle. Call this method about twenty times a second."""
         if now - self.checks.received_at > SILENT_S:
             self.permit.on_interruption(f"no telemetry for {SILENT_S:g} s")
         unknown = self.identity.source is None and self.identity.has_candidate(now)

@@ -150,7 +150,10 @@ class Identity:
             self._candidates[source].uid = found
 
     def _on_ack(self, candidate: _Candidate, data: Buffer, frame: Frame) -> None:
-        """Request the uid with the older MAV_CMD from now on, if the autopilot has refused the newer one, or the reverse."""
+        """Change the MAV_CMD with which the uid is requested, if the autopilot has refused the present one.
+
+        There are two: PX4 before v1.11 supports the older one only.
+        """
         refused = byte_at(data, frame, 2) != mavlink.MAV_RESULT_ACCEPTED
         if refused and uint_at(data, frame, 0, 2) == candidate.command:
             candidate.command = _OLD_REQUEST if candidate.command == _REQUEST else _REQUEST

@@ -1,5 +1,4 @@
-"""Check that a vehicle has the required parameters: reads them one by one and compares. Never changes them.
-Pure.
+"""Check that a vehicle has the required parameter values. Reads the parameters one by one and changes none. Pure.
 
 PX4 does not reply to a request for an unknown name. Therefore a name counts as unknown only if other
 parameters are answered at the same time. To test this, a parameter that is known to exist is requested in
@@ -96,7 +95,7 @@ class ParamCheck:
         self._last_event = ""
 
     def due(self, now: float) -> list[str]:
-        """Return the names of the parameters to request now. Call it only while the vehicle is connected."""
+        """Return the names of the parameters to request now. Call this method only while the vehicle is connected."""
         if self.complete and now >= self._next_recheck:
             self._recheck(now)
         waiting = [p for p in self._params.values() if p.due and now - p.asked < RETRY_S]
@@ -144,7 +143,7 @@ class ParamCheck:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
     def _mark_unknown(self, p: _Param) -> bool:
-        """Mark a parameter as unknown to the vehicle if several requests for it had no reply while the
+        """Mark a parameter as unknown to the vehicle if several requests for this parameter had no reply while the
         vehicle answered other requests.
 
         Return whether it is unknown.

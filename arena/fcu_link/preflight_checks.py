@@ -28,9 +28,7 @@ Vector = tuple[float, float, float]
 
 
 def sentence(text: str) -> str:
-    """Return "Preflight: " and the text, with at most 50 bytes. If this is too long, omit the prefix, and cut
-    the text if it is still too long.
-    """
+    """Return "Preflight: " and the text, with at most 50 bytes. A text that is too long loses the prefix first, then its end."""
     full = f"Preflight: {text}"
     return full if len(full.encode()) <= TEXT_BYTES else text.encode()[:TEXT_BYTES].decode(errors="ignore")
 
@@ -135,8 +133,8 @@ class PreflightChecks:
         return found + (self._estimate(now) or self._agreement(p_n, yaw))
 
     def _agreement(self, p_n: Vector, yaw: float) -> list[str]:
-        """Compare position and yaw of the pose with the autopilot's estimate. Return a reason for each that
-        differs too much. Call it only if `_estimate` has found no error.
+        """Compare position and yaw of the pose with the autopilot's estimate. Return a reason for each value that
+        differs too much. Call this method only if `_estimate` has found no error.
         """
         assert self._local is not None and self._yaw is not None
         apart = math.dist(p_n, self._local[1])
@@ -202,7 +200,7 @@ class PreflightChecks:
 
 
 def _yaw(q: Sequence[float]) -> float:
-    """Return the yaw of a wxyz quaternion [rad]; nan for an invalid one."""
+    """Return the yaw of a wxyz quaternion [rad]; nan for an invalid quaternion."""
     norm = math.sqrt(sum(x * x for x in q))
     return (
         float(yaw_from_quat(np.asarray(q, float) / norm)) if math.isfinite(norm) and norm > 0.5 else math.nan

@@ -1,4 +1,4 @@
-"""Preflight check of the pilot's RC transmitter: it must be received, and its kill switch must have been tried. Pure.
+"""Preflight check of the pilot's RC: the vehicle must receive the transmitter, and the kill switch must have been tried. Pure.
 
 What PX4 (v1.9 to v1.18) reports about the transmitter, and what this check uses:
 
@@ -43,9 +43,7 @@ class RadioCheck:
         return (KILL_CHANNEL, SOURCE) if self.required else ()
 
     def reset(self) -> None:
-        """Forget the state of the RC and the test of the kill switch, because the autopilot has rebooted or another
-        one may be connected.
-        """
+        """Delete the state of the RC and the result of the kill switch test, because the autopilot has rebooted or was exchanged."""
         self._status_at = self._channels_at = -math.inf
         self._present = self._healthy = False
         self._killed = self._tested = False

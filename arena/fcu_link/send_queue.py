@@ -146,9 +146,7 @@ class SendQueue:
         return None
 
     def clear(self) -> None:
-        """Drop all frames, because the connection is interrupted and old frames must not be sent after it is
-        restored.
-        """
+        """Drop all frames, because the connection is interrupted. Old frames must not be sent when the connection works again."""
         for lane in self._lanes.values():
             for queued in lane.frames:
                 self._counts[f"to the vehicle: not connected ({queued.priority.name.lower()})"] += 1

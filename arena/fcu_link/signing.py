@@ -73,7 +73,7 @@ class LinkSigning:
         return found._replace(frames=frames)
 
     def greetings(self) -> list[tuple[Source, bytes]]:
-        """Return a heartbeat for each source whose frames have an old timestamp or a wrong signature.
+        """Return a heartbeat for each source that sends frames with an old timestamp or a wrong signature.
 
         The caller signs the heartbeat and sends it to the source, because a vehicle that has restarted reads the current
         timestamp from this heartbeat. Each source gets at most one per second.
@@ -103,7 +103,7 @@ class LinkSigning:
         return None
 
     def tick(self, now: float) -> None:
-        """Store the last timestamp when it is due, so that a restarted link process continues after it."""
+        """Store the last timestamp from time to time, so that a restarted link process begins with a later timestamp."""
         if self._connection is None or self._timestamps is None:
             return
         self._timestamps.save(self._connection.timestamp, now)

@@ -11,7 +11,7 @@ _REPORT_S = 10.0
 
 
 class SilenceReport:
-    """Counts the data on the connection to a vehicle, and reports while the vehicle is not received what arrives instead.
+    """Counts the data on the connection to a vehicle. While the vehicle is not received, reports what arrives instead.
 
     connection: URL of the vehicle
     system: MAVLink id of the vehicle

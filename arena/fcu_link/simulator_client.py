@@ -1,4 +1,4 @@
-"""TCP client of the world's simulator port, for hardware in the loop. To the world it looks like PX4 SITL."""
+"""TCP client of the world's simulator port, for hardware in the loop. The world cannot distinguish this client from PX4 SITL."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class SimulatorClient:
             yield self._stream.feed(data)
 
     def write(self, data: bytes) -> None:
-        """Send whole frames or nothing, because half a frame would make the next one unreadable."""
+        """Send whole frames or nothing, because half a frame would make the next frame unreadable."""
         if self._socket is None or not self._connected:
             return
         try:

@@ -238,7 +238,7 @@ class SerialTransport:
         self._report(f"{self._device} {what}: {ask}")
 
     def _report(self, text: str) -> None:
-        """Add an event, unless it repeats the last event."""
+        """Add an event for the user, unless the last event has the same text."""
         if text != self._last_event:
             self._last_event = text
             self.events.append(text)

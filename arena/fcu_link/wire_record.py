@@ -33,7 +33,7 @@ class WireRecord:
         return "", None
 
     def write(self, address: dict[str, Any]) -> None:
-        """Write the record if it has changed. Raises OSError if the file cannot be written."""
+        """Write the record to the file if its content has changed. Raises OSError if the file cannot be written."""
         if self._path is None or address == self._last:
             return
         self._last = address

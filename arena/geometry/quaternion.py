@@ -46,7 +46,7 @@ def wrap_pi(angle: ArrayLike) -> Array:
 
 
 def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """Return the Hamilton product a * b [-] wxyz (..., 4). It rotates a vector first by b, then by a."""
+    """Return the Hamilton product a * b [-] wxyz (..., 4). The product rotates a vector first by b, then by a."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     # All sixteen products at once, then their signed sums: three numpy calls instead of thirty.
     products = a[..., :, None] * b[..., None, :]

@@ -51,13 +51,14 @@ class Backlog:
         self._last_poll, self._this_poll = self._this_poll, self._moment(now)
 
     def tick(self, now: float) -> None:
-        """Compare the wall clock, by which the kernel stamps datagrams, with the monotonic clock. Call it a few times
-        a second. now: monotonic [s].
+        """Compare the wall clock with the monotonic clock, because the kernel stamps datagrams by the wall clock.
+
+        Call this method a few times a second. now: monotonic [s].
         """
         self._ages.update(time.time(), now)
 
     def may_be_old(self, fd: int, now: float) -> bool:
-        """Return whether the next datagram of a socket may be too old. Call it once for each socket that `poll` reports."""
+        """Return whether the next datagram of a socket may be too old. Call this method once for each socket that `poll` reports."""
         turn, empty = self._readable[fd]
         if turn != self._turn - 1:  # the last poll did not report the socket, so it was empty
             empty = self._last_poll
@@ -65,8 +66,9 @@ class Backlog:
         return now - empty[0] > SHORTEST_LIMIT_S and fd in self._to_vehicles
 
     def receive(self, fd: int) -> tuple[Buffer, Address]:
-        """Receive a datagram from a socket for which `may_be_old` returned True. Return (its frames that are not too old,
-        sender). Raises OSError.
+        """Receive a datagram from a socket for which `may_be_old` returned True. Frames that are too old are dropped.
+
+        Returns (the other frames, sender). Raises OSError.
         """
         data, sender, stamp_s = receive_stamped(self._sockets[fd])
         age_s = self._age_s(fd, stamp_s, time.monotonic())

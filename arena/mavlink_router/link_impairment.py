@@ -70,7 +70,7 @@ class ImpairedRouter:
         self.muted = False
 
     def apply(self, fault: Fault) -> str:
-        """Apply one fault (a JSON object, see `arena.fault_injection`) and return its description as text.
+        """Apply one fault (a JSON object, see `arena.fault_injection`) and return a description of the fault as text.
         Raises InputError if the fault is invalid.
         """
         kinds: dict[str, Callable[[Fault], str]] = {

@@ -124,8 +124,8 @@ class Router:
         return found
 
     def telemetry(self) -> dict[str, dict[str, float | None]]:
-        """Return {vehicle: {"height_m": ..., "battery": ...}}: height above the floor [m] and remaining
-        charge [%]. A value is None if it is unknown.
+        """Return {vehicle: {"height_m": ..., "battery": ...}}: height above the floor [m] and remaining charge [%].
+        None: the value is unknown.
         """
         return {
             v.vehicle.name: {
@@ -141,9 +141,7 @@ class Router:
 
     @property
     def all_connected(self) -> bool:
-        """True when every simulated vehicle has sent a heartbeat. Real vehicles are not included, because
-        they may be switched on later.
-        """
+        """True when every simulated vehicle has sent a heartbeat. Real vehicles do not count, because they may be switched on later."""
         return not self.missing
 
     @property

@@ -169,7 +169,7 @@ class RouterShell:
         else:
             self._process.event(
                 f"no operator: {names} receives no heartbeat of a ground station, so the failsafe data_link_loss acts. "
-                "Run `arena up` in a terminal, connect a ground station, or run `arena ps` at least once a minute"
+                "As the operator, run `arena up` in a terminal, connect a ground station, or run `arena ps` at least once a minute"
             )
 
     def _send_heartbeat(self, out: list[Out], now: float) -> None:

@@ -90,10 +90,10 @@ def test_setup_over_a_serial_device_gives_the_key(folder, capsys) -> None:
     write_yaml(folder)
     with Board() as board:
         assert main(["signing", "setup", "uav1", "--url", f"serial:{board.device}"]) == 0
-        assert "uav1: the vehicle has the key and signs its messages" in capsys.readouterr().out
+        assert "uav1: the vehicle has the new key and signs its messages" in capsys.readouterr().out
         assert board.key == read_key(folder / "uav1.key")
         assert main(["signing", "setup", "uav1", "--url", f"serial:{board.device}"]) == 0
-        assert "uav1: the vehicle has this key and signs" in capsys.readouterr().out
+        assert "uav1: the vehicle already had this key and signs" in capsys.readouterr().out
 
 
 def test_px4_version_that_does_not_sign_is_refused(folder, capsys) -> None:

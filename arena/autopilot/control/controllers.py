@@ -261,7 +261,7 @@ class RateControl:
 
 
 def _low_pass(cutoff_hz: Array, dt: float) -> Array:
-    """Return the coefficient of a first-order low-pass filter for one step (V, 1); 0 Hz disables it."""
+    """Return the coefficient of a first-order low-pass filter for one step (V, 1); 0 Hz disables the filter."""
     return np.where(cutoff_hz > 0, 1.0 - np.exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)[:, None]
 
 

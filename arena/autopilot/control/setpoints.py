@@ -19,7 +19,7 @@ _NAN = math.nan
 
 
 class Level(IntEnum):
-    """Level of a setpoint: the controller that receives it (position, attitude or rate controller)."""
+    """Level of a setpoint: the controller that receives the setpoint (position, attitude or rate controller)."""
 
     NONE = 0  # motors off
     RATE = 1  # omega_b and thrust
@@ -52,7 +52,7 @@ class OffboardSetpoint:
 
     @property
     def needs_position(self) -> bool:
-        """True if the setpoint contains a position or velocity, so that it can be flown only with a valid position estimate."""
+        """True if the setpoint contains a position or velocity, so that flying requires a valid position estimate."""
         return self.level is Level.POSITION and any(math.isfinite(x) for x in (*self.p_n, *self.v_n))
 
 

@@ -93,7 +93,7 @@ class Trajectory:
 
 
 def _approach(distance: float, accel: float, jerk: float) -> float:
-    """Return the greatest speed [m/s] at which the moving point may approach its target, so that it can stop within `distance` [m].
+    """Return the greatest speed [m/s] from which the moving point can stop within `distance` [m].
 
     The stopping distance is v^2 / 2a, plus v * 2a/j while the deceleration builds up.
     """

@@ -159,7 +159,7 @@ class Estimator:
         return bool(self.aligned[i] and max(self.cov[i, 3, 3], self.cov[i, 4, 4]) < _VELOCITY_VARIANCE)
 
     def specific_force(self) -> Array:
-        """Return the magnitude of the specific force, averaged over 0.2 s [m/s2] (V,). At rest it equals 9.8 m/s2."""
+        """Return the magnitude of the specific force, averaged over 0.2 s [m/s2] (V,). At rest the magnitude is 9.8 m/s2."""
         return np.asarray(np.sqrt((self._accel_mean * self._accel_mean).sum(1)))
 
     def _converged(self, now: float) -> Bool:
@@ -260,7 +260,7 @@ class Estimator:
         self._gate_and_update(idx, y, h, r, has_yaw, now)
 
     def _gate_and_update(self, idx: Index, y: Array, h: Array, r: Array, has_yaw: Bool, now: float) -> None:
-        """Test the innovations `y` (measured minus predicted) and correct the estimate by the accepted ones.
+        """Test the innovations `y` (measured minus predicted) and correct the estimate with the accepted innovations.
 
         A rejected innovation gets a variance so large that it has no effect.
 

@@ -84,7 +84,7 @@ class TakeoffRamp:
         self.begun = np.full(vehicles, np.inf)
 
     def update(self, now: float, armed_since: Array, landed: Bool, climbing: Bool) -> None:
-        """Update the take-off ramp of each vehicle: set `begun` when the ramp starts, `flying` when it is complete.
+        """Update the take-off ramp of each vehicle: set `begun` when the ramp starts, and `flying` when the ramp is complete.
 
         now: time since boot [s]
         armed_since: time of arming [s], infinite while disarmed (V,)
@@ -100,8 +100,8 @@ class TakeoffRamp:
         self.flying = spooled & (self.flying & ~landed | done & climbing)
 
     def speed_up(self, now: float, full: Array) -> Array:
-        """Return the greatest climb rate [m/s] (V,) that the take-off ramp allows now. It rises from a negative
-        value (no thrust) to `full`.
+        """Return the greatest climb rate [m/s] (V,) that the take-off ramp allows now. During the ramp this rate
+        rises from a negative value (no thrust) to `full`.
 
         full: climb rate at the end of the ramp [m/s] (V,)
         """

@@ -107,7 +107,7 @@ class MavlinkInterface:
         return True
 
     def _receive_record(self, data: bytes, frame: Frame) -> None:
-        """Process ODOMETRY or SET_POSITION_TARGET_LOCAL_NED from its bytes: faster than with a message object.
+        """Process the bytes of an ODOMETRY or SET_POSITION_TARGET_LOCAL_NED, because this is faster than with a message object.
 
         The same rules of addressing apply as for all messages.
         """
@@ -172,7 +172,7 @@ class MavlinkInterface:
         self.vehicle.set_vision(from_vision_estimate(m))
 
     def _on_origin(self, link: MavlinkLink, m: Any) -> None:
-        """Set the origin, and reply with the origin in use, whether or not the new one was accepted."""
+        """Set the origin if the new values are valid. Reply with the origin in use in any case."""
         self.vehicle.set_origin(m.latitude * 1e-7, m.longitude * 1e-7, m.altitude * 1e-3)
         link.send(streams.gps_global_origin(self.vehicle, self.vehicle.now))
 
@@ -232,7 +232,7 @@ class MavlinkInterface:
         link.send(ack)
 
     def _send_now(self, link: MavlinkLink, msgid: int) -> bool:
-        """Send one requested message; return False if it is not supported or has no valid content."""
+        """Send one requested message. Return False if the message is not supported or has no valid content."""
         state = self._telemetry()
         if state is None:
             return False
@@ -273,7 +273,7 @@ class MavlinkInterface:
         state: TelemetryState,
         payloads: Mapping[int, Mapping[int, bytes]],
     ) -> bool:
-        """Queue one telemetry message; return False if it is not supported or has no valid content.
+        """Queue one telemetry message. Return False if the message is not supported or has no valid content.
 
         state: state of all vehicles
         payloads: result of `telemetry_batch.payloads`
@@ -301,7 +301,7 @@ class MavlinkInterface:
                     self._send_text(link, severity, text)
 
     def _send_text(self, link: MavlinkLink, severity: int, text: str) -> None:
-        """Send a text as STATUSTEXT, split into numbered chunks if it is too long for one message."""
+        """Send a text as STATUSTEXT, split into numbered chunks if the text is too long for one message."""
         raw = text.encode(errors="replace")
         chunks = [raw[k : k + _TEXT_BYTES] for k in range(0, len(raw), _TEXT_BYTES)]
         self._text_id = self._text_id % 65535 + 1

@@ -121,7 +121,7 @@ class MissionProtocol:
 
     @property
     def has_progress(self) -> bool:
-        """True if the flight has reached or begun an item since the last `update`."""
+        """True if the vehicle has reached a mission item, or begun to fly to an item, since the last `update`."""
         return self.store.progress_changes != self._seen_progress
 
     # -- receiving -------------------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ class MissionProtocol:
         self._request(link, t, now)
 
     def _begin(self, t: _Transfer, sender: tuple[int, int], m: Any) -> int | None:
-        """Begin an upload. If it is refused or empty, return the MAV_MISSION_RESULT to send, else None."""
+        """Begin an upload. If the upload is refused or empty, return the MAV_MISSION_RESULT to send, else None."""
         t.partner, t.kind, t.crc, t.seq = sender, m.mission_type, 0, 0
         if m.mission_type not in CAPACITY:
             return int(mavlink.MAV_MISSION_INVALID if m.count == 0 else mavlink.MAV_MISSION_NO_SPACE)

@@ -96,7 +96,7 @@ def _complete(p: Triple, v: Triple, a: Triple) -> bool:
 
 
 def from_attitude_target(m: Any) -> OffboardSetpoint | str:
-    """Decode SET_ATTITUDE_TARGET. If it has an attitude, body rates are ignored."""
+    """Decode SET_ATTITUDE_TARGET. If the message has an attitude, its body rates are ignored."""
     mask = m.type_mask
     by_attitude = not mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
     if not by_attitude and mask & _ROLL_PITCH_RATE_IGNORED:

@@ -62,11 +62,11 @@ class BatchedMessage:
 
 
 def payloads(requested: Iterable[tuple[Vehicle, int]], s: TelemetryState) -> dict[int, dict[int, bytes]]:
-    """Encode the requested messages. Message ids that this module does not support are ignored.
+    """Encode the requested messages, and return their payloads: message id -> row of the vehicle -> payload.
+
+    A vehicle without valid content has no payload. Message ids that this module does not support are ignored.
 
     requested: (vehicle, message id), in any order; an entry may occur more than once
-
-    Returns the payloads by message id and row. A vehicle without valid content has no payload.
     """
     senders: defaultdict[int, dict[int, Vehicle]] = defaultdict(dict)
     for v, msgid in requested:

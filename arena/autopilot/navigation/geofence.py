@@ -65,7 +65,7 @@ def read_areas(items: Sequence[Item], origin: tuple[float, float, float]) -> lis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fence:
-    """Geofence of one vehicle that is in force: its areas, and the maximum distances from home.
+    """Geofence that is in force for one vehicle: its areas, and the maximum distances from home.
 
     home_n: home position [m] [NED], None if not set
     max_horizontal_m, max_vertical_m: maximum distances from home [m], 0 for no limit
@@ -77,7 +77,7 @@ class Fence:
     max_vertical_m: float = 0.0
 
     def breach(self, p_n: Sequence[float]) -> str:
-        """Return PX4's text for the geofence rule that a position violates, "" if it violates none.
+        """Return PX4's text for the geofence rule that a position violates; "" if the position violates no rule.
 
         p_n: position [m] [NED]
         """

@@ -42,7 +42,7 @@ def why_infeasible(
     max_first_distance_m: float,
     required_items: int,
 ) -> str:
-    """Return the first reason to reject a mission, "" if it is feasible.
+    """Return the first reason to reject a mission; "" if the mission is feasible.
 
     items: items of the mission
     origin: latitude, longitude [deg], altitude AMSL [m] of the local frame

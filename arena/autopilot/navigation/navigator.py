@@ -121,7 +121,7 @@ class Navigator:
             self._load(s)
 
     def _first_climb(self, s: Situation) -> float:
-        """Return the height [m] [NED down] to which the vehicle must climb before the mission; NaN if it is high enough.
+        """Return the height [m] [NED down] to which the vehicle must climb before the mission; NaN if no climb is needed.
 
         This is the height of the first mission item that has a position.
         """
@@ -132,7 +132,7 @@ class Navigator:
         return d if s.p_n[2] - d > self._param("NAV_MC_ALT_RAD") else math.nan
 
     def _load(self, s: Situation) -> None:
-        """Begin the current mission item. If it is a jump, begin the item that the jump leads to."""
+        """Begin the current mission item. If this item is a jump, begin the item that the jump leads to."""
         items = self.missions.items[MISSION]
         k = self._past_jumps(self.missions.current)
         if k is None or k >= len(items):
@@ -266,7 +266,9 @@ class Navigator:
             self._move_home(d, s)
 
     def _return_destination(self, s: Situation) -> Point:
-        """Return the target of the return flight [m] [NED]: home, or a rally point if it is nearer by more than _RALLY_MARGIN_M."""
+        """Return the target of the return flight [m] [NED]: home, or a rally point if the rally point is nearer by
+        more than _RALLY_MARGIN_M.
+        """
         best, least = s.home_n, math.dist(s.home_n[:2], s.p_n[:2])
         for item in self.missions.items[RALLY]:
             point = position_of(item, s.origin, s.home_n[2])

@@ -1,4 +1,4 @@
-"""Messages that explain why a motion-capture server sends no poses; they apply to every vendor. Pure."""
+"""Messages that explain why a motion-capture server sends no poses, for every vendor. Pure."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from arena.mocap.vendors import Settings, load_vendor
 
 
 class MocapClient(Protocol):
-    """Client of one motion-capture server. It receives the bodies that its settings name.
+    """Interface of a client of one motion-capture server. The client receives the poses of the bodies in its settings.
 
     The vendor's settings module lists the sockets of the client: `client_sockets`.
     """

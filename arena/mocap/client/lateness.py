@@ -149,8 +149,8 @@ class Lateness:
 
 
 class StreamLateness:
-    """Lateness of the frames of one motion-capture server. It also detects repeated frames and a restart of the
-    server, for receivers that do not check frame numbers.
+    """Lateness of the frames of one motion-capture server. This class also detects repeated frames and a restart of
+    the server, for receivers that do not check frame numbers.
     """
 
     def __init__(self, stale_s: float) -> None:

@@ -47,7 +47,7 @@ class Reception:
         self._foreign_address, self._foreign_at = "", -math.inf
 
     def update(self, event: str, count: int, now: float) -> bool:
-        """Store `now` as the last time of an event if the total count of this event has changed. Return True if it has changed."""
+        """Store `now` as the last time of an event if the total count of this event has changed. Return whether the count has changed."""
         if count == self._counts.get(event, 0):
             return False
         self._counts[event], self._changed_at[event] = count, now
@@ -77,8 +77,8 @@ class Reception:
         return now - self._changed_at.get("frames", -math.inf) <= STREAMING_S
 
     def on_foreign(self, address: str, now: float) -> None:
-        """Record that a datagram came from an address other than the server's. If several such addresses
-        send, the first one is kept until it is silent.
+        """Record that a datagram came from an address other than the server's. If several such addresses send, the
+        first address is kept until it is silent.
         """
         if address == self._foreign_address or now - self._foreign_at > RECENT_S:
             self._foreign_address, self._foreign_at = address, now

@@ -93,7 +93,7 @@ class ServerSockets:
         return bool(self._sockets)
 
     def open(self, wall: float) -> bool:
-        """Open the sockets, at most once a second. Return True if they were opened by this call."""
+        """Open the sockets, at most once a second. Return True if this call has opened the sockets."""
         if wall - self._tried < _RETRY_S:
             return False
         self._tried = wall
@@ -119,7 +119,7 @@ class ServerSockets:
         return [data for s in self._sockets for data in self._read(s, wall)]
 
     def send(self, data: bytes) -> None:
-        """Send a request to the server. If the network refuses it, the request is lost."""
+        """Send a request to the server. If the network refuses the request, the request is lost."""
         if not self._sockets:
             return
         try:

@@ -98,7 +98,7 @@ class _EmulatorProcess:
         return now if now is not None and now >= due - _EARLY_S else None
 
     def _expose(self, number: int, now: float) -> int:
-        """Measure frame `number` and queue it for sending. Return the number of the frame to measure next.
+        """Measure frame `number` and queue this frame for sending. Return the number of the frame to measure next.
         Frames that are too late are skipped.
         """
         sample = self.truth.at(self.cameras.exposure(number))

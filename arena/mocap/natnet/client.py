@@ -136,9 +136,7 @@ class NatNetClient:
         self._last_frame = wall
 
     def _advance_handshake(self, wall: float) -> None:
-        """Send the next request of the handshake. A new request is sent at once; an unanswered one is
-        repeated every 0.5 s.
-        """
+        """Send the next request of the handshake. A new request is sent at once; an unanswered request is repeated every 0.5 s."""
         request = b"" if self.core.is_connected else self.core.next_request()
         if request and (request != self._request or wall - self._requested_at >= _RETRY_S):
             repeated = request == self._request and self._answers_at_request == self.core.answers

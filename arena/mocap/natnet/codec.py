@@ -292,8 +292,8 @@ def _read_bodies(reader: _Reader, count: int, wanted: Container[int] | None) -> 
 
 @lru_cache(maxsize=64)
 def _ids(count: int) -> struct.Struct:
-    """Return a struct that unpacks only the streaming ids of `count` bodies. With the ids, a client that needs
-    few of many bodies finds them quickly.
+    """Return a struct that unpacks only the streaming ids of `count` bodies. A client that needs few of many bodies
+    finds these bodies quickly by their ids.
     """
     return struct.Struct("<" + f"i{_BODY.size - 4}x" * count)
 

@@ -133,8 +133,8 @@ def _common(keys: Settings) -> dict[str, Any]:
 
 
 def _emulator_group(keys: Settings, address: str) -> str:
-    """Return the emulator's multicast group. With a real NatNet server, the group in the YAML belongs to that
-    server, so the emulator uses another one.
+    """Return the emulator's multicast group. With a real NatNet server, the group in the YAML belongs to that server,
+    so the emulator uses another group.
     """
     explicit = None if keys["source"] == "natnet" else keys["group"]
     return str(explicit or group_for(address))

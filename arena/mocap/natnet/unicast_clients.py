@@ -67,8 +67,9 @@ class UnicastClients:
         return list(found)
 
     def _make_room(self) -> bool:
-        """Remove a client if the list is full: among those that never sent a keepalive, the client that has been
-        silent longest. Return whether a new client fits.
+        """Make room for a new client if the list is full, and return whether the new client fits.
+
+        Only clients that never sent a keepalive are removed, the longest silent one first.
         """
         if len(self._clients) < _MAX_CLIENTS:
             return True
