@@ -19,7 +19,7 @@ Entry = dict[str, Any]
 
 
 class AuditTrail:
-    """Entries about one vehicle that wait to be sent to the supervisor, which writes them to events.jsonl.
+    """Entries about one vehicle that wait to be sent to the supervisor, which writes the entries to events.jsonl.
 
     vehicle: name of the vehicle.
     lost: number of entries that did not fit in the memory for waiting entries.

@@ -108,7 +108,7 @@ class Autopilots:
         self._radio_on[vehicle] = on
 
     def step(self, now: float, sensors: Mapping[str, Array]) -> Array:
-        """Advance by one sensor period; return the motor commands 0..1 (V, R).
+        """Advance all autopilots by one sensor period; return the motor commands 0..1 (V, R).
 
         now: time at the end of the period [s]
         sensors: accel_b [m/s2], gyro_b [rad/s], mag_b [gauss] [FRD] (V, 3); baro_alt_m [m], battery_v [V],

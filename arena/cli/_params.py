@@ -149,7 +149,7 @@ def writable(path: Path) -> Iterator[None]:
 
 
 def version_for(vehicle: Vehicle | None, asked: str) -> str:
-    """Return the PX4 version for the parameter names: `asked` if given, else the vehicle's `px4_version`, else 1.16."""
+    """Return the PX4 version whose parameter names are used: `asked` if given, else the vehicle's `px4_version`, else 1.16."""
     from arena.plan.firmware import px4_version
 
     return px4_version(vehicle, asked)

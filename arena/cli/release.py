@@ -17,6 +17,6 @@ def register(app: typer.Typer) -> None:
         vehicles: Annotated[list[str], typer.Argument(metavar="VEHICLE...", help="vehicles to release")],
         run: RunOption = None,
     ) -> None:
-        """Allow programs to arm and fly a vehicle again after land-all, the copilot, a pilot or a ground station took control of it."""
+        """Allow programs to arm and fly a vehicle again, after land-all, the copilot, a pilot or a ground station took control."""
         connect(find(run)).ask(do="release", vehicles=vehicles, by=user_name())
-        print(f"{', '.join(vehicles)}: released; programs may arm and fly again")
+        print(f"{', '.join(vehicles)}: released; programs are allowed to arm and fly again")

@@ -209,7 +209,7 @@ def _run(plan: Plan, folder: RunFolder, show: Lines, options: Options) -> int:
 
 
 def _print_result(run: Path, code: int, show: Lines) -> None:
-    """Print the verdict; without -q also the short table; with -v also the full summary."""
+    """Print the verdict and the short table. With -q, print the verdict only; with -v, print the full summary, too."""
     from arena.cli._summary import lines_of, read_json, verdict
 
     if isinstance(show, JsonLines):

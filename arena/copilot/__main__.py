@@ -143,8 +143,9 @@ class CopilotProcess:
             self._socket.sendto(data, to)
 
     def _report(self) -> bool:
-        """Report that the copilot is ready, and send its counters, twice a second of wall time. Return True if the
-        process may end (see `ShutdownPolicy`).
+        """Report the copilot's counters to the supervisor, and once that the copilot is ready. Return whether the process may end.
+
+        Called twice a second of wall time. `ShutdownPolicy` decides when the process may end.
         """
         self._reported = wall = time.monotonic()
         if not self._ready and (not self._core.missing or wall - self._began > _READY_TIMEOUT_S):

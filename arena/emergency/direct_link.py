@@ -67,9 +67,9 @@ class DirectLink:
             )
 
     def step(self, silent_s: float, now: float, *, needed: bool = True) -> None:
-        """Check the link process, and open a direct connection if the link process does not run, hangs, or passes on no
-        telemetry. Close this connection when the link process has been restarted.
+        """Check the link process. Open a direct connection if it does not run, hangs, or passes on no telemetry.
 
+        The direct connection is closed when the link process has been restarted.
         silent_s: time since the vehicle's last telemetry, or since the start [s].
         needed: false if the vehicle is confirmed, so that no connection has to be opened
         """

@@ -47,7 +47,7 @@ class DirectSigning:
         return self._connection.sign(frame, self._wall()) or frame
 
     def accepted(self, data: bytes) -> bytes:
-        """Return the frames of a datagram that have a valid signature; all frames if there is no key; empty if there are none."""
+        """Return the frames of a datagram that have a valid signature. If there is no key, return all frames."""
         if self._connection is None:
             return data
         found = parse_frames(data).frames

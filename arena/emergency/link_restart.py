@@ -51,7 +51,7 @@ class LinkRestart:
         return not self._given_up
 
     def on_replaced(self) -> None:
-        """Record that land-all has replaced the link process that runs now, so that only a later process counts as restarted."""
+        """Record that land-all now sends instead of the link process. Only a link process that starts later is a restart."""
         self._known = self._running()
 
     def has_restarted(self) -> bool:

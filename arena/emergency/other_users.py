@@ -75,8 +75,10 @@ def start_for_others(work: Work) -> list[UserProcess]:
 
 
 def _import_late_modules() -> None:
-    """Import modules that are usually imported at their first use. Root does this before the processes of other users
-    start, because these users may not be able to read the files of the modules.
+    """Import now the modules that are usually imported when they are used for the first time.
+
+    Root does this before the processes of other users start, because these users may not be able to read the files of
+    the modules.
     """
     for name in ("yaml", "serial"):
         with contextlib.suppress(ImportError):

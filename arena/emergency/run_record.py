@@ -1,5 +1,4 @@
-"""Reads what a run folder records about a vehicle (crash, last address, link process), and records the
-commands of land-all and kill-all.
+"""Records in a run folder: reads a vehicle's crash, last address and link process; writes the commands of land-all and kill-all.
 
 <run>/events.jsonl    crashes of simulated vehicles, and states of processes
 <run>/wire/<v>.json   written by link.<v>: {"kind": "udpin", "local": [host, port], "vehicle": [host, port]}

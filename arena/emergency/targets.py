@@ -224,8 +224,9 @@ def _by_port_rule(vehicle: VehicleEntry, host: str, folder: Path) -> Target:
 
 
 def _of_run(run: ActiveRun) -> Found:
-    """Return the vehicles in a run's plan.json, or in its arena.yaml if the plan cannot be read. The runtime folder
-    has a copy of plan.json, which is read if the run folder was deleted or belongs to another user.
+    """Return the vehicles in a run's plan.json, or in the run's arena.yaml if the plan cannot be read.
+
+    The runtime folder has a copy of plan.json, which is read if the run folder was deleted or belongs to another user.
     """
     why: Exception | None = None
     for folder in (run.folder, run.runtime):

@@ -1,3 +1,4 @@
-"""The link process of one flight controller. It connects the controller to the router and the pose forwarder,
-and refuses to arm a real vehicle while a preflight check fails.
+"""The link process of one flight controller: connects the controller to the router and the pose forwarder.
+
+The link process refuses arming of a real vehicle while a preflight check fails.
 """

@@ -1,4 +1,4 @@
-"""Selection of the frames that must not pass while a preflight check fails, because they could arm a vehicle or spin a motor. Pure.
+"""Selection of the frames that could arm a vehicle or spin a motor. They must not pass while a preflight check fails. Pure.
 
 A mode change never arms PX4. MAVLink FTP, parameters and the upload of missions always pass.
 """

@@ -346,7 +346,7 @@ class FcuLink:
             self._say(text)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor (see `process_context`)."""
+        """Process a request of the supervisor (see `process_context`), such as a new arm permit."""
         self.gate.on_request(request, now)
         if request.get("do") == "permit" and request.get("vehicle") == self._s.vehicle:
             connected = self.identity.source is not None and self.alive(now)

@@ -143,10 +143,9 @@ class ParamCheck:
                 yield f"{name} is {p.value:.6g}, needs {p.wanted:.6g}"
 
     def _mark_unknown(self, p: _Param) -> bool:
-        """Mark a parameter as unknown to the vehicle if several requests for this parameter had no reply while the
-        vehicle answered other requests.
+        """Decide whether a parameter is unknown to the vehicle, and mark it then. Return whether the parameter is unknown.
 
-        Return whether it is unknown.
+        It is unknown if several requests for it had no reply while the vehicle replied to other requests.
         """
         if p.tries >= TRIES and self._answers - p.answers_before >= 2:
             p.unknown, p.due = True, False

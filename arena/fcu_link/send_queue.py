@@ -154,7 +154,7 @@ class SendQueue:
         self._bytes = 0
 
     def _next_lane(self) -> Lane | None:
-        """Return the lane PANIC if it has frames, else the lane that has sent the fewest bytes for its weight."""
+        """Return the lane whose frame is sent next: PANIC if it has frames, else the lane that has sent least for its weight."""
         if self._lanes[Lane.PANIC].frames:
             return Lane.PANIC
         waiting = {name: lane for name, lane in self._lanes.items() if lane.frames}

@@ -131,7 +131,7 @@ class SimulatorClient:
 
 
 def controller_greeting(system: int) -> bytes:
-    """Return the first bytes to send to the world: a heartbeat of the flight controller. system: its MAVLink id."""
+    """Return the first bytes to send to the world: a heartbeat of the flight controller. system: MAVLink id of the flight controller."""
     return Codec(system, AUTOPILOT).pack(
         mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_QUADROTOR,

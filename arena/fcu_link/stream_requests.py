@@ -63,7 +63,7 @@ class _Stream:
 
 
 class StreamRequests:
-    """Measures the rates of the streams and requests those that are too slow.
+    """Measures the rates of the streams, and requests the required rate of streams that are too slow.
 
     Pass every received message id to `on_message`. Call `due` a few times a second, and send the request that
     it returns.

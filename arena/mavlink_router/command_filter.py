@@ -56,7 +56,7 @@ class CommandFilter:
             self._news.add(vehicle)
 
     def on_request(self, request: Mapping[str, Any], now: float) -> None:
-        """Process a request of the supervisor (see `process_context`). now: monotonic [s]."""
+        """Process a request of the supervisor (see `process_context`), such as a release of a vehicle. now: monotonic [s]."""
         for gate in self._gates.values():
             gate.on_request(request, self._time(gate, now))
         self._news |= set(self._gates)

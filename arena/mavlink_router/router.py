@@ -283,8 +283,10 @@ class Router:
     def _vehicle_of(
         self, v: VehicleRoutes | None, endpoint: Endpoint, data: Buffer, frame: Frame, now: float
     ) -> int:
-        """Return the key in `_up_routes` for the receivers of a client's frame: the system id of a vehicle, 0 for all
-        vehicles, -1 for none, or a number below -1 for a set of vehicles (see `_allowed`).
+        """Return the receivers of a client's frame, as a key of `_up_routes`.
+
+        The key is the system id of a vehicle, 0 for all vehicles, -1 for no vehicle, or a number below -1 for a set of
+        vehicles (see `_allowed`).
         """
         _, _, payload, size, sysid, compid, msgid, target, _ = frame
         if compid == AUTOPILOT and sysid in self._ids:
@@ -303,8 +305,9 @@ class Router:
         return self._allowed(target, endpoint, data, frame, now) if msgid in MESSAGES else target
 
     def _allowed(self, target: int, endpoint: Endpoint, data: Buffer, frame: Frame, now: float) -> int:
-        """Check which vehicles a client's command may reach, and return the key in `_up_routes` for their addresses.
-        target: system id, 0 for all vehicles.
+        """Return the vehicles to which a client's command may be sent, as a key of `_up_routes`.
+
+        target: system id of the command's target, 0 for all vehicles.
         """
         allows = self.commands.allows
         if target and allows(target, endpoint, data, frame, now):

@@ -52,8 +52,7 @@ class SocketUse:
 
 
 class VendorSettings(Protocol):
-    """Interface of the module `settings` in a vendor's package, which converts the values under `mocap:` in
-    the YAML to settings of clients and servers.
+    """Interface of the module `settings` of a vendor: converts the YAML's `mocap:` values to settings of clients and servers.
 
     keys: the values under `mocap:` in the YAML, defaults included.
     PORTS: YAML keys that are UDP ports -> purpose of the port.

@@ -120,7 +120,7 @@ def _vector(m: Array) -> Array:
 
 
 def _peak(scores: Array, best: int) -> float:
-    """Return the number of grid steps from the best score to the maximum of a parabola through this score and its neighbours."""
+    """Return the distance [grid steps] from the best score to the true maximum, by a parabola through three scores."""
     if not 0 < best < len(scores) - 1:
         return 0.0
     before, top, after = scores[best - 1 : best + 2]

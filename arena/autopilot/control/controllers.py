@@ -64,12 +64,12 @@ class PositionControl:
         self._lp = (self.dt / (self.dt + 1.0 / (2 * np.pi * np.maximum(cutoff, 1e-3))))[:, None]
 
     def reset(self, which: Bool | int) -> None:
-        """Clear the integral and the filtered acceleration of the selected vehicles."""
+        """Clear the velocity integral and the filtered acceleration of the selected vehicles."""
         self.integral[which] = 0.0
         self._v_dot[which] = 0.0
 
     def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
-        """Return the attitude setpoint [-] wxyz (V, 4) and collective thrust 0..1 (V,).
+        """Run the position and velocity controller. Return the attitude setpoint [-] wxyz (V, 4) and collective thrust 0..1 (V,).
 
         sp: setpoints; those at position level are used
         est: estimator of all vehicles
@@ -100,7 +100,7 @@ class PositionControl:
         return np.where(has_p | has_v, v, np.nan)
 
     def _to_thrust(self, a_sp: Array) -> None:
-        """Compute the thrust vector from an acceleration setpoint.
+        """Compute the collective thrust vector of each vehicle from its acceleration setpoint.
 
         The tilt is limited first. Vertical thrust has priority over horizontal thrust, except for a margin of
         MPC_THR_XY_MARG for horizontal thrust.
@@ -180,7 +180,7 @@ class AttitudeControl:
         self._limit = np.radians(p.columns("MC_ROLLRATE_MAX", "MC_PITCHRATE_MAX", "MC_YAWRATE_MAX"))
 
     def update(self, q_nb: Array, r_nb: Array, q_sp: Array, yaw_rate: Array) -> Array:
-        """Return the body rate setpoint [rad/s] [FRD] (V, 3).
+        """Run the attitude controller. Return the body rate setpoint [rad/s] [FRD] (V, 3).
 
         q_nb, r_nb: attitude [-] wxyz (V, 4) and its rotation matrix (V, 3, 3)
         q_sp: attitude setpoint [-] wxyz (V, 4)
@@ -230,12 +230,12 @@ class RateControl:
         self._lp_yaw = _low_pass(p["MC_YAW_TQ_CUTOFF"], self.dt)[:, 0]
 
     def reset(self, which: Bool | int) -> None:
-        """Clear the integral and the yaw filter of the selected vehicles."""
+        """Clear the rate integral and the yaw filter of the selected vehicles."""
         self.integral[which] = 0.0
         self._yaw_torque[which] = 0.0
 
     def update(self, omega_b: Array, omega_sp: Array, saturated: Array) -> Array:
-        """Return the normalised torque [-] [FRD] (V, 3).
+        """Run the rate controller. Return the normalised torque [-] [FRD] (V, 3).
 
         omega_b, omega_sp: body rates and their setpoint [rad/s] [FRD] (V, 3)
         saturated: sign of the torque that the control allocation could not deliver, for each axis (V, 3)
@@ -272,7 +272,7 @@ def _limit_length(v: Array, most: Array) -> Array:
 
 
 def _length(v: Array) -> Array:
-    """Return the lengths of vectors (V, 3). numpy.linalg.norm is several times slower."""
+    """Return the lengths of vectors (V, 3). This is several times faster than numpy.linalg.norm."""
     return np.asarray(np.hypot(np.hypot(v[:, 0], v[:, 1]), v[:, 2]))
 
 
@@ -290,12 +290,12 @@ class Cascade:
         self._steps = 0
 
     def reset(self, which: Bool | int) -> None:
-        """Clear the integrals and filters of the selected vehicles."""
+        """Clear the integrals and filters of all controllers of the selected vehicles."""
         self.position.reset(which)
         self.rate.reset(which)
 
     def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
-        """Return the torque [-] [FRD] (V, 3) and the collective thrust 0..1 (V,)."""
+        """Run all controllers. Return the normalised torque [-] [FRD] (V, 3) and the collective thrust 0..1 (V,)."""
         by_position = sp.at(Level.POSITION)
         if self._steps % _POSITION_EVERY == 0:
             q_sp, thrust = self.position.update(sp, est)

@@ -169,7 +169,7 @@ class Estimator:
     # -- prediction ------------------------------------------------------------------------------------------
 
     def predict(self, accel_b: Array, gyro_b: Array) -> None:
-        """Advance the state by one IMU period.
+        """Advance the estimated state by one IMU period, by accelerometer and gyroscope.
 
         accel_b: specific force [m/s2] [FRD] (V, 3)
         gyro_b: body rates [rad/s] [FRD] (V, 3)
@@ -350,7 +350,7 @@ class Estimator:
         self.reset_counter[idx] += 1
 
     def _align(self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, now: float) -> None:
-        """Align vehicles at rest: tilt from gravity, heading and position from vision."""
+        """Set the first estimate of vehicles at rest: tilt from gravity, heading and position from vision."""
         ok = np.isfinite(q_nb[:, 0])
         idx, p_n, q_nb, var_p = idx[ok], p_n[ok], q_nb[ok], var_p[ok]
         if not len(idx):

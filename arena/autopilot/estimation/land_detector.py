@@ -43,7 +43,7 @@ class LandDetector:
         self._at_rest_since = np.zeros(vehicles)
 
     def update(self, now: float, est: Estimator, thrust: Array, climbing: Bool, v_sp_down: Array) -> None:
-        """Detect from estimate and setpoints which vehicles are on the ground; update the attributes.
+        """Detect from estimate and setpoints which vehicles are on the ground, and store the result in the attributes.
 
         now: time since boot [s]
         thrust: collective thrust 0..1 (V,)

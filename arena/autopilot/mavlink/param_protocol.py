@@ -78,7 +78,7 @@ class ParamServer:
         return mavlink.MAVLink_param_value_message(name.encode(), value, kind, count, self.params.index[name])
 
     def hash(self) -> int:
-        """Return the hash of all parameter names and values.
+        """Return the hash of all parameter names and values, by which a client detects a change.
 
         A ground station that has cached the same hash need not request the list.
         """
@@ -121,5 +121,8 @@ class ParamServer:
 
 
 def _as_float_bytes(layout: str, value: int) -> float:
-    """Return the float whose four bytes are those of an integer. layout: struct format of the integer."""
+    """Return the float with the same four bytes as an integer, because PARAM_VALUE contains integers in this form.
+
+    layout: struct format of the integer.
+    """
     return float(struct.unpack("<f", struct.pack(layout, value))[0])

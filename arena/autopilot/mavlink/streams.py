@@ -79,7 +79,7 @@ def battery_status(v: Vehicle, s: TelemetryState) -> Any:
 
 
 def _charge_state(v: Vehicle, s: TelemetryState) -> int:
-    """Return the MAV_BATTERY_CHARGE_STATE for the charge: OK, LOW, CRITICAL or EMERGENCY."""
+    """Return the vehicle's MAV_BATTERY_CHARGE_STATE: OK, LOW, CRITICAL or EMERGENCY."""
     p, left = v.commander_params, s.battery[v.row]
     return 1 + sum(bool(left <= t) for t in (p.bat_low_thr, p.bat_crit_thr, p.bat_emergen_thr))
 

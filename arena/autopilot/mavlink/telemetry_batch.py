@@ -36,7 +36,7 @@ _DIAGONAL = np.array((0, 6, 11, 15, 18, 20))  # of the row-major upper triangle
 
 @dataclass(slots=True)
 class Rows:
-    """Selection of the vehicles that send a certain message in this step, with the row of each vehicle in the state arrays.
+    """Vehicles that send a certain message in this step, with the row of each vehicle in the state arrays.
 
     i: row numbers of the vehicles in the arrays over all vehicles
     s: state of all vehicles

@@ -39,7 +39,7 @@ class MeasuredFrame:
 
 
 class MocapServer(Protocol):
-    """A vendor's server inside the emulator. It opens its own sockets and never blocks.
+    """A vendor's server inside the emulator. The server opens its sockets itself and never blocks.
 
     counts: number of frames sent, of requests answered, and of datagrams dropped for each reason.
     """

@@ -358,7 +358,7 @@ class _Reader:
     def skip(self, size: int) -> None:
         if size < 0 or self.at + size > len(self.data):
             raise WireError(
-                f"NatNet section of {size} bytes at byte {self.at}, but the payload has {len(self.data)} bytes"
+                f"NatNet section of {size} bytes begins at byte {self.at}, but the payload has {len(self.data)} bytes"
             )
         self.at += size
 
