@@ -30,6 +30,7 @@ def world(job: Job) -> Json:
         "address": arena.address,
         "seed": w.seed,
         "size_m": list(w.size),
+        "ceiling": w.ceiling,
         "heading_deg": w.heading_deg,
         "origin": _origin(arena),
         "physics_hz": s.physics_hz,

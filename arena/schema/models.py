@@ -71,6 +71,8 @@ class World(Strict):
 
     size: PositiveVector = (7.0, 4.0, 3.0)
     """North, east and height of the room [m]."""
+    ceiling: bool = True
+    """false: the room is open to the sky. Else a simulated vehicle that touches the ceiling has crashed."""
     heading_deg: Degrees = 0.0
     """Direction of the arena's north axis, clockwise from true north [deg]; affects magnetometer, GPS and global position only."""
     origin: Origin = Origin()

@@ -2,8 +2,8 @@
 
 Only this module converts from and to pybullet's conventions: quaternions xyzw, a z-up world (the `w` frame),
 links in FLU, and angular velocity in *world* axes. By default pybullet damps linear and angular velocity by
-0.04 and computes the inertia from the collision shape; both are overridden. The room has an infinite floor
-and a wall on each side, as high as the arena; it has no ceiling.
+0.04 and computes the inertia from the collision shape; both are overridden. The room has an infinite floor,
+a wall on each side, as high as the arena, and a ceiling unless it is open to the sky.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ _NED[9:, 9:] = q_nb_from_q_wf(wxyz_from_xyzw(np.eye(4)))
 
 @dataclass(frozen=True, kw_only=True)
 class Contacts:
-    """Contacts of the vehicles with the floor, walls and other vehicles after one step.
+    """Contacts of the vehicles with the floor, walls, ceiling and other vehicles after one step.
 
     floor: True for each vehicle that touches the floor (V,)
-    others: name of the wall or vehicle that a vehicle touches, by row of the vehicle
+    others: name of the wall, ceiling or vehicle that a vehicle touches, by row of the vehicle
     """
 
     floor: NDArray[np.bool_]
@@ -66,6 +66,7 @@ class Bodies:
 
     fleet: the vehicles' bodies and their start positions
     size_m: size of the room: north, east, height [m]
+    ceiling: False for a room that is open to the sky
     step_s: physics step [s]
     gui: True opens pybullet's window
 
@@ -77,7 +78,15 @@ class Bodies:
     omega_b: angular velocity [rad/s] [FRD] (V, 3)
     """
 
-    def __init__(self, fleet: Fleet, *, size_m: Sequence[float], step_s: float, gui: bool = False) -> None:
+    def __init__(
+        self,
+        fleet: Fleet,
+        *,
+        size_m: Sequence[float],
+        step_s: float,
+        ceiling: bool = True,
+        gui: bool = False,
+    ) -> None:
         self._bullet = _import()
         self._client = _connect(self._bullet, gui)
         self._fleet = fleet
@@ -87,6 +96,8 @@ class Bodies:
             numSubSteps=0, deterministicOverlappingPairs=1, physicsClientId=self._client
         )
         self._things = {self._floor(): "floor"} | self._walls(size_m)
+        if ceiling:
+            self._things[self._ceiling(size_m)] = "the ceiling"
         self._ids = [self._vehicle(i) for i in range(fleet.size)]
         self._index = {body: i for i, body in enumerate(self._ids)}
         self._omega_b: Array | None = None
@@ -150,7 +161,7 @@ class Bodies:
         return (vy, vx, -vz), r_nb, height
 
     def contacts(self) -> Contacts:
-        """Return which vehicles touched the floor, a wall or another vehicle in the last step."""
+        """Return which vehicles touched the floor, a wall, the ceiling or another vehicle in the last step."""
         floor = np.zeros(self._fleet.size, bool)
         others: dict[int, str] = {}
         for point in self._bullet.getContactPoints(physicsClientId=self._client):
@@ -233,12 +244,22 @@ class Bodies:
             centre_n[axis] = sign * ((north, east)[axis] / 2.0 + _WALL_M / 2.0)
             half_n[axis], half_n[2] = _WALL_M / 2.0, height / 2.0
             centre_n[2] = -height / 2.0
-            half_w = np.abs(world_from_ned(half_n)).tolist()
-            shape = self._bullet.createCollisionShape(
-                self._bullet.GEOM_BOX, halfExtents=half_w, physicsClientId=self._client
-            )
-            walls[self._fixed(shape, world_from_ned(centre_n).tolist())] = f"the {name} wall"
+            walls[self._box(centre_n, half_n)] = f"the {name} wall"
         return walls
+
+    def _ceiling(self, size_m: Sequence[float]) -> int:
+        north, east, height = (float(x) for x in size_m)
+        centre_n = np.array([0.0, 0.0, -height - _WALL_M / 2.0])
+        return self._box(centre_n, np.array([north, east, 0.0]) / 2.0 + [_WALL_M, _WALL_M, _WALL_M / 2.0])
+
+    def _box(self, centre_n: Array, half_n: Array) -> int:
+        """Add a fixed box to the room; return its pybullet id. half_n: half of its size along north, east, down [m]."""
+        shape = self._bullet.createCollisionShape(
+            self._bullet.GEOM_BOX,
+            halfExtents=np.abs(world_from_ned(half_n)).tolist(),
+            physicsClientId=self._client,
+        )
+        return self._fixed(shape, world_from_ned(centre_n).tolist())
 
     def _fixed(self, shape: int, position_w: Sequence[float]) -> int:
         body = self._bullet.createMultiBody(0.0, shape, basePosition=position_w, physicsClientId=self._client)

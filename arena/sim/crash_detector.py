@@ -100,7 +100,7 @@ class CrashDetector:
         v_n: velocity [m/s] [NED] (V, 3)
         cos_tilt: cosine of the tilt [-] (V,)
         floor: True for each vehicle that touches the floor (V,)
-        others: name of the wall or vehicle that a vehicle touches, by row of the vehicle
+        others: name of the wall, ceiling or vehicle that a vehicle touches, by row of the vehicle
         """
         for i, what in others.items():
             self._crash(i, now, f"touched {what}")

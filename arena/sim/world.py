@@ -45,7 +45,11 @@ class World:
         self.period_s, self._h = 1.0 / float(settings["sensor_hz"]), 1.0 / float(settings["physics_hz"])
         self.fleet = read_fleet(list(settings["vehicles"]))
         self.bodies = Bodies(
-            self.fleet, size_m=settings["size_m"], step_s=self._h, gui=bool(settings.get("gui"))
+            self.fleet,
+            size_m=settings["size_m"],
+            ceiling=bool(settings.get("ceiling", True)),
+            step_s=self._h,
+            gui=bool(settings.get("gui")),
         )
         self._dynamics = _dynamics(self.fleet, self._h)
         few = self.fleet.size <= MAX_SCALAR_VEHICLES

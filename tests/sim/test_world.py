@@ -140,6 +140,28 @@ def test_a_wall_stops_a_vehicle_and_is_named(build, towards, wall):
     assert np.abs(world.bodies.p_n[0, :2]).max() < 6.0
 
 
+def rising(build, **room):
+    """Return a vehicle's height after it rose at 3 m/s for 0.8 s from 1 m below the top of a room, and its crash."""
+    world = settled(build(vehicle(position=[0, 0, -2]), **room))
+    world.bodies.place(
+        0, p_n=np.array([1.0, 0.5, -4.0]), q_nb=np.array([1.0, 0, 0, 0]), v_n=np.array([0, 0, -3.0])
+    )
+    fly(world, hover(world), 0.8)
+    return -world.bodies.p_n[0, 2], world.flights()["uav1"]["crashed"]
+
+
+def test_the_ceiling_stops_a_vehicle_and_is_named(build):
+    height, crashed = rising(build)
+    assert height < 5.0
+    assert "touched the ceiling" in crashed
+
+
+def test_a_room_without_ceiling_is_open_to_the_sky(build):
+    height, crashed = rising(build, ceiling=False)
+    assert height > 6.0
+    assert crashed == ""
+
+
 @pytest.mark.parametrize(("speed", "crashes"), [(0.7, False), (1.3, False), (1.8, True)])
 def test_touchdown_speed_decides(build, speed, crashes):
     world = settled(build(vehicle(position=[0, 0, -0.5])))
