@@ -35,7 +35,7 @@ class ActiveRun:
 
 
 def active_runs() -> list[ActiveRun]:
-    """Return the active runs of this user, oldest first."""
+    """Return the active runs of this user (runs of which a process still exists), oldest first."""
     return _active((pointer, "") for pointer in pointers())
 
 
@@ -81,7 +81,7 @@ def _is_active(run: ActiveRun) -> bool:
 
 
 def _has_running_process(state: Path) -> bool:
-    """Return whether one of the recorded processes exists.
+    """Return whether at least one process recorded in state.json exists.
 
     Returns True if this is uncertain, because landing a run that has ended does no harm.
     """

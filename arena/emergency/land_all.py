@@ -48,9 +48,7 @@ def land_all(
     spared: Sequence[str] = (),
     timeout_s: float = LAND_TIMEOUT_S,
 ) -> int:
-    """Land all vehicles that are found, and print a line for each. Return the exit code. Raises InputError if
-    there are none.
-    """
+    """Land all vehicles that are found, and print a line for each. Return the exit code. Raises InputError if no vehicle is found."""
     selection = Selection(arena=arena, run=run, only=only, spared=spared, timeout_s=timeout_s)
     return _command_all("land", selection)
 

@@ -43,7 +43,7 @@ class PilotWatch:
             self._left_at = now
 
     def has_control(self, now: float, mode: str | None) -> bool:
-        """Return whether the pilot has control.
+        """Return whether the pilot has manual control of the vehicle.
 
         A vehicle without telemetry stays under the pilot's control.
         now: monotonic [s]

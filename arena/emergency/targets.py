@@ -61,8 +61,7 @@ def find(
     run: Path | None = None,
     elsewhere: Callable[[], bool] = lambda: False,
 ) -> Found:
-    """Find the vehicles of `run`, else of the active runs, else of the YAML. Raises InputError if there are
-    none.
+    """Find the vehicles of `run`, else of the active runs, else of the YAML. Raises InputError if no vehicle is found.
 
     Own runs are first. Runs of other users are included if the owner shares them with a group of this user. For root,
     another process commands them, with the rights of their owner (`other_users`).

@@ -68,7 +68,7 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
 
 
 def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
-    """Return a real vehicle's connection, from its keys or the `defaults`. Return None for a simulated vehicle."""
+    """Return a real vehicle's connection, from the vehicle's keys or from `defaults`. Return None for a simulated vehicle."""
     defaults = root.get("defaults")
     own = {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
     if own.get("autopilot", "hardware") != "hardware":

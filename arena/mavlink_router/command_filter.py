@@ -62,7 +62,7 @@ class CommandFilter:
         self._news |= set(self._gates)
 
     def changes(self) -> tuple[list[str], dict[str, str]]:
-        """Return the events of simulated vehicles since the last call, and their facts that have changed.
+        """Return the events of simulated vehicles since the last call, and the facts of these vehicles that have changed.
 
         The hardware links report those of real vehicles.
         """
