@@ -350,7 +350,7 @@ class Estimator:
         self.reset_counter[idx] += 1
 
     def _align(self, idx: Index, p_n: Array, q_nb: Array, var_p: Array, now: float) -> None:
-        """Set the estimate of vehicles at rest anew: tilt from gravity, heading and position from vision."""
+        """Align the estimates of vehicles at rest: set tilt from gravity, heading and position from vision."""
         ok = np.isfinite(q_nb[:, 0])
         idx, p_n, q_nb, var_p = idx[ok], p_n[ok], q_nb[ok], var_p[ok]
         if not len(idx):
