@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arena.autopilot.control.control_allocator import ControlAllocator
-from arena.autopilot.control.controllers import AttitudeControl, RateControl, attitude_from_thrust
+from arena.autopilot.control.controllers import (
+    AttitudeControl,
+    PositionControl,
+    RateControl,
+    attitude_from_thrust,
+)
+from arena.autopilot.control.setpoints import Setpoints
+from arena.autopilot.estimation.estimator import Estimator
 from arena.autopilot.estimation.land_detector import TakeoffRamp
 from arena.autopilot.param_table import Params
 from arena.constants import GRAVITY_M_S2
@@ -57,6 +64,60 @@ def test_motor_commands_stay_in_range_and_tilt_has_priority_over_yaw(torque, thr
     no_yaw, _ = mixer().allocate(np.array([[*torque[:2], 0.0]]), np.array([thrust]))
     rows = ALLOCATION(QUAD_X)[:, :2]
     assert np.allclose(u @ rows, no_yaw @ rows, atol=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [0.3, -0.3])
+def test_full_thrust_leaves_15_percent_for_yaw(yaw):
+    u, short = mixer().allocate(np.array([[0.0, 0.0, yaw]]), np.array([1.0]))
+    weights = ALLOCATION(QUAD_X)[:, 2]
+    assert u[0] @ weights / (weights @ weights) == pytest.approx(0.15 * np.sign(yaw))
+    assert u.max() == pytest.approx(1.0) and short[0, 2] == np.sign(yaw)
+
+
+def test_small_yaw_torque_takes_no_thrust_below_full_thrust():
+    u, short = mixer().allocate(np.array([[0.0, 0.0, 0.1]]), np.array([0.9]))
+    assert u.mean() == pytest.approx(0.9) and not short.any()
+
+
+def velocity_setpoint(p_n, v_n, limit):
+    """Return the velocity setpoint of the position controller for a vehicle at rest at the origin [m/s] [NED] (3,)."""
+    params = Params(1)
+    params.set(0, "MPC_XY_VEL_MAX", limit)
+    params.set(0, "MPC_XY_P", 1.0)
+    control, sp = PositionControl(params, 1, 0.008), Setpoints(1)
+    sp.set_position(0, p_n=p_n, v_n=v_n, yaw=0.0)
+    control.update(sp, Estimator(params, 1, 0.004))
+    return control.v_sp_n[0]
+
+
+@pytest.mark.parametrize(
+    ("error", "feed", "result"),
+    [
+        ((2.0, 0.0), (0.0, 1.0), (1.0, 0.0)),  # the correction alone reaches the limit
+        ((0.6, 0.0), (0.0, 2.0), (0.6, 0.8)),  # the feed-forward is shortened
+        ((0.6, 0.0), (2.0, 0.0), (1.0, 0.0)),
+        ((0.0, 0.0), (0.0, 2.0), (0.0, 1.0)),
+        ((2.0, 0.0), (-1.5, 0.0), (0.5, 0.0)),  # the sum is below the limit
+        ((0.3, 0.0), (0.0, 0.4), (0.3, 0.4)),
+    ],
+)
+def test_velocity_limit_gives_priority_to_the_position_correction(error, feed, result):
+    assert velocity_setpoint((*error, 0.0), (*feed, 0.0), 1.0)[:2] == pytest.approx(result)
+
+
+@pytest.mark.parametrize("east", [0.0, 0.3])
+def test_vertical_integral_stops_while_thrust_saturates(east):
+    """With a horizontal setpoint the limit of the vertical thrust is below MPC_THR_MAX, and the integral stops too."""
+    params = Params(1)
+    params.set(0, "MPC_THR_HOVER", 0.7)
+    est, sp = Estimator(params, 1, 0.004), Setpoints(1)
+    est.v_n[:] = [0.0, 0.0, -1.0]  # it cannot climb faster
+    sp.set_position(0, v_n=(0.0, east, -3.0), yaw=0.0)
+    control = PositionControl(params, 1, 0.008)
+    for _ in range(500):
+        control.update(sp, est)
+    assert np.linalg.norm(control.thrust_n) == pytest.approx(1.0)
+    assert control.integral[0, 2] > -GRAVITY_M_S2 / 2
 
 
 @given(st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=2), st.floats(-3.1, 3.1))

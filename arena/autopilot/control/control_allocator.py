@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+YAW_MARGIN = 0.15
+"""Share of the motor range by which the yaw torque may reduce the thrust [-], the value of PX4 v1.16."""
+
 
 class ControlAllocator:
     """Control allocation of V vehicles with at most R rotors each.
@@ -41,11 +44,18 @@ class ControlAllocator:
         room = np.minimum(1.0, np.maximum(lift, 0.0) / np.maximum(-low * fit, 1e-9))
         base = np.maximum(lift, 0.0)[:, None] + tilt * room[:, None]
         yaw = self._yaw_rows * torque[:, 2:]
+        rises = yaw > 0
+        # The motors that yaw speeds up and slows down get the same room: thrust is reduced by half the difference.
+        fastest = np.where(rises, base, 0.0).max(1)
+        slowest = np.where(yaw < 0, base, 1.0).min(1)
+        less = np.minimum(np.maximum(0.5 * (fastest + slowest - 1.0), 0.0), YAW_MARGIN)[:, None]
         # A rotor without a share in yaw has size 0 and does not limit the yaw.
         size = np.abs(yaw)
-        left = np.where(size > 0, np.where(yaw > 0, 1.0 - base, base), np.inf) / np.maximum(size, 1e-9)
-        yaw_fit = np.maximum(left.min(1, initial=1.0), 0.0)
-        u = np.minimum(np.maximum(base + yaw * yaw_fit[:, None], 0.0), 1.0) * self.present
+        left = np.where(size > 0, np.where(rises, 1.0 + less - base, base - less), np.inf)
+        yaw_fit = np.maximum((left / np.maximum(size, 1e-9)).min(1, initial=1.0), 0.0)
+        u = base + yaw * yaw_fit[:, None]
+        u -= np.maximum(u.max(1, keepdims=True) - 1.0, 0.0)
+        u = np.minimum(np.maximum(u, 0.0), 1.0) * self.present
         kept = np.empty_like(torque)
         kept[:, 0] = kept[:, 1] = fit * room
         kept[:, 2] = yaw_fit

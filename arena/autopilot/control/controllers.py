@@ -83,8 +83,7 @@ class PositionControl:
         error = np.where(held, v_sp - est.v_n, 0.0)
         a_sp = error * self._vp + self.integral - self._v_dot * self._vd * held
         a_sp += np.where(np.isfinite(sp.a_n), sp.a_n, 0.0)
-        self._to_thrust(a_sp)
-        self._integrate(error, a_sp)
+        self._integrate(error, a_sp, self._to_thrust(a_sp))
         self.v_sp_n, self.a_sp_n = v_sp, a_sp
         yaw = np.where(np.isfinite(sp.yaw), sp.yaw, yaw_from_quat(est.q_nb))
         return attitude_from_thrust(self.thrust_n, yaw), _length(self.thrust_n)
@@ -94,13 +93,12 @@ class PositionControl:
         has_p, has_v = np.isfinite(wanted), np.isfinite(sp.v_n)
         from_p, feed = np.where(has_p, wanted, 0.0), np.where(has_v, sp.v_n, 0.0)
         v = from_p + feed
-        # The sum of position correction and feed-forward is limited, in its direction.
-        v[:, :2] = _limit_length(v[:, :2], self._xy_max)
+        v[:, :2] = _add_within(from_p[:, :2], feed[:, :2], self._xy_max)
         v[:, 2] = np.maximum(np.minimum(v[:, 2], self._down_max), -np.minimum(self._up_max, self.speed_up))
         return np.where(has_p | has_v, v, np.nan)
 
-    def _to_thrust(self, a_sp: Array) -> None:
-        """Compute the collective thrust vector of each vehicle from its acceleration setpoint.
+    def _to_thrust(self, a_sp: Array) -> Array:
+        """Compute the thrust vector from an acceleration setpoint. Return its vertical part before the limit [-] (V,).
 
         The tilt is limited first. Vertical thrust has priority over horizontal thrust, except for a margin of
         MPC_THR_XY_MARG for horizontal thrust.
@@ -119,21 +117,25 @@ class PositionControl:
         collective = np.minimum(along_z / body_z[:, 2], -self._thr_min)
         thrust = body_z * collective[:, None]
         horizontal = np.hypot(thrust[:, 0], thrust[:, 1])
-        most = self._thr_max**2
+        most, wanted_z = self._thr_max**2, thrust[:, 2].copy()
         thrust[:, 2] = np.maximum(
             thrust[:, 2], -np.sqrt(np.maximum(most - np.minimum(horizontal, self._margin) ** 2, 0.0))
         )
         thrust[:, :2] = _limit_length(thrust[:, :2], np.sqrt(np.maximum(most - thrust[:, 2] ** 2, 0.0)))
         self.thrust_n = thrust
+        return wanted_z
 
-    def _integrate(self, error: Array, a_sp: Array) -> None:
+    def _integrate(self, error: Array, a_sp: Array, thrust_z: Array) -> None:
         """Integrate the velocity error, with anti-windup.
 
-        The vertical integral is frozen while the thrust saturates. The horizontal integral tracks the thrust
-        that was produced.
+        The vertical integral is frozen while the requested thrust saturates. The limit keeps a margin for
+        horizontal thrust, so the limited thrust is smaller than MPC_THR_MAX and does not show the saturation.
+        The horizontal integral tracks the thrust that was produced.
+
+        thrust_z: vertical thrust before the limit [-] [NED] (V,)
         """
         e = error.copy()
-        z, thrust_z = e[:, 2], self.thrust_n[:, 2]
+        z = e[:, 2]
         stuck = ((thrust_z >= -self._thr_min) & (z >= 0)) | ((thrust_z <= -self._thr_max) & (z <= 0))
         e[stuck, 2] = 0.0
         produced = self.thrust_n[:, :2] * self._per_thrust[:, None]
@@ -269,6 +271,26 @@ def _limit_length(v: Array, most: Array) -> Array:
     """Limit the length of each vector (V, 2) to its maximum `most` (V,)."""
     length = np.hypot(v[:, 0], v[:, 1])
     return np.asarray(v * np.minimum(1.0, most / np.maximum(length, 1e-9))[:, None])
+
+
+def _add_within(first: Array, second: Array, most: Array) -> Array:
+    """Return the sum of two vectors (V, 2), limited in length to `most` (V,).
+
+    The first vector has priority: it is kept up to the limit, and the second vector is shortened. The sum ends
+    where the ray from `first` along `second` leaves the circle of radius `most`.
+    """
+    total = first + second
+    over = np.hypot(total[:, 0], total[:, 1]) > most
+    if not over.any():
+        return np.asarray(total)
+    kept = _limit_length(first, most)
+    length = np.hypot(second[:, 0], second[:, 1])
+    along = second / np.maximum(length, 1e-9)[:, None]
+    ahead = (along * kept).sum(1)
+    left = most * most - (kept * kept).sum(1)
+    share = np.sqrt(ahead * ahead + np.maximum(left, 0.0)) - ahead
+    share *= left > 1e-9  # the first vector alone reaches the limit
+    return np.where(over[:, None], kept + along * share[:, None], total)
 
 
 def _length(v: Array) -> Array:
