@@ -2,7 +2,7 @@
 
 Their behaviour as seen from outside is PX4's; docs/builtin-autopilot.md lists the differences. One step runs,
 in
-this order: fusion of external vision, estimator, (every fifth step) land detector, commanders and flight
+this order: fusion of external vision, estimator, (every 0.02 s) land detector, commanders and flight
     modes,
 then controllers, control allocation and telemetry.
 """
@@ -19,7 +19,7 @@ from arena.authority import CommandGate
 from arena.autopilot.commander import Commander, Mode
 from arena.autopilot.commander_inputs import CommanderInputs, CommanderParams
 from arena.autopilot.control.control_allocator import ControlAllocator
-from arena.autopilot.control.controllers import Cascade
+from arena.autopilot.control.controllers import Cascade, steps_within
 from arena.autopilot.control.flight_tasks import FlightTask, stop_motors
 from arena.autopilot.control.setpoints import Level, Setpoints
 from arena.autopilot.estimation.estimator import Estimator
@@ -35,8 +35,8 @@ from arena.wire.px4_mode import mode_words
 
 Array = NDArray[np.float64]
 
-_DECIDE_EVERY = 5  # steps between decisions: 50 Hz at 250 Hz
-_REALIGN_EVERY = 250  # steps between attempts
+_DECISION_PERIOD_S = 0.02
+_REALIGN_PERIOD_S = 1.0  # between two attempts
 _REPORTED_MODES = {mode: mode_words(mode.custom_mode) for mode in Mode}  # names as in the HEARTBEAT
 _IDLE = 0.1  # motor command of an armed vehicle on the ground
 
@@ -82,7 +82,9 @@ class Autopilots:
         ]
         self._telemetry: TelemetryState | None = None
         self.tasks = [FlightTask(i) for i in range(n)]
-        self.auto = AutoModes(self.params, self.est, n, dt * _DECIDE_EVERY)
+        self._decide_every = steps_within(_DECISION_PERIOD_S, dt)
+        self._realign_every = self._decide_every * steps_within(_REALIGN_PERIOD_S, dt * self._decide_every)
+        self.auto = AutoModes(self.params, self.est, n, dt * self._decide_every)
         self.armed = np.zeros(n, bool)
         self.motors = np.zeros((n, self.allocator.rows.shape[1]))
         self.thrust = np.zeros(n)
@@ -118,7 +120,7 @@ class Autopilots:
         self._sensors = sensors
         self.est.predict(sensors["accel_b"], sensors["gyro_b"])
         self._fuse(now, sensors)
-        if self._steps % _DECIDE_EVERY == 0:
+        if self._steps % self._decide_every == 0:
             self._decide(now)
         self._control(now)
         self._steps += 1
@@ -184,15 +186,15 @@ class Autopilots:
             for v in fresh:
                 v.vision = None
             self.est.fuse_vision(np.array([v.row for v in fresh]), p, q, var_p, var_yaw, now)
-        if self._steps % _DECIDE_EVERY == 1:
+        if self._steps % self._decide_every == min(1, self._decide_every - 1):
             failed = np.array([v.failures.baro for v in self.vehicles])
             self.est.fuse_baro(np.where(failed, np.nan, sensors["baro_alt_m"]), now)
 
-    # -- decisions, 50 Hz ------------------------------------------------------------------------------------
+    # -- decisions, every 0.02 s ------------------------------------------------------------------------------------
 
     def _decide(self, now: float) -> None:
         est, sp = self.est, self.sp
-        self._consumed_mah += self._sensors["battery_current_a"] * (self.dt * _DECIDE_EVERY / 3.6)
+        self._consumed_mah += self._sensors["battery_current_a"] * (self.auto.dt / 3.6)
         climbing = climb_requested(sp, est, self.params) & self.armed
         sink = np.where(sp.at(Level.POSITION), self.cascade.position.v_sp_n[:, 2], np.nan)
         self.land.update(now, est, self.thrust, climbing, sink)
@@ -282,7 +284,7 @@ class Autopilots:
             v.set_home_to_current_position()
         lost = self.est.aligned[i] and not (s.xy_valid and s.yaw_valid)
         if v.reboot_requested or (
-            lost and self._steps % _REALIGN_EVERY == 0 and self.est.test_ratio[i].max() > 1.0
+            lost and self._steps % self._realign_every == 0 and self.est.test_ratio[i].max() > 1.0
         ):
             self.est.realign(np.array([i]))
             v.reboot_requested = False
@@ -315,7 +317,8 @@ class Autopilots:
                     landed=s.landed,
                     takeoff_d=v.takeoff_target_d,
                 )
-            task.fly(self.sp, self.est, self.params, landed=not s.flying)
+            ground_d = v.home_n[2] if v.home_n else 0.0
+            task.fly(self.sp, self.est, self.params, landed=not s.flying, ground_d=ground_d)
             if c.mode is Mode.TAKEOFF and task.reached:
                 c.request_mode(Mode.HOLD, s, v.commander_params)
 

@@ -124,6 +124,8 @@ SPECS: dict[str, Spec] = {
     "MPC_TKO_SPEED": _f(1.5, 1, 5),
     "MPC_TKO_RAMP_T": _f(3.0, 0, 5),
     "MPC_LAND_SPEED": _f(0.7, 0.6),
+    "MPC_LAND_ALT1": _f(10.0, 0, 122),
+    "MPC_LAND_ALT2": _f(5.0, 0, 122),
     "MPC_YAWRAUTO_MAX": _f(45.0, 5, 360),
     "MIS_TAKEOFF_ALT": _f(2.5, 0),
     "MPC_HOLD_MAX_XY": _f(0.8, 0, 3),

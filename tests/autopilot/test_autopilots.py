@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from flight import Flight
 from pymavlink.dialects.v20 import common as mavlink
 from scenarios import Lane, Scenarios
@@ -23,6 +24,28 @@ def test_setpoints_are_reached_and_the_landing_is_soft(v: Lane):
     yield from v.until(lambda: not v.armed, 15)
     assert v.away_level(0.5, -0.5) < 0.1
     assert not v.flight.world.flights()[f"uav{v.i + 1}"]["crashed"]
+
+
+@scenario(MPC_LAND_ALT1=3.0, MPC_LAND_ALT2=1.5, MPC_Z_VEL_MAX_DN=1.5, MPC_LAND_SPEED=0.6)
+def test_landing_slows_down_between_its_two_heights(v: Lane):
+    sink: dict[str, list[float]] = {"high": [], "between": [], "low": []}
+
+    def note() -> None:
+        up, down = -v.position[2], float(v.v_n[2])
+        if 3.2 < up < 4.0:
+            sink["high"].append(down)
+        elif 2.15 < up < 2.35:
+            sink["between"].append(down)
+        elif 0.5 < up < 1.2:
+            sink["low"].append(down)
+
+    yield from v.take_off_offboard()
+    yield from v.run(6.0, v.holding([0, 0, -5.5]))
+    assert (yield from v.command(mavlink.MAV_CMD_NAV_LAND)) == 0
+    yield from v.until(lambda: not v.armed, 20, note)
+    assert 1.35 < np.mean(sink["high"]) < 1.8
+    assert 0.9 < np.mean(sink["between"]) < 1.35
+    assert 0.5 < np.mean(sink["low"]) < 0.75
 
 
 @scenario
@@ -207,3 +230,26 @@ def test_single_vehicle_flies_as_in_a_fleet():
     flight.until(lambda f: f.position(0)[2] < -1.05, 12, lambda f: f.setpoint(0, [0, 0, -1.2]))
     flight.run(2.0, lambda f: f.setpoint(0, [0, 0, -1.2]))
     assert np.linalg.norm(flight.position(0) - [0, 0, -1.2]) < 0.1
+
+
+@pytest.mark.parametrize("sensor_hz", [50, 100, 250, 500, 1000])
+def test_decisions_are_made_50_times_a_second_at_any_sensor_rate(sensor_hz):
+    flight = Flight(1, sensor_hz=sensor_hz, physics_hz=1000)
+    pilots, decided, fused = flight.pilots, [], []
+    decide, fuse = pilots.land.update, pilots.est.fuse_baro
+    pilots.land.update = lambda now, *rest: (decided.append(now), decide(now, *rest))  # type: ignore[method-assign]
+    pilots.est.fuse_baro = lambda height, now: (fused.append(now), fuse(height, now))  # type: ignore[method-assign]
+    for _ in range(sensor_hz):
+        flight._step()
+    assert len(decided) == len(fused) == 50
+
+
+@pytest.mark.parametrize(("sensor_hz", "rate"), [(100, 100), (250, 125), (1000, 125)])
+def test_position_is_controlled_125_times_a_second(sensor_hz, rate):
+    flight = Flight(1, sensor_hz=sensor_hz, physics_hz=1000)
+    position, times = flight.pilots.cascade.position, []
+    update = position.update
+    position.update = lambda sp, est: (times.append(0), update(sp, est))[1]  # type: ignore[method-assign]
+    for _ in range(sensor_hz):
+        flight._step()
+    assert len(times) == rate

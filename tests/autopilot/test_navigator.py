@@ -154,6 +154,21 @@ def test_return_climbs_within_its_cone_flies_home_and_lands(v: Lane):
     assert v.away_level() < 0.3
 
 
+@scenario(MPC_LAND_ALT1=3.0, MPC_LAND_ALT2=1.5, MPC_LAND_SPEED=0.6, RTL_RETURN_ALT=4.0, RTL_CONE_ANG=0)
+def test_return_slows_down_between_the_landing_heights(v: Lane):
+    fast, slow = [], []
+
+    def note() -> None:
+        up = -v.position[2]
+        (fast if 3.1 < up < 3.7 else slow if 0.5 < up < 1.2 else []).append(float(v.v_n[2]))
+
+    yield from v.take_off_offboard(4.0)
+    yield from v.run(4.0, v.holding([0, 0, -4.5]))
+    assert (yield from v.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)) == 0
+    yield from v.until(lambda: not v.armed, 30, note)
+    assert max(fast) > 1.3 and 0.5 < sum(slow) / len(slow) < 0.75
+
+
 @scenario(COM_OBL_RC_ACT=3, RTL_RETURN_ALT=2.0)
 def test_lost_setpoints_return_home_if_configured(v: Lane):
     yield from v.take_off_offboard(1.5)

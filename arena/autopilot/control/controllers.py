@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 _INTEGRAL_CUTOFF = 1.0 / np.radians(400.0)  # a larger rate error is a transient and is not integrated [s/rad]
-_POSITION_EVERY = 2  # IMU steps per position loop: 125 Hz at 250 Hz
+_POSITION_PERIOD_S = 0.008  # of the position loop
 
 
 class PositionControl:
@@ -262,6 +262,11 @@ class RateControl:
         return torque
 
 
+def steps_within(period_s: float, dt: float) -> int:
+    """Return the number of steps of `dt` [s] that lasts nearest to `period_s` [s], at least 1."""
+    return max(1, round(period_s / dt))
+
+
 def _low_pass(cutoff_hz: Array, dt: float) -> Array:
     """Return the coefficient of a first-order low-pass filter for one step (V, 1); 0 Hz disables the filter."""
     return np.where(cutoff_hz > 0, 1.0 - np.exp(-2 * np.pi * np.maximum(cutoff_hz, 1e-3) * dt), 1.0)[:, None]
@@ -302,7 +307,8 @@ class Cascade:
     """All controllers of V vehicles: compute torques and collective thrust from setpoints and estimates."""
 
     def __init__(self, params: Params, vehicles: int, dt: float) -> None:
-        self.position = PositionControl(params, vehicles, dt * _POSITION_EVERY)
+        self._position_every = steps_within(_POSITION_PERIOD_S, dt)
+        self.position = PositionControl(params, vehicles, dt * self._position_every)
         self.attitude = AttitudeControl(params)
         self.rate = RateControl(params, vehicles, dt)
         self.q_sp, self.omega_sp = np.tile([1.0, 0.0, 0.0, 0.0], (vehicles, 1)), np.zeros((vehicles, 3))
@@ -319,7 +325,7 @@ class Cascade:
     def update(self, sp: Setpoints, est: Estimator) -> tuple[Array, Array]:
         """Run all controllers. Return the normalised torque [-] [FRD] (V, 3) and the collective thrust 0..1 (V,)."""
         by_position = sp.at(Level.POSITION)
-        if self._steps % _POSITION_EVERY == 0:
+        if self._steps % self._position_every == 0:
             q_sp, thrust = self.position.update(sp, est)
             self.q_sp = np.where(by_position[:, None], q_sp, sp.q_nb)
             self.thrust = np.where(by_position, thrust, sp.thrust)

@@ -53,14 +53,18 @@ class FlightTask:
         self.mode, self.yaw, self.reached = mode, yaw, False
         self.target = (p[0] + v[0] * stop, p[1] + v[1] * stop, down)
 
-    def fly(self, sp: Setpoints, est: Estimator, params: Params, *, landed: bool) -> None:
-        """Write the setpoint of the vehicle for the current mode."""
+    def fly(
+        self, sp: Setpoints, est: Estimator, params: Params, *, landed: bool, ground_d: float = 0.0
+    ) -> None:
+        """Write the setpoint of the vehicle for the current mode.
+
+        ground_d: height of the home position [m] [NED down], 0 if no home is set
+        """
         i = self.row
         n, e, d = self.target
         if self.mode is Mode.LAND:
-            sp.set_position(
-                i, p_n=(n, e, math.nan), v_n=(0.0, 0.0, float(params["MPC_LAND_SPEED"][i])), yaw=self.yaw
-            )
+            speed = landing_speed(ground_d - float(est.p_n[i, 2]), params, i)
+            sp.set_position(i, p_n=(n, e, math.nan), v_n=(0.0, 0.0, speed), yaw=self.yaw)
         elif self.mode is Mode.DESCEND:
             # Without a position the vehicle brakes while its velocity is known from the inertial sensors,
             # then stays level.
@@ -86,6 +90,21 @@ class FlightTask:
         sp.set_position(
             i, p_n=(self.target[0], self.target[1], math.nan), v_n=(0.0, 0.0, -speed), yaw=self.yaw
         )
+
+
+def landing_speed(height_m: float, params: Params, i: int) -> float:
+    """Return the sink rate of an automatic landing of vehicle i [m/s], as in PX4.
+
+    Above MPC_LAND_ALT1 it is MPC_Z_VEL_MAX_DN, below MPC_LAND_ALT2 MPC_LAND_SPEED, and linear between them.
+    PX4 uses MPC_LAND_ALT3 and MPC_LAND_CRWL only with a distance sensor, which no simulated vehicle has.
+
+    height_m: height above home [m]
+    """
+    low, high = float(params["MPC_LAND_ALT2"][i]), float(params["MPC_LAND_ALT1"][i])
+    slow, fast = float(params["MPC_LAND_SPEED"][i]), float(params["MPC_Z_VEL_MAX_DN"][i])
+    if height_m <= low:
+        return slow
+    return fast if height_m > high else slow + (fast - slow) * (height_m - low) / (high - low)
 
 
 def stop_motors(sp: Setpoints, i: int) -> None:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from arena.autopilot.control.flight_tasks import landing_speed
 from arena.autopilot.control.setpoints import Setpoints
 from arena.autopilot.control.trajectory import Trajectory, TrajectoryLimits, wrap_angle
 from arena.autopilot.param_table import Params
@@ -123,7 +124,8 @@ class LegFollower:
             return
         trajectory.turn(self._heading(s), limits, dt)
         if leg.kind == "land":
-            v = (0.0, 0.0, self._param("MPC_LAND_SPEED"))
+            speed = landing_speed(s.home_n[2] - s.p_n[2], self.params, self.row)
+            v = (0.0, 0.0, speed)
             sp.set_position(self.row, p_n=(leg.to[0], leg.to[1], math.nan), v_n=v, yaw=trajectory.yaw)
         elif leg.kind == "climb" and not s.flying:
             self._lift_off(sp, s)
