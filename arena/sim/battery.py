@@ -11,6 +11,9 @@ The voltage is that of an ideal source with an inner resistance. This is the fir
 Chen and Rincon-Mora ("Accurate electrical battery model", IEEE Transactions on Energy Conversion 21(2), 2006)
 without its slow parts.
 
+An empty battery drives no motor: below the charge RESERVE the motors follow a smaller part of their commands,
+and none at zero charge. The real end of a discharge depends on cells and motor controllers; this one is linear.
+
 If a profile has `thrust_at_v`, thrust depends on the voltage (see
 arena/vehicle_models/multirotor_dynamics.py).
 """
@@ -25,6 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+RESERVE = 0.02
+"""Charge below which the motors lose thrust 0..1 [-]. An assumption, not measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +58,8 @@ class Battery:
     hover: motor command at which each vehicle hovers [-] (V,)
     supply_per_volt: actuator supply per volt [1/V], 0 if thrust does not depend on the voltage (V,)
     step_s: duration of a step [s]
+
+    is_weak: True if the charge of any battery is below RESERVE
 
     The attributes `voltage` [V], `current` [A] and `remaining` 0..1 [-], each (V,), are valid after
     construction and after each step.
@@ -85,6 +93,7 @@ class Battery:
         for vehicle, share in self._overrides.items():
             used[vehicle] = share
         self.remaining = np.maximum(self.remaining - used, 0.0)
+        self.is_weak = bool(self.remaining.min() < RESERVE)
         self.voltage = self._empty + self._span * self.remaining - self._resistance * self.current
 
     def override_discharge(self, vehicle: int, empty_in_s: float | None) -> None:
@@ -95,6 +104,11 @@ class Battery:
         self._overrides.pop(vehicle, None)
         if empty_in_s is not None:
             self._overrides[vehicle] = self._step_s / empty_in_s
+
+    @property
+    def strength(self) -> Array:
+        """Share of the commands that the motors follow at the present charge, 0..1 [-] (V, 1)."""
+        return np.minimum(self.remaining / RESERVE, 1.0)[:, None]
 
     @property
     def supply(self) -> Array:

@@ -106,6 +106,8 @@ class World:
         motors: motor commands, constant for the period, limited to 0..1; NaN counts as 0 [-] (V, R)
         """
         motors = np.fmin(np.fmax(motors, 0.0), 1.0)
+        if self._battery.is_weak:
+            motors = motors * self._battery.strength
         if self._scalar is not None:
             self._accel_b = self._scalar.advance(motors, self.wind_n, self._substeps)
         else:

@@ -266,3 +266,14 @@ def test_physics_rate_must_be_a_multiple_of_the_sensor_rate():
         substeps(600, 250)
     with pytest.raises(InputError, match="physics_hz"):
         substeps(100, 250)
+
+
+@pytest.mark.parametrize("most", [0, 2], ids=["batch", "few"])
+def test_vehicle_with_an_empty_battery_falls(build, monkeypatch, most):
+    monkeypatch.setattr("arena.sim.world.MAX_SCALAR_VEHICLES", most)
+    world = settled(build(vehicle(position=[0.0, 0.0, -3.0])))
+    world.override_discharge(0, 1.0)
+    fly(world, hover(world), 0.97)
+    assert abs(world.truth().v_n[0, 2]) < 0.1, "full thrust down to the reserve"
+    fly(world, hover(world), 0.5)
+    assert world.truth().v_n[0, 2] > 3.0 and world.truth().motors.max() < 0.01
