@@ -5,6 +5,9 @@ from __future__ import annotations
 GRAVITY_M_S2 = 9.80665
 """Standard gravity [m/s2] (ISO 80000-3). PX4's CONSTANTS_ONE_G has the same value."""
 
+MAX_ROTORS = 8
+"""Largest number of rotors of a vehicle."""
+
 INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
 
 INT32_NOT_GIVEN = INT32_MAX

@@ -73,7 +73,8 @@ class Autopilots:
         self.takeoff = TakeoffRamp(self.params, n)
         self._radio_on = [bool(x.get("sticks", False)) for x in vehicles]
         self.vehicles = [
-            Vehicle(i, x["name"], x["id"], self.params, self.est) for i, x in enumerate(vehicles)
+            Vehicle(i, x["name"], x["id"], self.params, self.est, mav_type=_mav_type(x["profile"]))
+            for i, x in enumerate(vehicles)
         ]
         self.gates = [CommandGate(x["name"], x["id"], simulated=True) for x in vehicles if authority]
         self.interfaces = [
@@ -350,6 +351,10 @@ def _landed_state(c: Commander, s: CommanderInputs) -> int:
     if not s.flying:
         return 3
     return 4 if c.mode in (Mode.LAND, Mode.DESCEND) else 2
+
+
+def _mav_type(profile: Any) -> int:
+    return vehicle_model(profile).mav_type(len(profile["rotors"]))
 
 
 def _allocator(vehicles: Any) -> ControlAllocator:

@@ -41,6 +41,7 @@ FREE_RUN = 10
 _MAG, _BARO = 0x1C0, 0x1A00
 _CONTROLS, _ARMED, _LOCKSTEP = 16, 128, 1
 _TRUTH_US = 5000.0
+_GEOMETRY = ("CA_ROTOR", "PWM_MAIN_FUNC", "MAV_TYPE")  # parameters that the built-in autopilot does not have
 _RETRY_S, _POLL_S = 0.05, 0.2
 _BYTES = 65536
 
@@ -82,7 +83,7 @@ class StandIn:
             0,
         )
         heartbeat = mavlink.MAVLink_heartbeat_message(
-            VEHICLE_MODELS[DEFAULT_CLASS].mav_type,
+            VEHICLE_MODELS[DEFAULT_CLASS].mav_type(len(self._rotors)),
             mavlink.MAV_AUTOPILOT_PX4,
             mavlink.MAV_MODE_FLAG_HIL_ENABLED,
             0,
@@ -141,7 +142,7 @@ class StandIn:
 
     def _make(self, dt: float) -> Autopilots:
         profile = {"rotors": self._rotors, "params": {}}
-        others = {k: v for k, v in self._params.items() if not k.startswith("CA_ROTOR")}
+        others = {k: v for k, v in self._params.items() if not k.startswith(_GEOMETRY)}
         vehicle = {
             "name": self._name,
             "id": int(self._params.get("MAV_SYS_ID", 1)),

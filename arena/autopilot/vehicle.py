@@ -50,6 +50,7 @@ class Vehicle:
 
     row: row of the vehicle in the arrays over all vehicles
     system_id: MAVLink system id (MAV_SYS_ID)
+    mav_type: MAV_TYPE of the heartbeats
     now: time of the last datagram [s]
     booted: True after the first decision; before it commands are rejected
     inputs, commander_params: inputs of the commander's last decision
@@ -65,7 +66,10 @@ class Vehicle:
     counts: number of received and of refused messages, by kind
     """
 
-    def __init__(self, row: int, name: str, system_id: int, params: Params, estimator: Estimator) -> None:
+    def __init__(
+        self, row: int, name: str, system_id: int, params: Params, estimator: Estimator, *, mav_type: int = 2
+    ) -> None:
+        self.mav_type = mav_type
         self.row, self.system_id, self.params, self._estimator = row, system_id, params, estimator
         self.commander = Commander(name)
         self.inputs = CommanderInputs()

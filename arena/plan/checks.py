@@ -7,23 +7,31 @@ from collections.abc import Iterator, Sequence
 from arena.errors import InputError, Problem
 from arena.params.checks.findings import Finding
 from arena.params.facts.failsafe_table import rc_priority_modes
-from arena.params.facts.parameter_table import Version
-from arena.plan.firmware import px4_version, written_param_findings
+from arena.params.facts.parameter_table import Version, parameters
+from arena.plan.firmware import FORWARDING_MS, px4_version, requirements, written_param_findings
 from arena.schema import Arena
 from arena.schema.loader import YamlPath
 from arena.schema.models import Tool
 from arena.schema.source import near
+from arena.vehicle_models import VEHICLE_MODELS
 
 _SIGNS_FROM = "1.18"
 
 
 def check_arena(arena: Arena, process_names: Sequence[str]) -> None:
-    """Check PX4 versions, PX4 parameters, and the processes that tools need. Raises InputError with every problem found.
+    """Check the needs of tools, PX4 versions, PX4 parameters and rotors. Raises InputError with every problem found.
 
     process_names: names of all processes, in start order.
     """
     problems = [*_tool_needs(arena, process_names), *_versions(arena)]
-    problems += [*_parameters(arena), *_radio(arena), *_signing(arena)] if not problems else []
+    if not problems:
+        problems += [
+            *_parameters(arena),
+            *_radio(arena),
+            *_signing(arena),
+            *_rotors(arena),
+            *_vision_delay(arena),
+        ]
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=lambda p: (p.file, p.line)))
 
@@ -49,6 +57,33 @@ def _tool_needs(arena: Arena, process_names: Sequence[str]) -> Iterator[Problem]
                 message = f"got {need!r}, expected a process that starts before this tool. {hint}"
                 yield arena.source.problem((*path, "needs"), message)
         before.append(process)
+
+
+def _rotors(arena: Arena) -> Iterator[Problem]:
+    """Find simulated vehicles whose rotors cannot control roll, pitch, yaw and thrust, such as tricopters.
+
+    The world has no servo that tilts a rotor.
+    """
+    for v in arena.simulated:
+        model = VEHICLE_MODELS[v.profile.vehicle_class]
+        if why := model.control_problem([r.model_dump() for r in v.profile.rotors]):
+            path = arena.source.layer(v.name, "profile")
+            yield arena.source.problem(path, f"got {v.profile.name}, but {why}.")
+
+
+def _vision_delay(arena: Arena) -> Iterator[Problem]:
+    """Find a latency of the motion capture that is longer than EKF2 can compensate (EKF2_EV_DELAY)."""
+    for v in arena.simulated:
+        delay_ms = requirements(arena, v).vision_delay_ms
+        known = parameters(px4_version(v))["EKF2_EV_DELAY"]
+        if delay_ms is None or known.max is None or delay_ms <= known.max or "EKF2_EV_DELAY" in v.own_params:
+            continue
+        message = (
+            f"got {arena.mocap.latency_ms:g}, expected at most {known.max - FORWARDING_MS:g} ms: with {FORWARDING_MS:g} ms of"
+            f" forwarding, EKF2_EV_DELAY of {v.name} is {delay_ms:g} ms, and PX4's limit is {known.max:g} ms"
+        )
+        yield arena.source.problem(("mocap", "latency_ms"), f"{message}. Use a smaller latency.")
+        return
 
 
 def _versions(arena: Arena) -> Iterator[Problem]:

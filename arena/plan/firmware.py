@@ -30,7 +30,7 @@ Fleet = Mapping[str, "Firmware"]
 
 SIMULATED_VERSION = "1.16"
 """PX4 version whose parameter names are used for the built-in autopilot, and for vehicles whose version is unknown."""
-_FORWARDING_MS = 1.0
+FORWARDING_MS = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +137,7 @@ def requirements(arena: Arena, v: Vehicle) -> Requirements:
         hover=v.profile.hover_command,
         gps=v.gps,
         sticks=v.has_rc,
-        vision_delay_ms=arena.mocap.latency_ms + _FORWARDING_MS if v.forward else None,
+        vision_delay_ms=arena.mocap.latency_ms + FORWARDING_MS if v.forward else None,
         failsafe=requirements_failsafe(arena.failsafe, has_sticks=v.has_rc),
         landing_speed_m_s=arena.landing_speed_m_s,
         ceiling_m=arena.world.size[2],

@@ -9,11 +9,15 @@ from arena.errors import InputError
 from arena.params.facts.parameter_table import parameters, versions
 from arena.schema import Vehicle
 from arena.schema.library import data_folder
+from arena.vehicle_models import VEHICLE_MODELS
 
 SCRIPTS = ("px4-rc.mavlink", "px4-rc.mavlinksim")
 
 # Only for simulated PX4: no compass, battery may discharge completely, log from arming to disarming
 SIMULATED: dict[str, float] = {"SYS_HAS_MAG": 0, "SIM_BAT_MIN_PCT": 0.0, "SDLOG_MODE": 0}
+
+
+_MOTOR_1 = 101  # output function of the first motor
 
 
 def px4_scripts(given: dict[str, Any]) -> dict[str, str]:
@@ -38,13 +42,23 @@ def px4_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | int
     compass = (
         {} if v.forward or not v.gps else {"SYS_HAS_MAG": 1}
     )  # with GPS alone the heading comes from the compass
-    found: dict[str, float] = {**SIMULATED, **lasts, **compass, **values}
+    found: dict[str, float] = {**SIMULATED, **lasts, **compass, **_airframe(v), **values}
     found.pop("MAV_SYS_ID", None)  # the startup script sets it, after PX4 has set its own
     # Integers without a decimal point, because `param set` refuses a decimal point for INT32
     return {
         name: int(value) if float(value).is_integer() else float(value)
         for name, value in sorted(found.items())
     }
+
+
+def _airframe(v: Vehicle) -> dict[str, float]:
+    """Return the parameters that replace a part of PX4's airframe: one output function per motor, and MAV_TYPE.
+
+    The airframe has outputs for four motors only. The rotor geometry is among the firmware parameters.
+    """
+    rotors = len(v.profile.rotors)
+    outputs = {f"PWM_MAIN_FUNC{k + 1}": _MOTOR_1 + k for k in range(rotors)}
+    return {"MAV_TYPE": VEHICLE_MODELS[v.profile.vehicle_class].mav_type(rotors), **outputs}
 
 
 def reset_by_startup(params: Mapping[str, float | int], version: str) -> dict[str, float | int]:
@@ -65,7 +79,8 @@ def hitl_params(v: Vehicle, values: Mapping[str, float]) -> dict[str, float | in
     """Return the parameters that a flight controller needs for hardware in the loop (HITL). Source: PX4
     airframe 1001.
     """
-    outputs = {f"HIL_ACT_FUNC{i + 1}": 101 + i for i in range(len(v.profile.rotors))}
-    # SIM_* parameters do not exist on a board
-    held = {name: value for name, value in px4_params(v, values).items() if not name.startswith("SIM_")}
+    outputs = {f"HIL_ACT_FUNC{i + 1}": _MOTOR_1 + i for i in range(len(v.profile.rotors))}
+    # A board has no SIM_* parameters, and its PWM outputs stay as they are: real motors may be connected.
+    not_held = ("SIM_", "PWM_MAIN_")
+    held = {name: value for name, value in px4_params(v, values).items() if not name.startswith(not_held)}
     return {**held, "MAV_SYS_ID": v.id, "SYS_HITL": 1, "CBRK_SUPPLY_CHK": 894281, **outputs}

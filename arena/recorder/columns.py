@@ -12,6 +12,8 @@ import functools
 from dataclasses import dataclass
 from typing import Literal
 
+from arena.constants import MAX_ROTORS
+
 NED = ("north", "east", "down")
 RPY = ("roll", "pitch", "yaw")
 WXYZ = ("w", "x", "y", "z")
@@ -103,11 +105,11 @@ FURTHER: tuple[Group, ...] = (
     _interpolated("baro.alt", (), "m", "-", _IMU, "pressure altitude"),
     _held(
         "act.output",
-        ("1", "2", "3", "4"),
+        tuple(str(k + 1) for k in range(MAX_ROTORS)),
         "-",
         "-",
         "SERVO_OUTPUT_RAW or ACTUATOR_CONTROL_TARGET",
-        "actuator outputs 1 to 4, 0..1",
+        "actuator outputs 1 to 8, 0..1; unused outputs are 0",
     ),
 )
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.constants import MAX_ROTORS
 from arena.geometry import Array, euler_from_quat, quat_conj, quat_log, quat_multiply, quat_rotate
 from arena.recorder.columns import columns
 from arena.recorder.samples import MAX_GAP_S, Held, Series, leading_quaternion, position_velocity
@@ -36,7 +37,7 @@ from arena.wire.truth_page import Truth
 SETPOINT_MAX_AGE_S, STATE_MAX_AGE_S, BATTERY_MAX_AGE_S = 0.5, 3.0, 10.0
 _PROGRAM = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 _PROGRAM_BYTES = bytes([_PROGRAM])
-_NAN3, _NAN4, _NAN6, _NAN7 = (np.full(n, np.nan) for n in (3, 4, 6, 7))
+_NAN3, _NAN4, _NAN6, _NAN7, _NAN_OUTPUTS = (np.full(n, np.nan) for n in (3, 4, 6, 7, MAX_ROTORS))
 
 Cell = float | str | bool
 
@@ -228,7 +229,7 @@ class Recorder:
         if (wanted := self._attitude_setpoint.at(time_s)) is not None:
             q_nb, rates, thrust = wanted.q_nb, wanted.ang_vel, wanted.thrust
         actuators = self._actuators.at(time_s)
-        outputs = actuators.output[:4] if actuators is not None else _NAN4
+        outputs = actuators.output if actuators is not None else _NAN_OUTPUTS
         air = _or(self._baro.at(time_s), _NAN3)
         return _flat(pos, euler_from_quat(q_nb), [yaw], vel, q_nb, rates, [thrust], air, outputs)
 

@@ -94,7 +94,6 @@ class VehicleModel(Protocol):
     """Interface of a vehicle class, such as the multirotors.
 
     name: value of the profile's `vehicle_class`
-    mav_type: MAV_TYPE of its heartbeats
     px4_sim_model: value of PX4_SIM_MODEL with which PX4 SITL is started; it selects the airframe
     px4_autostart: SYS_AUTOSTART of that airframe
     crash_limits: limits above which the world records a crash
@@ -104,9 +103,6 @@ class VehicleModel(Protocol):
     def name(self) -> str: ...
 
     @property
-    def mav_type(self) -> int: ...
-
-    @property
     def px4_sim_model(self) -> str: ...
 
     @property
@@ -114,6 +110,14 @@ class VehicleModel(Protocol):
 
     @property
     def crash_limits(self) -> CrashLimits: ...
+
+    def mav_type(self, actuators: int) -> int:
+        """Return the MAV_TYPE of the heartbeats of a vehicle with this number of actuators."""
+        ...
+
+    def control_problem(self, actuators: Sequence[Mapping[str, Any]]) -> str:
+        """Return why these actuators cannot control roll, pitch, yaw and thrust independently, or ""."""
+        ...
 
     def allocation(self, actuators: Sequence[Mapping[str, Any]]) -> Array:
         """Return the control allocation, normalised as in PX4: the weights of roll, pitch and yaw torque for each actuator (R, 3)."""

@@ -11,15 +11,48 @@ import numpy as np
 from arena.vehicle_models.model import Array, CrashLimits, Dynamics, Profile
 from arena.vehicle_models.multirotor_dynamics import Rotors, actuator_effect
 
+_LEAST_EFFECT = 0.05  # a smaller singular value of the scaled effectiveness matrix counts as 0
+_QUADROTOR = 2
+_MAV_TYPES = {6: 13, 8: 14}  # MAV_TYPE_HEXAROTOR, MAV_TYPE_OCTOROTOR
+
 
 class Multirotor:
+<<<<<<< HEAD
     """Multirotor with the rotor geometry of its profile. PX4 flies it with a quadrotor airframe, whatever the number of rotors."""
+=======
+    """Multirotor with the profile's rotor geometry.
+
+    PX4 flies it with a quadrotor airframe, whose rotor geometry, outputs and MAV_TYPE the startup parameters replace.
+    """
+>>>>>>> 2e663fe (Hexarotors and octorotors fly with all rotors; rotors and latency are checked)
 
     name = "multirotor"
-    mav_type = 2  # MAV_TYPE_QUADROTOR, which PX4's airframe reports whatever the number of rotors
     px4_sim_model = "none_iris"
     px4_autostart = 10016
     crash_limits = CrashLimits(touchdown_m_s=1.5, tilt_rad=math.radians(60.0))
+
+    def mav_type(self, actuators: int) -> int:
+        """Return MAV_TYPE: hexarotor for 6 rotors, octorotor for 8, else quadrotor.
+
+        MAVLink has no type for 5 or 7 rotors, and PX4 v1.16 flies only types that it knows as multirotors.
+        """
+        return _MAV_TYPES.get(actuators, _QUADROTOR)
+
+    def control_problem(self, actuators: Sequence[Mapping[str, Any]]) -> str:
+        """Return why these rotors cannot control roll, pitch, yaw and thrust independently, or "".
+
+        Each column of the effectiveness matrix is scaled to 1, so the rank does not depend on units.
+        """
+        effect = np.array([actuator_effect(r, moment_ratio_m=1.0) for r in actuators])
+        scaled = effect / np.maximum(np.abs(effect).max(axis=0), 1e-9)
+        rank = int(np.linalg.matrix_rank(scaled, tol=_LEAST_EFFECT))
+        if rank == 4:
+            return ""
+        return (
+            f"its {len(actuators)} rotors control only {rank} of roll, pitch, yaw and thrust independently (rank of"
+            " the effectiveness matrix), expected 4. Use four rotors or more, not all on one line, with rotors of"
+            " both directions on each side"
+        )
 
     def allocation(self, actuators: Sequence[Mapping[str, Any]]) -> Array:
         """Return the control allocation: the weights of roll, pitch and yaw torque for each rotor (R, 3).

@@ -4,9 +4,9 @@ The page is a ring of samples, so that a reader can interpolate between two samp
 number of processes read it (motion capture emulator, logger, referee). Layout, native doubles:
 
     [0] samples written so far   [1] vehicles V   [2] ring length K   [3] unused
-    K rows of: time [s], then per vehicle 20 numbers:
+    K rows of: time [s], then per vehicle 24 numbers:
         p_n (3) [m] [NED], q_nb (4) [-] wxyz, v_n (3) [m/s] [NED], omega_b (3) [rad/s] [FRD],
-        accel_b (3) specific force [m/s2] [FRD], motors (4) output of the first four rotors, 0..1 [-]
+        accel_b (3) specific force [m/s2] [FRD], motors (8) output of each rotor, 0..1 [-], 0 for a missing rotor
 
 The writer fills a row, then increases the sample count. A reader reads the count again after the row. If the
 count is K - 1 or more ahead of the row, the row may have been overwritten, and the reader repeats the read.
@@ -21,13 +21,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from arena.constants import MAX_ROTORS
 from arena.errors import RunError, WireError
 from arena.geometry import quat_slerp
 
 Array = NDArray[np.float64]
 
 _HEAD = 4
-_PER_VEHICLE = 20
+_PER_VEHICLE = 16 + MAX_ROTORS
 _RING = 64
 _NEARLY_ONE = 0.9999
 
@@ -42,7 +43,7 @@ class Truth:
     v_n: velocity [m/s] [NED] (V, 3)
     omega_b: body rates [rad/s] [FRD] (V, 3)
     accel_b: specific force [m/s2] [FRD] (V, 3)
-    motors: output of the first four rotors, 0..1 [-] (V, 4)
+    motors: output of each rotor, 0..1 [-] (V, R); in a truth page R is MAX_ROTORS, and missing rotors have 0
     """
 
     time_s: float
@@ -63,7 +64,7 @@ class Truth:
             v_n=b[:, 7:10],
             omega_b=b[:, 10:13],
             accel_b=b[:, 13:16],
-            motors=b[:, 16:20],
+            motors=b[:, 16:],
         )
 
 
@@ -87,7 +88,8 @@ class TruthWriter:
         row[0] = truth.time_s
         body = row[1:].reshape(-1, _PER_VEHICLE)
         body[:, 0:3], body[:, 3:7], body[:, 7:10] = truth.p_n, truth.q_nb, truth.v_n
-        body[:, 10:13], body[:, 13:16], body[:, 16:20] = truth.omega_b, truth.accel_b, truth.motors
+        body[:, 10:13], body[:, 13:16] = truth.omega_b, truth.accel_b
+        body[:, 16 : 16 + truth.motors.shape[1]] = truth.motors
         self._count += 1
         self._all[0] = self._count
 

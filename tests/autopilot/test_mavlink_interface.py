@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from flight import Flight
+from flight import PROFILE, Flight
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
@@ -54,6 +54,31 @@ def flight(shared: Flight) -> Iterator[Flight]:
     assert shared.command(0, mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3) == 0
     shared.run(0.1)
     assert not shared.armed(0) and vehicle.ready_to_arm
+
+
+@pytest.mark.parametrize(
+    ("rotors", "mav_type"),
+    [
+        (4, mavlink.MAV_TYPE_QUADROTOR),
+        (6, mavlink.MAV_TYPE_HEXAROTOR),
+        (8, mavlink.MAV_TYPE_OCTOROTOR),
+        (5, mavlink.MAV_TYPE_QUADROTOR),
+    ],
+)
+def test_heartbeat_has_the_type_of_the_number_of_rotors(rotors, mav_type, monkeypatch):
+    ring = [
+        {
+            "position_m": [0.25 * np.cos(a), 0.25 * np.sin(a), 0.0],
+            "direction": "ccw" if k % 2 else "cw",
+        }
+        for k, a in enumerate(2 * np.pi * (np.arange(rotors) + 0.5) / rotors)
+    ]
+    profile = {**PROFILE, "rotors": ring, "num_rotors": rotors}
+    monkeypatch.setattr("flight.PROFILE", profile)
+    flight = Flight(1)
+    flight.motors = np.zeros((1, rotors))
+    flight.run(1.5)
+    assert {m.type for m in flight.received[0] if m.get_type() == "HEARTBEAT"} == {mav_type}
 
 
 def test_stream_rates_are_px4s(flight):

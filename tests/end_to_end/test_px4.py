@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import socket
 import threading
@@ -12,6 +13,7 @@ from typing import Any
 
 import psutil
 import pytest
+import yaml
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.schema import load_arena
@@ -84,6 +86,50 @@ def test_px4_and_builtin_autopilot_fly_in_one_arena(hangar: Hangar, px4: list[st
     assert flight.stats("world")["autopilot"]["uav1"]["answers"] > 250 * 5
     assert "the world goes on without it" not in flight.said()
     flight.assert_nothing_left()
+
+
+def ring_profile(folder: Path, rotors: int) -> Path:
+    """Write the profile of a vehicle with this number of rotors on a circle of 0.25 m; the rest is the iris's."""
+    profile = yaml.safe_load((ROOT / "profiles" / "iris.yaml").read_text())
+    angles = [2.0 * math.pi * (k + 0.5) / rotors for k in range(rotors)]
+    profile["name"], profile["num_rotors"] = f"ring{rotors}", rotors
+    profile["rotors"] = [
+        {
+            "position_m": [round(0.25 * math.cos(a), 4), round(0.25 * math.sin(a), 4), -0.02],
+            "direction": "ccw" if k % 2 else "cw",
+        }
+        for k, a in enumerate(angles)
+    ]
+    file = folder / f"ring{rotors}.yaml"
+    file.write_text(yaml.safe_dump(profile))
+    return file
+
+
+@pytest.mark.parametrize(
+    ("rotors", "px4"),
+    [
+        (6, "stand-in"),
+        pytest.param(6, "real", marks=pytest.mark.px4),
+        pytest.param(8, "real", marks=pytest.mark.px4),
+    ],
+    indirect=["px4"],
+)
+def test_hexarotor_and_octorotor_fly_with_all_rotors(
+    hangar: Hangar, px4: list[str], tmp_path: Path, rotors: int
+) -> None:
+    profile = ["--set", f"vehicles.uav1.profile={ring_profile(tmp_path, rotors)}"]
+    flight = hangar.fly(
+        {"uav1": "tours"}, "--until-done", "--time-limit", "120", *px4, *flown_by_px4("uav1"), *profile
+    )
+    code = flight.wait(150)
+    assert code == 0, flight.said()
+    told = flight.summary["vehicles"]["uav1"]
+    assert told["landing"]["landed"] and told["crashed"] == "" and told["verdict"]["max_tilt_deg"] < 40.0
+    assert all(s["error_m"] <= 0.15 for s in told["setpoints"]["each"])
+    in_the_air = [row for row in flight.rows("uav1") if float(row["truth.pos.down"] or 0.0) < -0.5]
+    for k in range(8):
+        output = [float(row[f"act.output.{k + 1}"]) for row in in_the_air if row[f"act.output.{k + 1}"]]
+        assert (0.3 < sum(output) / len(output) < 0.9) is (k < rotors), f"output {k + 1}"
 
 
 @pytest.mark.parametrize("px4", BOTH, indirect=True)

@@ -37,6 +37,11 @@ BROKEN: dict[str, tuple[str, str, str]] = {
         "3: vehicles.uav2.id: ",
         "got 3, which uav1 (arena.yaml:2) has too. Try 1.",
     ),
+    "latency that EKF2 cannot compensate": (
+        "mocap: {latency_ms: 400}\nvehicles:\n" + V1,
+        "1: mocap.latency_ms: ",
+        "got 400, expected at most 299 ms",
+    ),
     "duplicate port": (
         "vehicles:\n  uav1: {port: 17000}\n  uav2: {port: 17000, start: {position: [2, 0, 0]}}\n",
         "3: vehicles.uav2.port: ",

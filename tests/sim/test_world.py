@@ -245,7 +245,8 @@ def test_vehicles_may_have_different_rotor_counts(build):
     assert world.rotors == 6
     fly(world, hover(world), 1.0)
     assert world.bodies.p_n[:, 2] == pytest.approx([-2.55, -2.55], abs=2e-3)
-    assert world.truth().motors.shape == (2, 4)
+    assert world.truth().motors.shape == (2, 6)
+    assert world.truth().motors[1] == pytest.approx([world.hover[1]] * 6, rel=1e-3)
 
 
 def test_the_battery_empties_as_the_profile_says(build):

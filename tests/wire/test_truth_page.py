@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -39,6 +40,14 @@ def test_position_and_attitude_are_interpolated_between_two_samples(tmp_path):
         assert np.allclose(found.p_n, sample(t).p_n, atol=1e-9)
         assert np.allclose(found.q_nb, sample(t).q_nb, atol=1e-6)
     assert reader.newest().time_s == pytest.approx(0.396)
+
+
+def test_outputs_of_all_rotors_are_read_back(tmp_path):
+    writer = TruthWriter(tmp_path / "truth", 1)
+    outputs = np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
+    writer.write(dataclasses.replace(sample(0.0), motors=outputs))
+    newest = TruthReader(tmp_path / "truth").newest()
+    assert newest.motors[0].tolist() == [*outputs[0], 0.0, 0.0]
 
 
 def test_a_time_outside_the_ring_gives_none(tmp_path):

@@ -22,7 +22,6 @@ from arena.autopilot.mavlink.telemetry_state import TelemetryState
 from arena.autopilot.vehicle import Vehicle
 from arena.constants import INT32_MAX, INT32_MIN
 from arena.geometry import globe_from_local
-from arena.vehicle_models import DEFAULT_CLASS, VEHICLE_MODELS
 from arena.wire import mavlink_records
 from arena.wire.mavlink_records import Records
 
@@ -105,6 +104,7 @@ def _clamped(values: Array, limits: tuple[float, float]) -> Array:
 
 
 def _heartbeat(out: Records, rows: Rows) -> None:
+    out["type"] = [v.mav_type for v in rows.vehicles]
     out["custom_mode"] = [v.commander.mode.custom_mode for v in rows.vehicles]
     out["base_mode"] = [_base_mode(v) for v in rows.vehicles]
     out["status"] = [_status(v) for v in rows.vehicles]
@@ -283,7 +283,6 @@ def _batched(msgid: int, fill: Any, available: Any = None, **constants: Any) -> 
 
 
 _HEART = {
-    "type": VEHICLE_MODELS[DEFAULT_CLASS].mav_type,
     "autopilot": mavlink.MAV_AUTOPILOT_PX4,
     "version": 3,
 }
