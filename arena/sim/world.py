@@ -170,16 +170,8 @@ class World:
     # -- results -----------------------------------------------------------------------------------------------------
 
     def truth(self) -> Truth:
-<<<<<<< HEAD
-        """Return the current true state of all vehicles. Of the rotors, it contains only the first four of each vehicle."""
-        bodies, motors = self.bodies, self._dynamics.spin
-        if self.rotors != 4:
-            motors = np.zeros((self.fleet.size, 4))
-            motors[:, : min(4, self.rotors)] = self._dynamics.spin[:, :4]
-=======
         """Return the current true state of all vehicles."""
         bodies = self.bodies
->>>>>>> 2e663fe (Hexarotors and octorotors fly with all rotors; rotors and latency are checked)
         return Truth(
             time_s=self.now,
             p_n=bodies.p_n,

@@ -17,14 +17,10 @@ _MAV_TYPES = {6: 13, 8: 14}  # MAV_TYPE_HEXAROTOR, MAV_TYPE_OCTOROTOR
 
 
 class Multirotor:
-<<<<<<< HEAD
-    """Multirotor with the rotor geometry of its profile. PX4 flies it with a quadrotor airframe, whatever the number of rotors."""
-=======
     """Multirotor with the profile's rotor geometry.
 
     PX4 flies it with a quadrotor airframe, whose rotor geometry, outputs and MAV_TYPE the startup parameters replace.
     """
->>>>>>> 2e663fe (Hexarotors and octorotors fly with all rotors; rotors and latency are checked)
 
     name = "multirotor"
     px4_sim_model = "none_iris"
