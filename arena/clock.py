@@ -219,7 +219,7 @@ class ClockServer:
                 self._wake(client, now)
 
     def poll(self, timeout_s: float = 0.0) -> None:
-        """Accept new clients and read their requests."""
+        """Accept new clients, and read the requests of all clients."""
         for key, _ in self._selector.select(timeout_s):
             if key.fileobj is self._socket:
                 self._accept()

@@ -108,7 +108,7 @@ class ProcessContext:
         return found
 
     def may_end(self, armed: Collection[str]) -> bool:
-        """Return whether a stop signal has arrived and no vehicle in `armed` prevents the end. Report once if a vehicle prevents it.
+        """Return whether a stop signal has arrived and no vehicle in `armed` prevents the end. Report once which vehicles prevent it.
 
         armed: real vehicles that the process serves and that are armed. While there is one, a stop signal does not end the
             process, because the vehicle would lose its poses or its connection in the air.

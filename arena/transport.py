@@ -245,8 +245,8 @@ class StampAges:
 
 
 def receive_stamped(source: socket.socket) -> tuple[bytes, Address, float | None]:
-    """Receive a datagram and its stamp. Return (datagram, sender, time of reception by the wall clock [s], or
-    None if the kernel gave no stamp). Raises OSError.
+    """Receive one datagram. Return (datagram, sender, stamp). The stamp is the wall-clock time of reception
+    [s], None if the kernel gave none. Raises OSError.
     """
     data, ancillary, _, sender = source.recvmsg(MAX_DATAGRAM_BYTES, _STAMP_SPACE)
     for level, kind, value in ancillary:

@@ -1,5 +1,5 @@
-"""Conversion of an `Arena` (the checked YAML) to a `Plan` (the processes to start, as data). Pure. It imports
-no code that these processes run.
+"""Conversion of an `Arena` (the checked YAML) to a `Plan` (the processes to start, as data). Pure. The
+package does not import the code of these processes.
 
 `arena.plan.model` imports the standard library only, so that land-all can read plans quickly.
 """

@@ -127,7 +127,7 @@ class _ForwarderProcess:
         self.room.stats({**flow, **_latency(self.core.lateness), **dropped, **received, **garbled})
 
     def _report_diagnosis(self) -> None:
-        """Send the reason why no poses arrive to the supervisor and the log, only when the reason changes."""
+        """Report to the supervisor and the log why no poses arrive, each time the reason changes."""
         late = self.late_frames.diagnosis(self.core.late_s)
         change = self.mocap_report.changed(self.capture.diagnosis() or late)
         if change is not None:

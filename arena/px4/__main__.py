@@ -125,7 +125,7 @@ def _watch(context: ProcessContext, process: subprocess.Popen[bytes], world: Sim
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether this child process is paused by SIGSTOP or a similar signal, but not by a debugger."""
+    """Return whether a child process is paused by SIGSTOP or a similar signal, but not by a debugger."""
     with contextlib.suppress(ChildProcessError):  # it has just ended
         return os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
     return False

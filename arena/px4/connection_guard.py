@@ -91,7 +91,7 @@ class ConnectionGuard:
         self._listener.setblocking(False)
 
     def accept(self, now: float, *, taken: bool) -> tuple[socket.socket, bytes] | None:
-        """Return the connection of a client that is PX4 and the bytes it has sent, or None.
+        """Return (connection, bytes received so far) of a client that is PX4; None if there is no such client.
 
         now: wall time [s]
         taken: whether a PX4 is connected, so that every other client is refused

@@ -105,7 +105,9 @@ class Px4Links:
 
     @property
     def requested(self) -> tuple[str, ...]:
-        """Names of the sensors, such as `gps`, whose own message to PX4 is due at the next `begin`. The caller must sample them before."""
+        """Names of the sensors, such as `gps`, whose own message to PX4 is due at the next `begin`. The
+        caller must sample these sensors first.
+        """
         return tuple(x.name for x in self._messages if self._steps % x.every == 0)
 
     def receive(self, vehicle: int, link: str, data: bytes) -> None:

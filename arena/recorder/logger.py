@@ -139,7 +139,7 @@ class Logger:
         return self._shutdown.over(orphaned=self._room.orphaned, any_armed=self._recorder.armed, now=wall)
 
     def _report_capture(self) -> None:
-        """Report why no motion-capture poses arrive. Each change of the reason is reported once."""
+        """Report why no motion-capture poses arrive, each time the reason changes."""
         if self._capture is None:
             return
         news = self._mocap_report.changed(self._capture.diagnosis())

@@ -93,7 +93,7 @@ class CrashDetector:
         floor: NDArray[np.bool_],
         others: Mapping[int, str],
     ) -> None:
-        """Update all flight records with the current true state. The caller must not change the arrays afterwards.
+        """Update all flight records with the current true state. The arrays are not copied, so the caller must not change them afterwards.
 
         now: simulation time [s]
         p_n: body origin [m] [NED] (V, 3)

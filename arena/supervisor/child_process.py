@@ -187,7 +187,7 @@ def start(spec: ProcessSpec, log: Path, run: str) -> Child:
 
 
 def _open_log(log: Path) -> int:
-    """Open a log file for appending, or /dev/null if that fails. Its folder is created if it was deleted."""
+    """Open a log file for appending, or /dev/null if that fails. If the folder of the file was deleted, it is created again."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
     with contextlib.suppress(OSError):
         return os.open(log, flags, 0o644)

@@ -110,7 +110,7 @@ class EventLog:
         self._writer.submit(partial(self._append, json.dumps(entry).encode() + b"\n"))
 
     def _append(self, line: bytes) -> None:
-        """Append a line to the file. The thread of `writer` calls this. A line that does not fit on the disk is removed again."""
+        """Append a line to the file, in the thread of `writer`. If the line does not fit on the disk, its first part is removed again."""
         try:
             written = os.write(self._file, line)
             if written < len(line):

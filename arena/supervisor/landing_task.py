@@ -89,7 +89,9 @@ class LandingTask:
         return False
 
     def _land(self, flying: Sequence[str], now: float, *, world_gone: bool, armed: Collection[str]) -> bool:
-        """Start the land task if a vehicle must be commanded and the task may be tried (again). Return True when the landing has ended."""
+        """Start the land task if a vehicle must be commanded and the time for the next attempt has come.
+        Return True when the landing has ended.
+        """
         if not flying and world_gone and self._tries and not self._confirmed:
             return self._give_up("the world ended before the vehicles were on the ground")
         if not flying:

@@ -65,7 +65,7 @@ class Lines:
         self._writer.submit(partial(self._write, text))
 
     def _write(self, text: str) -> None:
-        """Write a text to stdout. The thread calls this."""
+        """Write a text to stdout. Called in the background thread, because writing to a terminal can block."""
         if lost := self._writer.take_lost():
             text = f"{self.lost_text(lost)}\n{text}"
         try:
@@ -77,7 +77,9 @@ class Lines:
         """Do nothing, because plain lines have no table to redraw."""
 
     def started(self, failed: list[str]) -> None:
-        """Do nothing, because plain lines need no report of the start. The subclass for `arena up --detach` overrides this method."""
+        """Do nothing, because plain lines have no message for the end of the start. The subclass for `arena
+        up --detach` overrides this method.
+        """
 
     def close(self) -> None:
         """Wait until everything is written. Lines may also be printed afterwards."""

@@ -24,7 +24,7 @@ _AGE_LIMITS = {
 
 
 class Stamped(Protocol):
-    """Interface of every received value: each has its time of arrival [s]."""
+    """Interface of all received values: every value has its time of arrival [s]."""
 
     @property
     def received_at(self) -> float: ...
@@ -63,7 +63,7 @@ class Source:
     refresh: Callable[[], None]
 
     def fixed(self) -> Source:
-        """Return a copy of this source for a snapshot: its values and its time no longer change."""
+        """Return a copy of this source for a snapshot. The values and the time of the copy do not change any more."""
         self.refresh()
         instant = self.now()
         return Source(

@@ -45,7 +45,7 @@ _SPIN = {"ccw": 1.0, "cw": -1.0}
 
 class Rotors:
     """Dynamics of V multirotors with at most R rotors each. All arrays have R columns; a vehicle with fewer
-    rotors does not use its last ones.
+    rotors does not use the last columns.
 
     spin: rotor state, given as the command that would maintain it at nominal voltage, 0..1 [-] (V, R)
     wrench: matrix from thrusts (R,) to torque x, y, z [N m] and force z [N] [FRD] (V, 4, R)
@@ -171,7 +171,7 @@ class ScalarRotors:
         self.update()
 
     def update(self) -> None:
-        """Copy the matrix from thrusts to torque and force again, because `Rotors.scale_thrust` has changed it."""
+        """Update the copy of the matrix (rotor thrusts to torque and force) after `Rotors.scale_thrust` has changed the matrix."""
         self._wrench = [tuple(column) for column in self._rotors.wrench[self._vehicle].T.tolist()]
 
     def step(

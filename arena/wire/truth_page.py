@@ -83,7 +83,7 @@ class TruthWriter:
         self._count = 0
 
     def write(self, truth: Truth) -> None:
-        """Append the true state of one instant; it replaces the oldest one in the page."""
+        """Append the true state of one instant. The oldest state in the page is overwritten."""
         row = self._rows[self._count % _RING]
         row[0] = truth.time_s
         body = row[1:].reshape(-1, _PER_VEHICLE)

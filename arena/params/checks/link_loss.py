@@ -286,7 +286,9 @@ def return_climbs_into_ceiling(ctx: CheckContext) -> Iterator[Finding]:
 
 
 def hold_before_failsafe(ctx: CheckContext) -> Iterator[Finding]:
-    """Yield a finding if PX4 only holds the position for too long (COM_FAIL_ACT_T) after a failure, before its failsafe acts."""
+    """Yield a finding if PX4 waits too long after a failure (COM_FAIL_ACT_T) before its failsafe acts.
+    Meanwhile the vehicle only holds its position.
+    """
     name, value = "COM_FAIL_ACT_T", ctx.value("COM_FAIL_ACT_T")
     if value is not None and value > _MAX_HOLD_S:
         yield ctx.finding(

@@ -151,7 +151,7 @@ def supported_actions(event: Event, version: Version | str) -> tuple[Action, ...
 
 
 def settings_for(event: Event, action: Action, version: Version | str) -> Mapping[str, int]:
-    """Return the {parameter: value} with which PX4 takes this action after this event.
+    """Return the values with which PX4 takes `action` after `event`, as {parameter: value}.
 
     Raises InputError with the reason if the version cannot take the action.
     """

@@ -105,7 +105,7 @@ class RequestWindow(Generic[Key]):
         return not self._open
 
     def with_state(self, *states: RequestState) -> list[Key]:
-        """Return the keys of the requests that are in one of these states."""
+        """Return the keys of the requests that are in one of the given states."""
         return [key for key, request in self._requests.items() if request.state in states]
 
     def due(self, now: float) -> list[Key]:

@@ -71,7 +71,7 @@ class PushReport:
         return self.ending == "done" and all(r.outcome in ("same", "written") for r in self.results.values())
 
     def with_outcome(self, *outcomes: Outcome) -> list[str]:
-        """Return the names of the parameters with one of these outcomes."""
+        """Return the names of the parameters with one of the given outcomes."""
         return [name for name, result in self.results.items() if result.outcome in outcomes]
 
 

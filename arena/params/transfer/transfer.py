@@ -158,7 +158,7 @@ class Transfer:
             self._check_uid()
 
     def _check_uid(self) -> None:
-        """End the transfer if the vehicle is not the right one."""
+        """End the transfer if the hardware uid shows that this is the wrong vehicle."""
         if self.uid is not None and self.uid.problem:
             self.ending = self.ending or "wrong vehicle"
 

@@ -78,7 +78,7 @@ class TokenReader:
         return token
 
     def accept(self, *texts: str) -> bool:
-        """Consume the next tokens if they are exactly these texts. Return whether they were."""
+        """Consume the next tokens if they are exactly these texts. Return True if the tokens were consumed."""
         ahead = [token.text for token in self._tokens[self._at : self._at + len(texts)]]
         if ahead != list(texts):
             return False
