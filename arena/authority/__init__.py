@@ -5,13 +5,21 @@ Imports only the standard library and `wire`, because land-all uses it and must 
 """
 
 from arena.authority.authority import PROGRAM_MODES, Authority, Role
-from arena.authority.command_gate import CommandGate, Refusal, pack_reply, role_of_tool, role_on_link
+from arena.authority.command_gate import (
+    TEMPORARILY_REJECTED,
+    CommandGate,
+    Refusal,
+    pack_reply,
+    role_of_tool,
+    role_on_link,
+)
 from arena.authority.requests import COMMANDS, MESSAGES, Kind, Request, command_of, parse_request
 
 __all__ = [
     "COMMANDS",
     "MESSAGES",
     "PROGRAM_MODES",
+    "TEMPORARILY_REJECTED",
     "Authority",
     "CommandGate",
     "Kind",

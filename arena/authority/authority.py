@@ -87,12 +87,12 @@ class Authority:
 
     # -- requests ------------------------------------------------------------------------------------------------------
 
-    def refusal(self, role: Role, request: Request, now: float) -> str:
+    def refusal(self, role: Role, request: Request, now: float, *, sent: bool = True) -> str:
         """Return why a request must not be sent to the vehicle; "" if the request is allowed.
 
         The text has at most 50 bytes, so that it fits in one STATUSTEXT. An allowed request is remembered, because it
         can change who commands the vehicle.
-        role: the sender. now: monotonic [s].
+        role: the sender. now: monotonic [s]. sent: false if the request is not sent for another reason; it is not remembered.
         """
         if (
             request.kind is Kind.SETPOINT and role is Role.PROGRAM and self._latch is None
@@ -100,7 +100,7 @@ class Authority:
             self._program_setpoint_at = now
             return ""
         why = self._refusal(role, request, now)
-        if not why:
+        if sent and not why:
             self._record(role, request, now)
         return why
 

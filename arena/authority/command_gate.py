@@ -21,7 +21,9 @@ TEXT_BYTES = 50
 _TEXTS_S = 0.5  # a sender gets the text of a refusal again after this time
 _EVENTS_S = 10.0  # the same refusal is an event again after this time
 _COMMAND_ACK, _STATUSTEXT, _DO_SET_MODE = 77, 253, 176
-_ERROR, _TEMPORARILY_REJECTED = 3, 1  # MAV_SEVERITY, MAV_RESULT
+_ERROR = 3  # MAV_SEVERITY
+TEMPORARILY_REJECTED, DENIED = 1, 2
+"""MAV_RESULT of a refusal: the sender may repeat the same request; only a new decision of a person can change the refusal."""
 _ACK, _TEXT = struct.Struct("<HBBiBB"), struct.Struct("<B50sHB")
 _TOOLS = {253: Role.EMERGENCY, 251: Role.COPILOT, 250: Role.GROUND_STATION}
 
@@ -70,7 +72,7 @@ class Refusal:
 
         codec: encoder with the ids of the vehicle's autopilot.
         """
-        return pack_reply(codec, self.command, self.to, self.texts)
+        return pack_reply(codec, self.command, self.to, self.texts, DENIED)
 
 
 class CommandGate:
@@ -92,16 +94,17 @@ class CommandGate:
         self._facts: dict[str, str] = {}
 
     def refusal(
-        self, role: Role, data: Buffer, frame: Frame, now: float, origin: Source = ""
+        self, role: Role, data: Buffer, frame: Frame, now: float, origin: Source = "", *, sent: bool = True
     ) -> Refusal | None:
         """Return the refusal of a frame; None if the frame may be sent to the vehicle.
 
         now: time of one clock [s]. origin: address of the sender or name of its link, for `audit`; "" records nothing.
+        sent: the frame is sent to the vehicle if it is not refused here.
         """
         request = parse_request(data, frame)
         if request is None:
             return None
-        why = self.authority.refusal(role, request, now)
+        why = self.authority.refusal(role, request, now, sent=sent)
         if origin:
             self.audit.add(role, (frame.sysid, frame.compid), request, why, origin, now)
         if not why:
@@ -171,11 +174,12 @@ class CommandGate:
         return changed
 
 
-def pack_reply(codec: _Codec, command: int, to: tuple[int, int], texts: Sequence[str]) -> bytes:
-    """Encode the reply to a refused command: a STATUSTEXT for each of `texts`, then COMMAND_ACK TEMPORARILY_REJECTED.
+def pack_reply(codec: _Codec, command: int, to: tuple[int, int], texts: Sequence[str], result: int) -> bytes:
+    """Encode the reply to a refused command: a STATUSTEXT for each of `texts`, then COMMAND_ACK.
 
     codec: encodes in the name of the autopilot. command: MAV_CMD, 0 for no acknowledgement.
     to: system and component of the sender. texts: most severe first; empty if they were sent a moment ago.
+    result: MAV_RESULT, TEMPORARILY_REJECTED or DENIED.
     The texts are sent first, so that a client has them when it reads the acknowledgement. The most severe
     text is sent last.
     """
@@ -184,5 +188,5 @@ def pack_reply(codec: _Codec, command: int, to: tuple[int, int], texts: Sequence
         for text in reversed(texts)
     ]
     if command:
-        parts.append(codec.frame(_COMMAND_ACK, _ACK.pack(command, _TEMPORARILY_REJECTED, 0, 0, *to)))
+        parts.append(codec.frame(_COMMAND_ACK, _ACK.pack(command, result, 0, 0, *to)))
     return b"".join(parts)

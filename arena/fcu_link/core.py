@@ -21,7 +21,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from arena.authority import MESSAGES, CommandGate, command_of, pack_reply, role_on_link
+from arena.authority import MESSAGES, TEMPORARILY_REJECTED, CommandGate, command_of, pack_reply, role_on_link
 from arena.constants import REORDERED_MS
 from arena.fcu_link.arm_permit import ArmPermit
 from arena.fcu_link.arming_guard import needs_checks, request_words
@@ -53,8 +53,8 @@ Out = list[tuple[str, bytes]]
 class FcuLink:
     """Connection to one flight controller, without sockets.
 
-    Pass in received data with `from_vehicle`, `from_link` and `from_simulator`, call `tick`, and send the
-    frames that `uid_requests` and `next_out` return.
+    Pass in received data with `from_vehicle`, `from_link` and `from_simulator`, call `tick`, and send the frames that
+    `uid_requests` and `next_out` return.
     uid: hardware uid that an earlier process of this run has recorded; last_source: where the vehicle was then
     counts: number of frames that were not passed on, by reason
     flow: number of frames passed on, by direction
@@ -98,12 +98,10 @@ class FcuLink:
         return now - self.checks.received_at <= CONNECTION_TIMEOUT_S
 
     def armed(self, now: float) -> bool:
-        """Return whether the vehicle is armed. A real vehicle that becomes silent keeps the state that it
-        last reported.
+        """Return whether the vehicle is armed.
 
-        A real vehicle that fell silent while armed counts as armed, because it may still fly after its radio
-        has failed. A simulated vehicle counts as disarmed after 5 s of silence, because its process has
-        ended.
+        A real vehicle that is silent keeps its last state, because it may still fly after its radio has failed. A
+        simulated vehicle counts as disarmed after 5 s of silence, because its process has ended.
         """
         return self.checks.armed and (not self._s.simulated or now - self.checks.received_at < 5.0)
 
@@ -164,9 +162,7 @@ class FcuLink:
         return ["router", *vision, *panic]
 
     def _on_autopilot(self, data: Buffer, frame: Frame, now: float) -> None:
-        """Process a frame from the vehicle's autopilot: update the stream rates, the parameter check and the
-        preflight checks.
-        """
+        """Process a frame of the vehicle's autopilot: update stream rates, parameter check and preflight checks."""
         if now - self.checks.received_at > SILENT_S:
             self._streams.restart()
             self.permit.on_interruption(f"no telemetry for {SILENT_S:g} s")
@@ -298,16 +294,24 @@ class FcuLink:
         if self.identity.source is None:
             self.counts[f"to the vehicle: not connected ({link})"] += 1
             return []
-        if frame.msgid in MESSAGES and frame.target_sys in (0, self.system):
-            role = role_on_link(link, frame.sysid, self.system)
-            origin = "panic link" if link == "panic" else ""  # the router records its clients
-            refusal = self.gate.refusal(role, data, frame, now, origin)
-            if refusal is not None:
-                self.counts[f"to the vehicle: refused: {refusal.why}"] += 1
-                reply = refusal.reply(self._autopilot_codec)
-                return [(link, reply)] if reply else []
+        if (refused := self._refuse(link, data, frame, now, sent=True)) is not None:
+            return refused
         self.queue.put(_PRIORITIES[link], bytes(data[frame.start : frame.end]), frame.msgid, now - age_s)
         return []
+
+    def _refuse(self, link: str, data: Buffer, frame: Frame, now: float, *, sent: bool) -> Out | None:
+        """Return the replies to a frame whose sender must not command the vehicle now; None if the sender may command it.
+        sent: the frame is sent to the vehicle if it is not refused here.
+        """
+        role = role_on_link(link, frame.sysid, self.system)
+        origin = "panic link" if link == "panic" else ""  # the router records its clients
+        commands = frame.msgid in MESSAGES and frame.target_sys in (0, self.system)
+        refusal = self.gate.refusal(role, data, frame, now, origin, sent=sent) if commands else None
+        if refusal is None:
+            return None
+        self.counts[f"to the vehicle: refused: {refusal.why}"] += 1
+        reply = refusal.reply(self._autopilot_codec)
+        return [(link, reply)] if reply else []
 
     def _guard(self, link: str, data: Buffer, frame: Frame, now: float, age_s: float) -> Out:
         """Pass on or refuse a request that could arm the vehicle or spin a motor. Return the refusal as messages for
@@ -316,6 +320,8 @@ class FcuLink:
         reasons = self.reasons(now)
         if not reasons:
             return self._pass(link, data, frame, now, age_s)
+        if (refused := self._refuse(link, data, frame, now, sent=False)) is not None:
+            return refused  # a final refusal: the sender must not wait for the checks
         self.counts["to the vehicle: arming refused"] += 1
         if now - self._refusal_reported_at >= 1.0:
             self._refusal_reported_at = now
@@ -325,7 +331,8 @@ class FcuLink:
         if fresh:
             self._reasons_sent_at[link] = now
         sender = frame.sysid, frame.compid
-        answer = pack_reply(self._autopilot_codec, command_of(data, frame), sender, reasons if fresh else ())
+        texts, command = reasons if fresh else (), command_of(data, frame)
+        answer = pack_reply(self._autopilot_codec, command, sender, texts, TEMPORARILY_REJECTED)
         return [(end, answer) for end in dict.fromkeys((link, "router"))]
 
     # -- periodic -----------------------------------------------------------------------------------------------------

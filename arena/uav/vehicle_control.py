@@ -36,6 +36,7 @@ _CONFIRM_TIMEOUT_S = 3.0
 _RETRY_S = 0.5
 _TRIES = 5
 _REARM_S = 1.0  # from a rejected arming until the next request
+_REOFFBOARD_S = 0.3  # from a rejected OFFBOARD until the next request
 _STREAM_FIRST_S = 0.5  # PX4 enters OFFBOARD only where setpoints already flow
 _TEXTS_S = 10.0
 _RECORD_S, _RECORD_POLL_S = 0.5, 0.05  # wall time: the router records a takeover when the program sees it
@@ -205,13 +206,13 @@ class VehicleControl:
         self._offboard = self._armed = False
 
     def _request_offboard(self) -> None:
+        """Request OFFBOARD until it is accepted. A final refusal, such as "denied", is not repeated."""
         end = self._clock.now() + _CONFIRM_TIMEOUT_S
         while True:
-            try:
-                return self._command(mavlink.MAV_CMD_DO_SET_MODE, _mode("OFFBOARD"), "OFFBOARD")
-            except CommandRefusedError:
-                if self._clock.now() > end:
-                    raise
+            result = self._result_of(mavlink.MAV_CMD_DO_SET_MODE, _mode("OFFBOARD"), "OFFBOARD")
+            if result != mavlink.MAV_RESULT_TEMPORARILY_REJECTED or self._clock.now() > end:
+                return self._check_result(result, "OFFBOARD")
+            self._wait(lambda: False, _REOFFBOARD_S)
 
     def _command(self, number: int, params: tuple[float, ...], what: str, *, stream: bool = True) -> None:
         """Send a command and wait until the autopilot acknowledges it. Raises CommandRefusedError if the autopilot refuses it."""

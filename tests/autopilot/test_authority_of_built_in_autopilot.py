@@ -40,12 +40,12 @@ def land_all(f, system=253):
 def test_program_cannot_fly_on_after_land_all_until_release(flight, system):
     land_all(flight, system)
     assert flight.mode(0) == "AUTO.LAND"
-    assert flight.offboard(0) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+    assert flight.offboard(0) == mavlink.MAV_RESULT_DENIED
     assert flight.mode(0) == "AUTO.LAND"
     (text,) = [m.text for m in flight.received[0] if m.get_type() == "STATUSTEXT"]
     assert text.endswith("has control: run `arena release`")
     flight.until(lambda f: not f.armed(0), 20.0, hover)
-    assert flight.arm(0) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+    assert flight.arm(0) == mavlink.MAV_RESULT_DENIED
     flight.pilots.on_request({"do": "release", "vehicle": "uav1", "by": "ada"})
     flight.run(0.1, hover)
     assert flight.offboard(0) == mavlink.MAV_RESULT_ACCEPTED and flight.arm(0) == mavlink.MAV_RESULT_ACCEPTED
@@ -58,7 +58,7 @@ def test_nobody_arms_once_the_run_ends(flight, request_):  # review fault 6
     flight.pilots.on_request(request_)
     land_all(flight)
     flight.until(lambda f: not f.armed(0), 20.0, hover)
-    assert flight.arm(0) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED and not flight.armed(0)
+    assert flight.arm(0) == mavlink.MAV_RESULT_DENIED and not flight.armed(0)
 
 
 def test_program_flies_and_lands_and_flies_again_without_release(flight):

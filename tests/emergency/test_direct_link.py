@@ -296,7 +296,7 @@ def test_review_fault_5_a_pilots_vehicle_is_refused_by_its_link(lab, capsys):
     assert not {SET_MODE, LAND, ARM} & set(orders(fleet.autopilots[K]))
     last = lines(capsys)[-1]
     assert last.startswith("uav1: NOT CONFIRMED: armed, in the air, mode POSCTL")
-    assert last.endswith("refused: temporarily rejected (pilot has control)")
+    assert last.endswith("refused: denied (pilot has control)")
 
 
 # review fault 10: the supervisor restarts a crashed link process

@@ -68,7 +68,7 @@ def test_no_automatic_command_reaches_a_vehicle_of_its_pilot(link, codec, messag
     rig = taken_by_pilot()
     assert not sent_by(rig, codec, message, link)
     (ack,) = rig.received(link, "COMMAND_ACK")
-    assert (ack.command, ack.result) == (message.command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+    assert (ack.command, ack.result) == (message.command, mavlink.MAV_RESULT_DENIED)
     assert (ack.get_srcSystem(), ack.get_srcComponent()) == (ID, 1)
     assert [t.text for t in rig.received(link, "STATUSTEXT")] == ["pilot has control"]
 
@@ -145,3 +145,25 @@ def test_refused_setpoints_have_no_reply():
     sent_by(rig, LAND_ALL, set_mode("AUTO.LAND"), "panic")
     assert not sent_by(rig, PROGRAM, setpoint())
     assert not rig.received("router", "STATUSTEXT")
+
+
+def test_arming_after_land_all_is_denied_also_while_a_preflight_check_fails():
+    rig = in_offboard()
+    assert sent_by(rig, LAND_ALL, set_mode("AUTO.LAND"), "panic")
+    reports(rig, "AUTO.LAND", armed=False)
+    rig.fly(2.0, poses=False)
+    assert rig.reasons() and not sent_by(rig, PROGRAM, arm())
+    assert (
+        rig.received("router", "COMMAND_ACK")[-1].result == mavlink.MAV_RESULT_DENIED
+    )  # not requested again
+    assert rig.received("router", "STATUSTEXT")[-1].text == "land-all has control: run `arena release`"
+
+
+def test_arming_before_enough_poses_is_rejected_temporarily_then_passes():
+    rig = Rig()
+    rig.fly(0.5)
+    assert rig.reasons() == ["Preflight: 25 poses/s, needs 40"] and not sent_by(rig, PROGRAM, arm())
+    (ack,) = rig.received("router", "COMMAND_ACK")
+    assert ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED  # the program requests it again
+    rig.fly(1.0)
+    assert sent_by(rig, PROGRAM, arm())

@@ -53,7 +53,7 @@ def test_refused_command_is_answered_and_not_forwarded(fleet):  # review fault 9
     assert set(received) == {"program1"}
     text, answer = READER.parse(received["program1"])
     assert text.text == "land-all has control: run `arena release`"
-    assert (answer.command, answer.result) == (176, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+    assert (answer.command, answer.result) == (176, mavlink.MAV_RESULT_DENIED)
     assert (answer.get_srcSystem(), answer.get_srcComponent()) == (1, 1)
     assert (answer.target_system, answer.target_component) == PROGRAM
 

@@ -61,7 +61,7 @@ def test_mission_enters_offboard_at_the_present_position_then_arms(autopilot, ua
     assert first.yaw == pytest.approx(np.radians(30), abs=1e-5)
 
 
-ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+ARM, MODE = mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_DO_SET_MODE
 
 
 def test_refused_arming_raises_with_the_autopilots_text(autopilot, uav, monkeypatch):
@@ -124,6 +124,27 @@ def test_finally_refused_arming_is_not_requested_again(autopilot, uav, result):
     assert sum(c.command == ARM for c in autopilot.orders) == 1
 
 
+def test_denied_offboard_is_not_requested_again(autopilot, uav):
+    autopilot.refuse[MODE] = (2, b"land-all has control: run `arena release`")
+    with pytest.raises(CommandRefusedError, match=r"refused OFFBOARD \(denied\).*run `arena release`"):
+        uav.start_offboard_mission()
+    assert [c.command for c in autopilot.orders] == [MODE]
+
+
+def test_temporarily_rejected_offboard_is_requested_again(autopilot, uav):
+    autopilot.refuse[MODE] = (1, b"no setpoints")
+
+    def accept_later() -> None:
+        until(lambda: sum(c.command == MODE for c in autopilot.orders) >= 2)
+        autopilot.refuse.clear()
+
+    watch = threading.Thread(target=accept_later)
+    watch.start()
+    uav.start_offboard_mode()
+    watch.join()
+    assert autopilot.mode == "OFFBOARD"
+
+
 def test_arm_drone_does_not_wait_for_a_rejected_arming(autopilot, uav):
     autopilot.refuse[ARM] = (1, b"Arming denied: no poses")
     with pytest.raises(CommandRefusedError, match="no poses"):
@@ -143,8 +164,8 @@ def test_program_that_may_not_fly_raises_with_the_holder_and_the_remedy(
 
 def test_refused_mode_is_requested_again_then_raises(autopilot, uav, monkeypatch):
     monkeypatch.setattr(vehicle_control, "_CONFIRM_TIMEOUT_S", 0.8)
-    autopilot.refuse[mavlink.MAV_CMD_DO_SET_MODE] = (2, b"No offboard signal")
-    with pytest.raises(CommandRefusedError, match=r"denied.*No offboard signal"):
+    autopilot.refuse[mavlink.MAV_CMD_DO_SET_MODE] = (1, b"No offboard signal")
+    with pytest.raises(CommandRefusedError, match=r"temporarily rejected.*No offboard signal"):
         uav.start_offboard_mode()
     assert len(autopilot.commands) >= 2
 
