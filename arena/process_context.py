@@ -8,13 +8,15 @@ The child sends packets on this socket, each one JSON object:
     {"stats": {...}}                 measurements for the table and the summary; a new value replaces the old one of its key
     {"event": "..."}                 one line for events.jsonl and the terminal
     {"audit": [{...}]}               requests to vehicles, for events.jsonl and `arena audit`
+    {"confirmed": 7}                 the request with this `id` was carried out
 The supervisor sends requests to the child on the same socket, each one JSON object with the key `do`. A process ignores
-requests that it does not know:
+requests that it does not know, and requests that it reads later than `expires` (monotonic [s]):
     {"do": "refuse_arming", "why": "..."}  from the first stop signal on: refuse every command that arms a vehicle
     {"do": "permit", "vehicle": "uav1", "by": "..."}  a person permits this real vehicle to arm (link processes)
     {"do": "forget", "vehicle": "uav1", "dead": true}  an operator has declared the vehicle dead: end without waiting for it
     {"do": "operator"}                     once a second while an operator is present
     {"do": "release", "vehicle": "uav1", "by": "..."}  `arena release`: programs may fly the vehicle again
+    {"do": "restore", "vehicle": "uav1", "standing": {...}}  after a restart: what the process must enforce again (arena.authority)
 End of file on the socket means that the supervisor has died. Without ARENA_FD a process runs alone and sends nothing.
 """
 
@@ -28,7 +30,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -107,6 +109,11 @@ class ProcessContext:
         found, self._requests = self._requests, []
         return found
 
+    def confirm(self, request: Mapping[str, Any]) -> None:
+        """Report to the supervisor that a request was carried out, if the request has an `id`."""
+        if "id" in request:
+            self._send({"confirmed": request["id"]})
+
     def may_end(self, armed: Collection[str]) -> bool:
         """Return whether a stop signal has arrived and no vehicle in `armed` prevents the end. Report once which vehicles prevent it.
 
@@ -165,6 +172,8 @@ class ProcessContext:
                     self._take(packet)
 
     def _take(self, packet: dict[str, Any]) -> None:
+        if packet.get("expires", float("inf")) < time.monotonic():
+            return  # this process was paused, and the sender has given up
         if packet.get("do") == "forget":
             change = self._forgotten.discard if packet.get("dead") is False else self._forgotten.add
             change(str(packet.get("vehicle")))

@@ -10,8 +10,10 @@ landing. docs/explanation/authority.md contains the table and a diagram.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 from arena.authority.requests import Kind, Request
 from arena.wire.px4_mode import MANUAL_MODES
@@ -182,7 +184,8 @@ class Authority:
         before, was_armed = self._mode, self._armed
         self._armed, self._mode = armed, mode
         if not armed:
-            if was_armed:
+            self._taken = "" if self._taken_until_disarmed else self._taken
+            if was_armed or self.holder is Role.PILOT:
                 self._on_disarmed(now)
             return
         if self._latch is not None and mode == "AUTO.LAND":
@@ -231,8 +234,6 @@ class Authority:
     def _on_disarmed(self, now: float) -> None:
         self._obeyed = False
         self._hold_until = float("-inf")
-        if self._taken_until_disarmed:
-            self._taken = ""
         if self.holder is not Role.NOBODY:
             self._change(Role.NOBODY, "disarmed", now)
 
@@ -273,6 +274,28 @@ class Authority:
         why: reason that the sender of a refused request gets, such as "the run is ending".
         """
         self._arming_off = self._arming_off or why[:30]
+
+    @property
+    def standing(self) -> dict[str, Any]:
+        """Return the state that a restarted process must enforce again, as JSON values for `restore`; empty if there is none.
+
+        latch: role and strength of a landing. taken: who took OFFBOARD. pilot: the pilot has control.
+        """
+        found: dict[str, Any] = {"pilot": True} if self.holder is Role.PILOT else {}
+        if self._latch is not None:
+            found["latch"] = [int(self._latch.by), self._latch.strength]
+        if self._taken:
+            found |= {"taken": self._taken, "until_disarmed": self._taken_until_disarmed}
+        return found
+
+    def restore(self, standing: Mapping[str, Any], now: float) -> None:
+        """Add what a process enforced before its restart, and what another process enforces. standing: value of `standing`."""
+        if taken := standing.get("taken"):
+            self._set_taken(str(taken), until_disarmed=standing.get("until_disarmed") is True)
+        if latch := standing.get("latch"):
+            self._set_latch(Role(latch[0]), int(latch[1]), now)
+        if standing.get("pilot") is True:  # until the first heartbeat shows the flight mode
+            self._change(Role.PILOT, "as before a restart", now)
 
     @property
     def latched(self) -> bool:

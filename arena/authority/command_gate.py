@@ -91,7 +91,7 @@ class CommandGate:
         self._text_at: dict[Role, float] = {}
         self._reported: dict[str, float] = {}
         self._events: list[str] = []
-        self._facts: dict[str, str] = {}
+        self._facts: dict[str, Any] = {}
 
     def refusal(
         self, role: Role, data: Buffer, frame: Frame, now: float, origin: Source = "", *, sent: bool = True
@@ -146,6 +146,8 @@ class CommandGate:
             self.authority.refuse_arming(str(request.get("why", "the run is ending")))
         elif request.get("do") == "release":
             self.authority.release(str(request.get("by", "the operator")), now)
+        elif request.get("do") == "restore":
+            self.authority.restore(request["standing"], now)
 
     @property
     def has_news(self) -> bool:
@@ -158,16 +160,17 @@ class CommandGate:
         self._events.clear()
         return [f"{self.name}: {text}" for text in found]
 
-    def changed_facts(self, place: str = "") -> dict[str, str]:
-        """Return the facts that have changed: `control` (who commands the vehicle) and `blocked` (why programs must
-        not command the vehicle).
+    def changed_facts(self, place: str = "") -> dict[str, Any]:
+        """Return the facts that have changed: `control` (who commands the vehicle), `blocked` (why programs must
+        not command the vehicle) and `standing` (what a restarted process must enforce, see `Authority.standing`).
 
-        place: appended to the name of `blocked`, because each place has its own memory of landings.
+        place: appended to the names of `blocked` and `standing`, because each place has its own memory of landings.
         """
         holder = self.authority.holder
         now = {
             f"{self.name}.control": holder.words if holder else "",
             f"{self.name}.blocked{place}": self.authority.blocked,
+            f"{self.name}.standing{place}": self.authority.standing,
         }
         changed = {name: value for name, value in now.items() if value != self._facts.get(name)}
         self._facts = now

@@ -70,6 +70,9 @@ class FcuLinkShell:
 
         If the supervisor dies, continue until the vehicle is disarmed.
         """
+        self._take_requests(
+            time.monotonic()
+        )  # of the time before a restart, before the first command is passed on
         while not (self._over or (self._process.stopping and self._process.may_end(self._armed_real()))):
             self._wait()
             now = time.monotonic()
@@ -153,8 +156,7 @@ class FcuLinkShell:
         self._signing.tick(now)
         self._core.signing_problem = self._signing.problem
         self._process.audit(self._core.gate.audit.take())
-        for request in self._process.requests():
-            self._core.on_request(request, now)
+        self._take_requests(now)
         if self._simulator is not None:
             self._simulator.tick(self._core.alive(now), now)
         self._report_events()
@@ -168,6 +170,11 @@ class FcuLinkShell:
         if now >= self._next_second:
             self._report_stats(now)
             self._next_second = max(self._next_second + _SECOND_S, now)
+
+    def _take_requests(self, now: float) -> None:
+        for request in self._process.requests():
+            self._core.on_request(request, now)
+            self._process.confirm(request)
 
     def _report_events(self) -> None:
         if not self._ready and self._core.ever_connected and self._core.params.complete:

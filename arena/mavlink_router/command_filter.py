@@ -61,13 +61,13 @@ class CommandFilter:
             gate.on_request(request, self._time(gate, now))
         self._news |= set(self._gates)
 
-    def changes(self) -> tuple[list[str], dict[str, str]]:
+    def changes(self) -> tuple[list[str], dict[str, Any]]:
         """Return the events of simulated vehicles since the last call, and the facts of these vehicles that have changed.
 
         The hardware links report those of real vehicles.
         """
         events: list[str] = []
-        facts: dict[str, str] = {}
+        facts: dict[str, Any] = {}
         for gate in [self._gates[vehicle] for vehicle in sorted(self._news)]:
             own, changed = gate.events(), gate.changed_facts()
             if not gate.simulated:

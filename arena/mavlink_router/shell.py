@@ -66,6 +66,9 @@ class RouterShell:
         datagrams until all vehicles are disarmed.
         """
         process, router = self._process, self._router
+        self._take_requests(
+            time.monotonic()
+        )  # of the time before a restart, before the first command is forwarded
         while not (self._over or (process.stopping and process.may_end(router.armed(simulated=False)))):
             self.turn(max(0.0, self._next_tick - time.monotonic()))
         self._process.stats(self._stats())
@@ -120,11 +123,15 @@ class RouterShell:
                 except OSError:  # full queue or no network: the next message is newer
                     counts.dropped["not sent"] += 1
 
+    def _take_requests(self, now: float) -> None:
+        for request in self._process.requests():
+            self._router.commands.on_request(request, now)
+            self._process.confirm(request)
+
     def _tick(self, now: float) -> None:
         self._next_tick = max(self._next_tick + _TICK_S, now)
         self._router.tick(now)
-        for request in self._process.requests():
-            self._router.commands.on_request(request, now)
+        self._take_requests(now)
         self._process.audit(self._router.commands.take_audit())
         self._backlog.tick(now)
         orphaned = self._process.orphaned

@@ -207,6 +207,7 @@ class Loop:
             print(text, flush=True)  # the log exists when the supervisor does not
         for request in self._context.requests():
             self._autopilots.on_request(request)
+            self._context.confirm(request)
         orphaned = self._context.orphaned
         if orphaned:
             self._autopilots.on_request(SUPERVISOR_LOST)

@@ -34,7 +34,7 @@ from arena.supervisor.meters import RealTimeMeter
 from arena.supervisor.operator_presence import OperatorPresence, at_terminal
 from arena.supervisor.process_set import Orders, ProcessSet
 from arena.supervisor.process_state import ENDED, State
-from arena.supervisor.release import check_release, guards
+from arena.supervisor.release_task import CONFIRM_S, ReleaseTask
 from arena.supervisor.run_end import Cause, End
 from arena.supervisor.run_folder import Member, RunFolder
 from arena.supervisor.run_options import Options, Show
@@ -80,6 +80,7 @@ class Supervisor:
         self._orders = Orders()
         self._shutdown = Shutdown(plan, folder, self._processes, self._orders, self._log)
         self._result = RunResult(plan, folder, self._processes, self._log, self._real_time)
+        self._release = ReleaseTask(plan, self._processes)
         self._operator = OperatorPresence()
         self._end: End | None = None
         self._began = time.monotonic()
@@ -118,7 +119,12 @@ class Supervisor:
             case "restart":
                 return self._restart(str(request.get("name")), in_flight=request.get("yes") is True)
             case "release":
-                return self._release([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
+                if self.phase is not Phase.RUN:
+                    raise ValueError(f"nothing is released: the arena is {self.phase}, so no vehicle may arm")
+                self._release.begin(
+                    [str(v) for v in request.get("vehicles") or ()], str(request.get("by")), now
+                )
+                return {"ok": True}
             case "arm_permit":
                 return self._permit([str(v) for v in request.get("vehicles") or ()], str(request.get("by")))
             case "forget":
@@ -147,6 +153,7 @@ class Supervisor:
             "time_s": self._real_time.time_s(),
             "vehicles": [v.name for v in self.plan.vehicles],
             "facts": dict(self._processes.facts),
+            "releases": self._release.results,
             "refused": sum(self._control.refused.values()) if self._control is not None else 0,
             "processes": self._processes.table(now),
         }
@@ -177,6 +184,7 @@ class Supervisor:
     def _decide(self, now: float) -> None:
         self._shutdown.update_hold()
         self._processes.reconcile(self._orders, now)
+        self._release.step(now)
         self._processes.cut_logs(now)
         if self.options.adopt:
             self._end_runaways(now)
@@ -241,7 +249,10 @@ class Supervisor:
         """
         real = real_vehicles(self.plan, self._processes.statuses)
         if connected := [name for name, ready in real.items() if ready]:
-            self._permit(connected, self.options.permit_by)
+            try:
+                self._permit(connected, self.options.permit_by)
+            except ValueError as error:
+                self._show_line(str(error))
         for name in (name for name, ready in real.items() if not ready):
             self._show_line(
                 f"{name}: not connected, so it has no arm permit; later run `arena arm-permit {name}`"
@@ -273,21 +284,14 @@ class Supervisor:
         self._log.event(time.monotonic(), name, "restart requested by `arena restart`")
         return {"ok": True}
 
-    def _release(self, vehicles: list[str], by: str) -> dict[str, Any]:
-        if self.phase is not Phase.RUN:
-            raise ValueError(f"nothing is released: the arena is {self.phase}, so no vehicle may arm")
-        check_release(self.plan, self._processes.facts, self._processes.stats, vehicles)
-        for vehicle in vehicles:
-            packet = {"do": "release", "vehicle": vehicle, "by": by}
-            self._processes.request(packet, to=guards(self.plan, vehicle))
-        return {"ok": True}
-
     def _permit(self, vehicles: list[str], by: str) -> dict[str, Any]:
         if self.phase is not Phase.RUN:
             raise ValueError(f"no arm permit: the arena is {self.phase}")
         check_permit(real_vehicles(self.plan, self._processes.statuses), vehicles)
         for vehicle in vehicles:
-            self._processes.request(permit_request(vehicle, by), to=[f"link.{vehicle}"])
+            packet = {**permit_request(vehicle, by), "expires": time.monotonic() + CONFIRM_S}
+            if self._processes.request(packet, to=[f"link.{vehicle}"]):
+                raise ValueError(f"{vehicle}: no arm permit: link.{vehicle} does not read its requests")
         return {"ok": True}
 
     # -- the end

@@ -20,6 +20,7 @@ from arena.supervisor.event_log import EventLog
 from arena.supervisor.messages import VehicleChanges
 from arena.supervisor.meters import Meter
 from arena.supervisor.process_state import ALIVE, Action, Exit, Observation, ProcessStatus, State, step
+from arena.supervisor.release import restore_requests
 from arena.supervisor.run_folder import Member, RunFolder
 
 MAX_NAMES = 2000
@@ -33,6 +34,8 @@ VEHICLE_FACTS = (
     ".control",
     ".blocked",
     ".blocked_at_link",
+    ".standing",
+    ".standing_at_link",
 )
 """Ends of the names of facts about a vehicle. User programs and tools may not send these facts."""
 
@@ -70,6 +73,7 @@ class ProcessSet:
     facts: values such as `uav1.armed: true`, from processes that still run.
     last_facts: the last value of every fact, also from processes that have ended.
     stats: process -> its measurements.
+    confirmed: process -> `id` of the last request that it has carried out.
     changed: true if something happened that the loop must handle without waiting for the next period.
     """
 
@@ -84,6 +88,7 @@ class ProcessSet:
         self.facts: dict[str, Any] = {}
         self.last_facts: dict[str, Any] = {}
         self.stats: dict[str, dict[str, Any]] = {name: {} for name in self.specs}
+        self.confirmed: dict[str, int] = {}
         self.changed = True
         self._selector = selector
         self._vehicle_changes = VehicleChanges()
@@ -267,9 +272,9 @@ class ProcessSet:
             self._exits[spec.name] = Exit(code=127, text=f"could not start: {where}: {what}", ran=False)
             return
         self.children[spec.name] = child
-        for names, packet in self._standing:
-            if spec.name in names:
-                child.send(packet)
+        kept = [packet for names, packet in self._standing if spec.name in names]
+        for packet in [*kept, *restore_requests(self.plan, spec, self.last_facts)]:
+            child.send(packet)
         self._loading[spec.name] = now + (_LOADING_S if spec.ready == "reported" else _SILENT_LOADING_S)
         self.meters[spec.name].started(now)
         if child.channel is not None:
@@ -305,6 +310,9 @@ class ProcessSet:
                 self.log.audit(time.monotonic(), name, entry)
         if isinstance(event := packet.get("event"), str):
             self.log.event(time.monotonic(), name, event)
+        if isinstance(confirmed := packet.get("confirmed"), int):
+            self.confirmed[name] = confirmed
+            self.changed = True
 
     def _take_facts(self, name: str, facts: dict[str, Any]) -> None:
         """Store the facts that process `name` sent.

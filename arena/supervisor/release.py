@@ -1,11 +1,11 @@
-"""`arena release`: which vehicles may be released, and which processes must receive the request. Pure."""
+"""Rules of `arena release`: which processes refuse programs, which vehicles may be released, what outlasts a restart. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from arena.plan.model import Plan
+from arena.plan.model import Plan, ProcessSpec
 
 GUARDS = ("world", "link", "router")
 """Kinds of the processes that pass commands to a vehicle."""
@@ -37,6 +37,18 @@ def check_release(
         if known and not blocked(vehicle, facts) and not _blocked_in_world(plan, stats, vehicle):
             control = facts[f"{vehicle}.control"] or "nobody"
             raise ValueError(f"{vehicle}: nothing to release: {control} has control, and programs may fly")
+
+
+def restore_requests(plan: Plan, spec: ProcessSpec, facts: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the requests with which a router or link that starts again enforces what it and others enforced before.
+
+    facts: last values that the processes sent, also those that have ended.
+    """
+    if spec.kind not in GUARDS:
+        return []
+    names = [v.name for v in plan.vehicles if spec.vehicle in (None, v.name)]
+    found = [(name, facts.get(f"{name}.standing{place}")) for name in names for place in ("", "_at_link")]
+    return [{"do": "restore", "vehicle": name, "standing": value} for name, value in found if value]
 
 
 def blocked(vehicle: str, facts: Mapping[str, Any]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 from arena.authority import Authority, Kind, Request, Role
@@ -207,3 +209,58 @@ def test_every_refusal_fits_in_one_statustext():
     a.refuse_arming("a reason that is much longer than one STATUSTEXT can hold")
     a.on_state(False, "AUTO.LOITER", 7.0)
     assert len(a.refusal(Role.PROGRAM, ARM, 8.0).encode()) <= 50
+
+
+def restarted(before: Authority) -> Authority:
+    """Return the authority of a process that starts again, after it has received the standing state."""
+    a = Authority(simulated=False)
+    a.restore(json.loads(json.dumps(before.standing)), 100.0)
+    return a
+
+
+@pytest.mark.parametrize("role", [Role.EMERGENCY, Role.COPILOT])
+def test_landing_stays_latched_after_a_restart_until_release(role):
+    a = restarted(landed_by(role))
+    assert a.refusal(Role.PROGRAM, ARM, 101.0) == f"{role.words} has control: run `arena release`"
+    a.on_state(False, "AUTO.LAND", 102.0)
+    assert a.refusal(Role.PROGRAM, ARM, 103.0) and a.holder is role
+    a.release("ada", 104.0)
+    assert a.standing == {} and a.refusal(Role.PROGRAM, ARM, 105.0) == ""
+
+
+def test_weaker_standing_state_does_not_replace_a_stronger_latch():
+    a = landed_by(Role.EMERGENCY)
+    a.restore(landed_by(Role.COPILOT).standing, 20.0)
+    assert a.standing == {"latch": [int(Role.EMERGENCY), 3]}
+
+
+def test_program_cannot_retake_offboard_after_a_restart():
+    before = taken_by_pilot()
+    before.on_state(True, "AUTO.LOITER", 12.0)
+    assert (
+        restarted(before).refusal(Role.PROGRAM, OFFBOARD, 101.0) == "pilot took control: run `arena release`"
+    )
+
+
+def test_pilot_keeps_control_after_a_restart_until_the_mode_is_known():
+    a = restarted(taken_by_pilot())
+    assert a.refusal(Role.EMERGENCY, LAND, 101.0) == "pilot has control"
+    a.on_state(True, "POSCTL", 101.5)
+    assert a.refusal(Role.EMERGENCY, LAND, 102.0) == "pilot has control"
+    a.on_state(True, "AUTO.LOITER", 103.0)
+    assert a.refusal(Role.EMERGENCY, LAND, 104.0) == ""
+
+
+def test_pilot_who_disarmed_during_a_restart_has_no_control():
+    a = restarted(taken_by_pilot())
+    a.on_state(False, "POSCTL", 101.0)
+    assert a.holder is Role.NOBODY
+
+
+def test_failsafe_is_forgotten_if_the_vehicle_disarmed_during_a_restart():
+    before = in_offboard(simulated=True)
+    before.on_state(True, "AUTO.LAND", 5.0)
+    a = restarted(before)
+    assert a.refusal(Role.PROGRAM, ARM, 101.0) == "AUTO.LAND ended OFFBOARD: run `arena release`"
+    a.on_state(False, "AUTO.LAND", 102.0)
+    assert a.refusal(Role.PROGRAM, ARM, 103.0) == ""

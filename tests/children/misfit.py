@@ -108,7 +108,9 @@ def flickers() -> None:
 
 
 def prints_requests() -> None:
-    """Report facts (the argument, as JSON), and print every request of the supervisor. SIGTERM ends it after the last one."""
+    """Report facts (the argument, as JSON), and print and confirm every request of the supervisor. SIGTERM ends it
+    after the last one.
+    """
     signal.signal(signal.SIGTERM, lambda *_: tell.line.setblocking(False))
     tell(ready=True, facts=json.loads(sys.argv[2]))
     while True:
@@ -116,7 +118,11 @@ def prints_requests() -> None:
             data = tell.line.recv(65536)
         except BlockingIOError:
             sys.exit(0)
+        if not data:
+            sys.exit(0)
         print(data.decode(), flush=True)
+        if "id" in (request := json.loads(data)):
+            tell(confirmed=request["id"])
 
 
 def floods() -> None:

@@ -4,6 +4,7 @@ import pytest
 from fleet import LAND, OFFBOARD, Fleet, ack, command, heartbeat, packed
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.authority import Role
 from arena.mavlink_router.router import Router
 from arena.wire.mavlink_codec import Codec
 
@@ -133,11 +134,16 @@ def test_changes_of_authority_are_events_of_simulated_vehicles(fleet):
     events, facts = fleet.router.commands.changes()
     assert events == ["uav1: land-all has control: landing, until `arena release`"]
     latched = "land-all has control"
+    standing = {"latch": [Role.EMERGENCY, 3]}
+    assert facts.pop("uav1.standing") == facts.pop("uav2.standing") == standing
     assert facts == {"uav1.control": "land-all", "uav1.blocked": latched, "uav2.blocked": latched}
     fleet.send_as("autopilot1", heartbeat(1, mode=LAND))
     assert fleet.router.commands.changes() == (["uav1: disarmed"], {"uav1.control": ""})
     fleet.router.commands.on_request({"do": "release", "vehicle": "uav1", "by": "ada"}, fleet.now)
-    assert fleet.router.commands.changes() == (["uav1: released by ada"], {"uav1.blocked": ""})
+    assert fleet.router.commands.changes() == (
+        ["uav1: released by ada"],
+        {"uav1.blocked": "", "uav1.standing": {}},
+    )
 
 
 def test_hold_of_the_copilot_lasts_by_simulation_time(fleet):

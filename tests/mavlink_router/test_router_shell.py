@@ -302,6 +302,7 @@ def test_a_missing_vehicle_is_named_and_the_others_start():
         orphaned=False,
         requests=list,
         audit=lambda entries: None,
+        confirm=lambda request: None,
         operator_present=lambda now: False,
         stats=lambda _: None,
     )
@@ -328,7 +329,9 @@ def test_a_missing_vehicle_is_named_and_the_others_start():
 def test_arming_is_refused_from_the_first_stop_signal_on(changes, reason):  # review fault 6
     nothing = lambda *_: None  # noqa: E731
     given = {"settings": {}, "orphaned": False, "requests": list}
-    calls = dict.fromkeys(("ready", "event", "stats", "facts", "audit", "operator_present"), nothing)
+    calls = dict.fromkeys(
+        ("ready", "event", "stats", "facts", "audit", "confirm", "operator_present"), nothing
+    )
     table = Table.from_slice(slice_of((1,), host="127.74.5.2"))
     shell = RouterShell(types.SimpleNamespace(**{**given, **calls, **changes}), table)
     program = table.vehicles[0].clients[0]
