@@ -110,6 +110,8 @@ def test_release_names_the_process_that_does_not_confirm(start, paused, other):
     os.kill(run.pid(paused), signal.SIGCONT)
     eventually(lambda: release(run).returncode == 0, what="a second release")
     assert requests(run, other)
+    run.signal(signal.SIGTERM)
+    run.wait()
 
 
 def test_nothing_is_released_while_a_process_does_not_run(start):
@@ -121,6 +123,8 @@ def test_nothing_is_released_while_a_process_does_not_run(start):
     done = release(run)
     assert done.returncode == 1 and "nothing is released: not running: link.uav1. Repeat" in done.stderr
     assert requests(run, "router") == []
+    run.signal(signal.SIGTERM)
+    run.wait()
 
 
 STANDING = {"latch": [4, 3]}
