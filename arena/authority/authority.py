@@ -24,6 +24,7 @@ PROGRAM_MODES = frozenset(
 """Modes in which a computer moves the vehicle."""
 COPILOT_HOLD_S = 1.0  # a hold of the copilot ends this long after its last command
 _ASKED_S = 5.0  # a mode that appears within this time after a command for it was commanded
+_INPUT_S, _INPUT_HEARTBEATS = 2.0, 2  # stick positions count as present this long, and for as many heartbeats
 _SETPOINTS_S = 1.0  # a program that has sent setpoints within this time is in use
 _STRENGTH = {"AUTO.LOITER": 1, "AUTO.RTL": 2, "AUTO.LAND": 3, "AUTO.PRECLAND": 3, "TERMINATION": 4}
 _LAND, _KILL = 3, 4
@@ -70,13 +71,17 @@ class Authority:
     """Decides who may command one vehicle, from the requests to the vehicle and the heartbeats of its autopilot.
 
     Pass every request to `refusal` before it is sent to the vehicle, and every heartbeat of its autopilot to `on_state`.
+    radio: false if no pilot has a radio (`radio: none`): an unexpected manual mode then means that a pilot has control only
+    while stick positions reach the vehicle. Otherwise a failsafe may have chosen the mode.
     simulated: true if the vehicle has no radio of a pilot, so that an unexpected automatic mode is always a failsafe.
     holder: who commands the vehicle now.
     """
 
-    def __init__(self, *, simulated: bool) -> None:
+    def __init__(self, *, simulated: bool, radio: bool = True) -> None:
         self.holder = Role.NOBODY
         self._simulated = simulated
+        self._input_needed = not (simulated or radio)
+        self._input_at, self._heartbeats_since = float("-inf"), _INPUT_HEARTBEATS
         self._changes: list[Change] = []
         self._armed, self._mode = False, ""
         self._latch: _Latch | None = None
@@ -154,7 +159,9 @@ class Authority:
 
     def _record(self, role: Role, request: Request, now: float) -> None:
         kind = request.kind
-        if kind is Kind.ARM:
+        if kind is Kind.MANUAL_INPUT and role is Role.GROUND_STATION:
+            self.on_manual_input(now)
+        elif kind is Kind.ARM:
             self._arm_asked = role, now
         elif kind is Kind.MODE:
             self._asked = {m: found for m, found in self._asked.items() if now - found[1] <= _ASKED_S}
@@ -188,10 +195,29 @@ class Authority:
             if was_armed or self.holder is Role.PILOT:
                 self._on_disarmed(now)
             return
+        self._heartbeats_since += 1
         if self._latch is not None and mode == "AUTO.LAND":
             self._obeyed = True
         if mode != before or not was_armed:
             self._on_mode(before if was_armed else "", mode, now)
+        elif self.holder is Role.PILOT and not self._has_pilot(now):
+            self._change(self._latched_role, f"{mode}, but no stick positions for {_INPUT_S:g} s", now)
+
+    def on_manual_input(self, now: float) -> None:
+        """Record that stick positions of a radio or a joystick reach the vehicle. Without `radio` they show that there is a pilot."""
+        self._input_at, self._heartbeats_since = now, 0
+        unclear = self.holder is not Role.GROUND_STATION or self._obeyed
+        if self._input_needed and self._armed and self._mode in MANUAL_MODES and unclear:
+            self._change(Role.PILOT, self._mode, now)
+
+    def _has_pilot(self, now: float) -> bool:
+        """Return whether an unexpected manual mode means that a pilot has control."""
+        silent = self._heartbeats_since > _INPUT_HEARTBEATS and now - self._input_at > _INPUT_S
+        return not (self._input_needed and silent)
+
+    @property
+    def _latched_role(self) -> Role:
+        return self._latch.by if self._latch is not None else Role.NOBODY
 
     def _on_mode(self, before: str, mode: str, now: float) -> None:
         """Process a new mode of the armed vehicle. before: mode before it; "" if the vehicle was disarmed."""
@@ -216,14 +242,18 @@ class Authority:
             self._change(Role.NOBODY, f"pilot has left manual control: {mode}", now)
 
     def _on_manual_mode(self, role: Role | None, before: str, mode: str, now: float) -> None:
-        if role is None or self._obeyed:
-            role = Role.PILOT
         took = before == "OFFBOARD" or (
             before and self.holder in (Role.PROGRAM, Role.COPILOT, Role.EMERGENCY)
         )
-        self._change(role, mode, now)
+        who = f"{role.words} took control" if role is not None else f"{mode} ended OFFBOARD"
+        if (role is None or self._obeyed) and self._has_pilot(now):
+            role, who = Role.PILOT, "pilot took control"
+        if role is None:
+            self._change(self._latched_role, f"{mode}, but no stick positions of a pilot", now, always=True)
+        else:
+            self._change(role, mode, now)
         if took and role is not Role.PROGRAM:
-            self._set_taken(f"{role.words} took control", until_disarmed=False)
+            self._set_taken(who, until_disarmed=False)
 
     def _on_offboard_left(self, role: Role | None, mode: str) -> None:
         if role is Role.GROUND_STATION:
@@ -294,7 +324,8 @@ class Authority:
             self._set_taken(str(taken), until_disarmed=standing.get("until_disarmed") is True)
         if latch := standing.get("latch"):
             self._set_latch(Role(latch[0]), int(latch[1]), now)
-        if standing.get("pilot") is True:  # until the first heartbeat shows the flight mode
+        if standing.get("pilot") is True:  # until the first heartbeats show the flight mode
+            self._input_at, self._heartbeats_since = now, 0
             self._change(Role.PILOT, "as before a restart", now)
 
     @property

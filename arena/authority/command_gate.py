@@ -79,13 +79,13 @@ class CommandGate:
     """Filter for the MAVLink frames to one vehicle: refuses commands of senders that must not command the vehicle now.
 
     Pass each frame whose message id is in `MESSAGES` to `refusal` before it is sent to the vehicle.
-    name: name of the vehicle. system: its MAVLink system id. simulated: see `Authority`.
+    name: name of the vehicle. system: its MAVLink system id. simulated, radio: see `Authority`.
     audit: record of the requests whose `origin` is given.
     """
 
-    def __init__(self, name: str, system: int, *, simulated: bool) -> None:
+    def __init__(self, name: str, system: int, *, simulated: bool, radio: bool = True) -> None:
         self.name, self.system, self.simulated = name, system, simulated
-        self.authority = Authority(simulated=simulated)
+        self.authority = Authority(simulated=simulated, radio=radio)
         self.audit = AuditTrail(name)
         self.refused = 0
         self._text_at: dict[Role, float] = {}

@@ -152,7 +152,9 @@ def bring_down(targets: Sequence[Target], *, action: Action, timeout_s: float, s
         with isolated(t.name):
             signs = t.direct is not None and t.direct.key_file
             number = SIGNED_COMPONENT if signs else component
-            landing = LandingSequence(name=t.name, system=t.id, component=number, action=action, now=began)
+            landing = LandingSequence(
+                name=t.name, system=t.id, component=number, action=action, now=began, radio=t.radio
+            )
             all_connections.append(TargetConnections(t, landing, say, began))
     code = EXIT_OK
     try:

@@ -63,17 +63,25 @@ class LandingSequence:
     system: MAVLink id of the vehicle
     component: MAVLink component id of this process, so that acknowledgements are sent to it
     now: monotonic [s]
+    radio: a pilot may have an RC transmitter, see `PilotWatch`
     refusal: text about the last command that the vehicle refused; "" if it accepted the last one
     """
 
     def __init__(
-        self, *, name: str, system: int, component: int, action: Action = "land", now: float
+        self,
+        *,
+        name: str,
+        system: int,
+        component: int,
+        action: Action = "land",
+        now: float,
+        radio: bool = True,
     ) -> None:
         self.name, self.system, self.action = name, system, action
         self.reported = ReportedState()
         self.refusal = ""
         self._reason, self._reason_at = "", -_REASON_S
-        self._pilot = PilotWatch()
+        self._pilot = PilotWatch(radio=radio)
         self._sender = mav.MinimalSender(SYSTEM, component)
         self.component = component
         self._began = self._next_send = self._next_heartbeat = now
@@ -180,6 +188,8 @@ class LandingSequence:
         elif at.msgid == mav.EXTENDED_SYS_STATE:
             self._on_landed_state(mav.parse_landed_state(data, at), now)
         else:
+            if at.msgid == mav.RC_CHANNELS and mav.parse_channel_count(data, at):
+                self._pilot.on_stick_positions(now)
             if at.msgid == mav.STATUSTEXT:
                 self._on_text(*mav.parse_statustext(data, at), now)
             elif at.msgid == mav.COMMAND_ACK:

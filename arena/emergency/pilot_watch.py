@@ -7,6 +7,8 @@ from arena.wire.px4_mode import MANUAL_MODES
 LEFT_S = 1.5
 """A manual mode counts as left after this time without a report of it [s]. A heartbeat is sent once a second, and
 panic link and router do not deliver heartbeats in order."""
+INPUT_S = 2.0
+"""The pilot is present for this time after stick positions [s], if the vehicle has no radio according to the YAML."""
 
 
 class PilotWatch:
@@ -15,15 +17,18 @@ class PilotWatch:
     The pilot has control when the armed vehicle reports a manual mode after it reported another mode, or after it
     reported that it was disarmed. A vehicle that reports a manual mode from the start is not under the pilot's control:
     somebody started land-all because of it.
+    radio: false if no pilot has a radio (`radio: none`): a manual mode then counts only with stick positions
     events: texts for the user; the caller takes them and empties the list
     mode: manual mode in which the pilot has control; "" if the pilot does not have control
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, radio: bool = True) -> None:
         self.mode = ""
         self.events: list[str] = []
         self._other_reported = False
         self._left_at: float | None = None
+        self._radio = radio
+        self._input_at = float("-inf")
 
     @property
     def words(self) -> str:
@@ -34,13 +39,18 @@ class PilotWatch:
         """Process arming state and mode of a heartbeat of the vehicle's autopilot. now: monotonic [s]."""
         if armed and mode in MANUAL_MODES:
             self._left_at = None
-            if self._other_reported and not self.mode:
+            seen = self._radio or now - self._input_at <= INPUT_S
+            if self._other_reported and seen and not self.mode:
                 self.mode = mode
                 self.events.append(self.words)
             return
         self._other_reported = True
         if self.mode and self._left_at is None:
             self._left_at = now
+
+    def on_stick_positions(self, now: float) -> None:
+        """Record that the vehicle receives stick positions of a radio. now: monotonic [s]."""
+        self._input_at = now
 
     def has_control(self, now: float, mode: str | None) -> bool:
         """Return whether the pilot has manual control of the vehicle.

@@ -28,6 +28,7 @@ class Target:
     id: MAVLink system id
     autopilot, partner: the two ends of its panic link, the autopilot's and this computer's
     tools: address at which the router receives frames for this vehicle
+    radio: false if no pilot has an RC transmitter (`radio: none` of a real vehicle)
     run: run folder of a simulated vehicle, which records crashes; None for a real vehicle
     direct: address for a connection to a real vehicle without router and link process; None if simulated or
     unknown
@@ -38,6 +39,7 @@ class Target:
     autopilot: Address
     partner: Address
     tools: Address
+    radio: bool = True
     run: Path | None = field(default=None, compare=False)
     direct: DirectAddress | None = field(default=None, compare=False)
 
@@ -171,6 +173,7 @@ def from_plan(text: str, run: Path | None = None) -> tuple[Target, ...]:
             autopilot=(v["panic"]["autopilot_host"], int(v["panic"]["autopilot_port"])),
             partner=(v["panic"]["partner_host"], int(v["panic"]["partner_port"])),
             tools=(v["router"]["partner_host"], int(v["tools_port"])),
+            radio=v["simulated"] is True or v.get("radio") != "none",
             run=run if v["simulated"] is True else None,
             direct=None if v["simulated"] is True else _planned_direct(plan, str(v["name"]), run),
         )
@@ -218,6 +221,7 @@ def _by_port_rule(vehicle: VehicleEntry, host: str, folder: Path) -> Target:
         autopilot=(host, base + _PANIC_AUTOPILOT),
         partner=(host, base + _PANIC_PARTNER),
         tools=(host, base + _TOOLS),
+        radio=vehicle.radio,
         direct=direct,
     )
 

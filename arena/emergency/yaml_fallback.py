@@ -22,6 +22,7 @@ class VehicleEntry:
     connection: connection of a real vehicle, from its `url`; None for a simulated vehicle.
     uid: value of its key `uid`, the hardware uid of a real vehicle; None without this key
     key_file: file with the key of MAVLink signing, as written in the YAML; "" if there is none
+    radio: false if the YAML has `radio: none` for the vehicle
     """
 
     name: str
@@ -29,6 +30,7 @@ class VehicleEntry:
     connection: ConnectionUrl | None = None
     uid: Any = None
     key_file: str = ""
+    radio: bool = True
 
 
 def read_yaml(text: str, depth: int = _MOST_DEPTH) -> Any:
@@ -61,6 +63,7 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
             connection=connections[name],
             uid=_uid(vehicles[name]),
             key_file=_key_file(vehicles[name]),
+            radio=_merged(root, vehicles[name]).get("radio") != "none",
         )
         for name, number in given.items()
     ]
@@ -69,8 +72,7 @@ def vehicles_of(document: Any) -> tuple[str, list[VehicleEntry]]:
 
 def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
     """Return a real vehicle's connection, from the vehicle's keys or from `defaults`. Return None for a simulated vehicle."""
-    defaults = root.get("defaults")
-    own = {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
+    own = _merged(root, keys)
     if own.get("autopilot", "hardware") != "hardware":
         return None
     baud = own.get("baud")
@@ -80,6 +82,12 @@ def _connection(root: dict[str, Any], keys: Any) -> ConnectionUrl | None:
         )
     except ValueError:
         return None
+
+
+def _merged(root: dict[str, Any], keys: Any) -> dict[str, Any]:
+    """Return the keys of a vehicle, with the `defaults` of the arena."""
+    defaults = root.get("defaults")
+    return {**(defaults if isinstance(defaults, dict) else {}), **(keys if isinstance(keys, dict) else {})}
 
 
 def _key_file(keys: Any) -> str:

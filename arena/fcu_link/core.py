@@ -68,7 +68,7 @@ class FcuLink:
         self.counts: Counter[str] = Counter()
         self.flow: Counter[str] = Counter()
         self.queue = SendQueue(self.counts, s.preflight.pose_age_s)
-        self.gate = CommandGate(s.vehicle, s.id, simulated=s.simulated)
+        self.gate = CommandGate(s.vehicle, s.id, simulated=s.simulated, radio=s.preflight.radio is not None)
         self.identity = Identity(s.id, s.uid or uid, last_source, needs_uid=not s.simulated)
         self.permit = ArmPermit(s.vehicle, needed=not s.simulated)
         self.checks = PreflightChecks(s.preflight)
@@ -194,6 +194,8 @@ class FcuLink:
                 armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
                 self.gate.on_state(armed, mode_words(m.custom_mode), now)
                 self._on_heartbeat(armed, now)
+            if kind == "RC_CHANNELS" and m.chancount > 0:
+                self.gate.authority.on_manual_input(now)
             self.checks.on_autopilot(m, now)
             self.radio.on_autopilot(m, now)
 
@@ -262,9 +264,7 @@ class FcuLink:
         return out
 
     def from_simulator(self, data: Buffer, found: ParsedFrames, now: float) -> None:
-        """Process data from the world (the simulator), and queue its sensor messages for the flight
-        controller.
-        """
+        """Process data from the world (the simulator): queue its sensor messages for the flight controller."""
         for frame in found.frames:
             if self.identity.source is None:
                 self.counts["to the vehicle: not connected (simulator)"] += 1

@@ -20,7 +20,9 @@ class CommandFilter:
     """
 
     def __init__(self, vehicles: Sequence[Vehicle], sim_now: Callable[[], float] | None = None) -> None:
-        self._gates = {v.id: CommandGate(v.name, v.id, simulated=v.simulated) for v in vehicles}
+        self._gates = {
+            v.id: CommandGate(v.name, v.id, simulated=v.simulated, radio=v.radio) for v in vehicles
+        }
         self._codecs = {v.id: Codec(v.id, AUTOPILOT) for v in vehicles}
         self._sim_now = sim_now
         self._replies: list[Out] = []

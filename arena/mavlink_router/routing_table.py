@@ -21,6 +21,7 @@ class Vehicle:
     tools: address of the router to which any program on this computer may send
     simulated: a simulated vehicle is present when the arena starts; a real one may be switched on later
     needs_operator: send the heartbeat of a ground station only while an operator is present
+    radio: a pilot has an RC transmitter
     """
 
     name: str
@@ -33,6 +34,7 @@ class Vehicle:
     tools: Address
     simulated: bool = True
     needs_operator: bool = False
+    radio: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +81,7 @@ def _vehicle(raw: Mapping[str, Any]) -> Vehicle:
         tools=_address(raw["tools"]),
         simulated=bool(raw.get("simulated", True)),
         needs_operator=bool(raw.get("needs_operator", False)),
+        radio=bool(raw.get("radio", True)),
     )
 
 

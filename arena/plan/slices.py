@@ -252,6 +252,7 @@ def _routed(arena: Arena, v: Vehicle) -> Json:
         "id": v.id,
         "simulated": v.simulated,
         "needs_operator": _needs_operator(arena, v),
+        "radio": v.radio == "required",
         "link": partner_end(link_of(arena, v, "router")),
         "serve": [here, ports.serve],
         "clients": clients,

@@ -11,10 +11,10 @@ import os
 import struct
 from typing import NamedTuple
 
-from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_frame
+from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_frame, uint_at
 
 HEARTBEAT, SYSTEM_TIME, COMMAND_LONG, COMMAND_ACK, AUTOPILOT_VERSION = 0, 2, 76, 77, 148
-EXTENDED_SYS_STATE, STATUSTEXT = 245, 253
+EXTENDED_SYS_STATE, STATUSTEXT, RC_CHANNELS = 245, 253, 65
 NAV_LAND, DO_SET_MODE, ARM_DISARM, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 21, 176, 400, 511, 512
 TYPE_ONBOARD, AUTOPILOT_INVALID, STATE_ACTIVE = 18, 8, 4
 ARMED, CUSTOM_MODE = 128, 1  # bits of base_mode
@@ -38,6 +38,7 @@ _HEARTBEAT, _COMMAND = struct.Struct("<IBBBBB"), struct.Struct("<7fHBBB")
 _ACK, _EXTENDED = struct.Struct("<HB"), struct.Struct("BB")
 _TEXT, _SYSTEM_TIME = struct.Struct("<B50s"), struct.Struct("<QI")
 _VERSION = struct.Struct("<8xQ44x18s")  # capabilities, uid, versions and ids, uid2
+_CHANNEL_COUNT_OFFSET = 40  # in RC_CHANNELS, after the time and 18 channels
 _ACK_BYTES = 10  # command, result, progress, result_param2 (4 bytes), target system, target component
 _ONBOARD_HEARTBEAT = _HEARTBEAT.pack(0, TYPE_ONBOARD, AUTOPILOT_INVALID, 0, STATE_ACTIVE, 3)
 
@@ -134,6 +135,11 @@ def parse_ack(data: Buffer, at: Frame) -> AckFields:
     payload = _payload(data, at, _ACK_BYTES)
     command, result = _ACK.unpack_from(payload)
     return AckFields(command, result, (payload[8], payload[9]))
+
+
+def parse_channel_count(data: Buffer, at: Frame) -> int:
+    """Decode a RC_CHANNELS and return its `chancount`, the number of received channels of a radio."""
+    return uint_at(data, at, _CHANNEL_COUNT_OFFSET, 1)
 
 
 def parse_statustext(data: Buffer, at: Frame) -> tuple[int, str]:

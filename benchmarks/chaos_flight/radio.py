@@ -168,7 +168,12 @@ class Radio(threading.Thread):
             if not armed:
                 self.pilot.until = min(self.pilot.until, now)
         base, status = uint_at(data, frame, 6, 1), uint_at(data, frame, 7, 1)
-        return self._autopilot.pack(mavlink.MAVLink_heartbeat_message(2, 12, base, mode, status, 3))
+        heartbeat = self._autopilot.pack(mavlink.MAVLink_heartbeat_message(2, 12, base, mode, status, 3))
+        return heartbeat if self.pilot is None else self._stick_positions() + heartbeat
+
+    def _stick_positions(self) -> bytes:
+        """Return RC_CHANNELS with centred sticks, which shows the arena that the manual mode is that of a pilot."""
+        return self._autopilot.pack(mavlink.MAVLink_rc_channels_message(0, 16, *[1500] * 18, 80))
 
     def _version(self, codec: Codec, uid: bytes) -> bytes:
         capabilities = mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2

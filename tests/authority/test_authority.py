@@ -264,3 +264,69 @@ def test_failsafe_is_forgotten_if_the_vehicle_disarmed_during_a_restart():
     assert a.refusal(Role.PROGRAM, ARM, 101.0) == "AUTO.LAND ended OFFBOARD: run `arena release`"
     a.on_state(False, "AUTO.LAND", 102.0)
     assert a.refusal(Role.PROGRAM, ARM, 103.0) == ""
+
+
+STICKS = Request(Kind.MANUAL_INPUT)
+
+
+def without_radio() -> Authority:
+    """Return the authority over a vehicle with `radio: none` that its program flies in OFFBOARD."""
+    a = Authority(simulated=False, radio=False)
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 0.0) == "" and a.refusal(Role.PROGRAM, ARM, 0.0) == ""
+    a.on_state(True, "OFFBOARD", 0.5)
+    return a
+
+
+def test_land_all_continues_in_a_manual_mode_without_a_pilot():
+    a = without_radio()
+    a.on_state(True, "POSCTL", 10.0)  # a failsafe
+    assert a.holder is Role.NOBODY and a.refusal(Role.EMERGENCY, LAND, 10.1) == ""
+    a.on_state(True, "AUTO.LAND", 10.5)
+    a.on_state(True, "STABILIZED", 11.0)
+    assert a.refusal(Role.EMERGENCY, LAND, 11.1) == "" and a.holder is Role.EMERGENCY
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 11.2) == "land-all has control: run `arena release`"
+
+
+def test_program_cannot_retake_offboard_after_a_manual_mode_without_a_pilot():
+    a = without_radio()
+    a.on_state(True, "POSCTL", 10.0)
+    assert a.refusal(Role.PROGRAM, OFFBOARD, 10.1) == "POSCTL ended OFFBOARD: run `arena release`"
+
+
+@pytest.mark.parametrize("before", [True, False], ids=["before the mode", "after the mode"])
+def test_stick_positions_show_that_a_pilot_has_control_without_radio(before):
+    a = without_radio()
+    if before:
+        a.on_manual_input(9.5)
+    a.on_state(True, "POSCTL", 10.0)
+    if not before:
+        assert a.refusal(Role.GROUND_STATION, STICKS, 10.2) == ""
+    assert a.holder is Role.PILOT and a.refusal(Role.EMERGENCY, LAND, 10.5) == "pilot has control"
+
+
+def test_pilot_without_radio_loses_control_when_the_stick_positions_end():
+    a = without_radio()
+    a.on_manual_input(9.9)
+    a.on_state(True, "POSCTL", 10.0)
+    a.on_state(True, "POSCTL", 20.0)  # telemetry was lost meanwhile: the sticks may be back in a moment
+    assert a.refusal(Role.EMERGENCY, LAND, 20.1) == "pilot has control"
+    a.on_state(True, "POSCTL", 21.0)
+    assert a.holder is Role.NOBODY and a.refusal(Role.EMERGENCY, LAND, 21.1) == ""
+
+
+def test_stick_positions_of_a_program_are_not_a_pilot():
+    a = without_radio()
+    a.on_state(True, "POSCTL", 10.0)
+    a.refusal(Role.PROGRAM, STICKS, 10.1)
+    assert a.holder is Role.NOBODY
+
+
+def test_manual_mode_of_a_ground_station_without_sticks_does_not_stop_land_all():
+    a = without_radio()
+    assert a.refusal(Role.EMERGENCY, LAND, 9.0) == ""
+    a.on_state(True, "AUTO.LAND", 9.5)
+    assert a.refusal(Role.GROUND_STATION, POSCTL, 10.0) == ""
+    a.on_state(True, "POSCTL", 10.2)
+    assert a.holder is Role.GROUND_STATION and a.refusal(Role.EMERGENCY, LAND, 10.3) == ""
+    a.refusal(Role.GROUND_STATION, STICKS, 10.4)
+    assert a.refusal(Role.EMERGENCY, LAND, 10.5) == "pilot has control"

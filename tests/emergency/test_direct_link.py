@@ -68,7 +68,7 @@ class Lab:
             "size_m": [7, 4, 3],
             "height_m": 0.1,
             "poses": True,
-            "radio": None,
+            "radio": [0],
         }
         slice_ = {
             "name": "link.uav1",

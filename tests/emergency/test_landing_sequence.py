@@ -16,8 +16,10 @@ MODE, NAV_LAND, ARM, INTERVAL = 176, 21, 400, 511
 class Scene:
     """A landing sequence, and messages of its vehicle at chosen times."""
 
-    def __init__(self, action="land"):
-        self.landing = LandingSequence(name="uav1", system=1, component=COMPONENT, action=action, now=0.0)
+    def __init__(self, action="land", radio=True):
+        self.landing = LandingSequence(
+            name="uav1", system=1, component=COMPONENT, action=action, now=0.0, radio=radio
+        )
 
     def due(self, now):
         parser = mavlink.MAVLink(None)
@@ -306,3 +308,17 @@ def test_random_bytes_confirm_nothing(datagrams):
         scene.landing.on_datagram(data, float(i))
         scene.landing.due(float(i))
     assert not scene.landing.confirmed
+
+
+def rc_channels(count=16):
+    return mavlink.MAVLink_rc_channels_message(0, count, *[1500] * 18, 80)
+
+
+def test_manual_mode_without_radio_is_commanded_until_stick_positions_arrive():
+    scene = Scene(radio=False)
+    scene.receive(0.1, heartbeat(armed=True), place(AIR), rc_channels(0))
+    scene.receive(1.1, heartbeat(armed=True, mode=POSCTL))  # a failsafe
+    assert MODE in scene.commands(1.2)
+    scene.receive(2.0, rc_channels(), heartbeat(armed=True, mode=POSCTL))
+    assert MODE not in scene.commands(2.1)
+    assert "pilot has control (POSCTL)" in scene.line(2.1)

@@ -98,6 +98,20 @@ def test_only_a_simulated_vehicle_uses_the_record_of_its_run(tmp_path):
     assert [t.run for t in from_plan(json.dumps(raw), tmp_path)] == [tmp_path, None]
 
 
+@pytest.mark.parametrize(("radio", "expected"), [("required", True), ("none", False)])
+def test_radio_of_a_real_vehicle_is_read_from_plan_and_yaml(tmp_path, radio, expected):
+    planned = json.loads(plan(ids=(1,)).to_json())
+    planned["vehicles"][0] |= {"simulated": False, "radio": radio}
+    assert from_plan(json.dumps(planned))[0].radio is expected
+    file = tmp_path / "arena.yaml"
+    file.write_text(f"defaults: {{radio: {radio}}}\nvehicles: {{uav1: {{autopilot: hardware}}}}\n")
+    assert from_yaml(file).targets[0].radio is expected
+
+
+def test_manual_mode_of_a_simulated_vehicle_counts_as_before():
+    assert from_plan(plan(ids=(1,)).to_json())[0].radio is True
+
+
 def test_the_running_plan_is_read_before_any_yaml(runtime, tmp_path):
     (tmp_path / "arena.yaml").write_text("vehicles:\n  other:\n")
     folder = runtime("a", plan((3,)))

@@ -7,11 +7,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from arena.authority import CommandGate
 from arena.process_context import SUPERVISOR_LOST
 from arena.wire.mavlink_codec import Codec
 from arena.wire.px4_mode import mode_numbers
 
-from .link_rig import ID, Rig, arm
+from .link_rig import ID, Rig, arm, rc_channels
 
 PROGRAM, LAND_ALL, COPILOT, GROUND_STATION = Codec(ID, 191), Codec(253, 195), Codec(251, 190), Codec(255, 190)
 
@@ -45,8 +46,10 @@ def sent_by(rig: Rig, codec: Codec, message: Any, link: str = "router") -> bool:
     return len(rig.out) > before
 
 
-def in_offboard() -> Rig:
+def in_offboard(*, radio: bool = True) -> Rig:
+    """Return a link whose vehicle is flown by its program. radio: a pilot may have a radio; its checks are left out."""
     rig = Rig()
+    rig.core.gate = CommandGate("uav7", ID, simulated=False, radio=radio)
     rig.fly(2.0)
     assert sent_by(rig, PROGRAM, set_mode("OFFBOARD")) and sent_by(rig, PROGRAM, arm())
     reports(rig, "OFFBOARD")
@@ -134,6 +137,7 @@ def test_nobody_arms_the_vehicle_once_the_supervisor_has_ended():  # review faul
 
 def test_arming_that_a_preflight_check_refused_is_not_attributed_to_the_program():  # review fault 5
     rig = Rig()
+    rig.core.gate = CommandGate("uav7", ID, simulated=False)
     reports(rig, "POSCTL", armed=False)
     assert not sent_by(rig, PROGRAM, arm())  # no poses yet
     reports(rig, "POSCTL")  # the pilot arms by radio
@@ -167,3 +171,19 @@ def test_arming_before_enough_poses_is_rejected_temporarily_then_passes():
     assert ack.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED  # the program requests it again
     rig.fly(1.0)
     assert sent_by(rig, PROGRAM, arm())
+
+
+def test_without_radio_only_stick_positions_are_a_pilot():
+    rig = in_offboard(radio=False)
+    reports(rig, "POSCTL")
+    assert sent_by(rig, LAND_ALL, set_mode("AUTO.LAND"), "panic")
+    rig.receive(rc_channels())  # a transmitter, although the YAML has `radio: none`
+    assert not sent_by(rig, LAND_ALL, set_mode("AUTO.LAND"), "panic")
+
+
+def test_joystick_of_a_ground_station_without_radio_is_a_pilot():
+    rig = in_offboard(radio=False)
+    reports(rig, "POSCTL")
+    stick = mavlink.MAVLink_manual_control_message(ID, 0, 0, 500, 0, 0)
+    assert sent_by(rig, GROUND_STATION, stick)
+    assert not sent_by(rig, LAND_ALL, set_mode("AUTO.LAND"), "panic")
