@@ -18,3 +18,6 @@ REORDERED_MS = 500
 
 FORCE_ARM_DISARM = 21196.0
 """param2 of MAV_CMD_COMPONENT_ARM_DISARM that forces it: with param1 = 0 the motors stop, even in flight."""
+
+MAX_MOCAP_LATENCY_MS = 1000
+"""Largest `mocap.latency_ms` that a YAML may have [ms]."""

@@ -70,7 +70,7 @@ def when_poses_lie() -> bool:
                 [Stress(name=name, matched=False, noaid_s=noaid_s) for name in FAULTS], hz=500
             )
             flight.take_off()
-            flight.run(3.0, each)
+            flight.run(10.0, each)  # the accelerometer biases converge
             flight.faults = [make() for make in FAULTS.values()]
             for name, fate in zip(FAULTS, misled(flight, noaid_s + 13.0, each), strict=True):
                 print(_row(name, flown, noaid_s, fate))

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from arena.constants import MAX_MOCAP_LATENCY_MS
 from arena.mocap.vendors import DEFAULT_VENDOR, VENDORS
 from arena.schema.base import Address, NotNegative, Port, Strict
 
@@ -54,7 +55,7 @@ class Mocap(NatNetKeys):
     """Frames per second."""
     noise: MocapNoise = MocapNoise()
     """Noise that the emulator adds."""
-    latency_ms: Annotated[float, Field(ge=0, le=1000)] = 10.0
+    latency_ms: Annotated[float, Field(ge=0, le=MAX_MOCAP_LATENCY_MS)] = 10.0
     """Delay from the camera exposure to the frame on the network [ms]; at least one sensor step."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     """Seed of the camera noise."""

@@ -97,7 +97,10 @@ class Loop:
 
     def _pages(self, clock: str) -> tuple[TruthWriter, ClockServer]:
         try:
-            return TruthWriter(self._truth_path, self._world.fleet.size), ClockServer(clock)
+            return (
+                TruthWriter(self._truth_path, self._world.fleet.size, period_s=self._world.period_s),
+                ClockServer(clock),
+            )
         except OSError as error:
             for page in (self._truth_path, Path(f"{clock}.page"), Path(f"{clock}.sock")):
                 page.unlink(missing_ok=True)

@@ -14,6 +14,8 @@ count is K - 1 or more ahead of the row, the row may have been overwritten, and 
 
 from __future__ import annotations
 
+import bisect
+import math
 import mmap
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.constants import MAX_ROTORS
+from arena.constants import MAX_MOCAP_LATENCY_MS, MAX_ROTORS
 from arena.errors import RunError, WireError
 from arena.geometry import quat_slerp
 
@@ -29,7 +31,8 @@ Array = NDArray[np.float64]
 
 _HEAD = 4
 _PER_VEHICLE = 16 + MAX_ROTORS
-_RING = 64
+SPAN_S = 1e-3 * MAX_MOCAP_LATENCY_MS + 0.5
+"""Time that a page reaches back [s]. The cameras read a sample one latency after its exposure, and may be late."""
 _NEARLY_ONE = 0.9999
 
 
@@ -69,22 +72,26 @@ class Truth:
 
 
 class TruthWriter:
-    """Writer of the truth page, used by the world. path: file of the page; an existing file is replaced."""
+    """Writer of the truth page, used by the world. path: file of the page; an existing file is replaced.
 
-    def __init__(self, path: str | Path, vehicles: int) -> None:
+    period_s: time between two samples [s]. The page keeps the samples of the last `SPAN_S`.
+    """
+
+    def __init__(self, path: str | Path, vehicles: int, *, period_s: float) -> None:
         width = 1 + vehicles * _PER_VEHICLE
+        self._ring = math.ceil(SPAN_S / period_s) + 2  # the oldest may be in writing, and one before the span
         part = Path(f"{path}.new")  # a reader finds a complete page or none
         with part.open("w+b") as file:
-            file.truncate(8 * (_HEAD + _RING * width))
+            file.truncate(8 * (_HEAD + self._ring * width))
             self._all = np.frombuffer(mmap.mmap(file.fileno(), 0), dtype=np.float64)
-        self._all[1:3] = vehicles, _RING
+        self._all[1:3] = vehicles, self._ring
         part.replace(path)
-        self._rows = self._all[_HEAD:].reshape(_RING, width)
+        self._rows = self._all[_HEAD:].reshape(self._ring, width)
         self._count = 0
 
     def write(self, truth: Truth) -> None:
         """Append the true state of one instant. The oldest state in the page is overwritten."""
-        row = self._rows[self._count % _RING]
+        row = self._rows[self._count % self._ring]
         row[0] = truth.time_s
         body = row[1:].reshape(-1, _PER_VEHICLE)
         body[:, 0:3], body[:, 3:7], body[:, 7:10] = truth.p_n, truth.q_nb, truth.v_n
@@ -134,14 +141,17 @@ class TruthReader:
         return None if found is None else _between(*found, time_s)
 
     def _around(self, time_s: float, count: int, held: int) -> tuple[Array, Array] | None:
-        """Return the samples before and after `time_s`; None if one of them is not in the page. The search begins at the newest sample."""
+        """Return the samples before and after `time_s`; None if one of them is not in the page."""
         rows, ring = self._rows, self._ring
         if held < 2 or time_s > rows[(count - 1) % ring, 0] + 1e-9:
             return None
-        for i in range(count - 2, count - held - 1, -1):
-            if rows[i % ring, 0] <= time_s:
-                return rows[i % ring].copy(), rows[(i + 1) % ring].copy()
-        return None
+        # The samples from `count - held` to `count - 2` can be the one before.
+        first = count - held
+        after = bisect.bisect_right(range(first, count - 1), time_s, key=lambda i: float(rows[i % ring, 0]))
+        if after == 0:
+            return None
+        i = first + after - 1
+        return rows[i % ring].copy(), rows[(i + 1) % ring].copy()
 
 
 def _between(before: Array, after: Array, time_s: float) -> Truth:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common as mavlink
 
 from arena.autopilot import Autopilots
+from arena.autopilot.estimation.covariance import samples_per_prediction
 from arena.autopilot.estimation.estimator import VisionSample
 from arena.autopilot.mavlink.offboard_setpoints import from_position_target
 from arena.geometry import quat_conj, quat_exp, quat_from_euler, quat_log, quat_multiply
@@ -33,7 +34,14 @@ APART_M = 12.0
 VISION_HZ = 60.0
 # What the simulated sensors of PROFILE draw, told to the filter as it is: its claims can then be held against chi-square
 # from both sides. (PX4's defaults claim ten times the noise of a good IMU, and a centimetre of a camera system.)
-MATCHED = {"EKF2_ACC_NOISE": 0.03, "EKF2_GYR_NOISE": 0.003, "EKF2_ACC_B_NOISE": 0.0, "EKF2_GYR_B_NOISE": 0.0}
+# PX4's noise is that of the mean over a prediction period.
+_MEAN = math.sqrt(samples_per_prediction(0.004))
+MATCHED = {
+    "EKF2_ACC_NOISE": 0.03 / _MEAN,
+    "EKF2_GYR_NOISE": 0.003 / _MEAN,
+    "EKF2_ACC_B_NOISE": 0.0,
+    "EKF2_GYR_B_NOISE": 0.0,
+}
 AGILE = {"MPC_ACC_HOR_MAX": 10.0, "MPC_ACC_HOR": 5.0, "MPC_XY_P": 1.2, "MC_YAWRATE_MAX": 200.0}
 
 

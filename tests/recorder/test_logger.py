@@ -131,7 +131,7 @@ def iter_packets(logger: Running):
 
 
 def test_simulated_vehicle_is_logged_in_simulation_time_with_truth(start, tmp_path):
-    clock, truth = ClockServer(tmp_path / "clock"), TruthWriter(tmp_path / "truth", 1)
+    clock, truth = ClockServer(tmp_path / "clock"), TruthWriter(tmp_path / "truth", 1, period_s=0.004)
 
     def step(t: float) -> None:
         truth.write(replace(truth_at(np.array([0.0, 0.0, -t]), np.zeros(3)), time_s=t))

@@ -18,12 +18,14 @@ and timeouts have PX4's names and meaning.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from arena.autopilot.param_table import Params
+from arena.autopilot.estimation.covariance import CovariancePrediction, repaired
+from arena.autopilot.param_table import SPECS, Params
 from arena.constants import GRAVITY_M_S2
 from arena.geometry import (
     matrix_from_quat,
@@ -42,17 +44,16 @@ Index = NDArray[np.intp]
 Triple = tuple[float, float, float]
 
 _P, _V, _TH, _BG, _BA = (slice(i, i + 3) for i in range(0, 15, 3))
-_COVARIANCE_EVERY = 4
-_RING = 96  # stored past states
+_FORCE_MEAN_S = 0.2  # time constant of the mean specific force
+_BARO_OFFSET_S = 1.0  # time constant of the barometer's offset
+_BARO_AFTER_S = 0.5  # from the last height of vision until the barometer is fused
 _NEVER = -1e9
 _SETTLE_S = 1.0  # from the alignment until the estimate is valid
 _UNUSED_VARIANCE = 1e9
-_SMALL_VARIANCE = 1e-6
 _VELOCITY_VARIANCE = 0.16  # limit of a valid velocity [m2/s2]
 _VALID_VARIANCE = np.repeat(
     (0.25, _VELOCITY_VARIANCE, 0.01), 3
 )  # limits of a valid position [m2], velocity [m2/s2] and attitude [rad2]
-_EYE = np.eye(15)
 
 
 class VisionSample(NamedTuple):
@@ -111,9 +112,13 @@ class Estimator:
         )  # variance of each gate at its first rejection, infinite if passed
         self._accel_mean = np.tile([0.0, 0.0, -GRAVITY_M_S2], (v, 1))
         self._baro_offset, self._baro_seen = np.zeros(v), np.zeros(v, bool)
-        self._ring_p, self._ring_q = np.zeros((_RING, v, 3)), np.zeros((_RING, v, 4))
+        self._last_baro, self._baro_at = np.full(v, _NEVER), _NEVER  # last fusion of each, and last call [s]
+        # Stored past states, for the largest EKF2_EV_DELAY, half a period and the interpolation.
+        self._ring = math.ceil(1e-3 * SPECS["EKF2_EV_DELAY"].high / dt) + 3
+        self._ring_p, self._ring_q = np.zeros((self._ring, v, 3)), np.zeros((self._ring, v, 4))
         self._ring_q[..., 0] = 1.0
         self._steps = 0
+        self._prediction = CovariancePrediction(v, dt)
         self._read_params()
 
     def _read_params(self) -> None:
@@ -124,12 +129,11 @@ class Estimator:
         self._ctrl = p["EKF2_EV_CTRL"].astype(int)
         self._least_variance = (p.columns("EKF2_EVP_NOISE", "EKF2_EVA_NOISE") ** 2)[:, (0, 0, 0, 1)]
         self._gate_squared = p.columns("EKF2_EVP_GATE", "EKF2_HDG_GATE") ** 2
-        # Velocity, attitude and both biases. PX4 adds (noise * dt)^2 at each of its steps; the growth per
-        # second is the same.
+        # Velocity, attitude and both biases. As in PX4, each prediction adds (noise * period)^2.
         noise = p.columns("EKF2_ACC_NOISE", "EKF2_GYR_NOISE", "EKF2_GYR_B_NOISE", "EKF2_ACC_B_NOISE").repeat(
             3, axis=1
         )
-        self._growth = (noise * self.dt) ** 2 * _COVARIANCE_EVERY
+        self._prediction.growth = (noise * self._prediction.period_s) ** 2
 
     # -- validity --------------------------------------------------------------------------------------------
 
@@ -143,9 +147,11 @@ class Estimator:
     def z_valid(self, now: float) -> Bool:
         """Return a mask of the vehicles whose height is valid (V,).
 
-        When vision is lost, the height stays valid if the barometer is fused.
+        It is valid if the height of vision or of the barometer was fused within the last EKF2_NOAID_TOUT. PX4
+        has the same timeout (`valid_timeout_max` in EKF2).
         """
-        return np.asarray(self.aligned & ((now - self.last_z < self._timeout_s) | self._baro_seen))
+        last = np.maximum(self.last_z, self._last_baro)
+        return np.asarray(self.aligned & (now - last < self._timeout_s))
 
     def yaw_valid(self, now: float) -> Bool:
         """Return a mask of the vehicles whose heading is valid (V,).
@@ -179,7 +185,7 @@ class Estimator:
         dt = self.dt
         omega_b = gyro_b - self.gyro_bias
         force_b = accel_b - self.accel_bias
-        self._accel_mean += 0.02 * (accel_b - self._accel_mean)
+        self._accel_mean += min(1.0, dt / _FORCE_MEAN_S) * (accel_b - self._accel_mean)
         # The gyroscope measures the rates at the end of the period, the accelerometer the mean over the
         # period.
         self.q_nb = quat_multiply(self.q_nb, quat_exp((self.omega_b + omega_b) * (0.5 * dt)))
@@ -193,26 +199,10 @@ class Estimator:
         dv = a_n * dt * moving
         self.p_n = self.p_n + self.v_n * dt + 0.5 * dt * dv
         self.v_n = self.v_n + dv
-        slot = self._steps % _RING
+        slot = self._steps % self._ring
         self._ring_p[slot], self._ring_q[slot] = self.p_n, self.q_nb
         self._steps += 1
-        if self._steps % _COVARIANCE_EVERY == 0:
-            self._predict_covariance(force_b, dt * _COVARIANCE_EVERY)
-
-    def _predict_covariance(self, force_b: Array, dt: float) -> None:
-        v = len(force_b)
-        f = np.empty((v, 15, 15))
-        f[:] = _EYE
-        f[:, 0, 3] = f[:, 1, 4] = f[:, 2, 5] = dt
-        f[:, _V, _TH] = -dt * (self.r_nb @ _skew(force_b))
-        f[:, _V, _BA] = -dt * self.r_nb
-        f[:, _TH, _TH] -= dt * _skew(self.omega_b)
-        f[:, 6, 9] = f[:, 7, 10] = f[:, 8, 11] = -dt
-        cov = f @ self.cov @ f.transpose(0, 2, 1)
-        d = np.einsum("vii->vi", cov)  # a view of the diagonals
-        d[:, 3:] += self._growth
-        np.minimum(np.maximum(d, 0.0), 1e4, out=d)
-        self.cov = cov
+        self.cov = self._prediction.advance(self.cov, force_b, omega_b, self.r_nb)
 
     # -- correction ------------------------------------------------------------------------------------------
 
@@ -239,7 +229,7 @@ class Estimator:
             p_n, q_nb, var_p, var_yaw = (x[~fresh] for x in (p_n, q_nb, var_p, var_yaw))
         if not len(idx):
             return
-        delay = np.minimum(np.maximum(self._delay_s[idx] + 0.5 * self.dt, 0.0), (_RING - 3) * self.dt)
+        delay = self._delay_s[idx] + 0.5 * self.dt
         past_p, past_q = self._past(idx, delay)
         y = np.zeros((len(idx), 4))
         y[:, :3] = p_n - past_p
@@ -302,7 +292,7 @@ class Estimator:
         gain = np.linalg.solve(s, hp).transpose(0, 2, 1)
         dx = (gain @ y[:, :, None])[:, :, 0]
         cov = self.cov[idx] - gain @ hp
-        self.cov[idx] = _repaired(0.5 * (cov + cov.transpose(0, 2, 1)))
+        self.cov[idx] = repaired(0.5 * (cov + cov.transpose(0, 2, 1)))
         self._inject(idx, dx)
 
     def _inject(self, idx: Index, dx: Array) -> None:
@@ -319,7 +309,7 @@ class Estimator:
         self.r_nb[idx] = matrix_from_quat(self.q_nb[idx])
         depth = min(self._steps, int(np.max(self._delay_s[idx], initial=0.0) / self.dt) + 3)
         ages = np.arange(depth)
-        at = ((self._steps - 1 - ages)[:, None] % _RING, idx)
+        at = ((self._steps - 1 - ages)[:, None] % self._ring, idx)
         self._ring_p[at] += dx[None, :, _P] - (ages * self.dt)[:, None, None] * dx[None, :, _V]
         self._ring_q[at] = quat_multiply(turn[None], self._ring_q[at])
 
@@ -335,10 +325,14 @@ class Estimator:
         first = good & ~self._baro_seen
         self._baro_offset[first] = (baro_alt_m - height)[first]
         self._baro_seen |= good
-        self._baro_offset += np.where(good, 0.02 * (baro_alt_m - height - self._baro_offset), 0.0)
-        lost = alive & self._baro_seen & (now - self.last_z > 0.5) & (self.params["EKF2_BARO_CTRL"] > 0)
+        share = min(1.0, (now - self._baro_at) / _BARO_OFFSET_S)
+        self._baro_at = now
+        self._baro_offset += np.where(good, share * (baro_alt_m - height - self._baro_offset), 0.0)
+        after_s = np.minimum(_BARO_AFTER_S, 0.5 * self._timeout_s)
+        lost = alive & self._baro_seen & (now - self.last_z > after_s) & (self.params["EKF2_BARO_CTRL"] > 0)
         if lost.any():
             idx = np.flatnonzero(lost)
+            self._last_baro[idx] = now
             h = np.zeros((len(idx), 1, 15))
             h[:, 0, 2] = 1.0
             y = (self._baro_offset - baro_alt_m - self.p_n[:, 2])[idx, None]
@@ -375,26 +369,7 @@ class Estimator:
         age = delay_s / self.dt
         whole = np.floor(age).astype(int)
         part = (age - whole)[:, None]
-        newer, older = (self._steps - 1 - whole) % _RING, (self._steps - 2 - whole) % _RING
+        newer, older = (self._steps - 1 - whole) % self._ring, (self._steps - 2 - whole) % self._ring
         p = (1 - part) * self._ring_p[newer, idx] + part * self._ring_p[older, idx]
         q = (1 - part) * self._ring_q[newer, idx] + part * self._ring_q[older, idx]
         return p, q / np.sqrt((q * q).sum(1))[:, None]
-
-
-def _repaired(cov: Array) -> Array:
-    """Return the covariances (m, 15, 15) with each negative variance replaced by a small positive one. Rounding
-    errors can make a variance negative.
-
-    The correlations of a replaced variance are set to zero, as in PX4."""
-    lost = np.einsum("mii->mi", cov) < 0.0
-    if lost.any():
-        cov = np.where(lost[:, :, None] | lost[:, None, :], 0.0, cov)
-        np.einsum("mii->mi", cov)[lost] = _SMALL_VARIANCE
-    return cov
-
-
-def _skew(v: Array) -> Array:
-    m = np.zeros((*v.shape, 3))
-    m[..., 0, 1], m[..., 0, 2], m[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    m[..., 1, 0], m[..., 2, 0], m[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return m

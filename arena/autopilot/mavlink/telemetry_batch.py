@@ -270,8 +270,9 @@ def _has_horizontal(v: Vehicle, s: TelemetryState) -> bool:
     return s.xy_valid[v.row]
 
 
-def _has_any_position(v: Vehicle, s: TelemetryState) -> bool:
-    return s.xy_valid[v.row] or s.z_valid[v.row]
+def _is_aligned(v: Vehicle, _: TelemetryState) -> bool:
+    """Return whether the estimator is initialised. Like PX4's, its position is sent even when it is not valid."""
+    return v.aligned
 
 
 def _has_global(v: Vehicle, s: TelemetryState) -> bool:
@@ -301,7 +302,7 @@ BATCHED: dict[int, BatchedMessage] = dict(
         _batched(mavlink_records.SYSTEM_TIME, _system_time),
         _batched(mavlink_records.ATTITUDE, _attitude),
         _batched(mavlink_records.ATTITUDE_QUATERNION, _attitude_quaternion),
-        _batched(mavlink_records.LOCAL_POSITION_NED, _local_position, _has_any_position),
+        _batched(mavlink_records.LOCAL_POSITION_NED, _local_position, _is_aligned),
         _batched(mavlink_records.GLOBAL_POSITION_INT, _global_position, _has_global),
         _batched(mavlink_records.SERVO_OUTPUT_RAW, _servo_output_raw, servos=900),
         _batched(mavlink_records.VFR_HUD, _vfr_hud),

@@ -33,7 +33,10 @@ class World:
     P_N = np.array([[1.25, -0.5, -1.75], [0.0, 0.0, -1.0]])
 
     def __init__(self, folder) -> None:
-        self.clock, self.truth = ClockServer(folder / "clock"), TruthWriter(folder / "truth", 2)
+        self.clock, self.truth = (
+            ClockServer(folder / "clock"),
+            TruthWriter(folder / "truth", 2, period_s=0.004),
+        )
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
