@@ -46,7 +46,7 @@ MAY: dict[str, set[str]] = {
     "mocap": {"errors"},  # the table of vendors; their packages are found by name
     "mocap.client": {"errors", "geometry", "mocap"},
     # PX4's parameters and their transfer to a vehicle; knows nothing of arenas
-    "params": {"constants", "errors", "wire", "clock", "run_dirs", "transport"},
+    "params": {"constants", "errors", "wire", "clock", "run_dirs", "signing_key", "transport"},
     "mocap.emulator": GROUND | {"mocap"},
     "schema": {
         "constants",

@@ -10,6 +10,7 @@ import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -217,7 +218,8 @@ def refuse_beyond_limits(
 def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarget]:
     """Return the address for parameter transfers of each vehicle, as vehicle name -> address.
 
-    Vehicles of a running arena are reached through its router. Without a running arena, hardware is reached directly.
+    Vehicles of a running arena are reached through its router, and the hardware link signs. Without a running arena,
+    hardware is reached directly, with the signing key of the YAML.
     """
     from arena.params.transfer.transports import ParamTarget
 
@@ -238,14 +240,13 @@ def targets_of(arena: Arena, vehicles: Sequence[Vehicle]) -> dict[str, ParamTarg
                 f"{v.name} is simulated, but no arena is running on {arena.address}. Start the arena with `arena up`"
             )
         elif v.wire.kind == "serial":
-            found[v.name] = ParamTarget(system=v.id, device=v.wire.device, baud=v.wire.baud, uid=v.uid)
+            at = ParamTarget(system=v.id, device=v.wire.device, baud=v.wire.baud)
+            found[v.name] = replace(at, uid=v.uid, key_file=v.key_file)
         else:
             there = (v.wire.host, v.wire.port)
-            found[v.name] = (
-                ParamTarget(system=v.id, local=there, uid=v.uid)
-                if v.wire.kind == "udpin"
-                else ParamTarget(system=v.id, remote=there, uid=v.uid)
-            )
+            here = v.wire.kind == "udpin"
+            at = ParamTarget(system=v.id, local=there) if here else ParamTarget(system=v.id, remote=there)
+            found[v.name] = replace(at, uid=v.uid, key_file=v.key_file)
     return found
 
 

@@ -25,7 +25,7 @@ from arena.wire.mavlink_frame import SEEDS, Buffer, Frame, MavlinkSender, pack_f
 
 KEY_BYTES = 32
 RADIO_STATUS, SETUP_SIGNING = 109, 256
-LINK_PROCESS, LAND_ALL, SETUP = 1, 2, 3  # link ids of the processes that sign
+LINK_PROCESS, LAND_ALL, SETUP, PARAMS = 1, 2, 3, 4  # link ids of the processes that sign
 TICKS_PER_S = 100_000
 NEW_STREAM_AGE = (
     60 * TICKS_PER_S

@@ -12,7 +12,8 @@ import sys
 import threading
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from typing import Any
 import pytest
 from fake_autopilot import INT32, REQUEST, FakeAutopilot
 from served import Connection, LossyLink, SerialDevice, Served, UdpPort, let_pass
+from signing_autopilot import SigningAutopilot
 
 from arena.autopilot.param_table import SPECS
 from arena.errors import InputError
@@ -27,6 +29,7 @@ from arena.params.transfer.push_record import PushRecord
 from arena.params.transfer.session import PushReport, pull, push, reboot
 from arena.params.transfer.transfer import Progress
 from arena.params.transfer.transports import ParamTarget, SerialParamTransport
+from arena.signing_key import TimestampFile, read_key, write_new_key
 from arena.wire.mavlink_frame import parse_frames
 
 from .simulated_transfer import holds, new_values, sixty_params, vehicle
@@ -366,6 +369,48 @@ def test_a_vehicle_without_autopilot_version_is_written_to_unless_its_uid_is_kno
 
 
 # -- built-in autopilots -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def key_file(tmp_path: Path) -> Path:
+    write_new_key(tmp_path / "uav1.key")
+    return tmp_path / "uav1.key"
+
+
+def test_vehicle_with_a_signing_key_is_written_to_with_this_key_only(key_file: Path, tmp_path: Path) -> None:
+    fake = vehicle(1)
+    board = SigningAutopilot(fake, read_key(key_file))
+    with serve_signing(board) as target:
+        unsigned = pull({"uav1": target}, names=["P_01"])["uav1"]
+        assert not unsigned.values and board.accepted == 0
+        write_new_key(tmp_path / "other.key")
+        other = pull({"uav1": replace(target, key_file=str(tmp_path / "other.key"))}, names=["P_01"])["uav1"]
+        assert other.ending == "no connection" and board.accepted == 0
+        signing = {"uav1": replace(target, key_file=str(key_file))}
+        first = push(signing, {"uav1": new_values()})["uav1"]
+        second = pull(signing)["uav1"]
+        assert reboot(signing) == {"uav1": ""}
+    assert first.holds and holds(fake, new_values())
+    assert second.complete and len(second.values) == 60
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in fake.received} == {(252, 190)}
+    assert TimestampFile(key_file).first() > 0  # the next process signs with newer timestamps
+
+
+def test_unreadable_signing_key_ends_that_vehicle_only(key_file: Path) -> None:
+    key_file.chmod(0o644)
+    with serve(fleet(1, 2)) as targets:
+        targets["uav1"] = replace(targets["uav1"], key_file=str(key_file))
+        reports = pull(targets, names=["P_01"])
+    assert reports["uav2"].complete
+    assert "other users can use it (mode 0644, expected 0600)" in reports["uav1"].why
+
+
+@contextmanager
+def serve_signing(board: SigningAutopilot) -> Iterator[ParamTarget]:
+    """Serve a vehicle that signs, and yield its address without a key."""
+    port = UdpPort((own_address(), 24016))
+    with Served([Connection(autopilot=board, port=port)]):
+        yield ParamTarget(system=board.inner.system, remote=port.address)
 
 
 def some_of_the_built_in() -> dict[str, float]:

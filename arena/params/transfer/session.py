@@ -27,6 +27,7 @@ from arena.wire.mavlink_params import VALUE, Value
 
 _POLL_PERIOD_S = 0.02
 _PROGRESS_PERIOD_S = 0.1
+SIGNED_COMPONENT = 190
 _SAVE_PERIOD_S = 0.5  # between two saves of the record, if no old value could be lost
 
 OnProgress = Callable[[Mapping[str, Progress]], None]
@@ -115,12 +116,11 @@ def push(
     reboot_names: parameters that take effect only after a reboot.
     Raises OSError if the record cannot be saved. No value is sent before its old value is saved.
     """
-    component = own_component()
 
     def make(name: str, now: float) -> ParamWriter:
         return ParamWriter(
             system=targets[name].system,
-            component=component,
+            component=_component(targets[name]),
             now=now,
             wanted=wanted[name],
             dry_run=dry_run,
@@ -146,11 +146,12 @@ def pull(
     on_progress: OnProgress | None = None,
 ) -> dict[str, PullReport]:
     """Read parameters of every vehicle. names: names of the parameters; None for all parameters."""
-    component = own_component()
 
     def make(name: str, now: float) -> ParamReader:
         uid = UidCheck(targets[name].uid) if targets[name].uid else None
-        return ParamReader(system=targets[name].system, component=component, now=now, names=names, uid=uid)
+        return ParamReader(
+            system=targets[name].system, component=_component(targets[name]), now=now, names=names, uid=uid
+        )
 
     return {
         name: _pull_report(connection) for name, connection in _run(targets, make, on_progress, None).items()
@@ -159,11 +160,10 @@ def pull(
 
 def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
     """Reboot autopilots. Return vehicle -> why it does not reboot ("" if it reboots)."""
-    component = own_component()
 
     def make(name: str, now: float) -> Rebooter:
         uid = UidCheck(targets[name].uid)
-        return Rebooter(system=targets[name].system, component=component, now=now, uid=uid)
+        return Rebooter(system=targets[name].system, component=_component(targets[name]), now=now, uid=uid)
 
     return {
         name: connection.why
@@ -171,6 +171,11 @@ def reboot(targets: Mapping[str, ParamTarget]) -> dict[str, str]:
         or ("" if connection.transfer.ending == "done" else connection.transfer.ending)
         for name, connection in _run(targets, make, None, None).items()
     }
+
+
+def _component(target: ParamTarget) -> int:
+    """Return the MAVLink component id of this process. It is always the same for a vehicle that signs, which knows 16 senders at most."""
+    return SIGNED_COMPONENT if target.key_file else own_component()
 
 
 def _push_report(connection: _Connection[ParamWriter], reboot_names: frozenset[str]) -> PushReport:

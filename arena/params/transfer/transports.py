@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
-from arena.errors import RunError
+from arena.errors import InputError, RunError
+from arena.signing_key import TimestampFile, read_key
 from arena.transport import MAX_DATAGRAMS_PER_READ, Address, SerialPort, open_udp, receive_datagrams
 from arena.wire.mavlink_frame import Buffer, Frame, Stream, parse_frames
+from arena.wire.mavlink_signing import PARAMS, SignedConnection
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +23,7 @@ class ParamTarget:
     remote: (host, port) of the vehicle, the only accepted sender; None: the first sender with this system id.
     local: (host, port) to bind on this computer; None: any.
     uid: hardware uid of the vehicle in hexadecimal digits; "none": it reports no uid; "": any.
+    key_file: file with the key of MAVLink signing; "": messages are not signed.
     device, baud: path and baud rate of a serial device; if it is given, the UDP addresses are not used.
     """
 
@@ -29,6 +33,7 @@ class ParamTarget:
     device: str = ""
     baud: int = 57600
     uid: str = ""
+    key_file: str = ""
 
 
 class ParamTransport(Protocol):
@@ -115,6 +120,36 @@ class SerialParamTransport:
         self._port.close()
 
 
+class SignedParamTransport:
+    """Connection to a vehicle with a signing key: signs the frames to the vehicle, and ignores frames without a valid signature."""
+
+    def __init__(self, inner: ParamTransport, key: bytes, key_file: str) -> None:
+        self._inner, self._timestamps = inner, TimestampFile(key_file)
+        self._signed = SignedConnection(key, PARAMS, self._timestamps.first())
+
+    def fileno(self) -> int:
+        return self._inner.fileno()
+
+    def read(self) -> Iterator[tuple[Buffer, list[Frame]]]:
+        for data, frames in self._inner.read():
+            yield data, self._signed.accepted(data, frames, time.time())
+
+    def send(self, frame: bytes) -> None:
+        self._timestamps.save(self._signed.timestamp, time.monotonic())
+        if (signed := self._signed.sign(frame, time.time())) is not None:
+            self._inner.send(signed)
+
+    def close(self) -> None:
+        self._timestamps.write(self._signed.timestamp)
+        self._inner.close()
+
+
 def open_transport(target: ParamTarget) -> ParamTransport:
-    """Open the connection to a vehicle. Raises RunError if the address is in use or the device cannot be opened."""
-    return SerialParamTransport(target) if target.device else UdpParamTransport(target)
+    """Open the connection to a vehicle. Raises RunError if the address is in use, or the device or the signing key cannot be opened."""
+    if not target.key_file:
+        return SerialParamTransport(target) if target.device else UdpParamTransport(target)
+    try:
+        key = read_key(target.key_file)
+    except InputError as error:
+        raise RunError(str(error)) from error
+    return SignedParamTransport(open_transport(replace(target, key_file="")), key, target.key_file)
